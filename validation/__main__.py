@@ -8,9 +8,10 @@ import argparse
 import difflib
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from math import isfinite
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rich.text import Text
 
@@ -24,7 +25,7 @@ from taichi_plume.running.signals import leave
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from taichi_plume.validation.case import Case
+    from taichi_plume.validation.case import Case, Keys
     from taichi_plume.validation.experiment import Experiment
     from taichi_plume.validation.report import Pictures
 
@@ -94,8 +95,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 def _examine(
     cases: list["Case | Experiment"], args: argparse.Namespace, backend: str
-) -> tuple[dict[str, Any], dict[str, "Pictures"]]:
-    """Solve the cases finely and tell of each. One that cannot be solved counts as failed, and the others go on.
+) -> "tuple[Keys, dict[str, Pictures]]":
+    """Solve the cases at fine resolutions and print each. A case that cannot be solved counts as failed.
 
     Returns the report, and the pictures of each case.
     """
@@ -140,7 +141,7 @@ def _size(case: "Case | Experiment", trials: int | None) -> str:
     return " ".join(map(str, case.fine)) if isinstance(case, Case) else f"{trials or case.trials} trials"
 
 
-def _result(case: "Case | Experiment", args: argparse.Namespace) -> tuple[dict[str, Any], "Pictures"]:
+def _result(case: "Case | Experiment", args: argparse.Namespace) -> "tuple[Keys, Pictures]":
     from taichi_plume.validation.case import Case
     from taichi_plume.validation.report import plain
 
@@ -167,8 +168,8 @@ def _result(case: "Case | Experiment", args: argparse.Namespace) -> tuple[dict[s
     return result, pictures
 
 
-def _norms(case: "Case", arch: str) -> tuple[dict[str, Any], list[bool | None], "Pictures"]:
-    """What a case comes to, the verdicts and the pictures."""
+def _norms(case: "Case", arch: str) -> "tuple[Keys, list[bool | None], Pictures]":
+    """Return the norms of a case, the verdicts and the pictures."""
     from taichi_plume.validation.case import examine
 
     findings, curves = examine(case, case.fine, arch)
@@ -185,10 +186,8 @@ def _norms(case: "Case", arch: str) -> tuple[dict[str, Any], list[bool | None], 
     return {"norms": norms}, [finding.met for finding in findings], curves
 
 
-def _rows(
-    experiment: "Experiment", trials: int, arch: str
-) -> tuple[dict[str, Any], list[bool | None], "Pictures"]:
-    """What an experiment comes to, the verdicts and the pictures."""
+def _rows(experiment: "Experiment", trials: int, arch: str) -> "tuple[Keys, list[bool | None], Pictures]":
+    """Return the rows of an experiment, the verdicts and the pictures."""
     from taichi_plume.validation.experiment import examine
 
     rows, pictures = examine(experiment, trials, arch)
@@ -196,11 +195,7 @@ def _rows(
         {
             "condition": row.condition,
             "quantity": row.quantity,
-            "mean": _number(row.found.mean),
-            "low": _number(row.found.low),
-            "high": _number(row.found.high),
-            "n": row.found.n,
-            "airs": row.found.airs,
+            **{name: _number(value) for name, value in asdict(row.found).items()},
             "published": row.published,
             "expected": str(row.expected) if row.expected else None,
             "met": row.met,
@@ -224,7 +219,7 @@ def _print_list(cases: list["Case | Experiment"]) -> None:
         console.print(f"{case.name:16}  {size:10}  {case.about} ({case.reference})")
 
 
-def _print_result(result: dict[str, Any], console: "Console") -> None:
+def _print_result(result: "Keys", console: "Console") -> None:
     from taichi_plume.validation.report import mean_with_interval
 
     title = f"  {result['about']} ({result['reference']}), {result['wall_s']:.0f} s"

@@ -1,4 +1,4 @@
-"""The two-dimensional room of IEA Annex 20: a jet under the ceiling drives the air of a room round (Nielsen 1990).
+"""Ventilated room of IEA Annex 20: a wall jet under the ceiling drives a recirculating flow (Nielsen 1990).
 
 The room is 9 m long and H = 3 m high. Air comes in through a slot of 0.168 m under the ceiling with 0.455 m/s, Re 5,000
 and 4 % of turbulence, and leaves at the floor of the opposite wall through 0.48 m. Nielsen, P. V. (1990):
@@ -17,10 +17,11 @@ what the next coarser ones ended with, as users may with `initial: {film: ...}`.
 """
 
 from functools import cache, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Lines, Range, Told, over_airs
 from taichi_plume.validation.measured_air import (
     Record,
@@ -90,7 +91,7 @@ LINES = {
 
 
 class Mesh(NamedTuple):
-    """What is solved: on cells of which so many span the slot, and 18 times as many the height.
+    """Mesh of the room: `per_slot` cells span the slot, 18 times as many the height.
 
     width: of the room [m]; None in 2-D. seeds: how many are run at most. coarser: what its air begins with; None for
     air at rest.
@@ -114,10 +115,10 @@ class Mesh(NamedTuple):
         return f"{names[self.width]}, {self.per_slot} cells per slot"
 
 
-def wind(width: float | None) -> dict[str, Any]:
-    """As in a scenario: a slot is a rectangle in a face, as wide as the room."""
+def wind(width: float | None) -> Keys:
+    """Return the keys of the wind: a slot is a rectangle in a face, as wide as the room."""
 
-    def slot(middle: float, height: float) -> dict[str, Any]:
+    def slot(middle: float, height: float) -> Keys:
         if width is None:
             return {"center": (middle,), "size": (height,)}
         return {"center": (width / 2, middle), "size": (width, height)}
@@ -148,7 +149,7 @@ def found_along(mean: np.ndarray, dx: float) -> dict[str, np.ndarray]:
 
 
 def quantities(one: Record) -> dict[str, float]:
-    """What a record comes to, over U0 or in m/s."""
+    """Return the quantities of a record, over U0 or in m/s."""
     u = found_along(one.mean, one.dx)
     halves = [found_along(half, one.dx) for half in one.halves]
     off = {name: (u[name] - line.u) / U0 for name, line in LINES.items()}
@@ -169,18 +170,18 @@ def quantities(one: Record) -> dict[str, float]:
 
 
 def records(mesh: Mesh, trials: int) -> list[Record]:
-    """With so many seeds of the turbulence that comes in, but no more than the mesh has."""
+    """Return a record per seed of the inflow turbulence, at most as many as the mesh has seeds."""
     return [record(mesh, seed) for seed in range(1, min(trials, mesh.seeds) + 1)]
 
 
 def room(trials: int, mesh: Mesh) -> Told:
-    """What the room comes to on a mesh."""
+    """Return the quantities of the room on a mesh."""
     found = [quantities(one) for one in records(mesh, trials)]
     return {name: over_airs([one[name] for one in found]) for name in found[0]}
 
 
 def all_meshes(trials: int, last: Mesh) -> Told:
-    """What the room comes to on the last mesh, and pictures of u on all."""
+    """Return the quantities of the room on the last mesh, and pictures of u on all meshes."""
     means = {
         mesh.name: [found_along(one.mean, one.dx) for one in records(mesh, trials)]
         for mesh in (*MESHES, last)
@@ -233,7 +234,7 @@ EXPECTED = {
     "least u along the floor [m/s]": Range(-1.15 * 0.154, -0.85 * 0.154),
 }
 
-ANNEX20_CASES = (
+CASES = (
     Experiment(
         "annex20",
         "a jet under the ceiling of a room, 2-D and 3-D",

@@ -1,4 +1,4 @@
-"""The odour arena, 4 x 3 (x 0.5) m, of benchmarks and cases: its openings and its obstacles."""
+"""Odour arena of benchmarks and cases, 4 x 3 (x 0.5) m: openings and obstacles."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ OBSTACLES = (
 
 
 def arena(shape: tuple[int, ...], obstacles: bool, periodic: tuple[bool, ...] = ()) -> tuple[Grid, Air]:
-    """Its grid and its air, with two boxes and a pillar or without."""
+    """Return the grid and the air of the arena, with two boxes and a pillar or empty."""
     grid = Grid(shape, 4.0 / shape[0], depth=0.5, periodic=periodic)
     domain = Domain(size=grid.extent, spacing=grid.dx)
     bodies = [TypeAdapter(Obstacle).validate_python(o) for o in OBSTACLES] if obstacles else []

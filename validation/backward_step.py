@@ -1,4 +1,4 @@
-"""A turbulent boundary layer behind a backward-facing step, Re 5,000 of its height h (Jovic & Driver 1994).
+"""Turbulent boundary layer behind a backward-facing step, Re 5,000 of its height h (Jovic & Driver 1994).
 
 Jovic, S. & Driver, D. M. (1994): Backward-facing step measurements at low Reynolds number, Re_h = 5000, NASA TM 108807.
 The duct widens from 5 h to 6 h (half of it: above is a plane of symmetry); the layer before the step is about 1.2 h
@@ -15,13 +15,12 @@ those of any scenario.
 """
 
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from taichi_plume.grid.shapes import UprightBox
 from taichi_plume.scenario.obstacles import Box
-from taichi_plume.validation.case import Curve
+from taichi_plume.validation.case import Curve, Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Mean, Picture, Range, Told, over_airs
 from taichi_plume.validation.measured_air import (
     Record,
@@ -75,8 +74,8 @@ def layer_before(heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def _inlet(low: float, high: float, turbulent: bool) -> dict[str, Any]:
-    """From one height above the step to another [h]."""
+def _inlet(low: float, high: float, turbulent: bool) -> Keys:
+    """Return the keys of an inlet from one height above the step to another [h]."""
     z = np.linspace(low, high, 401)
     u, variance = layer_before(z)
     mean = float(np.trapezoid(u, z) / (high - low))
@@ -97,8 +96,8 @@ def _inlet(low: float, high: float, turbulent: bool) -> dict[str, Any]:
     }
 
 
-def wind(cells: int) -> dict[str, Any]:
-    """As in a scenario: two inlets, one above the other, a symmetric top and an endless width.
+def wind(cells: int) -> Keys:
+    """Return the keys of the wind: two inlets, one above the other, a symmetric top and an endless width.
 
     The inlets meet between two cells, next to the edge of the boundary layer.
     """
@@ -145,7 +144,7 @@ def behind(mean: np.ndarray, cells: int, distance: int) -> tuple[np.ndarray, np.
 
 
 def quantities(one: Record, cells: int) -> dict[str, float]:
-    """What a record comes to."""
+    """Return the quantities of a record."""
     early, late = (reattachment(half, cells) for half in one.halves)
     found = {d: behind(one.mean, cells, d) for d in BEHIND_STEP}
     return {
@@ -188,7 +187,7 @@ DISCUSSION = (
     "layer, other than measured; what that adds was not looked into."
 )
 
-BACKWARD_STEP_CASES = (
+CASES = (
     Experiment(
         "backward_step",
         "a turbulent boundary layer behind a backward-facing step, Re 5,000",

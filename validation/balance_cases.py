@@ -1,16 +1,16 @@
-"""Gas in computed flows: what is uniform stays so, and no gas is lost. Functions solve at a resolution, see `case`."""
+"""Conservation of mass: in computed flows uniform gas stays uniform, and no gas is lost."""
 
 from functools import partial
 from math import ceil
 
 import numpy as np
 
-from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.validation.arena import ARENA, arena
 from taichi_plume.validation.case import Answer, Case, Curve, Expected
-from taichi_plume.validation.dispersion_cases import EXACT, NONE, concentrations, gas_in, ride
+from taichi_plume.validation.dispersion_cases import EXACT, NONE, concentrations, ride
 from taichi_plume.validation.flow_cases import periodic
+from taichi_plume.validation.setups import cfd, gas_on
 
 
 def well_mixed(n: int, dim: int) -> Answer:
@@ -19,11 +19,10 @@ def well_mixed(n: int, dim: int) -> Answer:
     The room is that of `arena`, n cells long, without ends. The pressure is solved more exactly than it need be:
     what divergence is left adds up along the way of the air, 6e-5 with the usual tolerance in 3-D.
     """
-    openings = tuple(periodic("xy"))
     grid, air = arena((n, 3 * n // 4, n // 8)[:dim], True, periodic=(True, True, False)[:dim])
-    wind = {"kind": "cfd", "openings": openings, "acceleration": (0.3, 0.05, 0.0)[:dim], "tolerance": 1e-6}
-    flow = FlowSolver(CfdWind.model_validate(wind), grid, air)
-    gas = gas_in(grid, flow, air)
+    wind = cfd(periodic("xy"), acceleration=(0.3, 0.05, 0.0)[:dim], tolerance=1e-6)
+    flow = FlowSolver(wind, grid, air)
+    gas = gas_on(grid, flow, air)
     gas.start_from(lambda x: np.ones(x.shape[:-1]))
     t = 0.0
     while t < 4.0:
@@ -47,10 +46,9 @@ def mass_budget(n: int, dim: int, end: float) -> Answer:
     """
     grid, air = arena((n, 3 * n // 4, n // 8)[:dim], True)
     gusts = {"turbulence_intensity": 0.08, "turbulence_length": 0.15}
-    openings = (ARENA[0] | gusts, ARENA[1])
-    flow = FlowSolver(CfdWind.model_validate({"kind": "cfd", "openings": openings}), grid, air)
+    flow = FlowSolver(cfd([ARENA[0] | gusts, ARENA[1]]), grid, air)
     source = {"position": (1.7, 2.0, 0.1)[:dim], "rate": 2e-5, "radius": 0.05}
-    gas = gas_in(grid, flow, air, **source)
+    gas = gas_on(grid, flow, air, sources=[source])
     t, least, rows = 0.0, 0.0, [(0.0, 0.0, 0.0)]
     while end - t > 1e-9 * end:
         dt = (end - t) / ceil((end - t) / flow.stable_dt(t))
@@ -97,7 +95,7 @@ def _mass_budget(name: str, dim: int, end: float, coarse: int, fine: int, slow: 
     )
 
 
-BALANCE_CASES = (
+CASES = (
     _well_mixed(2),
     _well_mixed(3),
     _mass_budget("2d", 2, 10.0, 40, 80, slow=False),

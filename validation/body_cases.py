@@ -1,7 +1,6 @@
-"""Flow around and between bodies that the grid cuts: their true surface must act, not the steps of its cells."""
+"""Immersed boundaries (cut cells): flow around a cylinder, through a pipe and an oblique channel."""
 
 from collections.abc import Callable
-from functools import cache
 from math import pi, sqrt
 
 import numpy as np
@@ -12,12 +11,11 @@ from taichi_plume.grid.shapes import Ball, Shape
 from taichi_plume.scenario.obstacles import Sphere
 from taichi_plume.scenario.species import AIR_DENSITY
 from taichi_plume.scenario.winds import CfdWind
-from taichi_plume.solvers.bodies import MovingObstacle
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import Forces
-from taichi_plume.validation.flow_cases import Errors, advance, at_both_steps, periodic
-
-LAMINAR = {"kind": "cfd", "turbulence": {"kind": "none"}}
+from taichi_plume.validation.case import Case, Expected
+from taichi_plume.validation.flow_cases import Errors, at_both_steps, both_steps, laminar_wind, periodic
+from taichi_plume.validation.setups import advance
 
 # Cylinder 2D-1 of Schäfer & Turek 1996, doi:10.1007/978-3-322-89849-4_39: values of G. Nabh's spectral solution, given
 # at featflow.de
@@ -43,7 +41,7 @@ def _around_cylinder(
         {"kind": "inlet", "face": "x-", "speed": mean, "profile": "parabolic"},
         {"kind": "outlet", "face": "x+"},
     ]
-    wind = CfdWind.model_validate(LAMINAR | {"viscosity": 1e-3, "openings": openings})
+    wind = laminar_wind(1e-3, openings)
     air = air_of([body], grid)
     return wind, FlowSolver(wind, grid, air), air
 
@@ -133,104 +131,10 @@ def _pressure(flow: FlowSolver, air: Air, x: float, side: int) -> float:
     return float(p[first] + slope * (x - centers[first]))
 
 
-# A cylinder at Re 10,000, started impulsively: air of 0.4 m/s passes the body, or the body walks through still air
-BLUFF, SPEED = 0.4, 0.4  # m, m/s
-BLUFF_PLACE = (1.6, 1.6)  # m
-FINEST = 32  # cells across the reference
-# s: drag and wake are averaged between the two, in both runs before the wake turns unsteady
-BLUFF_FROM, BLUFF_TO = 2.0, 6.0
-
-
-def _wake(flow: FlowSolver, place: tuple[float, float], moves: float) -> tuple[float, float]:
-    """Mean deficit of the air behind the body and largest reverse flow on the axis, over the wind, as a body at `place`
-    that `moves` [m/s] against x sees them. The mean is over 1.45 diameters behind the body and as wide as the body.
-    """
-    grid = flow.grid
-    u = (grid.read(flow.u[0]) + moves) / SPEED
-    x, y = np.arange(u.shape[0]) * grid.dx - place[0], (np.arange(u.shape[1]) + 0.5) * grid.dx - place[1]
-
-    def share(at: np.ndarray, low: float, high: float) -> np.ndarray:
-        inside = np.minimum(at + grid.dx / 2, high) - np.maximum(at - grid.dx / 2, low)
-        return np.maximum(inside, 0.0) / (high - low)
-
-    mean = share(x, 0.55 * BLUFF, 2.0 * BLUFF) @ u @ share(y, -BLUFF / 2, BLUFF / 2)
-    axis = np.array([np.interp(0.0, y, line) for line in u])
-    return 1.0 - float(mean), -float(axis[(x > BLUFF / 2) & (x < 3.0 * BLUFF)].min())
-
-
-def _history(flow: FlowSolver, sample: Callable[[float], tuple[float, ...]]) -> np.ndarray:
-    """Mean of sample(t) from BLUFF_FROM to BLUFF_TO."""
-    t, times, rows = 0.0, [], []
-    while t < BLUFF_TO:
-        dt = min(flow.stable_dt(t), BLUFF_TO - t + 1e-9)
-        flow.advance(t, dt)
-        t += dt
-        if t >= BLUFF_FROM:
-            times.append(t)
-            rows.append(sample(t))
-    return np.trapezoid(rows, times, axis=0) / (times[-1] - times[0])
-
-
-def _bluff_grid(n: int, length: float) -> tuple[Grid, list[dict]]:
-    """Cells of a room 3.2 m wide, n across the body, and its sides, where air slips."""
-    grid = Grid((round(length / BLUFF * n), 8 * n), BLUFF / n)
-    return grid, [{"kind": "slip", "face": face} for face in ("y-", "y+")]
-
-
-def _standing(n: int) -> np.ndarray:
-    """Drag coefficient, deficit and reverse flow of the cylinder in a wind; n cells across."""
-    grid, sides = _bluff_grid(n, 5.2)
-    ends = [{"kind": "inlet", "face": "x-", "speed": SPEED}, {"kind": "outlet", "face": "x+"}]
-    body = Ball(Sphere(kind="sphere", center=BLUFF_PLACE, radius=BLUFF / 2), 2)
-    air = air_of([body], grid)
-    flow = FlowSolver(CfdWind.model_validate({"kind": "cfd", "openings": ends + sides}), grid, air)
-    forces = Forces(flow, air, 1)
-
-    def sample(t: float) -> tuple[float, ...]:
-        drag = 2.0 * forces()[0, 0] / (AIR_DENSITY * SPEED**2 * BLUFF)
-        return float(drag), *_wake(flow, BLUFF_PLACE, 0.0)
-
-    return _history(flow, sample)
-
-
-def _walking(n: int) -> np.ndarray:
-    """Deficit and reverse flow of the cylinder that walks; n cells across."""
-    grid, sides = _bluff_grid(n, 7.2)
-    ends = [{"kind": "outlet", "face": face} for face in ("x-", "x+")]
-    start, y = BLUFF_PLACE[0] + SPEED * BLUFF_TO, BLUFF_PLACE[1]
-    path = [(2.0 * BLUFF_TO, start - 2.0 * SPEED * BLUFF_TO, y)]
-    body = Sphere.model_validate(
-        {"kind": "sphere", "center": (start, y), "radius": BLUFF / 2, "motion": {"path": path}}
-    )
-    wind = CfdWind.model_validate({"kind": "cfd", "openings": ends + sides})
-    flow = FlowSolver(
-        wind, grid, air_of([], grid), resistances=[lambda faces: MovingObstacle(body, grid, faces)]
-    )
-    return _history(flow, lambda t: _wake(flow, (start - SPEED * t, y), SPEED))
-
-
-@cache
-def _finest() -> tuple[float, ...]:
-    """Drag coefficient, deficit and reverse flow with FINEST cells across."""
-    return tuple(map(float, _standing(FINEST)))
-
-
-def bluff_body(n: int) -> Errors:
-    """Drag and wake of a cylinder that stands or walks, n cells across, against FINEST cells across."""
-    stands, walks, (drag, deficit, reverse) = _standing(n), _walking(n), _finest()
-    return {
-        "drag coefficient": float(abs(stands[0] / drag - 1.0)),
-        "wake deficit": float(abs(stands[1] / deficit - 1.0)),
-        "wake deficit, walking over standing": float(abs(walks[0] / stands[1] - 1.0)),
-        "reverse flow": float(abs(stands[2] / reverse - 1.0)),
-        "reverse flow, walking over standing": float(abs(walks[1] / stands[2] - 1.0)),
-    }
-
-
 class Outside(Shape):
     """Everything but a band or a bore: what is left is the passage. `away`: distance [m] of points from its axis."""
 
-    def __init__(self, grid: Grid, half: float, away):
+    def __init__(self, grid: Grid, half: float, away: Callable[[np.ndarray], np.ndarray]):
         self.low, self.high = np.zeros(grid.dim), np.array(grid.extent)
         self.half, self.away = half, away
 
@@ -250,9 +154,7 @@ def pipe(n: int) -> Errors:
     grid = Grid((m, m, 1), 1.0 / n, periodic=(False, False, True))
     center = np.array(grid.extent[:2]) / 2 + (0.013, 0.021)  # in no symmetric place of a cell
     body = Outside(grid, radius, lambda x: np.linalg.norm(x[..., :2] - center, axis=-1))
-    wind = CfdWind.model_validate(
-        LAMINAR | {"viscosity": viscosity, "openings": periodic("z"), "acceleration": (0.0, 0.0, force)}
-    )
+    wind = laminar_wind(viscosity, periodic("z"), acceleration=(0.0, 0.0, force))
     air = air_of([body], grid)
     flow = FlowSolver(wind, grid, air)
     advance(flow, 0.5)
@@ -275,9 +177,7 @@ def oblique_channel(n: int) -> Errors:
         return np.abs((across + period / 2) % period - period / 2)
 
     along = force / sqrt(2.0)
-    wind = CfdWind.model_validate(
-        LAMINAR | {"viscosity": viscosity, "openings": periodic("xy"), "acceleration": (along, along)}
-    )
+    wind = laminar_wind(viscosity, periodic("xy"), acceleration=(along, along))
     air = air_of([Outside(grid, width / 2, away)], grid)
     flow = FlowSolver(wind, grid, air)
     advance(flow, 1.5)
@@ -288,3 +188,68 @@ def oblique_channel(n: int) -> Errors:
         "u_max": float(abs(np.hypot(*u).max() / (force * width**2 / (8.0 * viscosity)) - 1.0)),
         "divergence": flow.diagnostics()["max_divergence"],
     }
+
+
+CASES = (
+    Case(
+        "cylinder",
+        "steady flow around a cylinder in a channel, Re 20",
+        "Schäfer & Turek 1996, case 2D-1, doi:10.1007/978-3-322-89849-4_39",
+        cylinder,
+        coarse=(10,),
+        fine=(10, 20),
+        slow=True,
+        expected=both_steps(
+            {
+                "drag coefficient": Expected(tolerance=0.03, at=20),
+                "pressure drop": Expected(tolerance=0.03, at=20),
+            }
+        ),
+    ),
+    Case(
+        "shedding",
+        "eddies behind a cylinder in a channel, Re 100",
+        "Schäfer & Turek 1996, case 2D-2, doi:10.1007/978-3-322-89849-4_39",
+        shedding,
+        coarse=(10,),
+        fine=(10, 20),
+        slow=True,
+        expected=both_steps(
+            {
+                "Strouhal number": Expected(tolerance=0.0167),
+                "largest drag": Expected(tolerance=0.03),
+                "largest lift": Expected(tolerance=0.08, at=20),
+            }
+        ),
+    ),
+    Case(
+        "shedding_positions",
+        "lift of a shedding cylinder at four positions relative to the cells",
+        "Schäfer & Turek 1996, case 2D-2, doi:10.1007/978-3-322-89849-4_39",
+        shedding_positions,
+        coarse=(10,),
+        fine=(10, 20),
+        slow=True,
+        expected={"lift amplitude, worst position": Expected(tolerance=0.08, at=20)},
+    ),
+    Case(
+        "pipe",
+        "developed flow in a round pipe that the grid cuts",
+        "Hagen-Poiseuille",
+        pipe,
+        coarse=(8, 16),
+        fine=(8, 16, 32),
+        slow=True,
+        expected={"flow rate": Expected(order=0.9, tolerance=0.02, at=32)},
+    ),
+    Case(
+        "oblique_channel",
+        "developed flow in a channel at 45 degrees to the grid",
+        "parabola",
+        oblique_channel,
+        coarse=(16, 32),
+        fine=(32, 64),
+        slow=True,
+        expected={"flow rate": Expected(tolerance=0.08), "divergence": Expected(tolerance=1e-5)},
+    ),
+)

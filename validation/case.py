@@ -1,17 +1,21 @@
-"""What a case is: a problem with a known answer, solved at several resolutions, and what its errors must be."""
+"""Validation case: a problem with a known answer, solved at several resolutions, and the bounds of its errors."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import inf, isfinite, log, nan
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from taichi_plume.grid import kernels
 
+Keys: TypeAlias = dict[str, Any]
+"""A scenario or a section of one, as a YAML file holds it; a part of a report, as JSON holds it."""
+
 
 @dataclass(frozen=True)
 class Expected:
-    """What an error must satisfy: at least an order of accuracy, at most a tolerance.
+    """Bounds of an error: at least an order of accuracy, at most a tolerance.
 
     The tolerance holds `at` a resolution; at n cells it is (at/n)² times as large, as the schemes are of second order.
     Without `at` it holds at every resolution.
@@ -22,13 +26,13 @@ class Expected:
     at: int | None = None
 
     def limit(self, n: int) -> float:
-        """The largest error at resolution n."""
+        """Return the largest error allowed at resolution n."""
         if self.tolerance is None:
             return inf
         return self.tolerance * ((self.at / n) ** 2 if self.at else 1.0)
 
     def met(self, errors: Mapping[int, float]) -> bool:
-        """Whether errors, by ascending resolution, are as expected."""
+        """Return whether errors, by ascending resolution, are within the bounds."""
         within = all(isfinite(error) and error <= self.limit(n) for n, error in errors.items())
         return within and (self.order is None or observed_order(errors) >= self.order)
 
@@ -44,9 +48,9 @@ SECOND_ORDER = Expected(order=1.9)
 
 @dataclass(frozen=True)
 class Curve:
-    """Something computed beside its reference, for the report to plot: arrays of one shape.
+    """A computed curve beside its reference, for the plots of the report: arrays of one shape.
 
-    fit: a law fitted to what was computed, if there is one.
+    fit: a law fitted to the computed curve, if any.
     """
 
     x_label: str
@@ -67,8 +71,8 @@ Answer = Mapping[str, float | Curve]
 class Case:
     """A problem with a known answer. `solve` takes a resolution and returns errors by norm, and curves to plot.
 
-    Tests solve it at the coarse resolutions, the command at the fine ones. A norm that is not in `expected` is told
-    but not judged.
+    Tests solve the case at the coarse resolutions, the command at the fine ones. A norm that is not in `expected` is
+    reported but not judged.
     """
 
     name: str
@@ -81,12 +85,12 @@ class Case:
     slow: bool = False
     """Whether the coarse resolutions take longer than a few seconds."""
     discussion: str = ""
-    """What is reproduced, what is not, and why, for the report."""
+    """Text of the report: which results are reproduced, which are not, and why."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One norm of a case that was solved: errors by resolution and the verdict."""
+    """One norm of a solved case: errors by resolution and the verdict."""
 
     norm: str
     errors: dict[int, float]
@@ -94,7 +98,7 @@ class Finding:
 
     @property
     def met(self) -> bool | None:
-        """Whether it is as expected; None where nothing is."""
+        """Whether the errors are within the bounds; None without bounds."""
         return None if self.expected is None else self.expected.met(self.errors)
 
     @property
@@ -105,7 +109,7 @@ class Finding:
 
 
 def observed_order(errors: Mapping[int, float]) -> float:
-    """Order of accuracy between the last two resolutions; nan where it has no meaning."""
+    """Return the order of accuracy between the last two resolutions; nan where it has no meaning."""
     if len(errors) < 2:
         return nan
     (n, coarse), (m, fine) = list(errors.items())[-2:]

@@ -1,21 +1,25 @@
-"""Steady flow in a square box, 1 m wide, whose lid slides along x with 1 m/s.
+"""Lid-driven cavity: steady flow in a square box, 1 m wide, whose lid slides along x with 1 m/s.
 
 Reference: streamfunction and Newton's method on 256² and 512² nodes, extrapolated; estimated error 3e-6 (Re 100),
 5e-5 (400), 1.6e-4 (1000). The extrema agree with Botella & Peyret 1998 and Marchi et al. 2009 to 1e-5. The nodes are
 those of Ghia, Ghia & Shin 1982, whose own columns are off by up to 0.007 (u) and 0.018 (v), besides two misprints.
 """
 
+from functools import partial
+
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from taichi_plume.validation.case import Case, Expected
 from taichi_plume.validation.flow_cases import (
     Errors,
     at_both_steps,
-    in_empty_box,
+    both_steps,
     laminar_wind,
     settle,
     velocities,
 )
+from taichi_plume.validation.setups import flow_on
 
 # 128 y, and u(0.5, y) at Re 100, 400, 1000
 U = np.array([
@@ -66,7 +70,7 @@ def cavity(n: int, reynolds: int) -> Errors:
     """Largest errors of u(0.5, y) and v(x, 0.5) at the nodes of the tables; n, even, cells per side."""
     lid = {"kind": "wall", "face": "y+", "velocity": (1.0, 0.0)}
     wind = laminar_wind(1.0 / reynolds, [lid])
-    flow = in_empty_box(wind, (n, n), 1.0 / n)
+    flow = flow_on(wind, (n, n), 1.0 / n)
 
     def errors() -> Errors:
         settle(flow, 2.0, 200.0)
@@ -84,3 +88,19 @@ def error(profile: np.ndarray, table: np.ndarray, column: int, end: float) -> fl
     places = (np.arange(len(profile)) + 0.5) / len(profile)
     spline = CubicSpline([0.0, *places, 1.0], [0.0, *profile, end])
     return float(np.abs(spline(table[:, 0] / 128.0) - table[:, column]).max())
+
+
+def _cavity(reynolds: int, fine: tuple[int, ...]) -> Case:
+    return Case(
+        f"cavity_{reynolds}",
+        f"steady flow in a box with a sliding lid, Re {reynolds}",
+        "streamfunction and Newton, see cavity.py",
+        partial(cavity, reynolds=reynolds),
+        coarse=(32,),
+        fine=fine,
+        slow=reynolds > 100,
+        expected=both_steps({"u(0.5, y), largest": Expected(tolerance=0.005, at=fine[-1])}),
+    )
+
+
+CASES = (_cavity(100, (32, 64)), _cavity(400, (64, 128)), _cavity(1000, (64, 128)))

@@ -1,10 +1,12 @@
-"""Flows between parallel walls and in rectangular ducts, against their series. n cells span the (short) width, 1 m."""
+"""Channel and duct flow (Poiseuille, Couette; no-slip walls) against series. n cells span the (short) width, 1 m."""
 
+from functools import partial
 from math import pi
 
 import numpy as np
 
 from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.validation.case import SECOND_ORDER, Case, Expected
 from taichi_plume.validation.flow_cases import Errors, advance, laminar_flow, periodic, rms, settle
 
 TERMS = 2 * np.arange(200) + 1  # odd numbers
@@ -92,3 +94,58 @@ def on_the_axis(u: np.ndarray) -> float:
     for _ in range(u.ndim):
         u = (9.0 * u[-1] - u[-2]) / 8.0
     return float(u)
+
+
+HALF_A_PERCENT = Expected(tolerance=0.005, at=32)  # of laminar profiles, cells across the duct
+
+
+def _duct(aspect: int) -> Case:
+    return Case(
+        f"duct_{aspect}",
+        f"steady flow along a duct with sides 1 : {aspect}",
+        "Fourier series",
+        partial(duct, aspect=aspect),
+        coarse=(8, 16),
+        fine=(16, 32),
+        slow=True,
+        expected={"u_max / u_mean": HALF_A_PERCENT, "u_mean": HALF_A_PERCENT},
+    )
+
+
+CASES = (
+    Case(
+        "poiseuille",
+        "developed flow in a channel, Re 10",
+        "parabola",
+        poiseuille,
+        coarse=(8, 16),
+        fine=(16, 32),
+        slow=True,
+        expected={
+            "u / u_max, largest": Expected(order=1.9, tolerance=0.005, at=32),
+            "pressure gradient": Expected(order=1.75, tolerance=0.005, at=32),
+        },
+    ),
+    Case(
+        "poiseuille_start",
+        "a force sets the air of a channel in motion",
+        "Fourier series",
+        poiseuille_start,
+        coarse=(32, 64),
+        fine=(32, 64),
+        slow=True,
+        expected={"u, rms": SECOND_ORDER},
+    ),
+    Case(
+        "couette_start",
+        "a wall begins to slide",
+        "Fourier series",
+        couette_start,
+        coarse=(8, 16),
+        fine=(32, 64),
+        slow=True,
+        expected={"u, rms": SECOND_ORDER},
+    ),
+    _duct(1),
+    _duct(6),
+)

@@ -1,14 +1,16 @@
-"""What must hold of any flow: every opening passes what it is told to, what enters leaves, 2-D is one layer of 3-D."""
+"""Conservation of volume at boundary conditions: inflow as prescribed, outflow equal to inflow, 2-D as a layer."""
 
+from functools import partial
 from math import pi
 
 import numpy as np
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.validation.case import Case, Expected
 from taichi_plume.validation.flow_cases import Errors, advance, velocities
+from taichi_plume.validation.setups import cfd
 
 SLIP = [{"kind": "slip", "face": face} for face in ("z-", "z+")]
 
@@ -19,12 +21,11 @@ def room(shape: tuple[int, ...], dx: float, openings: list[dict]) -> FlowSolver:
     box = ((0.3, 0.4), (0.4, 0.7), (0.0, 0.6))[: len(shape)]
     solid[tuple(slice(round(a * n), round(b * n)) for n, (a, b) in zip(shape, box, strict=True))] = True
     grid = Grid(shape, dx, depth=dx)
-    wind = CfdWind.model_validate({"kind": "cfd", "openings": openings})
-    return FlowSolver(wind, grid, Air.of(solid, grid))
+    return FlowSolver(cfd(openings), grid, Air.of(solid, grid))
 
 
 def air_balance(flow: FlowSolver, given: float) -> Errors:
-    """How far the flow through the faces x = const is from the `given` one [m³/s], over it; and the divergence."""
+    """Return relative errors of the flow rate through faces x = const against `given` [m³/s], and the divergence."""
     u = flow.u[0].to_numpy().astype(float)
     g, n = flow.grid.ghost, flow.grid.shape[0]
     inner = tuple(slice(begin, end) for begin, end in flow.grid.cells[1:])
@@ -55,18 +56,9 @@ def honeycombs(n: int, dim: int) -> Errors:
 def fan(n: int) -> Errors:
     """A fan with swirl, 0.3 m wide, that blows through a room of 1.2 x 1 x 0.8 m; n cells per metre."""
     speed, diameter = 2.0, 0.3
-    openings = [
-        {
-            "kind": "fan",
-            "face": "x-",
-            "center": (0.5, 0.4),
-            "diameter": diameter,
-            "speed": speed,
-            "swirl": 0.3,
-            "turbulence_intensity": 0.1,
-        },
-        {"kind": "outlet", "face": "x+"},
-    ]
+    blower = {"kind": "fan", "face": "x-", "center": (0.5, 0.4), "diameter": diameter, "speed": speed}
+    blower |= {"swirl": 0.3, "turbulence_intensity": 0.1}
+    openings = [blower, {"kind": "outlet", "face": "x+"}]
     flow = room((round(1.2 * n), n, round(0.8 * n)), 1.0 / n, openings)
     advance(flow, 0.2)
     return air_balance(flow, speed * pi / 4.0 * diameter**2)
@@ -85,3 +77,50 @@ def one_layer(n: int) -> Errors:
     plane, layer = (velocities(flow) for flow in flows)
     apart = max(float(np.abs(a - b[..., 0]).max()) for a, b in zip(plane, layer[:2], strict=True))
     return {"u / u_max, largest": apart / flows[0].max_speed}
+
+
+AIR_BALANCE = {
+    "inflow": Expected(tolerance=1e-5),
+    "net flow of the openings": Expected(tolerance=1e-6),
+    "flow through any section": Expected(tolerance=1e-5),
+    "divergence": Expected(tolerance=1e-4),
+}
+
+
+def _room(dim: int) -> Case:
+    return Case(
+        f"room_{dim}d",
+        "from one honeycomb wall to the other, around a box",
+        "conservation of mass",
+        partial(honeycombs, dim=dim),
+        coarse=(40,),
+        fine=(80,),
+        slow=dim == 3,
+        expected=AIR_BALANCE,
+    )
+
+
+CASES = (
+    _room(2),
+    _room(3),
+    Case(
+        "fan",
+        "a swirling jet through a room, around a box",
+        "conservation of mass",
+        fan,
+        coarse=(20,),
+        fine=(40,),
+        slow=True,
+        expected=AIR_BALANCE,
+    ),
+    Case(
+        "one_layer",
+        "2-D against one layer of cells in 3-D",
+        "the same flow in 2-D",
+        one_layer,
+        coarse=(40,),
+        fine=(80,),
+        slow=True,
+        expected={"u / u_max, largest": Expected(tolerance=2e-6)},
+    ),
+)

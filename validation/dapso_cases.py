@@ -1,4 +1,4 @@
-"""Teams of five look for acetone in the odour arena: DAPSO with and without messages, and simple searches.
+"""Searches of teams of five for acetone in the odour arena: DAPSO with and without messages, and simple searches.
 
 Arena, wind, gas and robots are those of configs/dapso_arena.yaml, after Marjovi & Marques, ICRA 2014. No figures are
 published for it: what is judged is that DAPSO finds the source. All teams search the same airs, and the
@@ -6,17 +6,18 @@ intervals are over these.
 """
 
 from functools import cache, partial
-from typing import Any
 
 import numpy as np
 
+from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Range, Told, over_airs
-from taichi_plume.validation.searches import contest, spread
+from taichi_plume.validation.mapping_scenario import MARJOVI_WIND
+from taichi_plume.validation.searches import contest, pooled, spread
 
 AIRS = 8
 DURATION = 300.0  # s
 RANGE = {"range": 1.5}
-TEAMS: dict[str, dict[str, Any]] = {
+TEAMS: dict[str, Keys] = {
     "DAPSO": {"algorithm": {"kind": "dapso"}, "communication": RANGE},
     "DAPSO without messages": {"algorithm": {"kind": "dapso"}, "communication": RANGE | {"loss": 1.0}},
     "random walk": {"algorithm": {"kind": "random_walk"}},
@@ -25,22 +26,15 @@ TEAMS: dict[str, dict[str, Any]] = {
 }
 
 
-def arena(robots: list[dict[str, Any]]) -> dict[str, Any]:
+def arena(robots: list[Keys]) -> Keys:
     """The scenario as a YAML file would tell it."""
-    inflow = {"speed": 0.7, "turbulence_intensity": 0.14, "turbulence_length": 0.3}
     return {
         "name": "dapso_arena",
         "seed": 1,
         "duration": DURATION,
         "warm_up": 15.0,
         "domain": {"size": [4.0, 3.0], "spacing": 0.05, "depth": 0.5},
-        "wind": {
-            "kind": "cfd",
-            "openings": [
-                {"kind": "honeycomb", "face": "x-"} | inflow,
-                {"kind": "honeycomb", "face": "x+"},
-            ],
-        },
+        "wind": MARJOVI_WIND,
         "gas": {
             "kind": "eulerian",
             "species": "acetone",
@@ -50,7 +44,7 @@ def arena(robots: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def team(name: str, trials: int, keys: dict[str, Any]) -> dict[str, Any]:
+def team(name: str, trials: int, keys: Keys) -> Keys:
     """Five small robots in the corner downwind."""
     return {
         "name": name,
@@ -65,21 +59,17 @@ def team(name: str, trials: int, keys: dict[str, Any]) -> dict[str, Any]:
 
 @cache
 def found(trials: int) -> dict[str, dict[str, np.ndarray]]:
-    """What `trial_outcomes` tells of all teams, an equal share of trials per air, and the `air` of each trial."""
-    columns: dict[str, dict[str, list[Any]]] = {name: {} for name in TEAMS}
+    """Return the outcomes of all teams, an equal share of trials per air, and the `air` of each trial."""
+    parts = []
     for air, share in enumerate(spread(trials, AIRS)):
         teams = [team(name, share, keys) for name, keys in TEAMS.items()]
-        for name, told in contest(arena(teams) | {"seed": air + 1}).items():
-            for quantity, values in (told | {"air": [air] * share}).items():
-                columns[name].setdefault(quantity, []).extend(values)
-    return {
-        name: {quantity: np.array(values) for quantity, values in told.items()}
-        for name, told in columns.items()
-    }
+        outcomes = contest(arena(teams) | {"seed": air + 1})
+        parts += [(name, columns | {"air": [air] * share}) for name, columns in outcomes.items()]
+    return pooled(parts)
 
 
 def one_team(trials: int, name: str) -> Told:
-    """How often the first of the team finds the source, and when; failures count with the whole time."""
+    """Return the success rate of a team and the time to the source; failures count with the whole duration."""
     told = found(trials)[name]
     time = np.where(told["success"], told["time_s"], DURATION)
     return {
@@ -95,7 +85,7 @@ plume on its first leg, and without messages the team is not slower than with th
 can follow it alone.
 """
 
-DAPSO_CASES = (
+CASES = (
     Experiment(
         "dapso_arena",
         f"teams of five look for a leak in the odour arena, in {AIRS} airs",

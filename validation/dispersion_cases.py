@@ -1,33 +1,19 @@
-"""How exactly gas is carried and spread: moments and shapes. Functions solve at a resolution, see `case`."""
+"""Convection-diffusion of gas on the grid: moments of puffs, Taylor dispersion, shapes in solid-body rotation."""
 
 from functools import partial
 from math import ceil, pi, sqrt
 
 import numpy as np
 
-from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.gases import EulerianGas
-from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.prescribed import PrescribedWind
 from taichi_plume.validation.case import SECOND_ORDER, Answer, Case, Curve, Expected
-from taichi_plume.validation.flow_cases import rms
+from taichi_plume.validation.flow_cases import Errors, rms
+from taichi_plume.validation.setups import ethanol, gas_on, uniform
 
 SHORT = {"koren": 0.4, "weno5": 0.2}
 """Courant numbers; Heun's method lets short waves of weno5 grow from 0.4 on."""
-
-
-def gas_in(
-    grid: Grid, wind: PrescribedWind | FlowSolver, air: Air | None = None, convection: str = "koren", **keys
-) -> EulerianSolver:
-    """Gas on a grid; `keys`: diffusivity [m²/s] instead of a known species, and a source's keys."""
-    diffusivity = keys.pop("diffusivity", None)
-    source = {"position": (0.5 * grid.dx,) * grid.dim, "rate": 0.0} | keys
-    model = {"kind": "eulerian", "convection": convection, "sources": [source]}
-    if diffusivity is not None:
-        model["species"] = {"molar_mass": 0.046, "diffusivity": diffusivity}
-    return EulerianSolver(EulerianGas.model_validate(model), grid, wind, air or Air.everywhere(grid))
 
 
 def ride(gas: EulerianSolver, span: float, longest: float) -> None:
@@ -38,7 +24,7 @@ def ride(gas: EulerianSolver, span: float, longest: float) -> None:
 
 
 def concentrations(gas: EulerianSolver) -> np.ndarray:
-    """Of the cells [kg/m³], in f64."""
+    """Return the concentrations of the cells [kg/m³] in f64."""
     return gas.grid.read(gas.c).astype(float)
 
 
@@ -50,6 +36,36 @@ def around(x: np.ndarray, middle: float | np.ndarray, period: float) -> np.ndarr
 # ---------------------------------------------------------------- moments of puffs
 
 
+def gaussian_puff(n: int, dim: int = 2, speed: float = 0.0) -> Errors:
+    """A puff of unit mass that spreads and drifts in a box 1 m wide, n cells per metre.
+
+    c = (2 pi s²)^(-dim/2) exp(-|x - x0 - U t|²/(2 s²)), s² = s0² + 2 D t.
+    """
+    diffusivity, s0, end = 5e-4, 0.06, 4.0
+    start = np.full(dim, 0.5) - speed * end / 2 * np.eye(dim)[0]
+
+    def exact(x: np.ndarray, t: float) -> np.ndarray:
+        variance = s0**2 + 2.0 * diffusivity * t
+        offset = x - start - speed * t * np.eye(dim)[0]
+        return np.exp(-(offset**2).sum(-1) / (2.0 * variance)) / (2.0 * pi * variance) ** (dim / 2)
+
+    grid = Grid((n,) * dim, 1.0 / n)
+    gas = gas_on(grid, uniform(grid, speed), species=ethanol(diffusivity))
+    gas.start_from(lambda x: exact(x, 0.0))
+    gas.advance(0.0, end)
+    points, reference = grid.centers(), exact(grid.centers(), end)
+    c = grid.inner(gas.c.to_numpy()).astype(float)
+    mass = c.sum() * grid.cell_volume
+    along = points[..., 0]
+    mean = (c * along).sum() / c.sum()
+    variance = (c * (along - mean) ** 2).sum() / c.sum()
+    return {
+        "c / c_max, rms": rms(c - reference) / float(reference.max()),
+        "mass": float(abs(mass - 1.0)),
+        "variance along x": float(abs(variance / (s0**2 + 2.0 * diffusivity * end) - 1.0)),
+    }
+
+
 def puff_moments(n: int, convection: str) -> Answer:
     """A puff of unit mass that drifts askew through a periodic box, 1 m wide of n cells, and spreads.
 
@@ -58,7 +74,7 @@ def puff_moments(n: int, convection: str) -> Answer:
     velocity, diffusivity, s0, end = np.array([0.1, 0.05]), 5e-4, 0.07, 3.0
     grid = Grid((n, n), 1.0 / n, periodic=(True, True))
     wind = PrescribedWind(lambda x: np.broadcast_to(velocity, x.shape), grid)
-    gas = gas_in(grid, wind, convection=convection, diffusivity=diffusivity)
+    gas = gas_on(grid, wind, convection=convection, species=ethanol(diffusivity))
 
     def exact(x: np.ndarray, t: float) -> np.ndarray:
         variance = s0**2 + 2.0 * diffusivity * t
@@ -99,7 +115,8 @@ def shear(n: int, convection: str) -> Answer:
     def velocity(x: np.ndarray) -> np.ndarray:
         return np.stack([rate * (x[..., 1] - 0.5), np.zeros(x.shape[:-1])], axis=-1)
 
-    gas = gas_in(grid, PrescribedWind(velocity, grid), convection=convection, diffusivity=diffusivity)
+    wind = PrescribedWind(velocity, grid)
+    gas = gas_on(grid, wind, convection=convection, species=ethanol(diffusivity))
     x, y = np.moveaxis(grid.centers() - (1.0, 0.5), -1, 0)
     gas.start_from(lambda _: np.exp(-(x**2 + y**2) / (2.0 * s0**2)))
     found = []
@@ -134,7 +151,8 @@ def taylor_dispersion(n: int, convection: str = "koren") -> Answer:
         profile = 1.5 * mean * (1.0 - (x[..., 1] / half - 1.0) ** 2)
         return np.stack([profile, np.zeros(x.shape[:-1])], axis=-1)
 
-    gas = gas_in(grid, PrescribedWind(velocity, grid), convection=convection, diffusivity=diffusivity)
+    wind = PrescribedWind(velocity, grid)
+    gas = gas_on(grid, wind, convection=convection, species=ethanol(diffusivity))
     start, s0 = 6.0, 0.5
     x = (np.arange(grid.shape[0]) + 0.5) * grid.dx
     gas.start_from(lambda points: np.exp(-((points[..., 0] - start) ** 2) / (2.0 * s0**2)))
@@ -166,7 +184,7 @@ def turned(n: int, convection: str, start: np.ndarray) -> EulerianSolver:
     """Gas of values `start` in a box 1 m wide of n² cells, after one turn of the air as a solid body."""
     grid = Grid((n, n), 1.0 / n)
     wind = PrescribedWind(lambda x: np.stack([0.5 - x[..., 1], x[..., 0] - 0.5], axis=-1), grid)
-    gas = gas_in(grid, wind, convection=convection, diffusivity=0.0)
+    gas = gas_on(grid, wind, convection=convection, species=ethanol(0.0))
     gas.start_from(lambda _: start)
     ride(gas, 2.0 * pi, SHORT[convection] * grid.dx)  # the sum of |u| is 1 m/s in the corners
     return gas
@@ -271,7 +289,25 @@ def _of_scheme(convection: str) -> tuple[Case, ...]:
     )
 
 
-DISPERSION_CASES = (
+def _puff(dim: int, speed: float) -> Case:
+    return Case(
+        f"puff_{'drifting' if speed else 'at_rest'}_{dim}d",
+        "a puff of gas that spreads and drifts" if speed else "a puff of gas that spreads",
+        "Gaussian solution",
+        partial(gaussian_puff, dim=dim, speed=speed),
+        coarse=(24, 48),
+        fine=(32, 64, 128)[: 5 - dim],
+        expected={
+            "c / c_max, rms": SECOND_ORDER,
+            "mass": Expected(tolerance=1e-5),
+            # at rest the scheme spreads the puff as it should on any grid
+            "variance along x": SECOND_ORDER if speed else Expected(tolerance=1e-5),
+        },
+    )
+
+
+CASES = (
+    *(_puff(dim, speed) for dim in (2, 3) for speed in (0.0, 0.05)),
     *_of_scheme("koren"),
     *_of_scheme("weno5"),
     Case(

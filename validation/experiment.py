@@ -1,10 +1,9 @@
-"""What an experiment is: searches, maps or rooms repeated in several airs under several conditions, and what they come
-to.
-"""
+"""Experiment: searches, maps or rooms repeated in several airs under several conditions, with confidence intervals."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf
+from typing import Any
 
 import numpy as np
 from scipy.stats import bootstrap
@@ -15,7 +14,7 @@ from taichi_plume.validation.case import Curve
 
 @dataclass(frozen=True)
 class Mean:
-    """Of something over n trials, between `low` and `high` with 95 % confidence; None where no trial tells of it.
+    """Mean over n trials with its 95 % confidence interval from `low` to `high`; None if no trial has a value.
 
     airs: in how many airs the trials were, where the interval is over these.
     """
@@ -29,7 +28,7 @@ class Mean:
 
 @dataclass(frozen=True)
 class Tracks:
-    """Ways of robots seen from above, for the report to draw. size: of the arena [m]; ways: (k, 2) [m] each."""
+    """Paths of robots seen from above. size: of the arena [m]; ways: (k, 2) [m] each."""
 
     size: tuple[float, float]
     source: tuple[float, float]
@@ -38,7 +37,7 @@ class Tracks:
 
 @dataclass(frozen=True)
 class Lines:
-    """Several quantities over one, for the report to draw: arrays of one shape by name."""
+    """Several quantities over one: arrays of one shape by name."""
 
     x_label: str
     y_label: str
@@ -51,13 +50,13 @@ Picture = Curve | Tracks | Lines
 
 @dataclass(frozen=True)
 class Range:
-    """Where a mean has to lie."""
+    """Range in which a mean has to lie."""
 
     least: float = -inf
     most: float = inf
 
     def met(self, mean: float | None) -> bool:
-        """Whether a mean lies there."""
+        """Return whether a mean lies in the range."""
         return mean is not None and self.least <= mean <= self.most
 
     def __str__(self) -> str:
@@ -75,16 +74,16 @@ def resampled(data: Sequence[np.ndarray], statistic: Callable[..., np.ndarray]) 
     n, mean = len(data[0]), float(statistic(*data))
     if n < 2:
         return Mean(mean, None, None, n)
-    found = bootstrap(
-        data,
-        statistic,
-        paired=True,
-        vectorized=True,
-        n_resamples=2000,
-        method="percentile",
-        rng=np.random.default_rng(1),
-    )
-    return Mean(mean, float(found.confidence_interval.low), float(found.confidence_interval.high), n)
+    return Mean(mean, *_percentiles(data, statistic, paired=True, n_resamples=2000), n)
+
+
+def _percentiles(
+    data: Sequence[np.ndarray], statistic: Callable[..., np.ndarray], **options: Any
+) -> tuple[float, float]:
+    """Return the percentile interval of a bootstrap; options: of SciPy's `bootstrap`."""
+    options |= {"vectorized": True, "method": "percentile", "rng": np.random.default_rng(1)}
+    interval = bootstrap(data, statistic, **options).confidence_interval
+    return float(interval.low), float(interval.high)
 
 
 def over_airs(
@@ -98,18 +97,18 @@ def over_airs(
     from taichi_plume.study.intervals import estimates
 
     airs = np.arange(len(values)) if airs is None else airs
-    told = estimates(np.asarray(values, float), np.zeros(len(values)), airs, np.ones(len(values)), share)
-    if not told:
+    found = estimates(np.asarray(values, float), np.zeros(len(values)), airs, np.ones(len(values)), share)
+    if not found:
         return Mean(None, None, None, 0, 0)
-    (one,) = told.values()
-    low, high = (float(end) if np.isfinite(end) else None for end in (one.low, one.high))
-    return Mean(one.mean, low, high, one.n, one.airs)
+    (estimate,) = found.values()
+    low, high = (float(end) if np.isfinite(end) else None for end in (estimate.low, estimate.high))
+    return Mean(estimate.mean, low, high, estimate.n, estimate.airs)
 
 
 def ratio_over_airs(
     a: np.ndarray, b: np.ndarray, airs_a: np.ndarray | None = None, airs_b: np.ndarray | None = None
 ) -> Mean:
-    """Of the means of two samples, (n,) and (m,), in the same airs, which are resampled in pairs.
+    """Return the ratio of the means of two samples, (n,) and (m,), in the same airs, which are resampled in pairs.
 
     Percentiles of the bootstrap, raised as Student's t asks for; no interval below `FEWEST` airs. airs_a, airs_b: as in
     `over_airs`.
@@ -129,18 +128,9 @@ def ratio_over_airs(
         first, second = (sums[k][chosen].sum(axis) / counts[k][chosen].sum(axis) for k in (0, 1))
         return first / second
 
-    found = bootstrap(
-        (np.arange(len(airs)),),
-        ratio,
-        vectorized=True,
-        n_resamples=2999,
-        confidence_level=confidence(len(airs)),
-        method="percentile",
-        rng=np.random.default_rng(1),
-    )
-    return Mean(
-        mean, float(found.confidence_interval.low), float(found.confidence_interval.high), n, len(airs)
-    )
+    level = confidence(len(airs))
+    ends = _percentiles((np.arange(len(airs)),), ratio, n_resamples=2999, confidence_level=level)
+    return Mean(mean, *ends, n, len(airs))
 
 
 Told = Mapping[str, Mean | Picture]
@@ -149,7 +139,7 @@ Told = Mapping[str, Mean | Picture]
 
 @dataclass(frozen=True)
 class Condition:
-    """One set-up of an experiment. `run` takes a number of trials; `published` and `expected` go by quantity."""
+    """One set-up of an experiment. `run` takes a number of trials; `published`, `expected`: by quantity."""
 
     name: str
     run: Callable[[int], Told]
@@ -159,7 +149,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Experiment:
-    """Conditions that are compared with what was published. A quantity that is not expected is told, not judged.
+    """Conditions that are compared with published results. A quantity without `expected` is reported, not judged.
 
     The command runs `trials` of each condition, tests `few`; with 0 it is too long for them.
     """
@@ -173,12 +163,12 @@ class Experiment:
     slow: bool = False
     """Whether the few trials take longer than a few seconds."""
     discussion: str = ""
-    """What is reproduced, what is not, and why, for the report."""
+    """Text of the report: which results are reproduced, which are not, and why."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One quantity under one condition: what was found beside what was published and the verdict."""
+    """One quantity under one condition: our mean, the published result and the verdict."""
 
     condition: str
     quantity: str
@@ -188,12 +178,12 @@ class Row:
 
     @property
     def met(self) -> bool | None:
-        """Whether it is as expected; None where nothing is."""
+        """Whether the mean is as expected; None without expectation."""
         return None if self.expected is None else self.expected.met(self.found.mean)
 
     @property
     def refuted(self) -> bool:
-        """Whether the whole interval lies outside of what is expected: few trials cannot say more."""
+        """Whether the whole interval lies outside the expected range: few trials cannot say more."""
         if self.expected is None:
             return False
         low, high = self.found.low, self.found.high
@@ -206,20 +196,15 @@ def examine(experiment: Experiment, trials: int, arch: str = "cpu") -> tuple[lis
     pictures: dict[str, Picture] = {}
     for condition in experiment.conditions:
         kernels.start(arch)
-        told = condition.run(trials)
-        means = {name: part for name, part in told.items() if isinstance(part, Mean)}
-        pictures |= {name: part for name, part in told.items() if not isinstance(part, Mean)}
+        found = condition.run(trials)
+        means = {name: part for name, part in found.items() if isinstance(part, Mean)}
+        pictures |= {name: part for name, part in found.items() if not isinstance(part, Mean)}
         unknown = (condition.published.keys() | condition.expected.keys()) - means.keys()
         if unknown:
             raise KeyError(f"{experiment.name}, {condition.name} has no quantity {sorted(unknown)}")
+        published, expected = condition.published, condition.expected
         rows += [
-            Row(
-                condition.name,
-                name,
-                mean,
-                condition.published.get(name, ""),
-                condition.expected.get(name),
-            )
+            Row(condition.name, name, mean, published.get(name, ""), expected.get(name))
             for name, mean in means.items()
         ]
     return rows, pictures

@@ -1,62 +1,53 @@
-"""Flows with exact solutions. Each function solves one at a resolution and returns its errors by norm.
+"""Flow solver against exact solutions without walls: Taylor-Green, Kovasznay, Ethier-Steinman.
 
-Steps are as long as those of runs: of the default Courant number.
+Each function solves a flow at a resolution and returns its errors by norm. Time steps are those of runs: of the default
+Courant number.
 """
 
 from collections.abc import Callable
+from functools import partial
 from math import ceil, pi, sqrt
-from typing import Any
 
 import numpy as np
 
-from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.patches import periodic_axes
+from taichi_plume.validation.case import SECOND_ORDER, Case, Expected
+from taichi_plume.validation.setups import Openings, advance, cfd, flow_on
 
 Errors = dict[str, float]
 STEADY = 2e-5  # largest change of u, over its maximum, within the time that counts
 SMALL_COURANT = 0.2
 SMALL_STEPS = ", small steps"
-"""What the norms of an error at SMALL_COURANT end with."""
+"""Suffix of the norms of an error at SMALL_COURANT."""
+A, D, SIZE = pi / 4, pi / 2, 1.0  # of Ethier and Steinman's vortices
 
 
-def laminar_wind(viscosity: float, openings: list[dict], **more: Any) -> CfdWind:
-    """One of constant viscosity [m²/s]."""
-    told = {"viscosity": viscosity, "turbulence": {"kind": "none"}, "openings": openings}
-    return CfdWind.model_validate({"kind": "cfd", **told, **more})
-
-
-def in_empty_box(wind: CfdWind, shape: tuple[int, ...], dx: float) -> FlowSolver:
-    """Its flow, with air everywhere."""
-    grid = Grid(shape, dx, periodic=periodic_axes(wind.openings, len(shape)))
-    return FlowSolver(wind, grid, Air.everywhere(grid))
+def laminar_wind(viscosity: float, openings: Openings, **keys: object) -> CfdWind:
+    """Return a wind of constant viscosity [m²/s]."""
+    return cfd(openings, viscosity=viscosity, turbulence={"kind": "none"}, **keys)
 
 
 def laminar_flow(
-    shape: tuple[int, ...], dx: float, viscosity: float, openings: list[dict], **more: Any
+    shape: tuple[int, ...], dx: float, viscosity: float, openings: Openings, **keys: object
 ) -> FlowSolver:
-    """A flow of constant viscosity [m²/s] in an empty box."""
-    return in_empty_box(laminar_wind(viscosity, openings, **more), shape, dx)
+    """Return a flow of constant viscosity [m²/s] in an empty box."""
+    return flow_on(laminar_wind(viscosity, openings, **keys), shape, dx)
 
 
 def at_both_steps(flow: FlowSolver, wind: CfdWind, errors: Callable[[], Errors]) -> Errors:
-    """What `errors` finds of the flow of `wind` with steps as they are, and begun anew with small ones."""
-    found, state = errors(), State(flow)
+    """Return the errors of a flow with the usual time steps, and after a restart with SMALL_COURANT."""
+    usual, state = errors(), State(flow)
     state.clear()
     flow.begin(wind.model_copy(update={"courant": SMALL_COURANT}), 0.0, 0)
-    return found | {norm + SMALL_STEPS: error for norm, error in errors().items()}
+    return usual | {norm + SMALL_STEPS: error for norm, error in errors().items()}
 
 
-def advance(flow: FlowSolver, end: float, begin: float = 0.0) -> None:
-    """Step a flow from `begin` to `end` [s]."""
-    t = begin
-    while end - t > 1e-9 * end:
-        dt = (end - t) / ceil((end - t) / flow.stable_dt())
-        flow.advance(t, dt)
-        t += dt
+def both_steps(expected: dict[str, Expected]) -> dict[str, Expected]:
+    """Expect the same of the errors with small steps."""
+    return expected | {norm + SMALL_STEPS: bound for norm, bound in expected.items()}
 
 
 def settle(flow: FlowSolver, span: float, longest: float) -> float:
@@ -95,9 +86,6 @@ def periodic(axes: str) -> list[dict]:
     return [{"kind": "periodic", "axis": axis} for axis in axes]
 
 
-# ---------------------------------------------------------------- without walls
-
-
 def taylor_green(n: int, dim: int = 2) -> Errors:
     """Decaying vortices in a 2 pi box of n² cells; in 3-D extruded over a few cells.
 
@@ -122,7 +110,7 @@ def taylor_green(n: int, dim: int = 2) -> Errors:
         return {"u, rms": wrong, "decay of the energy": float(abs(rate / (-4.0 * viscosity) - 1.0))}
 
     wind = laminar_wind(viscosity, periodic("xyz"[:dim]))
-    flow = in_empty_box(wind, (n, n, 4)[:dim], 2.0 * pi / n)
+    flow = flow_on(wind, (n, n, 4)[:dim], 2.0 * pi / n)
     return at_both_steps(flow, wind, errors)
 
 
@@ -178,5 +166,118 @@ def drifting(n: int) -> Errors:
         return {"energy lost": 1.0 - energy() / before, "growth": max(0.0, largest - 1.0)}
 
     wind = laminar_wind(1e-9, periodic("xy"))
-    flow = in_empty_box(wind, (2 * n, 2 * n), 1.0 / n)
+    flow = flow_on(wind, (2 * n, 2 * n), 1.0 / n)
     return at_both_steps(flow, wind, errors)
+
+
+def ethier_steinman(n: int, viscosity: float, end: float = 0.25) -> Errors:
+    """Vortices of all three components in a box of 1 m with n³ cells, prescribed on its faces at every step.
+
+    u = -a (exp(a x) sin(a y + d z) + exp(a z) cos(a x + d y)) F and its cyclic permutations, F = exp(-nu d² t).
+    """
+
+    def exact(x: np.ndarray, t: float) -> np.ndarray:
+        result = np.empty_like(x)
+        for c in range(3):
+            p, q, r = (x[..., (c + k) % 3] for k in range(3))
+            swirl = np.exp(A * p) * np.sin(A * q + D * r) + np.exp(A * r) * np.cos(A * p + D * q)
+            result[..., c] = -A * swirl * np.exp(-viscosity * D**2 * t)
+        return result
+
+    def errors() -> Errors:
+        blow(flow, partial(exact, t=0.0))
+        flow.start_from(lambda x: exact(x, 0.0))
+        t = 0.0
+        while end - t > 1e-9:
+            dt = (end - t) / ceil((end - t) / flow.stable_dt())
+            blow(flow, partial(exact, t=t + dt))
+            flow.advance(t, dt)
+            t += dt
+        found = velocities(flow)
+        return {"u, rms": rms(*(found[d] - exact(faces(flow.grid, d), end)[..., d] for d in range(3)))}
+
+    walls = [
+        {"kind": "wall", "face": f"{axis}{side}", "velocity": (0.0,) * 3} for axis in "xyz" for side in "-+"
+    ]
+    wind = laminar_wind(viscosity, walls)
+    flow = flow_on(wind, (n, n, n), SIZE / n)
+    return at_both_steps(flow, wind, errors)
+
+
+def blow(flow: FlowSolver, velocity: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Prescribe the velocity on all faces of the domain, with no net flux."""
+    grid = flow.grid
+    targets = []
+    for d in range(grid.dim):
+        target = np.zeros((*flow.boundaries.sides[d], grid.dim))
+        for c in range(grid.dim):
+            axes = [
+                (np.arange(n) - grid.ghost + (0.0 if c == a else 0.5)) * grid.dx
+                for a, n in enumerate(grid.padded)
+            ]
+            axes[d] = np.array([0.0, SIZE])
+            target[..., c] = velocity(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))[..., c]
+        targets.append(target)
+    out = 0.0
+    for d, target in enumerate(targets):
+        inner = tuple(slice(None) if a == d else slice(*cells) for a, cells in enumerate(grid.cells))
+        low, high = np.moveaxis(target[inner][..., d], d, 0)
+        out += (high - low).sum()
+    for d, target in enumerate(targets):
+        side = np.array([-1.0, 1.0]).reshape([2 if a == d else 1 for a in range(grid.dim)])
+        target[..., d] -= side * out / grid.boundary_faces
+        flow.boundaries.target[d].from_numpy(target.astype(np.float32))
+
+
+CASES = (
+    Case(
+        "taylor_green_2d",
+        "decaying vortices, periodic",
+        "Taylor & Green 1937, doi:10.1098/rspa.1937.0036",
+        taylor_green,
+        coarse=(32, 64),
+        fine=(32, 64, 128),
+        expected=both_steps({"u, rms": SECOND_ORDER, "decay of the energy": SECOND_ORDER}),
+    ),
+    Case(
+        "taylor_green_3d",
+        "decaying vortices, extruded over four cells",
+        "Taylor & Green 1937, doi:10.1098/rspa.1937.0036",
+        partial(taylor_green, dim=3),
+        coarse=(32, 64),
+        fine=(32, 64),
+        slow=True,
+        expected=both_steps({"u, rms": SECOND_ORDER, "decay of the energy": SECOND_ORDER}),
+    ),
+    Case(
+        "kovasznay",
+        "steady flow behind a grid of rods, Re 40",
+        "Kovasznay 1948, doi:10.1017/S0305004100023999",
+        kovasznay,
+        coarse=(16, 32),
+        fine=(32, 64),
+        slow=True,
+        expected={"u, rms": SECOND_ORDER},
+    ),
+    Case(
+        "drifting_vortices",
+        "vortices that drift with the wind, without viscosity",
+        "they only move",
+        drifting,
+        coarse=(8, 16),
+        fine=(8, 16, 32),
+        expected=both_steps(
+            {"energy lost": Expected(tolerance=0.05, at=16), "growth": Expected(tolerance=1e-5)}
+        ),
+    ),
+    Case(
+        "ethier_steinman",
+        "vortices that go through a box, viscosity 0.05",
+        "Ethier & Steinman 1994, doi:10.1002/fld.1650190502",
+        partial(ethier_steinman, viscosity=0.05),
+        coarse=(8, 16),
+        fine=(8, 16, 32),
+        slow=True,
+        expected=both_steps({"u, rms": SECOND_ORDER}),
+    ),
+)

@@ -1,18 +1,16 @@
-"""Warm air with known answers. Each function solves a case at a resolution and returns its errors by norm."""
+"""Heat and buoyancy (Boussinesq): conduction, the heated cavity and a turbulent thermal plume."""
 
+from functools import partial
 from math import pi
-from typing import Any
 
 import numpy as np
 
-from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.state import State
-from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.heat import HeatSolver
-from taichi_plume.validation.case import Curve
+from taichi_plume.validation.case import SECOND_ORDER, Answer, Case, Curve, Expected
 from taichi_plume.validation.flow_cases import Errors, advance, laminar_flow, rms, settle, velocities
+from taichi_plume.validation.setups import cfd, flow_on, samples
 
 POWER, RADIUS = 60.0, 0.08  # W, m: of the source of the plume
 WIDTH, TALL = 1.8, 1.5  # m, of the box around the plume; its height over its width
@@ -25,7 +23,7 @@ ENTRAINMENT = 0.153  # Q/(F^(1/3) z^(5/3)) in a plume, measured by Rouse, Yih & 
 WARM_AND_COLD = [{"face": "x-", "temperature": 300.5}, {"face": "x+", "temperature": 299.5}]
 
 
-def heated(gravity: tuple[float, float] = (0.0, 0.0), **heat: Any) -> dict[str, Any]:
+def heated(gravity: tuple[float, float] = (0.0, 0.0), **heat: object) -> dict[str, object]:
     """Buoyancy of air at 300 K, with walls and heaters as in a scenario."""
     return {"gravity": gravity, "heat": {"reference": 300.0, **heat}}
 
@@ -87,7 +85,7 @@ def peak(profile: np.ndarray) -> float:
     return float(top - (after - before) ** 2 / (8.0 * (after - 2.0 * top + before)))
 
 
-def plume_flow(n: int, **keys: Any) -> tuple[np.ndarray, FlowSolver]:
+def plume_flow(n: int, **keys: object) -> tuple[np.ndarray, FlowSolver]:
     """Mean upward velocity [m/s] on the horizontal faces of a box of n² by 1.5 n cells with a plume, and its flow.
 
     The box has open sides and an open ceiling. The mean is over time and SEEDS. keys: of the wind's `buoyancy.heat`.
@@ -95,19 +93,16 @@ def plume_flow(n: int, **keys: Any) -> tuple[np.ndarray, FlowSolver]:
     middle = (0.5 * WIDTH, 0.5 * WIDTH, ABOVE_FLOOR)
     heat = {"heaters": [{"position": middle, "radius": RADIUS, "power": POWER}]} | keys
     still = [{"kind": "outlet", "face": face} for face in ("x-", "x+", "y-", "y+", "z+")]
-    wind = CfdWind.model_validate({"kind": "cfd", "openings": still, "buoyancy": {"heat": heat}})
-    grid = Grid((n, n, round(TALL * n)), WIDTH / n)
-    flow = FlowSolver(wind, grid, Air.everywhere(grid))
-    state, mean = State(flow), np.zeros(grid.shape)
-    samples = round(AVERAGED / SAMPLE)
+    wind = cfd(still, buoyancy={"heat": heat})
+    flow = flow_on(wind, (n, n, round(TALL * n)), WIDTH / n)
+    state, mean, count = State(flow), np.zeros(flow.grid.shape), round(AVERAGED / SAMPLE)
     for seed in SEEDS:
         state.clear()
         flow.begin(wind, 0.0, seed)
         advance(flow, SETTLED)
-        for k in range(samples):
-            advance(flow, SETTLED + (k + 1) * SAMPLE, SETTLED + k * SAMPLE)
-            mean += grid.read(flow.u[2])
-    return mean / (samples * len(SEEDS)), flow
+        for _ in samples(flow, SETTLED, SAMPLE, count):
+            mean += flow.grid.read(flow.u[2])
+    return mean / (count * len(SEEDS)), flow
 
 
 def flow_rates(mean: np.ndarray, dx: float) -> tuple[np.ndarray, np.ndarray]:
@@ -127,7 +122,7 @@ def flow_rates(mean: np.ndarray, dx: float) -> tuple[np.ndarray, np.ndarray]:
     return np.arange(mean.shape[2]) * dx - ABOVE_FLOOR, np.array(rates)
 
 
-def thermal_plume(n: int, **keys: Any) -> dict[str, float | Curve]:
+def thermal_plume(n: int, **keys: object) -> Answer:
     """A turbulent plume in still air: Q = C F^(1/3) z^(5/3), F = g beta P/(rho c_p), z from the middle of the source.
 
     Morton, Taylor & Turner 1956 derived the law for a point source; C as measured by Rouse, Yih & Humphreys 1952
@@ -162,3 +157,50 @@ def thermal_plume(n: int, **keys: Any) -> dict[str, float | Curve]:
             log_y=True,
         ),
     }
+
+
+def _heated_cavity(rayleigh: float, fine: tuple[int, ...], **reference: float) -> Case:
+    return Case(
+        f"heated_cavity_{rayleigh:.0e}".replace("+0", ""),
+        f"steady flow between a warm and a cold wall, Ra {rayleigh:g}",
+        "de Vahl Davis 1983, doi:10.1002/fld.1650030305",
+        partial(heated_cavity, rayleigh=rayleigh, **reference),
+        coarse=(24,),
+        fine=fine,
+        slow=True,
+        expected={
+            norm: Expected(tolerance=0.015, at=fine[-1]) for norm in ("Nusselt number", "u_max", "v_max")
+        },
+    )
+
+
+CASES = (
+    Case(
+        "conduction",
+        "still air between a warm and a cold wall",
+        "Fourier series; linear profile",
+        conduction,
+        coarse=(16, 32),
+        fine=(32, 64),
+        slow=True,
+        expected={
+            "theta / dT on the way, rms": SECOND_ORDER,
+            "theta / dT in the end, largest": Expected(tolerance=5e-5),
+        },
+    ),
+    _heated_cavity(1e4, (32, 64), flux=2.243, u_max=16.178, v_max=19.617),
+    _heated_cavity(1e5, (32, 64), flux=4.519, u_max=34.73, v_max=68.59),
+    Case(
+        "thermal_plume",
+        "flow rate of a turbulent plume over a warm ball in still air, cells of 5 and 3 cm",
+        "Morton, Taylor & Turner 1956, doi:10.1098/rspa.1956.0011",
+        thermal_plume,
+        coarse=(36,),
+        fine=(36, 60),
+        slow=True,
+        expected={
+            **{f"flow rate at {z:g} m": Expected(tolerance=0.2) for z in HEIGHTS},
+            "exponent from 5/3": Expected(tolerance=0.15),
+        },
+    ),
+)

@@ -24,15 +24,15 @@ whole of it. In a box of mixed gas that adds a tenth to what goes out on cells o
 from collections.abc import Mapping
 from functools import partial
 from math import ceil, floor, sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import root_scalar
 
 from taichi_plume.scenario.species import AIR_MOLAR_MASS, GAS_CONSTANT, PRESSURE, TEMPERATURE
-from taichi_plume.validation.case import Curve
+from taichi_plume.validation.case import Curve, Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Lines, Mean, Range, Told
-from taichi_plume.validation.probed import probed
+from taichi_plume.validation.searches import probed
 
 SIZE = (1.5, 1.5, 0.75)  # m
 SIDE, LOW, HIGH = 0.0215, 0.0254, 0.7031  # m: of a hole; its lower edges above the floor
@@ -42,15 +42,7 @@ HELIUM = 4.0026e-3  # kg/mol, IUPAC
 DIFFUSIVITY = 7.0e-5  # m²/s in air, at 25 °C
 RELEASE, END = 14_400.0, 18_000.0  # s
 GRAVITY = 9.81  # m/s²
-HEIGHTS = (
-    0.093,
-    0.185,
-    0.276,
-    0.372,
-    0.466,
-    0.559,
-    0.650,
-)  # m; the table tells of them where the set-up has them
+HEIGHTS = (0.093, 0.185, 0.276, 0.372, 0.466, 0.559, 0.650)  # m, of the sensors in the set-up of the table
 MEASURED: Mapping[int, tuple[float, ...]] = {
     600: (0.23, 0.43, 0.85, 1.56, 2.38, 3.17, 3.60),
     3_600: (5.59, 6.58, 7.66, 9.15, 10.29, 11.18, 11.45),
@@ -76,7 +68,7 @@ LIGHTER = 1.0 - HELIUM / AIR_MOLAR_MASS
 """Density of air less that of helium, over that of air."""
 
 
-def opening(edge: float, cell: float) -> dict[str, Any]:
+def opening(edge: float, cell: float) -> Keys:
     """The cells [m] that a hole touches, whose lower edge is `edge` [m] above the floor, with the hole's loss."""
     lows, highs = zip(*(_touched(a, a + SIDE, cell) for a in (0.5 * SIZE[1], edge)), strict=True)
     size = tuple(high - low for low, high in zip(lows, highs, strict=True))
@@ -90,11 +82,11 @@ def opening(edge: float, cell: float) -> dict[str, Any]:
 
 
 def _touched(low: float, high: float, cell: float) -> tuple[float, float]:
-    """From where to where [m] the cells reach that a stretch touches."""
+    """Return the bounds [m] of the cells that an interval touches."""
     return floor(low / cell + 1e-6) * cell, ceil(high / cell - 1e-6) * cell
 
 
-def scenario(cell: float, seconds: float) -> dict[str, Any]:
+def scenario(cell: float, seconds: float) -> Keys:
     """The box as a YAML file would tell it."""
     rate = FLOW * HELIUM * PRESSURE / (GAS_CONSTANT * TEMPERATURE)
     place = (0.375, 0.375)
@@ -146,7 +138,7 @@ def mixed(one_density: bool) -> float:
         return (FLOW / (passed * sqrt(LIGHTER * GRAVITY * height))) ** (2.0 / 3.0)
 
     def missing(x: float) -> float:
-        """What drives less what the two holes take, over the density of air [m²/s²]."""
+        """Return the driving pressure less the losses of both holes, over the density of air [m²/s²]."""
         out = FLOW / x
         taken = (out - FLOW) ** 2 + out**2 * (1.0 - LIGHTER * x)
         return LIGHTER * x * GRAVITY * height - 0.5 * taken / passed**2
@@ -174,7 +166,7 @@ def filled(trials: int, cell: float, seconds: float) -> Told:
     """Helium at the times of MEASURED up to `seconds`; `trials` has no effect, there is one air."""
     found = readings(cell, seconds)
     z, cells, last = np.array(HEIGHTS), f"cells of {100 * cell:g} cm", min(seconds, RELEASE)
-    told: dict[str, Any] = {}
+    told: Keys = {}
     for t, measured in MEASURED.items():
         if t > seconds:
             break
@@ -197,7 +189,7 @@ def filled(trials: int, cell: float, seconds: float) -> Told:
 
 
 def summary(percent: np.ndarray) -> dict[str, float]:
-    """Of per cent of helium at HEIGHTS: mean, how much it rises at least from one to the next, lowest over highest."""
+    """Return mean, least rise from height to height and lowest over highest of per cent of helium at HEIGHTS."""
     return {
         MEAN: float(percent.mean()),
         RISE: float(np.diff(percent).min()),
@@ -216,7 +208,7 @@ def boxes(trials: int) -> Told:
 
 
 def published(seconds: float) -> dict[str, str]:
-    """What was measured by then, as `filled` tells it."""
+    """Return the measurements up to `seconds`, named as in `filled`."""
     told = {
         f"{name}, {WHEN[t]}": f"{value:.2f}"
         for t, measured in MEASURED.items()
@@ -244,7 +236,7 @@ DISCUSSION = (
 RUNS = ((0.075, END), (0.05, 3_600.0), (0.0375, 600.0))
 """Cells [m] and simulated time [s]: what takes a few minutes each."""
 
-HELIUM_BOX_CASES = (
+CASES = (
     Experiment(
         "helium_box",
         "helium in a box with two small holes: how far air of one density carries",

@@ -1,4 +1,4 @@
-"""The hybrid experiment: a robot outside of the simulator smells the plume in it, beside one that is simulated.
+"""Hybrid experiment: an external robot samples the simulated plume, compared with a simulated robot.
 
 Cabrita, Sousa & Marques, "Player/Stage simulation of olfactory experiments", IROS 2010: a simulated and a hybrid robot
 go to the source along similar ways (figure 13, one run each). Here a program of its own stands for the real robot, with
@@ -71,7 +71,7 @@ tells poses, its own wheels. It tells its pose after the readings of a tick, and
 a rise of the sensor of 3 s.
 """
 
-HYBRID_CASES = (
+CASES = (
     Experiment(
         "plumesim_hybrid",
         "a casting Roomba inside the simulator, and outside of it",

@@ -1,4 +1,4 @@
-"""Air flow from elsewhere against the function that it was made from."""
+"""Imported wind: interpolation of point files against the flow that they were made from."""
 
 from functools import partial
 from math import pi
@@ -82,7 +82,7 @@ def _case(
     )
 
 
-IMPORT_CASES = (
+CASES = (
     _case("imported_wind", "air flow from a lattice of points", 2, 0.0, (16, 32), (32, 64, 128)),
     _case("imported_wind_mesh", "air flow from points in disorder", 3, 0.25, (12, 24), (16, 32, 64)),
 )

@@ -1,4 +1,4 @@
-"""What openings and walls prescribe, and what comes of it in the flow."""
+"""Boundary conditions in time: inflow turbulence and its decay, Stokes' second problem."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -7,10 +7,10 @@ from math import pi, sqrt
 
 import numpy as np
 
-from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.validation.case import Answer, Case, Curve, Expected
 from taichi_plume.validation.channel_cases import across
-from taichi_plume.validation.flow_cases import Errors, advance, in_empty_box, laminar_flow, periodic, rms
+from taichi_plume.validation.flow_cases import Errors, laminar_flow, periodic, rms
+from taichi_plume.validation.setups import advance, cfd, flow_on
 
 SPEED, INTENSITY = 0.5, 0.1  # m/s; over the speed
 DUCT, BEHIND = 4.0, 0.2  # m: long; where the intensity is looked at
@@ -20,12 +20,12 @@ CARRIED = 4.0  # cells: no integral length is shorter
 
 
 def virtual_origin(length: float) -> float:
-    """How far before the inlet [m] the decay u'² ~ (x + x0)^-n begins: dk/dt = -DISSIPATION u'³/L there."""
+    """Return x0 [m] of the decay u'² ~ (x + x0)^-n behind the inlet, from dk/dt = -DISSIPATION u'³/L."""
     return 1.5 * EXPONENT * length / (DISSIPATION * INTENSITY)
 
 
 def integral_length(planes: Sequence[np.ndarray], apart: float) -> float:
-    """Of velocities at many places [m], `apart` from one sample to the next, up to where they are strangers."""
+    """Return the integral length [m] of velocities, `apart` [m] between samples, up to the first zero correlation."""
     values = np.array(planes).reshape(len(planes), -1)
     values -= values.mean()
     lagged = np.array(
@@ -39,8 +39,7 @@ def inflow_turbulence(n: int, length: float) -> Answer:
     """Turbulent air through a duct of 4 x 1 x 1 m without walls, n cells per metre; `length` [m] as asked for."""
     inlet = {"turbulence_intensity": INTENSITY, "turbulence_length": length, "speed": SPEED}
     openings = [{"kind": "inlet", "face": "x-"} | inlet, {"kind": "outlet", "face": "x+"}, *periodic("yz")]
-    wind = CfdWind.model_validate({"kind": "cfd", "openings": openings})
-    flow = in_empty_box(wind, (round(DUCT * n), n, n), 1.0 / n)
+    flow = flow_on(cfd(openings), (round(DUCT * n), n, n), 1.0 / n)
     grid, t, dt = flow.grid, SETTLED, 0.8 / (n * SPEED)
     advance(flow, t)
     count = round(SAMPLED / dt)
@@ -119,7 +118,7 @@ def _turbulence(length: float) -> Case:
     )
 
 
-INFLOW_CASES = (
+CASES = (
     _turbulence(0.1),
     _turbulence(0.2),
     Case(

@@ -23,10 +23,7 @@ from taichi_plume.scenario.robots import Group
 from taichi_plume.validation.experiment import Condition, Experiment, Range, Told, over_airs, resampled
 
 CELLS = 19  # along each side
-LENGTH, INTENSITY = (
-    1.0,
-    1.0,
-)  # of the detections' range over a cell; expected detections at half a cell, in a step
+LENGTH, INTENSITY = 1.0, 1.0  # range of detections [cells]; expected detections at half a cell in a step
 MOST = 642  # steps
 MOVES = np.array([(1, 0), (0, 1), (-1, 0), (0, -1)])
 PLAIN, SPACE_AWARE = "infotaxis", "space_aware_infotaxis"
@@ -60,26 +57,24 @@ class Ours:
     """Searches of the algorithm of robots, each in a world of its own; a cell is a metre, a step a second."""
 
     def __init__(self, kind: str, cells: np.ndarray):
-        body = {"radius": 0.3, "max_speed": 1.0}
+        algorithm = {
+            "kind": kind,
+            "cell": 1.0,
+            "step": 1.0,
+            "acquisition": 1.0,
+            "wind_speed": 0.0,
+            "size": 0.5,
+        }
+        algorithm |= {"rate": INTENSITY, "diffusivity": LENGTH**2, "lifetime": 1.0}
         group = Group.model_validate(
             {
                 "name": kind,
                 "count": 1,
                 "trials": len(cells),
                 "start": {"kind": "positions", "positions": [[CELLS / 2, CELLS / 2]], "heading_deg": 0.0},
-                "body": body,
+                "body": {"radius": 0.3, "max_speed": 1.0},
                 "reach": 0.72,  # a cell's corner is 0.707 from its middle
-                "algorithm": {
-                    "kind": kind,
-                    "cell": 1.0,
-                    "step": 1.0,
-                    "acquisition": 1.0,
-                    "rate": INTENSITY,
-                    "diffusivity": LENGTH**2,
-                    "lifetime": 1.0,
-                    "wind_speed": 0.0,
-                    "size": 0.5,
-                },
+                "algorithm": algorithm,
             }
         )
         middle = np.full((len(cells), 2), CELLS / 2)
@@ -93,7 +88,7 @@ class Ours:
         self.steps = ti.field(ti.i32, len(cells))
 
     def play(self) -> np.ndarray:
-        """How many steps each search took; MOST where the source was not found."""
+        """Return the number of steps of each search; MOST if the source was not found."""
         self._play()
         return self.steps.to_numpy()
 
@@ -139,7 +134,7 @@ class Reference:
         self.learn(self.heard(least=1))
 
     def chances(self, at: np.ndarray) -> np.ndarray:
-        """Of each kind of observation at a cell, for each place of the source, (kinds, cells, cells)."""
+        """Return the likelihood of each kind of observation at a cell, by place of source, (kinds, cells, cells)."""
         mean = expected_detections(np.hypot(self.x - at[0], self.y - at[1]))
         some = poisson.pmf(np.arange(self.kinds - 1)[:, None, None], mean)
         return np.concatenate([some, 1 - some.sum(axis=0, keepdims=True)])
@@ -157,7 +152,7 @@ class Reference:
         self.p /= self.p.sum()
 
     def value(self, p: np.ndarray, at: np.ndarray) -> float:
-        """What is to be small, of a belief and a place."""
+        """Return the objective of a belief (posterior) and a place, which the search minimises."""
         known = p[p > 0]
         bits = -(known * np.log2(known)).sum()
         if self.kind == PLAIN:
@@ -173,7 +168,7 @@ class Reference:
         return sum(q.sum() * self.value(q / q.sum(), at) for q in parts if q.sum() > 0)
 
     def search(self) -> int:
-        """How many steps it takes."""
+        """Return the number of steps to the source."""
         for t in range(MOST):
             there = [self.at + move for move in MOVES]
             there = [at for at in there if ((at >= 0) & (at < CELLS)).all()]
@@ -186,7 +181,7 @@ class Reference:
 
 
 def by_definition(kind: str, cells: np.ndarray, kinds: int) -> np.ndarray:
-    """How many steps searches by the definitions took."""
+    """Return the number of steps of searches by the papers' definitions."""
     rng = np.random.default_rng(2)
     return np.array([Reference(kind, source, rng, kinds).search() for source in cells], float)
 
@@ -220,7 +215,7 @@ That space-aware infotaxis is the quicker of the two, as the paper finds in most
 this small one: 5,000 searches of each by our kernels took 13.8 and 14.0 steps, with standard errors of 0.24 and 0.25.
 """
 EXPECTED = {"found": Range(least=0.99), "steps, ours / by the definitions": Range(0.9, 1.1)}
-INFOTAXIS_CASES = (
+CASES = (
     Experiment(
         "infotaxis_grid",
         f"searches on a grid of {CELLS} x {CELLS} cells without wind, in the world that the searcher believes in",

@@ -1,4 +1,4 @@
-"""A round fan jet into still air. n cells span its diameter d = 1 m; it blows with U0 = 1 m/s.
+"""Round turbulent jet of a fan into still air: decay and spread. n cells span the diameter d = 1 m; U0 = 1 m/s.
 
 Beyond its core the time-averaged jet is the same at every distance x but for its scales: the velocity on the axis
 falls as U_c/U0 = K d/x and the radius where it is half of U_c grows as r_half = S x, with x from the fan or nearly so.
@@ -10,11 +10,10 @@ intensity at the lengths that six cells carry, the jet would shake as a whole an
 
 import numpy as np
 
-from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.validation.flow_cases import Errors, advance
+from taichi_plume.validation.case import Case, Expected
+from taichi_plume.validation.flow_cases import Errors
+from taichi_plume.validation.setups import advance, cfd, flow_on, samples
 
 LENGTH, WIDTH = 16, 8  # of the box, in diameters
 SETTLE = 60.0  # s, until the jet has reached the far end and left its first eddies there
@@ -35,18 +34,13 @@ def mean_jet(
     fan = {"kind": "fan", "face": "x-", "center": (WIDTH / 2, WIDTH / 2), "diameter": 1.0, "speed": 1.0}
     fan["turbulence_intensity"] = 0.05
     still = [{"kind": "outlet", "face": face} for face in ("x+", "y-", "y+", "z-", "z+")]
-    wind = CfdWind.model_validate(
-        {"kind": "cfd", "viscosity": 2e-5, "turbulence": {"kind": turbulence}, "openings": [fan, *still]}
-    )
-    grid = Grid((LENGTH * n, WIDTH * n, WIDTH * n), 1.0 / n)
-    flow = FlowSolver(wind, grid, Air.everywhere(grid))
+    wind = cfd([fan, *still], viscosity=2e-5, turbulence={"kind": turbulence})
+    flow = flow_on(wind, (LENGTH * n, WIDTH * n, WIDTH * n), 1.0 / n)
     advance(flow, SETTLE)
-    mean = np.zeros(grid.shape)
-    samples = round(averaged / SAMPLE)
-    for k in range(samples):
-        advance(flow, SETTLE + (k + 1) * SAMPLE, SETTLE + k * SAMPLE)
-        mean += grid.read(flow.u[0])
-    return mean / samples, flow
+    mean, count = np.zeros(flow.grid.shape), round(averaged / SAMPLE)
+    for _ in samples(flow, SETTLE, SAMPLE, count):
+        mean += flow.grid.read(flow.u[0])
+    return mean / count, flow
 
 
 def on_the_axis(mean: np.ndarray) -> np.ndarray:
@@ -93,3 +87,22 @@ def fan_jet(n: int) -> Errors:
         "K'": float(1.0 / np.polyfit(x[far], 1.0 / axis[far], 1)[0]),
         "S'": float(np.polyfit(x[far], half[far], 1)[0]),
     }
+
+
+CASES = (
+    Case(
+        "fan_jet",
+        "decay and spread of a round jet in still air",
+        "measured jets, see jet.py",
+        fan_jet,
+        coarse=(6,),
+        fine=(6,),
+        slow=True,
+        expected={
+            "K from published": Expected(tolerance=DECAY[1]),
+            "S from published": Expected(tolerance=SPREAD[1]),
+            "core from published, d": Expected(tolerance=CORE[1]),
+            "divergence": Expected(tolerance=1e-4),
+        },
+    ),
+)

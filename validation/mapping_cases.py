@@ -1,4 +1,4 @@
-"""Maps of gas that time series forecast: the experiment of Marjovi & Marques, ICRA 2014, figures 9 and 10.
+"""Gas maps of time series that forecast readings: the experiment of Marjovi & Marques, ICRA 2014, figures 9 and 10.
 
 Published is that by eq 8 every time series forecasts the readings of the next snap better than the pure interpolation
 of the last, best with alpha = 0.9, with both navigations, and that the overall map has its peak at the source. See
@@ -83,7 +83,7 @@ def chosen(
 
 def of_airs(airs: int, name: str, teams: np.ndarray) -> np.ndarray:
     """The mean over these teams of a quantity of `Fared`, in each air."""
-    return np.array([np.nanmean(getattr(one, name)[..., teams]) for one in in_airs(airs)])
+    return np.array([np.nanmean(one._asdict()[name][..., teams]) for one in in_airs(airs)])
 
 
 def mean_errors(airs: int, teams: np.ndarray, window: float = WINDOW) -> np.ndarray:
@@ -130,12 +130,12 @@ def from_truth_of(alpha: float) -> str:
 
 
 def set_up(trials: int, navigation: str, source: tuple[float, float], title: str) -> Told:
-    """What the maps come to in what we take for the paper's set-up."""
+    """Return the quantities of the maps in the set-up that we assume for the paper."""
     (team,) = chosen(navigation, *PAPER, source)
     runs, best = in_airs(trials), 1 + ALPHAS.index(BEST)
     errors = mean_errors(trials, np.array([team]))
     off, alike = (
-        np.array([np.nanmean(getattr(one, name)[..., team], axis=1) for one in runs]).T
+        np.array([np.nanmean(one._asdict()[name][..., team], axis=1) for one in runs]).T
         for name in ("off", "alike")
     )
     result: dict[str, Mean | Lines] = {
@@ -205,7 +205,7 @@ def region(trials: int, navigation: str) -> Told:
 
 
 def windows(trials: int, navigation: str) -> Told:
-    """How the finding depends on the length of a snap, with the MiCS-5524; both sources together."""
+    """Return the errors by the length of a snapshot, with the MiCS-5524; both sources together."""
     result: dict[str, Mean | Lines] = {}
     ascending = sorted(WINDOWS)
     lines = {f"{speed:g} m/s": [] for speed in SPEEDS}
@@ -231,7 +231,7 @@ def windows(trials: int, navigation: str) -> Told:
 
 
 def without_air(trials: int) -> Told:
-    """The same maps of readings whose memory is given (see `mapping_whiffs`); trials: how many times drawn."""
+    """Return the errors of maps of readings with a given memory (see `mapping_whiffs`); trials: number of draws."""
     drawn = [mapping_whiffs.mapped(seed=1 + trial) for trial in range(trials)]
     known = {name: np.array([one[name] for one in drawn]) for name in drawn[0]}  # (trials, ..., cases)
     result: dict[str, Mean | Lines] = {}
@@ -301,7 +301,7 @@ def _set_up(navigation: str, source: tuple[float, float]) -> Condition:
     )
 
 
-MAPPING_CASES = (
+CASES = (
     Experiment(
         "odor_mapping",
         "five robots or a line of four map the gas of a leak in wind",

@@ -1,4 +1,4 @@
-"""The arena of Marjovi & Marques, ICRA 2014, and what teams of robots that map its gas come to in one air.
+"""Scenario of Marjovi & Marques, ICRA 2014: teams of robots map the gas of an arena; errors of their maps in one air.
 
 Arena, wind, sources, robots, sensors, maps and the measure of the error (eq 8) are the paper's. It tells neither how
 long a run took, how fast the robots drove, how often they read their sensors, nor of its navigation more than the
@@ -16,7 +16,7 @@ and a team's sensors are blind to one of them. So each air is solved once, and w
 from collections.abc import Sequence
 from functools import cache
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from taichi_plume.scoring import trials as scores
 from taichi_plume.scoring.maps import LOOKS
 from taichi_plume.scoring.trials import SETTLED
 from taichi_plume.simulation import Every, Simulation
+from taichi_plume.validation.case import Keys
 from taichi_plume.validation.searches import scenario_of
 
 DURATION = 300.0  # s; alpha = 0.98 looks back 250 s
@@ -41,13 +42,21 @@ HEIGHT = 0.1  # m, of sensors and sources
 MET = 1.0  # ppm: above it there is gas; the MiCS-5524 begins to tell gas from air at about as much
 NEAR = 0.55  # m, radius of the neighbourhood with alpha = 0.9: what passes so close tells of the source
 GASES = ("acetone", "other acetone")
-SENSORS: dict[str, dict[str, Any]] = {
+SENSORS: dict[str, Keys] = {
     "MiCS-5524": {},
     "a quarter of its lags": {"rise_time": 0.375, "decay_time": 2.0},
     "no lag": {"rise_time": 0.0, "decay_time": 0.0},
 }
+MARJOVI_WIND: Keys = {
+    "kind": "cfd",
+    "openings": [
+        {"kind": "honeycomb", "face": "x-"}
+        | {"speed": 0.7, "turbulence_intensity": 0.14, "turbulence_length": 0.3},
+        {"kind": "honeycomb", "face": "x+"},
+    ],
+}
 LINEUP = "line-up"
-NAVIGATIONS: dict[str, dict[str, Any]] = {
+NAVIGATIONS: dict[str, Keys] = {
     "DAPSO": {"count": 5, "algorithm": {"kind": "dapso"}},
     LINEUP: {"count": 4, "algorithm": {"kind": "lineup", "wind_direction_deg": 0.0}},
 }
@@ -65,7 +74,7 @@ class Team(NamedTuple):
 TEAMS = tuple(Team(*one) for one in product(NAVIGATIONS, SPEEDS, SENSORS, SOURCES))
 
 
-def maps(window: float) -> list[dict[str, Any]]:
+def maps(window: float) -> list[Keys]:
     """The pure interpolation, then a time series for each alpha that sees a past snap of this length [s]."""
     how = {"cell": CELL, "window": window}
     return [
@@ -75,11 +84,11 @@ def maps(window: float) -> list[dict[str, Any]]:
 
 
 def alphas(window: float, snaps: int = 1) -> tuple[float, ...]:
-    """Those of ALPHAS that see so many past snaps of this length [s], with beta = 0.5 and a time scale of 0.1 m/s."""
+    """Return the ALPHAS that see `snaps` past snapshots of this length [s]; beta = 0.5, time scale 0.1 m/s."""
     return tuple(alpha for alpha in ALPHAS if (1.0 - alpha) * 0.1 * snaps * window < 0.5 - 1e-6)
 
 
-def robots(number: int, team: Team) -> dict[str, Any]:
+def robots(number: int, team: Team) -> Keys:
     """A team as a group of the scenario, whose sensors are blind to the gas of the other source."""
     navigation = NAVIGATIONS[team.navigation]
     algorithm = navigation["algorithm"] | ({"line_speed": team.speed} if team.navigation == LINEUP else {})
@@ -98,7 +107,7 @@ def robots(number: int, team: Team) -> dict[str, Any]:
     }
 
 
-def arena(air: int = 0, teams: Sequence[Team] = TEAMS, duration: float = DURATION) -> dict[str, Any]:
+def arena(air: int = 0, teams: Sequence[Team] = TEAMS, duration: float = DURATION) -> Keys:
     """The scenario, as a YAML file would tell it."""
     species = (GASES[0], {"name": GASES[1], "molar_mass": 0.05808, "diffusivity": 1.1e-5})
     return {
@@ -108,19 +117,7 @@ def arena(air: int = 0, teams: Sequence[Team] = TEAMS, duration: float = DURATIO
         "warm_up": 15.0,  # the air is renewed 2.6 times
         "tick": TICK,
         "domain": {"size": [4.0, 3.0, 0.5], "spacing": 0.0625},
-        "wind": {
-            "kind": "cfd",
-            "openings": [
-                {
-                    "kind": "honeycomb",
-                    "face": "x-",
-                    "speed": 0.7,
-                    "turbulence_intensity": 0.14,
-                    "turbulence_length": 0.3,
-                },
-                {"kind": "honeycomb", "face": "x+"},
-            ],
-        },
+        "wind": MARJOVI_WIND,
         "gas": {
             "kind": "mixture",
             "parts": [
@@ -140,7 +137,7 @@ def arena(air: int = 0, teams: Sequence[Team] = TEAMS, duration: float = DURATIO
 
 
 class Fared(NamedTuple):
-    """How the maps of teams fared in an air, `teams` on the last axis.
+    """Errors of the maps of all teams in an air, `teams` on the last axis.
 
     times: ends of the snaps of WINDOW that count [s]. errors: of each window, (maps, snaps, teams) [ppm] by eq 8.
     off, alike, peak: (maps, snaps, teams) of WINDOW: error against the true mean gas since the start [ppm], correlation
@@ -215,7 +212,7 @@ class Judge:
         self.interpolated.append(estimates[0])
 
     def fared(self, sim: Simulation) -> Fared:
-        """What has come of it, at the end of the run."""
+        """Return the errors at the end of the run."""
         ends = WINDOW * np.arange(len(self.scores))
         counted = ends > SETTLED + 1e-6
         off, alike, peak = np.stack(self.scores, axis=2)[:, :, counted]
@@ -233,7 +230,7 @@ class Judge:
         )
 
     def _errors(self, sim: Simulation, window: float) -> np.ndarray:
-        """Of the snaps that count, (maps, snaps, teams)."""
+        """Return the forecast errors of the snapshots that count, (maps, snaps, teams)."""
         of_maps = [list(one.errors) for one in sim.maps if one.window == window]
         return np.array([[error for t, error in one if t > SETTLED + 1e-6] for one in of_maps])[
             ..., self.rows
@@ -241,7 +238,7 @@ class Judge:
 
 
 def persistence(snaps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """How much of a snap is still in the next, and how much snaps scatter: of interpolations (snaps, teams, nx, ny).
+    """Return correlation and scatter of consecutive snapshots, interpolations (snaps, teams, nx, ny).
 
     The correlation of a cell's deviation from its mean over time with that one snap later; the standard deviation over
     the mean, both with the variances of all cells together; and how far snaps are from that mean over how far they are

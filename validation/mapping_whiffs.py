@@ -1,4 +1,4 @@
-"""Maps of readings that no air made: a steady plume along a line of robots' ways, times whiffs of a known duration.
+"""Gas maps of synthetic readings: a steady plume along the paths of a line of robots, times whiffs of known duration.
 
 What the mapping experiment finds is explained by how much of a snap is still in the next. Here that is set: four robots
 side by side sweep to and fro across a Gaussian plume, and each reads its mean times a lognormal whiff (standard
@@ -33,7 +33,7 @@ AHEAD = 0.3  # m from robot to robot across the wind
 
 
 def ways(speed: float, ticks: int) -> np.ndarray:
-    """Of four robots in a diagonal line that sweeps across the wind, (ticks, 4, 2) [m]."""
+    """Return the paths of four robots in a diagonal line that sweeps across the wind, (ticks, 4, 2) [m]."""
     x = np.linspace(MARGIN, SIZE[0] - MARGIN, 4)
     width = SIZE[1] - 2.0 * MARGIN - 3.0 * AHEAD
     y = np.abs((speed * TICK * np.arange(ticks) + width) % (2.0 * width) - width)
@@ -59,7 +59,7 @@ def whiffs(ticks: int, memory: float, rng: np.random.Generator) -> np.ndarray:
 
 
 def mapped(lasts: float = LASTS, seed: int = 1) -> dict[str, np.ndarray]:
-    """Of each of CASES: `error` over that of the pure interpolation (alphas, cases), and `kept`, `scatter`, `endless`
+    """Return `error` over that of the pure interpolation (alphas, cases), and `kept`, `scatter`, `endless`
     (see `persistence`), (cases,). Taichi must have been started.
     """
     rng, ticks, each = np.random.default_rng(seed), round(lasts / TICK), round(lasts / WINDOW)
@@ -97,7 +97,7 @@ def endless(kept: np.ndarray) -> np.ndarray:
 
 
 def remembering(alpha: float, kept: np.ndarray | float, window: float = WINDOW) -> np.ndarray:
-    """The same of a time series: with weights g of the snaps before, whose readings are correlated as r^lag.
+    """Error of a time series over that of the last snapshot: weights g of earlier snapshots, correlated as r^lag.
 
     g: what the neighbourhood of a cell gives each snap (eq 7), where robots are anywhere alike.
     """

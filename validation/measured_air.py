@@ -1,11 +1,11 @@
-"""What cases of measured air share: a flow solved for as long as it takes, and its mean along x where it was measured.
+"""Time averages of flows that are compared with measurements: mean of u along x at the points of the measurement.
 
 Means are over time and over y, or over the middle of it. They are kept in two halves of the record: if these are alike,
 it was long enough.
 """
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
@@ -16,7 +16,8 @@ from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.patches import opening_cells, periodic_axes
-from taichi_plume.validation.flow_cases import advance, velocities
+from taichi_plume.validation.flow_cases import velocities
+from taichi_plume.validation.setups import advance
 
 
 def columns(table: str) -> np.ndarray:
@@ -25,7 +26,7 @@ def columns(table: str) -> np.ndarray:
 
 
 class Times(NamedTuple):
-    """How long a flow is left to itself, then averaged, and how often it is looked at meanwhile [s]."""
+    """Durations of settling and averaging, and time between samples [s]."""
 
     settled: float
     averaged: float
@@ -50,10 +51,10 @@ class Record(NamedTuple):
 
 
 def flow_in_box(
-    wind: dict[str, Any], shape: tuple[int, ...], dx: float, seed: int, bodies: Sequence[Shape] = ()
+    wind: Mapping[str, object], shape: tuple[int, ...], dx: float, seed: int, bodies: Sequence[Shape] = ()
 ) -> FlowSolver:
-    """The flow of a scenario's `wind` in a box around bodies; Taichi must have been started."""
-    model = CfdWind.model_validate({"kind": "cfd"} | wind)
+    """Return the flow of a scenario's `wind` in a box around bodies; Taichi must have been started."""
+    model = CfdWind.model_validate({"kind": "cfd"} | dict(wind))
     grid = Grid(shape, dx, periodic=periodic_axes(model.openings, len(shape)))
     return FlowSolver(model, grid, air_of(bodies, grid, opening_cells(model.openings, grid)), seed=seed)
 

@@ -1,4 +1,4 @@
-"""What a sensor on the axis of a plume meets: the mean, how much it fluctuates, and how often there is gas at all.
+"""Concentration statistics on the axis of a plume near the source: mean, fluctuation and intermittency.
 
 A duct with a wind of 0.5 m/s and an intensity of 10 %, cells of 5 cm and sources of 2 cm. Fluctuations over the mean
 are about 1 within the first metres and fall beyond: they are made next to the source (Fackrell & Robins 1982, J. Fluid
@@ -6,19 +6,19 @@ Mech. 117, 1-26).
 """
 
 from collections.abc import Callable
-from typing import Any
+from functools import partial
 
 import numpy as np
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.gases import EulerianGas, PuffGas
-from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.puffs import PuffSolver
 from taichi_plume.validation.case import Answer, Case, Expected
+from taichi_plume.validation.flow_cases import periodic
+from taichi_plume.validation.setups import cfd, gas_on, puffs_on
 
 INFLOW = {"speed": 0.5, "turbulence_intensity": 0.1, "turbulence_length": 0.2}
 DISTANCES = (0.25, 0.5, 1.0, 2.0, 3.0)  # m
@@ -27,35 +27,23 @@ PLACES = tuple((0.51, y, z) for y in (0.21, 0.63, 1.02, 1.43) for z in (0.32, 0.
 """Of sources, [m], two of the turbulence's lengths apart, anywhere in their cells: samples of one air."""
 LEAST = 0.1  # of the mean: what counts as gas
 
-KINDS: dict[str, tuple[int, Callable[..., Any]]] = {
-    "puffs": (4, lambda one, *air: _puffs(one, False, *air)),
-    "hand-over": (8, lambda one, *air: _puffs(one, True, *air)),
-    "grid": (2, lambda one, *air: EulerianSolver(EulerianGas(kind="eulerian", sources=(one,)), *air)),
+KINDS: dict[str, tuple[int, Callable[..., PuffSolver | EulerianSolver]]] = {
+    "puffs": (4, partial(puffs_on, most=20_000, handover=False)),
+    "hand-over": (8, partial(puffs_on, most=20_000, handover=True)),
+    "grid": (2, gas_on),
 }
-"""How many sources each kind of gas has, and what makes it."""
-
-
-def _puffs(source: Any, handover: bool, *air: Any) -> PuffSolver:
-    return PuffSolver(PuffGas(kind="puffs", sources=(source,), most=20_000, handover=handover), *air)
+"""Number of sources of each kind of gas, and the function that makes its solver."""
 
 
 def _readings(seconds: float, convection: str) -> dict[str, np.ndarray]:
-    """Of each kind, concentrations (times, sources, distances) [kg/m³]."""
+    """Return the concentrations of each kind of gas, (times, sources, distances) [kg/m³]."""
     grid = Grid((80, 32, 24), 0.05, periodic=(False, True, True))
     air = Air.everywhere(grid)
-    openings = (
-        {"kind": "honeycomb", "face": "x-"} | INFLOW,
-        {"kind": "honeycomb", "face": "x+"},
-        {"kind": "periodic", "axis": "y"},
-        {"kind": "periodic", "axis": "z"},
-    )
-    model = {"kind": "cfd", "openings": openings, "convection": convection}
-    flow = FlowSolver(CfdWind.model_validate(model), grid, air)
-    sources = PuffGas.model_validate(
-        {"kind": "puffs", "sources": [{"position": p, "rate": 1e-5, "radius": 0.02} for p in PLACES]}
-    ).sources
+    ends = [{"kind": "honeycomb", "face": "x-"} | INFLOW, {"kind": "honeycomb", "face": "x+"}]
+    flow = FlowSolver(cfd(ends + periodic("yz"), convection=convection), grid, air)
+    sources = [{"position": place, "rate": 1e-5, "radius": 0.02} for place in PLACES]
     gases = {
-        kind: [make(sources[n], grid, flow, air, 0.0, n, f"{kind} {n}") for n in range(count)]
+        kind: [make(grid, flow, air, n, f"{kind} {n}", sources=[sources[n]]) for n in range(count)]
         for kind, (count, make) in KINDS.items()
     }
     axes = np.array(PLACES)[:, None] + np.array(DISTANCES)[:, None] * (1.0, 0.0, 0.0)
@@ -83,7 +71,7 @@ def fluctuation(c: np.ndarray) -> np.ndarray:
 
 
 def standard_error(c: np.ndarray) -> np.ndarray:
-    """Of `fluctuation`, from leaving out one source after the other (jackknife)."""
+    """Return the standard error of `fluctuation` by the jackknife over the sources."""
     n = c.shape[1]
     without = np.array([fluctuation(np.delete(c, k, axis=1)) for k in range(n)])
     return np.sqrt((n - 1) * without.var(axis=0))
@@ -110,7 +98,7 @@ def on_the_axis(n: int, convection: str = "upwind5") -> Answer:
     return answer
 
 
-NEAR_SOURCE_CASES = (
+CASES = (
     Case(
         "near_source",
         "fluctuations on the axis of a plume within 3 m, sources of 2 cm on cells of 5 cm",

@@ -15,16 +15,13 @@ from functools import partial
 
 import numpy as np
 
-from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.gases import EulerianGas, PuffGas
-from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.puffs import PuffSolver
-from taichi_plume.solvers.uniform import UniformSolver
-from taichi_plume.validation.case import Answer, Case, Expected
+from taichi_plume.validation.case import Answer, Case, Expected, Keys
 from taichi_plume.validation.puff_cases import taylor
+from taichi_plume.validation.setups import ethanol, gas_on, puffs_on, uniform
 
 SPEED, RATE = 0.5, 1e-5  # m/s, kg/s
 DISTANCES = (0.25, 0.5, 1.0, 2.0)  # m
@@ -57,7 +54,7 @@ def steady_mean(radius: float) -> np.ndarray:
 
 
 def gaussian_mean(source: float) -> np.ndarray:
-    """The same of a source that is a Gaussian of that variance [m²] along each axis."""
+    """Concentration [kg/m³] on the axis at DISTANCES, of a Gaussian source of that variance [m²] along each axis."""
     return _released_evenly(source, lambda age: 2.0 * DIFFUSIVITY * age)
 
 
@@ -82,8 +79,33 @@ def _released_evenly(source: float, growth: Callable[[np.ndarray], np.ndarray]) 
     return RATE * step * density.sum(axis=1)
 
 
-def _uniform(grid: Grid) -> UniformSolver:
-    return UniformSolver(UniformWind(kind="uniform", velocity=(SPEED, 0.0, 0.0)), grid)
+def _grid(n: int) -> Grid:
+    """Return the grid of n cells per metre."""
+    return Grid(tuple(round(length * n) for length in SIZE), 1.0 / n)
+
+
+def _source(radius: float) -> dict[str, object]:
+    return {"position": tuple(SOURCE), "rate": RATE, "radius": radius}
+
+
+def _puffs(grid: Grid, radius: float, growth: float, keys: Keys) -> PuffSolver:
+    """Return puffs of a source with a radius [m] that grow by `growth` [m²/s]; keys: of their section."""
+    law = {"kind": "diffusive", "rate": growth}
+    source, species = _source(radius), ethanol(MOLECULES)
+    return puffs_on(grid, uniform(grid, SPEED), sources=[source], species=species, growth=law, **keys)
+
+
+def _keep_worst(worst: dict[str, float], errors: dict[str, np.ndarray]) -> None:
+    """Raise the largest error known of each norm; a norm without values is left out."""
+    for name, values in errors.items():
+        if len(values):
+            worst[name] = max(worst.get(name, 0.0), float(np.abs(values).max()))
+
+
+def _over_the_closed_form(ratio: np.ndarray, gas: str = "", when: str = "") -> dict[str, float]:
+    """Return the ratios of the mean to the closed form at DISTANCES, by name."""
+    pairs = zip(DISTANCES, ratio, strict=True)
+    return {f"{gas}mean at {x:g} m over the closed form{when}": float(value) for x, value in pairs}
 
 
 def _axis() -> np.ndarray:
@@ -129,10 +151,7 @@ def _run(
 
 def on_the_grid(n: int, radius: float) -> Answer:
     """Gas on cells of 1/n m from a ball [m]: largest errors over DISTANCES and COURANT."""
-    grid = Grid(tuple(round(length * n) for length in SIZE), 1.0 / n)
-    source = {"position": tuple(SOURCE), "rate": RATE, "radius": radius}
-    species = {"molar_mass": 0.046, "diffusivity": DIFFUSIVITY}
-    model = EulerianGas.model_validate({"kind": "eulerian", "species": species, "sources": [source]})
+    grid = _grid(n)
     f = (SOURCE[1] * n - 0.5) % 1.0
     ball, kernel = radius**2 / 5.0, KERNEL / n**2
     true, held = steady_variance(ball), steady_variance(max(ball, kernel))
@@ -141,9 +160,8 @@ def on_the_grid(n: int, radius: float) -> Answer:
     trusted = 1.0 - true / held <= TRUSTED
     worst: dict[str, float] = {}
     for courant in COURANT:
-        mean, flux, variance = _run(
-            EulerianSolver(model, grid, _uniform(grid), Air.everywhere(grid)), grid, courant
-        )
+        gas = gas_on(grid, uniform(grid, SPEED), species=ethanol(DIFFUSIVITY), sources=[_source(radius)])
+        mean, flux, variance = _run(gas, grid, courant)
         ratio = mean / reference
         errors = {
             "grid: flux": flux - 1.0,
@@ -151,66 +169,38 @@ def on_the_grid(n: int, radius: float) -> Answer:
             "grid: mean, for a source as wide as the kernel": mean / possible - 1.0,
             "grid: mean, where the kernel is narrow": ratio[trusted] - 1.0,
         }
-        for name, found in errors.items():
-            if len(found):
-                worst[name] = max(worst.get(name, 0.0), float(np.abs(found).max()))
-        for x, value in zip(DISTANCES, ratio, strict=True):
-            worst[f"grid: mean at {x:g} m over the closed form, Courant number {courant:g}"] = float(value)
+        _keep_worst(worst, errors)
+        worst |= _over_the_closed_form(ratio, "grid: ", f", Courant number {courant:g}")
     return worst
 
 
 def of_puffs(n: int, radius: float) -> Answer:
     """Puffs in a wind of constant diffusivity, from a ball [m], in the same steps: largest errors."""
-    grid = Grid(tuple(round(length * n) for length in SIZE), 1.0 / n)
+    grid, growth = _grid(n), 2.0 * (DIFFUSIVITY - MOLECULES)
     worst: dict[str, float] = {}
     for courant in COURANT:
-        keys = {
-            "kind": "puffs",
-            "sources": [{"position": tuple(SOURCE), "rate": RATE, "radius": radius}],
-            "species": {"molar_mass": 0.046, "diffusivity": MOLECULES},
-            "growth": {"kind": "diffusive", "rate": 2.0 * (DIFFUSIVITY - MOLECULES)},
-            "fluctuation": 0.0,
-            "release_rate": 500.0,
-            "most": 20_000,
-        }
-        gas = PuffSolver(PuffGas.model_validate(keys), grid, _uniform(grid), Air.everywhere(grid))
+        gas = _puffs(grid, radius, growth, {"fluctuation": 0.0, "release_rate": 500.0, "most": 20_000})
         mean, flux, variance = _run(gas, grid, courant)
         ratio = mean / steady_mean(radius)
         width = np.sqrt((variance - grid.dx**2 / 12.0) / steady_variance(radius**2 / 5.0))
-        found = {"puffs: mean": ratio - 1.0, "puffs: flux": flux - 1.0, "puffs: width": width - 1.0}
-        for name, errors in found.items():
-            worst[name] = max(worst.get(name, 0.0), float(np.abs(errors).max()))
-        for x, value in zip(DISTANCES, ratio, strict=True):
-            worst[f"puffs: mean at {x:g} m over the closed form, Courant number {courant:g}"] = float(value)
+        errors = {"puffs: mean": ratio - 1.0, "puffs: flux": flux - 1.0, "puffs: width": width - 1.0}
+        _keep_worst(worst, errors)
+        worst |= _over_the_closed_form(ratio, "puffs: ", f", Courant number {courant:g}")
     return worst
 
 
 def of_straying_puffs(n: int) -> Answer:
     """Mean over 20 s of puffs that stray by Taylor's law, from a source of 2 cm, in steps of 1/n s."""
     radius, step, settled, sampled = 0.02, 1.0 / n, 7.0, 20.0
-    grid = Grid(tuple(round(length * 10) for length in SIZE), 0.1)
-    keys = {
-        "kind": "puffs",
-        "sources": [{"position": tuple(SOURCE), "rate": RATE, "radius": radius}],
-        "species": {"molar_mass": 0.046, "diffusivity": MOLECULES},
-        "growth": {"kind": "diffusive", "rate": 0.0},
-        "fluctuation": FLUCTUATION,
-        "fluctuation_time": MEMORY,
-        "release_rate": FIRMNESS,
-        "most": 30_000,
-    }
-    gas = PuffSolver(PuffGas.model_validate(keys), grid, _uniform(grid), Air.everywhere(grid))
+    straying = {"fluctuation": FLUCTUATION, "fluctuation_time": MEMORY}
+    gas = _puffs(_grid(10), radius, 0.0, straying | {"release_rate": FIRMNESS, "most": 30_000})
     mean, taken = np.zeros(len(DISTANCES)), 0
     for k in range(round((settled + sampled) * n)):
         gas.advance(k * step, step)
         if k * step >= settled:
             mean, taken = mean + concentration_at(gas, _axis(), 0.0), taken + 1
     ratio = mean / taken / taylor_mean(radius**2 / 5.0 + INITIAL**2)
-    answer = {
-        f"mean at {x:g} m over the closed form": float(value)
-        for x, value in zip(DISTANCES, ratio, strict=True)
-    }
-    return {"mean": float(np.abs(ratio - 1.0).max())} | answer
+    return {"mean": float(np.abs(ratio - 1.0).max())} | _over_the_closed_form(ratio)
 
 
 def near_source_mean(n: int, radius: float) -> Answer:
@@ -227,19 +217,14 @@ def _case(centimetres: int, about: str) -> Case:
         coarse=(10, 20),
         fine=(10, 20, 40),
         slow=True,
-        expected={
-            "grid: flux": Expected(tolerance=0.05),
-            "grid: width": Expected(tolerance=0.05),
-            "grid: mean, for a source as wide as the kernel": Expected(tolerance=0.1),
-            "grid: mean, where the kernel is narrow": Expected(tolerance=0.15),
-            "puffs: flux": Expected(tolerance=0.05),
-            "puffs: mean": Expected(tolerance=0.15),
-        },
+        expected=dict.fromkeys(("grid: flux", "grid: width", "puffs: flux"), Expected(tolerance=0.05))
+        | dict.fromkeys(("grid: mean, where the kernel is narrow", "puffs: mean"), Expected(tolerance=0.15))
+        | {"grid: mean, for a source as wide as the kernel": Expected(tolerance=0.1)},
         discussion=about,
     )
 
 
-NEAR_SOURCE_MEAN_CASES = (
+CASES = (
     _case(
         2,
         "Puffs are right at every distance. The kernel of the release and linear interpolation widen gas on the grid "

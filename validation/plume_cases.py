@@ -7,18 +7,15 @@ from math import pi
 import numpy as np
 from scipy.special import erfc, exp1, k0e
 
-from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.closed_forms import ContinuousGas, GaussianPlumeGas, GaussianPuffGas
-from taichi_plume.scenario.gases import EulerianGas
-from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.gaussian_puffs import ContinuousPuffs, GaussianPuffs
 from taichi_plume.solvers.plumes import Plumes
-from taichi_plume.solvers.uniform import UniformSolver
 from taichi_plume.validation.case import SECOND_ORDER, Answer, Case, Curve, Expected
 from taichi_plume.validation.flow_cases import rms
+from taichi_plume.validation.setups import ethanol, gas_on, uniform
 from taichi_plume.validation.whiffs import meander, whiffs
 
 Q, D, U = 1e-5, 0.01, 0.5  # kg/s, m²/s, m/s
@@ -31,15 +28,13 @@ def _grid(dim: int) -> Grid:
     return Grid(tuple(round(length / 0.1) for length in ROOM[:dim]), 0.1)
 
 
-def _wind(speed: float, grid: Grid) -> UniformSolver:
-    return UniformSolver(UniformWind(kind="uniform", velocity=(speed, 0.0, 0.0)[: grid.dim]), grid)
-
-
-def _continuous(dim: int, speed: float, t: float = 0.0, walls: tuple[str, ...] = (), **source: float):
+def _continuous(
+    dim: int, speed: float, t: float = 0.0, walls: tuple[str, ...] = (), **source: float
+) -> ContinuousPuffs:
     emitter = {"position": SOURCE[:dim], "rate": Q, "radius": POINT} | source
     model = {"kind": "continuous", "diffusivity": D, "walls": walls, "sources": [emitter]}
     grid = _grid(dim)
-    return ContinuousPuffs(ContinuousGas.model_validate(model), grid, _wind(speed, grid), t)
+    return ContinuousPuffs(ContinuousGas.model_validate(model), grid, uniform(grid, speed), t)
 
 
 def _point_source(dx: np.ndarray, speed: float) -> np.ndarray:
@@ -131,7 +126,7 @@ def ducted(n: int) -> Answer:
     grid = _grid(3)
     data = {"position": SOURCE, "rate": Q}
     model = {"kind": "gaussian_plume", "intensity": [0.5, 0.3], "walls": walls, "sources": [data]}
-    plume = Plumes(GaussianPlumeGas.model_validate(model), grid, _wind(U, grid))
+    plume = Plumes(GaussianPlumeGas.model_validate(model), grid, uniform(grid, U))
     steady = _continuous(3, U, 0.0, walls)
     planes = [_across(x, 3, n) for x in (1.5, 2.5, 3.9)]
     return {
@@ -152,14 +147,13 @@ def puff_between_walls(n: int, dim: int = 2) -> Answer:
     place, s0, K, end, speed = (0.3, 0.1, 0.15)[:dim], 0.06, 5e-4, 8.0, 0.05
     shape = (3 * n // 2, n // 2, n // 2)[:dim]
     grid = Grid(shape, 1.0 / n)
-    wind = _wind(speed, grid)
+    wind = uniform(grid, speed)
     walls = ("y-", "y+", "z-", "z+")[: 2 * dim - 2]
-    species = {"molar_mass": 0.046, "diffusivity": K}
+    species = ethanol(K)
     data = {"kind": "gaussian_puff", "species": species, "walls": walls}
     data["releases"] = [{"position": place, "mass": 1.0, "radius": s0}]
     puff = GaussianPuffs(GaussianPuffGas.model_validate(data), grid, wind)
-    model = {"kind": "eulerian", "species": species, "sources": [{"position": place, "rate": 0.0}]}
-    gas = EulerianSolver(EulerianGas.model_validate(model), grid, wind, Air.everywhere(grid))
+    gas = gas_on(grid, wind, species=species)
     gas.start_from(lambda x: concentration_at(puff, x, 0.0))
     gas.advance(0.0, end)
     puff.advance(0.0, end)
@@ -186,22 +180,14 @@ def plume_on_the_grid(n: int) -> Answer:
     speed, s0, end = D / 0.02, 0.08, 1.0
     shape = (2 * n, round(2.4 * n))
     grid = Grid(shape, 1.0 / n)
-    wind, air = _wind(speed, grid), Air.everywhere(grid)
-    x, seen = (
-        grid.centers(),
-        slice(0, round(1.8 * n)),
-    )  # diffusion through the face where the air leaves is none
-    species = {"molar_mass": 0.046, "diffusivity": D}
-
-    def on_the_grid(**source: object) -> EulerianSolver:
-        model = {"kind": "eulerian", "species": species, "sources": [source]}
-        return EulerianSolver(EulerianGas.model_validate(model), grid, wind, air)
+    wind, x, species = uniform(grid, speed), grid.centers(), ethanol(D)
+    seen = slice(0, round(1.8 * n))  # no diffusion through the face where the air leaves
 
     def inner(gas: EulerianSolver) -> np.ndarray:
         return grid.inner(gas.c.to_numpy()).astype(float)
 
     source = (0.4 + 0.5 / n, 1.2 + 0.5 / n)  # the middle of a cell
-    gas = on_the_grid(position=source, rate=Q, radius=0.1 / n)
+    gas = gas_on(grid, wind, species=species, sources=[{"position": source, "rate": Q, "radius": 0.1 / n}])
     gas.advance(0.0, 12.0)  # the air has gone through three times
     away = slice(round(0.8 * n), seen.stop)
     steady, exact = inner(gas)[away], _point_source(x[away] - source, speed)
@@ -209,7 +195,7 @@ def plume_on_the_grid(n: int) -> Answer:
     emitter = {"position": source, "rate": Q, "radius": s0, "stop": 0.0}
     model = {"kind": "continuous", "species": species, "sources": [emitter]}
     form = ContinuousPuffs(ContinuousGas.model_validate(model), grid, wind, 0.0)
-    gas = on_the_grid(position=source, rate=0.0)
+    gas = gas_on(grid, wind, species=species)
     gas.start_from(lambda points: concentration_at(form, points, 0.0))
     gas.advance(0.0, end)
     top = float(concentration_at(form, x, 0.0).max())
@@ -269,7 +255,7 @@ def _walls(dim: int) -> Case:
     )
 
 
-PLUME_CASES = (
+CASES = (
     _steady(2, "Bessel function K0"),
     _steady(3, "closed form"),
     _release(2, "exponential integral E1"),

@@ -1,4 +1,4 @@
-"""PlumeSim's experiment: a Roomba casts for a leak of ethanol in the arena, in air and in PlumeSim's kinds of plumes.
+"""Experiment of PlumeSim: a Roomba casts for a leak of ethanol in the arena, in air and in PlumeSim's kinds of plumes.
 
 Cabrita, Sousa & Marques, "Player/Stage simulation of olfactory experiments", IROS 2010. Published is that the
 simulated, the hybrid and the real robot went to the source in a zigzag along similar ways (figure 13; one run each), no
@@ -21,6 +21,7 @@ from taichi_plume.files.plumesim_log import read_log
 from taichi_plume.files.point_frames import PointFrames
 from taichi_plume.grid.fields import ppm_at
 from taichi_plume.running.plume_log import PlumeLogger
+from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Told
 from taichi_plume.validation.searches import WAY, scenario_of, searches, spread
 
@@ -57,7 +58,7 @@ POINTS = {"kind": "plumesim_meandering", "release_point": [0.0, 1.5], **TARGET}
 POINTS |= {"dispersion": 0.005, "release_rate": 20.0}  # of the program's example
 
 
-def arena(wind: dict[str, Any], gas: dict[str, Any], robot: dict[str, Any] = ROOMBA) -> dict[str, Any]:
+def arena(wind: Keys, gas: Keys, robot: Keys = ROOMBA) -> Keys:
     """The scenario, as a YAML file would tell it."""
     return {
         "name": "plumesim_casting",
@@ -71,7 +72,7 @@ def arena(wind: dict[str, Any], gas: dict[str, Any], robot: dict[str, Any] = ROO
     }
 
 
-def in_airs(trials: int, data: dict[str, Any], title: str, airs: int = 1) -> Told:
+def in_airs(trials: int, data: Keys, title: str, airs: int = 1) -> Told:
     """Trials spread over airs of different seeds."""
     shares = spread(trials, airs)
     return searches([data | {"seed": k + 1} for k in range(len(shares))], shares, title)
@@ -107,10 +108,10 @@ def export(frames: PointFrames, folder: Path) -> None:
         (folder / (FRAMES % (k + 1))).write_text(text, encoding="ascii")
 
 
-def from_logs(trials: int, title: str, robot: dict[str, Any]) -> Told:
+def from_logs(trials: int, title: str, robot: Keys) -> Told:
     """Wind and gas of a log of each air."""
 
-    def of_air(folder: Path, air: int) -> dict[str, Any]:
+    def of_air(folder: Path, air: int) -> Keys:
         log = {"kind": "plumesim_log", "file": f"{air}.pslog"}
         (folder / log["file"]).write_bytes(recorded(air))
         return arena(log, log | TARGET, robot)
@@ -118,10 +119,10 @@ def from_logs(trials: int, title: str, robot: dict[str, Any]) -> Told:
     return from_files(trials, title, of_air)
 
 
-def from_fluent(trials: int, title: str, robot: dict[str, Any]) -> Told:
+def from_fluent(trials: int, title: str, robot: Keys) -> Told:
     """Gas of files of each air as Fluent writes them, in the wind that the scenario tells."""
 
-    def of_air(folder: Path, air: int) -> dict[str, Any]:
+    def of_air(folder: Path, air: int) -> Keys:
         of_it = folder / str(air)
         of_it.mkdir()
         (of_it / LOG).write_bytes(recorded(air))
@@ -132,7 +133,7 @@ def from_fluent(trials: int, title: str, robot: dict[str, Any]) -> Told:
     return from_files(trials, title, of_air)
 
 
-def from_files(trials: int, title: str, of_air: Callable[[Path, int], dict[str, Any]]) -> Told:
+def from_files(trials: int, title: str, of_air: Callable[[Path, int], Keys]) -> Told:
     """Trials spread over the airs of scenarios whose files `of_air` writes into a folder."""
     shares = spread(trials, AIRS)
     with TemporaryDirectory() as name:
@@ -152,7 +153,7 @@ OWN = "PSGaussian, 1 air, threshold 5 % of its own largest"
 CLEAN = PLUME | {"sources": [LEAK | {"rate": 0.0}]}
 
 
-def _air(name: str, airs: int, wind: dict[str, Any], gas: dict[str, Any], **keys: Any) -> Condition:
+def _air(name: str, airs: int, wind: Keys, gas: Keys, **keys: Any) -> Condition:
     title = f"{name}, {airs} {'airs' if airs > 1 else 'air'}"
     return Condition(title, partial(in_airs, data=arena(wind, gas), title=title, airs=airs), **keys)
 
@@ -166,7 +167,7 @@ def _both(name: str, run: Callable[..., Told], **keys: Any) -> tuple[Condition, 
     )
 
 
-def _program(trials: int, title: str, robot: dict[str, Any], gas: dict[str, Any], airs: int) -> Told:
+def _program(trials: int, title: str, robot: Keys, gas: Keys, airs: int) -> Told:
     return in_airs(trials, arena(LAMINAR, gas, robot), title, airs)
 
 
@@ -196,7 +197,7 @@ robot crosses in 2 to 3.5 s while the sensor rises with 3 s, and half of the rob
 find it, and with a threshold of 5 % of what there is, not of the full scale, all with the lagging sensor do.
 """
 
-PLUMESIM_CASES = (
+CASES = (
     Experiment(
         "plumesim_casting",
         "a Roomba casts for a leak at the upwind wall, 3.6 m away",

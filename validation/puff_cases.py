@@ -1,4 +1,4 @@
-"""Puffs against what is known: their spread, their mass at walls, the plume they make, and the gas on the grid."""
+"""Puffs (Lagrangian filaments): Taylor's spread, mass at walls, mean plume, well-mixed condition, gas on the grid."""
 
 from functools import partial
 from itertools import pairwise
@@ -8,25 +8,16 @@ import numpy as np
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.gases import EulerianGas, PuffGas
-from taichi_plume.scenario.winds import CfdWind, SyntheticWind, UniformWind
+from taichi_plume.scenario.winds import SyntheticWind
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.gas import EulerianSolver
-from taichi_plume.solvers.puffs import PuffSolver
 from taichi_plume.solvers.synthetic import SyntheticSolver
-from taichi_plume.solvers.uniform import UniformSolver
 from taichi_plume.validation.case import Answer, Case, Curve, Expected
+from taichi_plume.validation.setups import cfd, gas_on, puffs_on, uniform
 
 STEPS = (5, 10, 20, 50)  # per second: 0.2 s to 0.02 s
-GADEN = {5: 0.123, 10: 0.089, 20: 0.065, 50: 0.037}  # m, measured of gaden_core 2025-07 in the same wind
-POMPY = {5: 0.40, 10: 0.29, 20: 0.18, 50: 0.12}  # m, of pompy 0.1.1 with its own fluctuations
-
-
-def puffs_in(grid: Grid, speed: float, solid: np.ndarray | None = None, **keys) -> PuffSolver:
-    """Puffs of one source in a uniform wind along x."""
-    wind = UniformSolver(UniformWind(kind="uniform", velocity=(speed,) + (0.0,) * (grid.dim - 1)), grid)
-    air = Air.everywhere(grid) if solid is None else Air.of(solid, grid)
-    return PuffSolver(PuffGas.model_validate({"kind": "puffs"} | keys), grid, wind, air)
+# Spread 4 m downwind of other programs, by steps per second [m], for comparison: gaden_core 2025-07 in the same wind
+# {5: 0.123, 10: 0.089, 20: 0.065, 50: 0.037}; pompy 0.1.1 with its own fluctuations {5: 0.40, 10: 0.29, 20: 0.18,
+# 50: 0.12}.
 
 
 def taylor(t: np.ndarray, deviation: float, time: float) -> np.ndarray:
@@ -37,9 +28,10 @@ def taylor(t: np.ndarray, deviation: float, time: float) -> np.ndarray:
 def spread(n: int) -> Answer:
     """Puffs released at one point in a wind of 0.5 m/s, n steps per second: how far apart they are 4 m downwind."""
     deviation, time, rate, end = 0.05, 0.5, 5000.0, 8.5
-    gas = puffs_in(
-        Grid((50, 20, 20), 0.1),
-        0.5,
+    grid = Grid((50, 20, 20), 0.1)
+    gas = puffs_on(
+        grid,
+        uniform(grid, 0.5),
         sources=[{"position": (0.1, 1.0, 1.0), "rate": 1e-5, "radius": 1e-3}],
         release_rate=rate,
         fluctuation=deviation,
@@ -68,10 +60,10 @@ def sampled_mass(n: int, boxed: bool) -> Answer:
     grid = Grid((40, 20, 15), 0.1)
     solid = np.zeros(grid.shape, bool)
     solid[12:18, 12:17, :6] = boxed
-    gas = puffs_in(
+    gas = puffs_on(
         grid,
-        0.5,
-        solid,
+        uniform(grid, 0.5),
+        Air.of(solid, grid),
         sources=[{"position": (0.6, 1.0, 0.15), "rate": 1e-5}],
         initial_size=0.1,
         growth={"kind": "diffusive", "rate": 1e-3},
@@ -96,9 +88,10 @@ def plume(n: int) -> Answer:
     speed, deviation, time, dt = 0.5, 0.05, 0.5, 0.1
     source, rate = np.array([0.3, 0.5, 0.5]), 1e-5
     species = {"molar_mass": 0.05, "diffusivity": 1e-5}
-    gas = puffs_in(
-        Grid((30, 10, 10), 0.1),
-        speed,
+    grid = Grid((30, 10, 10), 0.1)
+    gas = puffs_on(
+        grid,
+        uniform(grid, speed),
         sources=[{"position": tuple(source), "rate": rate, "radius": 1e-3}],
         species=species,
         release_rate=1000.0,
@@ -145,8 +138,7 @@ def well_mixed(n: int) -> Answer:
     air = Air.of(solid, grid)
     wind = SyntheticSolver(SyntheticWind(kind="synthetic", speed=0.1), grid, air)
     wind.nu = None  # where it falls it moves the middles of puffs, so that gas, with their widths, stays even
-    model = {"sources": [{"position": (0.5, 0.5), "rate": 0.0}], "fluctuation": 0.05, "kind": "puffs"}
-    gas = PuffSolver(PuffGas.model_validate(model), grid, wind, air)
+    gas = puffs_on(grid, wind, air, sources=[{"position": (0.5, 0.5), "rate": 0.0}], fluctuation=0.05)
     rng = np.random.default_rng(1)
     x = rng.random((3000 * n, 2)) * grid.extent
     x = x[~solid[tuple((x / grid.dx).astype(int).T)]][: 1000 * n]
@@ -179,23 +171,11 @@ def on_the_grid(n: int) -> Answer:
     solid = np.zeros(grid.shape, bool)
     solid[30:36, 26:36] = True
     air = Air.of(solid, grid)
-    openings = (
-        {"kind": "honeycomb", "face": "x-", "speed": 0.7, "turbulence_intensity": 0.1},
-        {"kind": "honeycomb", "face": "x+"},
-    )
-    flow = FlowSolver(CfdWind.model_validate({"kind": "cfd", "openings": openings}), grid, air)
+    inflow = {"kind": "honeycomb", "face": "x-", "speed": 0.7, "turbulence_intensity": 0.1}
+    flow = FlowSolver(cfd([inflow, {"kind": "honeycomb", "face": "x+"}]), grid, air)
     sources = [{"position": (0.7, 1.35), "rate": 1e-5, "radius": 0.1}]
-    eulerian = EulerianSolver(
-        EulerianGas.model_validate({"kind": "eulerian", "sources": sources}), grid, flow, air
-    )
-    puffs = PuffSolver(
-        PuffGas.model_validate(
-            {"kind": "puffs", "sources": sources, "release_rate": 100, "initial_size": 0.02}
-        ),
-        grid,
-        flow,
-        air,
-    )
+    eulerian = gas_on(grid, flow, air, sources=sources)
+    puffs = puffs_on(grid, flow, air, sources=sources, release_rate=100, initial_size=0.02)
     means, t, taken, last = np.zeros((2, *grid.shape)), 0.0, 0.0, 15.0
     while t < 15.0 + n:
         dt = flow.stable_dt(t)
@@ -221,7 +201,7 @@ def on_the_grid(n: int) -> Answer:
     }
 
 
-PUFF_CASES = (
+CASES = (
     Case(
         "puffs_spread",
         "puffs in a uniform wind, steps of 0.2 to 0.02 s",

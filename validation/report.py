@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume.validation.case import Curve
+from taichi_plume.validation.case import Curve, Keys
 from taichi_plume.validation.experiment import Lines, Picture, Tracks
 
 Pictures = Mapping[str, Picture]
@@ -30,7 +30,7 @@ th { font-weight: 600; border-bottom: 1px solid #bbb } .about { color: #555 }
 """
 
 
-def page(report: dict[str, Any], pictures: Mapping[str, Pictures]) -> str:
+def page(report: Keys, pictures: Mapping[str, Pictures]) -> str:
     """The page of a report (see `__main__`), with the pictures of each case by its name."""
     versions = ", ".join(f"{name} {version}" for name, version in report["versions"].items())
     verdict = "all as expected" if report["passed"] else "not all as expected"
@@ -46,7 +46,7 @@ def page(report: dict[str, Any], pictures: Mapping[str, Pictures]) -> str:
     )
 
 
-def plain(pictures: Pictures) -> dict[str, Any]:
+def plain(pictures: Pictures) -> Keys:
     """Pictures as JSON holds them, thinned to `POINTS` and rounded to four digits, each with its `kind`."""
     return {
         title: {"kind": type(picture).__name__.lower(), **_plain(picture)}
@@ -54,7 +54,7 @@ def plain(pictures: Pictures) -> dict[str, Any]:
     }
 
 
-def _plain(picture: Picture) -> dict[str, Any]:
+def _plain(picture: Picture) -> Keys:
     if isinstance(picture, Tracks):
         ways = [[_numbers(point) for point in _thin(way)] for way in picture.ways]
         return {"size": list(picture.size), "source": list(picture.source), "ways": ways}
@@ -77,7 +77,7 @@ def _numbers(values: np.ndarray) -> list[float | None]:
     return [float(f"{value:.4g}") if np.isfinite(value) else None for value in np.ravel(values)]
 
 
-def _index_row(case: dict[str, Any]) -> str:
+def _index_row(case: Keys) -> str:
     name = escape(case["name"])
     return (
         f'<tr><td><a href="#{name}">{name}</a></td><td>{escape(case["about"])}</td>'
@@ -89,8 +89,8 @@ def _verdict(met: bool | None) -> str:
     return f'<span style="color:{INK[met]}">{WORD[met]}</span>'
 
 
-def mean_with_interval(row: dict[str, Any]) -> str:
-    """What an experiment found."""
+def mean_with_interval(row: Keys) -> str:
+    """Return the mean of a row with its interval as text."""
     if row["mean"] is None:
         return "-"
     interval = "" if row["low"] is None else f" ({row['low']:.3g} to {row['high']:.3g})"
@@ -98,7 +98,7 @@ def mean_with_interval(row: dict[str, Any]) -> str:
     return f"{row['mean']:.3g}{interval}, n = {row['n']}{airs}"
 
 
-def _case(case: dict[str, Any], pictures: Pictures) -> str:
+def _case(case: Keys, pictures: Pictures) -> str:
     name, about = escape(case["name"]), f"{case['about']} ({case['reference']}), {case['wall_s']:.0f} s"
     message = f'<p style="color:{INK[False]}">{escape(case["message"])}</p>' if case["message"] else ""
     table = _norms(case.get("norms", [])) + _means(case.get("rows", []))
@@ -108,12 +108,12 @@ def _case(case: dict[str, Any], pictures: Pictures) -> str:
     return f'<h2 id="{name}">{name}</h2><p class=about>{escape(about)}</p>{message}{said}{table}{image}'
 
 
-def _norms(rows: list[dict[str, Any]]) -> str:
+def _norms(rows: list[Keys]) -> str:
     sizes = list(dict.fromkeys(n for row in rows for n in row["errors"]))
     return _table(["error", *map(_at, sizes), "order", "expected", ""], [_norm(row, sizes) for row in rows])
 
 
-def _means(rows: list[dict[str, Any]]) -> str:
+def _means(rows: list[Keys]) -> str:
     """The table of an experiment; a condition is named once."""
     lines, last = [], ""
     for row in rows:
@@ -135,7 +135,7 @@ def _at(size: str) -> str:
     return f"at {escape(size)}"
 
 
-def _norm(row: dict[str, Any], sizes: list[str]) -> list[str]:
+def _norm(row: Keys, sizes: list[str]) -> list[str]:
     errors = [row["errors"].get(n) for n in sizes]
     return [
         escape(row["norm"]),
@@ -149,7 +149,7 @@ def _norm(row: dict[str, Any], sizes: list[str]) -> list[str]:
 # ---------------------------------------------------------------- plots
 
 
-def _picture(case: dict[str, Any], pictures: Pictures) -> str:
+def _picture(case: Keys, pictures: Pictures) -> str:
     """An SVG in base64: errors over resolution where an order is expected, curves, tracks. Empty if there is none."""
     from matplotlib.figure import Figure  # half a second, which a run without a report need not wait for
 
@@ -178,7 +178,7 @@ def _picture(case: dict[str, Any], pictures: Pictures) -> str:
     return base64.b64encode(file.getvalue()).decode()
 
 
-def _convergence(axis: Any, rows: list[dict[str, Any]]) -> None:
+def _convergence(axis: Any, rows: list[Keys]) -> None:
     largest, sizes = 0.0, np.array([])
     for row in rows:
         known = {int(n): error for n, error in row["errors"].items() if error}

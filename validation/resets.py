@@ -1,4 +1,4 @@
-"""Whether a simulation that is reset computes what a fresh process computes, to the bit.
+"""Check that a reset simulation equals a fresh process, to the bit.
 
     python -m taichi_plume.validation.resets [NAME ...] [--seconds S] [--times N] [--keep DIR]
 
@@ -31,6 +31,7 @@ from taichi_plume.running.result import result, write_result
 from taichi_plume.running.robots_table import RobotTable
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
+from taichi_plume.validation.case import Keys
 from taichi_plume.validation.same_runs import differences, shortened
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
@@ -103,7 +104,7 @@ def check(path: Path, times: int) -> int:
 
 
 def growth(sim: Simulation, scenario: Scenario, times: int) -> float:
-    """By how many MB the process grows over so many resets with a tick after each, from the tenth part of them on."""
+    """Return the growth of the process [MB] over resets with a tick after each, from a tenth of them on."""
     process, begin = psutil.Process(), 0
     for n in range(times):
         sim.reset(scenario)
@@ -152,7 +153,7 @@ def _scaled(value: Any, keys: Sequence[str], factor: float, within: bool = False
     return value * factor if within and isinstance(value, float) else value
 
 
-def _moved(start: dict[str, Any]) -> dict[str, Any]:
+def _moved(start: Keys) -> Keys:
     """Places of a start, a little lower along y."""
 
     def aside(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""How fast synthetic rooms mix, beside rooms in which it was measured.
+"""Eddy diffusivity of synthetic rooms, compared with rooms in which it was measured.
 
 Cheng et al. 2011 (doi:10.1021/es103080p) released carbon monoxide at a point in two homes with 30 to 37 monitors about
 it, 11 times, and fitted an isotropic eddy diffusivity K: 0.001 to 0.013 m²/s from less than 0.2 to more than 5 air
@@ -111,7 +111,7 @@ def released(airs: int) -> Told:
 
 
 def _cosines(c: np.ndarray, grid: Grid, axes: tuple[int, ...]) -> list[float]:
-    """Of a whole wave along each axis, over the gas: -1 where all of it is in the middle."""
+    """Return the mean cosine of a whole wave along each axis, weighted by the gas: -1 if all gas is in the middle."""
     x = grid.centers()
     return [float((c * np.cos(2.0 * pi * x[..., d] / grid.extent[d])).sum() / c.sum()) for d in axes]
 
@@ -155,7 +155,7 @@ def _condition(name: str, room: tuple[tuple[int, ...], float], **keys: float) ->
     )
 
 
-ROOM_AIR_CASES = (
+CASES = (
     Experiment(
         "room_air",
         "how fast the air of synthetic rooms mixes, beside rooms in which it was measured",

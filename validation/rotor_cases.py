@@ -1,4 +1,4 @@
-"""A rotor that hovers: the momentum it gives the air, and the velocities of momentum theory. n cells span its radius R.
+"""Downwash of a hovering rotor: momentum balance and momentum theory (actuator disc). n cells span the radius R.
 
 A thrust T on a disc of area A sucks the air through it at w = (T/(2 rho A))^½ in the mean and leaves it at 2 w, in a
 jet that has contracted to half of A (Rankine 1865, Froude 1889). Here R = 0.5 m and w = 1 m/s, in still air that comes
@@ -15,12 +15,12 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.bodies import GRAVITY, Body
 from taichi_plume.scenario.species import AIR_DENSITY
-from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.downwash import Downwash
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.patches import periodic_axes
 from taichi_plume.validation.case import Case, Expected
-from taichi_plume.validation.flow_cases import Errors, advance, velocities
+from taichi_plume.validation.flow_cases import Errors, velocities
+from taichi_plume.validation.setups import advance, cfd, samples
 
 RADIUS, INDUCED = 0.5, 1.0  # m, m/s
 AREA = pi * RADIUS**2
@@ -33,7 +33,7 @@ PLACES = ((4.0, 4.0), (4.03, 4.12), (4.21, 3.87))  # in radii, on the grid in se
 
 def _hover(n: int, faces: list[dict], place: tuple[float, float], altitude: float) -> FlowSolver:
     """The flow of a rotor at that place [radii]."""
-    wind = CfdWind.model_validate({"kind": "cfd", "openings": faces})
+    wind = cfd(faces)
     grid = Grid((WIDTH * n, WIDTH * n, HEIGHT * n), RADIUS / n, periodic=periodic_axes(wind.openings, 3))
     at, push = ti.Vector.field(2, ti.f32, 1), ti.Vector.field(3, ti.f32, 1)
     heading, height = ti.field(ti.f32, 1), ti.field(ti.f32, 1)
@@ -57,11 +57,9 @@ def hovering_rotor(n: int) -> Errors:
     free = [{"kind": "outlet", "face": axis + side} for axis in "xyz" for side in "-+"]
     flow = _hover(n, free, PLACES[0], ABOVE)
     advance(flow, SETTLE)
-    mean = np.zeros(flow.grid.shape)
-    samples = round(AVERAGED / SAMPLE)
-    for k in range(samples):
-        advance(flow, SETTLE + (k + 1) * SAMPLE, SETTLE + k * SAMPLE)
-        mean -= flow.grid.read(flow.u[2]) / samples
+    mean, count = np.zeros(flow.grid.shape), round(AVERAGED / SAMPLE)
+    for _ in samples(flow, SETTLE, SAMPLE, count):
+        mean -= flow.grid.read(flow.u[2]) / count
     places = (np.arange(WIDTH * n) + 0.5) / n - PLACES[0][0]
     off = np.hypot(places[:, None], places)
     through = float(mean[off < 1.0][:, ABOVE * n].mean())
@@ -76,7 +74,7 @@ def hovering_rotor(n: int) -> Errors:
     }
 
 
-ROTOR_CASES = (
+CASES = (
     Case(
         "hovering_rotor",
         "the downwash of a rotor that hovers in still air",

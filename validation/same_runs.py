@@ -1,4 +1,4 @@
-"""Whether two checkouts compute the same, to the bit.
+"""Check that two checkouts compute the same results, to the bit.
 
     python -m taichi_plume.validation.same_runs OLD NEW [--seconds S] [--only NAME ...] [--keep DIR]
 
@@ -71,7 +71,7 @@ def shortened(data: dict[str, Any], seconds: float) -> dict[str, Any]:
 
 
 def differences(old: Path, new: Path, keys: Sequence[str] = ("status", "steps", "gas")) -> Iterator[str]:
-    """What differs between two run directories, in these keys of the result and in the robots' table, a line each."""
+    """Yield the differences of two run folders in these keys of the result and in the robots' table, a line each."""
     results = []
     for run in (old, new):
         file = run / "result.json"

@@ -1,51 +1,68 @@
-"""Searches of one group of robots for an experiment: trials in one or several airs, and what they come to."""
+"""Runs of experiments: search trials of robots in one or several airs with their statistics, and runs with probes."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import inf
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import checked
+from taichi_plume.files.table_parts import read
 from taichi_plume.grid import kernels
 from taichi_plume.results.run import Run
+from taichi_plume.running.probes_table import ProbeTable
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.trials import source_places, trial_outcomes, trial_summary
 from taichi_plume.simulation import Every, Simulation
+from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Mean, Tracks, over_airs
 
-SHOWN = 6  # ways in a picture
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Key = TypeVar("Key")
+SHOWN = 6  # paths in a picture
 WAY = "path / straight way"
 QUANTITIES = {"success": "success_rate", "time [s]": "time_s", WAY: "overhead"}
 
 
-def scenario_of(data: dict[str, Any], folder: Path = Path()) -> Scenario:
-    """The checked scenario that `data` tells as a YAML file would. Raises ScenarioError."""
+def scenario_of(data: Keys, folder: Path = Path()) -> Scenario:
+    """Return the checked scenario of the keys of a YAML file. Raises ScenarioError."""
     return checked(Scenario.model_validate(data), folder).scenario
 
 
 def spread(trials: int, airs: int) -> list[int]:
-    """How many trials each air has: as even as can be, and none without."""
+    """Return the number of trials of each air, as even as possible; airs without trials are left out."""
     shares = [trials // airs + (k < trials % airs) for k in range(airs)]
     return [share for share in shares if share]
 
 
 def afresh() -> None:
-    """Start Taichi anew on the same device: it holds 512 trees of fields at most, and crashes beyond.
+    """Restart Taichi on the same device: it holds at most 512 trees of fields, and crashes beyond.
 
-    For experiments that assemble many simulations one after the other; those before are lost.
+    For experiments that assemble many simulations one after the other; earlier simulations are lost.
     """
     kernels.start("cpu" if kernels.on_cpu() else ti.cfg.arch.name)
 
 
 def outcomes(sim: Simulation) -> dict[str, dict[str, list[Any]]]:
-    """The columns of `trial_outcomes` of a finished run, by the names of its groups."""
+    """Return the columns of `trial_outcomes` of a finished run, by the names of its groups."""
     snapshot = sim.swarm.snapshot()
     sources = source_places(sim)
     return {group.name: trial_outcomes(group, snapshot, sources) for group in sim.swarm.groups}
+
+
+def pooled(parts: Iterable[tuple[Key, Mapping[str, Sequence[Any]]]]) -> dict[Key, dict[str, np.ndarray]]:
+    """Return the columns of several parts joined, by key."""
+    columns: dict[Key, dict[str, list[Any]]] = {}
+    for key, part in parts:
+        for name, values in part.items():
+            columns.setdefault(key, {}).setdefault(name, []).extend(values)
+    return {key: {name: np.array(values) for name, values in part.items()} for key, part in columns.items()}
 
 
 class Searches:
@@ -113,7 +130,7 @@ def _some(numbers: np.ndarray, most: int) -> np.ndarray:
 
 
 def searches(
-    airs: Iterable[dict[str, Any]], trials: Sequence[int], title: str, folder: Path = Path()
+    airs: Iterable[Keys], trials: Sequence[int], title: str, folder: Path = Path()
 ) -> dict[str, Mean | Tracks]:
     """Run the first group of scenarios in so many trials each; Taichi must have been started. title: of the picture."""
     found, scenario = Searches(), None
@@ -125,9 +142,7 @@ def searches(
     return found.told(scenario, title)
 
 
-def contest(
-    data: dict[str, Any], folder: Path = Path(), limit: float = inf
-) -> dict[str, dict[str, list[Any]]]:
+def contest(data: Keys, folder: Path = Path(), limit: float = inf) -> dict[str, dict[str, list[Any]]]:
     """Run a scenario with its groups as rivals; returns the columns of `trial_outcomes` by the names of the groups.
 
     limit: of a search [s]: each group's outcomes are those so long after it set off, and the run ends with the last.
@@ -145,3 +160,21 @@ def contest(
             told |= {name: now[name] for name in over}
             late = {name: end for name, end in late.items() if name not in over}
     return told | {name: one for name, one in outcomes(sim).items() if name in late}
+
+
+def probed(data: Keys) -> tuple[Simulation, np.ndarray, "pa.Table"]:
+    """Run a scenario with probes; return the simulation at its end, the times (n,) [s], and the table of the probes.
+
+    The table has all points of each time. Taichi must have been started.
+    """
+    sim = assemble(scenario_of(data))
+    model = sim.scenario.probes
+    assert model is not None
+    with TemporaryDirectory() as folder:
+        table = ProbeTable(sim, Path(folder) / "probes.parquet", model)
+        sim.step_observers.append(table.observer())
+        table.start()
+        sim.run()
+        table.close()
+        readings = read(table.path)
+    return sim, readings["t"].to_numpy()[:: model.size], readings

@@ -8,15 +8,13 @@ from itertools import product
 
 import numpy as np
 
-from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.winds import UniformWind
-from taichi_plume.solvers.gas import EulerianSolver
-from taichi_plume.solvers.uniform import UniformSolver
 from taichi_plume.validation.case import Answer, Case, Curve, Expected
+from taichi_plume.validation.setups import ethanol, gas_on, uniform
 
 SPEED, RADIUS = 0.5, 0.02  # m/s, m
 EDDIES = 1e-4
@@ -27,11 +25,10 @@ class Plume:
     """Gas of one small source in a uniform wind, which is begun anew for each place and wind."""
 
     def __init__(self, grid: Grid, diffusivity: float, convection: str = "koren"):
-        species = {"molar_mass": 0.046, "diffusivity": diffusivity}
-        self.grid, self.keys = grid, {"kind": "eulerian", "convection": convection, "species": species}
-        self.wind = UniformSolver(self.blowing(0.0), grid)
-        start = tuple(0.5 * length for length in grid.extent)
-        self.gas = EulerianSolver(self.emitting(start), grid, self.wind, Air.everywhere(grid))
+        self.grid, self.wind = grid, uniform(grid, SPEED)
+        self.keys = {"kind": "eulerian", "convection": convection, "species": ethanol(diffusivity)}
+        middle = {"position": tuple(0.5 * length for length in grid.extent), "rate": 1e-6, "radius": RADIUS}
+        self.gas = gas_on(grid, self.wind, **self.keys, sources=[middle])
         self.state = State(self.gas)
 
     def blowing(self, slope: float) -> UniformWind:
@@ -75,7 +72,7 @@ def source_places(n: int) -> Answer:
 def _sections(
     plume: Plume, place: tuple[float, float], far: np.ndarray
 ) -> Iterator[tuple[float, float, float]]:
-    """Of the cells across the wind that are about so `far` [m] behind the source: how far exactly, and centroid [m] and
+    """Yield for sections about `far` [m] behind the source the exact distance [m], and centroid [m] and
     variance [m²] of the gas.
     """
     c, x = plume.gas.cells(0.0).astype(float), plume.grid.centers()
@@ -122,7 +119,7 @@ def _oblique(convection: str) -> Case:
     )
 
 
-SOURCE_CASES = (
+CASES = (
     Case(
         "source_places",
         "a source of 2 cm in 27 places of a cell, largest over smallest concentration, less 1",

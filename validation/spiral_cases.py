@@ -1,4 +1,4 @@
-"""The SPIRAL room: four algorithms look for a dish of ethanol in a closed room without a fan, from two distances.
+"""SPIRAL experiment: four algorithms search for a dish of ethanol in a closed room without a fan, from two distances.
 
 Ferri, Caselli, Mattoli, Mondini, Mazzolai & Dario, Robotics and Autonomous Systems 57 (2009) 393-402, table 2. All
 algorithms search the same airs, an equal share of the trials each. As in the paper a session has four trials, after
@@ -11,10 +11,10 @@ farther than 2 m from the dish. Intervals are over the airs. See spiral_room.py,
 from collections.abc import Mapping
 from functools import cache, partial
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
+from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import (
     Condition,
     Experiment,
@@ -23,7 +23,7 @@ from taichi_plume.validation.experiment import (
     over_airs,
     ratio_over_airs,
 )
-from taichi_plume.validation.searches import afresh, contest, spread
+from taichi_plume.validation.searches import afresh, contest, pooled, spread
 from taichi_plume.validation.spiral_floor import arms, noise
 from taichi_plume.validation.spiral_index import indices, least_index
 from taichi_plume.validation.spiral_room import (
@@ -64,16 +64,16 @@ middle one was taken.
 """
 
 
-def spiral_of(minimum: float) -> dict[str, dict[str, Any]]:
+def spiral_of(minimum: float) -> dict[str, Keys]:
     """The algorithms, of which SPIRAL has this least index of a hit [ppm]."""
     return ALGORITHMS | {"SPIRAL": ALGORITHMS["SPIRAL"] | {"minimum_ppm": minimum}}
 
 
 @cache
-def table(trials: int) -> dict[tuple[str, int], Columns]:
-    """What `trial_outcomes` tells of every algorithm and distance, and the `air`, over the trials of all sessions."""
+def table(trials: int) -> Mapping[tuple[str, int], Columns]:
+    """Return the outcomes of every algorithm and distance, with `air` and `place`, over the trials of all sessions."""
     algorithms = spiral_of(least_index(AIRS))
-    columns: dict[tuple[str, int], dict[str, list[Any]]] = {row: {} for row in TABLE_2}
+    parts = []
     shares = iter(spread(trials, AIRS * SESSION))
     for air in range(AIRS):
         places = [(k, share) for k in range(SESSION) if (share := next(shares, 0))]
@@ -88,14 +88,13 @@ def table(trials: int) -> dict[tuple[str, int], Columns]:
         end = max(one["begin"] for one in robots.values()) + HOUR
         found = contest(room(air, list(robots.values()), end), limit=HOUR)
         for (row, k), group in robots.items():
-            told = found[group["name"]] | {"air": [air] * group["trials"], "place": [k] * group["trials"]}
-            for name, values in told.items():
-                columns[row].setdefault(name, []).extend(values)
-    return {row: {name: np.array(values) for name, values in told.items()} for row, told in columns.items()}
+            numbers = {"air": [air] * group["trials"], "place": [k] * group["trials"]}
+            parts.append((row, found[group["name"]] | numbers))
+    return pooled(parts)
 
 
 def times(columns: Columns) -> np.ndarray:
-    """Of all trials [s], of failures the whole hour."""
+    """Return the search times of all trials [s]; failures count with the whole hour."""
     return np.where(columns["success"], columns["time_s"], HOUR)
 
 
@@ -126,7 +125,7 @@ ORDER = (*pairwise(RANKING), ("SPIRAL", "E. coli 3 s"))
 
 
 def order(trials: int) -> Told:
-    """How many times as long, and as many acquisitions, one algorithm takes as another."""
+    """Return the ratios of times and of acquisitions of pairs of algorithms."""
     rows, told = table(trials), {}
     for d in DISTANCES:
         airs = {name: rows[name, d]["air"] for name in ALGORITHMS}
@@ -176,7 +175,7 @@ def _arms() -> Condition:
     return Condition("random SPIRAL along other arms", lambda trials: arms(8 * trials))
 
 
-SPIRAL_CASES = (
+CASES = (
     Experiment(
         "spiral_table2",
         f"four algorithms look for a dish of ethanol in a closed room, in {AIRS} airs",

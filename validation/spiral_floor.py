@@ -16,6 +16,7 @@ from taichi_plume.assembly.assemble import assemble
 from taichi_plume.grid.rng import normal4, stream_id
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scoring.trials import mean_with_interval
+from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Lines, Mean, Told
 from taichi_plume.validation.searches import outcomes, scenario_of
 from taichi_plume.validation.spiral_room import ALGORITHMS, DISTANCES, SOURCE, TABLE_2, at, floor, momo
@@ -34,7 +35,7 @@ NOISY = ("SPIRAL", "E. coli 3 s")
 
 @ti.data_oriented
 class NoisyIndex:
-    """In place of the sensors: what makes indices of a known noise, the same through an acquisition.
+    """Stand-in for the sensors: indices with a known noise, constant through an acquisition.
 
     spread: standard deviation of its logarithm, of each robot.
     """
@@ -72,7 +73,7 @@ def _minimum() -> float:
     return float((1.0 / (NEAR + d[d > FAR])).mean())
 
 
-def _searched(groups: list[dict[str, Any]], spreads: list[float]) -> list[dict[str, np.ndarray]]:
+def _searched(groups: list[Keys], spreads: list[float]) -> list[dict[str, np.ndarray]]:
     """Outcomes of rivals, each with indices of its own noise."""
     sim = assemble(scenario_of(floor(groups, LONGEST) | {"rivals": True}))
     sim.sensors = NoisyIndex(sim.swarm, np.repeat(spreads, [g.size for g in sim.swarm.groups]))
@@ -125,7 +126,7 @@ def noisy(trials: int) -> dict[tuple[str, int, float], np.ndarray]:
 def noise(trials: int) -> Told:
     """Acquisitions over the spread of the indices, with the published ones as lines."""
     found, x = noisy(trials), np.array(SPREADS)
-    told: dict[str, Any] = {}
+    told: Keys = {}
     for d in DISTANCES:
         lines = {}
         for name in NOISY:

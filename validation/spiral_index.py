@@ -16,6 +16,7 @@ import numpy as np
 from taichi_plume.agents.spiral import FLAT, Spiral
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.simulation import Every, Simulation
+from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Mean, Told, over_airs
 from taichi_plume.validation.searches import afresh, scenario_of
 from taichi_plume.validation.spiral_room import DISTANCES, OPENED, SOURCE, momo, room
@@ -35,7 +36,7 @@ STILL = 1e-3  # m, the arms of a robot that stays
 
 
 class Records(NamedTuple):
-    """Of acquisitions, in their order, at all places: proximity indices and means [ppm], (k, places)."""
+    """Proximity indices and means [ppm] of acquisitions, in their order, at all places, (k, places)."""
 
     index: np.ndarray
     mean: np.ndarray
@@ -67,17 +68,17 @@ class Heard:
                 self.before[begin:end] = now[begin:end]
 
     def records(self, name: str) -> Records:
-        """Of a group."""
+        """Return the records of a group."""
         return Records(*(np.array(part) for part in zip(*self.rows[name], strict=True)))
 
 
-def _listener(name: str, start: dict[str, Any], begin: float, trials: int = 1, **keys: Any) -> dict[str, Any]:
+def _listener(name: str, start: Keys, begin: float, trials: int = 1, **keys: Any) -> Keys:
     """Robots that stay: no index is a hit."""
     stays = {"kind": "spiral", "arms": [STILL] * 100, "minimum_ppm": 1e6}
     return momo(name, trials, start, stays | keys, begin)
 
 
-def _start() -> dict[str, Any]:
+def _start() -> Keys:
     angles = np.radians([a for _, a in PLACES])
     reach = np.array([d for d, _ in PLACES]) / 100
     places = np.array(SOURCE) + reach[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
@@ -123,7 +124,7 @@ def spread(values: np.ndarray) -> np.ndarray:
 
 
 def indices(trials: int, airs: int) -> Told:
-    """What is told of the indices in the room; intervals over the airs."""
+    """Return the statistics of the indices in the room; intervals over the airs."""
     told: dict[str, Mean] = {}
     records = [heard(air)[1] for air in range(airs)]
 

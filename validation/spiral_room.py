@@ -6,9 +6,11 @@ ours has 50 m³ of air that drifts about at a few cm/s, see solvers/synthetic.py
 """
 
 from math import sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from scipy.special import stdtrit
+
+from taichi_plume.validation.case import Keys
 
 OPENED = 300.0  # s before the first trial
 HOUR = 3600.0  # s, after which a search has failed
@@ -21,7 +23,7 @@ DISTANCES = (180, 150)  # cm
 # it averages out; a step of the 10-bit converter of the paper's microcontroller is 0.004 in ln R where the sensor has
 # the resistance of its load.
 READING_NOISE = 0.003
-ALGORITHMS: dict[str, dict[str, Any]] = {
+ALGORITHMS: dict[str, Keys] = {
     "SPIRAL": {"kind": "spiral"},
     "E. coli 3 s": {"kind": "ecoli", "acquisition": 3.0},
     "E. coli 30 s": {"kind": "ecoli", "acquisition": 30.0},
@@ -38,7 +40,7 @@ class Sample(NamedTuple):
 
     @property
     def half(self) -> float:
-        """Of Student's interval of 95 % confidence."""
+        """Half of Student's interval of 95 % confidence."""
         return float(stdtrit(self.n - 1, 0.975)) * self.deviation / sqrt(self.n)
 
     def __str__(self) -> str:
@@ -75,15 +77,13 @@ def begins(row: tuple[str, int]) -> list[float]:
     return [round(k * (TABLE_2[row].time.mean + PAUSE), 1) for k in range(SESSION)]
 
 
-def at(distance: int) -> dict[str, Any]:
+def at(distance: int) -> Keys:
     """Start at so many centimetres from the dish, across the way to it."""
     place = [round(SOURCE[0] - distance / 100, 2), SOURCE[1]]
     return {"kind": "positions", "positions": [place], "heading_deg": 90}
 
 
-def momo(
-    name: str, trials: int, start: dict[str, Any], algorithm: dict[str, Any], begin: float = 0.0
-) -> dict[str, Any]:
+def momo(name: str, trials: int, start: Keys, algorithm: Keys, begin: float = 0.0) -> Keys:
     """The robot."""
     gas = {"kind": "mox", "model": "tgs800", "period": 0.5, "averaged": 500, "calibration": "cubic"}
     return {
@@ -100,7 +100,7 @@ def momo(
     }
 
 
-def room(air: int, robots: list[dict[str, Any]], duration: float) -> dict[str, Any]:
+def room(air: int, robots: list[Keys], duration: float) -> Keys:
     """The scenario as a YAML file would tell it: one of several airs, five minutes after the dish was opened."""
     return {
         "name": "spiral_room",
@@ -128,7 +128,7 @@ def room(air: int, robots: list[dict[str, Any]], duration: float) -> dict[str, A
     }
 
 
-def floor(robots: list[dict[str, Any]], duration: float) -> dict[str, Any]:
+def floor(robots: list[Keys], duration: float) -> Keys:
     """The arena alone, in two dimensions, for searches in which the air plays no part."""
     return {
         "name": "spiral_floor",

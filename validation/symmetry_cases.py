@@ -1,4 +1,4 @@
-"""A mirrored and a turned room have the mirrored and the turned flow, also at the rims of openings in a wall."""
+"""Symmetry of the flow solver under reflection and rotation of a room, also at the rims of openings in a wall."""
 
 from functools import partial
 
@@ -7,7 +7,8 @@ import numpy as np
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.validation.case import Case, Expected
-from taichi_plume.validation.flow_cases import SMALL_COURANT, SMALL_STEPS, Errors, in_empty_box
+from taichi_plume.validation.flow_cases import SMALL_COURANT, SMALL_STEPS, Errors, both_steps
+from taichi_plume.validation.setups import cfd, flow_on
 
 SIZE = (2.4, 1.6, 1.2)  # m
 DURATION = 1.0  # s
@@ -84,8 +85,7 @@ def room(n: int, dim: int, openings: tuple[dict, ...]) -> Errors:
 
     def errors(courant: float) -> Errors:
         def flow_of(placed: list[dict], cells: tuple[int, ...]) -> FlowSolver:
-            wind = {"kind": "cfd", "openings": placed, "courant": courant, "tolerance": 1e-6}
-            return in_empty_box(CfdWind.model_validate(wind), cells, dx)
+            return flow_on(cfd(placed, courant=courant, tolerance=1e-6), cells, dx)
 
         def at_end(placed: list[dict], cells: tuple[int, ...]) -> list[np.ndarray]:
             flow, t = flow_of(placed, cells), 0.0
@@ -107,9 +107,8 @@ def room(n: int, dim: int, openings: tuple[dict, ...]) -> Errors:
         return {"mirrored, largest": mirrored, "turned, largest": _largest_difference(velocity, back)}
 
     small = errors(SMALL_COURANT)
-    return errors(CfdWind.model_fields["courant"].default) | {
-        norm + SMALL_STEPS: error for norm, error in small.items()
-    }
+    usual = errors(CfdWind.model_fields["courant"].default)
+    return usual | {norm + SMALL_STEPS: error for norm, error in small.items()}
 
 
 def _case(name: str, what: str, dim: int, openings: tuple[dict, ...], fine: tuple[int, ...]) -> Case:
@@ -122,11 +121,11 @@ def _case(name: str, what: str, dim: int, openings: tuple[dict, ...], fine: tupl
         coarse=(12, 16),
         fine=fine,
         slow=dim == 3,
-        expected={norm + steps: Expected(tolerance=1e-5) for norm in norms for steps in ("", SMALL_STEPS)},
+        expected=both_steps(dict.fromkeys(norms, Expected(tolerance=1e-5))),
     )
 
 
-SYMMETRY_CASES = [
+CASES = [
     _case("", "a room with openings in its walls, mirrored and turned", 2, OPENINGS, (12, 16, 24, 32)),
     _case("", "a room with openings in its walls, mirrored and turned", 3, OPENINGS, (12, 16, 24)),
     _case("full_", "a room with openings over whole walls, mirrored and turned", 3, FULL_FACES, (12, 16, 24)),

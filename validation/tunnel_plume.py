@@ -1,4 +1,4 @@
-"""A plume in a wind tunnel: its width, how much it fluctuates, how often there is gas, and how concentrations are
+"""Plume statistics in a wind tunnel: width, how much it fluctuates, how often there is gas, and how concentrations are
 distributed; gas on the grid and puffs from sources of two sizes, in the same air, in 3-D.
 
 The tunnel is like that of Fackrell & Robins (1982, J. Fluid Mech. 117, 1-26, doi:10.1017/S0022112082001499) at the
@@ -26,7 +26,7 @@ The table tells from where on its c'/C is that of puffs.
 
 from collections.abc import Mapping
 from functools import cache, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -34,8 +34,9 @@ from scipy import stats
 from taichi_plume.statistics.moments import moments
 from taichi_plume.statistics.space import gaussian_fit
 from taichi_plume.statistics.spectra import integral_time
+from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Lines, Range, Told, over_airs
-from taichi_plume.validation.probed import probed
+from taichi_plume.validation.searches import probed
 
 U, LENGTH, INTENSITY = 1.0, 0.3, 0.12  # m/s; m; over the speed
 CELL, SIZE = 0.05, (3.0, 1.6, 1.2)  # m
@@ -68,11 +69,11 @@ SMALL, LARGE, GRID = KINDS
 
 
 def across(distance: float) -> float:
-    """How far readings go from the axis [m]: about three widths."""
+    """Return the largest distance of readings from the axis [m]: about three widths."""
     return min(0.1 + 0.3 * distance, 0.5 * SIZE[1] - CELL)
 
 
-def scenario(seed: int, seconds: float) -> dict[str, Any]:
+def scenario(seed: int, seconds: float) -> Keys:
     """A tunnel without walls at the sides, three gases from one place, and readings across the wind behind it."""
     source = {"position": PLACE, "rate": "10 mg/s", "radius": 0.001}
     x, y, z = PLACE
@@ -123,7 +124,7 @@ def scenario(seed: int, seconds: float) -> dict[str, Any]:
 
 
 class Records(NamedTuple):
-    """What probes tell: times (n,) [s]; gas by kind [ppm], (n, distances, COUNT); wind [m/s], (..., 3)."""
+    """Readings of the probes: times (n,) [s]; gas by kind [ppm], (n, distances, COUNT); wind [m/s], (..., 3)."""
 
     times: np.ndarray
     ppm: Mapping[str, np.ndarray]
@@ -164,7 +165,7 @@ def taylor(width: float, speed: float, wind: np.ndarray, step: float) -> np.ndar
 
 
 class Found(NamedTuple):
-    """Of one air and kind at DISTANCES: mean width [m], that over Taylor's, width of the mean over that of the
+    """Statistics of one air and kind at DISTANCES: mean width [m], that over Taylor's, width of mean over that of the
     fluctuation, c'/C, share of time with gas and what a gamma distribution has, 99th percentile over the mean and the
     same of a gamma distribution, on the axis; share of time with gas one width off it, and the gamma distribution's.
     """
@@ -217,16 +218,16 @@ def found_in(air: Records, kind: str) -> Found:
 
 @cache
 def _airs(count: int) -> tuple[dict[str, Found], ...]:
-    """What was found in each air by kind; all conditions look at the same airs."""
+    """Return the statistics of each air by kind; all conditions use the same airs."""
     return tuple({kind: found_in(records(1 + k), kind) for kind in KINDS} for k in range(count))
 
 
 def plume(airs: int, kind: str) -> Told:
-    """What a kind of gas comes to, with intervals over airs."""
+    """Return the quantities of a kind of gas, with intervals over airs."""
     found = _airs(airs)
-    own = {name: np.stack([getattr(one[kind], name) for one in found]) for name in Found._fields}
+    own = {name: np.stack([one[kind]._asdict()[name] for one in found]) for name in Found._fields}
     judged = _judged(own, found, kind)
-    told: dict[str, Any] = {name: over_airs(values) for name, values in judged.items()}
+    told: Keys = {name: over_airs(values) for name, values in judged.items()}
     x = np.array(DISTANCES)
     for n, d in enumerate(DISTANCES):
         at = f"at {d:g} m"
@@ -245,28 +246,23 @@ def plume(airs: int, kind: str) -> Told:
                 "distance from the source [m]",
                 words,
                 x,
-                {k: np.mean([getattr(one[k], name) for one in found], axis=0) for k in KINDS},
+                {k: np.mean([one[k]._asdict()[name] for one in found], axis=0) for k in KINDS},
             )
     return told
 
 
 def _judged(own: Mapping[str, np.ndarray], found: tuple, kind: str) -> dict[str, np.ndarray]:
-    """What is judged, a number per air: of puffs everywhere, of gas on the grid where its plume is wide."""
+    """Return the judged quantities per air: of puffs everywhere, of gas on the grid where the plume is wide."""
     wide = own["width"].mean(axis=0) > WIDE if kind == GRID else np.ones(len(DISTANCES), bool)
     largest = own["intensity"].max(axis=1)
     told = {
-        "mean width over Taylor's": own["over_taylor"][:, wide].mean(axis=1),
-        "width of the mean over that of c'": own["narrower"][:, wide].mean(axis=1),
-        "99th percentile over a gamma distribution's": (own["peak"] / own["peak_gamma"])[:, wide].mean(
-            axis=1
-        ),
-        "gas on the axis less a gamma distribution's": (own["present"] - own["present_gamma"])[:, wide].mean(
-            axis=1
-        ),
-        "gas beside it less a gamma distribution's": (own["beside"] - own["beside_gamma"])[:, wide].mean(
-            axis=1
-        ),
+        "mean width over Taylor's": own["over_taylor"],
+        "width of the mean over that of c'": own["narrower"],
+        "99th percentile over a gamma distribution's": own["peak"] / own["peak_gamma"],
+        "gas on the axis less a gamma distribution's": own["present"] - own["present_gamma"],
+        "gas beside it less a gamma distribution's": own["beside"] - own["beside_gamma"],
     }
+    told = {name: values[:, wide].mean(axis=1) for name, values in told.items()}
     small, large = (np.stack([one[k].intensity for one in found]) for k in (SMALL, LARGE))
     if kind == GRID:
         ratio = own["intensity"] / large
@@ -314,7 +310,7 @@ DISCUSSION = (
     "The bands are wide, as no tables were to be had."
 )
 
-TUNNEL_PLUME_CASES = (
+CASES = (
     Experiment(
         "tunnel_plume",
         "statistics of a plume from a small source in a wind tunnel, puffs and gas on the grid (3-D)",

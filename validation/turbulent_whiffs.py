@@ -18,7 +18,7 @@ the sensors. In 3-D in a box of 1.2 m, eddies between 1.2 m and 10 m are missing
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,8 +33,8 @@ from taichi_plume.statistics.durations import (
     spells,
 )
 from taichi_plume.statistics.noses import FAST, SLOW, noses, smelt
-from taichi_plume.validation.case import Answer, Case, Curve, Expected
-from taichi_plume.validation.probed import probed
+from taichi_plume.validation.case import Answer, Case, Curve, Expected, Keys
+from taichi_plume.validation.searches import probed
 
 U, LENGTH, INTENSITY = 0.5, 10.0, 0.08  # m/s; m; over the speed
 CELL = 0.025  # m
@@ -53,7 +53,7 @@ KINDS = ("whiffs", "blanks")
 
 
 class Variant(NamedTuple):
-    """What durations are taken of: threshold over the largest mean on the line, and where the decade begins [s]."""
+    """Definition of durations: threshold over the largest mean on the line, and where the decade begins [s]."""
 
     level: float = LEVEL
     first: float = FIRST
@@ -67,7 +67,7 @@ VARIANTS = {
 }
 
 
-def scenario(seed: int, seconds: float) -> dict[str, Any]:
+def scenario(seed: int, seconds: float) -> Keys:
     """Wind with long eddies, four sources side by side that emit two gases, and lines of probes behind each."""
     rows = (np.arange(ROWS) + 0.5) * WIDTH / ROWS
     length = SOURCE + max(DISTANCES) + 0.75
@@ -118,7 +118,7 @@ def scenario(seed: int, seconds: float) -> dict[str, Any]:
 
 
 class Records(NamedTuple):
-    """What the probes of one flow tell: times (n,) [s], gas by kind, (n, distances, rows, sensors) [ppm]."""
+    """Readings of the probes of one flow: times (n,) [s], gas by kind, (n, distances, rows, sensors) [ppm]."""
 
     times: np.ndarray
     ppm: Mapping[str, np.ndarray]
@@ -133,7 +133,7 @@ def records(seed: int, seconds: float) -> Records:
 
 
 def thresholds(c: np.ndarray, level: float) -> np.ndarray:
-    """Of each line of sensors [ppm]: a share of the largest mean over time and rows; c: (n, distances, rows, m)."""
+    """Threshold of each line [ppm]: a share of the largest mean over time and rows; c: (n, distances, rows, m)."""
     return level * c.mean(axis=(0, 2)).max(axis=-1)
 
 
@@ -196,7 +196,7 @@ def _robustness(flows: Sequence[Records], kind: str) -> dict[str, float]:
 
 
 def _plume(flows: Sequence[Records], kind: str) -> dict[str, float]:
-    """By how much the plume's centre strays over the width that the plume has at a moment, and the share of sensors."""
+    """Return the wander of the plume's centre over the instantaneous width, and the share of chosen sensors."""
     c = np.concatenate([flow.ppm[kind] for flow in flows])
     held = np.where(c > 0.05 * c.max(axis=-1, keepdims=True), c, 0.0)
     mass = held.sum(axis=-1) + 1e-12
@@ -248,7 +248,7 @@ def _picture(found: Spells, law: Exponent) -> Curve:
     return Curve("T [s]", "density of T [1/s]", middle, rate, line(CELANI), True, True, fit=line(law.value))
 
 
-TURBULENT_WHIFF_CASES = (
+CASES = (
     Case(
         "turbulent_whiffs",
         "how long a sensor smells gas and how long none, gas on the grid and puffs in air with eddies (2-D)",

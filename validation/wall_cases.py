@@ -1,30 +1,29 @@
-"""Turbulent air along walls whose viscous layer the cells do not resolve. n is cells per metre."""
+"""Wall functions: turbulent boundary layers and channel flow below the resolution. n is cells per metre."""
 
 import numpy as np
 
-from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.patches import periodic_axes
 from taichi_plume.validation.case import Answer, Case, Curve, Expected
-from taichi_plume.validation.flow_cases import advance, periodic
+from taichi_plume.validation.flow_cases import periodic
+from taichi_plume.validation.setups import Openings, advance, cfd, flow_on, samples
 
 VISCOSITY = 1.56e-5  # m²/s
 HALF = 0.5  # m, half the height of the channel
+OVER_A_FLOOR = (
+    {"kind": "inlet", "face": "x-", "speed": 0.5},
+    {"kind": "outlet", "face": "x+"},
+    *({"kind": "slip", "face": face} for face in ("y-", "y+", "z+")),
+)
 
 
-def _flow(shape: tuple[int, ...], n: int, openings: list[dict], **more) -> FlowSolver:
-    wind = CfdWind.model_validate({"kind": "cfd", "viscosity": VISCOSITY, "openings": openings, **more})
-    grid = Grid(shape, 1.0 / n, periodic=periodic_axes(wind.openings, len(shape)))
-    return FlowSolver(wind, grid, Air.everywhere(grid))
+def _flow(shape: tuple[int, ...], n: int, openings: Openings, **keys: object) -> FlowSolver:
+    return flow_on(cfd(openings, viscosity=VISCOSITY, **keys), shape, 1.0 / n)
 
 
-def _mean_profile(flow: FlowSolver, begin: float, end: float, parts: int, at: int | slice) -> np.ndarray:
-    """u along x over the height [m/s] from time `begin` to `end` [s], at faces `at` along x."""
-    result, step = np.zeros(flow.grid.shape[-1]), (end - begin) / parts
-    for k in range(parts):
-        advance(flow, begin + (k + 1) * step, begin + k * step)
+def _mean_profile(flow: FlowSolver, start: float, end: float, parts: int, at: int | slice) -> np.ndarray:
+    """Return the mean of u along x over the height [m/s] from `start` to `end` [s], at faces `at` along x."""
+    result, step = np.zeros(flow.grid.shape[-1]), (end - start) / parts
+    for _ in samples(flow, start, step, parts):
         u = flow.grid.read(flow.u[0])[at].astype(float)
         result = result + u.reshape(-1, u.shape[-1]).mean(axis=0) / parts
     return result
@@ -36,9 +35,7 @@ def floor(n: int, turbulence: str = "smagorinsky") -> Answer:
     At 5 cm turbulent and laminar plates have 0.90 to 1.00 of the outer wind, and displace it by 10.2 (Schlichting's
     0.0463 x/Re^0.2, from the edge on) and 13.6 mm (Blasius).
     """
-    openings = [{"kind": "inlet", "face": "x-", "speed": 0.5}, {"kind": "outlet", "face": "x+"}]
-    openings += [{"kind": "slip", "face": face} for face in ("y-", "y+", "z+")]
-    flow = _flow((3 * n, 4, n), n, openings, turbulence={"kind": turbulence})
+    flow = _flow((3 * n, 4, n), n, OVER_A_FLOOR, turbulence={"kind": turbulence})
     advance(flow, 8.0)
     u = _mean_profile(flow, 8.0, 12.0, 20, 2 * n)
     z = (np.arange(n) + 0.5) / n
@@ -69,9 +66,7 @@ def floor_layer(n: int) -> Answer:
     straight line, which cuts the bend of the profile: at 5 cm, a side of the cells for n = 20, such a reading of the
     exact means is 0.03 to 0.06 below the law itself. Both are reported.
     """
-    openings = [{"kind": "inlet", "face": "x-", "speed": 0.5}, {"kind": "outlet", "face": "x+"}]
-    openings += [{"kind": "slip", "face": face} for face in ("y-", "y+", "z+")]
-    flow = _flow((4 * n, 4, n), n, openings)
+    flow = _flow((4 * n, 4, n), n, OVER_A_FLOOR)
     advance(flow, 12.0)
     sides = np.arange(n + 1) / n
     z = 0.5 * (sides[1:] + sides[:-1])
@@ -129,7 +124,7 @@ def log_layer(n: int, reynolds: float = 1000.0) -> Answer:
     }
 
 
-WALL_CASES = (
+CASES = (
     Case(
         "floor",
         "even wind along a floor whose friction is below the cells",

@@ -1,4 +1,4 @@
-"""What a standing sensor sees of a meandering plume: how often it smells gas, how strongly, and for how long.
+"""Meandering plume at fixed sensors: intermittency, moments and durations of whiffs and blanks.
 
 The centre of the plume is Gaussian, so the odds of being within it and the moments of the concentration are exact. How
 long whiffs and blanks last follows from it being a random walk on times between the gusts' and the plume's age: first
@@ -45,7 +45,7 @@ class Meander:
         return Q / (U * sqrt(2.0 * pi) * self.relative(x))
 
     def wander(self, x: float) -> float:
-        """Of its centre [m]: of the integral of the gusts' velocity over the plume's age (Taylor 1921)."""
+        """Standard deviation [m] of the plume's centre: integral of the gusts over its age (Taylor 1921)."""
         age = x / U / self.time
         return self.deviation * self.time * sqrt(2.0 * (age - 1.0 + exp(-age)))
 

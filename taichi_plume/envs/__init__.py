@@ -5,10 +5,11 @@
 """
 
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Unpack
 
 if TYPE_CHECKING:
     from taichi_plume.envs.sb3 import SearchVecEnv
+    from taichi_plume.envs.task import Given, Options
     from taichi_plume.envs.team import TeamEnv
 
 MAY_IMPORT: tuple[str, ...] = (
@@ -27,7 +28,7 @@ ID = "taichi_plume/Search-v0"
 
 
 def register() -> None:
-    """Tell Gymnasium of the environments; once is enough."""
+    """Register the environments with Gymnasium; a second call does nothing."""
     from gymnasium.envs.registration import register, registry
 
     if ID not in registry:
@@ -38,32 +39,38 @@ def register() -> None:
         )
 
 
-def parallel_env(scenario: Any, **keys: Any) -> "TeamEnv":
-    """A team as PettingZoo's ParallelEnv; keys as of `TeamEnv`.
+def parallel_env(
+    scenario: "Given", render_mode: str | None = None, **options: "Unpack[Options]"
+) -> "TeamEnv":
+    """Return a team as PettingZoo's ParallelEnv, see `TeamEnv`.
 
-    Raises ImportError, in a line, where PettingZoo is missing, and ValueError.
+    Raises ImportError, in a line, if PettingZoo is missing, and ValueError.
     """
-    from taichi_plume.envs.task import require
-
-    require("pettingzoo")
-    require("gymnasium")
+    _require("pettingzoo")
     from taichi_plume.envs.team import TeamEnv
 
-    return TeamEnv(scenario, **keys)
+    return TeamEnv(scenario, render_mode, **options)
 
 
-def sb3_env(scenario: Any, num_envs: int, **keys: Any) -> "SearchVecEnv":
-    """Many trials at once as stable-baselines3's VecEnv; keys as of `SearchVecEnv`.
+def sb3_env(
+    scenario: "Given", num_envs: int, render_mode: str | None = None, **options: "Unpack[Options]"
+) -> "SearchVecEnv":
+    """Return many trials at once as stable-baselines3's VecEnv, see `SearchVecEnv`.
 
-    Raises ImportError, in a line, where stable-baselines3 is missing, and ValueError.
+    Raises ImportError, in a line, if stable-baselines3 is missing, and ValueError.
     """
-    from taichi_plume.envs.task import require
-
-    require("stable_baselines3")
-    require("gymnasium")
+    _require("stable_baselines3")
     from taichi_plume.envs.sb3 import SearchVecEnv
 
-    return SearchVecEnv(scenario, num_envs, **keys)
+    return SearchVecEnv(scenario, num_envs, render_mode, **options)
+
+
+def _require(package: str) -> None:
+    """Raise ImportError if the package or Gymnasium is missing."""
+    from taichi_plume.envs.task import require
+
+    require(package)
+    require("gymnasium")
 
 
 if find_spec("gymnasium") is not None:

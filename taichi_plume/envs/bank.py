@@ -1,6 +1,6 @@
-"""Recorded airs of a scenario: the flow and gas that learners meet, solved once; see solvers/film_bank.py.
+"""Bank of recorded flow and gas for reinforcement learning, solved once per scenario; see solvers/film_bank.py.
 
-On disk a bank is a zarr group. It belongs to one scenario, by a hash of what decides its airs.
+On disk a bank is a zarr group. A hash of all that decides the recorded airs ties it to one scenario.
 """
 
 import hashlib
@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from math import ceil
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import psutil
@@ -42,7 +42,7 @@ MOST = 2**31 - 1  # numbers of a field: Taichi counts them in 32 bits
 class Bank:
     """Films of a scenario's airs, all as long as each other; values, scale, air as `FilmBank` takes them.
 
-    sources: the places of each gas in each film [m], (sources, 2); key: of what decides all that.
+    sources: the positions of each gas in each film [m], (sources, 2); key: hash of all that decides the films.
     """
 
     values: np.ndarray
@@ -56,7 +56,7 @@ class Bank:
 
     @property
     def films(self) -> int:
-        """How many there are."""
+        """Number of films."""
         return self.values.shape[0]
 
     @property
@@ -65,22 +65,16 @@ class Bank:
         return (self.values.shape[1] - 1) * self.frame
 
     def write(self, path: Path) -> None:
-        """To a new zarr group; one that is there is replaced. Raises OSError."""
+        """Write a zarr group; an earlier bank there is replaced. Raises OSError."""
         from taichi_plume.files import disk, zarr_groups
 
-        path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         if os.path.lexists(path):
             require_bank(path)
         disk.require_room(path.parent / path.name, self.values.nbytes)
-        about = {
-            "format": FORMAT,
-            "key": self.key,
-            "spacing": self.spacing,
-            "frame": self.frame,
-            "species": json.dumps([asdict(one) for one in self.species]),
-            "sources": json.dumps([[places.tolist() for places in film] for film in self.sources]),
-        }
+        about = {"format": FORMAT, "key": self.key, "spacing": self.spacing, "frame": self.frame}
+        about["species"] = json.dumps([asdict(species) for species in self.species])
+        about["sources"] = json.dumps([[places.tolist() for places in film] for film in self.sources])
         part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
         try:
             group = zarr_groups.create(part, about)
@@ -98,55 +92,46 @@ class Bank:
 
 
 def require_bank(path: Path) -> None:
-    """Raise ValueError unless a path holds a bank and nothing else, so that nothing of the user's is replaced."""
+    """Raise ValueError unless a path holds a bank and nothing else, so that no other file is replaced."""
     read(path)
-    others = {file.name for file in Path(path).iterdir()} - {"zarr.json", *ARRAYS}
-    if others or Path(path).is_symlink():
+    others = {file.name for file in path.iterdir()} - {"zarr.json", *ARRAYS}
+    if others or path.is_symlink():
         what = f"holds {min(others)}, which is not of a bank" if others else "is a link"
         raise InputError(f"{visible(path)}: {visible(what)}; choose another --out")
 
 
 def read(path: Path) -> Bank:
-    """The bank of a zarr group. Raises ValueError, in one line, where it is none or damaged."""
+    """Return the bank of a zarr group. Raises ValueError, in one line, if the path holds none or a damaged one."""
     from taichi_plume.files import zarr_groups
 
-    path = Path(path)
+    makes = "python -m taichi_plume.envs makes banks"
     try:
         group = zarr_groups.Group(path)
-        told = group.attributes
+        about = group.attributes
     except zarr_groups.GroupError as error:
         raise InputError(visible(error)) from None
     except zarr_groups.FAULTS:
-        raise InputError(
-            f"{visible(path)}: is no zarr group; python -m taichi_plume.envs makes banks"
-        ) from None
-    if told.get("format") != FORMAT:
-        raise InputError(
-            f"{visible(path)}: is no bank of this version; python -m taichi_plume.envs makes them"
-        )
+        raise InputError(f"{visible(path)}: is no zarr group; {makes}") from None
+    if about.get("format") != FORMAT:
+        raise InputError(f"{visible(path)}: is no bank of this version; {makes}")
     try:
         arrays = {name: group[name] for name in ARRAYS}
         zarr_groups.require_memory(arrays)
-        bank = Bank(
-            arrays["values"][...],
-            arrays["scale"][...],
-            arrays["air"][...],
-            float(told["spacing"]),
-            float(told["frame"]),
-            tuple(Species(**one) for one in json.loads(told["species"])),
-            tuple(
-                tuple(np.array(places, float).reshape(-1, 2) for places in film)
-                for film in json.loads(told["sources"])
-            ),
-            str(told["key"]),
+        values, scale, air = (arrays[name][...] for name in ARRAYS)
+        species = tuple(Species(**keys) for keys in json.loads(about["species"]))
+        sources = tuple(
+            tuple(np.array(places, float).reshape(-1, 2) for places in film)
+            for film in json.loads(about["sources"])
         )
+        spacing, frame = float(about["spacing"]), float(about["frame"])
+        bank = Bank(values, scale, air, spacing, frame, species, sources, str(about["key"]))
         films, _, nx, ny, channels = bank.values.shape
         gases = channels - 2
         fits = bank.values.dtype == np.float16 and bank.scale.shape == (films, gases)
         fits &= bank.air.shape == (2, nx, ny) and len(bank.species) == gases and bank.frame > 0 < bank.spacing
         fits &= len(bank.sources) == films and all(len(film) == gases for film in bank.sources)
         if not (fits and np.isfinite(bank.values).all() and np.isfinite(bank.scale).all()):
-            raise ValueError("its arrays do not fit each other")
+            raise ValueError("the arrays do not fit each other")
     except zarr_groups.GroupError as error:
         raise InputError(visible(error)) from None
     except zarr_groups.FAULTS as error:
@@ -158,9 +143,9 @@ def read(path: Path) -> Bank:
 
 
 def airs(scenario: Scenario) -> list[Scenario]:
-    """The airs of a task, each as a scenario without robots: films to be played, or one of each seed.
+    """Return the airs of a task, each as a scenario without robots: the films to be played, or one of each seed.
 
-    Frames lie whole ticks apart. An air in which nothing is drawn by chance is one, whatever `task.airs` says.
+    Frames lie whole ticks apart. Without random numbers there is one air, whatever `task.airs` is.
     """
     task = scenario.task
     frame = frame_of(scenario)
@@ -174,12 +159,12 @@ def airs(scenario: Scenario) -> list[Scenario]:
 
 
 def frame_of(scenario: Scenario) -> float:
-    """Time between frames [s]: the nearest number of whole ticks."""
+    """Return the time between frames [s], rounded to whole ticks."""
     return max(1, round(scenario.task.frame / scenario.tick)) * scenario.tick
 
 
 def _playing(scenario: Scenario, file: str) -> Scenario:
-    """With another film played wherever one is. Raises ValueError where none is."""
+    """Return the scenario with another film in all playbacks. Raises ValueError if it plays none."""
     gases = {
         path: gas.model_copy(update={"file": file})
         for path, gas in scenario.gases
@@ -190,21 +175,21 @@ def _playing(scenario: Scenario, file: str) -> Scenario:
         wind = wind.model_copy(update={"file": file})
     elif not gases:
         raise InputError(
-            "task.films: neither wind nor gas is of kind playback; make one so, or remove the films"
+            "task.films: neither wind nor gas is of kind playback; make one of them so, or remove the films"
         )
     return scenario.with_gases(gases).model_copy(update={"wind": wind})
 
 
 def key_of(scenario: Scenario, folder: Path) -> str:
-    """Hash of what decides a bank: of all airs, and of how they are filmed. Raises OSError."""
+    """Return the hash of all that decides a bank: the airs, frames and heights. Raises OSError."""
     digests, checks = Digests(folder), Checks(folder, allow_outside=True)
     ids = [digests.ids(air, checks.files(air)).air_of(air.seed, air.seed_of_air) for air in airs(scenario)]
-    told = json.dumps([ids, f"{frame_of(scenario):.12g}", [f"{h:.12g}" for h in heights(scenario)]])
-    return hashlib.sha256(told.encode()).hexdigest()[:16]
+    text = json.dumps([ids, f"{frame_of(scenario):.12g}", [f"{h:.12g}" for h in heights(scenario)]])
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def heights(scenario: Scenario) -> tuple[float, ...]:
-    """Of the learners' anemometer and gas sensor [m]; none in 2-D."""
+    """Return the heights of the learners' anemometer and gas sensor [m]; none in 2-D."""
     if scenario.domain.dim == 2:
         return ()
     sensors = scenario.learners.sensors
@@ -212,24 +197,21 @@ def heights(scenario: Scenario) -> tuple[float, ...]:
 
 
 def bank_of(
-    scenario: Scenario, folder: Path, bank: "Bank | str | Path | None" = None, **recording: Any
+    scenario: Scenario, folder: Path, bank: Bank | str | Path | None = None, allow_outside: bool = False
 ) -> Bank:
-    """The bank of a scenario: the one that is given, if it is the scenario's, else a new one.
-
-    Raises ValueError, in one line, where it is another's.
-    """
+    """Return the given bank of a scenario, or record one. Raises ValueError, in one line, if it is another's."""
     if bank is None:
-        return record(scenario, folder, **recording)
+        return record(scenario, folder, allow_outside)
     if not isinstance(bank, Bank | str | Path):
         raise InputError(f"bank: got {visible(type(bank).__name__)}; give a Bank or the path of one")
     name = "the bank" if isinstance(bank, Bank) else visible(bank)
-    found = bank if isinstance(bank, Bank) else read(Path(bank))
-    if found.key != key_of(scenario, folder):
+    bank = bank if isinstance(bank, Bank) else read(Path(bank))
+    if bank.key != key_of(scenario, folder):
         raise InputError(
-            f"{name}: was recorded of another scenario (its air, task or version differ); record it again with "
+            f"{name}: was recorded of another scenario (air, task or version differ); record it again with "
             "python -m taichi_plume.envs TASK.yaml --out BANK.zarr"
         )
-    return found
+    return bank
 
 
 # ---------------------------------------------------------------- recording them
@@ -241,21 +223,22 @@ def record(
     allow_outside: bool = False,
     tell: Callable[[int, int], object] | None = None,
 ) -> Bank:
-    """Solve all airs of a scenario and keep what sensors meet of them; Taichi must have been started.
+    """Solve all airs of a scenario and keep wind and gas at the sensors' heights; Taichi must have been started.
 
-    tell: called with the number of films that are done and that of all. Raises ScenarioError where something of the
-    scenario is wrong, ValueError, in one line, where the bank would not fit into memory, UnstableError.
+    tell: called with the number of finished films and of all. Raises ScenarioError for a faulty scenario, ValueError,
+    in one line, if the bank would not fit into memory, UnstableError.
     """
     from taichi_plume.assembly.assemble import build
 
-    wanted, frames = airs(scenario), check(scenario)
+    scenarios, frames = airs(scenario), check(scenario)
+    count = len(scenarios)
     sim: Simulation | None = None
-    made: list[tuple[np.ndarray, np.ndarray]] = []
     places: list[tuple[np.ndarray, ...]] = []
-    values, air, species = np.empty(0), np.empty(0), ()
-    for n, one in enumerate(wanted):
+    species: Any = ()
+    values, scales, air = np.empty(0), [], np.empty(0)
+    for n, one in enumerate(scenarios):
         if tell is not None:
-            tell(n, len(wanted))
+            tell(n, count)
         if sim is None or scenario.task.films:
             sim = build(checked(one, folder, allow_outside))
         else:
@@ -267,30 +250,27 @@ def record(
             raise InputError(f"task.films[{n}]: has other species, or walls elsewhere, than the first film")
         species, air = mixed, filming.air
         if not n:
-            values = np.empty((len(wanted), *filming.values.shape), np.float16)
+            values = np.empty((count, *filming.values.shape), np.float16)
         gases, scale = half(filming.values[..., 2:])
         values[n, ..., :2], values[n, ..., 2:] = filming.values[..., :2], gases
-        made.append((values[n], scale))
+        scales.append(scale)
         places.append(
             tuple(np.array([s.position[:2] for s in gas.sources], float) for _, gas in sim.scenario.gases)
         )
     if tell is not None:
-        tell(len(wanted), len(wanted))
-    scales = np.stack([scale for _, scale in made])
-    return Bank(
-        values, scales, air, scenario.domain.spacing, frame_of(scenario), cast(Any, species), tuple(places),
-        key_of(scenario, folder),
-    )  # fmt: skip
+        tell(count, count)
+    spacing, frame, key = scenario.domain.spacing, frame_of(scenario), key_of(scenario, folder)
+    return Bank(values, np.stack(scales), air, spacing, frame, species, tuple(places), key)
 
 
 def check(scenario: Scenario) -> int:
-    """How many frames each film will have.
+    """Return the number of frames of each film.
 
-    Raises ValueError where they do not fit into memory, ScenarioError where `require_parted` does.
+    Raises ValueError if the films do not fit into memory, ScenarioError as `require_parted` does.
     """
     require_parted(scenario)
-    wanted = airs(scenario)
-    films, frames = len(wanted), 1 + round(wanted[0].duration / frame_of(scenario))
+    scenarios = airs(scenario)
+    films, frames = len(scenarios), 1 + round(scenarios[0].duration / frame_of(scenario))
     nx, ny = scenario.domain.shape[:2]
     count = films * frames * nx * ny * (2 + len(scenario.gases))
     # half precision, here and on the device, and a film in single precision while it is made
@@ -307,7 +287,7 @@ def check(scenario: Scenario) -> int:
 
 
 class _Filming:
-    """Keeps what the sensors meet of a simulation's air, frame by frame.
+    """Observer that keeps wind and gas of a simulation at the sensors' heights, frame by frame.
 
     values: (frames, nx, ny, 2 + gases), wind [m/s] and gases [ppm]; air (2, nx, ny).
     """
@@ -328,7 +308,7 @@ class _Filming:
         sim.observers.append(Every(frame, self.keep))
 
     def keep(self, sim: Simulation) -> None:
-        """The next frame."""
+        """Keep the next frame."""
         if self.count >= len(self.values):
             return
         frame = self.values[self.count]
@@ -347,7 +327,7 @@ class _Filming:
 
 
 def _levels(n: int, at: float) -> tuple[list[int], list[float]]:
-    """The layers of n around a height of `at` cells, and their shares."""
+    """Return the layers of n around a height of `at` cells, and their weights."""
     at = min(max(at - 0.5, 0.0), n - 1.0)
     low = min(int(at), max(n - 2, 0))
     share = at - low
@@ -355,6 +335,6 @@ def _levels(n: int, at: float) -> tuple[list[int], list[float]]:
 
 
 def _at_height(cells: np.ndarray, air: np.ndarray, levels: list[int], shares: list[float]) -> np.ndarray:
-    """Cells (nx, ny, nz) at a height, linear between the layers that hold air."""
+    """Return cells (nx, ny, nz) at a height, linear between the layers that hold air."""
     weight = air[:, :, levels] * np.array(shares)
     return (weight * cells[:, :, levels]).sum(axis=2) / np.maximum(weight.sum(axis=2), 1e-6)

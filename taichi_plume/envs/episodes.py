@@ -1,16 +1,17 @@
-"""The engine of the environments: many episodes of a scenario at once, each with a clock and a world of its own.
+"""Engine of the environments: many episodes of a scenario at once, each with a clock and a world of its own.
 
-One trial is one environment. What an episode is like (its film, the moment at which it sets in, the gas, whether it is
-seen in a mirror, the start, the sensors' units) and all that happens in it by chance is drawn from the seed of its
-environment and the number of the episode: it does not depend on how many environments there are beside it.
+One trial is one environment. The world of an episode (film, start within the film, gas, mirror, start of the robots,
+sensor units) and all chance events in it are drawn from the seed of the environment and the number of the episode. They
+do not depend on the number of environments.
 """
 
 from functools import partial
 from math import ceil
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from taichi_plume.agents.commands import Commands
 from taichi_plume.agents.members import Members
@@ -21,9 +22,10 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.trials import Trials
 from taichi_plume.assembly.assemble import ways
 from taichi_plume.assembly.prepare import prepare
-from taichi_plume.envs.bank import record
+from taichi_plume.envs.bank import Bank, record
 from taichi_plume.envs.rounds import BEGIN, BEGIN_AGAIN, FIRST, INFO, KEEP, REST, STEP, Rounds, Starts
 from taichi_plume.envs.task import require_task
+from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.rng import generator
 from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario.loading import ScenarioError
@@ -34,22 +36,28 @@ from taichi_plume.solvers.film_bank import FilmBank
 
 MODES = ("next_step", "same_step", "disabled")
 ARRAYS = ("numpy", "torch")
-FALLBACKS = 64  # teams placed on the host, for where hardly any room is left
+FALLBACKS = 64  # teams placed on the host, for scenarios with hardly any room
 SLACK = 1e-6  # by which an action may be out of range
+
+Array: TypeAlias = Any
+"""np.ndarray, or a tensor of torch."""
 
 
 class Episodes:
     """`count` environments of a scenario, each with `robots` learners of its first group of policies, in recorded airs.
 
     bank: the recorded airs, see envs/bank.py; recorded now unless given. autoreset: as Gymnasium 1.x defines it, one of
-    MODES. arrays: "numpy", or "torch" for tensors on Taichi's device. Of the scenario nothing may be wrong.
+    MODES. arrays: "numpy", or "torch" for tensors on Taichi's device. The scenario must be checked.
 
-    Arrays are overwritten by the next step, but for `observations`, of which the last one stays valid until the step
-    after the next: (count robots, size). `rewards` (count robots,), `terminated`, `truncated` (count,),
-    `final_observations` like observations, set where an episode ended and `same_step` has begun the next one, and
-    `info`, per environment (INFO in envs/rounds.py), of the episode that went on or ended in the last step.
-    Raises ValueError, in a line, where the scenario has no robots or obstacles that walk, ImportError without torch.
+    `observations` (count robots, size) stay valid until the step after the next; the next step overwrites all other
+    arrays: `rewards` (count robots,), `terminated`, `truncated` (count,), `final_observations` like observations, set
+    where an episode ended and `same_step` has begun the next one, and `info`, per environment (INFO in envs/rounds.py),
+    of the episode that went on or ended in the last step. Raises ValueError, in a line, if the scenario has no robots
+    or has moving obstacles, ImportError without torch.
     """
+
+    made_of: str = ""  # of what the engine is made, and the runtime of Taichi: see `task.open_episodes`
+    runs_in: object = None
 
     def __init__(
         self,
@@ -57,7 +65,7 @@ class Episodes:
         folder: Path = Path(),
         count: int = 1,
         robots: int = 1,
-        bank: Any = None,
+        bank: Bank | None = None,
         autoreset: str = "next_step",
         arrays: str = "numpy",
     ):
@@ -72,9 +80,8 @@ class Episodes:
         group = learners(scenario, count, robots)
         clearance, _ = ways(scenario, resources, resources.site.cubes if resources.site else None)
         self.scenario, self.count, self.robots, self.autoreset = scenario, count, robots, autoreset
-        tick, self.bank = scenario.tick, bank if bank is not None else record(scenario, folder, True)
-        bank = self.bank
-        films = FilmBank(bank, count, robots)
+        tick, bank = scenario.tick, bank or record(scenario, folder, True)
+        self.bank, films = bank, FilmBank(bank, count, robots)
         most = max(sum(len(places) for places in film) for film in bank.sources)
         trials = Trials(count, robots, most, tick)
         starts = Starts(group, _places(scenario, group, clearance))
@@ -94,11 +101,8 @@ class Episodes:
         self.arrays = arrays
         self.begin()
 
-    told: str = ""  # what it is made of, and Taichi's runtime that it is made in: see `task.open_episodes`
-    runs_in: Any = None
-
     def begin(self) -> None:
-        """As made, with other arrays: no episode has begun. Compiles nothing."""
+        """Return to the state after construction, with new arrays: no episode has begun. Compiles nothing."""
         self._allocate(self.arrays)
         self.rounds.begun = False
         self._seeds = np.random.SeedSequence(self.scenario.seed).generate_state(self.count, np.uint64)
@@ -106,39 +110,43 @@ class Episodes:
     def _allocate(self, arrays: str) -> None:
         """Make all arrays that kernels and users share."""
         n, size = self.count * self.robots, self.observation.size
-        zeros: Any
-        kinds: Any
         if arrays == "torch":
             import torch  # pyright: ignore[reportMissingImports]
 
             from taichi_plume.grid.kernels import on_cpu
 
-            zeros = partial(torch.zeros, device="cpu" if on_cpu() else "cuda")
-            kinds = torch.float32, torch.uint8, torch.bool
-            self._given = partial(torch.as_tensor, dtype=kinds[0], device=zeros.keywords["device"])
+            device = "cpu" if on_cpu() else "cuda"
+            zeros, real, byte, boolean = (
+                partial(torch.zeros, device=device),
+                torch.float32,
+                torch.uint8,
+                torch.bool,
+            )
+            self._given = partial(torch.as_tensor, dtype=real, device=device)
         else:
-            zeros, kinds = np.zeros, (np.float32, np.uint8, np.bool_)
-            self._given = partial(np.asarray, dtype=np.float32)
-        real, byte, boolean = kinds
-        self._table: Any = zeros((3 * n, size), dtype=real)  # two in turn, and the final ones
-        self._outcomes: Any = zeros((n + len(INFO) * self.count,), dtype=real)
-        self._flags: Any = zeros((3, self.count), dtype=byte)  # what to do, terminated, truncated
-        self._actions: Any = zeros((n, self.action_size), dtype=real)
+            zeros, real, byte, boolean = np.zeros, np.float32, np.uint8, np.bool_
+            self._given = partial(np.asarray, dtype=real)
+        self._table: Array = zeros((3 * n, size), dtype=real)  # two in turn, and the final observations
+        self._outcomes: Array = zeros((n + len(INFO) * self.count,), dtype=real)
+        self._flags: Array = zeros(
+            (3, self.count), dtype=byte
+        )  # the action of `Rounds`, terminated, truncated
+        self._actions: Array = zeros((n, self.action_size), dtype=real)
         self._views = self._table[:n], self._table[n : 2 * n]
         self.final_observations = self._table[2 * n :]
         self.rewards = self._outcomes[:n]
-        told = self._outcomes[n:].reshape(len(INFO), self.count)
-        self.info = {name: told[k] for k, name in enumerate(INFO)}
+        info = self._outcomes[n:].reshape(len(INFO), self.count)
+        self.info = {name: info[k] for k, name in enumerate(INFO)}
         self._todo = self._flags[0]
         self.terminated, self.truncated = self._flags[1].view(boolean), self._flags[2].view(boolean)
         self._side = 0
         self.observations = self._views[0]
 
-    def reset(self, seeds: Any = None, mask: Any = None) -> None:
-        """Begin episodes: of all environments, or those of the mask (count,).
+    def reset(self, seeds: ArrayLike | None = None, mask: ArrayLike | None = None) -> None:
+        """Begin episodes of all environments, or of those of the mask (count,); the first time of all.
 
-        seeds: (count,) whole numbers from 0 to 2^64 - 1; unless given, the next episodes of the seeds before. The first
-        time all begin. Compiles nothing after that.
+        seeds: (count,) whole numbers from 0 to 2^64 - 1; unless given, the next episodes of the earlier seeds. Compiles
+        nothing after the first time.
         """
         if not self.rounds.begun:
             mask = None  # all have to begin
@@ -153,25 +161,25 @@ class Episodes:
             self.rounds.sow(self._seeds)
         self._run()
 
-    def step(self, actions: Any) -> None:
-        """One decision of each robot, (count robots, action_size) from -1 to 1.
+    def step(self, actions: Array) -> None:
+        """Take one decision of each robot, (count robots, action_size) from -1 to 1.
 
-        Raises ValueError, in a line, where one is no number or out of range, or where an episode is over that nobody
-        begins anew; nothing has moved then.
+        Raises ValueError, in a line, if an action is no number or out of range, or if an episode is over and autoreset
+        is disabled; nothing has moved then.
         """
         if not self.rounds.begun:
             raise ValueError("no episode has begun; reset the environments first")
         self._take(actions)
-        over = self._flags[1] | self._flags[2]
+        over = self.terminated | self.truncated
         if self.autoreset == "next_step":
             self._todo[:] = STEP + over  # BEGIN where it is over
         elif self.autoreset == "disabled" and over.any():
-            raise ValueError(f"environment {int(over.argmax())}: its episode is over; reset it first")
+            raise ValueError(f"environment {int((1 * over).argmax())}: its episode is over; reset it first")
         else:
             self._todo[:] = STEP
         self._run()
         if self.autoreset == "same_step":
-            over = self._flags[1] | self._flags[2]
+            over = self.terminated | self.truncated
             if over.any():
                 self._todo[:] = KEEP + (BEGIN_AGAIN - KEEP) * over
                 self.rounds.run(self._side, self._flags, self._actions, self._table, self._outcomes)
@@ -181,29 +189,27 @@ class Episodes:
         self.rounds.run(self._side, self._flags, self._actions, self._table, self._outcomes)
         self.observations = self._views[self._side]
 
-    def _take(self, actions: Any) -> None:
-        """Copy the actions to where kernels read them."""
+    def _take(self, actions: Array) -> None:
+        """Copy the actions to the array that kernels read. Raises ValueError."""
         try:
             actions = self._given(actions)
         except (TypeError, ValueError, RuntimeError) as error:  # torch has several
-            raise ValueError(f"actions: wanted an array of numbers: {visible(error, 200)}") from None
-        if tuple(actions.shape) != tuple(self._actions.shape):
-            raise ValueError(
-                f"actions: got shape {tuple(actions.shape)}, wanted {tuple(self._actions.shape)}"
-            )
-        fair = abs(actions) <= 1.0 + SLACK  # of NaN it is not
+            raise ValueError(f"actions: must be an array of numbers: {visible(error, 200)}") from None
+        shape, expected = tuple(actions.shape), tuple(self._actions.shape)
+        if shape != expected:
+            raise ValueError(f"actions: got shape {shape}, must be {expected}")
+        fair = abs(actions) <= 1.0 + SLACK  # False for NaN
         if not fair.all():
-            first = int((1 - 1 * fair).reshape(-1).argmax())
-            row, k = divmod(first, self.action_size)
+            row, k = divmod(int((1 - 1 * fair).reshape(-1).argmax()), self.action_size)
             raise ValueError(
                 f"actions: environment {row // self.robots}: action {k} of robot {row % self.robots} is "
-                f"{float(actions[row, k]):g}; wanted numbers from -1 to 1"
+                f"{float(actions[row, k]):g}; must be from -1 to 1"
             )
         self._actions[:] = actions
 
 
 def learners(scenario: Scenario, count: int, robots: int) -> Group:
-    """The group of learners, as so many trials of so many robots that set off at once."""
+    """Return the group of learners with `count` trials of `robots` robots that start at once."""
     group = scenario.learners
     start = group.start
     if isinstance(start, StartAt):
@@ -213,8 +219,8 @@ def learners(scenario: Scenario, count: int, robots: int) -> Group:
     )
 
 
-def _places(scenario: Scenario, group: Group, clearance: Any) -> np.ndarray:
-    """Places of some teams, (teams, robots, 2) [m], free of overlap."""
+def _places(scenario: Scenario, group: Group, clearance: ClearanceMap) -> np.ndarray:
+    """Return start positions of some teams, (teams, robots, 2) [m], free of overlap."""
     teams = FALLBACKS if isinstance(group.start, StartArea) else 1
     some = group.model_copy(update={"trials": teams})
 

@@ -1,22 +1,26 @@
-"""A trial as a picture: the gas around the robots, walls, sources and robots, seen from above; NumPy alone."""
+"""Picture of a trial seen from above: gas, walls, sources and robots; NumPy alone."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+if TYPE_CHECKING:
+    from taichi_plume.agents.swarm import Swarm
+    from taichi_plume.envs.bank import Bank
+    from taichi_plume.envs.episodes import Episodes
+
 EDGE = 400  # pixels of the longer edge, about
-GAS = np.array(
-    [200.0, 60.0, 20.0]
-)  # colours: of much gas, walls, sources, robots, and those that have found one
+GAS = np.array([200.0, 60.0, 20.0])  # colour of the highest concentration
 WALL = np.array([110.0, 110.0, 110.0])
 SOURCE = np.array([20.0, 120.0, 30.0])
-ROBOT, DONE = np.array([30.0, 60.0, 200.0]), np.array([20.0, 160.0, 60.0])
-DECADES = 3.0  # of concentrations below the largest one of the film that are told apart
+ROBOT, DONE = np.array([30.0, 60.0, 200.0]), np.array([20.0, 160.0, 60.0])  # DONE: has found a source
+DECADES = 3.0  # range of concentrations with different colours, below the largest of the film
 
 
-def picture(episodes: Any, e: int) -> np.ndarray:
-    """Environment e of an engine as it is, (height, width, 3) of uint8, y upwards; a mirrored world as it truly is."""
-    bank, films = episodes.bank, episodes.rounds.films
+def picture(episodes: "Episodes", e: int) -> np.ndarray:
+    """Return environment e as an image (height, width, 3) of uint8, y upwards; a mirrored world unmirrored."""
+    bank = episodes.bank
+    films: Any = episodes.rounds.films  # its fields are opaque to type checkers
     film, gas = int(films.film[e]), int(films.gas_of[e])
     ppm = _gas(bank, film, gas, float(films.begin[e]) + float(films.now[e]))
     top = max(float(np.max(bank.scale[film], initial=0.0)) * 2.0**15, 1e-30)
@@ -37,15 +41,15 @@ def picture(episodes: Any, e: int) -> np.ndarray:
     return image.transpose(1, 0, 2)[::-1].round().astype(np.uint8)
 
 
-def _gas(bank: Any, film: int, gas: int, t: float) -> np.ndarray:
-    """ppm of all gases, or of one, at the frame next to time t [s] of a film, (nx, ny)."""
+def _gas(bank: "Bank", film: int, gas: int, t: float) -> np.ndarray:
+    """Return ppm (nx, ny) of all gases, or of one, at the frame nearest to time t [s] of a film."""
     frame = min(round(t / bank.frame), bank.values.shape[1] - 1)
     ppm = bank.values[film, frame, ..., 2:].astype(np.float32) * bank.scale[film]
     return ppm.sum(axis=2) if gas < 0 else ppm[..., gas]
 
 
-def _robot(image: np.ndarray, centers: np.ndarray, dx: float, swarm: Any, i: int) -> None:
-    """A disc, at least a few pixels wide, and a line to where it looks."""
+def _robot(image: np.ndarray, centers: np.ndarray, dx: float, swarm: "Swarm", i: int) -> None:
+    """Draw robot i as a disc, at least a few pixels wide, with a line along its heading."""
     x, heading = np.array(swarm.position[i]), float(swarm.heading[i])
     radius = max(float(swarm.radius[i]), 4 * dx)
     away = centers - x

@@ -1,9 +1,9 @@
-"""What happens between two decisions, in one kernel: begin what is over, move, measure, reward and show.
+"""One decision of all environments in one kernel: reset, motion, sensors, reward and observation.
 
-Environments do not know of each other, so that each thread takes a strip of them through all ticks of a decision.
+Environments are independent, so that each thread takes a strip of them through all ticks of a decision.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import taichi as ti
@@ -14,13 +14,15 @@ from taichi_plume.grid.kernels import Template, on_cpu
 from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.starts import GAP, StartArea
+from taichi_plume.solvers.film_bank import FilmBank
 
 if TYPE_CHECKING:
-    from taichi_plume.envs.episodes import Episodes
+    from taichi_plume.envs.bank import Bank
+    from taichi_plume.envs.episodes import Array, Episodes
 
 REST, KEEP, STEP, BEGIN, BEGIN_AGAIN, FIRST = range(6)
-"""What an environment does: nothing; nothing, as its step is shown already; a step; the next episode; that, while the
-outcome of the one before is kept; the first episode of a seed."""
+"""Actions of an environment: none; none, as its step is shown already; a step; the next episode; the next episode while
+the outcome of the last one is kept; the first episode of a seed."""
 
 INFO = ("found", "time_s", "path_m", "distance_m", "episode_number", "film", "source", "mirror", "return")
 """Of an episode: whether a robot has found a source; time until then or now [s]; way of all robots [m]; from the next
@@ -28,11 +30,11 @@ source to the nearest robot [m]; its number among those of the seed; its film; n
 is seen in a mirror; sum of the rewards, mean of the robots."""
 
 TRIES = 64  # places drawn for a robot before its team takes one of the fallbacks
-WORLD, PLACE, LOOK, UNIT = 1, 2, 3, 4  # what is drawn for an episode
+WORLD, PLACE, LOOK, UNIT = 1, 2, 3, 4  # random numbers of an episode: world, position, heading, sensor unit
 
 
 class Starts:
-    """Where teams of a group start: drawn in an area, or at one of the places of `fallback` (teams, robots, 2) [m]."""
+    """Start positions of a group: drawn in an area, or one of the teams of `fallback` (teams, robots, 2) [m]."""
 
     def __init__(self, group: Group, fallback: np.ndarray):
         self.fallback = fallback
@@ -56,19 +58,19 @@ class Rounds:
 
     STATE = ("trials", "films", "mirror", "steps", "total", "counted")
 
-    def __init__(self, of: "Episodes", films: Any, bank: Any, starts: Starts, ticks: int):
+    def __init__(self, of: "Episodes", films: FilmBank, bank: "Bank", starts: Starts, ticks: int):
         self.swarm, self.sensors, self.films = of.swarm, of.sensors, films
         self.observation, self.commands = of.observation, of.commands
         self.nose, self.vane = of.sensors.noses[0], of.sensors.vanes[0]
-        self.trials: Any = of.swarm.episodes
+        self.trials = of.swarm.episodes
         self.count, self.robots, self.drawn = of.count, of.robots, starts.drawn
         self.strip, self.teams = of.sensors.strip, len(starts.fallback)
         self.ticks, self.dt, self.begun = ticks, of.scenario.tick, False
         self.mirror, self.steps = ti.field(ti.i32, of.count), ti.field(ti.i32, of.count)
         self.total = ti.field(ti.f32, of.count)
         # of each robot, what was rewarded so far: way, bumps, false declarations; and from the next source [m]
-        self.counted: Any = ti.Vector.field(4, ti.f32, of.count * of.robots)
-        self.fallback: Any = ti.Vector.field(2, ti.f32, (self.teams, of.robots))
+        self.counted = ti.Vector.field(4, ti.f32, of.count * of.robots)
+        self.fallback = ti.Vector.field(2, ti.f32, (self.teams, of.robots))
         task = of.scenario.task
         rewards = {f"for_{name}": value for name, value in task.reward.model_dump().items()}
         numbers = {
@@ -86,19 +88,18 @@ class Rounds:
         self._seed = uploader(self.trials.seed)
         uploader(self.fallback)(starts.fallback)
 
-    def _list_sources(self, bank: Any, one: bool) -> None:
-        """places[film, s] [m] of the sources and the gas that each is of; `choices`: gases of episodes."""
+    def _list_sources(self, bank: "Bank", one: bool) -> None:
+        """Fill place[film, s] [m] and gas[film, s] of the sources, and `choice`: the gases of episodes."""
         most = self.trials.most_sources
         places, of_gas = np.full((bank.films, most, 2), FAR), np.full((bank.films, most), -2)
         for f, film in enumerate(bank.sources):
-            if any(len(some) for some in film):
-                places[f, : sum(map(len, film))] = np.concatenate(film)
-                of_gas[f, : sum(map(len, film))] = np.repeat(
-                    np.arange(len(film)), [len(some) for some in film]
-                )
+            counts = [len(sources) for sources in film]
+            if any(counts):
+                places[f, : sum(counts)] = np.concatenate(film)
+                of_gas[f, : sum(counts)] = np.repeat(np.arange(len(film)), counts)
         choices = np.unique(of_gas[of_gas >= 0]) if one and (of_gas >= 0).any() else np.array([-1])
         self.choices = len(choices)
-        self.place: Any = ti.Vector.field(2, ti.f32, (bank.films, most))
+        self.place = ti.Vector.field(2, ti.f32, (bank.films, most))
         self.gas, self.choice = ti.field(ti.i32, (bank.films, most)), ti.field(ti.i32, self.choices)
         uploader(self.place, self.gas, self.choice)(places, of_gas, choices)
 
@@ -107,8 +108,8 @@ class Rounds:
         low = (seeds & np.uint64(0xFFFFFFFF)).astype(np.uint32)
         self._seed(np.stack([low, (seeds >> np.uint64(32)).astype(np.uint32)], axis=1))
 
-    def run(self, side: int, flags: Any, actions: Any, table: Any, outcomes: Any) -> None:
-        """Let all environments do what flags[0] says; side: which observations are the new ones."""
+    def run(self, side: int, flags: "Array", actions: "Array", table: "Array", outcomes: "Array") -> None:
+        """Carry out the actions flags[0] of all environments; side: of the table, that takes the observations."""
         self.begun = True
         self._run(side, self.ticks, self.dt, flags, actions, table, outcomes)
         if not on_cpu():  # torch has a queue of its own
@@ -126,9 +127,7 @@ class Rounds:
         outcomes: ti.types.ndarray(dtype=ti.f32, ndim=1),
     ):
         ti.loop_config(serialize=ti.static(few(4 * self.count * self.robots)))
-        for e in range(
-            self.count
-        ):  # Taichi gives threads 512 of them or more: so many strips in 512 are few enough
+        for e in range(self.count):  # Taichi gives threads 512 or more: few enough strips are in 512
             if e % self.strip == 0:
                 end = ti.min(e + self.strip, self.count)
                 for one in range(e, end):

@@ -1,13 +1,14 @@
-"""A scenario as a task: what the faces of the engine have in common, whoever asks."""
+"""Tasks of reinforcement learning: checks of the scenario, and the base of all environments that show an engine."""
 
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from operator import index
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict, TypeVar, Unpack
 
 import numpy as np
 
+from taichi_plume.envs.picture import picture
 from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
 from taichi_plume.scenario.scenario import Scenario
@@ -17,20 +18,36 @@ if TYPE_CHECKING:
     from taichi_plume.envs.episodes import Episodes
 
 EXTRA = 'pip install "taichi_plume[learn]"'
-KEPT = 2  # banks that this process keeps for environments to come
+RENDER_FPS = 10
+KEPT = 2  # banks that this process keeps for further environments
 MOST = 1_000_000  # environments: their arrays of observations stay countable in 32 bits
-IDLE = 4  # engines that it keeps of environments that were closed: to make one compiles for seconds
+IDLE = 4  # engines of closed environments that this process keeps: a new engine compiles for seconds
+
+Value = TypeVar("Value")
+Given = Scenario | dict[str, object] | str | Path
+"""A scenario, as a user gives it."""
 
 _banks: "OrderedDict[str, Bank]" = OrderedDict()
 _idle: "OrderedDict[str, Episodes]" = OrderedDict()
 
 
+class Options(TypedDict, total=False):
+    """Options of every environment.
+
+    bank: the recorded airs or their path; recorded now unless given. arch: where to compute, unless Taichi runs.
+    overrides: of a scenario file, such as ``task.episode=30``. allow_outside: whether files may lie outside its folder.
+    """
+
+    bank: "Bank | str | Path | None"
+    arch: str
+    overrides: Sequence[str]
+    allow_outside: bool
+
+
 def open_task(
-    scenario: Scenario | dict[str, Any] | str | Path,
-    overrides: Sequence[str] = (),
-    allow_outside: bool = False,
+    scenario: Given, overrides: Sequence[str] = (), allow_outside: bool = False
 ) -> tuple[Scenario, Path]:
-    """A checked scenario and the folder of its files: the current one where it is not read from a file.
+    """Return a checked scenario and the folder of its files: the current one where it is not read from a file.
 
     overrides: such as ``task.airs=8``, of a file. Raises ValueError (ScenarioError), a line for each fault.
     """
@@ -38,13 +55,13 @@ def open_task(
 
     if isinstance(overrides, str):
         raise ValueError(f"overrides: got one text; give a list of them, ['{visible(overrides)}']")
-    if not isinstance(overrides, Sequence) or not all(isinstance(one, str) for one in overrides):
-        raise ValueError("overrides: wanted a list of texts, such as ['task.airs=8']")
+    if not isinstance(overrides, Sequence) or not all(isinstance(text, str) for text in overrides):
+        raise ValueError("overrides: must be a list of texts, such as ['task.airs=8']")
     if isinstance(scenario, str | Path):
         path = Path(scenario)
         found, folder = load(path, overrides, allow_outside).scenario, path.resolve().parent
     elif overrides:
-        raise ValueError("overrides: are for a scenario that is a file; change the scenario itself")
+        raise ValueError("overrides: are for a scenario that is a file; change the dict or Scenario itself")
     elif isinstance(scenario, dict | Scenario):
         folder = Path.cwd()
         given = scenario if isinstance(scenario, Scenario) else scenario_from(scenario)
@@ -57,23 +74,20 @@ def open_task(
 
 
 def require_task(scenario: Scenario) -> None:
-    """Raises ScenarioError, in a line, where nobody learns or could find anything, or where obstacles move."""
+    """Raise ScenarioError, in a line, if a task has no learners, nothing that counts as found, or moving obstacles."""
     if not scenario.robots:
         raise ScenarioError(["robots: there are none, and nobody learns; give a group"])
     group = scenario.learners
+    name = visible(group.name)
     if group.found == "declared" and not group.algorithm.may_declare:
         what = "never declares, nothing would count as found; give algorithm: {kind: policy, declares: true}"
-        raise ScenarioError(
-            [f"robots: group '{visible(group.name)}' has found: declared, but its policy {what}"]
-        )
+        raise ScenarioError([f"robots: group '{name}' has found: declared, but its policy {what}"])
     if group.body.flies:
         what = f"has the body of a {group.body.kind}, which flies; environments have robots of the floor"
-        raise ScenarioError([f"robots: group '{visible(group.name)}' {what}"])
+        raise ScenarioError([f"robots: group '{name}' {what}"])
     for path, sensor in group.sensors.placed():
         if sensor.kind == "tdlas":
-            raise ScenarioError(
-                [f"robots: {path}.kind of '{visible(group.name)}': environments know no tdlas"]
-            )
+            raise ScenarioError([f"robots: {path}.kind of '{name}': environments know no tdlas"])
     for n, obstacle in enumerate(scenario.obstacles):
         if obstacle.motion:
             raise ScenarioError([f"obstacles[{n}]: moves; environments have obstacles that stand"])
@@ -81,80 +95,75 @@ def require_task(scenario: Scenario) -> None:
 
 
 def require_parted(scenario: Scenario) -> None:
-    """Raises ScenarioError where single gases cannot be taken out of an air that all move."""
+    """Raise ScenarioError if the task wants single gases of an air that all gases make heavier."""
     heavy = scenario.buoyancy is not None and scenario.buoyancy.solutal
     if scenario.task.sources == "one" and heavy and len(scenario.gases) > 1:
-        raise ScenarioError(
-            [
-                "task.sources: one: the gases make the air heavier, so that none is alone in what is recorded; use "
-                "sources: all, or a single gas"
-            ]
-        )
+        why = "the gases make the air heavier, so that none is alone in what is recorded"
+        raise ScenarioError([f"task.sources: one: {why}; use sources: all, or a single gas"])
 
 
 def open_episodes(
-    scenario: Scenario | dict[str, Any] | str | Path,
+    scenario: Given,
     count: int,
     robots: int | None = 1,
-    bank: Any = None,
-    arch: str = "cpu",
-    overrides: Sequence[str] = (),
-    allow_outside: bool = False,
-    **engine: Any,
+    autoreset: str = "next_step",
+    arrays: str = "numpy",
+    **options: Unpack[Options],
 ) -> "Episodes":
-    """The engine of `count` environments; robots: of each, unless given as many as the group has.
+    """Return the engine of `count` environments with `robots` each; None: as many as the group has.
 
-    bank: the recorded airs or where they lie; recorded now unless given, and kept for the next environments of this
-    process. arch: where to compute, unless Taichi runs already. engine: options of `Episodes`. Raises ValueError.
+    autoreset, arrays: see `Episodes`. A bank that is recorded now is kept for the next environments of this process.
+    Raises ValueError.
     """
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
-        raise ValueError(f"num_envs: got {visible(count)}, wanted a whole number from 1 on")
+        raise ValueError(f"num_envs: got {visible(count)}, must be a whole number from 1 on")
     if count > MOST:
-        raise ValueError(f"num_envs: got {count:,}, at most {MOST:,} are together")
-    if engine.get("arrays") == "torch":
+        raise ValueError(f"num_envs: got {count:,}, at most {MOST:,} are possible")
+    if unknown := options.keys() - Options.__annotations__.keys():
+        raise TypeError(f"got an unexpected keyword argument '{min(unknown)}'")
+    if arrays == "torch":
         require("torch")
-    found, folder = open_task(scenario, overrides, allow_outside)
-    _start(arch)
+    outside = options.get("allow_outside", False)
+    found, folder = open_task(scenario, options.get("overrides", ()), outside)
+    _start(options.get("arch", "cpu"))
     from taichi_plume.envs.bank import bank_of, key_of
     from taichi_plume.envs.episodes import Episodes
 
-    if bank is None:
+    given = options.get("bank")
+    if given is None:
         key = key_of(found, folder)
         if key not in _banks:
-            _banks[key] = bank_of(found, folder, allow_outside=allow_outside)
-            while len(_banks) > KEPT:
-                _banks.popitem(last=False)
+            _keep(_banks, key, bank_of(found, folder, allow_outside=outside), KEPT)
         bank = _banks[key]
     else:
-        bank = bank_of(found, folder, bank)
+        bank = bank_of(found, folder, given)
     team = found.learners.count if robots is None else robots
-    told = repr((found, folder, int(count), team, bank.key, sorted(engine.items())))
-    episodes = _idle.pop(told, None)
+    made_of = repr((found, folder, int(count), team, bank.key, arrays, autoreset))
+    episodes = _idle.pop(made_of, None)
     if episodes is not None and episodes.runs_in is _runtime():
         episodes.begin()
         return episodes
-    episodes = Episodes(found, folder, int(count), team, bank=bank, **engine)
-    episodes.told, episodes.runs_in = told, _runtime()
+    episodes = Episodes(found, folder, int(count), team, bank, autoreset, arrays)
+    episodes.made_of, episodes.runs_in = made_of, _runtime()
     return episodes
 
 
-def put_by(episodes: "Episodes | None") -> None:
-    """Keep the engine of an environment that was closed, for another one of the same task."""
-    if episodes is not None:
-        _idle[episodes.told] = episodes
-        while len(_idle) > IDLE:
-            _idle.popitem(last=False)
+def _keep(kept: "OrderedDict[str, Value]", key: str, value: Value, most: int) -> None:
+    """Add a value to those that are kept; at most `most` stay, the newest."""
+    kept[key] = value
+    while len(kept) > most:
+        kept.popitem(last=False)
 
 
-def _runtime() -> Any:
-    """The runtime of Taichi, whose fields an engine has; None where it does not run."""
+def _runtime() -> object:
+    """Return the runtime of Taichi, whose fields an engine has; None where Taichi does not run."""
     from taichi.lang import impl
 
     return impl.get_runtime().prog
 
 
 def _start(arch: str) -> None:
-    """Start Taichi where it does not run: a second start would take the fields of those before."""
+    """Start Taichi unless it runs: a second start would take the fields of earlier environments."""
     from taichi_plume.grid import kernels
 
     if _runtime() is None:
@@ -164,57 +173,111 @@ def _start(arch: str) -> None:
             raise ValueError(f"arch: {error}") from None
 
 
-def seeds_of(seed: Any, count: int, random: np.random.Generator) -> np.ndarray:
-    """Of each environment: seed, seed + 1, ... of a number, those of a list, and by chance where there is none.
+class Environment:
+    """Base of all environments: the engine behind them, its first seeds, pictures and closing."""
+
+    render_mode: str | None
+    _episodes: "Episodes | None" = None
+    _seeded = False
+
+    def _open(
+        self,
+        scenario: Given,
+        count: int,
+        robots: int | None,
+        render_mode: str | None,
+        autoreset: str,
+        arrays: str = "numpy",
+        **options: Unpack[Options],
+    ) -> "Episodes":
+        """Open the engine. Raises ValueError."""
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode: got '{render_mode}', allowed are None and 'rgb_array'")
+        self.render_mode = render_mode
+        self._episodes = open_episodes(scenario, count, robots, autoreset, arrays, **options)
+        self.names = self._episodes.names
+        return self._episodes
+
+    @property
+    def episodes(self) -> "Episodes":
+        """The engine. Raises ValueError once the environment is closed."""
+        if self._episodes is None:
+            raise ValueError("the environment is closed; make another one")
+        return self._episodes
+
+    def _begin(self, seed: object, random: np.random.Generator, mask: np.ndarray | None = None) -> None:
+        """Begin the first episodes of a seed, or without a seed the next ones."""
+        episodes = self.episodes
+        anew = seed is not None or not self._seeded
+        episodes.reset(seeds_of(seed, episodes.count, random) if anew else None, mask)
+        self._seeded = True
+
+    def render(self) -> np.ndarray | None:
+        """Return the first world seen from above, (height, width, 3); None without a render mode."""
+        return picture(self.episodes, 0) if self.render_mode else None
+
+    def close(self) -> None:
+        """Close the environment; the engine is kept for another environment of the same task."""
+        if self._episodes is not None:
+            _keep(_idle, self._episodes.made_of, self._episodes, IDLE)
+        self._episodes = None
+
+
+def seeds_of(seed: object, count: int, random: np.random.Generator) -> np.ndarray:
+    """Return a seed per environment: seed, seed + 1, ... of a number, those of a list; drawn where there is none.
 
     Raises ValueError.
     """
-    several: list[Any]
     if isinstance(seed, np.ndarray) and not seed.ndim:
         seed = seed.item()
+    several: list[int | None]
     if isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str | bytes):
-        several = [None if one is None else _whole(one) for one in seed]
+        several = [None if each is None else _whole(each) for each in seed]
     else:
         several = [None] * count if seed is None else [_whole(seed) + k for k in range(count)]
     if len(several) != count:
         raise ValueError(
-            f"seed: got {len(several)} seeds for {count} environments; give one each, or a number"
+            f"seed: got {len(several)} seeds, must be a number or one for each of {count} environments"
         )
-    drawn = random.integers(0, 2**63, count, dtype=np.uint64)
-    if any(one is not None and not 0 <= one < 2**64 for one in several):
+    if any(each is not None and not 0 <= each < 2**64 for each in several):
         raise ValueError("seed: got one that is negative or has more than 64 bits")
-    return np.array(
-        [d if one is None else np.uint64(one) for one, d in zip(several, drawn, strict=True)], np.uint64
-    )
+    drawn = random.integers(0, 2**63, count, dtype=np.uint64)
+    pairs = zip(several, drawn, strict=True)
+    return np.array([chance if each is None else np.uint64(each) for each, chance in pairs], np.uint64)
 
 
-def _whole(seed: Any) -> int:
+def _whole(seed: object) -> int:
     try:
-        return index(seed)
+        return index(seed)  # type: ignore[arg-type]
     except TypeError:
-        raise ValueError(f"seed: got {visible(repr(seed), 60)}, wanted a whole number") from None
+        raise ValueError(f"seed: got {visible(repr(seed), 60)}, must be a whole number") from None
 
 
-def actions_of(given: Any) -> np.ndarray:
-    """Actions as numbers, f32. Raises ValueError, in a line, where they are none."""
+def actions_of(given: object) -> np.ndarray:
+    """Return actions as numbers, f32. Raises ValueError, in a line, if they are none."""
     try:
         numbers = np.asarray(given)
         if numbers.dtype.kind not in "fiubO":
             raise TypeError(f"got {numbers.dtype}")
         return numbers.astype(np.float32, copy=False)
     except (TypeError, ValueError, RuntimeError) as error:
-        raise ValueError(f"actions: wanted an array of numbers: {visible(error, 200)}") from None
+        raise ValueError(f"actions: must be an array of numbers: {visible(error, 200)}") from None
 
 
-def options_of(given: Any) -> dict[str, Any]:
-    """Options of a reset. Raises ValueError where they are no dict."""
+def options_of(given: object) -> Mapping[str, object]:
+    """Return the options of a reset. Raises ValueError if they are no dict."""
     if given is not None and not isinstance(given, dict):
-        raise ValueError(f"options: got {visible(type(given).__name__)}, wanted a dict or None")
+        raise ValueError(f"options: got {visible(type(given).__name__)}, must be a dict or None")
     return given or {}
 
 
+def outcome(episodes: "Episodes", e: int) -> dict[str, float]:
+    """Return how the episode of environment e went."""
+    return {name: float(values[e]) for name, values in episodes.info.items()}
+
+
 def require(package: str) -> None:
-    """Raises ImportError, in a line that names the extra, where a package of it is missing."""
+    """Raise ImportError, in a line that names the extra, if a package of the extra is missing."""
     from importlib.util import find_spec
 
     if find_spec(package) is None:

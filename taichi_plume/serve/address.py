@@ -1,14 +1,21 @@
-"""Where a service listens, and who may come: an address of this machine alone, or one with a token."""
+"""Addresses, origins and tokens of the live service, and the configuration of zenoh at both ends."""
 
+import json
 import os
 from argparse import ArgumentTypeError
 from collections.abc import Mapping
 from ipaddress import ip_address
-from typing import NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import urlsplit
+
+if TYPE_CHECKING:
+    import zenoh
 
 TOKEN = "TAICHI_PLUME_TOKEN"  # in the environment
 SHORTEST = 8  # characters of a token
+USER = "robot"
+LONGEST = 1 << 24  # bytes of a message that is taken in at all
 
 
 class Address(NamedTuple):
@@ -19,7 +26,7 @@ class Address(NamedTuple):
 
 
 def address(text: str) -> Address:
-    """An address such as 127.0.0.1:7447 or [::1]:7447. Raises ArgumentTypeError."""
+    """Return an address such as 127.0.0.1:7447 or [::1]:7447. Raises ArgumentTypeError."""
     host, _, port = text.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
     if not host or not port.isascii() or not port.isdigit() or not 0 < int(port) < 65536:
@@ -28,7 +35,7 @@ def address(text: str) -> Address:
 
 
 def loopback(host: str) -> bool:
-    """Whether an address is of this machine alone."""
+    """Return whether an address reaches this machine only."""
     try:
         return ip_address(host).is_loopback
     except ValueError:
@@ -36,7 +43,7 @@ def loopback(host: str) -> bool:
 
 
 def origin(text: str) -> str:
-    """Origin of pages, such as https://app.foxglove.dev, as browsers send it. Raises ArgumentTypeError."""
+    """Return the origin of pages, such as https://app.foxglove.dev, as browsers send it. Raises ArgumentTypeError."""
     try:
         scheme, place, *rest = urlsplit(text.strip().lower())
     except ValueError:
@@ -52,14 +59,49 @@ def origin(text: str) -> str:
 
 
 def token_of(environment: Mapping[str, str] = os.environ) -> str | None:
-    """The token that the environment gives, without blanks around it."""
+    """Return the token in the environment, stripped of blanks."""
     return environment.get(TOKEN, "").strip() or None
 
 
 def fault_of_token(token: str) -> str | None:
-    """What is wrong with a token of a service, if anything."""
+    """Return the fault of a service's token, None if there is none."""
     if len(token) < SHORTEST:
         return f"has {len(token)} characters, must have {SHORTEST} or more"
     if not token.isprintable():
         return "must have no character that cannot be printed"
     return None
+
+
+def endpoint(host: str, port: int) -> str:
+    """Return an address as zenoh writes it."""
+    return f"tcp/[{host}]:{port}" if ":" in host else f"tcp/{host}:{port}"
+
+
+def zenoh_config(
+    mode: str, endpoints: Mapping[str, list[str]], token: str | None, users: Path | None = None
+) -> "zenoh.Config":
+    """Return a configuration of zenoh with these endpoints only, to `listen` at or to `connect` to.
+
+    token: of a client; users: file with the clients that may connect. Raises ImportError without zenoh.
+    """
+    import zenoh
+
+    made = zenoh.Config()
+
+    def put(key: str, value: object) -> None:
+        made.insert_json5(key, json.dumps(value))
+
+    put("mode", mode)
+    put("scouting/multicast/enabled", False)
+    put("scouting/gossip/enabled", False)
+    put("transport/link/rx/max_message_size", LONGEST)
+    for kind, ends in endpoints.items():
+        put(f"{kind}/endpoints", ends)
+    if mode == "client":
+        put("connect/timeout_ms", 1000)
+    if token is not None:
+        put("transport/auth/usrpwd/user", USER)
+        put("transport/auth/usrpwd/password", token)
+    if users is not None:
+        put("transport/auth/usrpwd/dictionary_file", str(users))
+    return made

@@ -1,20 +1,20 @@
-"""What is told to the robots of a group: newest first, whatever comes, from any thread, as often as it comes.
+"""Inbox for the commands to a group of external robots: keeps the newest command per robot, from any thread.
 
 A message is counted as
 
-    taken        the robots that it names do so in the next tick
-    malformed    it is no such message, or names numbers that there are not, or no numbers
-    oversized    longer than any message of the group can be; it is not even read
-    late         it answers readings of long ago, or came after one that was sent later
+    taken        the robots carry it out in the next tick
+    malformed    wrong type, unknown robots or values that are no numbers
+    oversized    longer than any message of the group can be; not even decoded
+    late         answers readings that are too old, or arrived after a newer command
 
-and none of the last three changes anything.
+Messages of the last three kinds change nothing.
 """
 
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -24,19 +24,22 @@ from taichi_plume.files import ros_messages as ros
 HEADROOM = 4096  # bytes of a message besides what it says of each robot
 PER_ROBOT = 64  # bytes
 IN_JSON = 8  # times the bytes of the same message
-UNNUMBERED = 0  # a command that has no number, as of ROS
+UNNUMBERED = 0  # number of commands without one, as those of ROS
+
+RosMessage: TypeAlias = Any
+"""A decoded message, with the fields of its ROS type."""
 
 
 class MalformedError(ValueError):
-    """What is wrong with a message, in a line."""
+    """The fault of a message, in a line."""
 
 
 class Inbox:
-    """Of one group of `size` robots (all trials), which take poses if `placed`.
+    """Inbox of one group of `size` robots (all trials), which takes poses if `placed`, else velocities.
 
-    low, high: of the floor, in which poses lie [m]; timeout [s]; clock: seconds; ceiling: up to where its robots fly
-    [m], None if they do not. remark: called with a line about a message that is not taken, from the thread in which it
-    came.
+    floor: lower and upper corner, between which poses lie [m]; timeout [s]; clock: seconds; ceiling: greatest height of
+    drones [m], None for robots of the floor. remark: called with a line about a refused message, from the thread of the
+    transport.
     """
 
     def __init__(
@@ -56,29 +59,31 @@ class Inbox:
         self.longest = HEADROOM + PER_ROBOT * size
         self.counts: Counter[str] = Counter()
         self.news = threading.Condition()
-        """Held while what follows changes, and notified then."""
-        self.heard = np.full(size, -np.inf)  # when, by the clock
-        self.number = np.zeros(size, np.uint64)  # number of the last command
-        self.answers = np.full(size, -1, np.int64)  # tick of the readings that it answers
-        self.oldest = 0  # tick of readings that may still be answered
+        """Lock of the attributes below; notified when they change."""
+        self.heard = np.full(size, -np.inf)  # time of the last command, by the clock
+        self.number = np.zeros(size, np.uint64)  # of the last command
+        self.answers = np.full(size, -1, np.int64)  # tick of the readings that the last command answers
+        self.oldest = 0  # oldest tick whose readings may still be answered
         self.tick = 0  # of the newest readings
         self._orders = Orders.none(size)
 
     # ------------------------------------------------------------ threads of the transports
 
     def hear_commands(self, data: bytes, json: bool = False) -> None:
-        """A message of taichi_plume_msgs/Commands came; json: as a text."""
+        """Take a message of taichi_plume_msgs/Commands, in CDR or `json`."""
         self._hear(ros.COMMANDS, data, json, self._take_commands)
 
     def hear_twist(self, n: int, data: bytes, json: bool = False) -> None:
-        """A geometry_msgs/Twist for robot n came."""
-        self._hear("geometry_msgs/msg/Twist", data, json, lambda one: self._take_twist(n, one))
+        """Take a geometry_msgs/Twist for robot n."""
+        self._hear("geometry_msgs/msg/Twist", data, json, lambda twist: self._take_twist(n, twist))
 
     def hear_pose(self, n: int, data: bytes, json: bool = False) -> None:
-        """A geometry_msgs/PoseStamped of robot n came."""
-        self._hear("geometry_msgs/msg/PoseStamped", data, json, lambda one: self._take_pose(n, one))
+        """Take a geometry_msgs/PoseStamped of robot n."""
+        self._hear(
+            "geometry_msgs/msg/PoseStamped", data, json, lambda stamped: self._take_pose(n, stamped.pose)
+        )
 
-    def _hear(self, name: str, data: bytes, json: bool, take: Callable[[Any], None]) -> None:
+    def _hear(self, name: str, data: bytes, json: bool, take: Callable[[RosMessage], None]) -> None:
         longest = self.longest * (IN_JSON if json else 1)
         if len(data) > longest:
             self._refuse("oversized", f"{len(data):,} bytes, more than the {longest:,} of any message")
@@ -92,68 +97,68 @@ class Inbox:
         with self.news:
             self.counts[what] += 1
             count = self.counts[what]
-        if count & (count - 1) == 0:  # the first, and fewer and fewer
+        if count & (count - 1) == 0:  # the first, second, fourth, eighth ...
             self.remark(f"{self.group}: {what} messages: {count:,}, the last one: {why}")
 
-    def _take_commands(self, one: Any) -> None:
-        robots = one.robot.astype(np.int64)
+    def _take_commands(self, given: RosMessage) -> None:
+        robots = given.robot.astype(np.int64)
         if not len(robots):
             raise MalformedError("names no robot")
         if robots.max() >= self.size:
             raise MalformedError(f"robot {robots.max()} is none of 0 to {self.size - 1}")
-        if one.tick > self.tick:
-            raise MalformedError(f"answers readings of tick {one.tick}, the newest are of {self.tick}")
-        if self.placed and len(one.speed) and not len(one.x):
+        if given.tick > self.tick:
+            raise MalformedError(f"answers readings of tick {given.tick}, the newest are of {self.tick}")
+        if self.placed and len(given.speed) and not len(given.x):
             raise MalformedError("velocities, but the group takes poses")
-        if not self.placed and len(one.x) and not len(one.speed):
+        if not self.placed and len(given.x) and not len(given.speed):
             raise MalformedError("poses, but the group takes velocities")
         if self.placed:
-            place = self._columns(one, len(robots), "x", "y", "heading")
+            place = self._columns(given, "x", "y", "heading")
             self._require_inside(place[:, :2])
-            values = {"position": place[:, :2], "heading": place[:, 2]} | self._flown(one, len(robots), "z")
+            values = {"position": place[:, :2], "heading": place[:, 2]} | self._flown(given, "z")
         else:
-            speeds = self._columns(one, len(robots), "speed", "turn_rate")
+            speeds = self._columns(given, "speed", "turn_rate")
             values = {"speed": speeds[:, 0], "turn_rate": speeds[:, 1]}
-            values |= self._flown(one, len(robots), "left") | self._flown(one, len(robots), "climb")
+            values |= self._flown(given, "left") | self._flown(given, "climb")
         declared = None
-        if len(one.declared_x) or len(one.declared_y):
-            declared = self._columns(one, len(robots), "declared_x", "declared_y", finite=False)
-        self._take(robots, values, one.number, one.tick, declared)
+        if len(given.declared_x) or len(given.declared_y):
+            declared = self._columns(given, "declared_x", "declared_y", finite=False)
+        self._take(robots, values, given.number, given.tick, declared)
 
-    def _take_twist(self, n: int, one: Any) -> None:
+    def _take_twist(self, n: int, twist: RosMessage) -> None:
         if self.placed:
             raise MalformedError("a velocity, but the group takes poses")
-        speeds = np.array([[one.linear.x, one.angular.z, one.linear.y, one.linear.z]])
+        speeds = np.array([[twist.linear.x, twist.angular.z, twist.linear.y, twist.linear.z]])
         if not np.isfinite(speeds.astype(np.float32)).all():
             raise MalformedError("linear or angular.z is no number")
         values = {"speed": speeds[:, 0], "turn_rate": speeds[:, 1]}
         values |= self._in_the_air("left", speeds[:, 2]) | self._in_the_air("climb", speeds[:, 3])
         self._take(np.array([n]), values, UNNUMBERED, 0)
 
-    def _take_pose(self, n: int, one: Any) -> None:
+    def _take_pose(self, n: int, pose: RosMessage) -> None:
         if not self.placed:
             raise MalformedError("a pose, but the group takes velocities")
-        place = np.array([[one.pose.position.x, one.pose.position.y]])
-        heading = np.array([ros.yaw(one.pose.orientation)])
+        place = np.array([[pose.position.x, pose.position.y]])
+        heading = np.array([ros.yaw(pose.orientation)])
         if not np.isfinite(place).all() or not np.isfinite(heading).all():
             raise MalformedError("position or orientation is no number")
         self._require_inside(place)
         values = {"position": place, "heading": heading}
         if self.ceiling is not None:
-            height = np.array([one.pose.position.z])
+            height = np.array([pose.position.z])
             if not np.isfinite(height).all():
                 raise MalformedError("position.z is no number")
             values |= self._in_the_air("z", height)
         self._take(np.array([n]), values, UNNUMBERED, 0)
 
-    def _flown(self, one: Any, count: int, name: str) -> dict[str, np.ndarray]:
-        """What is told of drones alone, if it is. Raises MalformedError."""
-        if not len(getattr(one, name)):
+    def _flown(self, given: RosMessage, name: str) -> dict[str, np.ndarray]:
+        """Return the order of a field of drones, if the message has it. Raises MalformedError."""
+        if not len(vars(given)[name]):
             return {}
-        return self._in_the_air(name, self._columns(one, count, name)[:, 0])
+        return self._in_the_air(name, self._columns(given, name)[:, 0])
 
     def _in_the_air(self, name: str, values: np.ndarray) -> dict[str, np.ndarray]:
-        """The same, of values that there are; robots of the floor are told nothing else than zero."""
+        """Return the order of a field of drones; robots of the floor take zero only. Raises MalformedError."""
         if self.ceiling is None:
             if values.any():
                 raise MalformedError(f"{name} is of drones, the group's robots do not fly")
@@ -162,16 +167,17 @@ class Inbox:
             raise MalformedError(f"z is not between the floor and the ceiling, {self.ceiling:g} m")
         return {"altitude" if name == "z" else name: values}
 
-    def _columns(self, one: Any, count: int, *names: str, finite: bool = True) -> np.ndarray:
-        """What a message says of its robots, (count, names). Raises MalformedError."""
+    def _columns(self, given: RosMessage, *names: str, finite: bool = True) -> np.ndarray:
+        """Return fields of a message with an entry per robot, (robots, names). Raises MalformedError."""
+        count, fields = len(given.robot), vars(given)
         for name in names:
-            if len(getattr(one, name)) != count:
-                raise MalformedError(f"{name} has {len(getattr(one, name))} entries, robot has {count}")
-        values = np.column_stack([getattr(one, name) for name in names]).astype(float)
+            if len(fields[name]) != count:
+                raise MalformedError(f"{name} has {len(fields[name])} entries, robot has {count}")
+        values = np.column_stack([fields[name] for name in names]).astype(float)
         wrong = np.isinf(values) | (np.isnan(values) if finite else False)
         if wrong.any():
             n, column = np.argwhere(wrong)[0]
-            raise MalformedError(f"{names[column]} of robot {one.robot[n]} is no number")
+            raise MalformedError(f"{names[column]} of robot {given.robot[n]} is no number")
         return values
 
     def _require_inside(self, places: np.ndarray) -> None:
@@ -190,7 +196,7 @@ class Inbox:
     ) -> None:
         with self.news:
             now = self.clock()
-            gone = now - self.heard[robots] > self.timeout  # who comes back may count anew
+            gone = now - self.heard[robots] > self.timeout  # a robot that comes back may restart its numbers
             newest = self.number[robots][~gone].max(initial=UNNUMBERED)
             outrun = number != UNNUMBERED and number <= newest
             if not outrun and not (tick != 0 and tick < self.oldest):
@@ -201,7 +207,7 @@ class Inbox:
                     said = np.isfinite(declared).all(axis=1)
                     self._orders.declared[robots[said]] = declared[said]
                 self.heard[robots], self.number[robots] = now, number
-                # what tells no tick answers the newest readings
+                # a command without a number answers the newest readings
                 self.answers[robots] = self.tick if number == UNNUMBERED else tick
                 self.news.notify_all()
                 return
@@ -209,33 +215,31 @@ class Inbox:
         if outrun:
             why = f"number {number} came after {newest}; does another client drive these robots?"
         else:
-            why = (
-                f"answers readings of tick {tick}, those before {oldest} are too old; wait for new ones first"
-            )
+            why = f"answers readings of tick {tick}, ticks before {oldest} are too old; wait for new readings"
         self._refuse("late", why)
 
     # ------------------------------------------------------------ the thread of the clock
 
     def published(self, tick: int, oldest: int) -> None:
-        """Readings of a tick have been sent; those before `oldest` need not be answered any more."""
+        """Note that the readings of a tick were sent; commands that answer ticks before `oldest` are late."""
         with self.news:
             self.tick, self.oldest = tick, oldest
 
     def begin(self) -> None:
-        """The run begins: however long some have waited for others, none is lost yet."""
+        """Start the timeouts of all robots that have sent a command, at the start of the run."""
         with self.news:
             self.heard[np.isfinite(self.heard)] = self.clock()
 
     def lost(self) -> np.ndarray:
-        """Which robots have been silent for too long, of those that have been heard of."""
+        """Return a mask of the robots that were heard of, and then silent for longer than the timeout."""
         return np.isfinite(self.heard) & (self.clock() - self.heard > self.timeout)
 
     def awaited(self) -> np.ndarray:
-        """Which robots have not been heard of yet."""
+        """Return a mask of the robots that have not sent a command yet."""
         return ~np.isfinite(self.heard)
 
     def orders(self) -> Orders:
-        """What the robots are told for the next tick; those that are lost, or not heard of yet, stand."""
+        """Return the orders for the next tick; robots that are lost or not heard of yet stand still."""
         with self.news:
             lost, awaited = self.lost(), self.awaited()
             state = np.where(awaited, AWAITED, np.where(lost, LOST, DRIVEN))
@@ -251,5 +255,5 @@ class Inbox:
                 np.where(driven, ours.climb, 0.0),
                 ours.altitude.copy(),
             )
-            ours.declared[:] = np.nan  # is said once
+            ours.declared[:] = np.nan  # a declaration counts once
             return orders

@@ -1,4 +1,4 @@
-"""How messages go out and come in; all transports carry the same bytes (CDR) under the same topics."""
+"""Protocols of the transports (zenoh, WebSocket); all carry the same bytes (CDR) under the same topics."""
 
 from collections.abc import Mapping
 from typing import Protocol
@@ -7,36 +7,36 @@ from taichi_plume.guard.input_error import InputError
 
 
 class Hear(Protocol):
-    """What hears of a topic."""
+    """Receiver of the messages of a topic."""
 
     def __call__(self, data: bytes, json: bool = False) -> None:
-        """A message came, as CDR or as a text in JSON."""
+        """Take a message, in CDR or as a text in JSON."""
         ...
 
 
 class LinkError(InputError):
-    """A transport that cannot begin; one line."""
+    """A transport that cannot be opened; one line."""
 
 
 class Link(Protocol):
-    """A transport, from its making on open to all who may come."""
+    """A transport, open to clients from its construction on."""
 
     def listen(self, incoming: Mapping[str, Hear], stray: Hear) -> None:
-        """Bring what comes to those who hear its topic, and to `stray` what comes for none."""
+        """Pass each message to the hearer of its topic, and messages of other topics to `stray`."""
         ...
 
     def wants(self, topic: str, name: str) -> bool:
-        """Whether anybody listens to a topic of messages of that name; it is told that there is one."""
+        """Return whether a topic with messages of type `name` has subscribers; the first call announces the topic."""
         ...
 
     def publish(self, topic: str, data: bytes) -> None:
-        """Send a message to all who listen; returns at once. The topic is one that was wanted."""
+        """Send a message to all subscribers without waiting. `wants` must have been called for the topic."""
         ...
 
     def go_on(self, t: float) -> None:
-        """Simulated time is t [s] now."""
+        """Announce that simulated time is t [s]."""
         ...
 
     def close(self) -> None:
-        """End it."""
+        """Close the transport."""
         ...

@@ -1,9 +1,9 @@
-"""The clock of a served run: when ticks begin, what goes out after each, and whom it waits for.
+"""Real-time clock of a served run: start of ticks, messages after each tick, waiting for external robots.
 
-A tick of simulated time takes its time of the clock: at its begin robots are told what has been heard for them by then,
-at its end what they read goes out. Where that is later than the next tick ought to begin, the tick counts as missed;
-the clock catches up where it can, and after SLIP seconds is put back. With `wait`, the next tick begins when all robots
-that are not lost have answered the readings of this one: then nothing depends on how fast anything is.
+A tick of simulated time takes as long on the clock: at its start the robots get the commands received so far, at its
+end their readings are sent. If that is later than the start of the next tick, the tick counts as missed; the clock
+catches up, and is put back if it is SLIP seconds behind. With `wait`, the next tick starts when all robots that are not
+lost have answered the readings of this one: then results do not depend on the speed of any computer.
 """
 
 import gc
@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 from math import ceil, inf
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,20 +24,19 @@ from taichi_plume.running.signals import Ears
 from taichi_plume.serve import topics
 from taichi_plume.serve.inbox import Inbox
 from taichi_plume.serve.links import Hear, Link
-from taichi_plume.serve.view import View
 from taichi_plume.simulation import Every, Simulation
 
-SLIP = 1.0  # s of the clock that are caught up
-LOOK_S = 0.1  # between looks at signals, while it waits
-AGAIN_S = 0.5  # between readings that are told again until robots are there
-MOST_TIMES = 1_000_000  # of which latencies are worked out
+SLIP = 1.0  # s that the clock may be behind and catch up
+LOOK_S = 0.1  # between checks for signals while waiting
+AGAIN_S = 0.5  # between repeated readings until all robots are connected
+MOST_TIMES = 1_000_000  # ticks of which latencies are kept
 VIEW_S = 1.0  # between pictures of the gas
-SHOWN = 6  # robots that are named
+SHOWN = 6  # robots named in a message
 
 
 class Pace(NamedTuple):
-    """How a run keeps time. speed: simulated time over that of the clock, inf: as fast as it can; wait: for answers to
-    each tick; at_once: whether it begins without robots that it has not heard of.
+    """Timing of a run. speed: simulated time over clock time, inf: as fast as possible; wait: whether each tick waits
+    for answers; at_once: whether the run starts before all robots have connected.
     """
 
     speed: float = 1.0
@@ -63,13 +62,13 @@ class Outside:
             remark,
             ceiling=sim.grid.extent[2] if algorithm.flies else None,
         )
-        self.noses = [sensor_fields(one) for one in group.model.sensors.noses]
+        self.noses = [sensor_fields(nose) for nose in group.model.sensors.noses]
         self.each = group.size <= topics.MOST_ROBOTS
         self.lost, self.over = np.zeros(group.size, bool), np.zeros(group.size, bool)
         self.times_lost = 0
 
     def incoming(self) -> dict[str, Hear]:
-        """Who hears which topic."""
+        """Return the receiver of each topic of the group."""
         inbox = self.inbox
         heard: dict[str, Hear] = {f"{self.name}/commands": inbox.hear_commands}
         kind, hear = ("pose", inbox.hear_pose) if inbox.placed else ("cmd_vel", inbox.hear_twist)
@@ -78,32 +77,31 @@ class Outside:
         return heard
 
     def told(self, t: float, tick: int) -> list[topics.Message]:
-        """What its robots read at time t [s]."""
+        """Return the readings of the robots at time t [s] as messages."""
         told, inbox = self.algorithm.told(), self.inbox
         by_declaring = self.algorithm.members.groups[0].model.found == "declared"
         told["over"] = self.over = told["found"] | (by_declaring & (told["declarations"] > 0))
-        more = {"answered": inbox.number, "lost": inbox.lost()}
-        messages = [topics.readings(self.name, t, tick, told, **more)]
+        messages = [topics.readings(self.name, t, tick, told, answered=inbox.number, lost=inbox.lost())]
         return messages + (list(topics.of_each(self.name, t, told, self.noses)) if self.each else [])
 
     def order(self, t: float) -> list[str]:
-        """Let the robots do what was heard for them; returns what is to be said of those that are lost or back."""
+        """Pass the commands on to the robots; return lines about robots that are lost or back."""
         orders = self.inbox.orders()
         self.algorithm.order(orders, t)
         lost = orders.state == LOST
         gone, back = np.flatnonzero(lost & ~self.lost), np.flatnonzero(self.lost & ~lost)
         self.lost, self.times_lost = lost, self.times_lost + len(gone)
         return [
-            f"t = {t:.1f} s: {_named(self.name, some)} {what}"
-            for some, what in ((gone, "lost: nothing heard, standing still"), (back, "back"))
-            if len(some)
+            f"t = {t:.1f} s: {_named(self.name, robots)} {what}"
+            for robots, what in ((gone, "lost: nothing heard, standing still"), (back, "back"))
+            if len(robots)
         ]
 
 
 class Service:
-    """Keeps a simulation's time, tells what its robots read and lets those outside drive.
+    """Runs a simulation in real time, sends its robots' readings and takes commands from outside.
 
-    quiet: whether nothing is said.
+    quiet: whether nothing is printed.
     """
 
     def __init__(
@@ -118,7 +116,7 @@ class Service:
         self.remarks: deque[str] = deque(maxlen=100)
         self.groups: list[Outside] = []
         self.ticks = self.missed = self.strays = 0
-        self.taking: deque[float] = deque(maxlen=MOST_TIMES)  # s, from a tick's begin to its readings
+        self.taking: deque[float] = deque(maxlen=MOST_TIMES)  # s, from a tick's start to its readings
         self._start = self._began = 0.0
 
     def warm(self, sim: Simulation) -> None:
@@ -127,7 +125,7 @@ class Service:
             if isinstance(team.algorithm, ExternalAlgorithm):
                 team.algorithm.order(Orders.none(team.algorithm.size), 0.0)
                 team.algorithm.told()
-        for message in View(sim).messages():
+        for message in topics.View(sim).messages():
             message.data()
         sim.advance()
         sim.swarm.snapshot()
@@ -135,7 +133,6 @@ class Service:
 
     def attach(self, sim: Simulation, ears: Ears) -> None:
         self.sim, self.ears = sim, ears
-        names = {number: name for number, name in enumerate(group.name for group in sim.swarm.groups)}
         for team in sim.teams:
             if isinstance(team.algorithm, ExternalAlgorithm):
                 self.groups.append(Outside(sim, team.numbers[0], team.algorithm, self.remarks.append))
@@ -147,20 +144,19 @@ class Service:
         incoming = {topic: hear for group in self.groups for topic, hear in group.incoming().items()}
         for link in self.links:
             link.listen(incoming, self._stray)
-        first = [group for group in sim.swarm.groups]
-        self._first = np.concatenate(
-            [np.arange(g.start, g.start + g.count) for g in first] or [np.zeros(0, int)]
-        )
-        self._names = [f"{ros.word(names[g.number])}_{n}" for g in first for n in range(g.count)]
+        groups = sim.swarm.groups
+        first_trials = [np.arange(group.start, group.start + group.count) for group in groups]
+        self._first = np.concatenate(first_trials or [np.zeros(0, int)])
+        self._names = [f"{ros.word(group.name)}_{n}" for group in groups for n in range(group.count)]
         sim.observers.insert(0, Every(sim.dt, lambda _: self.publish()))  # before files are written
-        view = View(sim)
+        view = topics.View(sim)
         sim.observers.append(Every(VIEW_S, lambda _: self._send(view.messages())))
         sim.observers.append(Every(sim.dt, lambda _: self.keep_time()))
         gc.collect()
-        gc.freeze()  # to look through all that there is by now takes longer than a tick
+        gc.freeze()  # a collection of all objects made so far would take longer than a tick
 
     def _stray(self, data: bytes, json: bool = False) -> None:
-        """Something came that nobody takes."""
+        """Count a message that no group takes."""
         self.strays += 1
         if self.strays & (self.strays - 1) == 0:
             self.remarks.append(f"messages that nobody takes: {self.strays:,}")
@@ -175,7 +171,7 @@ class Service:
     # ------------------------------------------------------------ each tick
 
     def publish(self) -> None:
-        """Tell what the robots read."""
+        """Send the readings and poses of all robots."""
         sim = self.sim
         messages = [topics.clock(sim.t)]
         for group in self.groups:
@@ -183,10 +179,10 @@ class Service:
         if len(self._names) <= topics.MOST_ROBOTS:
             now = sim.swarm.snapshot()
             altitude = now.get("altitude", np.zeros(len(now["heading"])))
-            poses = (one[self._first] for one in (now["position"], now["heading"], altitude))
+            poses = (values[self._first] for values in (now["position"], now["heading"], altitude))
             messages.append(topics.poses(sim.t, self._names, *poses))
         speed = inf if self.pace.wait else self.pace.speed
-        for group in self.groups:  # first: answers may come before the last message is out
+        for group in self.groups:  # before sending: answers may arrive before the last message is out
             behind = ceil(group.inbox.timeout * speed / sim.dt) if speed < inf else 1 << 40
             group.inbox.published(sim.tick, sim.tick - behind)
         for link in self.links:
@@ -196,16 +192,16 @@ class Service:
             self.taking.append(self.clock() - self._began)
 
     def _send(self, messages: Sequence[topics.Message]) -> None:
-        """Make and send those that somebody wants."""
+        """Make and send the messages that have subscribers."""
         for message in messages:
-            wanted = [link for link in self.links if link.wants(message.topic, message.name)]
-            if wanted:
+            links = [link for link in self.links if link.wants(message.topic, message.name)]
+            if links:
                 data = message.data()
-                for link in wanted:
+                for link in links:
                     link.publish(message.topic, data)
 
     def keep_time(self) -> None:
-        """Wait for the next tick's begin, then let the robots do what was heard for them."""
+        """Wait for the start of the next tick, then pass the commands on to the robots."""
         sim = self.sim
         self.ticks = max(0, sim.tick)
         if sim.tick == 0:
@@ -224,7 +220,7 @@ class Service:
         self._began = self.clock()
 
     def _await_time(self, tick: int) -> None:
-        """Until this tick is over by the clock."""
+        """Wait until this tick is over by the clock."""
         pace = self.sim.dt / self.pace.speed
         due = self._start + tick * pace
         late = self.clock() - due
@@ -237,7 +233,7 @@ class Service:
             self.sleep(min(left, LOOK_S))
 
     def _await_answers(self, tick: int) -> None:
-        """Until all robots that are there and search have answered."""
+        """Wait until all connected robots that still search have answered."""
         for group in self.groups:
             inbox = group.inbox
             with inbox.news:
@@ -249,15 +245,15 @@ class Service:
                     self._tell()
 
     def _await_all(self) -> None:
-        """Until all robots have been heard of, if the run waits for them."""
-        told = ""
+        """Wait until all robots have connected, unless the run starts at once."""
+        said = ""
         while not self.pace.at_once and not self.ears.stopped:
             missing = [(group, np.flatnonzero(group.inbox.awaited())) for group in self.groups]
-            line = ", ".join(_named(group.name, some) for group, some in missing if len(some))
+            line = ", ".join(_named(group.name, robots) for group, robots in missing if len(robots))
             if not line:
                 return
-            if line != told:
-                told = line
+            if line != said:
+                said = line
                 self._say(f"waiting for {line}")
             until = self.clock() + AGAIN_S
             while self.clock() < until and not self.ears.stopped:
@@ -268,7 +264,7 @@ class Service:
             self.publish()
 
     def _tell(self) -> None:
-        """Say what the transports remarked."""
+        """Print the remarks of the transports."""
         while self.remarks:
             self._say(self.remarks.popleft())
 
@@ -278,10 +274,10 @@ class Service:
 
     # ------------------------------------------------------------ its end
 
-    def told(self) -> dict[str, Any]:
+    def told(self) -> dict[str, object]:
         taking = 1e3 * np.array(self.taking or [np.nan])
         p50, p99 = (
-            round(float(one), 3) if np.isfinite(one) else None for one in np.percentile(taking, [50, 99])
+            round(float(ms), 3) if np.isfinite(ms) else None for ms in np.percentile(taking, [50, 99])
         )
         groups = {
             group.name: {
@@ -300,6 +296,6 @@ class Service:
 
 
 def _named(group: str, robots: np.ndarray) -> str:
-    """Some robots of a group by their names."""
+    """Return the names of robots of a group, the first SHOWN of them."""
     names = ", ".join(f"{group}_{n}" for n in robots[:SHOWN])
     return names if len(robots) <= SHOWN else f"{names} and {len(robots) - SHOWN} more"

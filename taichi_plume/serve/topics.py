@@ -1,13 +1,15 @@
-"""What the service tells, and under which names.
+"""Topics of the live service and the messages that go out.
 
     clock              rosgraph_msgs/Clock           simulated time
     tf                 tf2_msgs/TFMessage            where the robots of the first trial are, from `map`
-    map, plume/..., tf_static    see `view`
-    GROUP/readings     taichi_plume_msgs/Readings    all that the robots of an external group read
-    GROUP/commands     taichi_plume_msgs/Commands    what they are told: comes in
-    ROBOT/cmd_vel      geometry_msgs/Twist           the same of one robot, where the group takes velocities: comes in
-    ROBOT/pose         geometry_msgs/PoseStamped     where it takes poses: comes in
-    ROBOT/odom         nav_msgs/Odometry             where it is
+    tf_static          tf2_msgs/TFMessage            positions of the sensors on the robots of the first trial
+    map                nav_msgs/OccupancyGrid        places where no robot can be
+    plume/SPECIES      sensor_msgs/PointCloud2       ppm at the height of the gas sensors, of points with LEAST or more
+    GROUP/readings     taichi_plume_msgs/Readings    all readings of the robots of an external group
+    GROUP/commands     taichi_plume_msgs/Commands    commands to them: comes in
+    ROBOT/cmd_vel      geometry_msgs/Twist           velocity of one robot, if the group takes velocities: comes in
+    ROBOT/pose         geometry_msgs/PoseStamped     pose of one robot, if the group takes poses: comes in
+    ROBOT/odom         nav_msgs/Odometry             pose of one robot
     ROBOT/gas          olfaction_msgs/GasSensor      ppm, or ppm m of lasers
     ROBOT/gas_raw      olfaction_msgs/GasSensor      ohm, of metal oxides
     ROBOT/wind         olfaction_msgs/Anemometer     in the frame of the robot
@@ -16,36 +18,52 @@ ROBOT is GROUP_n, n from 0 on through all trials. Groups of more than MOST_ROBOT
 have several gas sensors, gas and gas_raw are of the first, gas_1 and gas_raw_1 of the next, and so on.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from math import ceil
+from typing import NamedTuple
 
 import numpy as np
 
 from taichi_plume.files import ros_messages as ros
-from taichi_plume.files.ros_robots import BASE, GAS, MAP, TRANSFORMS, numbered, transform, wind_fields
+from taichi_plume.files import ros_shapes
+from taichi_plume.files.ros_robots import (
+    BASE,
+    GAS,
+    MAP,
+    TRANSFORMS,
+    carried,
+    numbered,
+    transform,
+    wind_fields,
+)
+from taichi_plume.grid.fields import ppm_at
+from taichi_plume.simulation import Simulation
 
 MOST_ROBOTS = 64
+LEAST = 0.1  # ppm
+MOST_POINTS = 20_000  # of the picture of the gas
 
 
 class Message(NamedTuple):
-    """What may be sent on a topic: its type, and what makes it where somebody wants it."""
+    """Message of a topic: type, and the function that makes the message if there are subscribers."""
 
     topic: str
     name: str
-    make: Callable[[], Any]
+    make: Callable[[], object]
 
     def data(self) -> bytes:
-        """Its bytes."""
+        """Return the message as bytes."""
         return ros.encode(self.make())
 
 
 def clock(t: float) -> Message:
-    """Simulated time t [s]; the warm-up, before 0, is told as 0."""
+    """Return simulated time t [s]; the warm-up, before 0, is sent as 0."""
     return _message("clock", "rosgraph_msgs/msg/Clock", dict, clock=ros.time(max(0.0, t)))
 
 
 def readings(group: str, t: float, tick: int, told: dict[str, np.ndarray], **more: np.ndarray) -> Message:
-    """All that the robots of a group read; told: see `ExternalAlgorithm`; more: answered, lost."""
+    """Return all readings of the robots of a group; told: see `ExternalAlgorithm`; more: answered, lost."""
     place, wind = told["believed_position"], told["wind"]
     count = len(place)
     return _message(
@@ -72,21 +90,21 @@ def readings(group: str, t: float, tick: int, told: dict[str, np.ndarray], **mor
 
 
 def ended(group: str, t: float, tick: int) -> Message:
-    """The run is over."""
+    """Return the message that the run is over."""
     return _message(f"{group}/readings", ros.READINGS, dict, t=t, tick=tick, ended=1)
 
 
 def of_each(
-    group: str, t: float, told: dict[str, np.ndarray], noses: Sequence[dict[str, Any]]
+    group: str, t: float, told: dict[str, np.ndarray], noses: Sequence[Mapping[str, object]]
 ) -> Iterator[Message]:
-    """What each robot of a group reads, as messages of ROS; noses: fields of the GasSensor messages of each."""
+    """Yield the readings of each robot as messages of ROS; noses: fields of the GasSensor messages of each sensor."""
     has_resistance = np.isfinite(told["resistance"])
     ohm = {"raw_units": ros.UNITS["ohm"]}
     for n in range(len(has_resistance)):
         robot = f"{group}_{n}"
         yield _message(f"{robot}/odom", "nav_msgs/msg/Odometry", _odometry, robot, t, told, n)
         for k, sensor in enumerate(noses):
-            gas = {"header": ros.header(t, f"{robot}/{numbered(GAS, k)}")} | sensor
+            gas = {"header": ros.header(t, f"{robot}/{numbered(GAS, k)}"), **sensor}
             topic = f"{robot}/{numbered('gas', k)}"
             yield _message(topic, ros.GAS_SENSOR, _gas, gas, told["reading"], n, k)
             if has_resistance[n, k]:
@@ -95,7 +113,7 @@ def of_each(
         yield _message(f"{robot}/wind", ros.ANEMOMETER, _wind, robot, t, told, n)
 
 
-def _odometry(robot: str, t: float, told: dict[str, np.ndarray], n: int) -> dict[str, Any]:
+def _odometry(robot: str, t: float, told: dict[str, np.ndarray], n: int) -> dict[str, object]:
     x, y = told["believed_position"][n].tolist()
     pose = {
         "position": {"x": x, "y": y, "z": float(told["altitude"][n])},
@@ -104,11 +122,11 @@ def _odometry(robot: str, t: float, told: dict[str, np.ndarray], n: int) -> dict
     return {"header": ros.header(t, MAP), "child_frame_id": f"{robot}/{BASE}", "pose": {"pose": pose}}
 
 
-def _gas(about: dict[str, Any], values: np.ndarray, n: int, k: int) -> dict[str, Any]:
+def _gas(about: dict[str, object], values: np.ndarray, n: int, k: int) -> dict[str, object]:
     return about | {"raw": float(values[n, k])}
 
 
-def _wind(robot: str, t: float, told: dict[str, np.ndarray], n: int) -> dict[str, Any]:
+def _wind(robot: str, t: float, told: dict[str, np.ndarray], n: int) -> dict[str, object]:
     u, v = told["wind"][n].tolist()
     return wind_fields(robot, u, v, float(told["believed_heading"][n]), t)
 
@@ -116,12 +134,12 @@ def _wind(robot: str, t: float, told: dict[str, np.ndarray], n: int) -> dict[str
 def poses(
     t: float, names: list[str], position: np.ndarray, heading: np.ndarray, altitude: np.ndarray
 ) -> Message:
-    """Where robots are: position (n, 2) [m], heading (n,) [rad], altitude (n,) [m]."""
+    """Return the transforms of robots: position (n, 2) [m], heading (n,) [rad], altitude (n,) [m]."""
     places = np.column_stack([position, altitude])
     return _message("tf", TRANSFORMS, _transforms, t, names, places, heading)
 
 
-def _transforms(t: float, names: list[str], places: np.ndarray, heading: np.ndarray) -> dict[str, Any]:
+def _transforms(t: float, names: list[str], places: np.ndarray, heading: np.ndarray) -> dict[str, object]:
     return {
         "transforms": [
             transform(MAP, f"{name}/{BASE}", dict(zip("xyz", place, strict=True)), ros.yawed(angle), t)
@@ -131,7 +149,61 @@ def _transforms(t: float, names: list[str], places: np.ndarray, heading: np.ndar
 
 
 def _message(
-    topic: str, name: str, make: Callable[..., dict[str, Any]], /, *args: Any, **fields: Any
+    topic: str, name: str, make: Callable[..., dict[str, object]], /, *args: object, **fields: object
 ) -> Message:
-    """One whose fields `make` gives, when they are wanted."""
+    """Return a message whose fields `make` gives when they are needed."""
     return Message(topic, name, lambda: ros.message(name, **make(*args, **fields)))
+
+
+class View:
+    """Pictures of a simulation, once a second: the floor, and the gas over it as points of LEAST ppm or more."""
+
+    def __init__(self, sim: Simulation):
+        self.sim = sim
+        length, width, *_ = sim.grid.extent
+        step = sim.grid.dx
+        step *= max(1.0, ceil(np.sqrt(length * width / step**2 / MOST_POINTS)))
+        x, y = ((np.arange(max(1, round(size / step))) + 0.5) * step for size in (length, width))
+        self.places = np.stack(np.meshgrid(x, y, indexing="xy"), axis=-1).reshape(-1, 2)
+        heights = [group.model.sensors.nose.height for group in sim.swarm.groups]
+        self.height = min(heights, default=0.0) if sim.grid.dim == 3 else 0.0
+        above = np.full((len(self.places), 1), self.height)
+        self.points = np.hstack([self.places, above]) if sim.grid.dim == 3 else self.places
+        self.floor = self._floor()
+
+    def _floor(self) -> np.ndarray:
+        """Return the occupancy [%] of the grid's cells and a frame of one cell around them, (ny, nx)."""
+        grid = self.sim.grid
+        nx, ny = (n + 2 for n in grid.shape[:2])
+        x, y = ((np.arange(n) - 0.5) * grid.dx for n in (nx, ny))
+        places = np.stack(np.meshgrid(x, y, indexing="xy"), axis=-1)
+        away = self.sim.swarm.clearance.distance_at(places.reshape(-1, 2)).reshape(ny, nx)
+        return np.where(away > 0, 0, 100)
+
+    def messages(self) -> list[Message]:
+        """Return the messages of this moment."""
+        t, dx = self.sim.t, self.sim.grid.dx
+        floor = partial(ros_shapes.grid, self.floor, dx, -dx, t, MAP)
+        return [
+            Message("tf_static", TRANSFORMS, self._sensors),
+            Message("map", ros_shapes.GRID, floor),
+            *(
+                Message(f"plume/{ros.word(species.name)}", ros_shapes.POINTS, partial(self._gas, n, t))
+                for n, species in enumerate(self.sim.gas.species)
+            ),
+        ]
+
+    def _sensors(self) -> object:
+        """Return the transforms of the sensors on the robots of the first trial."""
+        flat, groups = self.sim.grid.dim == 2, self.sim.swarm.groups
+        robots = [(f"{ros.word(one.name)}_{n}", one.model) for one in groups for n in range(one.count)]
+        places = [each for name, model in robots for each in carried(name, model.sensors, flat)]
+        return ros.message(TRANSFORMS, transforms=places)
+
+    def _gas(self, n: int, t: float) -> object:
+        """Return the concentration of species n as points."""
+        ppm = ppm_at(self.sim.gas, self.points, t)[:, n]
+        there = ppm >= LEAST
+        x, y = self.places[there].T
+        columns = {"x": x, "y": y, "z": np.full(len(x), self.height), "ppm": ppm[there]}
+        return ros_shapes.cloud(columns, t, MAP)

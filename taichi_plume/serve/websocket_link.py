@@ -13,24 +13,25 @@ import logging
 import struct
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future
 from hmac import compare_digest
 from http import HTTPStatus
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar
 from urllib.parse import parse_qs, urlsplit
 
 from websockets.asyncio.server import Server, ServerConnection, broadcast, serve
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
+from websockets.typing import Subprotocol
 
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
-from taichi_plume.serve.address import loopback
+from taichi_plume.serve.address import LONGEST, loopback
 from taichi_plume.serve.links import Hear, LinkError
-from taichi_plume.serve.zenoh_config import LONGEST
 
-PROTOCOL: Any = "foxglove.sdk.v1"
+PROTOCOL = Subprotocol("foxglove.sdk.v1")
+T = TypeVar("T")
 MOST_CLIENTS = 32
 MOST_CHANNELS = 1024  # channels on which a client publishes
 LONGEST_NAME = 256  # characters of a topic or an encoding
@@ -49,7 +50,7 @@ class Channel(NamedTuple):
     """A topic of the service. about: its advertisement; subscribers: subscription id of each client."""
 
     id: int
-    about: dict[str, Any]
+    about: Mapping[str, object]
     subscribers: dict[ServerConnection, int]
 
 
@@ -113,7 +114,7 @@ class WebSocketLink:
         self._call(self._stop.set)
         self._thread.join(2 * CLOSE_S)
 
-    def _call(self, function: Callable[..., object], *args: Any) -> None:
+    def _call(self, function: Callable[..., object], *args: object) -> None:
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(function, *args)
 
@@ -193,7 +194,7 @@ class WebSocketLink:
             for channel in self._advertised.values():
                 channel.subscribers.pop(client, None)
 
-    def _about(self) -> dict[str, Any]:
+    def _about(self) -> dict[str, object]:
         about = {"op": "serverInfo", "name": self.name, "capabilities": ["clientPublish", "time"]}
         return about | {"supportedEncodings": ["cdr", "json"], "metadata": {}, "sessionId": self._session}
 
@@ -215,21 +216,21 @@ class WebSocketLink:
         given = given if isinstance(given, dict) else {}
         match given.get("op"):
             case "subscribe":
-                for one in _dicts(given, "subscriptions"):
+                for one in _list(given, "subscriptions", dict):
                     self._subscribe(client, _whole(one, "id"), _whole(one, "channelId"))
             case "unsubscribe":
-                gone = set(_wholes(given, "subscriptionIds"))
+                gone = set(_list(given, "subscriptionIds", int))
                 for channel in self._advertised.values():
                     if channel.subscribers.get(client) in gone:
                         del channel.subscribers[client]
             case "advertise":
-                for one in _dicts(given, "channels"):
+                for one in _list(given, "channels", dict):
                     channel_id, encoding = _whole(one, "id"), _name_of(one, "encoding")
                     if len(published) >= MOST_CHANNELS and channel_id not in published:
                         raise ClientError(f"channels: at most {MOST_CHANNELS:,} can be advertised")
                     published[channel_id] = _name_of(one, "topic").strip("/"), encoding == "json"
             case "unadvertise":
-                for channel_id in _wholes(given, "channelIds"):
+                for channel_id in _list(given, "channelIds", int):
                     published.pop(channel_id, None)
             case other:
                 raise ClientError(f"op: {visible(other, LONGEST_VALUE)} is not supported")
@@ -289,29 +290,21 @@ def _status(level: int, message: str) -> str:
     return json.dumps({"op": "status", "level": level, "message": message})
 
 
-def _list(given: dict[str, Any], key: str, kind: type) -> list[Any]:
+def _list(given: dict[str, object], key: str, kind: type[T]) -> list[T]:
     values = given.get(key)
-    if not isinstance(values, list) or not all(type(one) is kind for one in values):
+    if not isinstance(values, list) or not all(type(value) is kind for value in values):
         raise ClientError(f"{key}: takes a list of {'objects' if kind is dict else 'whole numbers'}")
     return values
 
 
-def _dicts(given: dict[str, Any], key: str) -> Iterator[dict[str, Any]]:
-    yield from _list(given, key, dict)
-
-
-def _wholes(given: dict[str, Any], key: str) -> list[int]:
-    return _list(given, key, int)
-
-
-def _whole(given: dict[str, Any], key: str) -> int:
+def _whole(given: dict[str, object], key: str) -> int:
     value = given.get(key)
     if type(value) is not int:
         raise ClientError(f"{key}: takes a whole number")
     return value
 
 
-def _name_of(given: dict[str, Any], key: str) -> str:
+def _name_of(given: dict[str, object], key: str) -> str:
     value = given.get(key)
     if not isinstance(value, str) or len(value) > LONGEST_NAME:
         raise ClientError(f"{key}: takes a text of at most {LONGEST_NAME} characters")

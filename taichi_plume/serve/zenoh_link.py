@@ -1,19 +1,18 @@
-"""The transport for robots and ROS 2: zenoh, over TCP."""
+"""Transport for robots and ROS 2: zenoh over TCP."""
 
 import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import zenoh
 
+from taichi_plume.serve.address import USER, endpoint, zenoh_config
 from taichi_plume.serve.links import Hear, LinkError
-from taichi_plume.serve.zenoh_config import USER, config, endpoint
 
 
 class ZenohLink:
-    """Open at an address; clients need `token`, where there is one. Raises LinkError where it cannot be had."""
+    """zenoh router at an address; clients need the `token`, if any. Raises LinkError if the address is not free."""
 
     def __init__(self, host: str, port: int, token: str | None):
         with tempfile.TemporaryDirectory() as folder:  # only its owner can look into it
@@ -21,17 +20,17 @@ class ZenohLink:
             if token is not None:
                 users.write_text(f"{USER}:{token}\n", encoding="utf-8")
             ends = {"listen": [endpoint(host, port)]}
-            made = config("router", ends, None, users if token is not None else None)
+            made = zenoh_config("router", ends, None, users if token is not None else None)
             try:
                 self.session = zenoh.open(made)
             except zenoh.ZError as error:
                 raise LinkError(
                     f"{host}:{port}: cannot be listened at ({str(error).split(' at /')[0]})"
                 ) from None
-        self._publishers: dict[str, Any] = {}
+        self._publishers: dict[str, zenoh.Publisher] = {}
 
     def listen(self, incoming: Mapping[str, Hear], stray: Hear) -> None:
-        """Bring what comes to those who hear its topic; other topics are not even sent here."""
+        """Pass each message to the hearer of its topic; messages of other topics are not even sent here."""
         self._subscribers = [
             self.session.declare_subscriber(topic, lambda sample, hear=hear: hear(sample.payload.to_bytes()))
             for topic, hear in incoming.items()
@@ -44,11 +43,11 @@ class ZenohLink:
         return bool(publisher.matching_status.matching)
 
     def publish(self, topic: str, data: bytes) -> None:
-        """Send a message to all who listen; a slow listener loses the oldest."""
+        """Send a message to all subscribers; a slow one loses the oldest messages."""
         self._publishers[topic].put(data)
 
     def go_on(self, t: float) -> None:
-        """Who wants to know simulated time listens to the clock."""
+        """Do nothing: subscribers read simulated time from the topic `clock`."""
 
     def close(self) -> None:
         with suppress(Exception):

@@ -29,6 +29,16 @@ OCCUPANCY = """#env_min(m) -5 2 0.5
 #num_cells 8 6 2
 #cell_size(m) 0.2
 """
+PLY = """ply
+format ascii 1.0
+element vertex 8
+property float x
+property float y
+property float z
+element face 6
+property list uchar int vertex_indices
+end_header
+"""
 SCENARIOS = {
     "replay": """
 duration: 3
@@ -217,7 +227,7 @@ def make(folder: Path, warm_up: float | None = None) -> dict[str, Path]:
         (folder / f"{name}.yaml").write_text(text)
     (folder / "upwind.py").write_text(OWN)
     _write_wind(folder)
-    _write_box(folder / "box.stl")
+    _write_boxes(folder)
     _write_bags(folder)
     _write_plan(folder / "plan.yml")
     _write_film(folder / "fields.zarr")
@@ -278,11 +288,16 @@ def _write_plan(path: Path) -> None:
     )
 
 
-def _write_box(path: Path) -> None:
-    """A box of 12 triangles as STL."""
+def _write_boxes(folder: Path) -> None:
+    """Write a box of six quads as OBJ and PLY, and of 12 triangles as STL."""
     corners = np.array([[x, y, z] for x in (0.8, 1.1) for y in (0.6, 0.9) for z in (0.0, 0.3)])
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    with path.open("wb") as file:
+    points = [f"{x:g} {y:g} {z:g}" for x, y, z in corners]
+    faces = [f"f {a + 1} {b + 1} {c + 1} {d + 1}" for a, b, c, d in quads]
+    (folder / "box.obj").write_text("\n".join([*(f"v {point}" for point in points), *faces]) + "\n")
+    faces = [f"4 {a} {b} {c} {d}" for a, b, c, d in quads]
+    (folder / "box.ply").write_text(PLY + "\n".join([*points, *faces]) + "\n")
+    with (folder / "box.stl").open("wb") as file:
         file.write(b"\0" * 80 + struct.pack("<I", 12))
         for a, b, c, d in quads:
             for triangle in ((a, b, c), (a, c, d)):

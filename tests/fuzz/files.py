@@ -16,7 +16,7 @@ import numpy as np
 
 from taichi_plume.files import manifest
 from tests.fuzz.damage import Damage
-from tests.fuzz.formats import FORMATS, Format, Reader, make
+from tests.fuzz.formats import FORMATS, Reader, make
 from tests.fuzz.watched import Outcome, Worker, told
 
 MEMORY = 2 << 30  # bytes that reading may take
@@ -42,8 +42,8 @@ class Damaging:
         kind = FORMATS[name]
         file = self.work / kind.file
         for n in numbers:
-            self._restore(kind)
-            self.worker.start()  # it reads what is whole
+            copy(self.whole / kind.file, file)
+            self.worker.start()  # the reader begins with whole files
             damage = Damage(np.random.default_rng([self.seed, n, *name.encode()]))
             content = None
             if file.is_dir():
@@ -52,30 +52,19 @@ class Damaging:
                 content = damage.damaged(file.read_bytes(), kind.text)
             outcome = self.worker.do((name, content))
             if self.kept and not outcome.good:
-                self._keep(file, self.kept / f"{name}-{self.seed}-{n}{file.suffix}")
+                copy(file, self.kept / f"{name}-{self.seed}-{n}{file.suffix}")
             yield f"{name} {n}", outcome
-        self._restore(kind)
+        copy(self.whole / kind.file, file)
 
-    def _restore(self, kind: Format) -> None:
-        """Put the good file back."""
-        target, source = self.work / kind.file, self.whole / kind.file
-        if source.is_dir():
-            shutil.rmtree(target, ignore_errors=True)
-            shutil.copytree(source, target)
-        else:
-            shutil.copyfile(source, target)
 
-    @staticmethod
-    def _keep(file: Path, target: Path) -> None:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        if file.is_dir():
-            shutil.copytree(file, target, dirs_exist_ok=True)
-        else:
-            shutil.copyfile(file, target)
-
-    def close(self) -> None:
-        """End the reading process."""
-        self.worker.close()
+def copy(source: Path, target: Path) -> None:
+    """Copy a file or folder; an earlier one is replaced."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if source.is_dir():
+        shutil.rmtree(target, ignore_errors=True)
+        shutil.copytree(source, target)
+    else:
+        shutil.copyfile(source, target)
 
 
 def main() -> int:
@@ -96,7 +85,7 @@ def main() -> int:
         found = list(damaging.outcomes(name, range(args.first, args.first + args.count)))
         bad |= any(not outcome.good for _, outcome in found)
         print(f"{name}:", *told(found), sep="\n", flush=True)
-    damaging.close()
+    damaging.worker.close()
     shutil.rmtree(folder)
     return int(bad)
 

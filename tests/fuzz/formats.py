@@ -90,7 +90,6 @@ def make(folder: Path) -> None:
     (folder / "map.yaml").write_text(plan)
     for kind in ("obj", "ply"):
         (folder / f"{kind}.yaml").write_text(bases.SCENARIOS["mesh"].replace("box.stl", f"box.{kind}"))
-    _write_boxes(folder)
     _write_table(folder / "robots.parquet")
     (folder / "forces.csv").write_text(
         "t_s,obstacle,x_N,y_N\n" + "".join(f"{n},0,{0.1 * n},-1e-3\n" for n in range(9))
@@ -105,18 +104,6 @@ def make(folder: Path) -> None:
 
 def _node(k: int, n: int) -> str:
     return f"{0.1 + 0.1 * (k % 4):.3g},{0.1 + 0.1 * (k // 4):.3g},0,{0.1 * n:.3g},{0.3 * k:.3g},{2 * k + n}\n"
-
-
-def _write_boxes(folder: Path) -> None:
-    """A box of quads as OBJ and PLY."""
-    corners = [f"{x} {y} {z}\n" for x in (0.8, 1.1) for y in (0.6, 0.9) for z in (0.0, 0.3)]
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = ["f " + " ".join(str(n + 1) for n in quad) + "\n" for quad in quads]
-    (folder / "box.obj").write_text("".join([*(f"v {one}" for one in corners), *faces]))
-    head = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n"
-    head += "element face 6\nproperty list uchar int vertex_indices\nend_header\n"
-    faces = ["4 " + " ".join(map(str, quad)) + "\n" for quad in quads]
-    (folder / "box.ply").write_text("".join([head, *corners, *faces]))
 
 
 def _write_table(path: Path) -> None:

@@ -1,7 +1,6 @@
-"""The first second of accepted mutants: in a simulation that is reset where only numbers differ, else in a new one."""
+"""First second of accepted mutants: in a simulation that is reset if only numbers differ, else in a new one."""
 
 import time
-from collections.abc import Callable
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -105,8 +104,3 @@ def _odd(value: Any, path: str) -> list[str]:
     if isinstance(value, (list, tuple)):
         return [odd for n, part in enumerate(value) for odd in _odd(part, f"{path}[{n}]")]
     return [path] if isinstance(value, float) and not isfinite(value) else []
-
-
-def runner(paths: dict[str, Path]) -> Callable[[tuple[str, str]], Outcome]:
-    """What a worker does."""
-    return Runner(paths)

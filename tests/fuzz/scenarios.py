@@ -21,7 +21,7 @@ from taichi_plume.assembly.prepare import load, load_scenario
 from taichi_plume.scenario.loading import ScenarioError, read_scenario
 from tests.fuzz import bases
 from tests.fuzz.mutate import Mutator
-from tests.fuzz.runs import runner
+from tests.fuzz.runs import Runner
 from tests.fuzz.watched import Outcome, Worker, told, tried
 
 MEMORY = 4 << 30  # bytes that loading may take
@@ -109,7 +109,7 @@ class Fuzzing:
         end = time.monotonic() + seconds
         parts = [(name, kind) for name in self.paths for kind in (SAME, OTHER)]
         for k, (name, kind) in enumerate(parts):
-            worker = Worker(partial(runner, self.paths), RUN_LIMIT, RUN_MEMORY)
+            worker = Worker(partial(Runner, self.paths), RUN_LIMIT, RUN_MEMORY)
             stop = time.monotonic() + (end - time.monotonic()) / (len(parts) - k)
             builds = 0
             for n, structure in accepted.items():
@@ -147,7 +147,7 @@ def main() -> int:
         outcome = loader(fuzzing.paths)((name, text))
         print(outcome.kind, outcome.text)
         if outcome.kind == "accepted":
-            outcome = runner(fuzzing.paths)((name, text))
+            outcome = Runner(fuzzing.paths)((name, text))
             print(outcome.kind, outcome.place, outcome.text)
         return int(not outcome.good)
     accepted: dict[int, str] = {}

@@ -25,18 +25,16 @@ def faults(outcomes: Iterable[tuple[str, Outcome]], meant: set[str]) -> str:
 def damaging(tmp_path_factory):
     fuzzing = Damaging(tmp_path_factory.mktemp("files"), seed=3)
     yield fuzzing
-    fuzzing.close()
+    fuzzing.worker.close()
+
+
+MANY = pytest.param(range(DAMAGED, MORE_DAMAGED), marks=pytest.mark.slow, id="many")
 
 
 @pytest.mark.parametrize("name", sorted(FORMATS))
-def test_damaged_files_are_read_or_refused_with_a_line(damaging, name):
-    assert faults(damaging.outcomes(name, range(DAMAGED)), {"refused"}) == ""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(FORMATS))
-def test_many_damaged_files_are_read_or_refused_with_a_line(damaging, name):
-    assert faults(damaging.outcomes(name, range(DAMAGED, MORE_DAMAGED)), {"refused"}) == ""
+@pytest.mark.parametrize("numbers", [pytest.param(range(DAMAGED), id="few"), MANY])
+def test_damaged_files_are_read_or_refused_with_a_line(damaging, name, numbers):
+    assert faults(damaging.outcomes(name, numbers), {"refused"}) == ""
 
 
 def test_mutants_load_or_are_refused_with_a_line(tmp_path):

@@ -19,7 +19,7 @@ pytest.importorskip("websockets")
 from taichi_plume.cli.serve import main
 from taichi_plume.client import Team
 from taichi_plume.files import ros_messages as ros
-from taichi_plume.serve.address import TOKEN
+from taichi_plume.serve.address import TOKEN, endpoint, zenoh_config
 
 pytestmark = pytest.mark.slow
 SCENARIO = {
@@ -103,9 +103,7 @@ def by_zenoh(port: int):
     """Drive robot 2 with a Twist, as a bridge of ROS 2 does."""
     import zenoh
 
-    from taichi_plume.serve.zenoh_config import config, endpoint
-
-    session = zenoh.open(config("client", {"connect": [endpoint("127.0.0.1", port)]}, None))
+    session = zenoh.open(zenoh_config("client", {"connect": [endpoint("127.0.0.1", port)]}, None))
     twist = ros.encode(ros.message("geometry_msgs/msg/Twist", linear={"x": 0.1}))
     return repeated(lambda: session.put("team_2/cmd_vel", twist), session.close)
 

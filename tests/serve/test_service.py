@@ -16,6 +16,7 @@ from taichi_plume.serve.service import Pace, Service
 pytest.importorskip("rosbags")
 pytestmark = pytest.mark.usefixtures("taichi")
 
+LASER = {"kind": "tdlas", "species": "ethanol", "left": 0.05, "bearing_deg": 90, "noise_ppm_m": 0}
 SCENARIO = {
     "duration": 3.0,
     "domain": {"size": [4, 3], "spacing": 0.1},
@@ -31,18 +32,7 @@ SCENARIO = {
             "count": 2,
             "start": {"kind": "positions", "positions": [[3, 1], [3, 2]], "heading_deg": 180},
             "algorithm": {"kind": "external", "timeout": 0.5},
-            "sensors": {
-                "gas": [
-                    {"kind": "mox"},
-                    {
-                        "kind": "tdlas",
-                        "species": "ethanol",
-                        "left": 0.05,
-                        "bearing_deg": 90,
-                        "noise_ppm_m": 0,
-                    },
-                ]
-            },
+            "sensors": {"gas": [{"kind": "mox"}, LASER]},
         }
     ],
 }
@@ -111,12 +101,18 @@ def made(taichi):
 
 @pytest.fixture
 def served(made):
-    def run(answer, pace=None, tick_s=0.01):
+    def run(answer, pace=None, tick_s=0.01, unwanted=(), warm=True, timeouts=False):
         clock = Clock(tick_s)
         robots = Robots(clock, answer)
-        service = Service(pace or Pace(), [robots], True, clock, clock.sleep)
-        service.warm(made)
+        robots.unwanted = unwanted
+        service = Service(pace or Pace(), [robots], not timeouts, clock, clock.sleep)
+        if warm:
+            service.warm(made)
+        else:
+            made.reset()
         service.attach(made, Ears())
+        for group in service.groups if timeouts else ():
+            group.inbox.clock = clock
         made.run()
         service.close()
         return robots, service
@@ -142,28 +138,17 @@ def test_ten_times_as_fast(served):
     assert np.diff([when for when, _ in robots.seen])[1:] == pytest.approx(0.01, abs=1e-6)
 
 
-def test_ticks_that_take_too_long_are_told_and_caught_up(served):
+@pytest.mark.parametrize(("late", "missed", "behind"), [(0.35, 3, 0.0), (5.0, 1, 4.9)])
+def test_ticks_that_take_too_long_are_caught_up_unless_the_clock_is_far_behind(served, late, missed, behind):
     def answer(robots, now):
         robots.drive(now)
         if now.tick == 10:
-            robots.clock.now += 0.35
+            robots.clock.now += late
 
     robots, service = served(answer)
     times = np.array([when for when, _ in robots.seen])
-    assert service.missed == 3
-    assert times[-1] - times[1] == pytest.approx(2.9, abs=1e-6)
-
-
-def test_a_clock_that_is_far_behind_is_put_back(served):
-    def answer(robots, now):
-        robots.drive(now)
-        if now.tick == 10:
-            robots.clock.now += 5.0
-
-    robots, service = served(answer)
-    times = np.array([when for when, _ in robots.seen])
-    assert service.missed == 1
-    assert times[-1] - times[1] == pytest.approx(2.9 + 4.9, abs=0.02)
+    assert service.missed == missed
+    assert times[-1] - times[1] == pytest.approx(2.9 + behind, abs=0.02 if behind else 1e-6)
 
 
 def test_it_begins_when_all_robots_are_there(served):
@@ -241,17 +226,12 @@ def test_what_is_told_of_each_robot(served):
     ]
 
 
-def test_what_nobody_wants_is_not_made(made, monkeypatch):
-    clock = Clock()
-    robots = Robots(clock, Robots.drive)
-    robots.unwanted = ("map", "plume/ethanol", "tf")
-    for what in ("view.ros_shapes.grid", "view.ros_shapes.cloud", "topics._transforms"):
+def test_what_nobody_wants_is_not_made(served, monkeypatch):
+    unwanted = ("map", "plume/ethanol", "tf")
+    for what in ("topics.ros_shapes.grid", "topics.ros_shapes.cloud", "topics._transforms"):
         monkeypatch.setattr(f"taichi_plume.serve.{what}", lambda *_: pytest.fail("is made"))
-    service = Service(Pace(), [robots], True, clock, clock.sleep)
-    made.reset()
-    service.attach(made, Ears())
-    made.run()
-    assert not {topic for topic, _ in robots.messages} & set(robots.unwanted)
+    robots, _ = served(Robots.drive, unwanted=unwanted, warm=False)
+    assert not {topic for topic, _ in robots.messages} & set(unwanted)
 
 
 def test_what_there_is_to_see(served, made):
@@ -272,22 +252,15 @@ def test_what_there_is_to_see(served, made):
     np.testing.assert_allclose(ppm_at(made.gas, there, made.t)[:, 0], points["ppm"], rtol=1e-4)
 
 
-def test_lost_and_back(made, capsys):
-    """A robot is silent for some ticks: it stands, is told to be lost, and goes on."""
-    clock = Clock()
+def test_lost_and_back(served, capsys):
+    """A robot is silent for some ticks: it stands still, is reported as lost, and goes on."""
 
     def answer(robots, now):
         robots.drive(now, robot=(0,))
         if not 10 <= now.tick < 20:
             robots.drive(now, number=len(robots.seen) + 1000, robot=(1,))
 
-    robots = Robots(clock, answer)
-    service = Service(Pace(), [robots], False, clock, clock.sleep)
-    service.warm(made)
-    service.attach(made, Ears())
-    for group in service.groups:
-        group.inbox.clock = clock
-    made.run()
+    robots, service = served(answer, timeouts=True)
     x = np.array([now.x for _, now in robots.seen])[:, 1]
     moving = np.diff(x) < -1e-4
     assert moving[:14].all()

@@ -61,6 +61,6 @@ def test_a_short_run_flows_around_the_step():
     assert np.abs(record.mean[1 : case.BEFORE * cells, :cells]).max() < 1e-6
     z, found, measured = case.behind(record.mean, cells, 6)
     assert len(z) == len(found) == len(measured) == 17
-    (experiment,) = case.BACKWARD_STEP_CASES
+    (experiment,) = case.CASES
     told = case.quantities(record, cells).keys()
     assert all(one.published.keys() | one.expected.keys() <= told for one in experiment.conditions)

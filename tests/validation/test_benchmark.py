@@ -1,11 +1,14 @@
+"""Benchmarks in small: each row holds what it should, and faults are reported."""
+
 import json
 
 import numpy as np
 import pytest
 
-from taichi_plume.validation.benchmark import pressure, puffs, robots, start, trials
+from taichi_plume.validation.benchmark import envs, pressure, puffs, robots, start, trials
 from taichi_plume.validation.benchmark.__main__ import main
 from taichi_plume.validation.benchmark.pressure import cluttered, right_sides
+from tests.study.rooms import ROOM, UNIFORM, changed
 
 
 def test_right_sides_can_be_solved():
@@ -66,14 +69,7 @@ def test_trials_in_a_recorded_room_are_measured():
 @pytest.mark.slow
 def test_starts_are_measured_cold_and_warm(tmp_path, capsys):
     config = tmp_path / "still.yaml"
-    config.write_text("""
-name: still
-duration: 1
-warm_up: 1000
-domain: {size: [2.0, 1.5], spacing: 0.1}
-wind: {kind: uniform, velocity: [0.3, 0]}
-gas: {kind: eulerian, sources: [{position: [0.4, 0.75], rate: 10 mg/s}]}
-""")
+    config.write_text(json.dumps(changed(UNIFORM) | {"name": "still", "warm_up": 1000}))
     assert main(["start", str(config), "--json"]) == 0
     cold, warm = json.loads(capsys.readouterr().out)
     assert (cold["config"], cold["cold"], warm["cold"]) == ("still", True, False)
@@ -85,3 +81,47 @@ gas: {kind: eulerian, sources: [{position: [0.4, 0.75], rate: 10 mg/s}]}
 def test_a_start_that_fails_tells_why(tmp_path):
     with pytest.raises(RuntimeError, match=r"nowhere.yaml: cannot be read"):
         next(start.starts([start.ROOT], [str(tmp_path / "nowhere.yaml")]))
+
+
+def test_no_environments_are_refused_in_a_line(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["envs", "--count", "0"])
+    assert ended.value.code == 2
+    assert "--count: 0 is below 1" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_environments_are_measured_beside_what_is_wanted(monkeypatch, capsys):
+    monkeypatch.setattr(envs, "RESETS", 200)
+    monkeypatch.setattr(envs, "FRAMES", 141)
+    assert main(["envs", "--count", "20", "--seconds", "0.1", "--json"]) == 0
+    rows = {row["case"]: row for row in json.loads(capsys.readouterr().out)}
+    assert rows.keys() >= {"reset of one of them", "reset of all", "memory over 200 resets"}
+    for case in ("steps of 20 environments", "steps of a single environment"):
+        assert rows[case]["figure"] > 0.0 < rows[case]["cpu_us"]
+        assert rows[case]["wanted"].startswith(">= ")
+
+
+@pytest.mark.slow
+def test_a_shared_air_is_compared_with_runs_of_their_own(tmp_path, capsys):
+    (tmp_path / "room.yaml").write_text(json.dumps(changed(ROOM)))
+    assert not main(["studies", "shared", str(tmp_path / "room.yaml"), "--searches", "3", "--alone", "2"])
+    told = capsys.readouterr().out
+    assert "one air, filmed: 21 frames" in told
+    assert "the same to the bit: 2 of 2" in told
+
+
+@pytest.mark.slow
+def test_an_air_that_cannot_be_shared_is_told(tmp_path, capsys):
+    (tmp_path / "room.yaml").write_text(json.dumps(changed(UNIFORM)))
+    assert main(["studies", "shared", str(tmp_path / "room.yaml")]) == 2
+    assert "cost nothing" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_memory_over_many_runs_is_told(tmp_path, capsys):
+    (tmp_path / "room.yaml").write_text(json.dumps(changed(UNIFORM)))
+    assert not main(["studies", "overhead", str(tmp_path / "room.yaml"), "--runs", "20"])
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 10
+    assert all("MB" in line for line in lines)

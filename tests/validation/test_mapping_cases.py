@@ -10,12 +10,7 @@ from taichi_plume import load_scenario
 from taichi_plume.validation import mapping_cases, mapping_scenario, mapping_whiffs
 from taichi_plume.validation.case import Curve
 from taichi_plume.validation.experiment import Lines, Mean
-from taichi_plume.validation.mapping_cases import (
-    ALPHAS,
-    chosen,
-    least,
-    worst,
-)
+from taichi_plume.validation.mapping_cases import ALPHAS, chosen, least, worst
 from taichi_plume.validation.mapping_scenario import (
     GASES,
     SOURCES,
@@ -128,7 +123,7 @@ def test_a_short_run_tells_everything(monkeypatch):
     mapping_scenario.in_airs.cache_clear()
     try:
         airs = mapping_scenario.in_airs(2)
-        for condition in mapping_cases.MAPPING_CASES[0].conditions:
+        for condition in mapping_cases.CASES[0].conditions:
             told = condition.run(2)
             means = {name: part for name, part in told.items() if isinstance(part, Mean)}
             assert condition.published.keys() | condition.expected.keys() <= means.keys()
@@ -146,15 +141,8 @@ def test_a_short_run_tells_everything(monkeypatch):
 
 def test_lines_are_drawn():
     x = np.arange(3.0)
-    case = {
-        "name": "maps",
-        "about": "",
-        "reference": "",
-        "discussion": "",
-        "wall_s": 1.0,
-        "passed": True,
-        "message": "",
-    }
+    case = dict.fromkeys(("about", "reference", "discussion", "message"), "")
+    case |= {"name": "maps", "wall_s": 1.0, "passed": True}
     report = {"passed": True, "cases": [case], "wall_s": 1.0, "backend": "cpu", "versions": {}}
     drawn = page(report, {"maps": {"errors": Lines("t", "MAE", x, {"one": x, "two": 2 * x})}})
     assert drawn.count("<img") == 1

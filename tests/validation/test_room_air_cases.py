@@ -6,7 +6,7 @@ import pytest
 from taichi_plume.validation import room_air_cases
 from taichi_plume.validation.case import Curve
 from taichi_plume.validation.experiment import Mean
-from taichi_plume.validation.room_air_cases import LOOKS, OF_PARTICLES, RATIO, ROOM_AIR_CASES, pseudo_values
+from taichi_plume.validation.room_air_cases import CASES, LOOKS, OF_PARTICLES, RATIO, pseudo_values
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -24,7 +24,7 @@ def test_modes_of_a_diffusing_ball_tell_its_diffusivity():
 
 
 def test_only_the_default_is_judged_by_the_law_of_closed_rooms():
-    (experiment,) = ROOM_AIR_CASES
+    (experiment,) = CASES
     judged = [one for one in experiment.conditions if OF_PARTICLES in one.expected]
     (one,) = judged
     assert (one.expected[OF_PARTICLES].least, one.expected[OF_PARTICLES].most) == (1.17, 2.15)  # by hand

@@ -10,7 +10,7 @@ from taichi_plume.assembly.assemble import assemble
 from taichi_plume.validation import spiral_cases, spiral_room
 from taichi_plume.validation.experiment import Range
 from taichi_plume.validation.searches import scenario_of
-from taichi_plume.validation.spiral_cases import SPIRAL_CASES
+from taichi_plume.validation.spiral_cases import CASES
 from taichi_plume.validation.spiral_floor import NoisyIndex, chi_square
 from taichi_plume.validation.spiral_index import PLACES, in_order
 from taichi_plume.validation.spiral_index import spread as index_spread
@@ -37,7 +37,7 @@ def test_every_row_has_its_trials(monkeypatch):
     monkeypatch.setattr(spiral_cases, "HOUR", 150.0)
     monkeypatch.setattr(spiral_cases, "least_index", lambda airs: 1.0)
     monkeypatch.setattr(spiral_cases, "begins", lambda row: [0.0, 5.0, 5.0, 10.0])
-    (experiment,) = SPIRAL_CASES
+    (experiment,) = CASES
     rows = experiment.conditions[:9]
     told = {condition.name: condition.run(6) for condition in rows}
     quick, slow = told["E. coli 3 s, 180 cm"], told["random SPIRAL, 180 cm"]

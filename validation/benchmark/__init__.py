@@ -1,1 +1,1 @@
-"""How fast it is: whole steps, the pressure alone, puffs, robots, trials, maps, and the start of a run."""
+"""Benchmarks of speed: whole steps, the pressure alone, puffs, robots, trials, maps, and the start of a run."""

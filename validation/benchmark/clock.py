@@ -36,7 +36,7 @@ JAX, FOAM = "x jax-cfd", "x OpenFOAM"
 
 @dataclass(frozen=True)
 class Row:
-    """What is measured, its figure, and what the figure `wanted` shall come to at least, and is aimed at.
+    """A measurement: main figure, and least value and aim of the figure `wanted`.
 
     measure: the figures of a checkout. beside: what another program needs, in units of `figure`.
     """
@@ -84,7 +84,7 @@ class Found:
 
 
 def _better(unit: str, value: float, than: float) -> float:
-    """How many times better a figure is."""
+    """Return how many times better a figure is than another."""
     return than / value if unit in COSTS else value / than
 
 
@@ -92,8 +92,8 @@ def _better(unit: str, value: float, than: float) -> float:
 
 
 def _apart(name: str, checkout: Path, args: argparse.Namespace) -> Figures:
-    """By clock_rows.py. Raises RuntimeError where it fails."""
-    told = {key: getattr(args, key) for key in ("arch", "seconds", "robots")}
+    """Return the figures of clock_rows.py. Raises RuntimeError if the process fails."""
+    told = {key: vars(args)[key] for key in ("arch", "seconds", "robots")}
     told |= {"row": name, "checkout": str(checkout)}
     command = [sys.executable, "-P", str(HERE / "clock_rows.py"), json.dumps(told)]
     return json.loads(_output(command, checkout))
@@ -109,7 +109,7 @@ def _first_command(name: str, checkout: Path, args: argparse.Namespace) -> Figur
 
 
 def _first_tick(config: str, name: str, checkout: Path, args: argparse.Namespace) -> Figures:
-    """Of a process whose kernels another one has left in the cache."""
+    """Return the figures of a process whose kernels are in the cache."""
     cold, warm = start.starts([checkout], [config], arch=args.arch)
     return {"s": warm.seconds, "CPU s": warm.cpu_seconds, "s cold": cold.seconds, "kernels": warm.kernels}
 
@@ -194,7 +194,7 @@ def measured(name: str, args: argparse.Namespace) -> Iterator[Found]:
 
 
 def compared(found: Sequence[Found], checkouts: Sequence[Path]) -> Iterator[str]:
-    """How much faster each checkout is than the first, and what share of its CPU time it needs: the best of each."""
+    """Yield the speed-up of each checkout over the first and the ratio of CPU times, of the best runs."""
     figure = found[0].figure
     cpu = next((unit for unit in found[0].figures if unit.startswith("CPU")), None)
     names = [checkout.resolve().name for checkout in checkouts]
@@ -208,7 +208,7 @@ def compared(found: Sequence[Found], checkouts: Sequence[Path]) -> Iterator[str]
 
 
 def _best(found: Sequence[Found], checkout: str, unit: str) -> float:
-    """Of the figures of a checkout."""
+    """Return the best figure of a checkout."""
     values = [one.figures[unit] for one in found if one.checkout == checkout]
     return min(values) if unit in COSTS or unit.startswith("CPU") else max(values)
 

@@ -1,4 +1,4 @@
-"""What rows of the clock measure: ``python clock_rows.py OPTIONS``, OPTIONS in JSON, prints the figures in JSON.
+"""Rows of the clock: ``python clock_rows.py OPTIONS``, OPTIONS in JSON, prints the figures in JSON.
 
 It is run by its path, with PYTHONPATH on the checkout that is to be measured: it needs nothing of the package around it
 and of a checkout only what has long been there. So it measures checkouts that are older than itself.
@@ -99,7 +99,7 @@ def robots(arch: str, count: int) -> Figures:
 
 
 def figures(name: str, options: dict[str, Any]) -> Figures:
-    """Of a row; its own, and of the same minute the triad [GB/s] and how many processes wanted a core before it."""
+    """Return the figures of a row, with the triad [GB/s] and the load of the same minute."""
     from taichi_plume.validation.benchmark.steps import bandwidth
 
     arch, load = options["arch"], os.getloadavg()[0]

@@ -1,4 +1,4 @@
-"""How fast environments are, beside what is wanted: a film that is played to thousands of episodes in one process.
+"""Speed of environments against their targets: a film that is played to thousands of episodes in one process.
 
     python -m taichi_plume.validation.benchmark envs [--arch ARCH] [--count N] [--seconds S] [--json]
 
@@ -18,12 +18,13 @@ import numpy as np
 import psutil
 
 from taichi_plume.guard.terminal import Parser, say
+from taichi_plume.validation.case import Keys
 
 COUNT = 4096
 RESETS = 10_000
 FILMS, FRAMES = 4, 241
 ACTIONS = 16  # different ones, in turn
-TASK: dict[str, Any] = {
+TASK: Keys = {
     "duration": 60.0,
     "domain": {"size": [4.0, 3.0], "spacing": 0.04, "depth": 0.5},
     "wind": {"kind": "uniform", "velocity": [0.5, 0.0]},
@@ -120,7 +121,7 @@ def reset_ms(engine: Any, mask: np.ndarray | None, times: int = 100) -> float:
 
 
 def growth_mb(engine: Any) -> float:
-    """By how much memory grows [MB] over RESETS resets, after a tenth of them."""
+    """Return the growth of memory [MB] over RESETS resets, after a tenth of them."""
     process = psutil.Process(os.getpid())
     for k in range(RESETS // 10):
         engine.reset(np.full(engine.count, k, np.uint64))
@@ -128,6 +129,12 @@ def growth_mb(engine: Any) -> float:
     for k in range(RESETS):
         engine.reset(np.full(engine.count, k, np.uint64))
     return (process.memory_info().rss - before) / 1e6
+
+
+def steps_of(what: str, kind: str, engine: Any, seconds: float) -> Measured:
+    """Return the rate of steps of an engine against its target."""
+    steps, cpu = rate(engine, seconds)
+    return Measured(f"steps of {what}", steps, "1/s", f">= {WANTED[kind]:,.0f}", round(1e6 * cpu, 3))
 
 
 def measure(arch: str, count: int, seconds: float) -> list[Measured]:
@@ -139,32 +146,22 @@ def measure(arch: str, count: int, seconds: float) -> list[Measured]:
     kernels.start(arch)
     scenario, bank = scenario_from(TASK), films()
     many = Episodes(scenario, count=count, bank=bank)
-    steps, cpu = rate(many, seconds)
     one_of_them = np.arange(count) == count // 2
     rows = [
-        Measured(
-            f"steps of {count:,} environments",
-            steps,
-            "1/s",
-            f">= {WANTED['vector']:,.0f}",
-            round(1e6 * cpu, 3),
-        ),
+        steps_of(f"{count:,} environments", "vector", many, seconds),
         Measured("reset of one of them", reset_ms(many, one_of_them), "ms", f"<= {RESET_MS:g}"),
         Measured("reset of all", reset_ms(many, None), "ms", f"<= {RESET_MS:g}"),
     ]
     one = Episodes(scenario, count=1, bank=bank)
-    steps, cpu = rate(one, seconds)
     return [
         *rows,
-        Measured(
-            "steps of a single environment", steps, "1/s", f">= {WANTED['single']:,.0f}", round(1e6 * cpu, 3)
-        ),
+        steps_of("a single environment", "single", one, seconds),
         Measured(f"memory over {RESETS:,} resets", growth_mb(one), "MB more", "flat"),
     ]
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Measure and tell."""
+    """Measure and print the figures."""
     parser = Parser(prog="python -m taichi_plume.validation.benchmark envs", description=__doc__)
     parser.add_argument("--arch", default="cpu", choices=("auto", "cpu", "cuda", "vulkan", "metal"))
     parser.add_argument("--count", type=int, default=COUNT, help=f"environments (default: {COUNT})")

@@ -1,4 +1,4 @@
-"""The live service under all that may come: ``python -m taichi_plume.validation.benchmark live [--minutes 10]``.
+"""Live service under load, noise and a cut link: ``python -m taichi_plume.validation.benchmark live [--minutes 10]``.
 
 A 2-D room with its air, gas, fifty robots from outside and two of its own runs in real time as a process of its own,
 with its recording. A second process has a client for each of the fifty, and on the same loopback
@@ -33,6 +33,7 @@ import numpy as np
 from taichi_plume.client import Readings, Team
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.guard.terminal import Parser, say
+from taichi_plume.validation.case import Keys
 
 ROOM = Path(__file__).resolve().parents[2] / "configs/live/room.yaml"
 CUT_S = 20.0
@@ -158,7 +159,7 @@ class Driver:
 
     @property
     def ticks(self) -> list[int]:
-        """Of the readings that it got."""
+        """Ticks of the received readings."""
         return self.team.ticks
 
     @property
@@ -218,7 +219,7 @@ def _answers(port: int) -> bool:
     return False
 
 
-def measure(seconds: float, clients: int, malformed: int) -> dict[str, Any]:
+def measure(seconds: float, clients: int, malformed: int) -> Keys:
     """Run the service for so long; what it was like."""
     port, over = free_port(), threading.Event()
     with TemporaryDirectory() as name, ExitStack() as stack:
@@ -278,7 +279,7 @@ def until(true: Callable[[], bool], what: str) -> None:
 
 
 def main(argv: list[str]) -> int:
-    """Measure and tell."""
+    """Measure and print the figures."""
     parser = Parser(
         prog="python -m taichi_plume.validation.benchmark live",
         description=__doc__,

@@ -1,4 +1,4 @@
-"""How fast online gas maps are: snaps, updates by Gaussian weights, and Markov fields, early and late in a run."""
+"""Speed of online gas maps: snapshots, updates by Gaussian weights, and Markov fields, early and late in a run."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -25,7 +25,7 @@ WAKING = 300  # sums: some 40 ms on two cores
 
 
 class Robots:
-    """What a map sees of robots that jump about the floor, `team` in each trial."""
+    """Robots as maps see them, at random positions, `team` in each trial."""
 
     def __init__(self, trials: int, team: int, extent: tuple[float, float]):
         n = trials * team
@@ -46,7 +46,7 @@ class Robots:
 
 @dataclass(frozen=True)
 class MapCost:
-    """Of a window of 5 s with 250 readings of a trial: medians [ms] of what passes and of the time of all cores;
+    """Cost of a window of 5 s with 250 readings of a trial: medians [ms] of what passes and of the time of all cores;
     `last_` of the tick that ends the window, with all cores awake. And of asking for the first map's estimate at its
     end, and for the variance, NaN where there is none.
     """
@@ -97,7 +97,7 @@ def _wake(sums: int) -> float:
 def cost(
     case: str, arch: str, keys: list[dict], extent: tuple[float, float], trials: int, ticks: int = 50
 ) -> list[MapCost]:
-    """Of several maps at once, in the first minute and after an hour."""
+    """Return the cost of several maps at once, in the first minute and after an hour."""
     kernels.start(arch)
     models = TypeAdapter(list[Map]).validate_python(keys)
     made = mappers(models, Floor(extent, trials, READINGS // ticks, WINDOW / ticks))

@@ -1,4 +1,4 @@
-"""How long OpenFOAM's pisoFoam takes for the empty arena of 4 x 3 x 0.5 m: LES and a gas, 0.7 m/s from one end.
+"""Wall time of OpenFOAM's pisoFoam for the empty arena of 4 x 3 x 0.5 m: LES and a gas, 0.7 m/s from one end.
 
 Its step is of its own Courant number: 0.8 where the air blows with 0.9 m/s. Two processes share the cells. The first
 steps are left out, and so is what it takes to start.

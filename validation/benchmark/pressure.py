@@ -1,4 +1,4 @@
-"""How the iterations of the pressure grow with the number of cells: cubes with obstacles, solved alone."""
+"""Iterations of the pressure solvers (Poisson, multigrid) against the number of cells: cubes with obstacles."""
 
 import time
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ def cluttered(n: int) -> tuple[Grid, np.ndarray]:
 
 
 def right_sides(grid: Grid, air: np.ndarray) -> dict[str, np.ndarray]:
-    """Of largest entry 1: the divergence of random velocities, which is rough, a smooth field, and their sum."""
+    """Return right sides of largest entry 1: divergence of random velocities, a smooth field, and their sum."""
     rng = np.random.default_rng(0)
     rough = np.zeros(grid.shape)
     for d in range(grid.dim):

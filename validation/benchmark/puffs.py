@@ -1,4 +1,4 @@
-"""How fast puffs are: a whole step of many, and the concentration at many points among them."""
+"""Speed of puffs: a whole step of many, and the concentration at many points among them."""
 
 import time
 from collections.abc import Callable
@@ -11,11 +11,9 @@ from taichi_plume.grid import kernels
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.gases import PuffGas
-from taichi_plume.scenario.winds import CfdWind, UniformWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.puffs import PuffSolver
-from taichi_plume.solvers.uniform import UniformSolver
+from taichi_plume.validation.setups import cfd, puffs_on, uniform
 
 STEP = 0.05  # s
 LONGEST = 30.0  # s, to fill the room
@@ -75,21 +73,20 @@ def filled(gas: PuffSolver, puffs: int) -> tuple[float, float]:
 
 def in_arena(grid: Grid, air: Air, openings: tuple, puffs: int) -> PuffSolver:
     """Puffs in the still picture of a computed flow, with a little fluctuation of their own."""
-    flow = FlowSolver(CfdWind.model_validate({"kind": "cfd", "openings": openings}), grid, air)
+    flow = FlowSolver(cfd(openings), grid, air)
     for _ in range(50):
         flow.advance(0.0, flow.stable_dt())
     source = {"position": (0.6, 1.3, 0.1), "rate": 2e-5}
-    model = {"kind": "puffs", "sources": [source], "release_rate": puffs / 5.0, "most": 2 * puffs}
-    return PuffSolver(PuffGas.model_validate(model | {"fluctuation": 0.05}), grid, flow, air)
+    keys = {"sources": [source], "release_rate": puffs / 5.0, "most": 2 * puffs, "fluctuation": 0.05}
+    return puffs_on(grid, flow, air, **keys)
 
 
 def in_room(puffs: int) -> PuffSolver:
     """Puffs in a room of 10 x 6 x 2.6 m with a wind of 0.5 m/s."""
     grid = Grid((100, 60, 26), 0.1)
-    wind = UniformSolver(UniformWind(kind="uniform", velocity=(0.5, 0.0, 0.0)), grid)
     source = {"position": (1.0, 3.0, 1.3), "rate": 2e-5}
-    model = {"kind": "puffs", "sources": [source], "release_rate": puffs / 17.0, "most": 2 * puffs}
-    return PuffSolver(PuffGas.model_validate(model), grid, wind, Air.everywhere(grid))
+    keys = {"sources": [source], "release_rate": puffs / 17.0, "most": 2 * puffs}
+    return puffs_on(grid, uniform(grid, 0.5), **keys)
 
 
 def median_ms(work: Callable[[int], object]) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""How fast robots are: sensors in a 3-D gas on the grid, a search algorithm and motion; each robot is a trial."""
+"""Speed of robots: sensors in a 3-D gas on the grid, a search algorithm and motion; each robot is a trial."""
 
 import time
 from dataclasses import dataclass
@@ -12,16 +12,11 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import Team
 from taichi_plume.grid import kernels
 from taichi_plume.grid.clearance import ClearanceMap
-from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Mixture
-from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.algorithms import Algorithm
-from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.starts import StartAt
-from taichi_plume.scenario.winds import CfdWind
-from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.validation.setups import cfd, flow_on, gas_on
 
 TICK = 0.1  # s
 WARM_UP = 5  # ticks
@@ -41,7 +36,7 @@ class RobotTick:
     move_ms: float
     Mrobot_steps_per_s: float
     cpu_us: float
-    """Of a robot-step; on a machine that is busy otherwise it tells more than the time that passes."""
+    """CPU time of a robot-step; on a busy machine it says more than wall time."""
 
     def __str__(self) -> str:
         return (
@@ -54,12 +49,9 @@ class RobotTick:
 def ticks(case: str, arch: str, algorithm: str, robots: int = 100_000) -> RobotTick:
     """Ticks of robots with MiCS-5524 sensors all over the empty arena of 4 x 3 x 0.52 m, 0.04 m cells."""
     kernels.start(arch)
-    grid = Grid((100, 75, 13), 0.04)
-    air = Air.everywhere(grid)
-    wind = FlowSolver(CfdWind.model_validate({"kind": "cfd", "openings": OPENINGS}), grid, air)
+    wind = flow_on(cfd(OPENINGS), (100, 75, 13), 0.04)
     source = {"position": (0.6, 1.5, 0.1), "rate": 2e-5}
-    model = EulerianGas.model_validate({"kind": "eulerian", "sources": [source]})
-    gas = Mixture([EulerianSolver(model, grid, wind, air)])
+    gas = Mixture([gas_on(wind.grid, wind, sources=[source])])
     group = Group(
         count=1,
         trials=robots,
@@ -68,7 +60,7 @@ def ticks(case: str, arch: str, algorithm: str, robots: int = 100_000) -> RobotT
     )
     rng = np.random.default_rng(0)
     places = rng.uniform((0.2, 0.2), (3.8, 2.8), (robots, 2))
-    arena = ClearanceMap([], grid.extent, 0.15)
+    arena = ClearanceMap([], wind.grid.extent, 0.15)
     swarm = Swarm((group,), places, rng.uniform(-3.0, 3.0, robots), arena, np.array([[0.6, 1.5]]), 1)
     sensors, team = Sensors(swarm, 3, TICK, gas.species), Team(swarm, (0,), TICK)
     parts = []

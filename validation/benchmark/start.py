@@ -1,4 +1,4 @@
-"""How long the first tick of a scenario takes from the start of the process on, and how many kernels it needs.
+"""Wall time from the start of a process to the first tick of a scenario, and number of kernels.
 
     python -m taichi_plume.validation.benchmark start CONFIG ... [--checkout FOLDER ...] [--repeats N] [--arch ARCH]
 
@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @dataclass(frozen=True)
 class Start:
-    """Of one process; `cold`: whether no kernel had been compiled before."""
+    """Start of one process; `cold`: with an empty cache of kernels."""
 
     checkout: str
     config: str

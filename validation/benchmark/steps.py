@@ -1,4 +1,4 @@
-"""How fast whole steps of a flow with its eddy viscosity and one gas are, beside the memory bandwidth."""
+"""Speed of time steps of a flow with eddy viscosity and one gas, compared with the memory bandwidth."""
 
 import os
 import time
@@ -12,14 +12,10 @@ import psutil
 import taichi as ti
 
 from taichi_plume.grid import kernels
-from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.gases import EulerianGas
-from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.gas import EulerianSolver
-from taichi_plume.solvers.patches import periodic_axes
 from taichi_plume.validation.arena import ARENA, arena
+from taichi_plume.validation.flow_cases import laminar_flow, periodic
+from taichi_plume.validation.setups import cfd, gas_on
 
 
 @dataclass(frozen=True)
@@ -70,11 +66,9 @@ def bandwidth(size: int = 1 << 24) -> float:
 def arena_step(shape: tuple[int, ...], obstacles: bool) -> tuple[FlowSolver, Callable[[], float]]:
     """The solver and one whole step of flow, eddies and gas, which tells its length [s]."""
     grid, air = arena(shape, obstacles)
-    flow = FlowSolver(CfdWind.model_validate({"kind": "cfd", "openings": ARENA}), grid, air)
+    flow = FlowSolver(cfd(ARENA), grid, air)
     source = {"position": (0.6, 1.3, 0.1)[: len(shape)], "rate": 2e-5}
-    gas = EulerianSolver(
-        EulerianGas.model_validate({"kind": "eulerian", "sources": [source]}), grid, flow, air
-    )
+    gas = gas_on(grid, flow, air, sources=[source])
 
     def step() -> float:
         dt = flow.stable_dt()
@@ -87,12 +81,7 @@ def arena_step(shape: tuple[int, ...], obstacles: bool) -> tuple[FlowSolver, Cal
 
 def periodic_step(shape: tuple[int, ...]) -> tuple[FlowSolver, Callable[[], float]]:
     """The solver and one step of the flow alone in a periodic box, which tells its length [s]."""
-    openings = tuple({"kind": "periodic", "axis": axis} for axis in "xyz"[: len(shape)])
-    wind = CfdWind.model_validate(
-        {"kind": "cfd", "viscosity": 1e-3, "turbulence": {"kind": "none"}, "openings": openings}
-    )
-    grid = Grid(shape, 2 * np.pi / shape[0], periodic=periodic_axes(wind.openings, len(shape)))
-    flow = FlowSolver(wind, grid, Air.everywhere(grid))
+    flow = laminar_flow(shape, 2 * np.pi / shape[0], 1e-3, periodic("xyz"[: len(shape)]))
     rng = np.random.default_rng(0)
     k = rng.integers(1, 4, (3, 3))
 
@@ -142,14 +131,5 @@ def measure(name: str, arch: str, seconds: float) -> Measured:
     ti.sync()
     wall, cells = time.perf_counter() - begin, prod(flow.grid.shape)
     per_step = wall / steps
-    return Measured(
-        name,
-        cells,
-        cells / per_step / 1e6,
-        1e3 * per_step,
-        wall / simulated,
-        iterations / steps,
-        first,
-        memory / cells,
-        rate,
-    )
+    speeds = cells / per_step / 1e6, 1e3 * per_step, wall / simulated
+    return Measured(name, cells, *speeds, iterations / steps, first, memory / cells, rate)

@@ -1,4 +1,4 @@
-"""What a study's worker costs beside the simulations themselves, and what a shared air saves.
+"""Overhead of a study's worker beside the simulations, and savings by a shared air.
 
     python -m taichi_plume.validation.benchmark studies shared [CONFIG] [--searches N] [--alone N] [--duration S]
     python -m taichi_plume.validation.benchmark studies overhead [CONFIG] [--runs N]
@@ -30,6 +30,7 @@ from taichi_plume.study.perform import perform
 from taichi_plume.study.shared_air import solve_air
 from taichi_plume.study.sharing import why_not
 from taichi_plume.study.warm import WARM
+from taichi_plume.validation.case import Keys
 
 ROOT = Path(__file__).resolve().parents[2]
 STEPS = 10  # lines of a table of runs
@@ -54,7 +55,7 @@ def main(arguments: Sequence[str]) -> int:
         return _overhead(base, file, Path(folder), args.runs)
 
 
-def _task(base: dict[str, Any], file: Path, out: Path, runs: int, film: Path | None = None) -> Task:
+def _task(base: Keys, file: Path, out: Path, runs: int, film: Path | None = None) -> Task:
     """So many searches, by the seed, in one air."""
     options = Options(out, (), {}, False, True, __version__)
     seed = base.get("air_seed", base["seed"])
@@ -66,13 +67,13 @@ def _task(base: dict[str, Any], file: Path, out: Path, runs: int, film: Path | N
 
 
 def _timed(work: Any, *given: Any) -> tuple[Any, float, float]:
-    """What it returns, CPU time of this process, and time of the clock [s]."""
+    """Return the result of a call, CPU time of this process, and wall time [s]."""
     cpu, clock = time.process_time(), time.perf_counter()
     result = work(*given)
     return result, time.process_time() - cpu, time.perf_counter() - clock
 
 
-def _shared(base: dict[str, Any], file: Path, folder: Path, args: Any) -> int:
+def _shared(base: Keys, file: Path, folder: Path, args: Any) -> int:
     fault = why_not(load_scenario(file, args.set), {}, "exact")
     if fault:
         say(f"{file}: its air cannot be shared: {fault}", error=True)
@@ -108,7 +109,7 @@ def _tell(what: str, cpu: float, clock: float) -> None:
     say(f"{what}: {cpu:.2f} CPU s, {clock:.2f} s", flush=True)
 
 
-def _commands(base: dict[str, Any], file: Path, folder: Path, task: Task) -> tuple[float, float]:
+def _commands(base: Keys, file: Path, folder: Path, task: Task) -> tuple[float, float]:
     """CPU and clock time [s] of the runs of a task, each by the command, without recording and report."""
     source = folder / "scenario.yaml"
     source.write_text(json.dumps(base))
@@ -125,7 +126,7 @@ def _commands(base: dict[str, Any], file: Path, folder: Path, task: Task) -> tup
     return cpu, clock
 
 
-def _overhead(base: dict[str, Any], file: Path, folder: Path, runs: int) -> int:
+def _overhead(base: Keys, file: Path, folder: Path, runs: int) -> int:
     task = _task(base, file, folder, runs)
     process, told = psutil.Process(), max(1, runs // STEPS)
     records: list[Record] = perform(task._replace(requests=task.requests[:1]))

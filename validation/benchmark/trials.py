@@ -1,4 +1,4 @@
-"""How long many trials of SPIRAL take, from the first to the end of the last, in a room that was recorded before."""
+"""Wall time of many trials of SPIRAL in a recorded room."""
 
 import time
 from dataclasses import dataclass
@@ -59,14 +59,5 @@ def spiral_trials(
     told = outcomes(sim)["SPIRAL"]
     good = [t for t, found in zip(told["time_s"], told["success"], strict=True) if found]
     steps = sum(good) / sim.dt + (trials - len(good)) * sim.tick
-    return [
-        Trials(
-            case,
-            trials,
-            len(good) / trials,
-            sum(good) / max(1, len(good)),
-            steps,
-            middle - begin,
-            end - middle,
-        )
-    ]
+    mean = sum(good) / max(1, len(good))
+    return [Trials(case, trials, len(good) / trials, mean, steps, middle - begin, end - middle)]
