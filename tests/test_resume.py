@@ -129,5 +129,5 @@ def test_only_what_is_read_again_has_to_be_the_same(tmp_path):
     resume.require_same(folder, inputs, [read])
     resume.require_same(tmp_path / "link", inputs, [tmp_path / "link" / ".." / ".." / "wind.csv"])
     read.write_text("2")
-    with pytest.raises(RunFolderError, match=r"wind.csv: is not as it was when the run began"):
+    with pytest.raises(RunFolderError, match=r"wind.csv: has changed"):
         resume.require_same(folder, inputs, [read])

@@ -107,8 +107,8 @@ def _of_bags(group: argparse._ArgumentGroup) -> None:
 
 def wanted(args: argparse.Namespace) -> Wanted:
     """Return the selection of a bag's topics and units."""
-    topics = (tuple(given) for given in (args.topic, args.pose, args.wind))
-    return Wanted(*topics, args.frame, args.sensor, args.units, args.model, args.air, args.upwind)
+    topics, poses, wind = tuple(args.topic), tuple(args.pose), tuple(args.wind)
+    return Wanted(topics, poses, wind, args.frame, args.sensor, args.units, args.model, args.air, args.upwind)
 
 
 def _kinds() -> str:
