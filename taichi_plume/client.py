@@ -1,4 +1,4 @@
-"""Drive robots of a scenario that `taichi_plume.serve` runs, from any program in Python.
+"""Client that drives robots of a scenario served by `taichi_plume.serve`, from any Python program.
 
     from taichi_plume.client import Team
 
@@ -14,24 +14,28 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.guard.attributes import KnownAttributes
 from taichi_plume.serve.address import address, token_of
 
+if TYPE_CHECKING:
+    import zenoh
+
 
 @dataclass(frozen=True)
 class Readings:
-    """What the robots of a team read at time t [s], arrays over its n robots.
+    """Readings of a team at time t [s], arrays over its n robots.
 
-    robot: their numbers in the group. position (n, 2) [m] and heading [rad], where they believe to be, and altitude
-    [m], of drones; gas [ppm, or ppm m of a laser] and resistance [ohm], NaN without a metal oxide, of the first gas
-    sensor; gases and resistances (n, sensors) of all; wind (n, 2) [m/s], zero where not `wind_known`; blocked: the
-    bumper; over: whether the search of a robot is over; lost: whether it stands as nothing was heard of it; answered:
-    number of the last command that each has carried out.
+    robot: numbers in the group. position (n, 2) [m] and heading [rad]: believed pose; altitude [m], of drones; gas
+    [ppm, or ppm m of a laser] and resistance [ohm], NaN without a metal oxide, of the first gas sensor; gases and
+    resistances (n, sensors) of all sensors; wind (n, 2) [m/s], zero where not `wind_known`; blocked: bumper contact; over:
+    whether the robot's search is over; lost: whether the robot stands without commands; answered: number of the last executed
+    command of each robot.
     """
 
     t: float
@@ -55,10 +59,9 @@ class Readings:
 class Team(KnownAttributes):
     """The robots of an external group, or some of them.
 
-    where: HOST:PORT of the service. group: the scenario's name of it. robots: their numbers, trial by trial; unless
-    given, all. token: that of the service, unless given from the environment (TAICHI_PLUME_TOKEN). patience: how long
-    the service may be silent [s], at the begin too. Raises ConnectionError, in a line, and ValueError of other robots
-    than there are.
+    where: HOST:PORT of the service. group: its name in the scenario. robots: their numbers, trial by trial (default:
+    all). token: of the service; by default from the environment (TAICHI_PLUME_TOKEN). patience: longest silence of the
+    service [s], also at the start. Raises ConnectionError, in a line, and ValueError for unknown robots.
     """
 
     def __init__(
@@ -90,15 +93,15 @@ class Team(KnownAttributes):
         self.close()
 
     def close(self) -> None:
-        """Leave; the robots are lost then, and stand still."""
+        """Disconnect; the robots are lost then, and stand still."""
         self._session.close()
 
     # ------------------------------------------------------------ in
 
     def __iter__(self) -> Iterator[Readings]:
-        """The newest readings of each tick, until the run is over; ticks that went by meanwhile are left out.
+        """Yield the newest readings of each tick until the run ends; ticks that passed meanwhile are skipped.
 
-        Raises ConnectionError where nothing comes any more.
+        Raises ConnectionError if the service is silent.
         """
         while (now := self.wait()) is not None:
             yield now
@@ -110,8 +113,9 @@ class Team(KnownAttributes):
             )
 
     def wait(self, seconds: float | None = None) -> Readings | None:
-        """The readings of a tick that has not been shown yet; None where the run is over, or none comes in time:
-        `patience`, unless given. Raises ValueError where there are no such robots.
+        """Return the readings of a new tick; None if the run has ended, or after `seconds` (default: `patience`).
+
+        Raises ValueError for unknown robots.
         """
         with self._news:
             seconds = self.patience if seconds is None else seconds
@@ -128,57 +132,65 @@ class Team(KnownAttributes):
     def _is_new(self) -> bool:
         return self._newest is not None and self._newest.tick > self._shown
 
-    def _hear(self, sample: Any) -> None:
-        """Readings came, in a thread of zenoh's."""
+    def _hear(self, sample: "zenoh.Sample") -> None:
+        """Receive readings, in a thread of zenoh."""
         try:
-            one = ros.decode(ros.READINGS, sample.payload.to_bytes())
-            if one.ended:
-                with self._news:
-                    self._ended = True
-                    self._news.notify_all()
-                return
-            if self.robots is not None and self.robots.max(initial=0) >= len(one.robot):
-                with self._news:
-                    most = len(one.robot) - 1
-                    self._fault = f"robot {self.robots.max()} of group {self.group} is none of 0 to {most}"
-                    self._news.notify_all()
-                return
-            now = _readings(one, slice(None) if self.robots is None else self.robots)
+            message = ros.decode(ros.READINGS, sample.payload.to_bytes())
+            ended, count = message.ended, len(message.robot)
+            unknown = not ended and self.robots is not None and self.robots.max(initial=0) >= count
+            now = None if ended or unknown else _readings(message, self.robots)
         except (ros.RosError, ValueError, IndexError):  # not by the service
             return
         with self._news:
-            if self.robots is None:
-                vars(self)["robots"] = one.robot.copy()
-            self._newest = now
+            if now is not None:
+                if self.robots is None:
+                    vars(self)["robots"] = message.robot.copy()
+                self._newest = now
+            elif ended:
+                self._ended = True
+            else:
+                assert self.robots is not None
+                self._fault = f"robot {self.robots.max()} of group {self.group} is none of 0 to {count - 1}"
             self._news.notify_all()
 
     # ------------------------------------------------------------ out
 
     def drive(
-        self, speed: Any, turn_rate: Any = 0.0, declared: Any = None, left: Any = None, climb: Any = None
+        self,
+        speed: ArrayLike,
+        turn_rate: ArrayLike = 0.0,
+        declared: ArrayLike | None = None,
+        left: ArrayLike | None = None,
+        climb: ArrayLike | None = None,
     ) -> int:
         """Command forward speeds [m/s] and turn rates to the left [rad/s], one for all robots or (n,); of drones also
         speeds to the left and upward [m/s].
 
-        declared: (n, 2) places where robots say that a source is [m], NaN: say nothing. Returns the command's number.
-        Raises ValueError of what is no number or not of so many robots, and before the first readings, unless `robots`
-        were given.
+        declared: (n, 2) declared source positions [m], NaN: none. Returns the command's number. Raises ValueError for
+        values that are no numbers or of another shape, and before the first readings, unless `robots` were given.
         """
-        flown = {name: one for name, one in (("left", left), ("climb", climb)) if one is not None}
-        return self._send({"speed": speed, "turn_rate": turn_rate} | flown, declared)
+        return self._send(declared, speed=speed, turn_rate=turn_rate, left=left, climb=climb)
 
-    def be_at(self, x: Any, y: Any, heading: Any, declared: Any = None, z: Any = None) -> int:
-        """Tell where real robots are [m] and where they look to [rad], (n,) or one for all; else as `drive`. z: how
-        high the lower ends of drones are [m].
+    def be_at(
+        self,
+        x: ArrayLike,
+        y: ArrayLike,
+        heading: ArrayLike,
+        declared: ArrayLike | None = None,
+        z: ArrayLike | None = None,
+    ) -> int:
+        """Send positions [m] and headings [rad] of real robots, (n,) or one for all; else as `drive`.
+
+        z: altitude of the lower ends of drones [m].
         """
-        flown = {} if z is None else {"z": z}
-        return self._send({"x": x, "y": y, "heading": heading} | flown, declared)
+        return self._send(declared, x=x, y=y, heading=heading, z=z)
 
-    def _send(self, values: dict[str, Any], declared: Any) -> int:
+    def _send(self, declared: ArrayLike | None, **values: ArrayLike | None) -> int:
         if self.robots is None:
             raise ValueError("which robots there are is not known before the first readings; wait for them")
         count = len(self.robots)
-        fields = {name: _spread(name, value, (count,)) for name, value in values.items()}
+        given = {name: value for name, value in values.items() if value is not None}
+        fields = {name: _spread(name, value, (count,)) for name, value in given.items()}
         for name, each in fields.items():
             if not np.isfinite(each).all():
                 n = self.robots[np.argmin(np.isfinite(each))]
@@ -187,26 +199,26 @@ class Team(KnownAttributes):
             places = _spread("declared", declared, (count, 2))
             fields |= {"declared_x": places[:, 0], "declared_y": places[:, 1]}
         with self._news:
-            # readings that were shown are answered once; what is told without waiting for some answers the newest
+            # readings that were shown are answered once; a command without waiting answers the newest ones
             newest = self._newest.tick if self._newest else 0
             tick = self._shown if self._shown > self._answered else newest
             self._answered = tick
         self._number += 1
-        one = ros.message(ros.COMMANDS, number=self._number, tick=tick, robot=self.robots, **fields)
-        self._publisher.put(ros.encode(one))
+        message = ros.message(ros.COMMANDS, number=self._number, tick=tick, robot=self.robots, **fields)
+        self._publisher.put(ros.encode(message))
         return self._number
 
 
-def _numbers(robots: Any) -> np.ndarray:
-    """Numbers of robots. Raises ValueError."""
+def _numbers(robots: ArrayLike) -> np.ndarray:
+    """Return numbers of robots as an array. Raises ValueError."""
     given = np.atleast_1d(np.asarray(robots))
     if given.ndim != 1 or not len(given) or not np.issubdtype(given.dtype, np.integer) or given.min() < 0:
         raise ValueError(f"robots: got {robots!r}, takes numbers from 0 on")
     return given.astype(np.uint32)
 
 
-def _spread(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """A value for all robots or for each. Raises ValueError."""
+def _spread(name: str, value: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
+    """Broadcast a value to all robots. Raises ValueError."""
     given = np.asarray(value, float)
     try:
         return np.broadcast_to(given, shape)
@@ -216,34 +228,32 @@ def _spread(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
         ) from None
 
 
-def _readings(one: Any, some: Any) -> Readings:
-    """Those of some robots of a message."""
-    gases, resistances = (each.reshape(len(one.robot), -1)[some] for each in (one.gas, one.resistance))
-    known, blocked, over, lost = (
-        getattr(one, name)[some] > 0 for name in ("wind_known", "blocked", "over", "lost")
+def _readings(message: Any, robots: np.ndarray | None) -> Readings:
+    """Return the readings of some robots, or of all, from a message."""
+    some = slice(None) if robots is None else robots
+    gases, resistances = (
+        values.reshape(len(message.robot), -1)[some] for values in (message.gas, message.resistance)
     )
+    flags = {name: vars(message)[name][some] > 0 for name in ("wind_known", "blocked", "over", "lost")}
     return Readings(
-        one.t,
-        one.tick,
-        one.robot[some],
-        np.column_stack([one.x, one.y])[some],
-        one.z[some],
-        one.heading[some],
-        gases[:, 0],
-        resistances[:, 0],
-        gases,
-        resistances,
-        np.column_stack([one.wind_x, one.wind_y])[some],
-        known,
-        blocked,
-        over,
-        lost,
-        one.answered[some],
+        t=message.t,
+        tick=message.tick,
+        robot=message.robot[some],
+        position=np.column_stack([message.x, message.y])[some],
+        altitude=message.z[some],
+        heading=message.heading[some],
+        gas=gases[:, 0],
+        resistance=resistances[:, 0],
+        gases=gases,
+        resistances=resistances,
+        wind=np.column_stack([message.wind_x, message.wind_y])[some],
+        answered=message.answered[some],
+        **flags,
     )
 
 
-def _connected(where: str, token: str | None, patience: float) -> Any:
-    """A session with a service, which may still be starting. Raises ConnectionError."""
+def _connected(where: str, token: str | None, patience: float) -> "zenoh.Session":
+    """Connect to a service, which may still be starting. Raises ConnectionError."""
     from argparse import ArgumentTypeError
 
     try:

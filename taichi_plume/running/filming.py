@@ -39,7 +39,10 @@ class Filming:
             "periodic": list(map(int, grid.periodic)),
         }
         held = np.where(sim.air.solid, 0.0, sim.air.room)
-        still = {"volume": sim.air.volume.T.astype(np.float32), "air": held.T.astype(np.float32)}
+        still: dict[str, np.ndarray] = {
+            "volume": sim.air.volume.T.astype(np.float32),
+            "air": held.T.astype(np.float32),
+        }
         moving = []
         if "wind" in model.quantities and self.wind is None:
             what = f"a wind of kind {scenario.wind.kind} has no face velocities; leave out wind"
