@@ -33,9 +33,9 @@ class Readings:
 
     robot: numbers in the group. position (n, 2) [m] and heading [rad]: believed pose; altitude [m], of drones; gas
     [ppm, or ppm m of a laser] and resistance [ohm], NaN without a metal oxide, of the first gas sensor; gases and
-    resistances (n, sensors) of all sensors; wind (n, 2) [m/s], zero where not `wind_known`; blocked: bumper contact; over:
-    whether the robot's search is over; lost: whether the robot stands without commands; answered: number of the last executed
-    command of each robot.
+    resistances (n, sensors) of all sensors; wind (n, 2) [m/s], zero where not `wind_known`; blocked: bumper contact;
+    over: whether the robot's search is over; lost: whether the robot stands without commands; answered: number of the
+    last executed command of each robot.
     """
 
     t: float

@@ -29,7 +29,7 @@ class StructureError(ScenarioError):
 
 
 def load_scenario(
-    source: str | Path | Mapping[str, Any],
+    source: str | Path | Mapping[str, object],
     overrides: Sequence[str] = (),
     allow_outside: bool = False,
     folder: str | Path | None = None,
@@ -44,7 +44,7 @@ def load_scenario(
 
 
 def load(
-    source: str | Path | Mapping[str, Any],
+    source: str | Path | Mapping[str, object],
     overrides: Sequence[str] = (),
     allow_outside: bool = False,
     folder: str | Path | None = None,

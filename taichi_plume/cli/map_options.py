@@ -24,7 +24,7 @@ from taichi_plume.scenario.quantities import parse
 
 LARGEST_FLOOR = 1e4  # m
 DEFAULT = "time_series"
-KINDS = {get_args(one.model_fields["kind"].annotation)[0]: one for one in get_args(get_args(Map)[0])}
+KINDS = {get_args(model.model_fields["kind"].annotation)[0]: model for model in get_args(get_args(Map)[0])}
 
 
 class _Parser(Parser):

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from taichi_plume.results.run import Run
 
 VIEWS = {"above": "slice", "slice": "slice", "column": "column", "section": "section", "side": "section"}
-"""What the views are called in recordings."""
+"""Views, and their names in recordings."""
 SUFFIXES = (".png", ".pdf", ".svg", ".jpg")
 FILMS = (".gif", ".mp4")
 DPI = 160

@@ -20,7 +20,7 @@ DEEPEST = 32  # levels; those of a scenario are 10
 LONGEST_NUMBER = 1000  # characters
 LONGEST_TEXT = 10_000  # characters
 HARMFUL = {"Cc", "Cf", "Cs", "Zl", "Zp"}  # Unicode: controls, marks of direction, surrogates, line ends
-_BEGUN = {  # messages of PyYAML, and their meaning
+_AT_START = {  # messages of PyYAML, and their meaning
     "could not find expected ':'": "a key needs a colon and a space after it, such as duration: 60 s",
     "found unexpected end of stream": "a quote is opened and not closed",
 }
@@ -93,13 +93,13 @@ def parse(
         return loader.construct_document(node)
     except yaml.MarkedYAMLError as error:
         what = " ".join(str(error.problem or error.context).split())
-        begun = what in _BEGUN  # the fault lies at the start of the construct
-        place = _place(error.context_mark if begun else error.problem_mark or error.context_mark)
+        at_start = what in _AT_START  # the fault lies at the start of the construct
+        place = _place(error.context_mark if at_start else error.problem_mark or error.context_mark)
         if what.startswith(r"found character '\t'"):
             raise LineError(f"{place}indent with spaces, not tabs") from None
         if what == "mapping values are not allowed here":
             what += "; check the indentation, or quote a text that contains ': '"
-        raise LineError(f"{place}not YAML: {_BEGUN.get(what) or _ELSEWHERE.get(what, what)}") from None
+        raise LineError(f"{place}not YAML: {_AT_START.get(what) or _ELSEWHERE.get(what, what)}") from None
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         raise LineError(f"line {line}: not YAML: {error.reason}") from None

@@ -183,8 +183,8 @@ class Outputs:
         self._state.restore(saved["state"])
         self.sim.wall_s = saved["wall_s"]
         self._digests.set_result(saved["inputs"])
-        told = self.about.folder / "result.json"
-        before = told.read_bytes() if told.exists() else None
+        path = self.about.folder / "result.json"
+        before = path.read_bytes() if path.exists() else None
         self._write_progress()  # first, so that an interruption can be repaired
         try:
             (self.about.folder / manifest.NAME).unlink(missing_ok=True)
@@ -192,7 +192,7 @@ class Outputs:
                 writer.go_on()
         except BaseException:
             if not self.close() and before is not None:
-                with disk.written_whole(told) as fresh:
+                with disk.written_whole(path) as fresh:
                     fresh.write_bytes(before)
             raise
 
@@ -256,7 +256,7 @@ class Outputs:
 
     def _write_progress(self) -> None:
         """Write the status "running" and the simulated time to result.json."""
-        content = result.begun(self.sim, "running", f"t = {self.sim.t:.2f} s", self.about.backend)
+        content = result.partial_result(self.sim, "running", f"t = {self.sim.t:.2f} s", self.about.backend)
         result.write_result(self.about.folder, content)
 
     # ------------------------------------------------------------ its end

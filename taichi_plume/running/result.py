@@ -26,7 +26,7 @@ def result(
 ) -> Json:
     """Return the result of a run, for `write_result`; map_scores, belief_scores: of maps and beliefs over time."""
     cells = prod(sim.grid.shape)
-    return begun(sim, status, message, backend) | {
+    return partial_result(sim, status, message, backend) | {
         "steps": sim.steps,
         "cells": cells,
         "Mcell_steps_per_s": cells * sim.steps / sim.wall_s / 1e6 if sim.wall_s > 0 else None,
@@ -35,11 +35,11 @@ def result(
         "obstacles": _obstacles(sim),
         "groups": _groups(sim),
         "maps": [_map(sim, n, map_scores.series[n] if map_scores else None) for n in range(len(sim.maps))],
-        "beliefs": (belief_scores or BeliefScores(sim)).told(sim),
+        "beliefs": (belief_scores or BeliefScores(sim)).entries(sim),
     }
 
 
-def begun(sim: Simulation, status: str, message: str, backend: str) -> Json:
+def partial_result(sim: Simulation, status: str, message: str, backend: str) -> Json:
     """Return the part of the result that is known before the end of the run."""
     return {
         "name": sim.scenario.name,

@@ -85,24 +85,22 @@ def summary(content: Json) -> list[tuple[str, str]]:
     return lines
 
 
-def _recorded_line(told: Json) -> str:
+def _recorded_line(replay: Json) -> str:
     """Compare the readings of a replay with the recorded ones, as means over the trials."""
-    mae, bias = (mean(told[name]) for name in ("mae_ppm", "bias_ppm"))
-    text = (
-        f"{told['readings']:,} readings; the simulated ones are {mae:.3g} ppm off, on average {bias:+.3g} ppm"
-    )
-    known = [value for value in told["correlation"] if value is not None and isfinite(value)]
+    mae, bias = (mean(replay[name]) for name in ("mae_ppm", "bias_ppm"))
+    text = f"{replay['readings']:,} readings; the simulated ones are {mae:.3g} ppm off, on average {bias:+.3g} ppm"
+    known = [value for value in replay["correlation"] if value is not None and isfinite(value)]
     return text + (f", correlation {mean(known):.2f}" if known else "")
 
 
-def _service_line(told: Json) -> str:
+def _service_line(service: Json) -> str:
     """Statistics of the service, see serve/service.py."""
     names = ("times_lost", "taken", "malformed", "oversized", "late")
-    counts = {name: sum(robot[name] for robot in told["messages"].values()) for name in names}
+    counts = {name: sum(robot[name] for robot in service["messages"].values()) for name in names}
     lost = counts.pop("times_lost")
     messages = ", ".join(f"{count:,} {name}" for name, count in counts.items() if count or name == "taken")
     return (
-        f"{told['ticks_missed']:,} of {told['ticks']:,} ticks missed; messages: {messages}; "
+        f"{service['ticks_missed']:,} of {service['ticks']:,} ticks missed; messages: {messages}; "
         f"robots were lost {lost:,} times"
     )
 

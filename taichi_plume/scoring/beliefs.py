@@ -108,7 +108,7 @@ class BeliefScores:
             rows = [values.mean(axis=1) for _, values in self.now(sim)]
             self.rows.append((sim.t, np.ravel(rows)))
 
-    def told(self, sim: Simulation) -> list[Json]:
+    def entries(self, sim: Simulation) -> list[Json]:
         """Entries of each group for result.json: means, scores of each trial, and means over time."""
         found = []
         table = self.rows.values.reshape(len(self.rows), self.groups, len(OF_BELIEFS))

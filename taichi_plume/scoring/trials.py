@@ -280,18 +280,18 @@ def trial_summary(trials: Json, duration: float, searched: bool = True) -> Json:
     if not searched:
         trials = {name: values[:0] for name, values in trials.items()}
     success = np.array(trials["success"], bool)
-    told: Json = {"success_rate": share_with_interval(int(success.sum()), len(success))}
+    summary: Json = {"success_rate": share_with_interval(int(success.sum()), len(success))}
     for name in ("time_s", "path_m", "overhead", "acquisitions", "hits", "bumps"):
-        told[name] = mean_with_interval(np.array(trials[name], float)[success])
-    told["time_with_failures_s"] = mean_with_interval(np.where(success, trials["time_s"], duration))
+        summary[name] = mean_with_interval(np.array(trials[name], float)[success])
+    summary["time_with_failures_s"] = mean_with_interval(np.where(success, trials["time_s"], duration))
     speaks = np.isfinite(np.array(trials["declarations"], float))
     outcomes = np.array(trials["outcome"])[speaks]
     for name in OUTCOMES:
-        told[f"{name}_rate"] = share_with_interval(int((outcomes == name).sum()), len(outcomes))
+        summary[f"{name}_rate"] = share_with_interval(int((outcomes == name).sum()), len(outcomes))
     for name in ("declared_time_s", "localisation_error_m", "false_declarations"):
         values = np.array(trials[name], float)
-        told[name] = mean_with_interval(values[np.isfinite(values)])
-    return told
+        summary[name] = mean_with_interval(values[np.isfinite(values)])
+    return summary
 
 
 def share_with_interval(k: int, n: int) -> Json:
