@@ -1,6 +1,6 @@
-"""All commands under one name: ``taichi-plume run CONFIG`` is ``python -m taichi_plume.run CONFIG``, and so on.
+"""Entry point of all commands: ``taichi-plume run CONFIG`` is ``python -m taichi_plume.run CONFIG``, and so on.
 
-Exit codes are those of the commands; 2 where there is no such command.
+Exit codes are those of the commands; 2 for an unknown command.
 """
 
 import sys
@@ -14,7 +14,7 @@ from taichi_plume.guard.terminal import Parser
 from taichi_plume.running.signals import leave
 
 COMMANDS = {
-    "run": "run a scenario, or only check it; go on with a run that was cut off",
+    "run": "run a scenario, or only check it; resume an interrupted run",
     "serve": "run a scenario in real time, with robots that are driven from outside",
     "report": "write the report of a run again",
     "picture": "draw a run at a time, or as a film",
@@ -23,41 +23,39 @@ COMMANDS = {
     "repair": "complete the files of a run that was killed",
     "scenario": "print the JSON schema of scenarios, or explain a key",
     "study": "run many scenarios from one file, and make tables of them",
-    "contest": "let all search algorithms, and your own, meet in the same scenarios",
+    "contest": "compare all search algorithms, and your own, in the same scenarios",
     "envs": "record the airs that learners meet",
     "statistics": "mean and fluctuations of a plume, its whiffs and blanks",
     "validation": "run the solvers against exact solutions, and published experiments",
 }
 
 
-MODULES = {
-    "validation": "validation.__main__"
-}  # an extra of its own: its cases are no part of a wheel's commands
+MODULES = {"validation": "validation.__main__"}
+"""Modules of commands that are not in `cli`."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments and arguments[0] in COMMANDS:
-        return import_module(f"taichi_plume.{MODULES.get(arguments[0], f'cli.{arguments[0]}')}").main(
-            arguments[1:]
-        )
+        module = import_module(f"taichi_plume.{MODULES.get(arguments[0], f'cli.{arguments[0]}')}")
+        return module.main(arguments[1:])
     parser = Parser(
         prog="taichi-plume",
         description="Mobile-robot olfaction: air flow, gas, robots and maps from one YAML file.",
         epilog="commands:\n"
         + "\n".join(f"  {name:<12} {what}" for name, what in COMMANDS.items())
-        + "\n\n`taichi-plume COMMAND --help` tells more of one.",
+        + "\n\n`taichi-plume COMMAND --help` explains a command.",
         formatter_class=RawDescriptionHelpFormatter,
     )
     parser.add_argument("command", metavar="COMMAND", choices=COMMANDS, help="see below")
     parser.add_argument("--version", action="version", version=f"taichi_plume {__version__}")
     parser.parse_args(arguments[:1])
-    return 2  # not reached: what is no command has been refused
+    return 2  # not reached: the parser has refused an unknown command
 
 
 def command(name: str = "") -> NoReturn:
-    """End the process with the exit code of the command line; `name`: the command, where it is no argument."""
+    """Run the command line and end the process with its exit code. name: the command, if it is no argument."""
     leave(main([name, *sys.argv[1:]] if name else None))
 
 

@@ -1,10 +1,13 @@
-"""The clock: order of advance, schedules, stop conditions, health. Knows its parts only by their protocols."""
+"""Clock of a simulation: time steps (CFL limit), schedules of observers, stop conditions, checks for blow-up.
+
+The parts of a simulation are known only by their protocols.
+"""
 
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import ceil
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -14,13 +17,19 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.series import Series
 from taichi_plume.scenario.scenario import Scenario
 
+if TYPE_CHECKING:
+    from taichi_plume.agents.swarm import Swarm
+    from taichi_plume.files.gaden import Cubes
+    from taichi_plume.grid.shapes import Shape
+    from taichi_plume.solvers.heat import HeatSolver
+
 
 class UnstableError(RuntimeError):
-    """The numbers left what is physical; says where, when and what to change."""
+    """The solution is no longer finite; the message says where, when and what to change."""
 
 
 class Sensors(Protocol):
-    """What the robots measure with."""
+    """Gas sensors and anemometers of all robots."""
 
     def measure(self, gas: Odour, wind: Wind, tick: int, t: float) -> None:
         """Update the readings of all robots."""
@@ -28,16 +37,16 @@ class Sensors(Protocol):
 
 
 class Team(Protocol):
-    """A search algorithm and its robots in the swarm, those of one or several groups."""
+    """A search algorithm and its robots in the swarm, from one or several groups."""
 
     numbers: tuple[int, ...]
-    """Of the groups, by their place in the scenario."""
+    """Indices of the groups in the scenario."""
     algorithm: Any
-    """What drives the robots."""
+    """The algorithm that commands the robots."""
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """What the robots' `state` means."""
+        """Names of the values of the robots' `state`."""
         ...
 
     def act(self, tick: int, t: float, dt: float) -> None:
@@ -48,60 +57,58 @@ class Team(Protocol):
 class Mapper(Protocol):
     """An online gas map of all trials.
 
-    cell: edge of its cells [m]. window: length of the snaps whose forecasts it makes [s]; None where it makes none.
-    errors: (time [s], mean error [ppm] (trials,)) of each forecast that has been judged by the readings after it; none
-    where the method makes none.
-
-    Where the method tells how sure it is, there is also ``variance()`` (trials, nx, ny) [ppm²], see `Uncertain`.
+    cell: edge of the cells [m]. window: length of the snaps that are forecast [s]; None without forecasts. errors:
+    (time [s], mean error [ppm] (trials,)) of each forecast that later readings have judged. Methods that estimate their
+    variance are `Uncertain`.
     """
 
     cell: float
     window: float | None
     errors: Series
 
-    def update(self, swarm: Any, t: float, dt: float) -> None:
-        """Take in the readings at time t [s], the end of a tick of dt [s]."""
+    def update(self, swarm: "Swarm", t: float, dt: float) -> None:
+        """Add the readings at time t [s], the end of a tick of dt [s]."""
         ...
 
     def estimate(self) -> np.ndarray:
-        """Concentration [ppm], (trials, nx, ny); NaN where nothing is known."""
+        """Estimated concentration [ppm], (trials, nx, ny); NaN where unknown."""
         ...
 
     def weight(self) -> np.ndarray:
-        """What stands behind the estimate, (trials, nx, ny), in the method's own measure; 0 where nothing is known."""
+        """Weight of the data behind the estimate, (trials, nx, ny), in the method's own measure; 0 where unknown."""
         ...
 
 
 @runtime_checkable
 class Uncertain(Mapper, Protocol):
-    """A map that tells how sure it is.
+    """A map with an estimate of its variance.
 
-    A reading to come has the variance ``variance() + noise`` about the estimate. Where the method reckons with what
-    readings scatter, noise [ppm²] is 0; else variance() is how far the estimate may be off.
+    A future reading has the variance ``variance() + noise`` about the estimate. If the method includes the scatter of
+    readings in variance(), noise [ppm²] is 0; else variance() is that of the estimate alone.
     """
 
     noise: float
 
     def variance(self) -> np.ndarray:
-        """Variance [ppm²], (trials, nx, ny); NaN where nothing is known."""
+        """Variance [ppm²], (trials, nx, ny); NaN where unknown."""
         ...
 
 
 @dataclass
 class Every:
-    """A function called with the simulation every `period` simulated seconds, at start and end as well."""
+    """Observer: a function called with the simulation every `period` simulated seconds, and at start and end."""
 
     STATE: ClassVar[tuple[str, ...]] = ("_period_done", "_last_tick")
 
     period: float
     function: Callable[["Simulation"], object]
     warm_up: bool = False
-    """Whether it is called during the warm-up too."""
+    """Whether the function is called during the warm-up, too."""
     _period_done: float = field(default=-float("inf"), repr=False)
     _last_tick: int | None = field(default=None, repr=False)
 
     def call_if_due(self, sim: "Simulation", force: bool = False) -> None:
-        """Call the function when its next multiple of the period has come, or by `force`; once per tick at most."""
+        """Call the function at the next multiple of the period, or by `force`; once per tick at most."""
         if (sim.tick < 0 and not self.warm_up) or sim.tick == self._last_tick:
             return
         index = (sim.t + 1e-9 * sim.dt) // self.period
@@ -112,7 +119,7 @@ class Every:
 
 @dataclass
 class EveryStep:
-    """A function called with the simulation and its time [s]: at the begin, and after every step of the air."""
+    """Observer: a function called with the simulation and its time [s], at the start and after every air step."""
 
     STATE: ClassVar[tuple[str, ...]] = ("_step",)
 
@@ -127,7 +134,7 @@ class EveryStep:
 
 
 def check_gas(sim: "Simulation") -> None:
-    """Raise UnstableError where the gas is no longer finite; the wind is checked at every step."""
+    """Raise UnstableError if the gas is no longer finite; the wind is checked at every step."""
     if not sim.gas.is_finite():
         raise UnstableError(
             f"the gas is no longer finite at t = {sim.t:.2f} s (step {sim.steps}); "
@@ -139,30 +146,30 @@ def check_gas(sim: "Simulation") -> None:
 class Simulation:
     """One run. Time t = tick dt is 0 when the robots start; the warm-up has negative ticks.
 
-    A tick: wind and gas advance together in steps the wind can take, and the robots move as they were told; then
-    they measure, then the maps, then they act, then what is due.
+    Order of a tick: wind and gas advance together in steps within the wind's CFL limit, robots move by their commands,
+    sensors measure, maps add the readings, algorithms act, and observers that are due are called.
     """
 
     scenario: Scenario
     grid: Grid
     wind: Wind
     gas: Mixture
-    swarm: Any
+    swarm: "Swarm"
     sensors: Sensors
     teams: Sequence[Team]
     maps: Sequence[Mapper]
-    obstacles: Sequence[Any]
+    obstacles: "Sequence[Shape | Cubes]"
     air: Air
     begin: Callable[[Scenario], Scenario] | None = None
-    """Begins every part anew with the numbers of a scenario, and returns that completed; see `reset`."""
+    """Restarts every part with a scenario, and returns that scenario, completed; see `reset`."""
     forces: Callable[[], np.ndarray] | None = None
-    """The force of the air on each obstacle [N], shape (obstacles, dim); None where it is not known."""
+    """Force of the air on each obstacle [N], shape (obstacles, dim); None if unknown."""
     pressure: Any = None
-    """Field of the air's pressure over its density [m²/s²]; None where it is not known."""
-    heat: Any = None
-    """The air's temperature: `theta`, a field [K] above its `reference`; None where it is not computed."""
+    """Field of the air's pressure over its density [m²/s²]; None if unknown."""
+    heat: "HeatSolver | None" = None
+    """Temperature of the air: `theta`, a field [K] above its `reference`; None if not computed."""
     observers: list[Every] = field(default_factory=list, init=False)
-    """Called when they are due: append what shall watch the run."""
+    """Called when they are due; append your own."""
     step_observers: list[EveryStep] = field(default_factory=list, init=False)
     """Called after every step of the air."""
     tick: int = field(default=0, init=False)
@@ -183,13 +190,13 @@ class Simulation:
         self.step_observers = []
 
     def reset(self, scenario: Scenario | None = None) -> None:
-        """Go back to the begin of the warm-up, with the numbers of `scenario`; unless given, with the same ones again.
+        """Go back to the start of the warm-up, with `scenario` or, unless given, with the same scenario.
 
-        What follows equals a fresh simulation of that scenario to the bit, and nothing is compiled. It has to be of the
-        structure of the one before: the same kinds, counts and shapes, see scenario/reset.py. The observers go, as they
-        belong to a run. Raises ScenarioError, a line for each fault, and leaves the simulation as it was.
+        The simulation then equals a fresh one to the bit, and nothing is compiled. The structure of the scenario must
+        be the same: kinds, counts and shapes, see scenario/reset.py. Observers are removed, as they belong to a run.
+        Raises ScenarioError, a line for each fault, and leaves the simulation as it was.
         """
-        assert self.begin is not None, "made by hand, not assembled"
+        assert self.begin is not None, "not assembled"
         self.scenario = self.begin(scenario or self.scenario)
         self._at_begin()
 
@@ -200,13 +207,13 @@ class Simulation:
 
     @property
     def finished(self) -> bool:
-        """Whether the time is over or no robot searches any more."""
+        """Whether the end time is reached or, with `stop_early`, no robot searches any more."""
         if self.tick >= self.last_tick:
             return True
         return self.scenario.stop_early and self.tick > 0 and self.swarm.count > 0 and self.swarm.all_over()
 
     def state_names(self) -> list[tuple[str, ...]]:
-        """What the robots' `state` means, for each group."""
+        """Names of the values of the robots' `state`, for each group."""
         names = {number: team.state_names for team in self.teams for number in team.numbers}
         return [names[number] for number in sorted(names)]
 
@@ -225,7 +232,7 @@ class Simulation:
 
     @property
     def wall_so_far(self) -> float:
-        """Time of the clock [s] that the run has taken."""
+        """Wall-clock time of the run [s]."""
         return self.wall_s + (time.perf_counter() - self._begun if self._begun is not None else 0.0)
 
     def observe(self, force: bool = False) -> None:
@@ -234,11 +241,11 @@ class Simulation:
             observer.call_if_due(self, force)
 
     def advance(self) -> None:
-        """One tick."""
+        """Advance the simulation by one tick."""
         self._advance_air(self.t, self.dt)
         self.tick += 1
         if self.tick <= 0:
-            return  # the robots are not there yet
+            return  # warm-up without robots
         self.swarm.move(self.tick, self.t, self.dt)
         self.sensors.measure(self.gas, self.wind, self.tick, self.t)
         for gas_map in self.maps:
@@ -247,7 +254,7 @@ class Simulation:
             team.act(self.tick, self.t, self.dt)
 
     def _advance_air(self, t: float, dt: float) -> None:
-        """Wind and gas over one tick, interleaved so that the gas sees each step's flow."""
+        """Advance wind and gas by one tick, interleaved so that the gas sees the flow of each step."""
         end = t + dt
         limit = self._wind_limit(t)
         while end - t > 1e-9 * dt:
@@ -264,7 +271,7 @@ class Simulation:
             observer.call_if_due(self, t)
 
     def _wind_limit(self, t: float) -> float:
-        """Longest step [s] of the wind from time t on. Raises UnstableError when it has blown up."""
+        """Longest stable step [s] of the wind from time t on (CFL). Raises UnstableError after a blow-up."""
         limit = self.wind.stable_dt(t)
         if not limit > 1e-6 * self.dt:
             courant = self.wind.diagnostics().get("max_courant", 0.0)

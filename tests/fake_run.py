@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import taichi as ti
+import yaml
 
 from taichi_plume.agents.columns import COLUMNS
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Gas, Mixture, Wind
 from taichi_plume.grid.grid import Grid
@@ -97,10 +99,9 @@ class FakeSwarm:
     def __post_init__(self) -> None:
         start = row = 0
         for model in self.scenario.robots:
-            group = SimpleNamespace(
-                name=model.name, start=start, count=model.count, trials=model.trials, model=model, row=row
+            self.groups.append(
+                GroupRange(len(self.groups), model.name, start, model.count, model.trials, model, row)
             )
-            self.groups.append(group)
             start += model.count * model.trials
             row += model.trials if self.scenario.rivals else 0
         self.count = start
@@ -176,80 +177,53 @@ class FakeMap:
         return np.tile(np.where(self.seen, 2.0, 0.0), (self.trials, 1, 1))
 
 
+SCENARIO = """
+name: fake-{dim}d
+seed: 7
+duration: 10
+domain: {{size: [4.0, 3.0{height}], spacing: 0.05}}
+wind:
+  kind: cfd
+  openings:
+    - {{kind: fan, face: x-, center: [1.5{middle}], diameter: 0.4, speed: 0.9, schedule: [{{at: 3, speed: 0.6}}]}}
+    - {{kind: honeycomb, face: x+}}
+obstacles:
+  - {{kind: box, center: [2.0, 0.6{low}], size: [0.4, 0.3{tall}], yaw_deg: 20}}
+  - {{kind: cylinder, center: [2.6, 2.3], radius: 0.15}}
+  - {{kind: sphere, center: [1.5, 2.4{ball}], radius: 0.2}}
+  - {{kind: prism, vertices: [[3.2, 0.3], [3.7, 0.3], [3.7, 0.9], [3.5, 0.5]]}}
+  - {{kind: mesh, file: tetra.stl}}
+gas: {{kind: eulerian, sources: [{{position: [0.6, 1.5{source}], rate: 2.0e-5}}]}}
+robots:
+  - name: team
+    count: 4
+    trials: 2
+    start: {{kind: area, low: [3, 0.5], high: [3.8, 2.5]}}
+    algorithm: {{kind: casting}}
+maps: [{{kind: time_series}}, {{kind: inverse_distance}}]
+"""
+HEIGHTS = {"height": 0.5, "middle": 0.25, "low": 0.15, "tall": 0.3, "ball": 0.2, "source": 0.1}
+
+
 def scenario(dim: int = 3, **changes: Any) -> Scenario:
     """A small arena with one of everything."""
-    flat = dim == 2
-    height = [] if flat else [0.25]
-    data: dict[str, Any] = {
-        "name": f"fake-{dim}d",
-        "seed": 7,
-        "duration": 10,
-        "domain": {"size": [4.0, 3.0] if flat else [4.0, 3.0, 0.5], "spacing": 0.05},
-        "wind": {
-            "kind": "cfd",
-            "openings": [
-                {
-                    "kind": "fan",
-                    "face": "x-",
-                    "center": [1.5, *height],
-                    "diameter": 0.4,
-                    "speed": 0.9,
-                    "schedule": [{"at": 3, "speed": 0.6}],
-                },
-                {"kind": "honeycomb", "face": "x+"},
-            ],
-        },
-        "obstacles": [
-            {
-                "kind": "box",
-                "center": [2.0, 0.6, *([] if flat else [0.15])],
-                "size": [0.4, 0.3, *([] if flat else [0.3])],
-                "yaw_deg": 20,
-            },
-            {"kind": "cylinder", "center": [2.6, 2.3], "radius": 0.15},
-            {"kind": "sphere", "center": [1.5, 2.4, *([] if flat else [0.2])], "radius": 0.2},
-            {"kind": "prism", "vertices": [[3.2, 0.3], [3.7, 0.3], [3.7, 0.9], [3.5, 0.5]]},
-            {"kind": "mesh", "file": "tetra.stl"},
-        ],
-        "gas": {
-            "kind": "eulerian",
-            "sources": [{"position": [0.6, 1.5, *([] if flat else [0.1])], "rate": 2e-5}],
-        },
-        "robots": [
-            {
-                "name": "team",
-                "count": 4,
-                "trials": 2,
-                "start": {"kind": "area", "low": [3, 0.5], "high": [3.8, 2.5]},
-                "algorithm": {"kind": "casting"},
-            }
-        ],
-        "maps": [{"kind": "time_series"}, {"kind": "inverse_distance"}],
-    }
-    return Scenario.model_validate(data | changes)
+    heights = {name: f", {z}" if dim == 3 else "" for name, z in HEIGHTS.items()}
+    return Scenario.model_validate(yaml.safe_load(SCENARIO.format(dim=dim, **heights)) | changes)
 
 
 def simulation(model: Scenario) -> Simulation:
     """The fake run of a scenario."""
     grid = Grid.of(model.domain)
     swarm = FakeSwarm(model)
-    teams: list[Any] = [
-        SimpleNamespace(
-            numbers=(n,),
-            algorithm=None,
-            state_names=("search", "surge"),
-            act=lambda *_: None,
-        )
-        for n in range(len(model.robots))
-    ]
+    about = {"algorithm": None, "state_names": ("search", "surge"), "act": lambda *_: None}
+    teams: list[Any] = [SimpleNamespace(numbers=(n,), **about) for n in range(len(model.robots))]
     sensors: Any = SimpleNamespace(measure=lambda *_: None)
     source = model.gas.sources[0].position
     wind = FakeWind(grid, 0.9)
     air = Air.everywhere(grid)
     obstacles = [_shape(o) for o in model.obstacles]
-    sim = Simulation(
-        model, grid, wind, Mixture([FakeGas(grid, source)]), swarm, sensors, teams, [], obstacles, air
-    )
+    gas = Mixture([FakeGas(grid, source)])
+    sim = Simulation(model, grid, wind, gas, swarm, sensors, teams, [], obstacles, air)
     sim.maps = [FakeMap(m.kind, m.cell, sim) for m in model.maps]
     return sim
 

@@ -75,11 +75,10 @@ def _left(folder: Path, code: int, said: str) -> Left:
     except (OSError, ValueError, LookupError):
         status = ""
     files = sorted(file.name for file in out.iterdir()) if out.is_dir() else []
+    files = [name for name in files if name not in (".lock", "scenario.yaml")]
     told = re.sub(r"t = [\d.]+", "t = ...", said.strip()).replace(f"{folder}/", "")
     told = re.sub(r"[\d,.]+ (rows|MB)", r"... \1", told)
-    return Left(
-        code, status, [name for name in files if name not in (".lock", "scenario.yaml")], told.split("\n")
-    )
+    return Left(code, status, files, told.split("\n"))
 
 
 def _started(folder: Path, limit: int | None = None) -> "subprocess.Popen[str]":
@@ -129,9 +128,8 @@ def goes_on(folder: Path) -> Left:
     alive = run.poll() is None
     run.kill()
     left = _ended(folder, run)
-    return left._replace(
-        code=0 if alive else run.returncode, said=["nothing: the run goes on, with a new checkpoint"]
-    )
+    said = ["nothing: the run goes on, with a new checkpoint"]
+    return left._replace(code=0 if alive else run.returncode, said=said)
 
 
 def repaired(folder: Path) -> Left:
@@ -148,10 +146,7 @@ def disk_full(folder: Path) -> Left:
 
 def own_code(folder: Path) -> Left:
     """An algorithm of the user's raises an error."""
-    command = [*COMMAND, "--allow-code"]
-    command[command.index("long.yaml")] = "failing.yaml"
-    done = _command(folder, command)
-    return _left(folder, done.returncode, done.stderr)
+    return _run(folder, "failing.yaml", "--allow-code")
 
 
 def removed(folder: Path) -> Left:
@@ -166,12 +161,10 @@ def removed(folder: Path) -> Left:
 def second(folder: Path) -> Left:
     """Another run into the same folder."""
     run = _started(folder)
-    done = _command(folder, [*COMMAND, "--force"])
+    left = _run(folder, "long.yaml", "--force")
     run.kill()
     run.communicate()
-    return _left(folder, done.returncode, done.stderr)._replace(
-        status="running", files=["all of the first run"]
-    )
+    return left._replace(status="running", files=["all of the first run"])
 
 
 def holds_input(folder: Path) -> Left:
@@ -179,22 +172,24 @@ def holds_input(folder: Path) -> Left:
     (folder / "out").mkdir()
     (folder / "out" / "result.json").write_text('{"name": "a", "status": "completed", "seed": 1}')
     (folder / "out" / "mine.yaml").write_text((folder / "long.yaml").read_text())
-    command = [*COMMAND, "--force"]
-    command[command.index("long.yaml")] = "out/mine.yaml"
-    done = _command(folder, command)
-    return _left(folder, done.returncode, done.stderr)
+    return _run(folder, "out/mine.yaml", "--force")
 
 
 def not_a_run(folder: Path) -> Left:
     """--force on a folder with files of other programs."""
     (folder / "out").mkdir()
     (folder / "out" / "result.json").write_text('{"mine": 1}')
-    done = _command(folder, [*COMMAND, "--force"])
-    return _left(folder, done.returncode, done.stderr)
+    return _run(folder, "long.yaml", "--force")
 
 
 def _command(folder: Path, command: list[str]) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=2 * WAIT)
+
+
+def _run(folder: Path, scenario: str, option: str) -> Left:
+    command = [scenario if part == "long.yaml" else part for part in COMMAND]
+    done = _command(folder, [*command, option])
+    return _left(folder, done.returncode, done.stderr)
 
 
 FAULTS: dict[str, Callable[[Path], Left]] = {

@@ -18,6 +18,11 @@ LOW, HIGH = 0.1, 1000.0
 TIMES = np.arange(-1.0, 10.01, 0.5)
 PEAK = (23, 11)
 """The pixel of the largest concentration; of 40 x 30, 0.1 m each."""
+ROOM_PLANES: dict[str, dict[str, Any]] = {
+    "gas/slice": {"plane": "0.1 m above the floor"},
+    "gas/column": {"plane": "maximum over the height"},
+    "gas/section": {"plane": "y = 1.5 m", "axes": "xz", "shape": (40, 10)},
+}
 
 
 def scenario(dim: int = 2, **changes: Any) -> Scenario:
@@ -77,9 +82,8 @@ def record(
     planes = planes or {"gas/slice": {}}
     for entity, its in planes.items():
         shape = its.get("shape", (40, 30))
-        format_ = rr.components.ImageFormat(
-            width=shape[0], height=shape[1], color_model="L", channel_datatype="U8"
-        )
+        size = {"width": shape[0], "height": shape[1]}
+        format_ = rr.components.ImageFormat(**size, color_model="L", channel_datatype="U8")
         stream.log(entity, rr.GridMap.from_fields(format=format_, cell_size=0.1), static=True)
         says = {
             "quantity": "ethanol", "unit": "ppm", "low": LOW, "high": HIGH, "scale": "log", "plane": "",
@@ -93,10 +97,8 @@ def record(
         for entity, its in planes.items():
             data = rows(pixels(n, its.get("shape", (40, 30))))
             stream.log(entity, rr.GridMap.from_fields(data=data))
-        ways = [[0.5, 0, 0]] * (2 + n % 3)
-        stream.log(
-            "wind/slice", rr.Arrows3D(origins=[[1.0 + k, 0.5, 0] for k in range(len(ways))], vectors=ways)
-        )
+        origins = [[1.0 + k, 0.5, 0] for k in range(2 + n % 3)]
+        stream.log("wind/slice", rr.Arrows3D(origins=origins, vectors=[[0.5, 0, 0]] * len(origins)))
     stream.flush()
     stream.disconnect()
 
@@ -137,14 +139,7 @@ def made(
     write_scenario(folder, model, folder, "cpu")
     write_result(folder, told if told is not None else result(model))
     if recording:
-        planes = None
-        if model.domain.dim == 3:
-            above = {"plane": "0.1 m above the floor"}
-            section = {"plane": "y = 1.5 m", "axes": "xz", "shape": (40, 10)}
-            planes = {
-                "gas/slice": above, "gas/column": {"plane": "maximum over the height"}, "gas/section": section,
-            }  # fmt: skip
-        record(folder / "recording.rrd", planes)
+        record(folder / "recording.rrd", ROOM_PLANES if model.domain.dim == 3 else None)
     if model.robots:
         table(folder / "robots.parquet", model, trials)
     return folder

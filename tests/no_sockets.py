@@ -53,13 +53,7 @@ def watch() -> None:
 
 def hook(event: str, arguments: tuple[object, ...]) -> None:
     """End where Python looks up a name or connects."""
-    if event in (
-        "socket.connect",
-        "socket.getaddrinfo",
-        "socket.gethostbyname",
-        "socket.sendto",
-        "socket.sendmsg",
-    ):
+    if event.removeprefix("socket.") in ("connect", "getaddrinfo", "gethostbyname", "sendto", "sendmsg"):
         os.write(2, f"{event} {arguments[-1]!r}\n".encode())
         os._exit(LOOKED_UP)
 

@@ -8,6 +8,7 @@ import pytest
 import rerun as rr
 import xarray
 import yaml
+from scripts import read_result
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.cli import run
@@ -53,12 +54,10 @@ def test_another_seed_makes_other_air_where_it_is_said_to(wind, gas, drawn):
     scenario = Scenario.model_validate(keys)
     assert scenario.air_by_chance == drawn
     sim = assemble(scenario)
-    axis = np.linspace(0.05, 0.95, 19)
-    points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1)
 
     def air() -> np.ndarray:
         sim.run()
-        return fields.ppm_at(sim.gas, points, sim.t)
+        return fields.ppm_at(sim.gas, POINTS, sim.t)
 
     first = air()
     assert first.max() > 0.0
@@ -72,33 +71,28 @@ def test_another_seed_makes_other_air_where_it_is_said_to(wind, gas, drawn):
     assert np.array_equal(air(), first)
 
 
-SEARCH = {
-    "duration": 2.0,
-    "domain": {"size": (1.0, 1.0), "spacing": 0.1},
-    "wind": GUSTS,
-    "gas": {"kind": "puffs", "sources": [SOURCE | {"puffing": PUFFING}]},
-    "robots": [
-        {
-            "count": 2,
-            "start": {"kind": "area", "low": (0.6, 0.1), "high": (0.9, 0.9)},
-            "algorithm": {"kind": "casting", "threshold_ppm": 5},
-            "sensors": {"gas": {"kind": "mox", "model": "tgs2620"}, "wind": {"kind": "ultrasonic"}},
-        }
-    ],
-}
+SEARCH = yaml.safe_load("""
+duration: 2.0
+domain: {size: [1.0, 1.0], spacing: 0.1}
+wind: {kind: uniform, velocity: [0.5, 0.0], gusts: {intensity: 0.2, time: 0.5}}
+gas: {kind: puffs, sources: [{position: [0.3, 0.5], rate: 1.0e-6, puffing: {pulse: 0.2, pause: 0.3}}]}
+robots:
+  - count: 2
+    start: {kind: area, low: [0.6, 0.1], high: [0.9, 0.9]}
+    algorithm: {kind: casting, threshold_ppm: 5}
+    sensors: {gas: {kind: mox, model: tgs2620}, wind: {kind: ultrasonic}}
+""")
+AXIS = np.linspace(0.05, 0.95, 19)
+POINTS = np.stack(np.meshgrid(AXIS, AXIS, indexing="ij"), axis=-1)
 
 
 def story(sim: Simulation) -> tuple[np.ndarray, np.ndarray]:
     """Wind and gas of all ticks, and what the robots went through."""
-    axis = np.linspace(0.05, 0.95, 19)
-    points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1)
     air, robots = [], []
     while not sim.finished:
         sim.advance()
-        air += [
-            fields.ppm_at(sim.gas, points, sim.t).ravel(),
-            fields.velocity_at(sim.wind, points, sim.t).ravel(),
-        ]
+        air += [fields.ppm_at(sim.gas, POINTS, sim.t).ravel()]
+        air += [fields.velocity_at(sim.wind, POINTS, sim.t).ravel()]
         robots += [np.ravel(values) for values in sim.swarm.snapshot().values()]
     return np.concatenate(air), np.concatenate(robots)
 
@@ -123,18 +117,12 @@ def test_the_seed_of_the_air_is_that_of_wind_and_gas_alone():
 
 
 def test_a_run_tells_both_seeds_where_it_tells_one(tmp_path):
-    wanted = {
-        "seed": 5,
-        "air_seed": 77,
-        "duration": 0.5,
-        "wind": cfd(INLET),
-        "fields": {"rate": 2},
-        "maps": [{"kind": "kernel_dmv", "cell": 0.2}],
-    }
+    wanted = {"seed": 5, "air_seed": 77, "duration": 0.5, "wind": cfd(INLET), "fields": {"rate": 2}}
+    wanted |= {"maps": [{"kind": "kernel_dmv", "cell": 0.2}]}
     (tmp_path / "a.yaml").write_text(json.dumps(SEARCH | wanted))
     folder = tmp_path / "run"
     assert run.main([str(tmp_path / "a.yaml"), "--out", str(folder), "--quiet"]) == 0
-    content = json.loads((folder / "result.json").read_text())
+    content = read_result(folder)
     film = xarray.open_zarr(folder / "fields.zarr").attrs
     maps = json.loads((folder / "maps.zarr" / "zarr.json").read_text())["attributes"]
     for told in (content, film, maps, yaml.safe_load((folder / "scenario.yaml").read_text())):
@@ -145,5 +133,5 @@ def test_a_run_tells_both_seeds_where_it_tells_one(tmp_path):
     reader = rr.chunk.RrdReader(str(folder / "recording.rrd"))
     assert reader.recordings()[0].recording_id == "run-5-77"
     run.main([str(tmp_path / "a.yaml"), "--out", str(tmp_path / "b"), "--quiet", "--set", "air_seed=null"])
-    assert "air_seed" not in json.loads((tmp_path / "b" / "result.json").read_text())
+    assert "air_seed" not in read_result(tmp_path / "b")
     assert "air_seed" not in (tmp_path / "b" / "scenario.yaml").read_text()

@@ -22,17 +22,15 @@ domain: {size: [2, 1.5], spacing: 0.1}
 wind: {kind: uniform, velocity: [0.3, 0]}
 gas: {kind: eulerian, sources: [{position: [0.4, 0.8], rate: 20 mg/s}]}
 robots:
-  - name: first
+  - &team
+    name: first
     count: 2
     trials: 2
     start: {kind: area, low: [1.2, 0.5], high: [1.7, 1.1]}
     body: {radius: 0.05}
     algorithm: {kind: casting}
-  - name: second
-    count: 2
-    trials: 2
-    start: {kind: area, low: [1.2, 0.5], high: [1.7, 1.1]}
-    body: {radius: 0.05}
+  - <<: *team
+    name: second
     algorithm: {kind: infotaxis, cell: 0.2, wind_speed: 0.3, acquisition: 1, settle: 0, sample_period: 0.2}
     sensors: {gas: {kind: ideal}}
 """
@@ -54,9 +52,8 @@ def test_scores_of_simple_beliefs():
     assert told["within_reach"][:2] == pytest.approx([1.0, 0.0])
     assert told["peak_distance_m"][:2] == pytest.approx([0.4, np.hypot(0.8, 0.4)])
     assert told["mean_distance_m"] == pytest.approx([0.4, np.hypot(0.1, 0.4), np.hypot(0.1, 0.4)])
-    assert told["expected_distance_m"][:2] == pytest.approx(
-        [0.4, (np.hypot(0.8, 0.4) + np.hypot(1.0, 0.4)) / 2]
-    )
+    expected = [0.4, (np.hypot(0.8, 0.4) + np.hypot(1.0, 0.4)) / 2]
+    assert told["expected_distance_m"][:2] == pytest.approx(expected)
     none = dict(zip(OF_BELIEFS, believed(p).scores(np.zeros((0, 2))), strict=True))
     assert np.isnan(none["peak_distance_m"]).all()
     assert none["entropy_bits"][1] == pytest.approx(1.0)

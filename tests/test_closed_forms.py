@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 import zarr
+from scripts import read_result
 
 from taichi_plume.cli import run
 
@@ -23,28 +23,27 @@ KINDS = {
 
 
 def scenario(path, gas, dim, gusts):
-    size = [3.0, 2.0, 0.8][:dim]
+    """Write a scenario with one robot."""
     flat = json.loads(json.dumps(gas).replace("0.6, 1.0, 0.2", "0.6, 1.0")) if dim == 2 else gas
-    wind = {"kind": "uniform", "velocity": [0.5, 0.0, 0.0][:dim]} | ({"gusts": {"time": 1}} if gusts else {})
-    robots = [
-        {
-            "name": "one",
-            "count": 1,
-            "start": {"kind": "positions", "positions": [[1.2, 1.0]]},
-            "algorithm": {"kind": "casting"},
-            "reach": 0.3,
-        }
-    ]
-    content = {"duration": 30, "warm_up": 2, "domain": {"size": size, "spacing": 0.1}, "wind": wind}
-    fields = {"rate": 1, "start": -2}
-    path.write_text(yaml.safe_dump(content | {"gas": flat, "robots": robots, "fields": fields}))
-    return path
+    path.write_text(f"""
+duration: 30
+warm_up: 2
+domain: {{size: {[3.0, 2.0, 0.8][:dim]}, spacing: 0.1}}
+wind: {{kind: uniform, velocity: {[0.5, 0.0, 0.0][:dim]}{", gusts: {time: 1}" if gusts else ""}}}
+gas: {json.dumps(flat)}
+robots:
+  - name: one
+    count: 1
+    start: {{kind: positions, positions: [[1.2, 1.0]]}}
+    algorithm: {{kind: casting}}
+    reach: 0.3
+fields: {{rate: 1, start: -2}}
+""")
 
 
 def played(out, *options) -> np.ndarray:
-    assert (
-        run.main([str(out.parent / "s.yaml"), "--out", str(out), "--quiet", "--no-recording", *options]) == 0
-    )
+    command = [str(out.parent / "s.yaml"), "--out", str(out), "--quiet", "--no-recording", *options]
+    assert run.main(command) == 0
     film: Any = zarr.open_group(out / "fields.zarr", mode="r")
     return np.asarray(film["gas_ethanol"])
 
@@ -57,7 +56,7 @@ def test_every_kind_runs(tmp_path, kind, dim):
     assert (c.max(axis=tuple(range(1, c.ndim))) > 0).sum() >= len(c) - 1  # puffs come after a second
     steady = kind in ("continuous", "gaussian_plume")
     assert np.array_equal(c[0], c[-1]) == steady
-    assert json.loads((tmp_path / "a" / "result.json").read_text())["gas"] == {}
+    assert read_result(tmp_path / "a")["gas"] == {}
 
 
 def test_a_robot_finds_where_a_puff_came_from(tmp_path):
@@ -65,22 +64,15 @@ def test_a_robot_finds_where_a_puff_came_from(tmp_path):
     gas = {"kind": "gaussian_puff", "diffusivity": 0.002, "releases": puffs}
     scenario(tmp_path / "s.yaml", gas, 2, gusts=True)
     played(tmp_path / "a")
-    assert json.loads((tmp_path / "a" / "result.json").read_text())["groups"][0]["success_rate"] == 1.0
+    assert read_result(tmp_path / "a")["groups"][0]["success_rate"] == 1.0
 
 
 @pytest.mark.slow
 def test_a_film_of_puffs_can_be_played(tmp_path):
     scenario(tmp_path / "s.yaml", {"kind": "gaussian_puff"} | KINDS["gaussian_puff"], 2, gusts=True)
     first = played(tmp_path / "a", "--duration", "2")
-    again = played(
-        tmp_path / "b",
-        "--duration",
-        "2",
-        "--set",
-        "gas={kind: playback, file: a/fields.zarr}",
-        "--set",
-        "fields.rate=1",
-    )
+    film = "gas={kind: playback, file: a/fields.zarr}"
+    again = played(tmp_path / "b", "--duration", "2", "--set", film, "--set", "fields.rate=1")
     np.testing.assert_allclose(again, first, rtol=1e-6)
 
 

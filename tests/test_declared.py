@@ -1,12 +1,11 @@
 """How declarations are judged and counted, trial by trial and in summaries."""
 
-from types import SimpleNamespace
-
 import fake_run
 import numpy as np
 import pytest
 
 from taichi_plume.agents.columns import COLUMNS
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.running import result, summary
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scoring import trials as scores
@@ -17,16 +16,14 @@ from taichi_plume.study.rows import trial_rows
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
-def searchers(
-    count: int, trials: int, start: int = 0, begin: float = 0.0, algorithm="casting", found="reached"
-):
-    """A group as `scores` takes it."""
-    model = {
-        "name": "team", "count": count, "trials": trials, "begin": begin, "algorithm": {"kind": algorithm},
-        "start": {"kind": "area", "low": [3, 0.5], "high": [3.8, 2.5]}, "found": found,
-    }  # fmt: skip
-    model = Group.model_validate(model)
-    return SimpleNamespace(name="team", start=start, count=count, trials=trials, model=model)
+START = {"kind": "area", "low": [3, 0.5], "high": [3.8, 2.5]}
+
+
+def searchers(count: int, trials: int, begin: float = 0.0, algorithm="casting", found="reached"):
+    """The first group of a swarm."""
+    model = {"name": "team", "count": count, "trials": trials, "begin": begin, "start": START, "found": found}
+    model = Group.model_validate(model | {"algorithm": {"kind": algorithm}})
+    return GroupRange(0, "team", 0, count, trials, model)
 
 
 def said_of(n: int) -> dict[str, np.ndarray]:
@@ -77,16 +74,14 @@ def test_shares_of_outcomes():
     assert told["localisation_error_m"]["n"] == 3
     assert told["declared_time_s"]["mean"] == pytest.approx(5.0)
     assert told["false_declarations"]["mean"] == 0.5
-    silent = scores.trial_summary(
-        trials | {"declarations": [None] * 4, "false_declarations": [None] * 4}, 10.0
-    )
+    none = {"declarations": [None] * 4, "false_declarations": [None] * 4}
+    silent = scores.trial_summary(trials | none, 10.0)
     assert silent["declared_rate"] == {"mean": None, "low": None, "high": None, "n": 0}
 
 
 def run(says=(), robots=None, **changes):
     """A fake run in which a robot of the first trial says this."""
-    start = {"kind": "area", "low": [3, 0.5], "high": [3.8, 2.5]}
-    own = {"name": "own", "count": 2, "trials": 2, "start": start, "algorithm": {"kind": "own"}}
+    own = {"name": "own", "count": 2, "trials": 2, "start": START, "algorithm": {"kind": "own"}}
     model = fake_run.scenario(2, duration=6, maps=[], robots=[own | one for one in robots or [{}]], **changes)
     sim = fake_run.simulation(model)
     sim.swarm.says = says
@@ -118,10 +113,7 @@ def test_rows_of_studies_tell_their_group_and_who_was_there(rivals):
     request = Request("r", 0, 0, {}, 1, 1, "a", True, {}, "s")
     rows = trial_rows(sim, request)
     assert [(row["group"], row["trial"]) for row in rows] == [
-        ("own", 0),
-        ("own", 1),
-        ("casters", 0),
-        ("casters", 1),
+        (who, n) for who in ("own", "casters") for n in (0, 1)
     ]
     assert [row["outcome"] for row in rows] == ["declared", "neither", "neither", "neither"]
     assert [row["declarations"] for row in rows] == [1, 0, None, None]

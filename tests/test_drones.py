@@ -228,12 +228,10 @@ def check_replay(folder):
 def test_drones_are_driven_from_outside(path):
     """One by velocities in three directions, one put to poses in space."""
     with path.open("a") as file:
-        file.write(
-            FLOOR.replace("kind: casting", "kind: external, takes: pose").replace(
-                "height: 1.5", "height: 0.1"
-            )
-            + "    body: {kind: drone}\n"
+        floor = FLOOR.replace("kind: casting", "kind: external, takes: pose").replace(
+            "height: 1.5", "height: 0.1"
         )
+        file.write(floor + "    body: {kind: drone}\n")
     keys = ["rivals=true", "robots.0.algorithm={kind: external}", "robots.0.count=1"]
     keys += ["robots.0.start.positions=[[3.0, 1.0]]"]
     sim = assemble(load_scenario(path, keys), path.parent, driven=True)
@@ -308,19 +306,19 @@ def test_drones_neither_learn_nor_compete(path):
 @pytest.mark.parametrize(
     ("key", "told"),
     [
-        ("body={mass: 1}", r"robots\[0\].body.mass: is of drones alone"),
-        ("body={kind: drone, radius: 0.1}", r"body.radius: 0.1 m is less than its rotors reach"),
-        ("body={kind: drone, max_climb: null}", r"body.max_climb: none is given"),
-        ("body={kind: drone, wheel_base: 0.1}", r"body.wheel_base: a drone has no wheels"),
-        ("body={kind: free}", r"start.altitude: is of drones alone"),
-        ("odometry={}", r"odometry: a crazyflie has no wheels"),
-        ("start.altitude=2.39", r"start.altitude: 2.39 m and body.height of 0.029 m reach above the ceiling"),
-        ("wake=true", r"robots\[0\].wake: a wind of kind uniform is not disturbed"),
-        ("algorithm.highest=0.1", r"algorithm.lowest: 0.3 m is not below highest"),
+        ("body={mass: 1}", "body.mass: is of drones"),
+        ("body={kind: drone, radius: 0.1}", "body.radius: 0.1 m is less than its rotors"),
+        ("body={kind: drone, max_climb: null}", "body.max_climb: none"),
+        ("body={kind: drone, wheel_base: 0.1}", "body.wheel_base: a drone has no"),
+        ("body={kind: free}", "start.altitude: is of drones"),
+        ("odometry={}", "odometry: a crazyflie has no"),
+        ("start.altitude=2.39", "start.altitude: 2.39 m and body.height of 0.029 m"),
+        ("wake=true", "wake: a wind of kind uniform"),
+        ("algorithm.highest=0.1", "algorithm.lowest: 0.3 m is not below highest"),
     ],
 )
 def test_what_drones_are_refused(path, key, told):
-    with pytest.raises(ScenarioError, match=told):
+    with pytest.raises(ScenarioError, match=rf"robots\[0\].{told}"):
         load_scenario(path, [f"robots.0.{key}"])
 
 
@@ -333,13 +331,8 @@ def test_a_drone_starts_above_a_box_but_not_in_it(tmp_path):
 
 
 def test_drones_need_the_third_dimension(path):
-    flat = [
-        "domain.size=[5, 3]",
-        "wind.velocity=[0.5, 0]",
-        "gas.sources.0.position=[0.8, 1.6]",
-        "obstacles=[]",
-    ]
+    flat = ["domain.size=[5, 3]", "wind.velocity=[0.5, 0]", "gas.sources.0.position=[0.8, 1.6]"]
     with pytest.raises(
         ScenarioError, match=r"robots\[0\].body.kind: a crazyflie flies, which takes a 3-D run"
     ):
-        load_scenario(path, [*flat, "gas.walls=[]"])
+        load_scenario(path, [*flat, "obstacles=[]", "gas.walls=[]"])

@@ -127,29 +127,28 @@ def test_what_is_surely_no_algorithm_is_told_unexecuted(tmp_path, source, name, 
 
 def test_files_that_are_none(tmp_path):
     os.mkfifo(tmp_path / "pipe.py")
-    with pytest.raises(OwnAlgorithmError, match="is a pipe"):
-        OwnFile.read(tmp_path / "pipe.py", None)
-    with pytest.raises(OwnAlgorithmError, match=r"must end in \.py"):
-        OwnFile.read(tmp_path / "own.txt", None)
-    with pytest.raises(OwnAlgorithmError, match="File name too long"):
-        OwnFile.read(tmp_path / ("a" * 5000 + ".py"), None)
+    faults = {
+        "pipe.py": "is a pipe",
+        "own.txt": r"must end in \.py",
+        "a" * 5000 + ".py": "File name too long",
+    }
+    for name, fault in faults.items():
+        with pytest.raises(OwnAlgorithmError, match=fault):
+            OwnFile.read(tmp_path / name, None)
 
 
 @pytest.mark.parametrize(
-    ("source", "found"),
+    "source",
     [
-        ("class A:\n  def act(self, robots): pass\nclass B:\n  pass", "A"),
-        ("if True:\n  class A:\n    def act(self, robots): pass", "A"),
-        (
-            "from dataclasses import dataclass\n@dataclass\nclass A:\n  x: int = 1\n  def act(self, r): pass",
-            "A",
-        ),
-        ("class Base:\n  pass\nBase.act = print\nclass A(Base):\n  pass\ndel Base", "A"),
+        "class A:\n  def act(self, robots): pass\nclass B:\n  pass",
+        "if True:\n  class A:\n    def act(self, robots): pass",
+        "from dataclasses import dataclass\n@dataclass\nclass A:\n  x: int = 1\n  def act(self, r): pass",
+        "class Base:\n  pass\nBase.act = print\nclass A(Base):\n  pass\ndel Base",
     ],
 )
-def test_algorithms_in_all_shapes(tmp_path, source, found):
+def test_algorithms_in_all_shapes(tmp_path, source):
     (tmp_path / "own.py").write_text(source)
-    assert OwnFile.read(tmp_path / "own.py", None).execute().__name__ == found
+    assert OwnFile.read(tmp_path / "own.py", None).execute().__name__ == "A"
 
 
 BAD = "class E({}):\n  def __str__(self): raise self\n"
@@ -236,7 +235,7 @@ def test_one_of_several_files_may_not_lead_outside(path, tmp_path):
     (path.parent / "a1.csv").write_text("")
     (path.parent / "a2.csv").symlink_to(tmp_path / "plume.pslog")
     path.write_text(
-        path.read_text().replace("{kind: uniform, velocity: [0.5, 0]}", "{kind: imported, files: a%d.csv}")
+        SCENARIO.replace("{kind: uniform, velocity: [0.5, 0]}", "{kind: imported, files: a%d.csv}")
     )
     with pytest.raises(ScenarioError, match=r"wind\.files: a%d\.csv lies outside"):
         load_scenario(path)

@@ -16,11 +16,9 @@ ROOMS = {
     for folder in [*(ROOT / PACKAGE).iterdir(), *ROOT.iterdir()]
     if (folder / "__init__.py").exists() and folder.name != PACKAGE
 }
-SCENARIO = ", ".join(
-    f"{PACKAGE}.scenario.{path.stem}"
-    for path in (ROOT / PACKAGE / "scenario").glob("*.py")
-    if path.stem != "__main__"
-)
+SECTIONS = [path.stem for path in (ROOT / PACKAGE / "scenario").glob("*.py") if path.stem != "__main__"]
+SCENARIO = ", ".join(f"{PACKAGE}.scenario.{name}" for name in SECTIONS)
+HEAVY = {"taichi", "scipy", "open3d", "matplotlib", "rerun", "zarr"}
 FREE = {"validation"}  # it looks at everything, as the application at the top of the package does
 
 
@@ -71,21 +69,21 @@ def test_only_the_recording_knows_rerun():
     ("modules", "heavy"),
     [
         ("taichi_plume", {"taichi", "numpy", "pydantic"}),
-        (SCENARIO, {"taichi", "scipy", "open3d", "matplotlib", "rerun", "zarr"}),
-        ("taichi_plume.assembly.prepare", {"taichi", "scipy", "open3d", "matplotlib", "rerun", "zarr"}),
-        (
-            "taichi_plume.assembly.assemble",
-            {"open3d", "matplotlib", "rerun", "zarr", "scipy.signal", "scipy.stats"},
-        ),
+        (SCENARIO, HEAVY),
+        ("taichi_plume.assembly.prepare", HEAVY),
+        ("taichi_plume.assembly.assemble", HEAVY - {"taichi", "scipy"} | {"scipy.signal", "scipy.stats"}),
         ("taichi_plume.running.result, taichi_plume.solvers.gas", {"scipy.stats", "scipy.optimize"}),
     ],
 )
 def test_heavy_packages_are_imported_only_where_used(modules, heavy):
     code = f"import sys, {modules}; print(*(set({sorted(heavy)}) & sys.modules.keys()))"
-    loaded = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
-    )
-    assert loaded.stdout.split() == []
+    assert printed(code, ROOT) == []
+
+
+def printed(code: str, folder: Path) -> list[str]:
+    """Words that a program prints."""
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, capture_output=True, text=True, check=True, cwd=folder).stdout.split()
 
 
 @pytest.mark.parametrize("wheel", [False, True])
@@ -104,9 +102,6 @@ def test_the_packages_are_found_without_links(tmp_path, wheel):
         "import taichi_plume as p, taichi_plume.solvers, taichi_plume.agents, taichi_plume.validation;"
         "print(p.solvers.__file__, len(p.__path__))"
     )
-    found = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
-    )
     place = package if wheel else tmp_path
-    assert found.stdout.split() == [str(place / "solvers" / "__init__.py"), "1" if wheel else "2"]
+    assert printed(code, tmp_path) == [str(place / "solvers" / "__init__.py"), "1" if wheel else "2"]
     assert not any(path.is_symlink() for folder in ROOMS.values() for path in (folder, *folder.rglob("*")))

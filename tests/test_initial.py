@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from pydantic import ValidationError
 
 from taichi_plume.assembly.assemble import build
@@ -21,43 +22,35 @@ from taichi_plume.scoring import trials as scores
 pytestmark = pytest.mark.usefixtures("taichi")
 
 DRIFT, VISCOSITY, WIDTH = 0.3, 0.005, 0.08
-BOX: dict[str, Any] = {
-    "duration": 1.0,
-    "tick": 0.5,
-    "domain": {"size": [2, 2], "spacing": 2 / 16},
-    "wind": {
-        "kind": "cfd",
-        "viscosity": VISCOSITY,
-        "turbulence": {"kind": "none"},
-        "openings": [{"kind": "periodic", "axis": "x"}, {"kind": "periodic", "axis": "y"}],
-        "initial": {"velocity": [f"{DRIFT} + sin(pi*x)*cos(pi*y)", "-cos(pi*x)*sin(pi*y)"]},
-    },
-    "gas": {
-        "kind": "eulerian",
-        "sources": [{"position": [0.4, 1], "rate": 1e-6, "radius": 0.2}],
-        "initial": {"concentration": "1e-5*(2 + sin(pi*x))"},
-    },
-}
-ROOM: dict[str, Any] = {
-    "duration": 0.5,
-    "domain": {"size": [1.6, 1.2], "spacing": 0.1},
-    "obstacles": [{"kind": "cylinder", "center": [0.8, 0.6], "radius": 0.25}],
-    "wind": {
-        "kind": "cfd",
-        "openings": [{"kind": "inlet", "face": "x-", "speed": 0.2}, {"kind": "outlet", "face": "x+"}],
-        "initial": {"velocity": ["0.2/hypot(x - 0.8, y - 0.6)", 0]},
-        "buoyancy": {
-            "gravity": [0, -9.81],
-            "solutal": False,
-            "heat": {"initial": {"temperature": "300 + 10*log(hypot(x - 0.8, y - 0.6)/0.2)"}},
-        },
-    },
-    "gas": {
-        "kind": "eulerian",
-        "sources": [{"position": [0.3, 0.6], "rate": 0}],
-        "initial": {"concentration": "1e-5*x"},
-    },
-}
+BOX: dict[str, Any] = yaml.safe_load(f"""
+duration: 1.0
+tick: 0.5
+domain: {{size: [2, 2], spacing: 0.125}}
+wind:
+  kind: cfd
+  viscosity: {VISCOSITY}
+  turbulence: {{kind: none}}
+  openings: [{{kind: periodic, axis: x}}, {{kind: periodic, axis: "y"}}]
+  initial: {{velocity: ["{DRIFT} + sin(pi*x)*cos(pi*y)", "-cos(pi*x)*sin(pi*y)"]}}
+gas:
+  kind: eulerian
+  sources: [{{position: [0.4, 1], rate: 1.0e-6, radius: 0.2}}]
+  initial: {{concentration: "1e-5*(2 + sin(pi*x))"}}
+""")
+ROOM: dict[str, Any] = yaml.safe_load("""
+duration: 0.5
+domain: {size: [1.6, 1.2], spacing: 0.1}
+obstacles: [{kind: cylinder, center: [0.8, 0.6], radius: 0.25}]
+wind:
+  kind: cfd
+  openings: [{kind: inlet, face: x-, speed: 0.2}, {kind: outlet, face: x+}]
+  initial: {velocity: ["0.2/hypot(x - 0.8, y - 0.6)", 0]}
+  buoyancy:
+    gravity: [0, -9.81]
+    solutal: false
+    heat: {initial: {temperature: "300 + 10*log(hypot(x - 0.8, y - 0.6)/0.2)"}}
+gas: {kind: eulerian, sources: [{position: [0.3, 0.6], rate: 0}], initial: {concentration: "1e-5*x"}}
+""")
 
 
 def assembled(model: dict, folder: Path = Path(), **changes: Any) -> Any:
@@ -91,12 +84,8 @@ def test_a_puff_drifts_with_a_uniform_wind():
         "sources": [{"position": [0.1, 0.1], "rate": 0}],
         "initial": {"concentration": f"1e-5*exp(-((x - 0.8)**2 + (y - 1)**2)/{2 * WIDTH})"},
     }
-    sim = assembled(
-        BOX,
-        wind={"kind": "uniform", "velocity": [DRIFT, 0]},
-        gas=gas,
-        domain={"size": [2, 2], "spacing": 0.04},
-    )
+    wind = {"kind": "uniform", "velocity": [DRIFT, 0]}
+    sim = assembled(BOX, wind=wind, gas=gas, domain={"size": [2, 2], "spacing": 0.04})
     sim.run()
     x, y = np.moveaxis(sim.grid.centers(), -1, 0)
     wide = WIDTH + 2 * 0.002
@@ -112,9 +101,8 @@ def test_what_lies_in_obstacles_does_not_count_and_a_reset_compiles_nothing():
     solid = sim.air.solid
     assert solid.any()
     np.testing.assert_allclose(solver.cells(0.0), np.where(solid, 0.0, 1e-5 * x), rtol=1e-6)
-    warmth = np.where(
-        solid, 0.0, 300 - 298.15 + 10 * np.log(np.maximum(np.hypot(x - 0.8, y - 0.6), 1e-9) / 0.2)
-    )
+    away = np.maximum(np.hypot(x - 0.8, y - 0.6), 1e-9)
+    warmth = np.where(solid, 0.0, 300 - 298.15 + 10 * np.log(away / 0.2))
     np.testing.assert_allclose(sim.grid.read(flow.heat.theta), warmth, rtol=1e-5, atol=1e-4)
     assert flow.diagnostics()["max_divergence"] < 1e-3
     assert all(np.all(one[sim.air.area[d][:16, :12] == 0.0] == 0.0) for d, one in enumerate(velocities(sim)))
@@ -153,10 +141,7 @@ def test_a_film_goes_on_from_one_of_its_moments_on_any_grid(tmp_path):
     assert budgets[0] == pytest.approx(budgets[1], rel=1e-3)
     assert np.abs(velocities(finer)[0]).max() == pytest.approx(np.abs(velocities(again)[0]).max(), rel=0.02)
     for change, told in [
-        (
-            {"film": "fields.zarr", "at": 7},
-            r"wind.initial.at: 7 s is not in .*fields.zarr, which shows 0 to 1 s",
-        ),
+        ({"film": "fields.zarr", "at": 7}, r"wind.initial.at: 7 s is not in .*, which shows 0 to 1 s"),
         ({"film": "none.zarr"}, r"wind.initial.film: .*none.zarr: does not exist"),
     ]:
         with pytest.raises(ScenarioError, match=told):
@@ -168,17 +153,13 @@ def test_a_film_goes_on_from_one_of_its_moments_on_any_grid(tmp_path):
 @pytest.mark.parametrize(
     ("section", "initial", "told"),
     [
-        (
-            "wind",
-            {"velocity": ["1/x", 0]},
-            r"wind.initial.velocity\[0\]: at \(0, 0.0625\) m it is inf m/s; must be",
-        ),
+        ("wind", {"velocity": ["1/x", 0]}, r"wind.initial.velocity\[0\]: at \(0, 0.0625\) m it is inf m/s"),
         ("wind", {"velocity": ["z", 0]}, "wind.initial: has z, a 2-D run has none"),
         ("wind", {"velocity": [0, 0, 0]}, "wind.initial.velocity: has 3 numbers, a 2-D run takes 2 here"),
         (
             "gas",
             {"concentration": "1 - x"},
-            r"gas.initial.concentration: at \(1.062, 0.0625\) m it is -0.0625 kg/m",
+            r"gas.initial.concentration: at \(1.062, 0.0625\) m it is -0.0625",
         ),
         ("gas", {}, "takes a concentration or a film, got neither"),
         ("gas", {"concentration": 1, "film": "a.zarr"}, "takes a concentration or a film, got both"),

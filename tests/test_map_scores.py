@@ -18,13 +18,12 @@ from taichi_plume.simulation import Every
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
-def scored(sim):
-    judge = MapScores(sim)
-    truths = []
-    sim.observers += [
-        Every(1.0, lambda sim: truths.append(scores.true_gas(sim, 0.25, sim.maps[0].shape))),
-        judge.observer(),
-    ]
+def scored(sim, truth=True):
+    judge, truths = MapScores(sim), []
+    if truth:
+        look = Every(1.0, lambda sim: truths.append(scores.true_gas(sim, 0.25, sim.maps[0].shape)))
+        sim.observers.append(look)
+    sim.observers.append(judge.observer())
     sim.run()
     return judge, truths
 
@@ -92,9 +91,8 @@ def test_scores_go_on_from_between_two_snaps():
         for _ in range(ticks):
             sim.advance()
             sim.observe()
-        return [
-            part for one in judge.series for part in (one.rows.table[: len(one.rows)], one.last, one.truth)
-        ]
+        series = judge.series
+        return [part for one in series for part in (one.rows.table[: len(one.rows)], one.last, one.truth)]
 
     go(170)
     saved, tick, kept = state.save(), sim.tick, vars(look).copy()
@@ -173,15 +171,10 @@ def test_the_result_tells_the_series():
 
 
 def test_without_robots_maps_are_scored_all_the_same():
-    sim = fake_run.simulation(fake_run.scenario(2, duration=6, robots=[], maps=[]))
-    sim.maps.append(
-        SimpleNamespace(  # type: ignore[arg-type]
-            cell=0.25, window=None, errors=[], update=lambda *_: None, estimate=lambda: np.zeros((1, 16, 12))
-        )
-    )
-    judge = MapScores(sim)
-    sim.observers.append(judge.observer())
-    sim.run()
+    sim: Any = fake_run.simulation(fake_run.scenario(2, duration=6, robots=[], maps=[]))
+    about = {"cell": 0.25, "window": None, "errors": [], "update": lambda *_: None}
+    sim.maps.append(SimpleNamespace(**about, estimate=lambda: np.zeros((1, 16, 12))))
+    judge, _ = scored(sim, truth=False)
     assert judge.series[0].first("error_ppm")[0] > 0
 
 

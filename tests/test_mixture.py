@@ -1,12 +1,12 @@
 """Two vapours on one grid, from the scenario to the files of a run."""
 
-import json
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 import zarr
+from scripts import read_result
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.cli.run import main
@@ -17,36 +17,32 @@ from taichi_plume.scenario.species import SPECIES
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
-def source(y: float, rate: float, **more) -> dict:
-    return {"position": [0.4, y], "rate": rate, "radius": 0.1} | more
-
-
-def scenario(**more) -> dict:
-    robots = {
-        "name": "team",
-        "count": 2,
-        "start": {"kind": "line", "begin": [0.9, 0.25], "end": [0.9, 0.75]},
-        "algorithm": {"kind": "casting", "threshold_ppm": 1.0},
-        "sensors": {"gas": {"kind": "mox", "model": "mics5524"}, "wind": {"kind": "ultrasonic"}},
-    }
-    parts = [
-        {"kind": "eulerian", "species": "ethanol", "sources": [source(0.25, 2e-6), source(0.3, 1e-6)]},
-        {"kind": "eulerian", "species": "acetone", "sources": [source(0.75, 4e-6)]},
-    ]
-    openings = [{"kind": "inlet", "face": "x-", "speed": 0.2}, {"kind": "outlet", "face": "x+"}]
-    return {
-        "duration": 2.0,
-        "domain": {"size": [1.6, 1.0], "spacing": 0.05},
-        "wind": {"kind": "cfd", "openings": openings},
-        "gas": {"kind": "mixture", "parts": parts},
-        "robots": [robots],
-    } | more
+SCENARIO = """
+duration: 2.0
+stop_early: false
+domain: {size: [1.6, 1.0], spacing: 0.05}
+wind: {kind: cfd, openings: [{kind: inlet, face: x-, speed: 0.2}, {kind: outlet, face: x+}]}
+gas:
+  kind: mixture
+  parts:
+    - kind: eulerian
+      species: ethanol
+      sources:
+        - {position: [0.4, 0.25], rate: 2.0e-6, radius: 0.1}
+        - {position: [0.4, 0.3], rate: 1.0e-6, radius: 0.1}
+    - {kind: eulerian, species: acetone, sources: [{position: [0.4, 0.75], rate: 4.0e-6, radius: 0.1}]}
+robots:
+  - name: team
+    count: 2
+    start: {kind: line, begin: [0.9, 0.25], end: [0.9, 0.75]}
+    algorithm: {kind: casting, threshold_ppm: 1.0}
+    sensors: {gas: {kind: mox, model: mics5524}, wind: {kind: ultrasonic}}
+"""
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("taichi")
 def test_each_part_has_its_budget_and_its_ppm():
-    sim = assemble(Scenario.model_validate(scenario(stop_early=False)))
+    sim = assemble(Scenario.model_validate(yaml.safe_load(SCENARIO)))
     assert [species.name for species in sim.gas.species] == ["ethanol", "acetone"]
     sim.run()
     budgets = [gas.budget() for gas in sim.gas.gases]
@@ -65,9 +61,9 @@ def test_each_part_has_its_budget_and_its_ppm():
 @pytest.mark.slow
 def test_a_run_tells_of_both(tmp_path):
     path, out = tmp_path / "both.yaml", tmp_path / "out"
-    path.write_text(yaml.safe_dump(scenario(fields={"rate": 2.0}, duration=20.0, stop_early=False)))
+    path.write_text(SCENARIO.replace("duration: 2.0", "duration: 20.0\nfields: {rate: 2.0}"))
     assert main([str(path), "--out", str(out), "--arch", "cpu", "--quiet"]) == 0
-    result = json.loads((out / "result.json").read_text())
+    result = read_result(out)
     parts = result["gas"]["parts"]
     assert [part["species"] for part in parts] == ["ethanol", "acetone"]
     assert [part["emitted_kg"] for part in parts] == pytest.approx([6e-5, 8e-5])

@@ -3,14 +3,16 @@
 import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import no_sockets
 import pytest
+from scripts import ROOT, python
 from test_meshes import box_triangles, write_stl
 
-ROOT = Path(__file__).parent.parent
+LINUX = pytest.mark.skipif(
+    not no_sockets.can_watch(), reason="numbers of seccomp are of Linux on two machines"
+)
 SCENARIO = """
 duration: 0.5
 domain: {size: [1, 1], spacing: 0.1}
@@ -26,18 +28,14 @@ fields: {rate: 2}
 def watched(folder: Path, *command: str, **environment: str) -> subprocess.CompletedProcess[str]:
     """A module's run as a new user's, whom Taichi and rerun do not know yet."""
     kept = os.environ.get("XDG_CACHE_HOME", os.path.expanduser("~/.cache"))
-    new = {
-        **{name: value for name, value in os.environ.items() if name != "TI_SKIP_VERSION_CHECK"},
-        "HOME": str(folder / "home"),
-        "PYTHONPATH": str(ROOT),
-        "XDG_CACHE_HOME": str(folder / "home" / "cache"),
-        "TI_OFFLINE_CACHE_FILE_PATH": f"{kept}/taichi_plume/kernels",  # kernels that were compiled already
-    }
-    (folder / "home").mkdir(exist_ok=True)
-    return subprocess.run(
-        [sys.executable, str(ROOT / "tests" / "no_sockets.py"), *command],
-        capture_output=True, text=True, check=False, env=new | environment, cwd=folder,
-    )  # fmt: skip
+    home = folder / "home"
+    new = {name: value for name, value in os.environ.items() if name != "TI_SKIP_VERSION_CHECK"}
+    new |= {"HOME": str(home), "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(home / "cache")}
+    new |= {
+        "TI_OFFLINE_CACHE_FILE_PATH": f"{kept}/taichi_plume/kernels"
+    }  # kernels that were compiled already
+    home.mkdir(exist_ok=True)
+    return python(folder, str(ROOT / "tests" / "no_sockets.py"), *command, environment=new | environment)
 
 
 def test_a_run_with_all_that_it_may_write(tmp_path):
@@ -56,7 +54,7 @@ def test_the_watch_sees_what_python_looks_up(tmp_path):
     assert watched(tmp_path, "asks", PYTHONPATH=str(tmp_path)).returncode == no_sockets.LOOKED_UP
 
 
-@pytest.mark.skipif(not no_sockets.can_watch(), reason="seccomp's numbers are those of Linux on two machines")
+@LINUX
 @pytest.mark.parametrize(("call", "kind"), [("connect", "SOCK_STREAM"), ("sendto", "SOCK_DGRAM")])
 def test_the_watch_sees_every_thread(tmp_path, call, kind):
     """Here by the C library, of which Python knows nothing."""
@@ -72,7 +70,7 @@ threading.Thread(target=getattr(ctypes.CDLL(None), "{call}"), args=[one.fileno()
     assert watched(tmp_path, "asks", PYTHONPATH=str(tmp_path)).returncode == -signal.SIGSYS
 
 
-@pytest.mark.skipif(not no_sockets.can_watch(), reason="seccomp's numbers are those of Linux on two machines")
+@LINUX
 def test_taichi_alone_would_tell(tmp_path):
     """As without the setting that the package makes."""
     (tmp_path / "asks.py").write_text("import taichi, time; taichi.init(); time.sleep(20)")
@@ -83,13 +81,10 @@ def test_taichi_alone_would_tell(tmp_path):
 def test_modules_of_the_working_folder_are_not_run(tmp_path):
     """`python -m` puts it first among the places of modules."""
     (tmp_path / "s.yaml").write_text(SCENARIO.replace("obstacles", "#"))
+    spy = "import pathlib; pathlib.Path('executed').touch(); raise SystemExit(0)"
     for name in ("yaml", "pydantic", "numpy", "typing"):
-        (tmp_path / f"{name}.py").write_text(
-            "import pathlib; pathlib.Path('executed').touch(); raise SystemExit(0)"
-        )
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "taichi_plume.run", "s.yaml", "--check"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path, env=environment)
+        (tmp_path / f"{name}.py").write_text(spy)
+    done = python(tmp_path, "-m", "taichi_plume.run", "s.yaml", "--check")
     assert done.returncode == 0, done.stderr
     assert "duration: 0.5" in done.stdout
     assert not (tmp_path / "executed").exists()

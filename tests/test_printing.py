@@ -10,50 +10,28 @@ from taichi_plume.cli import maps, run
 from taichi_plume.running.summary import print_summary
 
 PRINTER = ROOT / PACKAGE / "guard" / "terminal.py"
-OTHERS = {
-    "start.py",
-    "clock_rows.py",
-    "jax_box.py",
-}  # of the benchmark, run beside other checkouts and packages
+OTHERS = {"start.py", "clock_rows.py", "jax_box.py"}  # of the benchmark, run beside other checkouts
 FILES = [
     path
     for folder in [ROOT / PACKAGE, *ROOMS.values()]
     for path in sorted(folder.glob("*.py") if folder.name == PACKAGE else folder.rglob("*.py"))
     if path != PRINTER and path.name not in OTHERS
 ]
-ELSEWHERE = {
-    "print",
-    "Console",
-    "ArgumentParser",
-    "print_exc",
-    "print_exception",
-    "pprint",
-    "rprint",
-    "showwarning",
-}
+NAMES = {"Console", "ArgumentParser", "print_exc", "print_exception", "pprint", "rprint", "showwarning"}
+WRITES = {"sys.stdout.write", "sys.stderr.write", "os.write"}
 
 
 def prints(path: Path) -> list[str]:
     """What in a file prints by itself."""
     found = []
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        called = node.func if isinstance(node, ast.Call) else node if isinstance(node, ast.ClassDef) else None
-        if isinstance(called, ast.ClassDef):
-            found += [
-                f"class {called.name}"
-                for base in called.bases
-                if ast.unparse(base).endswith("ArgumentParser")
-            ]
-        elif isinstance(called, ast.Name) and called.id in ELSEWHERE:
-            found.append(called.id)
-        elif isinstance(called, ast.Attribute):
-            whole = ast.unparse(called)
-            if called.attr in ELSEWHERE - {"print"} or whole in (
-                "sys.stdout.write",
-                "sys.stderr.write",
-                "os.write",
-            ):
-                found.append(whole)
+        if isinstance(node, ast.ClassDef):
+            bases = [ast.unparse(base) for base in node.bases]
+            found += [f"class {node.name}" for base in bases if base.endswith("ArgumentParser")]
+        elif isinstance(node, ast.Call):
+            called = ast.unparse(node.func)
+            if called in WRITES | {"print"} or called.rpartition(".")[2] in NAMES:
+                found.append(called)
     return found
 
 

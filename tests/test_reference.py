@@ -41,13 +41,9 @@ def test_an_example_is_valid_and_of_its_kind(name, files):
     scenario = load(files / "example.yaml").scenario
     found = [scenario]
     for step in path.split("."):
-        parts = [getattr(one, step.removesuffix("[]"), None) for one in found]
-        found = [
-            one
-            for part in parts
-            for one in (part or () if step.endswith("[]") else [part])
-            if one is not None
-        ]
+        parts = [getattr(section, step.removesuffix("[]"), None) for section in found]
+        found = [part for part in parts if part is not None]
+        found = [item for part in found for item in part] if step.endswith("[]") else found
     assert kind in {one.kind for one in found}  # type: ignore[attr-defined]
 
 
@@ -57,9 +53,8 @@ def test_the_scenario_that_examples_begin_from(files):
 
 
 def test_every_kind_has_an_example():
-    kinds = {
-        f"{place.path} {kind}" for place in places().values() if not place.same_as for kind in place.kinds
-    }
+    own = [place for place in places().values() if not place.same_as]
+    kinds = {f"{place.path} {kind}" for place in own for kind in place.kinds}
     assert kinds == set(EXAMPLES) - {"base"}
 
 
@@ -96,15 +91,11 @@ def test_each_key_is_told_once_with_all_that_is_known_of_it():
     assert ".. key:: wind.openings[].speed (inlet)" in page
 
 
-def test_a_section_that_no_page_names_is_told_with_those_around_it():
-    assert reference.page_of("wind.gusts") == "wind"
-    assert reference.page_of("wind.openings[].curve") == "openings"
-    assert reference.page_of("something_new.part") == "scenario"
-
-
-def test_texts_mean_nothing_to_the_markup():
+def test_texts_are_escaped_and_every_section_has_a_page():
     assert reference.escaped("a*b_c |u| <x> `code_` d") == r"a\*b\_c \|u\| \<x\> ``code_`` d"
     assert reference.escaped("a ` b") == r"a \` b"
+    pages = {"wind.gusts": "wind", "wind.openings[].curve": "openings", "something_new.part": "scenario"}
+    assert {section: reference.page_of(section) for section in pages} == pages
 
 
 @pytest.mark.slow

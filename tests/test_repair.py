@@ -1,11 +1,11 @@
 """What a killed run has left is completed, whenever it was killed; what is whole stays as it is."""
 
-import json
 from pathlib import Path
 
 import fake_run
 import pyarrow.parquet as pq
 import pytest
+from scripts import read_result
 
 from taichi_plume.assembly import assemble
 from taichi_plume.cli import repair, run
@@ -31,10 +31,6 @@ def finished(tmp_path, monkeypatch) -> Path:
     return tmp_path / "out"
 
 
-def told(folder: Path) -> dict:
-    return json.loads((folder / "result.json").read_text())
-
-
 def cut_off(folder: Path, status: str = "running", rows: int = 40) -> None:
     """Make it one whose process was killed while the parts of its table were joined."""
     table = pq.read_table(folder / "robots.parquet")
@@ -44,7 +40,7 @@ def cut_off(folder: Path, status: str = "running", rows: int = 40) -> None:
         pq.write_table(table.slice(begin, rows), parts / table_parts.part_name(begin))
     (folder / "robots.parquet").unlink()
     (folder / manifest.NAME).unlink()
-    result.write_result(folder, told(folder) | {"status": status})
+    result.write_result(folder, read_result(folder) | {"status": status})
 
 
 @pytest.mark.parametrize("status", ["running", "disk_full", "interrupted"])
@@ -54,7 +50,7 @@ def test_rows_in_parts_become_a_table_however_the_run_ended(finished, capsys, st
     cut_off(finished, status)
     assert repair.main([str(finished)]) == 0
     assert pq.read_table(finished / "robots.parquet").equals(rows)
-    assert told(finished)["status"] == ("killed" if status == "running" else status)
+    assert read_result(finished)["status"] == ("killed" if status == "running" else status)
     assert f"robots.parquet: {len(rows):,} rows" in capsys.readouterr().out
     assert repair.main(["--verify", str(finished)]) == 0
     before = {file.name: file.read_bytes() for file in finished.iterdir()}
@@ -77,7 +73,7 @@ def test_a_result_that_says_nothing_is_of_a_killed_run(finished, content):
     if content is not None:
         (finished / "result.json").write_text(content)
     assert repair.main([str(finished)]) == 0
-    assert told(finished)["status"] == "killed"
+    assert read_result(finished)["status"] == "killed"
     assert (finished / "robots.parquet").exists()
 
 
@@ -103,4 +99,4 @@ def test_a_run_that_was_killed_at_its_very_end_is_over(finished):
     assert (finished / "report.html").exists()
     assert not (finished / checkpoint.NAME).exists()
     assert repair.main(["--verify", str(finished)]) == 0
-    assert told(finished)["status"] == "completed"
+    assert read_result(finished)["status"] == "completed"

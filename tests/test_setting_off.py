@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import checked
@@ -19,33 +20,27 @@ LATER = 1.3  # s, no whole number of ticks
 TICKS = 7  # until the first with a command, of 0.2 s: that after 1.2 s ends at 1.4 s
 
 
+GROUP = yaml.safe_load("""
+count: 1
+start: {kind: positions, positions: [[0.6, 0.5]], heading_deg: 0}
+algorithm: {kind: sweep}
+sensors: {gas: {kind: ideal}, wind: {kind: ideal}}
+reach: 0.4
+""")
+SCENARIO = yaml.safe_load("""
+tick: 0.2
+domain: {size: [4, 3], spacing: 0.25}
+wind: {kind: uniform, velocity: [0.1, 0]}
+gas: {kind: gaussian_plume, intensity: 0.1, sources: [{position: [2.5, 1.5], rate: 1 mg/s}]}
+""")
+
+
 def group(name, begin, **keys):
-    return {
-        "name": name,
-        "count": 1,
-        "begin": begin,
-        "start": {"kind": "positions", "positions": [[0.6, 0.5]], "heading_deg": 0},
-        "algorithm": {"kind": "sweep"},
-        "sensors": {"gas": {"kind": "ideal"}, "wind": {"kind": "ideal"}},
-        "reach": 0.4,
-        **keys,
-    }
+    return GROUP | {"name": name, "begin": begin} | keys
 
 
 def scenario(*groups, duration=200.0):
-    data = {
-        "duration": duration,
-        "tick": 0.2,
-        "rivals": len(groups) > 1,
-        "domain": {"size": [4, 3], "spacing": 0.25},
-        "wind": {"kind": "uniform", "velocity": [0.1, 0]},
-        "gas": {
-            "kind": "gaussian_plume",
-            "intensity": 0.1,
-            "sources": [{"position": [2.5, 1.5], "rate": "1 mg/s"}],
-        },
-        "robots": list(groups),
-    }
+    data = SCENARIO | {"duration": duration, "rivals": len(groups) > 1, "robots": list(groups)}
     return checked(Scenario.model_validate(data), Path())
 
 

@@ -1,14 +1,13 @@
 """Signals while files are begun, while a run goes on and while it ends."""
 
-import json
 import os
 import signal
-import subprocess
 import sys
 from pathlib import Path
 
 import fake_run
 import pytest
+from scripts import python, read_result
 
 from taichi_plume.assembly import assemble
 from taichi_plume.cli import run
@@ -72,7 +71,7 @@ def at_one(number: int, times: int) -> Every:
 
 
 def status() -> str:
-    return json.loads(Path("out/result.json").read_text())["status"]
+    return read_result(Path("out"))["status"]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGXCPU])
@@ -95,7 +94,7 @@ def test_signals_while_a_run_ends_do_not_disturb_it(started, monkeypatch, where,
     assert Path("out/manifest.json").exists()
 
 
-@pytest.mark.parametrize("where", ["start", "_tell"])
+@pytest.mark.parametrize("where", ["start", "_write_progress"])
 def test_a_signal_while_files_are_begun_waits_for_a_tick(started, monkeypatch, where):
     """The earlier run has made room: ended at once, neither of the two would be there."""
     monkeypatch.setattr(outputs.Outputs, where, before(getattr(outputs.Outputs, where), signal.SIGTERM))
@@ -129,7 +128,7 @@ def test_a_terminal_that_is_closed_ends_a_run_in_order(tmp_path, ignored):
     finally:
         os.close(terminal)
     _, code = os.waitpid(number, 0)
-    told = json.loads((tmp_path / "out" / "result.json").read_text())
+    told = read_result(tmp_path / "out")
     if ignored:
         assert (os.waitstatus_to_exitcode(code), told["status"]) == (0, "completed")
     else:
@@ -137,7 +136,7 @@ def test_a_terminal_that_is_closed_ends_a_run_in_order(tmp_path, ignored):
         assert told["message"].startswith("by SIGHUP")
 
 
-def test_ctrl_c_while_python_ends_is_no_fault():
+def test_ctrl_c_while_python_ends_is_no_fault(tmp_path):
     """Python waits there for threads, long after the command's own handlers have gone."""
     program = """
 import os, signal, time
@@ -152,5 +151,5 @@ def late():
 ThreadPoolExecutor(1).submit(late)
 leave(130)
 """
-    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    ended = python(tmp_path, "-c", program)
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "")

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.grid.kernels import compiled
@@ -13,53 +14,39 @@ from taichi_plume.scenario.scenario import Scenario
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-ROOM = {
-    "duration": 1.0,
-    "warm_up": 0.3,
-    "domain": {"size": [1.6, 1.2], "spacing": 0.1, "depth": 0.5},
-    "wind": {
-        "kind": "cfd",
-        "openings": [
-            {
-                "kind": "fan",
-                "face": "x-",
-                "center": [0.6],
-                "diameter": 0.6,
-                "speed": 0.5,
-                "turbulence_intensity": 0.1,
-            },
-            {"kind": "outlet", "face": "x+"},
-        ],
-    },
-    "obstacles": [
-        {"kind": "cylinder", "center": [0.9, 0.9], "radius": 0.15},
-        {"kind": "cylinder", "center": [1.3, 0.3], "radius": 0.1, "motion": {"path": [[1, 1.3, 0.8]]}},
-    ],
-    "gas": {
-        "kind": "mixture",
-        "parts": [
-            {"kind": "eulerian", "species": "ethanol", "sources": [{"position": [0.3, 0.6], "rate": 1e-5}]},
-            {"kind": "puffs", "species": "acetone", "sources": [{"position": [0.4, 0.4], "rate": 1e-5}]},
-        ],
-    },
-    "robots": [
-        {
-            "name": name,
-            "count": 2,
-            "trials": 2,
-            "reach": 0.02,
-            "body": {"radius": 0.03},
-            "start": {"kind": "area", "low": [1.0, 0.1], "high": [1.5, 0.6]},
-            "algorithm": {"kind": "casting", "threshold_ppm": threshold, "speed": 0.1},
-            "sensors": {"gas": gas},
-        }
-        for name, threshold, gas in (
-            ("a", 1.0, {"kind": "mox", "model": "tgs2620"}),
-            ("b", 5.0, {"kind": "pid", "calibrated_for": "ethanol"}),
-        )
-    ],
-    "maps": [{"kind": "time_series", "cell": 0.2, "window": 0.5}, {"kind": "kernel_dmv", "cell": 0.2}],
-}
+ROOM = """
+duration: 1.0
+warm_up: 0.3
+domain: {size: [1.6, 1.2], spacing: 0.1, depth: 0.5}
+wind:
+  kind: cfd
+  openings:
+    - {kind: fan, face: x-, center: [0.6], diameter: 0.6, speed: 0.5, turbulence_intensity: 0.1}
+    - {kind: outlet, face: x+}
+obstacles:
+  - {kind: cylinder, center: [0.9, 0.9], radius: 0.15}
+  - {kind: cylinder, center: [1.3, 0.3], radius: 0.1, motion: {path: [[1, 1.3, 0.8]]}}
+gas:
+  kind: mixture
+  parts:
+    - {kind: eulerian, species: ethanol, sources: [{position: [0.3, 0.6], rate: 1.0e-5}]}
+    - {kind: puffs, species: acetone, sources: [{position: [0.4, 0.4], rate: 1.0e-5}]}
+robots:
+  - &group
+    name: a
+    count: 2
+    trials: 2
+    reach: 0.02
+    body: {radius: 0.03}
+    start: {kind: area, low: [1.0, 0.1], high: [1.5, 0.6]}
+    algorithm: {kind: casting, threshold_ppm: 1.0, speed: 0.1}
+    sensors: {gas: {kind: mox, model: tgs2620}}
+  - <<: *group
+    name: b
+    algorithm: {kind: casting, threshold_ppm: 5.0, speed: 0.1}
+    sensors: {gas: {kind: pid, calibrated_for: ethanol}}
+maps: [{kind: time_series, cell: 0.2, window: 0.5}, {kind: kernel_dmv, cell: 0.2}]
+"""
 OTHER = {
     "seed": 7,
     "air_seed": 8,
@@ -76,7 +63,7 @@ OTHER = {
 
 
 def scenario(changes: dict) -> Scenario:
-    data = Scenario.model_validate(ROOM).model_dump(mode="json", exclude_none=True)
+    data = Scenario.model_validate(yaml.safe_load(ROOM)).model_dump(mode="json", exclude_none=True)
     for path, value in changes.items():
         *way, key = [int(part) if part.isdecimal() else part for part in path.split(".")]
         place: Any = data

@@ -1,14 +1,9 @@
 """open3d, the largest of what we depend on, is needed by meshes alone."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
+from scripts import python
 from test_meshes import box_triangles, write_stl
 
-ROOT = Path(__file__).parent.parent
 WITHOUT = """
 import sys
 from importlib.abc import MetaPathFinder
@@ -37,55 +32,37 @@ fields: {rate: 4}
 """
 
 
-def without(folder: Path, *lines: str) -> subprocess.CompletedProcess[str]:
-    """Commands run one after the other where there is no open3d."""
-    return subprocess.run(
-        [sys.executable, "-c", WITHOUT, ";".join(lines)],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )
+COMMANDS = """
+run s.yaml --check
+run s.yaml --quiet --no-recording --out a
+run s.yaml --quiet --out b
+report b
+picture b --at 0.4 --out x.png
+export a --to vtkhdf
+export a --to netcdf
+export a --to csv
+maps a/robots.parquet --kind gmrf --size 1 1 --out m
+repair a
+scenario --schema
+validation --list
+"""
 
 
 @pytest.mark.slow
 def test_all_commands_work_without_it(tmp_path):
-    (tmp_path / "s.yaml").write_text(
-        SCENARIO.replace("OBSTACLE", "{kind: cylinder, center: [0.5, 0.5], radius: 0.1}")
-    )
-    done = without(
-        tmp_path,
-        "run s.yaml --check",
-        "run s.yaml --quiet --no-recording --out a",
-        "run s.yaml --quiet --out b",
-        "report b",
-        "picture b --at 0.4 --out x.png",
-        "export a --to vtkhdf",
-        "export a --to netcdf",
-        "export a --to csv",
-        "maps a/robots.parquet --kind gmrf --size 1 1 --out m",
-        "repair a",
-        "scenario --schema",
-        "validation --list",
-    )
+    obstacle = "{kind: cylinder, center: [0.5, 0.5], radius: 0.1}"
+    (tmp_path / "s.yaml").write_text(SCENARIO.replace("OBSTACLE", obstacle))
+    done = python(tmp_path, "-c", WITHOUT, COMMANDS.strip().replace("\n", ";"))
     assert done.returncode == 0, done.stderr
-    for name in (
-        "b/recording.rrd",
-        "b/report.html",
-        "x.png",
-        "a/fields.vtkhdf",
-        "a/fields.nc",
-        "a/robots.csv",
-        "m/map.csv",
-    ):
+    files = "b/recording.rrd b/report.html x.png a/fields.vtkhdf a/fields.nc a/robots.csv m/map.csv"
+    for name in files.split():
         assert (tmp_path / name).stat().st_size > 0, name
 
 
 def test_a_mesh_without_it_is_told_in_a_line(tmp_path):
     write_stl(tmp_path / "box.stl", box_triangles([0.4, 0.4, 0], [0.6, 0.6, 0.2]))
     (tmp_path / "s.yaml").write_text(SCENARIO.replace("OBSTACLE", "{kind: mesh, file: box.stl}"))
-    done = without(tmp_path, "run s.yaml --check")
+    done = python(tmp_path, "-c", WITHOUT, "run s.yaml --check")
     assert done.returncode == 2
     (line,) = [line for line in done.stderr.splitlines() if "open3d" in line]
     assert "obstacles[0]" in line

@@ -1,3 +1,3 @@
-"""What a scenario becomes: its files opened and checked, its parts put together to a `Simulation`."""
+"""Assembly of a `Simulation` from a scenario: files are opened and checked, then all parts are made."""
 
 MAY_IMPORT: tuple[str, ...] = ("agents", "files", "grid", "guard", "scenario", "simulation", "solvers")

@@ -1,6 +1,6 @@
-"""Scenario -> Simulation: the one place that knows all parts."""
+"""Assembly of a `Simulation` from a scenario: the one module that knows all parts."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,10 +33,9 @@ from taichi_plume.grid.layers import Layers
 from taichi_plume.grid.level_set import LevelSet
 from taichi_plume.grid.rng import generator
 from taichi_plume.grid.state import State
-from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.obstacles import Obstacle
-from taichi_plume.scenario.policy import Policy
+from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.bodies import MovingObstacle, Wake
@@ -61,22 +60,20 @@ def assemble(
     """Check a scenario and return its simulation, at the start of its warm-up.
 
     Starts Taichi on the CPU unless it runs; `grid.kernels.start` takes another device. folder: of the files that the
-    scenario names. algorithms: own classes by the name of the group that they drive, whose algorithm is of kind own.
-    allow_code: whether Python files that it names are executed. allow_outside: whether its files may lie outside of
-    `folder`. driven: whether the caller drives its external robots (see agents/external.py). Raises ScenarioError, with
-    a line for each fault.
+    scenario names. algorithms: own classes by the name of their group, whose algorithm is of kind own.
+    allow_code: whether its Python files are executed. allow_outside: whether its files may lie outside of `folder`.
+    driven: whether the caller drives its external robots (see agents/external.py). Raises ScenarioError, with a line
+    for each fault.
     """
     prepared = checked(scenario, Path(folder), allow_outside)
     groups = [group.name for group in scenario.robots]
     for name, algorithm in (algorithms or {}).items():
         if name not in groups:
-            raise ScenarioError(
-                [f"algorithms: no group is named {name!r}; groups: {', '.join(groups) or 'none'}"]
-            )
+            known = ", ".join(groups) or "none"
+            raise ScenarioError([f"algorithms: no group is named {name!r}; groups: {known}"])
         if not isinstance(algorithm, type):
-            raise ScenarioError(
-                [f"algorithms: {name}: got {algorithm!r}; give a class, not an object of the class"]
-            )
+            what = f"got {algorithm!r}; give a class, not an object of the class"
+            raise ScenarioError([f"algorithms: {name}: {what}"])
     execute(prepared, allow_code, without=algorithms or ())
     kernels.ensure_started()
     return build(prepared, algorithms, driven=driven)
@@ -88,13 +85,11 @@ def build(
     reel: Reel | None = None,
     driven: bool = False,
 ) -> Simulation:
-    """The simulation of a checked scenario, at the begin of its warm-up; Taichi must have been started.
+    """Return the simulation of a checked scenario, at the start of its warm-up; Taichi must have been started.
 
-    Files of own algorithms have been executed, see own_code.
-
-    algorithms: own classes by the name of the group that they drive (its algorithm is of kind own, see agents/own.py).
-    reel: holds a film of the air, which is shown instead of solving for what is in it. driven: whether something drives
-    external robots. Raises ScenarioError where robots do not fit, or nothing drives them.
+    Files of own algorithms must have been executed, see own_code. algorithms: own classes by the name of their group,
+    whose algorithm is of kind own (see agents/own.py). reel: a film of wind or gas that is shown instead of solving for
+    them. driven: whether external robots are driven. Raises ScenarioError if robots do not fit, or nothing drives them.
     """
     scenario, resources = prepared
     if not driven:
@@ -128,7 +123,7 @@ def build(
     state = State(sim)
 
     def begin(scenario: Scenario) -> Scenario:
-        """Every part anew, with the numbers of a scenario of the same structure; returns that completed."""
+        """Restart every part with a scenario of the same structure; return that scenario, completed."""
         scenario, _ = again(prepared, scenario)
         walkers = [scenario.obstacles[n] for n in walking]
         starts = _starts(scenario, clearance, walkers)
@@ -137,8 +132,8 @@ def build(
         _weigh(weighing, scenario)
         stirring.begin(scenario)
         wind.begin(scenario.wind, t, scenario.seed_of_air)
-        for one, (_, model) in zip(gas.gases, scenario.gases, strict=True):
-            one.begin(model, t, scenario.seed_of_air)
+        for part, (_, model) in zip(gas.gases, scenario.gases, strict=True):
+            part.begin(model, t, scenario.seed_of_air)
         gas.begin()
         if reel is None:
             begin_fields(scenario, resources, wind, gas.gases)
@@ -151,25 +146,26 @@ def build(
         return scenario
 
     sim.begin = begin
-    if isinstance(wind, FlowSolver) and wind.area is not None:
-        sim.forces = Forces(wind, air, len(resources.obstacles))
     if isinstance(wind, FlowSolver):
         sim.pressure, sim.heat = wind.p, wind.heat
+        sim.forces = Forces(wind, air, len(resources.obstacles)) if wind.area is not None else None
     return sim
 
 
 class Stirring:
-    """Obstacles and robots that move the air. makers: make them, of the openness of the faces."""
+    """Moving obstacles and wakes of robots, which stir the air.
+
+    makers: constructors of their drag, which take the open fractions of the faces.
+    """
 
     def __init__(self, scenario: Scenario, swarm: Swarm, grid: Grid):
         self.swarm, self.grid = swarm, grid
         self.walkers: list[tuple[int, MovingObstacle]] = []
         self.wakes: list[tuple[int, Wake | Downwash]] = []
-        moving = [(n, one) for n, one in enumerate(scenario.obstacles) if one.motion]
-        stirring = [group for group in swarm.groups if group.model.wake]
+        moving = [(n, obstacle) for n, obstacle in enumerate(scenario.obstacles) if obstacle.motion]
         self.makers = [
-            *(partial(self._walker, n, one) for n, one in moving),
-            *(partial(self._wake, group) for group in stirring),
+            *(partial(self._walker, n, obstacle) for n, obstacle in moving),
+            *(partial(self._wake, group) for group in swarm.groups if group.model.wake),
         ]
 
     def _walker(self, number: int, model: Obstacle, open: tuple[Any, ...]) -> Resistance:
@@ -188,7 +184,7 @@ class Stirring:
         return wake
 
     def begin(self, scenario: Scenario) -> None:
-        """With the obstacles' ways and the bodies of that scenario."""
+        """Restart with the obstacles' paths and the robots' bodies of a scenario."""
         for number, walker in self.walkers:
             walker.begin(scenario.obstacles[number])
         for number, wake in self.wakes:
@@ -196,12 +192,12 @@ class Stirring:
 
 
 def ways(scenario: Scenario, resources: Resources, cubes: Cubes | None) -> tuple[ClearanceMap, list[int]]:
-    """What stands in the robots' way, `cubes` of an occupancy grid too; and the numbers of the obstacles that walk."""
+    """Distances to obstacles, including `cubes` of an occupancy grid, and the numbers of the obstacles that walk."""
     flying = [group for group in scenario.robots if group.body.flies]
     driving = [group for group in scenario.robots if not group.body.flies]
-    standing: list[Any] = [one for one in resources.standing if one is not None]
+    standing: list[Any] = [shape for shape in resources.standing if shape is not None]
     shapes, floor, feet = [*standing, *([cubes] if cubes else [])], scenario.floor, np.zeros((1, 2))
-    # algorithms of the floor see what stands there or, of drones alone, at the altitudes at which these begin
+    # algorithms of the floor see obstacles there or, with drones alone, at the altitudes of their starts
     some = driving or flying
     base = min((group.start_altitude for group in some), default=0.0)
     top = max((group.start_altitude + group.body.height for group in some), default=0.1)
@@ -213,14 +209,14 @@ def ways(scenario: Scenario, resources: Resources, cubes: Cubes | None) -> tuple
         low, high = 0.0, ceiling
     walking = [
         n
-        for n, one in enumerate(resources.obstacles)
-        if one.model.motion and np.isfinite(one.horizontal_distance(feet, low, high))
+        for n, shape in enumerate(resources.obstacles)
+        if shape.model.motion and np.isfinite(shape.horizontal_distance(feet, low, high))
     ]
     return clearance, walking
 
 
 def _box(scenario: Scenario, resources: Resources) -> tuple[Grid, Air]:
-    """The grid, and what of it is air."""
+    """Return the grid and its air (fluid fractions of the cells)."""
     film = resources.films.get("wind")
     openings = scenario.openings
     grid = Grid.of(scenario.domain, film.periodic if film else periodic_axes(openings, scenario.domain.dim))
@@ -232,7 +228,7 @@ def _box(scenario: Scenario, resources: Resources) -> tuple[Grid, Air]:
 
 
 def _around(scenario: Scenario, grid: Grid, air: Air) -> Surroundings:
-    """What stops the beams of lasers, and how far apart the gas is to be taken along them."""
+    """Return the surfaces that stop laser beams, and the distance of gas samples along a beam."""
     finest = [gas.finest for _, gas in scenario.gases if gas.finest is not None]
     level = LevelSet(air, grid) if (air.volume < 1.0).any() else None
     return Surroundings(level, grid.extent, min([grid.dx / 8.0, *finest]), grid.dx)
@@ -253,7 +249,6 @@ def _wind(context: Context, reel: Reel | None) -> Wind:
 
 
 def _gas(context: Context, path: str, wind: Wind, reel: Reel | None) -> Gas:
-    """The gas at a place in the scenario."""
     model = dict(context.scenario.gases)[path]
     if reel is not None and path in reel.gases:
         return FilmedGas(reel, reel.gases.index(path), model, context.grid, context.air, context.begin[0])
@@ -264,86 +259,90 @@ def _gas(context: Context, path: str, wind: Wind, reel: Reel | None) -> Gas:
 
 
 def _weights(scenario: Scenario) -> dict[str, float]:
-    """By how much a kg/m³ of each gas that makes the air heavier changes the air's density."""
+    """Relative change of the air's density per kg/m³ of each gas with solutal buoyancy."""
     if scenario.buoyancy is None or not scenario.buoyancy.solutal:
         return {}
     return {path: model.vapour.weight_per_density for path, model in scenario.gases if model.weighs}
 
 
 def _weigh(weighing: list[Weighing], scenario: Scenario) -> None:
-    for one, weight in zip(weighing, _weights(scenario).values(), strict=True):
-        one.weight = weight
+    for scalar, weight in zip(weighing, _weights(scenario).values(), strict=True):
+        scalar.weight = weight
 
 
 def _own(scenario: Scenario, resources: Resources, algorithms: Mapping[str, type] | None) -> dict[str, type]:
-    """The users' own classes by the names of their groups. Raises ScenarioError where one is missing."""
-    found = {
-        group.name: resources.own[f"robots[{n}].algorithm"]
-        for n, group in enumerate(scenario.robots)
-        if f"robots[{n}].algorithm" in resources.own
-    } | dict(algorithms or {})
-    missing = [
-        f"robots[{n}].algorithm: no class of its own was handed over; name a Python file with file: FILE.py"
-        for n, group in enumerate(scenario.robots)
-        if isinstance(group.algorithm, Own) and group.name not in found
-    ]
-    if missing:
-        raise ScenarioError(missing)
+    """The users' own classes by the names of their groups. Raises ScenarioError if one is missing."""
+    groups = _by_path(scenario)
+    found = {groups[path].name: own for path, own in resources.own.items()} | dict(algorithms or {})
+    what = "no class of its own was handed over; name a Python file with file: FILE.py"
+    _raise_missing(
+        {
+            path: what
+            for path, group in groups.items()
+            if group.algorithm.kind == "own" and group.name not in found
+        }
+    )
     return found
 
 
+def _by_path(scenario: Scenario) -> dict[str, Group]:
+    """Groups by the paths of their algorithms."""
+    return {f"robots[{n}].algorithm": group for n, group in enumerate(scenario.robots)}
+
+
+def _raise_missing(faults: Mapping[str, str]) -> None:
+    if faults:
+        raise ScenarioError([f"{path}: {what}" for path, what in faults.items()])
+
+
 def _networks(scenario: Scenario, resources: Resources) -> dict[str, Network]:
-    """Those of the policies by the names of their groups. Raises ScenarioError where one is still to be learnt."""
-    policies = {
-        f"robots[{n}].algorithm": group.name
-        for n, group in enumerate(scenario.robots)
-        if isinstance(group.algorithm, Policy)
-    }
-    missing = [path for path in policies if path not in resources.networks]
-    if missing:
-        what = "file: none is given, the policy is still to be learnt; learn it in an environment of taichi_plume.envs"
-        raise ScenarioError([f"{path}.{what}" for path in missing])
-    return {name: resources.networks[path] for path, name in policies.items()}
+    """Networks of policies by the names of their groups. Raises ScenarioError if a policy has none yet."""
+    policies = [
+        (path, group) for path, group in _by_path(scenario).items() if group.algorithm.kind == "policy"
+    ]
+    what = "none is given, the policy is still to be learnt; learn it in an environment of taichi_plume.envs"
+    _raise_missing({f"{path}.file": what for path, _ in policies if path not in resources.networks})
+    return {group.name: resources.networks[path] for path, group in policies}
 
 
 def _recorded(scenario: Scenario, resources: Resources) -> dict[str, Sequence[Way]]:
-    """Ways of recorded robots by the names of the groups that go them."""
-    paths = {f"robots[{n}].algorithm": group.name for n, group in enumerate(scenario.robots)}
-    return {paths[path]: found for path, found in resources.ways.items()}
+    """Paths of recorded robots by the names of the groups that replay them."""
+    groups = _by_path(scenario)
+    return {groups[path].name: ways for path, ways in resources.ways.items()}
 
 
 def _require_inside(scenario: Scenario) -> None:
-    """Raise ScenarioError where something outside is to drive robots, and nothing does."""
-    outside = [f"robots[{n}].algorithm" for n, group in enumerate(scenario.robots) if group.algorithm.outside]
-    if outside:
-        what = "external: nothing drives its robots here; run the scenario by python -m taichi_plume.serve"
-        raise ScenarioError([f"{path}: {what}" for path in outside])
+    """Raise ScenarioError if a group is driven from outside."""
+    what = "external: nothing drives its robots here; run the scenario by python -m taichi_plume.serve"
+    _raise_missing({path: what for path, group in _by_path(scenario).items() if group.algorithm.outside})
 
 
 def _places(scenario: Scenario) -> np.ndarray:
-    """Of the sources, (m, 3) [m]; in 2-D on the floor."""
+    """Positions of the sources, (m, 3) [m]; in 2-D on the floor."""
     places = np.zeros((len(scenario.sources), 3))
     for row, (_, source) in zip(places, scenario.sources, strict=True):
         row[: len(source.position)] = source.position
     return places
 
 
-def _start_numbers(seed: int, group: int, trial: int) -> np.random.Generator:
-    """What places and headings of a group's trial are drawn from."""
+def _start_generator(seed: int, group: int, trial: int) -> np.random.Generator:
+    """Random generator of the start positions and headings of a group's trial."""
     return generator(seed, f"start of group {group}, trial {trial}")
 
 
 def _starts(
     scenario: Scenario, clearance: ClearanceMap, walkers: list[Obstacle]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where all robots start (n, 2) [m], and their headings (n,) [rad]."""
+    """Start positions of all robots (n, 2) [m], and headings (n,) [rad]."""
     trials = np.arange(max((group.trials for group in scenario.robots), default=1))
-    occupied = [Placed(np.tile(one.center[:2], (len(trials), 1)), one.disc, trials) for one in walkers]
+    occupied = [
+        Placed(np.tile(walker.center[:2], (len(trials), 1)), walker.disc, trials) for walker in walkers
+    ]
     positions, headings = [np.empty((0, 2))], [np.empty(0)]
     for n, group in enumerate(scenario.robots):
-        draws = partial(_start_numbers, scenario.seed, n)
+        draws = partial(_start_generator, scenario.seed, n)
         try:
-            distance: Any = clearance.distance_at
+            distance: Callable[..., np.ndarray] = clearance.distance_at
             if group.body.flies:
                 distance = partial(clearance.layers.distance_at, z=group.start_altitude)
             where, heading = place(group, draws, distance, occupied)

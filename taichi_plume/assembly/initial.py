@@ -1,7 +1,7 @@
-"""Sets wind, gas and heat to what a scenario says of the begin of its warm-up."""
+"""Initial conditions: sets wind, gas and temperature at the start of the warm-up, from formulas or a film."""
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -11,33 +11,39 @@ from taichi_plume.scenario.initial import NO_UNITS, FilmedInitial, Initial, Unit
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 
+if TYPE_CHECKING:
+    from taichi_plume.grid.fields import Gas, Wind
+    from taichi_plume.scenario.sources import OtherSpecies
+    from taichi_plume.solvers.flow import FlowSolver
+    from taichi_plume.solvers.gas import EulerianSolver
+
 Places = Callable[[np.ndarray], np.ndarray]
 """Values (...), or (..., dim) of a vector, at points (..., dim) [m]."""
 
 
-def begin_fields(scenario: Scenario, resources: Resources, wind: Any, gases: tuple[Any, ...]) -> None:
-    """Set what has an `initial` section, once all has begun. Raises ScenarioError where a film is damaged."""
+def begin_fields(scenario: Scenario, resources: Resources, wind: "Wind", gases: "Sequence[Gas]") -> None:
+    """Set all quantities with an `initial` section, once all parts have begun. Raises ScenarioError."""
     extent = scenario.domain.extent
-    flow = scenario.wind.computed
+    flow, solver = scenario.wind.computed, cast("FlowSolver", wind)
     if flow is not None and flow.initial is not None:
         start = flow.initial
-        wind.start_from(_filmed(start, "wind.initial", resources) if start.film else _formulas(start, extent))
+        solver.start_from(
+            _filmed(start, "wind.initial", resources) if start.film else _formulas(start, extent)
+        )
     heat = scenario.buoyancy.heat if scenario.buoyancy is not None else None
     if heat is not None and heat.initial is not None:
-        wind.heat.start_from(_formulas(heat.initial, extent))
-    for (path, gas), solver in zip(scenario.gases, gases, strict=True):
+        solver.heat.start_from(_formulas(heat.initial, extent))
+    for (path, gas), part in zip(scenario.gases, gases, strict=True):
         if isinstance(gas, EulerianGas) and gas.initial is not None:
-            start, where = gas.initial, f"{path}.initial"
-            units = units_of(gas.vapour)
-            told = (
-                _filmed(start, where, resources, gas.species)
-                if start.film
-                else _formulas(start, extent, units)
-            )
-            solver.start_from(told)
+            values = _formulas(gas.initial, extent, units_of(gas.vapour))
+            if gas.initial.film:
+                values = _filmed(gas.initial, f"{path}.initial", resources, gas.species)
+            cast("EulerianSolver", part).start_from(values)
 
 
-def _filmed(model: FilmedInitial, path: str, resources: Resources, species: Any = None) -> Places:
+def _filmed(
+    model: FilmedInitial, path: str, resources: Resources, species: "str | OtherSpecies | None" = None
+) -> Places:
     """The wind, or the gas of a species, that a section's film shows."""
     from taichi_plume.files import film_moment  # brings zarr
     from taichi_plume.files.film import FilmError
@@ -52,9 +58,9 @@ def _filmed(model: FilmedInitial, path: str, resources: Resources, species: Any 
 
 
 def _formulas(model: Initial, extent: tuple[float, ...], units: Units = NO_UNITS) -> Places:
-    """Scalars, or vectors, of the formulas; 0 where they have no value, which is inside of obstacles.
+    """Scalars, or vectors, of the formulas; 0 where a formula has no value, which is inside obstacles.
 
-    Beyond the domain, of that extent [m], the values at its faces hold.
+    Outside the domain of this extent [m], the values at the domain's faces are continued.
     """
 
     def places(points: np.ndarray) -> np.ndarray:

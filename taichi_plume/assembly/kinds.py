@@ -1,6 +1,6 @@
-"""The kinds of wind and of gas that a scenario may have, and what computes each. Add one here.
+"""Tables of the kinds of wind and gas, and the solver of each. Add a kind here.
 
-A solver is imported when a scenario needs it: together they take as long as the rest of a start.
+A solver is imported when a scenario needs it: importing all takes as long as the rest of a start.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,10 +24,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Context:
-    """What winds and gases are made of besides their own sections.
+    """Parts of a simulation that solvers of wind and gas are made from, besides their own sections.
 
-    scalars: concentrations on the grid of the gases that make the air heavier, by their places in the scenario.
-    weighing: the same, with how much. resistances: make what holds the air besides screens, of the faces' openness.
+    scalars: concentrations on the grid of the gases that make the air heavier (buoyancy), by their paths in the
+    scenario. weighing: the same, with their weights. resistances: constructors of drag of walkers and wakes, which take
+    the open fractions of the faces.
     """
 
     scenario: Scenario
@@ -40,93 +41,97 @@ class Context:
 
     @property
     def begin(self) -> tuple[float, int]:
-        """Time [s] at which the run begins, and the seed of its air."""
+        """Start of the run [s], and the seed of wind and gas."""
         return self.scenario.first_tick * self.scenario.tick, self.scenario.seed_of_air
 
 
 def _of(module: str, name: str) -> Any:
-    """A class of the solvers."""
+    """Import a class of the solvers."""
     return getattr(import_module(f"taichi_plume.solvers.{module}"), name)
 
 
-def _flow(solver: "type[FlowSolver]", model: Any, its: Context) -> "FlowSolver":
-    flow = solver(model, its.grid, its.air, *its.begin, its.weighing, its.resistances)
-    trapped = flow.boundaries.trapped(its.air.regions())
+def _flow(solver: "type[FlowSolver]", model: Any, ctx: Context) -> "FlowSolver":
+    flow = solver(model, ctx.grid, ctx.air, *ctx.begin, ctx.weighing, ctx.resistances)
+    trapped = flow.boundaries.trapped(ctx.air.regions())
     if trapped:
-        raise ScenarioError(
-            [
-                f"wind.openings[{n}]: its air has no way to an outlet, obstacles close it off; "
-                "move one of them or add an outlet there"
-                for n in trapped
-            ]
+        what = (
+            "its air has no way to an outlet, obstacles close it off; move one of them or add an outlet there"
         )
+        raise ScenarioError([f"wind.openings[{n}]: {what}" for n in trapped])
     return flow
 
 
-def _imported(model: Any, its: Context) -> Wind:
-    assert its.resources.site is not None
-    film = _of("imported", "ImportedFilm")(its.resources.site, its.grid, its.air)
-    return _played(_of("imported", "ImportedFlow")(film, model, its.grid, *its.begin), its)
+def _imported(model: Any, ctx: Context) -> Wind:
+    assert ctx.resources.site is not None
+    film = _of("imported", "ImportedFilm")(ctx.resources.site, ctx.grid, ctx.air)
+    return _played(_of("imported", "ImportedFlow")(film, model, ctx.grid, *ctx.begin), ctx)
 
 
-def _played(wind: Any, its: Context) -> Wind:
-    """A wind of frames, which goes in whole ticks where no gas is solved for."""
-    wind.carries = any(gas.solved for _, gas in its.scenario.gases)
+def _played(wind: Any, ctx: Context) -> Wind:
+    """Let a recorded wind advance in whole ticks unless a gas is solved on its grid."""
+    wind.carries = any(gas.solved for _, gas in ctx.scenario.gases)
     return wind
 
 
 WINDS: dict[str, Callable[[Any, Context], Wind]] = {
-    "cfd": lambda model, its: _flow(_of("flow", "FlowSolver"), model, its),
-    "frozen": lambda model, its: _flow(_of("frozen", "FrozenSolver"), model, its),
-    "uniform": lambda model, its: _of("uniform", "UniformSolver")(model, its.grid, *its.begin),
-    "synthetic": lambda model, its: _of("synthetic", "SyntheticSolver")(model, its.grid, its.air, *its.begin),
-    "playback": lambda model, its: _played(
-        _of("playback", "PlayedWind")(model, its.resources.films["wind"], its.grid, *its.begin), its
+    "cfd": lambda model, ctx: _flow(_of("flow", "FlowSolver"), model, ctx),
+    "frozen": lambda model, ctx: _flow(_of("frozen", "FrozenSolver"), model, ctx),
+    "uniform": lambda model, ctx: _of("uniform", "UniformSolver")(model, ctx.grid, *ctx.begin),
+    "synthetic": lambda model, ctx: _of("synthetic", "SyntheticSolver")(model, ctx.grid, ctx.air, *ctx.begin),
+    "playback": lambda model, ctx: _played(
+        _of("playback", "PlayedWind")(model, ctx.resources.films["wind"], ctx.grid, *ctx.begin), ctx
     ),
-    "plumesim_log": lambda model, its: _of("plumesim", "PointWind")(
-        model, its.resources.frames["wind"], its.grid.extent, *its.begin
+    "plumesim_log": lambda model, ctx: _of("plumesim", "PointWind")(
+        model, ctx.resources.frames["wind"], ctx.grid.extent, *ctx.begin
     ),
     "imported": _imported,
 }
-"""Of a wind's section."""
+"""Constructors of winds, from their sections."""
 
 
-def _points(model: Any, path: str, its: Context, wind: Any) -> Gas:
-    return _of("plumesim", "PointGas")(model, its.resources.frames[path], its.grid.extent, its.begin[0])
+def _points(model: Any, path: str, ctx: Context, wind: Wind) -> Gas:
+    return _of("plumesim", "PointGas")(model, ctx.resources.frames[path], ctx.grid.extent, ctx.begin[0])
 
 
-def _plumes(model: Any, path: str, its: Context, wind: Any) -> Gas:
-    return _of("plumes", "Plumes")(model, its.grid, wind, *its.begin, path)
+def _plumes(model: Any, path: str, ctx: Context, wind: Wind) -> Gas:
+    return _of("plumes", "Plumes")(model, ctx.grid, wind, *ctx.begin, path)
 
 
-GASES: dict[str, Callable[[Any, str, Context, Any], Gas]] = {
-    "eulerian": lambda model, path, its, wind: _of("gas", "EulerianSolver")(
-        model, its.grid, wind, its.air, *its.begin, path, its.scalars.get(path), its.scenario.openings
+GASES: dict[str, Callable[[Any, str, Context, Wind], Gas]] = {
+    "eulerian": lambda model, path, ctx, wind: _of("gas", "EulerianSolver")(
+        model,
+        ctx.grid,
+        wind,
+        ctx.air,
+        *ctx.begin,
+        path,
+        ctx.scalars.get(path),
+        ctx.scenario.openings,
     ),
-    "puffs": lambda model, path, its, wind: _of("puffs", "PuffSolver")(
-        model, its.grid, wind, its.air, *its.begin, path
+    "puffs": lambda model, path, ctx, wind: _of("puffs", "PuffSolver")(
+        model, ctx.grid, wind, ctx.air, *ctx.begin, path
     ),
     "gaussian_plume": _plumes,
     "meandering": _plumes,
-    "continuous": lambda model, path, its, wind: _of("gaussian_puffs", "ContinuousPuffs")(
-        model, its.grid, wind, its.begin[0]
+    "continuous": lambda model, path, ctx, wind: _of("gaussian_puffs", "ContinuousPuffs")(
+        model, ctx.grid, wind, ctx.begin[0]
     ),
-    "gaussian_puff": lambda model, path, its, wind: _of("gaussian_puffs", "GaussianPuffs")(
-        model, its.grid, wind, its.begin[0]
+    "gaussian_puff": lambda model, path, ctx, wind: _of("gaussian_puffs", "GaussianPuffs")(
+        model, ctx.grid, wind, ctx.begin[0]
     ),
-    "plumesim_gaussian": lambda model, path, its, wind: _of("plumesim", "ProgramPuff")(
-        model, its.grid.extent, its.begin[0]
+    "plumesim_gaussian": lambda model, path, ctx, wind: _of("plumesim", "ProgramPuff")(
+        model, ctx.grid.extent, ctx.begin[0]
     ),
-    "plumesim_meandering": lambda model, path, its, wind: _of("plumesim", "ProgramMeander")(
-        model, its.grid.extent, *its.begin, path
+    "plumesim_meandering": lambda model, path, ctx, wind: _of("plumesim", "ProgramMeander")(
+        model, ctx.grid.extent, *ctx.begin, path
     ),
     "plumesim_log": _points,
     "fluent": _points,
-    "playback": lambda model, path, its, wind: _of("playback", "PlayedGas")(
-        model, its.resources.films[path], its.grid, its.begin[0]
+    "playback": lambda model, path, ctx, wind: _of("playback", "PlayedGas")(
+        model, ctx.resources.films[path], ctx.grid, ctx.begin[0]
     ),
-    "movie": lambda model, path, its, wind: _of("movie", "PlayedMovie")(
-        model, its.resources.movies[path], its.grid, its.begin[0]
+    "movie": lambda model, path, ctx, wind: _of("movie", "PlayedMovie")(
+        model, ctx.resources.movies[path], ctx.grid, ctx.begin[0]
     ),
 }
-"""Of a gas's section, its place in the scenario, and the wind that carries it."""
+"""Constructors of gases, from their sections, their paths in the scenario, and the wind that carries them."""

@@ -1,4 +1,4 @@
-"""Code that a scenario names is executed here, and only where the user wants it."""
+"""Execution of own algorithms (Python files that a scenario names), only with the user's permission."""
 
 import sys
 from collections.abc import Collection
@@ -12,16 +12,14 @@ DIGITS = 16  # of a SHA-256 that are shown
 
 
 def execute(prepared: Prepared, allow: bool, ask: bool = False, without: Collection[str] = ()) -> None:
-    """Execute the files of own algorithms: their classes are among the resources then.
+    """Execute the files of own algorithms and store their classes in the resources.
 
-    allow: whether that is wanted; ask: or may be asked for at a terminal. without: names of groups whose classes were
-    handed over. Raises ScenarioError where it is not wanted, or where a file holds no algorithm.
+    allow: whether that is permitted; ask: whether to ask at a terminal otherwise. without: names of groups whose
+    classes are given. Raises ScenarioError without permission, or if a file holds no algorithm.
     """
-    files = {}
-    for n, group in enumerate(prepared.scenario.robots):
-        where = f"robots[{n}].algorithm"
-        if where in prepared.resources.code and group.name not in without:
-            files[where] = prepared.resources.code[where]
+    paths = {f"robots[{n}].algorithm": group.name for n, group in enumerate(prepared.scenario.robots)}
+    code = prepared.resources.code
+    files = {where: code[where] for where, name in paths.items() if where in code and name not in without}
     refused = [
         f"{where}.file: {file.path} holds Python code, which runs with all your rights; look at it, then add "
         "--allow-code (in Python: allow_code=True)"
@@ -41,12 +39,10 @@ def execute(prepared: Prepared, allow: bool, ask: bool = False, without: Collect
 
 
 def wanted(where: str, digest: str) -> bool:
-    """What the user answers; no where nobody is at a terminal."""
+    """Ask the user for permission; without a terminal the answer is no."""
     if not (sys.stdin and sys.stdin.isatty() and sys.stderr.isatty()):
         return False
-    say(
-        f"{where} holds Python code, which will run with all your rights (SHA-256 {digest[:DIGITS]}...).",
-        error=True,
-    )
+    about = f"holds Python code, which will run with all your rights (SHA-256 {digest[:DIGITS]}...)."
+    say(f"{where} {about}", error=True)
     say("Run it? [y/N]", error=True, end=" ")
     return sys.stdin.readline().strip().lower() in ("y", "yes")

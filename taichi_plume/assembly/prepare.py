@@ -1,4 +1,4 @@
-"""YAML -> Scenario -> prepare -> checks on both -> Simulation: what a scenario's files hold is opened here, once."""
+"""Loading and checking of a scenario with its files, each opened once: YAML -> Scenario -> Prepared -> checks."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
@@ -18,38 +18,38 @@ from taichi_plume.scenario.shapes import shape
 
 
 class Prepared(NamedTuple):
-    """A scenario, with the recorded species and sources where a played gas gives none, and what its files hold."""
+    """A checked scenario, completed with the species and sources of recorded gases, and its opened files."""
 
     scenario: Scenario
     resources: Resources
 
 
 class StructureError(ScenarioError):
-    """A scenario of another structure than the one that a simulation was assembled from."""
+    """A scenario whose structure differs from that of the assembled simulation."""
 
 
 def load_scenario(
-    source: str | Path | Mapping[str, Any],
+    source: str | Path | Mapping[str, object],
     overrides: Sequence[str] = (),
     allow_outside: bool = False,
     folder: str | Path | None = None,
 ) -> Scenario:
-    """Checked scenario of a YAML file or of a dict with the same keys; no code of it is executed.
+    """Return the checked scenario of a YAML file or of a dict with the same keys; no code is executed.
 
-    overrides: such as ``robots.0.count=3``. allow_outside: whether files that it names may lie outside its folder;
-    those in overrides always may. folder: where the files of a dict lie, by default the working folder. Raises
+    overrides: such as ``robots.0.count=3``. allow_outside: whether named files may lie outside the scenario's folder;
+    those in overrides always may. folder: of the files of a dict, by default the working folder. Raises
     ScenarioError, with a line for each fault.
     """
     return load(source, overrides, allow_outside, folder).scenario
 
 
 def load(
-    source: str | Path | Mapping[str, Any],
+    source: str | Path | Mapping[str, object],
     overrides: Sequence[str] = (),
     allow_outside: bool = False,
     folder: str | Path | None = None,
 ) -> Prepared:
-    """Scenario as `load_scenario`, ready to be assembled. Raises ScenarioError."""
+    """Load a scenario as `load_scenario` does, with its opened files. Raises ScenarioError."""
     if isinstance(source, str | Path):
         source = Path(source)
         path, where = source, f"{source}: "
@@ -58,8 +58,8 @@ def load(
     elif isinstance(source, Mapping):
         path, where = Path(folder or ".") / "scenario", ""
     else:
-        got = type(source).__name__
-        raise ScenarioError([f"scenario: got {got}; give the path of a YAML file, or a dict"])
+        what = f"got {type(source).__name__}; give the path of a YAML file, or a dict"
+        raise ScenarioError([f"scenario: {what}"])
     remarks: list[str] = []
     files: list[Path] = []
 
@@ -82,9 +82,9 @@ def load(
 def expanded(
     data: dict[str, Any], path: Path, allow_outside: bool = False
 ) -> tuple[dict[str, Any], list[str], list[Path]]:
-    """Replace the project of GADEN's that a scenario's file may name by its keys.
+    """Replace the GADEN project that a scenario's file may name by the keys of a scenario.
 
-    Returns the data, remarks on what could not be carried over, and the files that were read. Raises ScenarioError.
+    Returns the data, remarks on settings that could not be converted, and the files read. Raises ScenarioError.
     """
     if data.get("gaden") is None:
         return data, [], []
@@ -101,10 +101,7 @@ def expanded(
 def checked(
     scenario: Scenario, folder: Path, allow_outside: bool = False, named: Collection[str] = ()
 ) -> Prepared:
-    """A scenario of which nothing is wrong, ready to be assembled; its files are opened as by `prepare`.
-
-    Raises ScenarioError.
-    """
+    """Open the files of a scenario as `prepare` does and run all checks. Raises ScenarioError."""
     _require_scenario(scenario)
     faults = checks.misfits(scenario)
     if not faults:
@@ -119,16 +116,14 @@ def checked(
 def _require_scenario(scenario: object) -> None:
     """Raise ScenarioError for a path or a dict in place of a scenario."""
     if not isinstance(scenario, Scenario):
-        got = type(scenario).__name__
-        raise ScenarioError(
-            [f"scenario: got {got}; load_scenario returns the scenario of a YAML file or a dict"]
-        )
+        what = f"got {type(scenario).__name__}; load_scenario returns the scenario of a YAML file or a dict"
+        raise ScenarioError([f"scenario: {what}"])
 
 
 def again(prepared: Prepared, scenario: Scenario) -> Prepared:
-    """Another scenario of the structure of the one that was prepared, with what its files hold.
+    """Combine another scenario of the same structure with the files that are open.
 
-    Raises ScenarioError: StructureError where its structure is another one, else where something of it is wrong.
+    Raises ScenarioError: StructureError if the structure differs, else if a check fails.
     """
     _require_scenario(scenario)
     old, resources = prepared
@@ -147,17 +142,16 @@ def again(prepared: Prepared, scenario: Scenario) -> Prepared:
 def prepare(
     scenario: Scenario, folder: Path, allow_outside: bool = False, named: Collection[str] = ()
 ) -> Prepared:
-    """Open a scenario's files, which lie in `folder`; what cannot be used is told by the checks.
+    """Open a scenario's files, which lie in `folder`; files that cannot be used are reported by the checks.
 
-    Raises ScenarioError where one lies elsewhere, unless by `allow_outside`, or as its key is one of those `named`.
+    Raises ScenarioError if a file lies elsewhere, unless `allow_outside` is set or its key is in `named`.
     """
     faults = [] if allow_outside else strangers(scenario, folder, named)
     if faults:
         raise ScenarioError(faults)
     resources = Resources(scenario)
-    free = {
-        path_.rpartition(".")[0] for path_, _ in input_files(scenario) if allow_outside or given(path_, named)
-    }
+    keys = [key for key, _ in input_files(scenario) if allow_outside or given(key, named)]
+    free = {key.rpartition(".")[0] for key in keys}
     for n, obstacle in enumerate(scenario.obstacles):
         path = f"obstacles[{n}]"
         try:

@@ -1,4 +1,4 @@
-"""What a scenario's files hold: each kind of section that names a file has its opener here."""
+"""Opened files of a scenario. Each kind of section that names a file has an opener here."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -34,12 +34,12 @@ if TYPE_CHECKING:  # they bring zarr and Taichi, for runs that need them
 
 @dataclass
 class Resources:
-    """What a scenario's files and obstacles are made of, each opened once, by the paths of the sections that name them.
+    """Contents of a scenario's files, each opened once, by the paths of the sections that name them.
 
-    faults: why files cannot be used, by the paths of the keys that name them. files: paths that were opened for each
-    section, and for `gaden`, those that other files name among them. shapes: of the obstacles, in their order.
-    site: the files of an imported wind. code: files of own algorithms; own: their classes, once they were executed.
-    networks: of policies. ways: of recorded robots. remarks: what is probably not meant, once checked.
+    faults: errors of files, by the paths of the keys that name them. files: paths that were opened for each section,
+    also by other files, and for `gaden`. shapes: of the obstacles, in their order. site: files of an imported wind.
+    code: files of own algorithms; own: their classes, once executed. networks: of policies. ways: paths of
+    recorded robots. remarks: unlikely settings, once checked.
     """
 
     scenario: Scenario
@@ -65,8 +65,8 @@ class Resources:
 
     @property
     def standing(self) -> list[Shape | None]:
-        """The shapes of those that stand, None for those that move."""
-        return [one if one.model.motion is None else None for one in self.shapes.values()]
+        """The shapes of standing obstacles, None for moving ones."""
+        return [shape if shape.model.motion is None else None for shape in self.shapes.values()]
 
     def unlike(self, path: str) -> int:
         film = self.films[path]
@@ -80,14 +80,11 @@ class Resources:
         return self._unlike[film.path]
 
     def solid(self) -> np.ndarray:
-        """Which cells of an imported wind's grid hold no air, where its outlets count as none.
-
-        They lie in the walls, where the files have no points.
-        """
+        """Cells of an imported wind's grid without air; outlets, which lie in the walls, count as walls."""
         return self.site_air(outlets=False).solid
 
     def site_air(self, outlets: bool = True) -> "Air":
-        """The air of an imported wind; outlets: whether those of its occupancy grid are."""
+        """The air of an imported wind; outlets: whether outlets of the occupancy grid count as air."""
         assert self.site is not None
         cubes = self.site.cubes
         key = outlets or cubes is None or not cubes.outlet.any()
@@ -96,22 +93,29 @@ class Resources:
             from taichi_plume.grid.grid import Grid
 
             grid = Grid.of(self.scenario.domain)
-            self._site_air[key] = air_of(
-                self.standing, grid, left=cubes.shares(grid, outlets) if cubes else None
-            )
+            left = cubes.shares(grid, outlets) if cubes else None
+            self._site_air[key] = air_of(self.standing, grid, left=left)
         return self._site_air[key]
 
 
-def _film(resources: Resources, path: str, model: Playback, folder: Path) -> PureGas | None:
-    """Open the film of a section; a played gas is returned with what was recorded of it."""
-    from taichi_plume.files.film import Film, FilmError
+def _opened(resources: Resources, file: Path) -> "Film":
+    """Open a film once for all sections that name it. Raises FilmError."""
+    from taichi_plume.files.film import Film
 
-    file, gas = folder / model.file, None
+    film = next((film for film in resources.films.values() if film.path == file), None) or Film(file)
+    film.still("volume")
+    return film
+
+
+def _film(resources: Resources, path: str, model: Playback, folder: Path) -> PureGas | None:
+    """Open the film of a section; a played gas is returned with the recorded species and sources."""
+    from taichi_plume.files.film import FilmError
+
+    gas = None
     try:
-        film = next((film for film in resources.films.values() if film.path == file), None) or Film(file)
+        film = _opened(resources, folder / model.file)
         if isinstance(model, PlaybackGas):
             gas = completed(model, film)
-        film.still("volume")
         for n in {0, len(film.times) - 1}:
             film.frame(n, film.wind if model.part == "wind" else film.gas)
         resources.films[path] = film
@@ -121,16 +125,14 @@ def _film(resources: Resources, path: str, model: Playback, folder: Path) -> Pur
 
 
 def _moment(resources: Resources, path: str, model: InitialWind | InitialGas, folder: Path) -> None:
-    """Open the film that tells how wind or gas begin, and look at the frames that are needed."""
+    """Open the film of an initial condition and read the frames that are needed."""
     if model.film is None:
         return
-    from taichi_plume.files.film import Film, FilmError
+    from taichi_plume.files.film import FilmError
     from taichi_plume.files.film_moment import moment
 
-    file = folder / model.film
     try:
-        film = next((film for film in resources.films.values() if film.path == file), None) or Film(file)
-        film.still("volume")
+        film = _opened(resources, folder / model.film)
         names = film.wind
         if model.part == "gas":
             gas = dict(resources.scenario.gases)[path.removesuffix(".initial")]
@@ -142,7 +144,7 @@ def _moment(resources: Resources, path: str, model: InitialWind | InitialGas, fo
 
 
 def completed(gas: PlaybackGas, film: "Film") -> PlaybackGas:
-    """The gas with the recorded species and sources where it gives none. Raises FilmError."""
+    """Complete a gas with the recorded species and sources. Raises FilmError."""
     from taichi_plume.files.film import FilmError
 
     if gas.sources and gas.species:
@@ -168,7 +170,7 @@ def _points(
 
 
 def _movie(resources: Resources, path: str, model: MovieGas, folder: Path) -> None:
-    """Open a movie, and look at its first and its last frame."""
+    """Open a movie and read its first and last frame."""
     from taichi_plume.files.film import FilmError
     from taichi_plume.files.movie import Movie
 
@@ -195,7 +197,7 @@ def _site(resources: Resources, path: str, model: ImportedWind, folder: Path) ->
 
 
 def _own(resources: Resources, path: str, model: Own, folder: Path) -> None:
-    """Look at a user's file; without a file the class is handed over when the run is assembled."""
+    """Read the file of an own algorithm; without a file the class is given when the run is assembled."""
     if model.file:
         try:
             resources.code[path] = OwnFile.read(folder / model.file, model.name)
@@ -213,7 +215,7 @@ def _network(resources: Resources, path: str, model: Policy, folder: Path) -> No
 
 
 def _ways(resources: Resources, path: str, model: Replay, folder: Path) -> None:
-    """Read the ways of recorded robots."""
+    """Read the paths of recorded robots."""
     from taichi_plume.files.bag_ways import WayError, read
 
     try:

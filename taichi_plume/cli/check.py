@@ -1,6 +1,6 @@
 """Output of ``--check``: keys of the file, derived quantities, unlikely settings, the size, and the scene.
 
-All of the output is one YAML document, which can be run: everything besides the keys is a comment.
+The output is one YAML document that can be run: everything besides the keys is a comment.
 """
 
 import shutil
@@ -8,7 +8,6 @@ import sys
 import textwrap
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -23,7 +22,7 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.size import estimate, memory
 from taichi_plume.scenario.vocabulary import Model
 
-COLUMN = 34  # where explanations begin, unless what they explain is longer
+COLUMN = 34  # of explanations, unless the line is longer
 WIDTH = 120  # columns where the output is no terminal
 NARROWEST = 60
 NAMES = 9  # columns of the names of derived quantities
@@ -34,7 +33,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 def print_check(prepared: Prepared, out: Path | None = None, whole: bool = False) -> None:
     """Print the keys, derived quantities, unlikely settings and the size; draw the scene.
 
-    out: where a run would go; whole: print all keys with their defaults and meanings, instead of the user's alone.
+    out: the run's folder; whole: print all keys with their defaults and meanings, instead of the user's alone.
     """
     scenario = prepared.scenario
     wide = shutil.get_terminal_size((WIDTH, 24)).columns if sys.stdout.isatty() else WIDTH
@@ -59,61 +58,63 @@ def print_check(prepared: Prepared, out: Path | None = None, whole: bool = False
 
 
 def duration(seconds: float) -> str:
-    """A time in words."""
+    """Return a duration in words."""
     if seconds < 100:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.0f} h"
 
 
 def explained(scenario: Scenario, wide: int = WIDTH) -> str:
-    """The resolved scenario as YAML in which each key is explained where it comes first, in lines `wide` at most unless
-    a value is longer.
+    """Return the resolved scenario as YAML, each key explained at its first occurrence.
+
+    Lines have at most `wide` characters, unless a value is longer.
     """
     text = all_keys(scenario)
-    keys = {line: (its, lines) for line, its, lines in _keys(yaml.compose(text, yaml.SafeLoader), scenario)}
-    told: set[tuple[str, str]] = set()
+    keys = {line: (name, brief, lines) for line, name, brief, lines in _keys(_tree(text), scenario)}
+    known = {("", "")}
     found: list[str] = []
     for number, line in enumerate(text.splitlines()):
-        (name, brief), lines = keys.get(number, (("", ""), 1))
+        name, brief, lines = keys.get(number, ("", "", 1))
         if name and line == f"{name}:":
             found.append("")  # before each part of the scenario
-        if not brief or (name, brief) in told:
-            found.append(line)
-            continue
-        told.add((name, brief))
         beside = f"{line:<{COLUMN}}  # {brief}"
-        if lines == 1 and len(beside) <= wide:
+        if not brief or (name, brief) in known:
+            found.append(line)
+        elif lines == 1 and len(beside) <= wide:
             found.append(beside)
         else:
-            indent = " " * (len(line) - len(line.lstrip()))
+            start = " " * (len(line) - len(line.lstrip())) + "# "
             found += textwrap.wrap(
-                brief,
-                wide,
-                initial_indent=f"{indent}# ",
-                subsequent_indent=f"{indent}# ",
-                break_on_hyphens=False,
+                brief, wide, initial_indent=start, subsequent_indent=start, break_on_hyphens=False
             )
             found.append(line)
+        known.add((name, brief))
     return "\n".join(found)
 
 
-def _keys(node: Any, part: Any) -> Iterator[tuple[int, tuple[str, str], int]]:
-    """Of each key below a node of the YAML tree its line, name and explanation, and how many lines its value takes."""
+def _tree(text: str) -> yaml.Node:
+    node = yaml.compose(text, yaml.SafeLoader)
+    assert node is not None
+    return node
+
+
+def _keys(node: yaml.Node, part: object) -> Iterator[tuple[int, str, str, int]]:
+    """Yield line, name and explanation of each key below a node of the YAML tree, and the number of its lines."""
     if isinstance(part, tuple):
-        for one, its in zip(node.value, part, strict=True):
-            if isinstance(its, Model):
-                yield from _keys(one, its)
+        for child, item in zip(node.value, part, strict=True):
+            if isinstance(item, Model):
+                yield from _keys(child, item)
     elif isinstance(part, Model):
         for key, value in node.value:
-            its, line = vars(part)[key.value], key.start_mark.line
-            inside = value.flow_style is False if isinstance(value, yaml.CollectionNode) else False
+            line = key.start_mark.line
+            inside = isinstance(value, yaml.CollectionNode) and value.flow_style is False
             lines = 1 if inside else value.end_mark.line - line + 1
-            yield line, (key.value, facts(type(part), key.value).brief), lines
-            yield from _keys(value, its)
+            yield line, key.value, facts(type(part), key.value).brief, lines
+            yield from _keys(value, vars(part)[key.value])
 
 
 def draw_scene(prepared: Prepared, path: Path) -> str | None:
-    """Draw the scene as a PNG at `path`; why it could not be, if so. Nothing but an earlier picture is replaced."""
+    """Draw the scene as a PNG at `path` and return None, or why that failed. Only an earlier picture is replaced."""
     try:
         if path.exists() and not _is_png(path):
             return "is no picture, and stays as it is"

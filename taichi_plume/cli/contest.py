@@ -1,18 +1,22 @@
-"""The command: ``python -m taichi_plume.contest`` lets all search algorithms, and your own, meet in the same airs.
+"""``python -m taichi_plume.contest`` compares all search algorithms, and your own, in the same realisations of the air.
 
 Exit code 0: all is done; 1: some runs have failed, the others' results are there; 2: the command line is wrong;
-130: interrupted, and the same command goes on. What is wrong is told before Taichi or Dask are imported.
+130: interrupted, and the same command continues. Errors of the input are reported before Taichi or Dask are imported.
 """
 
 import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.cli.options import add, whole_number
+from taichi_plume.cli.options import add, flag, option, whole_number
 from taichi_plume.guard.terminal import Parser, say
 from taichi_plume.running.signals import reader_may_leave
+
+if TYPE_CHECKING:
+    from taichi_plume.contest.play import Contest
 
 AIRS, SEARCHES = 8, 8
 QUICK_AIRS, QUICK_SEARCHES = 2, 4
@@ -49,8 +53,8 @@ def _contest(args: argparse.Namespace, arguments: Sequence[str]) -> int:
     return code
 
 
-def _conclude(args: argparse.Namespace, contest, command: Sequence[str]) -> None:
-    """Write the table and the page of what there is, and tell it."""
+def _conclude(args: argparse.Namespace, contest: "Contest", command: Sequence[str]) -> None:
+    """Write the table and the page of the finished runs, and print them."""
     from taichi_plume.contest import page, standings
 
     rows = standings.rows(contest)
@@ -68,7 +72,7 @@ def _conclude(args: argparse.Namespace, contest, command: Sequence[str]) -> None
 
 
 def _require_allowed(args: argparse.Namespace) -> None:
-    """Refuse to execute the user's own file, unless that is wanted. Raises ScenarioError."""
+    """Raise ScenarioError if the user has not allowed the execution of own algorithms."""
     from taichi_plume.assembly.own_code import wanted
     from taichi_plume.files.own_class import OwnFile
     from taichi_plume.scenario.loading import ScenarioError
@@ -87,38 +91,22 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser = Parser(
         prog="python -m taichi_plume.contest",
         description="All search algorithms, and your own, in the same fixed scenarios, airs and starts: one table and "
-        "one page. Started again, it goes on with what is not done.",
+        "one page. Started again, the command continues with the rest.",
     )
-    parser.add_argument(
-        "--algorithm",
-        type=Path,
-        action="append",
-        default=[],
-        metavar="FILE.py",
-        help="your own; may be repeated",
-    )
-    parser.add_argument(
-        "--policy", type=Path, action="append", default=[], metavar="FILE",
-        help="a learnt policy: an ONNX file, or a scenario whose robots run one; may be repeated",
-    )  # fmt: skip
+    several = {"action": "append", "default": []}
+    option(parser, "--algorithm", Path, "FILE.py", "your own; may be repeated", **several)
+    policy = "a learnt policy: an ONNX file, or a scenario whose robots run one; may be repeated"
+    option(parser, "--policy", Path, "FILE", policy, **several)
     add(parser, "--allow-code", help="execute the files of --algorithm")
     add(parser, "--out", default=Path("contest"), help="the contest's folder (default: contest)")
-    parser.add_argument("--scenarios", metavar="NAMES", help="only these, with commas between")
-    parser.add_argument(
-        "--algorithms", metavar="NAMES", help="of the shipped ones only these, with commas between"
-    )
-    parser.add_argument(
-        "--quick", action="store_true", help=f"one scenario, {QUICK_AIRS} airs: about a minute, to look at"
-    )
-    parser.add_argument(
-        "--seed",
-        type=whole_number(0, (1 << 32) - 1),
-        metavar="N",
-        help="of airs, starts and noise (default: the scenarios')",
-    )
-    parser.add_argument("--airs", type=count, metavar="N", help=f"of each scenario (default: {AIRS})")
-    parser.add_argument("--searches", type=count, metavar="N", help=f"in each air (default: {SEARCHES})")
-    parser.add_argument("--workers", type=count, metavar="N", help="processes (default: one per core)")
+    option(parser, "--scenarios", str, "NAMES", "only these scenarios, separated by commas")
+    option(parser, "--algorithms", str, "NAMES", "only these shipped algorithms, separated by commas")
+    flag(parser, "--quick", f"one scenario, {QUICK_AIRS} airs: a preview of about a minute")
+    seed = "seed of airs, starts and noise (default: the scenarios')"
+    option(parser, "--seed", whole_number(0, (1 << 32) - 1), "N", seed)
+    option(parser, "--airs", count, "N", f"of each scenario (default: {AIRS})")
+    option(parser, "--searches", count, "N", f"in each air (default: {SEARCHES})")
+    option(parser, "--workers", count, "N", "processes (default: one per core)")
     add(parser, "--force", help="drop runs in the folder that this contest does not ask for")
     add(parser, "--retry", "--quiet")
     return parser.parse_args(argv)

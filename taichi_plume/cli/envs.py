@@ -1,4 +1,4 @@
-"""The command: ``python -m taichi_plume.envs TASK.yaml --out bank.zarr`` records the airs that learners meet.
+"""``python -m taichi_plume.envs TASK.yaml --out bank.zarr`` records the flow realisations (airs) that learners meet.
 
 Exit code 0: done; 1: stopped by an error, nothing is kept; 2: the scenario or the command line is wrong, or there is no
 such device; 130: interrupted.
@@ -16,7 +16,12 @@ from taichi_plume.guard.terminal import Parser, say
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
-    args = _arguments(argv)
+    description = "Record the airs of a scenario's task, so that environments need not solve for them."
+    parser = Parser(prog="python -m taichi_plume.envs", description=description)
+    parser.add_argument("task", type=Path, help="YAML file of a scenario; its section `task` sets the films")
+    add(parser, "--out", metavar="BANK.zarr", help="file to write (default: NAME_bank.zarr)")
+    add(parser, "--arch", "--set", "--allow-outside", "--quiet", "--debug")
+    args = parser.parse_args(argv)
     return exit_code(lambda: _record(args), "interrupted: no bank was written", args.debug, args.out)
 
 
@@ -35,30 +40,17 @@ def _record(args: argparse.Namespace) -> int:
     out.parent.mkdir(parents=True, exist_ok=True)
     require_room(out.parent / out.name)
     kernels.start(args.arch)
-    made = bank.record(prepared.scenario, folder, True, None if args.quiet else _told)
-    made.write(out)
+    recorded = bank.record(prepared.scenario, folder, True, None if args.quiet else _print_progress)
+    recorded.write(out)
     if not args.quiet:
-        films, frames, nx, ny, channels = made.values.shape
+        films, frames, nx, ny, channels = recorded.values.shape
         say(
-            f"{out}: {films} films of {frames} frames, {made.frame:g} s apart, of {nx} x {ny} cells: wind and "
-            f"{channels - 2} gases, {made.values.nbytes / 1e6:.3g} MB in memory"
+            f"{out}: {films} films of {frames} frames, {recorded.frame:g} s apart, of {nx} x {ny} cells: wind and "
+            f"{channels - 2} gases, {recorded.values.nbytes / 1e6:.3g} MB in memory"
         )
     return 0
 
 
-def _told(done: int, films: int) -> None:
+def _print_progress(done: int, films: int) -> None:
     if done < films:
         say(f"film {done + 1} of {films} ...", error=True)
-
-
-def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = Parser(
-        prog="python -m taichi_plume.envs",
-        description="Record the airs of a scenario's task, so that environments need not solve for them.",
-    )
-    parser.add_argument(
-        "task", type=Path, help="YAML file of a scenario; its section `task` tells of the films"
-    )
-    add(parser, "--out", metavar="BANK.zarr", help="where to (default: NAME_bank.zarr)")
-    add(parser, "--arch", "--set", "--allow-outside", "--quiet", "--debug")
-    return parser.parse_args(argv)

@@ -1,4 +1,4 @@
-"""From exception to exit code: the one table of all commands."""
+"""Exit codes of exceptions, in one table for all commands."""
 
 import traceback
 from collections.abc import Callable
@@ -14,7 +14,7 @@ def exit_code(
     debug: bool | None = None,
     out: Path | None = None,
 ) -> int:
-    """Do the work of a command and return its exit code; if an exception ends the work, print why.
+    """Do the work of a command and return its exit code; if an exception ends the work, print its message.
 
     2: the user's input is wrong (InputError); 130: Ctrl-C, with the message `interrupted`; 1: a file cannot be read or
     written (OSError), or any other error. out: where the command writes, for an OSError that names no file. debug:
@@ -28,18 +28,17 @@ def exit_code(
     except KeyboardInterrupt:
         say(interrupted, error=True)
         return 130
-    except OSError as error:
-        if debug:
-            say(*traceback.format_exc().splitlines(), error=True)
-        file = error.filename2 or error.filename or out
-        say(f"{file}: " * bool(file) + str(error.strerror or error), error=True)
-        return 1
     except Exception as error:
-        if debug is None:
+        if debug is None and not isinstance(error, OSError):
             raise
-        from taichi_plume.running.job import explain  # heavy, and only needed here
-
         if debug:
             say(*traceback.format_exc().splitlines(), error=True)
-        say(explain(error)[1], error=True)
+        if isinstance(error, OSError):
+            file = error.filename2 or error.filename or out
+            message = f"{file}: " * bool(file) + str(error.strerror or error)
+        else:
+            from taichi_plume.running.job import explain  # imports rich and pyarrow
+
+            message = explain(error)[1]
+        say(message, error=True)
         return 1

@@ -1,6 +1,6 @@
-"""Writes a run's data for other programs: ``python -m taichi_plume.export RUN --to vtkhdf|netcdf|csv|mcap|gaden``.
+"""``python -m taichi_plume.export RUN --to vtkhdf|netcdf|csv|mcap|gaden`` writes a run's data for other programs.
 
-Exit code 0: done; 1: it could not be written; 2: there is no such run, or it has no such data; 130: interrupted.
+Exit code 0: done; 1: the data could not be written; 2: there is no such run, or it has no such data; 130: interrupted.
 """
 
 from argparse import Namespace
@@ -9,26 +9,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.cli.options import OTHER_MAPS, add, from_zero, whole_number
+from taichi_plume.cli.options import OTHER_MAPS, add, from_zero, option, whole_number
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import Parser, say
 
 if TYPE_CHECKING:
     from taichi_plume.results.run import Run
 
-DEFAULT = {
-    "vtkhdf": "fields.vtkhdf",
-    "netcdf": "fields.nc",
-    "mcap": "bag",
-    "gaden": "gaden",
-}  # in the run's folder
+DEFAULT = {"vtkhdf": "fields.vtkhdf", "netcdf": "fields.nc", "csv": "", "mcap": "bag", "gaden": "gaden"}
+"""Formats, and the names of their files in the run's folder."""
 OF_BAGS = ("trial", "begin", "points", "least")  # options
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     args = _arguments(argv)
-    out = args.out or (args.run / DEFAULT[args.to] if args.to in DEFAULT else args.run)
+    out = args.out or args.run / DEFAULT[args.to]
     return exit_code(lambda: _export(args, out), f"interrupted, nothing was written to {out}", out=out)
 
 
@@ -59,46 +55,27 @@ def _bag(run: "Run", args: Namespace, out: Path) -> list[Path]:
 
 
 def _arguments(argv: Sequence[str] | None) -> Namespace:
-    parser = Parser(
-        prog="python -m taichi_plume.export", description="Write a run's data for other programs."
-    )
+    description = "Write a run's data for other programs."
+    parser = Parser(prog="python -m taichi_plume.export", description=description)
     add(parser, "run")
-    parser.add_argument(
-        "--to",
-        required=True,
-        choices=("vtkhdf", "netcdf", "csv", "mcap", "gaden"),
-        help="vtkhdf: the film for ParaView and pyvista; netcdf: fields after CF; csv: the tables; "
-        "mcap: a bag of ROS 2; gaden: the film for GADEN's player",
+    formats = (
+        "vtkhdf: the film for ParaView and pyvista; netcdf: fields after CF; csv: the tables; "
+        "mcap: a bag of ROS 2; gaden: the film for GADEN's player"
     )
+    parser.add_argument("--to", required=True, choices=tuple(DEFAULT), help=formats)
     what = "the file, of csv, mcap and gaden a folder (default: in the run's folder)"
     add(parser, "--out", metavar="OUT", help=what)
-    parser.add_argument(
-        "--from",
-        dest="source",
-        choices=("film", "recording"),
-        help="what netcdf is made of (default: the film, else the decoded colours of the recording)",
-    )
+    what = "source of netcdf (default: the film, else the decoded colours of the recording)"
+    parser.add_argument("--from", dest="source", choices=("film", "recording"), help=what)
     add(parser, "--force", help="replace what is there")
     bag = parser.add_argument_group("of a bag")
-    bag.add_argument("--trial", type=whole_number(0, 10**6), metavar="N", help="of several (default: 0)")
-    bag.add_argument(
-        "--begin",
-        type=from_zero,
-        metavar="SECONDS",
-        help="time of ROS when the run begins, such as a Unix time (default: 0)",
+    option(bag, "--trial", whole_number(0, 10**6), "N", "number of the trial (default: 0)")
+    option(
+        bag, "--begin", from_zero, "SECONDS", "ROS time of the run's start, such as a Unix time (default: 0)"
     )
-    bag.add_argument(
-        "--points",
-        type=whole_number(1, 10**7),
-        metavar="N",
-        help="the most in a cloud of gas; more cells are averaged in blocks (default: 20000)",
-    )
-    bag.add_argument(
-        "--least",
-        type=from_zero,
-        metavar="PPM",
-        help="less gas is no point of a cloud (default: 0.1)",
-    )
+    what = "most points in a cloud of gas; more cells are averaged in blocks (default: 20000)"
+    option(bag, "--points", whole_number(1, 10**7), "N", what)
+    option(bag, "--least", from_zero, "PPM", "less gas is no point of a cloud (default: 0.1)")
     add(bag, "--allow-outside", help=OTHER_MAPS)
     args = parser.parse_args(argv)
     for name in OF_BAGS:

@@ -1,13 +1,13 @@
-"""Gas maps of recorded readings: ``python -m taichi_plume.maps READINGS --kind time_series --size 4 3 --out DIR``.
+"""``python -m taichi_plume.maps READINGS --kind time_series --size 4 3 --out DIR`` makes a gas map of readings.
 
-READINGS is the robots.parquet of a run, a bag of ROS or a CSV file (see `readings`). The map is told as in a scenario,
+READINGS is the robots.parquet of a run, a bag of ROS or a CSV file (see `readings`). The map is given as in a scenario,
 such as ``--map '{kind: time_series, alpha: 0.9, cell: 10 cm}'``; ``--kind gmrf --help`` lists the parameters of a kind.
-The readings go through the very maps that robots make online; unless told for how long they count, all of the log do
-(see `map_making`). In DIR:
+The readings go through the mapping methods that robots use online; by default all readings of the log count (see
+`recorded_maps`). In DIR:
 
-    map.csv      x, y [m] of each cell's middle, ppm, weight and, where the map tells it, variance_ppm2
+    map.csv      x, y [m] of each cell's middle, ppm, weight and, if the method estimates it, variance_ppm2
     map.png      the same, seen from above
-    scores.json  see `map_making.GasMap`
+    scores.json  see `recorded_maps.GasMap`
 
 From Python::
 
@@ -87,24 +87,6 @@ def _log(values: np.ndarray) -> np.ndarray:
 # ---------------------------------------------------------------- the command
 
 
-def _used(scores: dict[str, Any], times: Sequence[str]) -> str:
-    """What of a log went into its map; times: the parameters that say for how long readings count."""
-    forgotten, text = scores["forgotten"], f"{scores['readings']:,} readings"
-    if forgotten:
-        text = f"{forgotten:,} of {text} forgotten; without {' and '.join(times)} the map is of the whole log"
-    elif forgotten == 0:
-        text += ", none forgotten"
-    chosen = [f"{name}: {_shown(value)}" for name, value in scores["chosen_for_the_log"].items()]
-    text += f", with {', '.join(chosen)} for the whole log" if chosen else ""
-    return text + (
-        f"; {scores['left_out']:,} left out, as no number or off the floor" if scores["left_out"] else ""
-    )
-
-
-def _shown(value: float | None) -> str:
-    return "null" if value is None else f"{value:.4g}"
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
 
@@ -145,8 +127,24 @@ def _make(args: argparse.Namespace, model: Map) -> int:
     return 0
 
 
+def _used(scores: dict[str, Any], times: Sequence[str]) -> str:
+    """Describe which readings of the log are in the map. times: the parameters that limit the age of readings."""
+    forgotten, text = scores["forgotten"], f"{scores['readings']:,} readings"
+    if forgotten:
+        text = f"{forgotten:,} of {text} forgotten; without {' and '.join(times)} the map is of the whole log"
+    elif forgotten == 0:
+        text += ", none forgotten"
+    chosen = [
+        f"{name}: {'null' if value is None else f'{value:.4g}'}"
+        for name, value in scores["chosen_for_the_log"].items()
+    ]
+    text += f", with {', '.join(chosen)} for the whole log" if chosen else ""
+    left_out = f"; {scores['left_out']:,} left out, as no number or off the floor"
+    return text + left_out * bool(scores["left_out"])
+
+
 def _is_map(folder: Path) -> bool:
-    """Whether a folder holds a map that was made before."""
+    """Return whether a folder holds an earlier map."""
     from taichi_plume.files.run_folder import told
 
     return told(folder / "scores.json").keys() >= {"kind", "readings", "known_fraction"}

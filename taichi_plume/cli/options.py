@@ -1,14 +1,18 @@
-"""Options that several commands share, and the types of options that take numbers."""
+"""Command-line options that several commands share, and the types of options that take numbers."""
 
 from argparse import ArgumentTypeError, _ActionsContainer
 from collections.abc import Callable
-from math import inf
+from math import inf, isfinite, nan
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+Number = TypeVar("Number", int, float)
+Keywords = dict[str, Any]
+"""Keywords of `add_argument`."""
 
 ARCHS = ("auto", "cpu", "cuda", "vulkan", "metal")
-_FLAG: dict[str, Any] = {"action": "store_true"}
-OPTIONS: dict[str, dict[str, Any]] = {
+_FLAG: Keywords = {"action": "store_true"}
+OPTIONS: dict[str, Keywords] = {
     "run": {"type": Path, "metavar": "RUN", "help": "the run's folder"},
     "--out": {"type": Path, "metavar": "DIR", "help": "run directory (default: runs/NAME-N)"},
     "--arch": {
@@ -26,7 +30,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--no-report": _FLAG | {"help": "write no report.html"},
     "--quiet": _FLAG | {"help": "print errors only"},
     "--force": _FLAG | {"help": "replace an earlier run in --out"},
-    "--retry": _FLAG | {"help": "make runs again that have failed"},
+    "--retry": _FLAG | {"help": "repeat failed runs"},
     "--allow-code": _FLAG | {"help": "execute Python files that the scenario names (kind: own)"},
     "--allow-outside": _FLAG | {"help": "read files that lie outside the scenario's folder"},
     "--debug": _FLAG | {"help": "show where an unexpected error came from"},
@@ -40,43 +44,37 @@ def add(parser: _ActionsContainer, *names: str, **changes: Any) -> None:
         parser.add_argument(name, **OPTIONS[name] | changes)
 
 
-def whole_number(least: int, most: int) -> Callable[[str], int]:
-    """Type of an option that takes a whole number from `least` to `most`."""
+def flag(parser: _ActionsContainer, name: str, meaning: str) -> None:
+    """Add an option without a value."""
+    parser.add_argument(name, action="store_true", help=meaning)
 
-    def read(text: str) -> int:
+
+def option(
+    parser: _ActionsContainer, name: str, kind: Callable[[str], Any], value: str, meaning: str, **more: Any
+) -> None:
+    """Add an option with a value, which the help calls `value`. kind: its type; more: keywords of `add_argument`."""
+    parser.add_argument(name, type=kind, metavar=value, help=meaning, **more)
+
+
+def _number(kind: type[Number], allowed: Callable[[float], bool], words: str) -> Callable[[str], Number]:
+    def read(text: str) -> Number:
         try:
-            value = int(text)
+            value = kind(text)
         except ValueError:
-            value = least - 1
-        if not least <= value <= most:
-            raise ArgumentTypeError(f"must be a whole number from {least} to {most}, got '{text}'")
-        return value
+            value = nan
+        if not allowed(value):
+            raise ArgumentTypeError(f"must be {words}, got '{text}'")
+        return kind(value)
 
     return read
 
 
-def number(text: str) -> float:
-    """Type of an option that takes a finite number."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = inf
-    if not -inf < value < inf:
-        raise ArgumentTypeError(f"must be a number without a unit, got '{text}'")
-    return value
+def whole_number(least: int, most: int) -> Callable[[str], int]:
+    """Type of an option that takes a whole number from `least` to `most`."""
+    return _number(int, lambda value: least <= value <= most, f"a whole number from {least} to {most}")
 
 
-def positive(text: str) -> float:
-    """Type of an option that takes a number above 0."""
-    value = number(text)
-    if value <= 0.0:
-        raise ArgumentTypeError(f"must be a number above 0, got '{text}'")
-    return value
-
-
-def from_zero(text: str) -> float:
-    """Type of an option that takes a number that is not negative."""
-    value = number(text)
-    if value < 0.0:
-        raise ArgumentTypeError(f"must be a number from 0 on, got '{text}'")
-    return value
+number = _number(float, isfinite, "a number without a unit")
+"""Type of an option that takes a finite number."""
+positive = _number(float, lambda value: 0.0 < value < inf, "a number above 0")
+from_zero = _number(float, lambda value: 0.0 <= value < inf, "a number from 0 on")

@@ -1,22 +1,19 @@
-"""Completes what a killed run has left: ``python -m taichi_plume.repair RUN``; see `taichi_plume.running.repair`."""
+"""``python -m taichi_plume.repair RUN`` completes the files of a killed run, see `taichi_plume.running.repair`."""
 
 import argparse
 from collections.abc import Sequence
 
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.cli.options import add
+from taichi_plume.cli.options import add, flag
 from taichi_plume.guard.terminal import Parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
-    parser = Parser(
-        prog="python -m taichi_plume.repair", description="Complete the files of a run that was killed."
-    )
+    description = "Complete the files of a run that was killed."
+    parser = Parser(prog="python -m taichi_plume.repair", description=description)
     add(parser, "run")
-    parser.add_argument(
-        "--verify", action="store_true", help="only tell which files are no longer as their run left them"
-    )
+    flag(parser, "--verify", "only report which files have changed since the run wrote them")
     add(parser, "--no-report")
     args = parser.parse_args(argv)
     return exit_code(lambda: _repair(args), out=args.run)

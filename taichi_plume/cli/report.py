@@ -1,4 +1,4 @@
-"""Makes the report of a run again from its files: ``python -m taichi_plume.report RUN``."""
+"""``python -m taichi_plume.report RUN`` writes the report of a run again from the files in its folder."""
 
 import argparse
 from collections.abc import Sequence
@@ -10,10 +10,8 @@ from taichi_plume.guard.terminal import Parser, say
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
-    parser = Parser(
-        prog="python -m taichi_plume.report",
-        description="Make report.html of a run again, from the files in its folder alone.",
-    )
+    description = "Write report.html of a run again, from the files in its folder alone."
+    parser = Parser(prog="python -m taichi_plume.report", description=description)
     add(parser, "run")
     add(parser, "--allow-outside", help=OTHER_MAPS)
     args = parser.parse_args(argv)

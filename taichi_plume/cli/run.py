@@ -1,6 +1,6 @@
-"""The command: ``python -m taichi_plume.run scenario.yaml`` runs a scenario into a run directory.
+"""``python -m taichi_plume.run scenario.yaml`` runs a scenario into a run directory.
 
-Exit code 0: done; 1: stopped by an error, what there was is kept; 2: the scenario or the command line is
+Exit code 0: done; 1: stopped by an error, the files written so far are kept; 2: the scenario or the command line is
 wrong, or there is no such device; 130: interrupted. Heavy imports wait until the scenario has been checked.
 """
 
@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.cli.options import add
+from taichi_plume.cli.options import add, flag, option
 from taichi_plume.guard.terminal import Parser, say
 from taichi_plume.running.signals import reader_may_leave
 
@@ -28,16 +28,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _new(args: argparse.Namespace) -> int:
-    """Check the scenario and, unless that is all, run it."""
+    """Check the scenario and, without --check, run it."""
     from taichi_plume.assembly.prepare import load
 
-    overrides = list(args.set)
-    for key in ("seed", "duration"):
-        if getattr(args, key) is not None:
-            overrides.append(f"{key}={getattr(args, key)}")
+    given = {"seed": args.seed, "duration": args.duration}
+    overrides = [*args.set, *(f"{key}={value}" for key, value in given.items() if value is not None)]
     prepared = load(args.scenario, overrides, args.allow_outside)
-    told_below = args.check and sys.stdout.isatty()  # where the notes would have scrolled away
-    for remark in () if args.quiet or told_below else prepared.resources.remarks:
+    at_the_end = args.check and sys.stdout.isatty()  # the notes would have scrolled away
+    for remark in () if args.quiet or at_the_end else prepared.resources.remarks:
         say(f"note: {remark}", error=True)
     if args.check:
         from taichi_plume.cli.check import print_check
@@ -52,17 +50,19 @@ def _new(args: argparse.Namespace) -> int:
     from taichi_plume.scenario.input_files import input_paths
 
     execute(prepared, args.allow_code, ask=True)
-    backend = kernels.start(args.arch or "cpu")
+    arch = args.arch or "cpu"
+    backend = kernels.start(arch)
     inputs = input_paths(prepared.scenario, args.scenario, prepared.resources.files)
     with RunFolder(prepared.scenario.name, args.out, args.force, inputs=inputs) as folder:
-        arch, recording = args.arch or "cpu", not args.no_recording
-        shown = {"live": _viewer(args), "report": not args.no_report}
-        job = Job(prepared, folder, args.scenario, inputs, arch, backend, recording, **shown)
+        job = Job(
+            prepared, folder, args.scenario, inputs, arch, backend, not args.no_recording, live=_viewer(args),
+            report=not args.no_report,
+        )  # fmt: skip
         return simulate(job, args.quiet, args.debug)
 
 
 def _resume(args: argparse.Namespace) -> int:
-    """Go on with a run that was cut off."""
+    """Resume an interrupted run."""
     from taichi_plume.assembly.own_code import execute
     from taichi_plume.assembly.prepare import load
     from taichi_plume.files.run_folder import RunFolder
@@ -72,21 +72,23 @@ def _resume(args: argparse.Namespace) -> int:
     from taichi_plume.scenario.input_files import input_paths
 
     with RunFolder.again(args.resume) as folder:
-        told = saved(folder.path)
+        checkpoint = saved(folder.path)
         file = folder.path / "scenario.yaml"
         prepared = load(file, (), args.allow_outside)
         inputs = input_paths(prepared.scenario, file, prepared.resources.files)
-        require_same(folder.path, told["inputs"], inputs[1:])
+        require_same(folder.path, checkpoint["inputs"], inputs[1:])
         execute(prepared, args.allow_code, ask=True)
-        backend = kernels.start(args.arch or told["arch"])
-        arch = args.arch or told["arch"]
-        shown = {"live": _viewer(args) if told["recording"] else None, "report": not args.no_report}
-        job = Job(prepared, folder, file, inputs, arch, backend, told["recording"], told, **shown)
+        arch, recording = args.arch or checkpoint["arch"], checkpoint["recording"]
+        backend = kernels.start(arch)
+        viewer = _viewer(args) if recording else None
+        job = Job(
+            prepared, folder, file, inputs, arch, backend, recording, checkpoint, viewer, not args.no_report
+        )
         return simulate(job, args.quiet, args.debug)
 
 
 def _viewer(args: argparse.Namespace) -> str | None:
-    """The address of a viewer, opened where it is asked for."""
+    """Open a viewer if --live asks for one, and return its address."""
     if not args.live:
         return None
     from taichi_plume.record.live import open_viewer
@@ -102,24 +104,15 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("scenario", type=Path, nargs="?", help="YAML file")
     add(parser, "--out")
     add(parser, "--arch", default=None)  # of --resume: that of the run
-    parser.add_argument("--seed", metavar="N", help="instead of the scenario's")
-    parser.add_argument("--duration", metavar="S", help="seconds, instead of the scenario's")
+    option(parser, "--seed", str, "N", "instead of the scenario's")
+    option(parser, "--duration", str, "S", "seconds, instead of the scenario's")
     add(parser, "--set")
-    parser.add_argument(
-        "--check",
-        action="store_true",
-        help="only check: print the scenario, what follows from it, what is unlikely and its size, and draw it",
-    )
-    parser.add_argument(
-        "--all", action="store_true", help="with --check: print all keys, with their defaults and meanings"
-    )
-    parser.add_argument(
-        "--live", action="store_true", help="open the viewer while the run goes on (on this machine alone)"
-    )
+    check = "only check: print the scenario, derived quantities, unlikely settings and the size, and draw the scene"
+    flag(parser, "--check", check)
+    flag(parser, "--all", "with --check: print all keys, with their defaults and meanings")
+    flag(parser, "--live", "open the viewer during the run (on this machine alone)")
     add(parser, "--no-recording", "--no-report", "--quiet", "--force")
-    parser.add_argument(
-        "--resume", type=Path, metavar="RUN", help="go on with a run that was cut off, from its checkpoint"
-    )
+    option(parser, "--resume", Path, "RUN", "resume an interrupted run from its checkpoint")
     add(parser, "--allow-code", "--allow-outside", "--debug")
     args = parser.parse_args(argv)
     if args.resume is None and args.scenario is None:
@@ -128,8 +121,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         parser.error("--live shows the recording: it has no place beside --no-recording")
     if args.all and not args.check:
         parser.error("--all goes with --check")
-    fixed = [f"--{key}" for key in ("out", "seed", "duration", "set", "check", "force") if getattr(args, key)]
+    fixed = [f"--{key}" for key in ("out", "seed", "duration", "set", "check", "force") if vars(args)[key]]
     if args.resume is not None and (args.scenario or args.no_recording or fixed):
         what = fixed[0] if fixed else args.scenario or "--no-recording"
-        parser.error(f"--resume goes on with the run as it was: {what} has no place beside it")
+        parser.error(f"--resume continues the run as it was: {what} has no place beside it")
     return args

@@ -1,4 +1,4 @@
-"""``python -m taichi_plume.scenario --schema`` prints the JSON schema; ``--explain KEY`` tells of a key."""
+"""``python -m taichi_plume.scenario --schema`` prints the JSON schema; ``--explain KEY`` explains a key."""
 
 from collections.abc import Sequence
 
@@ -10,14 +10,10 @@ from taichi_plume.scenario.scenario import Scenario
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
-    parser = Parser(prog="python -m taichi_plume.scenario", description="What a scenario may say.")
+    parser = Parser(prog="python -m taichi_plume.scenario", description="The keys of a scenario.")
     asked = parser.add_mutually_exclusive_group(required=True)
     asked.add_argument("--schema", action="store_true", help="print the JSON schema, for editors")
-    asked.add_argument(
-        "--explain",
-        metavar="KEY",
-        help="tell of a key, by its path such as wind.openings.speed or its name; of a section such as robots; of a "
-        "kind such as casting",
-    )
+    meaning = "explain a key (its name, or its path such as wind.openings.speed), a section or a kind such as casting"
+    asked.add_argument("--explain", metavar="KEY", help=meaning)
     args = parser.parse_args(argv)
     return exit_code(lambda: print_schema(Scenario) if args.schema else print_key(args.explain, Scenario))

@@ -1,10 +1,10 @@
-"""The command: ``python -m taichi_plume.serve scenario.yaml`` runs a scenario in real time, with robots from outside.
+"""``python -m taichi_plume.serve scenario.yaml`` runs a scenario in real time, with robots from outside.
 
 Robots of groups with ``algorithm: {kind: external}`` are driven by clients (see taichi_plume.client), by ROS 2 nodes
-through a zenoh bridge, or by hand from Foxglove; topics are those of `topics`. It listens on this machine alone unless
-another address is given, which takes a token: in the environment, TAICHI_PLUME_TOKEN, for the service and for clients.
-Pages in a browser cannot connect unless the origin of their site is allowed.
-Else it is as ``python -m taichi_plume.run``, with the same files and exit codes; such a run cannot be resumed.
+through a zenoh bridge, or manually from Foxglove; topics are those of `topics`. The service listens on this machine
+alone unless another address is given, which takes a token: in the environment, TAICHI_PLUME_TOKEN, for the service and
+for clients. Pages in a browser cannot connect unless the origin of their site is allowed. Files and exit codes are
+those of ``python -m taichi_plume.run``; such a run cannot be resumed.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.cli.options import add, whole_number
+from taichi_plume.cli.options import add, flag, option, whole_number
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import Parser, say
 from taichi_plume.serve.address import TOKEN, Address, address, fault_of_token, loopback, origin, token_of
@@ -65,7 +65,7 @@ def _serve(args: argparse.Namespace) -> int:
     from taichi_plume.serve.service import Pace, Service
 
     execute(prepared, args.allow_code, ask=True)
-    scenario = scenario.model_copy(update={"checkpoint": None})  # what is outside cannot be put back
+    scenario = scenario.model_copy(update={"checkpoint": None})  # external robots cannot be restored
     prepared = prepared._replace(scenario=scenario)
     backend = kernels.start(args.arch)
     pace = Pace(inf if args.speed == "max" else float(args.speed), args.wait, args.at_once)
@@ -81,7 +81,7 @@ def _serve(args: argparse.Namespace) -> int:
 
 
 def _require_names(file: Path, names: Sequence[str]) -> None:
-    """Raise ScenarioError where topics of two groups would be the same."""
+    """Raise ScenarioError if two groups have the same topics."""
     from taichi_plume.files.ros_messages import word
     from taichi_plume.scenario.loading import ScenarioError
 
@@ -93,7 +93,7 @@ def _require_names(file: Path, names: Sequence[str]) -> None:
 
 
 @contextmanager
-def _links(args: argparse.Namespace, name: str) -> "Iterator[Sequence[Link]]":
+def _links(args: argparse.Namespace, name: str) -> "Iterator[list[Link]]":
     """Open transports. Raises LinkError if an address cannot be used."""
     from taichi_plume.serve.websocket_link import WebSocketLink
     from taichi_plume.serve.zenoh_link import ZenohLink
@@ -121,43 +121,20 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         prog="python -m taichi_plume.serve",
         description="Run a scenario in real time, with robots that are driven from outside.",
     )
-    parser.add_argument(
-        "scenario", type=Path, help="YAML file with a group whose algorithm is {kind: external}"
+    scenario = "YAML file with a group whose algorithm is {kind: external}"
+    parser.add_argument("scenario", type=Path, help=scenario)
+    bind = f"address for robots (default: 127.0.0.1:{PORT}); other than local addresses take a token"
+    option(parser, "--bind", address, "HOST:PORT", bind, default=Address("127.0.0.1", PORT))
+    port = f"port for the Foxglove app, on this machine alone (default: {WEBSOCKET}; 0: none)"
+    option(parser, "--websocket", whole_number(0, 65535), "PORT", port, default=WEBSOCKET)
+    site = (
+        "let pages of this site connect to the WebSocket, such as https://app.foxglove.dev; may be repeated"
     )
-    parser.add_argument(
-        "--bind",
-        type=address,
-        default=Address("127.0.0.1", PORT),
-        metavar="HOST:PORT",
-        help=f"where robots connect to (default: 127.0.0.1:{PORT}); other addresses than of this machine take a token",
-    )
-    parser.add_argument(
-        "--websocket",
-        type=whole_number(0, 65535),
-        default=WEBSOCKET,
-        metavar="PORT",
-        help=f"where the Foxglove app connects to, on this machine alone (default: {WEBSOCKET}; 0: not at all)",
-    )
-    parser.add_argument(
-        "--allow-origin",
-        type=origin,
-        action="append",
-        default=[],
-        metavar="ORIGIN",
-        help="let pages of this site connect to the WebSocket, such as https://app.foxglove.dev; may be repeated",
-    )
-    parser.add_argument(
-        "--speed",
-        default="1",
-        metavar="X",
-        help="simulated time over that of the clock, or max: as fast as it goes (default: 1)",
-    )
-    parser.add_argument(
-        "--wait", action="store_true", help="begin each tick when all robots have answered the one before"
-    )
-    parser.add_argument(
-        "--at-once", action="store_true", help="begin without robots of which nothing has been heard yet"
-    )
+    option(parser, "--allow-origin", origin, "ORIGIN", site, action="append", default=[])
+    speed = "simulated time over that of the clock, or max: as fast as possible (default: 1)"
+    option(parser, "--speed", str, "X", speed, default="1")
+    flag(parser, "--wait", "start each tick when all robots have answered the previous one")
+    flag(parser, "--at-once", "start without robots that have not connected yet")
     add(parser, "--out", "--arch", "--set", "--no-recording", "--no-report", "--quiet", "--force")
     add(parser, "--allow-code", "--allow-outside", "--debug")
     args = parser.parse_args(argv)

@@ -1,14 +1,18 @@
-"""Statistics of a plume: ``python -m taichi_plume.statistics RUN|FILM``."""
+"""``python -m taichi_plume.statistics RUN|FILM`` computes statistics of a plume: mean, rms, intermittency, whiffs."""
 
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.cli.options import add, number, positive
+from taichi_plume.cli.options import add, flag, number, option, positive
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import Parser, say
+
+if TYPE_CHECKING:
+    from taichi_plume.scenario.sensors import GasSensor
+    from taichi_plume.statistics.result import Statistics
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -33,7 +37,7 @@ def _analyse(args: argparse.Namespace) -> int:
         from taichi_plume.statistics import page
 
         paths.append(page.write(found, out))
-    _tell(found)
+    _print(found)
     say(f"{paths[-1]}: {paths[-1].stat().st_size / 1e3:,.0f} kB")
     return 0
 
@@ -41,42 +45,29 @@ def _analyse(args: argparse.Namespace) -> int:
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = Parser(
         prog="python -m taichi_plume.statistics",
-        description="Tell how a plume fluctuates, from a run's probes or from a film: mean and rms, intermittency, "
-        "whiffs and blanks, spectra, lengths, and which whiffs gas sensors keep.",
+        description="Statistics of a plume's fluctuations, from a run's probes or from a film: mean and rms, "
+        "intermittency, whiffs and blanks, spectra, lengths, and which whiffs gas sensors keep.",
     )
-    parser.add_argument(
-        "source", type=Path, metavar="RUN|FILM", help="the folder of a run with probes or fields, or a film"
-    )
-    parser.add_argument("--gas", metavar="NAME", help="species (default: the first)")
-    parser.add_argument("--probe", metavar="NAME", help="only this probe")
-    parser.add_argument(
-        "--threshold", type=positive, metavar="PPM",
-        help="what is above is gas (default: a tenth of the mean at the point with the most gas)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--from",
-        dest="start",
-        type=number,
-        metavar="T",
-        help="leave out what is before this simulated time [s]",
-    )
-    parser.add_argument(
-        "--range", type=positive, nargs=2, metavar=("A", "B"),
-        help="durations [s] between which the power law is fitted (default: chosen from the data)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--sensor", action="append", default=[], metavar="YAML",
-        help="another gas sensor, such as '{kind: pid, rise_time: 20 ms, decay_time: 20 ms, period: 10 ms}'",
-    )  # fmt: skip
+    source = "the folder of a run with probes or fields, or a film"
+    parser.add_argument("source", type=Path, metavar="RUN|FILM", help=source)
+    option(parser, "--gas", str, "NAME", "species (default: the first)")
+    option(parser, "--probe", str, "NAME", "only this probe")
+    threshold = "more than this is gas (default: a tenth of the mean at the point with the most gas)"
+    option(parser, "--threshold", positive, "PPM", threshold)
+    option(parser, "--from", number, "T", "leave out samples before this simulated time [s]", dest="start")
+    durations = "durations [s] between which the power law is fitted (default: chosen from the data)"
+    parser.add_argument("--range", type=positive, nargs=2, metavar=("A", "B"), help=durations)
+    sensor = "another gas sensor, such as '{kind: pid, rise_time: 20 ms, decay_time: 20 ms, period: 10 ms}'"
+    option(parser, "--sensor", str, "YAML", sensor, action="append", default=[])
     add(parser, "--out", help="(default: RUN/statistics, or FILM with -statistics instead of .zarr)")
-    parser.add_argument("--no-page", action="store_true", help="write no statistics.html")
+    flag(parser, "--no-page", "write no statistics.html")
     args = parser.parse_args(argv)
     if args.range is not None and not args.range[0] < args.range[1]:
         parser.error("argument --range: A must be less than B")
     return args
 
 
-def _sensor(text: str) -> Any:
+def _sensor(text: str) -> "GasSensor":
     from typing import Annotated
 
     from pydantic import Field
@@ -95,24 +86,24 @@ def _folder(source: Path) -> Path:
     return source / "statistics"
 
 
-def _tell(found: Any) -> None:
-    """The most that is to say, in some lines."""
-    lines = [
-        f"{found.gas}: {sum(len(one.probe.places) for one in found.probes):,} points, {found.samples:,} samples from "
-        f"{found.begin:.4g} to {found.end:.4g} s; threshold {found.threshold:.3g} ppm ({found.why})"
-    ]
-    for one in found.probes:
-        for kind in one.kinds:
-            if kind.law is not None:
-                law = kind.law
-                lines.append(
-                    f"{one.probe.name}: {len(kind.all.lasted):,} {kind.name}, p(T) ~ T^-a with a = {law.value:.2f} "
+def _print(found: "Statistics") -> None:
+    """Print the main results."""
+    points = sum(len(part.probe.places) for part in found.probes)
+    say(
+        f"{found.gas}: {points:,} points, {found.samples:,} samples from {found.begin:.4g} to {found.end:.4g} s; "
+        f"threshold {found.threshold:.3g} ppm ({found.why})"
+    )
+    for part in found.probes:
+        for kind in part.kinds:
+            if law := kind.law:
+                say(
+                    f"{part.probe.name}: {len(kind.all.lasted):,} {kind.name}, p(T) ~ T^-a with a = {law.value:.2f} "
                     f"(95 %: {law.low:.2f} to {law.high:.2f}) from {law.first:.3g} to {law.last:.3g} s; turbulence: 1.5"
                 )
     if found.smelt:
         slow, fast = found.smelt.kept[:2]
-        lines.append(
+        say(
             f"of {slow.whiffs:,} whiff{'s' * (slow.whiffs != 1)} a metal oxide of 12 s keeps {slow.share:.0%}, "
             f"a detector of 50 ms {fast.share:.0%}"
         )
-    say(*lines, *(f"note: {one}" for one in found.notes))
+    say(*(f"note: {note}" for note in found.notes))

@@ -1,8 +1,8 @@
 """A child process (sandbox) for libraries that read foreign files, with limits on computing time, memory and files.
 
 A library cannot be interrupted from Python while it computes: a network with an endless loop would run for ever, and a
-compressed bag could fill the memory. In a child process the operating system keeps the limits (`setrlimit`), and the
-worst that a file can do is to end that process. Where there are no such limits, as on Windows, the wall clock ends it.
+compressed bag could fill the memory. In a child process the operating system enforces limits (`setrlimit`), and a file
+can at worst end that process. Without such limits, as on Windows, the wall clock ends the process.
 """
 
 import math
@@ -29,7 +29,7 @@ MIB = 1 << 20
 WALL_CLOCK = 6.0  # times the limit on computing time, for a machine that is shared
 SLICE = 0.2  # s between two looks at the clock; not a deadline, so that a stopped process (Ctrl-Z) may go on
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-IGNORED = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")  # the parent handles them and ends the child
+IGNORED = {"SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2"}  # the parent handles them and ends the child
 
 
 @dataclass(frozen=True)
@@ -45,13 +45,13 @@ class Limits:
 
 
 class ConfinedError(Exception):
-    """A call that was ended at a limit, or that ended the process; says in words which."""
+    """A call that was ended at a limit, or that ended the process, with the reason."""
 
 
 class ConfinedProcess:
-    """A Python process that calls functions for this one, one at a time.
+    """A Python process that executes function calls for this process, one at a time.
 
-    environment: variables of the process, beside those of this one. modules: imported at once, without limits.
+    environment: additional environment variables. modules: imported at once, without limits.
     """
 
     def __init__(self, *modules: str, environment: dict[str, str] | None = None):
@@ -86,7 +86,7 @@ class ConfinedProcess:
         except (EOFError, OSError, pickle.UnpicklingError):
             self.close()
             raise ConfinedError(self._reason(limits)) from None
-        except BaseException:  # such as Ctrl-C: the answer would be taken for that of the next call
+        except BaseException:  # such as Ctrl-C: the next call would get this answer
             self.close()
             raise
         if is_result:
@@ -94,7 +94,7 @@ class ConfinedProcess:
         raise answer
 
     def _reason(self, limits: Limits | None) -> str:
-        """Why the process has ended."""
+        """Return why the process has ended."""
         ended = -(self._process.returncode or 0)
         name = signal.Signals(ended).name if ended in set(signal.Signals) else f"exit code {-ended}"
         if limits is not None and (self._clock.is_over or name == "SIGXCPU"):
@@ -105,22 +105,21 @@ class ConfinedProcess:
 
 
 class _Clock:
-    """Ends a process whose call takes too long by the wall clock."""
+    """Watchdog that ends a process whose call takes too long by the wall clock."""
 
     def __init__(self, process: "subprocess.Popen[bytes]"):
         self.process, self.left, self.is_over = process, math.inf, False
         threading.Thread(target=self._watch, daemon=True).start()
 
     def running(self, limits: Limits | None) -> "_Clock":
-        """Set the time of a call, as a context."""
+        """Context of a call with limited time."""
         self.left = math.inf if limits is None else WALL_CLOCK * limits.seconds
         return self
 
     def __enter__(self) -> None:
-        """Begin the call."""
+        pass
 
     def __exit__(self, *_: object) -> None:
-        """End the call."""
         self.left = math.inf
 
     def _watch(self) -> None:
@@ -155,9 +154,8 @@ def serve() -> None:
     calls, answers = (os.fdopen(os.dup(n), mode) for n, mode in ((0, "rb"), (1, "wb")))
     for number, flag in ((0, os.O_RDONLY), (1, os.O_WRONLY)):  # a library may print
         os.dup2(os.open(os.devnull, flag), number)
-    for name in IGNORED:
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    for name in IGNORED & signal.Signals.__members__.keys():
+        signal.signal(signal.Signals[name], signal.SIG_IGN)
     threading.Thread(target=_end_with, args=[os.getppid()], daemon=True).start()
     if resource is not None:
         signal.signal(signal.SIGXCPU, signal.SIG_DFL)
@@ -211,7 +209,7 @@ def _confine(limits: Limits) -> None:
 def _limit(name: str, most: int) -> None:
     assert resource is not None
     with suppress(OSError, ValueError):  # a limit that this system does not know, or keeps lower already
-        number = getattr(resource, name)
+        number = vars(resource)[name]
         hard = resource.getrlimit(number)[1]
         resource.setrlimit(number, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
 

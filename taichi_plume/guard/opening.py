@@ -1,4 +1,4 @@
-"""Gate for files that others name: path traversal, symbolic links, pipes and devices.
+"""Gate for files named in foreign input: path traversal, symbolic links, pipes and devices are refused.
 
 Readers open such files by `open_regular` and `read_regular`, or ask `unopenable` and `irregular` before a library opens
 them. All four accept regular files only: a pipe would wait, a device might never end. In the block of a `gate` they
@@ -15,6 +15,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import BinaryIO
 
+FLAGS = os.O_RDONLY | sum(vars(os).get(name, 0) for name in ("O_NONBLOCK", "O_NOCTTY", "O_BINARY"))
 NO_NAME = "no file can have this name, for a null byte or half a character in it"
 ALLOW = "if it is what you want to be read, add --allow-outside (in Python: allow_outside=True)"
 OUTSIDE = f"lies outside the scenario's folder; {ALLOW}"
@@ -57,17 +58,13 @@ def require_inside(path: Path) -> None:
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """A regular file, opened for reading in binary, without ever waiting for one.
+    """Open a regular file for reading in binary, without waiting.
 
-    Raises OSError, with a `strerror` for a message: also for a folder, pipe, device or socket, and for names that no
-    file can have.
+    Raises OSError with a `strerror` for a message, also for a folder, pipe, device or socket, and for impossible names.
     """
     require_inside(path)
-    flags = (
-        os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
-    )
     try:
-        descriptor = os.open(path, flags)
+        descriptor = os.open(path, FLAGS)
     except ValueError as error:  # a zero byte, a lone surrogate
         raise OSError(errno.EINVAL, NO_NAME, str(path)) from error
     try:
@@ -83,7 +80,7 @@ def open_regular(path: Path) -> BinaryIO:
 
 
 def read_regular(path: Path, most: int) -> bytes | None:
-    """The content of a regular file; None where it has more than `most` bytes, which are not read then.
+    """Return the content of a regular file; None for a file of more than `most` bytes, which is not read.
 
     Raises OSError as `open_regular`.
     """
@@ -93,10 +90,9 @@ def read_regular(path: Path, most: int) -> bytes | None:
 
 
 def unopenable(path: Path, folder: bool = False) -> str | None:
-    """Why `open_regular` would refuse a path, such as "does not exist", for readers that open it themselves; None where
-    it would not.
+    """Return why a path cannot be opened, such as "does not exist"; None if it can. folder: whether a folder is needed.
 
-    folder: whether it has to be a folder.
+    For readers that open the path themselves.
     """
     try:
         require_inside(path)
@@ -117,10 +113,7 @@ def unopenable(path: Path, folder: bool = False) -> str | None:
 
 
 def irregular(folder: Path) -> str | None:
-    """What in a folder, or below it, is neither a file nor a folder, for readers of whole folders; None if all is.
-
-    Links are told too: they may lead anywhere.
-    """
+    """Return the error of a folder that holds anything but files and folders, such as links; else None."""
     try:
         admit(folder)
     except PermissionError as error:

@@ -1,4 +1,4 @@
-"""All that our commands print: no character of a file, name or message gets to command a terminal."""
+"""Printing of the commands: control characters in files, names and messages are escaped."""
 
 import argparse
 import re
@@ -11,19 +11,19 @@ if TYPE_CHECKING:
 
 LONGEST_LINE = 1000  # characters of a message
 LONGEST_VALUE = 100  # characters of a name or value within one
-_KEPT_AT_END = 300  # characters: where a message begins with a long path, they say what is wrong
+_KEPT_AT_END = 300  # characters, of messages that begin with a long path
 
 
 def visible(text: object, longest: int | None = LONGEST_LINE) -> str:
-    """One line of a text: what does not print (controls, line ends, marks of direction, surrogates) as its escape.
+    """Return a text in one line, with escapes for controls, line ends, marks of direction and surrogates.
 
-    longest: characters; of more, some are left out from the middle; None: all are shown.
+    longest: limit of characters, beyond which the middle is left out; None: no limit.
     """
     line = str(text)
     if longest is not None:
         line = _cut(line, longest)  # first: escaping gigabytes would take long
     if not line.isprintable():
-        line = "".join(one if one.isprintable() else one.encode("unicode_escape").decode() for one in line)
+        line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
     return line if longest is None else _cut(line, longest)
 
 
@@ -43,15 +43,15 @@ def say(
 ) -> None:
     """Print lines, escaped and cut to `longest` as by `visible`, to stdout or, of an `error`, to stderr.
 
-    A line feed within a line is escaped as well: no name or value of a file begins a line. end: of each line.
+    A line feed within a line is escaped as well. end: of each line.
     """
     _write("".join(visible(line, longest) + end for line in lines), error, flush)
 
 
 def _write(text: str, error: bool = False, flush: bool = False) -> None:
     stream = sys.stderr if error else sys.stdout
-    encoding = getattr(stream, "encoding", None) or "utf-8"
-    with suppress(OSError) if error else nullcontext():  # a message that nobody reads ends no run
+    encoding = getattr(stream, "encoding", None) or "utf-8"  # a stream of the caller may have none
+    with suppress(OSError) if error else nullcontext():  # a closed stream does not end the run
         print(
             text.encode(encoding, "backslashreplace").decode(encoding),
             file=stream,
@@ -61,21 +61,21 @@ def _write(text: str, error: bool = False, flush: bool = False) -> None:
 
 
 def show(*parts: "RenderableType", soft_wrap: bool = False) -> None:
-    """Print parts of rich's, such as tables, to stdout; where its reader is gone, rich itself would end the program."""
-    one = terminal()
-    with one.capture() as text:
+    """Print rich renderables, such as tables, to stdout; with a closed pipe, rich itself would end the program."""
+    console = terminal()
+    with console.capture() as text:
         for part in parts:
-            one.print(part, soft_wrap=soft_wrap)
+            console.print(part, soft_wrap=soft_wrap)
     _write(text.get())
 
 
 def terminal(error: bool = False, **options: Any) -> "Console":
-    """A rich console on stdout or, for `error`, on stderr, that prints as `say` and knows no markup."""
+    """Return a rich console on stdout or, for `error`, on stderr, that escapes as `say` and knows no markup."""
     from rich.console import Console, ConsoleOptions, RenderableType
     from rich.segment import Segment
 
     class Visible(Console):
-        """Its own codes for colours and the cursor are the only ones that it sends."""
+        """A console that sends no control codes besides its own for colours and the cursor."""
 
         def render(self, renderable: RenderableType, options: ConsoleOptions | None = None):
             for segment in super().render(renderable, options):
@@ -92,8 +92,8 @@ def terminal(error: bool = False, **options: Any) -> "Console":
 
 
 class Parser(argparse.ArgumentParser):
-    """One whose messages show no characters that command a terminal."""
+    """An argument parser whose error messages are escaped."""
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong with the command line and exit with 2."""
+        """Print an error of the command line and exit with 2."""
         super().error(visible(message))

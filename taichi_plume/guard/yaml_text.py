@@ -1,7 +1,7 @@
-"""The YAML reader for every file from outside: scenarios, maps, projects of GADEN, metadata of bags.
+"""Safe YAML reader for all input files: scenarios, maps, projects of GADEN, metadata of bags.
 
-A document becomes dicts, lists and scalars. Its size, its depth, and what aliases and merge keys (`<<`) expand to are
-bounded; duplicate keys, tags of other programs and characters that do not print are refused.
+A document becomes dicts, lists and scalars. The size, the depth, and the expansion of aliases and merge keys (`<<`) are
+limited; duplicate keys, tags of other programs and characters that do not print are refused.
 """
 
 import unicodedata
@@ -19,14 +19,8 @@ PER_VALUE = 20  # characters of a text that count as one value more
 DEEPEST = 32  # levels; those of a scenario are 10
 LONGEST_NUMBER = 1000  # characters
 LONGEST_TEXT = 10_000  # characters
-HARMFUL = {
-    "Cc",
-    "Cf",
-    "Cs",
-    "Zl",
-    "Zp",
-}  # of Unicode: controls, marks of direction, half characters, line ends
-_BEGUN = {  # what PyYAML says, and what it means
+HARMFUL = {"Cc", "Cf", "Cs", "Zl", "Zp"}  # Unicode: controls, marks of direction, surrogates, line ends
+_AT_START = {  # messages of PyYAML, and their meaning
     "could not find expected ':'": "a key needs a colon and a space after it, such as duration: 60 s",
     "found unexpected end of stream": "a quote is opened and not closed",
 }
@@ -49,16 +43,16 @@ _PLAIN = {f"{_TAG}{kind}" for kind in ("null", "bool", "seq", "map")} | _NUMBERS
 
 
 class LineError(Exception):
-    """One line about a text."""
+    """A fault of a YAML text, in one line."""
 
 
-def weight(value: Any) -> int:
-    """As how many values one scalar counts, for its length."""
+def weight(value: object) -> int:
+    """Number of values that a scalar counts as, for its length."""
     return 1 + len(value) // PER_VALUE if isinstance(value, str) else 1
 
 
 def read_text(path: Path) -> str:
-    """The text of a scenario's file. Raises LineError."""
+    """Read the text of a scenario's file. Raises LineError."""
     try:
         content = read_regular(path, LARGEST_FILE)
     except OSError as error:
@@ -99,13 +93,13 @@ def parse(
         return loader.construct_document(node)
     except yaml.MarkedYAMLError as error:
         what = " ".join(str(error.problem or error.context).split())
-        begun = what in _BEGUN  # the fault lies where something was begun, not where its end was missed
-        place = _place(error.context_mark if begun else error.problem_mark or error.context_mark)
+        at_start = what in _AT_START  # the fault lies at the start of the construct
+        place = _place(error.context_mark if at_start else error.problem_mark or error.context_mark)
         if what.startswith(r"found character '\t'"):
             raise LineError(f"{place}indent with spaces, not tabs") from None
         if what == "mapping values are not allowed here":
             what += "; check the indentation, or quote a text that contains ': '"
-        raise LineError(f"{place}not YAML: {_BEGUN.get(what) or _ELSEWHERE.get(what, what)}") from None
+        raise LineError(f"{place}not YAML: {_AT_START.get(what) or _ELSEWHERE.get(what, what)}") from None
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         raise LineError(f"line {line}: not YAML: {error.reason}") from None
@@ -117,41 +111,42 @@ def parse(
 
 
 class _Loader(yaml.SafeLoader):
-    """Stops at a document that is too large or too deep while composing it."""
+    """Loader that stops while composing a document that is too large or too deep."""
 
     def __init__(self, text: str, kind: str, aliases: bool):
         super().__init__(text)
         self.kind, self.aliases = kind, aliases
         self.values, self.depth = 0, 0
 
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        """One node and all below it."""
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Compose a node and all nodes below."""
         self.values += 1
         self.depth += 1
         event = self.peek_event()
         if self.values > MOST_VALUES:
-            raise LineError(
-                f"{_place(event.start_mark)}has more than {MOST_VALUES:,} values; is it {self.kind}?"
-            )
+            raise _fault(event, f"has more than {MOST_VALUES:,} values; is it {self.kind}?")
         if self.depth > DEEPEST:
-            raise LineError(f"{_place(event.start_mark)}is nested too deeply, more than {DEEPEST} levels")
+            raise _fault(event, f"is nested too deeply, more than {DEEPEST} levels")
         if event.anchor is not None and not self.aliases:
-            raise LineError(f"{_place(event.start_mark)}anchors and aliases are not allowed in {self.kind}")
+            raise _fault(event, f"anchors and aliases are not allowed in {self.kind}")
         node = super().compose_node(parent, index)
         self.depth -= 1
         return node
 
-    def construct_object(self, node: Any, deep: bool = False) -> Any:
-        """Return the value of a node. Raises LineError where the text does not fit its tag, such as `!!bool 3`."""
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        """Return the value of a node. Raises LineError if the text does not fit the tag, such as `!!bool 3`."""
         try:
             return super().construct_object(node, deep)
         except (ValueError, LookupError, TypeError, AttributeError, OverflowError):
-            kind = node.tag.replace(_TAG, "")
-            raise LineError(f"{_place(node.start_mark)}'{_shown(node)}' is no {kind}") from None
+            raise _fault(node, f"'{_shown(node)}' is no {node.tag.replace(_TAG, '')}") from None
 
 
-def _place(mark: Any) -> str:
+def _place(mark: yaml.Mark | None) -> str:
     return f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+
+
+def _fault(node: yaml.Node | yaml.Event, what: str) -> LineError:
+    return LineError(f"{_place(node.start_mark)}{what}")
 
 
 def _check_tree(root: yaml.Node, dates: bool, longest_text: int) -> None:
@@ -162,7 +157,7 @@ def _check_tree(root: yaml.Node, dates: bool, longest_text: int) -> None:
 
     def size(node: yaml.Node) -> int:
         if id(node) in open_nodes:
-            raise LineError(f"{_place(node.start_mark)}an alias contains itself")
+            raise _fault(node, "an alias contains itself")
         if id(node) in sizes:
             return sizes[id(node)]
         _check_kind(node, dates)
@@ -180,13 +175,9 @@ def _check_tree(root: yaml.Node, dates: bool, longest_text: int) -> None:
         depths[id(node)] = 1 + max((depths[id(part)] for part in parts), default=0)
         open_nodes.remove(id(node))
         if sizes[id(node)] > MOST_VALUES:
-            raise LineError(
-                f"{_place(node.start_mark)}aliases expand to more than {MOST_VALUES:,} values; use fewer"
-            )
+            raise _fault(node, f"aliases expand to more than {MOST_VALUES:,} values; use fewer")
         if depths[id(node)] > DEEPEST:
-            raise LineError(
-                f"{_place(node.start_mark)}aliases nest it too deeply, more than {DEEPEST} levels"
-            )
+            raise _fault(node, f"aliases nest it too deeply, more than {DEEPEST} levels")
         return sizes[id(node)]
 
     size(root)
@@ -197,39 +188,30 @@ def _check_kind(node: yaml.Node, dates: bool) -> None:
         if dates:
             node.tag = f"{_TAG}str"
             return
-        raise LineError(
-            f"{_place(node.start_mark)}{_shown(node)} is a date; put it in quotes if it is a text"
-        )
+        raise _fault(node, f"{_shown(node)} is a date; put it in quotes if it is a text")
     if node.tag not in _PLAIN:
         tag = visible(node.tag.replace(_TAG, "!!"), LONGEST_VALUE)
-        raise LineError(
-            f"{_place(node.start_mark)}{tag} is not taken; plain texts, numbers, lists and mappings are"
-        )
+        raise _fault(node, f"{tag} is not taken; plain texts, numbers, lists and mappings are")
 
 
 def _check_scalar(node: yaml.ScalarNode, longest_text: int) -> None:
     longest = LONGEST_NUMBER if node.tag in _NUMBERS else longest_text
     if len(node.value) > longest:
         what = "number" if node.tag in _NUMBERS else "text"
-        raise LineError(
-            f"{_place(node.start_mark)}a {what} of {len(node.value):,} characters; at most {longest:,} are taken"
-        )
-    harmful = (one for one in node.value if one not in "\n\t" and unicodedata.category(one) in HARMFUL)
-    if not node.value.isprintable() and (one := next(harmful, None)):
-        raise LineError(f"{_place(node.start_mark)}has the character {visible(one)}, which does not print")
+        raise _fault(node, f"a {what} of {len(node.value):,} characters; at most {longest:,} are taken")
+    harmful = (c for c in node.value if c not in "\n\t" and unicodedata.category(c) in HARMFUL)
+    if not node.value.isprintable() and (character := next(harmful, None)):
+        raise _fault(node, f"has the character {visible(character)}, which does not print")
 
 
 def _check_keys(mapping: yaml.MappingNode) -> None:
     lines: dict[str, int] = {}
     for key, _ in mapping.value:
         if not isinstance(key, yaml.ScalarNode) or key.tag not in _TEXTS:
-            raise LineError(
-                f"{_place(key.start_mark)}a key must be a text; put it in quotes, or write a list in brackets: [1, 2]"
-            )
+            raise _fault(key, "a key must be a text; put it in quotes, or write a list in brackets: [1, 2]")
         if key.value in lines:
-            raise LineError(
-                f"{_place(key.start_mark)}duplicate key '{_shown(key)}', first on line {lines[key.value]}; remove one"
-            )
+            first = lines[key.value]
+            raise _fault(key, f"duplicate key '{_shown(key)}', first on line {first}; remove one")
         lines[key.value] = key.start_mark.line + 1
 
 

@@ -1,8 +1,8 @@
-"""Films a run: writes wind and gas to the run directory as they come, for xarray and for later runs to play back."""
+"""Writer of the film `fields.zarr`: wind and gas of a run, for xarray and for later runs to play back."""
 
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,14 +14,12 @@ from taichi_plume.grid.fields import Carrier, concentration_at
 from taichi_plume.scenario.outputs import Fields
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.sources import Source
+from taichi_plume.scoring.declarations import Json
 from taichi_plume.simulation import Every, Simulation
 
 
 class Filming:
-    """Writes the film `path` of what `scenario.fields` asks for. Raises OSError as soon as the disk has no room.
-
-    `start()` begins it, `go_on()` continues that of a run that was resumed.
-    """
+    """Writes the film of the quantities in `scenario.fields`. Raises OSError as soon as the disk has no room."""
 
     STATE = ("frames",)
 
@@ -30,7 +28,7 @@ class Filming:
         self.wind = sim.wind.carrier if "wind" in model.quantities else None
         scenario, grid = sim.scenario, sim.grid
         seeds = " and ".join(f"{name} {seed}" for name, seed in scenario.seeds.items())
-        attributes: dict[str, Any] = {
+        attributes: Json = {
             "title": f"Wind and gas of {scenario.name}",
             "source": f"taichi_plume {__version__}",
             "history": f"taichi_plume {__version__} ran the scenario {scenario.name} with {seeds}",
@@ -47,10 +45,8 @@ class Filming:
         }
         moving = []
         if "wind" in model.quantities and self.wind is None:
-            kind = scenario.wind.kind
-            raise ValueError(
-                f"fields.quantities: a wind of kind {kind} has no face velocities; leave out wind"
-            )
+            what = f"a wind of kind {scenario.wind.kind} has no face velocities; leave out wind"
+            raise ValueError(f"fields.quantities: {what}")
         if self.wind is not None:
             self.speed_names = VELOCITIES[: grid.dim]
             moving += self.speed_names
@@ -64,20 +60,23 @@ class Filming:
             attributes["gases"] = _origins(scenario)
         self.heat = sim.heat if "temperature" in model.quantities else None
         moving += ["temperature"] if self.heat is not None else []
-        self.frames = 0
+        self.frames, self.closing = 0, ExitStack()
         species = sim.gas.species if "gas" in model.quantities else ()
         self._new = partial(NewFilm, path, grid.shape, grid.dx, attributes, moving, still, species)
 
     def start(self) -> None:
         disk.require_room(self.path)
-        self.film = self._new()
+        self._open()
 
     def go_on(self) -> None:
         """Cut off the frames after the last `flush`. Raises FilmError if fewer are left."""
-        self.film = self._new(kept=self.frames)
+        self._open(kept=self.frames)
+
+    def _open(self, **options: int) -> None:
+        self.film = self._new(**options)
+        self.closing.callback(self.film.flush)
 
     def observer(self) -> Every:
-        """What the simulation has to call."""
         return Every(1 / self.model.rate, self.shoot, warm_up=True)
 
     def shoot(self, sim: Simulation) -> None:
@@ -97,14 +96,12 @@ class Filming:
         self.frames = self.film.frames
 
     def close(self) -> None:
-        if hasattr(self, "film"):
-            self.film.flush()
+        self.closing.close()
 
     def _gas(self, sim: Simulation) -> dict[str, np.ndarray]:
         """Concentration of each species [kg/m³]."""
-        frame = {
-            f"{GAS}{species.name}": np.zeros(sim.grid.shape[::-1], np.float32) for species in sim.gas.species
-        }
+        names = [f"{GAS}{species.name}" for species in sim.gas.species]
+        frame = {name: np.zeros(sim.grid.shape[::-1], np.float32) for name in names}
         for gas in sim.gas.gases:
             c = gas.cells(sim.t)
             if c is None:
@@ -120,9 +117,9 @@ class Filming:
         return frame
 
 
-def _origins(scenario: Scenario) -> dict[str, Any]:
+def _origins(scenario: Scenario) -> Json:
     """Species and sources of every gas variable, as a scenario writes them."""
-    origins: dict[str, Any] = {}
+    origins: Json = {}
     for _, gas in scenario.gases:
         written = gas.model_dump(mode="json", include={"species"})
         known = origins.setdefault(f"{GAS}{gas.vapour.name}", {"species": written["species"], "sources": []})
@@ -133,7 +130,7 @@ def _origins(scenario: Scenario) -> dict[str, Any]:
 
 
 def _faces(values: np.ndarray, d: int, margin: int = 0) -> np.ndarray:
-    """The domain's d-faces, from values with a ghost layer all round; `margin` layers less along the other axes."""
+    """Values on the d-faces of the domain, without ghost layers; `margin`: ghost layers along the other axes."""
     index = [slice(margin, n - margin) for n in values.shape]
     index[d] = slice(1, None)
     return values[tuple(index)]

@@ -1,20 +1,20 @@
-"""Writer of `maps.zarr` at the end of a run, see `files/maps_file.py`."""
+"""Writer of `maps.zarr`, the gas maps and beliefs at the end of a run, see `files/maps_file.py`."""
 
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from taichi_plume import __version__
 from taichi_plume.files import disk, maps_file
 from taichi_plume.scoring.beliefs import GroupBeliefs, beliefs
+from taichi_plume.scoring.declarations import Json
 from taichi_plume.scoring.maps import MapScores, MapSeries
 from taichi_plume.simulation import Simulation, Uncertain
 
 
 class MapsFile:
-    """Writes `path` when the run ends, however it does; `go_on()` removes that of an earlier end."""
+    """Writes `path` when the run ends, by whatever cause; nothing is written before."""
 
     STATE = ()
 
@@ -23,17 +23,16 @@ class MapsFile:
         self.open = False
 
     def start(self) -> None:
-        """Nothing is written before the end."""
         disk.require_room(self.path)
         self.open = True
 
     def go_on(self) -> None:
-        """What there is is of an earlier end."""
+        """Remove the maps of an earlier end."""
         shutil.rmtree(self.path, ignore_errors=True)
         self.start()
 
     def flush(self) -> None:
-        """Nothing is written before the end."""
+        pass
 
     def close(self) -> None:
         """Write the maps, all or none. Raises OSError when the disk is full."""
@@ -50,11 +49,11 @@ class MapsFile:
             "maps": len(series),
             "beliefs": len(found),
         }
-        parts = [(str(n), self._facts(n), _variables(one)) for n, one in enumerate(series)]
-        parts += [(f"belief_{k}", self._believed(one), _belief(one)) for k, one in enumerate(found)]
+        parts = [(str(n), self._map_facts(n), _map_variables(scored)) for n, scored in enumerate(series)]
+        parts += [(f"belief_{k}", self._belief_facts(group), _belief(group)) for k, group in enumerate(found)]
         maps_file.write(self.path, facts, parts)
 
-    def _facts(self, n: int) -> dict[str, Any]:
+    def _map_facts(self, n: int) -> Json:
         model, series = self.sim.scenario.maps[n], self.map_scores.series[n]
         rivals = len(series.parts) > 1
         names = [group.name for group in self.sim.swarm.groups] if self.sim.swarm.count else []
@@ -69,19 +68,19 @@ class MapsFile:
             ],
         }
 
-    def _believed(self, one: GroupBeliefs) -> dict[str, Any]:
-        kind = one.group.model.algorithm.kind
+    def _belief_facts(self, belief: GroupBeliefs) -> Json:
+        group = belief.group
         return {
-            "title": f"What {one.group.name} believes",
-            "group": one.group.name,
-            "algorithm": kind,
-            "cell_m": one.cell,
+            "title": f"What {group.name} believes",
+            "group": group.name,
+            "algorithm": group.model.algorithm.kind,
+            "cell_m": belief.cell,
             "t_s": self.sim.t,
         }
 
 
-def _variables(series: MapSeries) -> dict[str, np.ndarray]:
-    """By name, as they are stored."""
+def _map_variables(series: MapSeries) -> dict[str, np.ndarray]:
+    """Variables of a map by name, as they are stored."""
     estimate = np.asarray(series.map.estimate(), np.float32)
     trials, nx, ny = estimate.shape
     cells = {"estimate": estimate, "weight": np.asarray(series.map.weight(), np.float32)}
@@ -97,14 +96,14 @@ def _variables(series: MapSeries) -> dict[str, np.ndarray]:
     }
 
 
-def _belief(one: GroupBeliefs) -> dict[str, np.ndarray]:
-    """By name, as they are stored."""
-    x, y = one.axes()
-    trials, robots = one.p.shape[:2]
+def _belief(belief: GroupBeliefs) -> dict[str, np.ndarray]:
+    """Variables of a group's beliefs by name, as they are stored."""
+    x, y = belief.axes()
+    trials, robots = belief.p.shape[:2]
     return {
         "trial": np.arange(trials, dtype=np.int32),
         "robot": np.arange(robots, dtype=np.int32),
         "y": y,
         "x": x,
-        "probability": np.ascontiguousarray(one.p.transpose(0, 1, 3, 2), np.float32),
+        "probability": np.ascontiguousarray(belief.p.transpose(0, 1, 3, 2), np.float32),
     }

@@ -1,40 +1,34 @@
-"""`forces.csv`: the force of the air on each obstacle."""
+"""Writer of `forces.csv`: the force of the air on each obstacle, pressure and friction."""
 
 import os
+from contextlib import ExitStack
 from pathlib import Path
-from typing import BinaryIO
 
 from taichi_plume.files.run_folder import cut
 from taichi_plume.simulation import Every, EveryStep, Simulation
 
 
 class ForceTable:
-    """`forces.csv`: the force of the air on each obstacle [N], a row per obstacle as often as the scenario says.
-
-    `start()` begins it, `go_on()` continues that of a run that was resumed.
-    """
+    """Writes the force of the air on each obstacle [N], a row per obstacle at the period of the scenario."""
 
     STATE = ("size",)
 
-    file: BinaryIO
-
     def __init__(self, sim: Simulation, path: Path):
-        self.path = path
+        self.path, self.size = path, 0
         self.every: float | str = sim.scenario.forces.every  # a time [s], or step
         self.head = ",".join(["t_s", "obstacle", *(f"{axis}_N" for axis in "xyz"[: sim.grid.dim])]) + "\n"
-        self.size = 0
+        self.closing = ExitStack()
 
     def start(self) -> None:
-        self.file = self.path.open("wb")
+        self.file = self.closing.enter_context(self.path.open("wb"))
         self.file.write(self.head.encode())
 
     def go_on(self) -> None:
-        """Cut off what came after the last `flush`. Raises RunFolderError where not so much is left."""
+        """Cut off rows after the last `flush`. Raises RunFolderError if the file is shorter."""
         cut(self.path, self.size)
-        self.file = self.path.open("ab")
+        self.file = self.closing.enter_context(self.path.open("ab"))
 
     def observer(self) -> Every | EveryStep:
-        """What the simulation has to call."""
         if isinstance(self.every, str):
             return EveryStep(self.sample)
         return Every(self.every, lambda sim: self.sample(sim, sim.t))
@@ -54,5 +48,4 @@ class ForceTable:
         self.size = self.file.tell()
 
     def close(self) -> None:
-        if hasattr(self, "file"):
-            self.file.close()
+        self.closing.close()

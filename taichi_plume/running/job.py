@@ -1,4 +1,4 @@
-"""A run from its assembly to its end: whatever ends it, what there is is kept, and one line says why."""
+"""Execution of a run, from its assembly to its end. Whatever ends the run, files are kept and a line says why."""
 
 import errno
 import gc
@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 from rich.console import Console
 
@@ -20,6 +20,7 @@ from taichi_plume.guard.terminal import say, terminal
 from taichi_plume.running import result, summary
 from taichi_plume.running.outputs import About, Outputs
 from taichi_plume.running.signals import Ears, deaf, listening, reader_may_leave
+from taichi_plume.scoring.declarations import Json
 from taichi_plume.simulation import Simulation, UnstableError
 
 FULL = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
@@ -27,31 +28,31 @@ LONGEST_MESSAGE = 300  # characters of an unexpected error
 
 
 class Service(Protocol):
-    """Lets what is outside take part in a run, see `taichi_plume.serve`."""
+    """Connection of external robots and viewers to a run, see `taichi_plume.serve`."""
 
     def warm(self, sim: Simulation) -> None:
-        """Compile what it takes; the simulation is then at its begin again."""
+        """Compile the kernels of the service; leaves the simulation at its start."""
         ...
 
     def attach(self, sim: Simulation, ears: Ears) -> None:
-        """Begin: observers are added. Raises RunFolderError where it cannot."""
+        """Add observers to the simulation. Raises RunFolderError if that is impossible."""
         ...
 
     def close(self) -> None:
-        """End."""
+        """Disconnect."""
         ...
 
-    def told(self) -> dict[str, Any]:
-        """What the result tells of it."""
+    def told(self) -> Json:
+        """Statistics for the result."""
         ...
 
 
 class Job(NamedTuple):
-    """A run that may begin.
+    """A run to be started or resumed.
 
-    source: the scenario's file; inputs: all files that it reads, this one first; arch, backend: the device asked for,
-    and the one got; saved: what a checkpoint holds of it, if it is resumed; live: the address of a viewer; report:
-    whether it leaves one; service: what lets the outside take part.
+    source: the scenario's file; inputs: all files that the run reads, the scenario first; arch, backend: the requested
+    device, and the actual one; saved: content of the checkpoint of a resumed run; live: address of a viewer; report:
+    whether to write the report; service: connection of external robots.
     """
 
     prepared: Prepared
@@ -61,14 +62,14 @@ class Job(NamedTuple):
     arch: str
     backend: str
     recording: bool
-    saved: dict[str, Any] | None = None
+    saved: Json | None = None
     live: str | None = None
     report: bool = True
     service: Service | None = None
 
 
 class End(NamedTuple):
-    """How a run ended: in a word, in a line, and as the command's exit code."""
+    """End of a run: status, message, and exit code of the command."""
 
     status: str
     message: str
@@ -76,7 +77,7 @@ class End(NamedTuple):
 
 
 def simulate(job: Job, quiet: bool = False, debug: bool = False) -> int:
-    """Assemble and run; returns the command's exit code. Raises InputError and KeyboardInterrupt."""
+    """Assemble and run a simulation and return the exit code. Raises InputError and KeyboardInterrupt."""
     console = terminal(error=True)
     with listening() as ears:
         try:
@@ -87,15 +88,14 @@ def simulate(job: Job, quiet: bool = False, debug: bool = False) -> int:
         except (InputError, KeyboardInterrupt):
             raise
         except BaseException as error:
-            if debug:
-                say(*traceback.format_exc().splitlines(), error=True)
+            _print_traceback(debug)
             say(f"failed before the run began: {explain(error)[1]}", error=True)
             return 1
         end = _to_the_end(job, sim, outputs, ears, None if quiet else console, debug)
         with deaf():
             content, end = _conclude(job, sim, outputs, end)
     if end.code:
-        _tell_kept(job.folder.path, end)
+        _print_kept(job.folder.path, end)
     elif not quiet:
         with reader_may_leave():
             summary.print_summary(content, job.folder.path)
@@ -113,11 +113,10 @@ def _build(job: Job) -> Simulation:
 
 
 def _begin(job: Job, sim: Simulation, ears: Ears) -> Outputs:
-    """Open the run's files; an earlier run goes only once they stand."""
+    """Open the run's files; an earlier run is removed only once they exist."""
     folder = job.folder
-    outputs = Outputs(
-        sim, About(folder.path, job.arch, job.backend, job.recording, job.inputs, job.live), ears
-    )
+    about = About(folder.path, job.arch, job.backend, job.recording, job.inputs, job.live)
+    outputs = Outputs(sim, about, ears)
     ears.running = True
     if job.saved is not None:
         outputs.go_on(job.saved)
@@ -143,7 +142,7 @@ def _to_the_end(
         ears.hasty = True
         end = _run(job, sim, ears, console, debug)
         ears.hasty = False
-    except KeyboardInterrupt as error:  # a second signal, while the end by the first was being told
+    except KeyboardInterrupt as error:  # a second signal, after a first one has ended the run
         end = _interrupted(sim, error)
     if not outputs.about.folder.is_dir():
         end = End("failed", f"its folder has been removed, at t = {sim.t:.2f} s or before", 1)
@@ -155,7 +154,7 @@ def _to_the_end(
 
 
 def _run(job: Job, sim: Simulation, ears: Ears, console: Console | None, debug: bool) -> End:
-    """Run to the end, whatever that is."""
+    """Run to the end, which may be an error."""
     try:
         with ExitStack() as stack:
             if console is not None and console.is_terminal:
@@ -170,14 +169,13 @@ def _run(job: Job, sim: Simulation, ears: Ears, console: Console | None, debug: 
     except KeyboardInterrupt as error:
         return _interrupted(sim, error)
     except Exception as error:
-        if debug:
-            say(*traceback.format_exc().splitlines(), error=True)
+        _print_traceback(debug)
         return End(*explain(error), 1)
     return whole(sim)
 
 
 def whole(sim: Simulation) -> End:
-    """How a run ended that nothing cut off."""
+    """Return the end of a run that was not interrupted."""
     if sim.tick < sim.last_tick:
         found = bool(sim.swarm.snapshot()["found"].all())
         why = "every robot had found a source" if found else "no robot searched any more"
@@ -190,15 +188,14 @@ def _interrupted(sim: Simulation, error: KeyboardInterrupt) -> End:
     return End("interrupted", f"{by}at t = {sim.t:.2f} s", 130)
 
 
-def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[dict[str, Any], End]:
+def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[Json, End]:
     """Write the result and the manifest."""
     folder = job.folder.path
-    content: dict[str, Any]
+    scores = outputs.map_scores, outputs.belief_scores
+    content: Json
     try:
-        content = result.result(
-            sim, end.status, end.message, job.backend, outputs.map_scores, outputs.belief_scores
-        )
-    except Exception as error:  # a simulation too broken to tell
+        content = result.result(sim, end.status, end.message, job.backend, *scores)
+    except Exception as error:  # the simulation is broken
         end = end if end.code else End(*explain(error), 1)
         content = {"name": sim.scenario.name, "status": end.status, "message": end.message}
         content |= sim.scenario.seeds
@@ -208,7 +205,7 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[di
     if "flow" in content:
         try:
             content["flow"] |= sim.wind.mixing()
-        except Exception as error:  # what was computed is worth more
+        except Exception as error:  # the result is worth more
             content["remarks"].append(f"how fast the air mixes could not be measured: {explain(error)[1]}")
     if not folder.is_dir():
         return content, end
@@ -224,27 +221,31 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[di
 
 
 def report(folder: Path, prepared: Prepared | None = None) -> None:
-    """Write the report of a run that is over; why there is none is told in a line. prepared: what its files hold."""
+    """Write the report of a finished run, or print why that failed. prepared: the scenario with its opened files."""
     try:
-        from taichi_plume.report import page, scene  # they bring matplotlib, for runs that are over
+        from taichi_plume.report import page, scene  # import matplotlib only at the end
         from taichi_plume.results.run import Run
 
         shapes = scene.all_shapes(prepared) if prepared else None
         page.write(Run(folder, lenient=True, shapes=shapes), tolerant=True)
-    except Exception as error:  # of a picture: no reason to call a run a failure
+    except Exception as error:  # the run itself has not failed
         say(f"note: report.html could not be written: {explain(error)[1]}", error=True)
 
 
-def _tell_kept(folder: Path, end: End) -> None:
+def _print_traceback(debug: bool) -> None:
+    if debug:
+        say(*traceback.format_exc().splitlines(), error=True)
+
+
+def _print_kept(folder: Path, end: End) -> None:
     kept = sorted(file.name for file in run_folder.files_in(folder) if file.name != run_folder.LOCK)
-    kept_there = ", ".join(kept) or "nothing"
-    say(f"{end.status}: {end.message}", f"kept in {folder}: {kept_there}", error=True)
+    say(f"{end.status}: {end.message}", f"kept in {folder}: {', '.join(kept) or 'nothing'}", error=True)
     if checkpoint.NAME in kept:
-        say(f"to go on: {run_folder.resuming(folder)}", error=True, longest=None)
+        say(f"to resume: {run_folder.resuming(folder)}", error=True, longest=None)
 
 
 def explain(error: BaseException) -> tuple[str, str]:
-    """Status and one line for an exception that ended a run."""
+    """Return status and one line for an exception that ended a run."""
     if isinstance(error, UnstableError):
         return "unstable", str(error)
     if isinstance(error, OwnAlgorithmError):

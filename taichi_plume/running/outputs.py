@@ -1,4 +1,4 @@
-"""What a run leaves in its directory: who writes it, when it comes to the disk, and the checkpoint to go on from."""
+"""Output files of a run: their writers, when data are flushed to the disk, and checkpoints for resuming."""
 
 import errno
 import hashlib
@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 from taichi_plume import __version__
 from taichi_plume.agents.own import OwnAlgorithm
@@ -20,39 +20,48 @@ from taichi_plume.running.signals import Ears
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.outputs import Checkpoint
 from taichi_plume.scoring.beliefs import BeliefScores
+from taichi_plume.scoring.declarations import Json
 from taichi_plume.scoring.maps import MapScores
 from taichi_plume.simulation import Every, EveryStep, Simulation
 
-KEPT = 10.0  # s of the clock, after which what was computed comes to the disk
-USUAL = 300.0  # s of the clock between checkpoints
+KEPT = 10.0  # wall-clock time [s] between flushes
+USUAL = 300.0  # wall-clock time [s] between checkpoints
 OVER = ("completed", "stopped")
 
 
 class Writer(Protocol):
-    """A file of a run. Its STATE tells how far it goes up to the last `flush`."""
+    """Writer of a file of a run. Its STATE holds the length of the file at the last `flush`."""
 
     def start(self) -> None:
-        """Begin it."""
+        """Create the file."""
         ...
 
     def go_on(self) -> None:
-        """Cut off what came after its STATE, and go on there."""
+        """Continue the file of a resumed run: cut off data after STATE."""
         ...
 
     def flush(self) -> None:
-        """Bring all to the disk."""
+        """Write all data to the disk."""
         ...
 
     def close(self) -> None:
-        """Finish it; it can be read whatever happened before."""
+        """Finish the file; afterwards it can be read, whatever happened before."""
+        ...
+
+
+class Table(Writer, Protocol):
+    """Writer of a file that is fed by an observer."""
+
+    def observer(self) -> Every | EveryStep:
+        """Return the observer that the simulation has to call."""
         ...
 
 
 class About(NamedTuple):
-    """Where a run takes place: its directory, the device asked for and the one got, and the files it reads.
+    """Directory of a run, the requested and the actual device, and the input files.
 
-    live: the address of a viewer that shows it meanwhile. files: names of the files that are wanted, with which no
-    checkpoints are made; None: all of them.
+    live: address of a viewer that shows the run. files: names of the files to be written, then without checkpoints;
+    None: all of them.
     """
 
     folder: Path
@@ -64,15 +73,14 @@ class About(NamedTuple):
     files: Collection[str] | None = None
 
     def wants(self, name: str) -> bool:
-        """Whether a file of that name is to be written."""
         return self.files is None or name in self.files
 
 
 class Outputs:
-    """The files of a run. They are fed by the simulation's observers, which are added here.
+    """The files of a run. Adds the observers that feed them to the simulation.
 
-    `start()` begins them, `go_on(saved)` continues those of a run that was cut off, `close()` finishes them. Raises
-    OSError as soon as there is no room, ScenarioError where checkpoints are asked for and cannot be made.
+    `start()` creates the files, `go_on(saved)` continues those of an interrupted run, `close()` finishes them. Raises
+    OSError as soon as the disk is full, ScenarioError if requested checkpoints are impossible.
     """
 
     STATE = ("sim", "observers", "step_observers", "map_scores", "belief_scores", "tables", "recorder")
@@ -88,15 +96,15 @@ class Outputs:
         self.observers, self.step_observers = list(sim.observers), list(sim.step_observers)
         self._state: State | None = None
         self.remarks: list[str] = []
-        self._told = False
+        self._remarks_printed = False
         self._every, self._wall = self._periods()
         self._kept = self._checked = time.monotonic()
-        self._digests: Future[dict[str, Any]] = Future()
+        self._digests: Future[Json] = Future()
         self._begun = time.monotonic()
 
     def _tables(self) -> list[Writer]:
         sim, folder, scenario, wants = self.sim, self.about.folder, self.sim.scenario, self.about.wants
-        tables: list[Any] = []
+        tables: list[Table] = []
         if sim.swarm.count and wants("robots.parquet"):
             tables.append(robots_table.RobotTable(sim, folder / "robots.parquet"))
         if sim.forces is not None and wants("forces.csv"):
@@ -120,8 +128,8 @@ class Outputs:
             else:
                 sim.observers.append(observer)
         if (sim.maps or self.belief_scores.groups) and wants("maps.zarr"):
-            tables.append(final_maps.MapsFile(sim, folder / "maps.zarr", self.map_scores))
-        return tables
+            return [*tables, final_maps.MapsFile(sim, folder / "maps.zarr", self.map_scores)]
+        return [*tables]
 
     def _recorder(self) -> Writer:
         from taichi_plume.record.recorder import Recorder
@@ -132,7 +140,7 @@ class Outputs:
         return recorder
 
     def _periods(self) -> tuple[int | None, float | None]:
-        """Ticks, or seconds of the clock, between checkpoints; None: none are due."""
+        """Ticks, or wall-clock seconds, between checkpoints; None: not by this measure."""
         scenario = self.sim.scenario
         model = scenario.checkpoint
         if model is None or self.about.files is not None:
@@ -159,14 +167,14 @@ class Outputs:
     # ------------------------------------------------------------ the run
 
     def start(self) -> None:
-        """Begin all files."""
-        self._digest()
+        """Create all files."""
+        self._start_digests()
         for writer in self._writers:
             writer.start()
-        self._tell()
+        self._write_progress()
 
-    def go_on(self, saved: dict[str, Any]) -> None:
-        """Continue from a checkpoint's content. Raises RunFolderError where it does not fit, or rows are lost."""
+    def go_on(self, saved: Json) -> None:
+        """Continue from the content of a checkpoint. Raises RunFolderError if that does not fit, or rows are lost."""
         self._state = State(self)
         fault = self._state.unlike(saved["state"])
         if fault:
@@ -175,27 +183,27 @@ class Outputs:
         self._state.restore(saved["state"])
         self.sim.wall_s = saved["wall_s"]
         self._digests.set_result(saved["inputs"])
-        told = self.about.folder / "result.json"
-        before = told.read_bytes() if told.exists() else None
-        self._tell()  # first, so that what is left of this can be repaired
+        path = self.about.folder / "result.json"
+        before = path.read_bytes() if path.exists() else None
+        self._write_progress()  # first, so that an interruption can be repaired
         try:
             (self.about.folder / manifest.NAME).unlink(missing_ok=True)
             for writer in self._writers:
                 writer.go_on()
         except BaseException:
             if not self.close() and before is not None:
-                with disk.written_whole(told) as fresh:
+                with disk.written_whole(path) as fresh:
                     fresh.write_bytes(before)
             raise
 
-    def _digest(self) -> None:
-        """Begin to sum up what the run reads; it takes a while where films are."""
+    def _start_digests(self) -> None:
+        """Compute digests of the input files in a thread; films take a while."""
         pool = ThreadPoolExecutor(1)
         self._digests = pool.submit(manifest.digests, self.about.folder, self.about.inputs)
         pool.shutdown(wait=False)
 
     def keep(self, sim: Simulation) -> None:
-        """Bring what there is to the disk when it is time. Raises KeyboardInterrupt where a signal asks to end."""
+        """Flush or write a checkpoint if one is due. Raises KeyboardInterrupt after a signal that ends the run."""
         now = time.monotonic()
         if self.ears.stopped:
             if self.resumable:
@@ -203,8 +211,8 @@ class Outputs:
             raise KeyboardInterrupt(self.ears.stopped)
         due = self._wall is not None and now - self._checked >= self._wall
         due |= self._every is not None and (sim.tick - sim.scenario.first_tick) % self._every == 0
-        if self.remarks and not self._told and now - self._begun >= USUAL:
-            self._told = True
+        if self.remarks and not self._remarks_printed and now - self._begun >= USUAL:
+            self._remarks_printed = True
             for remark in self.remarks:
                 say(f"note: {remark}", error=True)
         if self.resumable and (due or self.ears.asked):
@@ -218,12 +226,12 @@ class Outputs:
             raise FileNotFoundError(errno.ENOENT, "the run's directory has been removed", str(folder))
         for table in self.tables:
             table.flush()
-        self._tell()
+        self._write_progress()
         self.ears.asked = False
         self._kept = time.monotonic()
 
     def checkpoint(self) -> None:
-        """Write all that the run needs to go on from here."""
+        """Write a checkpoint of the current tick."""
         self._flush()
         if self.recorder:
             self.recorder.flush()
@@ -236,38 +244,36 @@ class Outputs:
         except OwnAlgorithmError as error:
             if self.sim.scenario.checkpoint != Checkpoint():
                 raise
-            self._every = self._wall = None  # nobody has asked for it: no reason to lose the run
+            self._every = self._wall = None  # only a default checkpoint: the run goes on without
             self._give_up([str(error)])
             return
         checkpoint.write(self.about.folder / checkpoint.NAME, about)
         self._checked = time.monotonic()
 
     def _give_up(self, faults: Sequence[str]) -> None:
-        """Note why the run makes no checkpoints; it is told where it takes long."""
+        """Note why the run makes no checkpoints; printed if the run takes long."""
         self.remarks += [f"{fault}; this run makes no checkpoint" for fault in faults]
 
-    def _tell(self) -> None:
-        """That it runs, and how far it is."""
-        result.write_result(
-            self.about.folder,
-            result.begun(self.sim, "running", f"t = {self.sim.t:.2f} s", self.about.backend),
-        )
+    def _write_progress(self) -> None:
+        """Write the status "running" and the simulated time to result.json."""
+        content = result.partial_result(self.sim, "running", f"t = {self.sim.t:.2f} s", self.about.backend)
+        result.write_result(self.about.folder, content)
 
     # ------------------------------------------------------------ its end
 
     def close(self) -> list[Exception]:
-        """Finish all files; returns what went wrong."""
+        """Finish all files and return the errors."""
         return [error for writer in self._writers if (error := _tried(writer.close))]
 
     def seal(self, status: str) -> None:
-        """Write the manifest, once all else is there; a run that is over then needs no checkpoint."""
+        """Write the manifest as the last file; a finished run then needs no checkpoint."""
         folder = self.about.folder
         manifest.write(folder, self._inputs(), [folder / name for name in LISTED])
         if status in OVER:
             (folder / checkpoint.NAME).unlink(missing_ok=True)
 
-    def _inputs(self) -> dict[str, Any]:
-        """Digests of the files that the run read when it began; of none where one has become unreadable."""
+    def _inputs(self) -> Json:
+        """Digests of the input files at the start of the run; empty if one has become unreadable."""
         try:
             return self._digests.result()
         except OSError:
@@ -275,7 +281,7 @@ class Outputs:
 
 
 def scenario_digest(folder: Path) -> str:
-    """Of the resolved scenario in a run's directory."""
+    """Return the digest of the resolved scenario in a run's directory."""
     return hashlib.sha256((folder / "scenario.yaml").read_bytes()).hexdigest()
 
 
@@ -288,7 +294,7 @@ def _tried(function: Callable[[], None]) -> Exception | None:
 
 
 def _without_state(sim: Simulation) -> list[tuple[str, str]]:
-    """Paths of the groups whose own algorithms cannot be saved, with what is missing."""
+    """Paths of the groups whose own algorithms cannot be saved, with the reason."""
     return [
         (
             f"robots[{number}].algorithm",

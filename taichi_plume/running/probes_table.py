@@ -1,4 +1,4 @@
-"""`probes.parquet`: what the air does at a scenario's probes, one row per point and sample."""
+"""Writer of `probes.parquet`: wind, gas, pressure and temperature at probes, one row per point and sample."""
 
 from math import ceil
 from pathlib import Path
@@ -25,40 +25,30 @@ class ProbeTable(PartsTable):
 
     def __init__(self, sim: Simulation, path: Path, model: Probes):
         self.model, self.heat = model, sim.heat
-        places = np.concatenate([one.places for one in model.points])
+        places = np.concatenate([probe.places for probe in model.points])
         cells = [field for field in (sim.pressure, sim.heat and sim.heat.theta) if field is not None]
         self.sampler = Sampler(places, sim.wind, sim.gas, cells, sim.air.solid, sim.grid)
         axes = "xyz"[: sim.grid.dim]
-        self.measured = [
-            *(column(f"wind_{a}", pa.float32(), "m/s", f"velocity of the air along {a}") for a in axes),
-            *(
-                column(
-                    f"{one.name}_ppm", pa.float32(), "ppm", f"mole fraction of {one.name}",
-                    kg_per_m3=f"{1 / one.ppm_per_density:.9g}",
-                )
-                for one in sim.gas.species
-            ),
-        ]  # fmt: skip
+        measured = [(f"wind_{a}", "m/s", f"velocity of the air along {a}", {}) for a in axes]
+        for gas in sim.gas.species:
+            density = {"kg_per_m3": f"{1 / gas.ppm_per_density:.9g}"}
+            measured.append((f"{gas.name}_ppm", "ppm", f"mole fraction of {gas.name}", density))
         if sim.pressure is not None:
-            self.measured.append(
-                column(
-                    "pressure",
-                    pa.float32(),
-                    "Pa",
-                    "over that outside of an outlet; without one, up to a constant",
-                )
+            measured.append(
+                ("pressure", "Pa", "over that outside of an outlet; without one, up to a constant", {})
             )
         if sim.heat is not None:
-            self.measured.append(column("temperature", pa.float32(), "K", "of the air"))
+            measured.append(("temperature", "K", "of the air", {}))
+        self.measured = [column(name, pa.float32(), *about, **more) for name, *about, more in measured]
         who = [
             column("t", pa.float64(), "s", "simulated time"),
             column("probe", NAMES, "1", "name of the probe"),
             column("point", pa.int32(), "1", "number of the point in its probe"),
             *(column(a, pa.float32(), "m", "place of the point") for a in axes),
         ]
-        names = {"probe": pa.array([one.name for one in model.points])}
+        names = {"probe": pa.array([probe.name for probe in model.points])}
         super().__init__(path, [*who, *self.measured], names, len(places))
-        sizes = [one.size for one in model.points]
+        sizes = [probe.size for probe in model.points]
         self.values["probe"][:] = np.repeat(np.arange(len(sizes)), sizes)
         self.values["point"][:] = np.concatenate([np.arange(size) for size in sizes])
         for axis, along in zip(axes, places.T, strict=True):
@@ -68,11 +58,10 @@ class ProbeTable(PartsTable):
         self.values_before: np.ndarray | None = None
 
     def observer(self) -> EveryStep:
-        """What the simulation has to call."""
         return EveryStep(self.sample)
 
     def sample(self, sim: Simulation, t: float) -> None:
-        """Take what there is at time t [s], the end of a step."""
+        """Sample the air at time t [s], the end of a step."""
         if t < self.model.start - 1e-9 * sim.dt:
             return
         now = self.sampler.sample(t)
@@ -90,11 +79,11 @@ class ProbeTable(PartsTable):
         self.before, self.values_before = t, now
 
     def _row(self, t: float, sampled: np.ndarray) -> None:
-        """A row of each point."""
+        """Store a row of each point."""
         n = self.kept
         self.values["t"][n] = t
-        for one, row in zip(self.measured, sampled, strict=True):
-            self.values[one.name][n] = row
+        for field, row in zip(self.measured, sampled, strict=True):
+            self.values[field.name][n] = row
         if "pressure" in self.values:
             self.values["pressure"][n] *= AIR_DENSITY
         if self.heat is not None:

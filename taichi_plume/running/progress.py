@@ -1,8 +1,7 @@
-"""The bar that shows how far a run is, on a terminal."""
+"""Progress bar of a run on a terminal."""
 
 from contextlib import suppress
 from math import ceil
-from types import TracebackType
 from typing import Self
 
 from rich.console import Console
@@ -14,7 +13,7 @@ COMPILED = 3  # ticks until every kernel has run once
 
 
 class ProgressBar:
-    """A context that draws on `console` while `sim` runs: simulated time, speed, time left."""
+    """Context that draws on `console` while `sim` runs: simulated time, speed, time left."""
 
     def __init__(self, sim: Simulation, console: Console):
         self.first = -ceil(sim.scenario.warm_up / sim.dt - 1e-9)
@@ -36,18 +35,15 @@ class ProgressBar:
         self.bar.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        with suppress(OSError):  # the terminal may be gone, and the run not
+    def __exit__(self, *_: object) -> None:
+        with suppress(OSError):  # the terminal may have been closed
             self.bar.stop()
 
     def observer(self) -> Every:
-        """What the simulation has to call."""
         return Every(self.dt, self.update, warm_up=True)
 
     def update(self, sim: Simulation) -> None:
-        """Show the present time."""
+        """Show the current time."""
         done = sim.tick - self.first
         speed = self.bar.tasks[0].speed  # ticks per second over the last moments
         self.bar.update(

@@ -1,14 +1,13 @@
-"""Completes what a killed run has left: see `complete`; `verify` tells which files have changed.
+"""Repair of a killed run: see `complete`; `verify` reports which files have changed.
 
 Rows of robots that are in parts become robots.parquet, the recording gets its index, tables end with a whole row, and
-result.json says how far the run came. Nothing that was computed is thrown away, and a run that has a checkpoint can be
-resumed afterwards as well. ``--verify`` tells instead which files are no longer as their run left them.
+result.json records how far the run came. All computed data are kept, and a run with a checkpoint can still be resumed.
 """
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -19,9 +18,10 @@ from taichi_plume.guard.terminal import say
 from taichi_plume.running.job import report
 from taichi_plume.running.outputs import OVER
 from taichi_plume.running.result import write_result
+from taichi_plume.scoring.declarations import Json
 
 PARTS = ("robots.parts", "probes.parts", "recording.old.rrd")
-"""What is there only until a file is finished."""
+"""Files that exist only until a file is finished."""
 
 
 def verify(folder: Path) -> int:
@@ -31,19 +31,15 @@ def verify(folder: Path) -> int:
     listed = manifest.read(folder)["outputs"]
     if not listed:
         raise RunFolderError(f"{folder}: has no {manifest.NAME}, which runs write at their end")
-    faults = [
-        manifest.changed(folder / name)
-        if (folder / name).exists()
-        else f"{folder / name}: is no longer there"
-        for name in listed
-    ]
-    fine = sum(not fault for fault in faults)
-    say(*filter(None, faults), f"{folder}: {fine} of {len(listed)} files are as their run left them")
-    return int(any(faults))
+    paths = [folder / name for name in listed]
+    changes = [manifest.changed(path) if path.exists() else f"{path}: is no longer there" for path in paths]
+    faults = [fault for fault in changes if fault]
+    say(*faults, f"{folder}: {len(paths) - len(faults)} of {len(paths)} files are as their run left them")
+    return int(bool(faults))
 
 
 def complete(folder: RunFolder, reported: bool) -> int:
-    """Complete every file of a killed run and return the exit code; `reported`: write the report as well."""
+    """Complete every file of a killed run and return the exit code; reported: write the report as well."""
     path = folder.path
     content = _content(path)
     status, whole = content["status"], not any((path / name).exists() for name in PARTS)
@@ -57,52 +53,57 @@ def complete(folder: RunFolder, reported: bool) -> int:
         say(f"{path}: the run has ended by itself ({status})")
         return 0
     code = 0
-    (path / manifest.NAME).unlink(missing_ok=True)  # of what will be rewritten
+    (path / manifest.NAME).unlink(missing_ok=True)  # lists files that change below
     for name, mend in COMPLETE.items():
         try:
-            what = mend(path / name)
+            outcome = mend(path / name)
         except (OSError, ValueError, LookupError) as error:
-            what, code = f"could not be completed: {' '.join(str(error).split())}", 1
-        if what:
-            say(f"{name}: {what}")
-    try:
+            outcome, code = f"could not be completed: {' '.join(str(error).split())}", 1
+        if outcome:
+            say(f"{name}: {outcome}")
+    with _writing(path):
         if status == "running":
             status = KILLED
             write_result(path, content | {"status": status, **_reached(path / "robots.parquet", content)})
-    except OSError as error:
-        raise RunFolderError(f"{path}: cannot be written to: {error.strerror or error}") from None
     if reported:
         report(path)
     _seal(path)
     say(f"result.json: {status}")
     if (path / checkpoint.NAME).exists():
-        say(f"to go on: {resuming(path)}", longest=None)
+        say(f"to resume: {resuming(path)}", longest=None)
     return code
 
 
-def _seal(path: Path) -> None:
-    """Write the manifest."""
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Context that raises RunFolderError for an OSError."""
     try:
-        manifest.write(path, _inputs(path), [path / name for name in LISTED])
+        yield
     except OSError as error:
         raise RunFolderError(f"{path}: cannot be written to: {error.strerror or error}") from None
 
 
-def _content(folder: Path) -> dict[str, Any]:
-    """What result.json says; where it says nothing, that the run runs."""
+def _seal(path: Path) -> None:
+    """Write the manifest."""
+    with _writing(path):
+        manifest.write(path, _inputs(path), [path / name for name in LISTED])
+
+
+def _content(folder: Path) -> Json:
+    """Read result.json; without a status there, the run counts as running."""
     return {"name": folder.name, "status": "running", "seed": None} | told(folder / "result.json")
 
 
-def _inputs(folder: Path) -> dict[str, Any]:
-    """Digests of what the run read, as far as a checkpoint tells."""
+def _inputs(folder: Path) -> Json:
+    """Digests of the run's input files, if the run has a checkpoint."""
     try:
         return checkpoint.read(folder / checkpoint.NAME)["inputs"]
     except (checkpoint.CheckpointError, LookupError):
         return {}
 
 
-def _reached(table: Path, content: dict[str, Any]) -> dict[str, Any]:
-    """How far the robots came."""
+def _reached(table: Path, content: Json) -> Json:
+    """Message and groups of result.json for the last row of the robots."""
     try:
         rows = pq.read_table(table, columns=["t", "group", "found"])
     except (OSError, ValueError, LookupError):
@@ -114,8 +115,8 @@ def _reached(table: Path, content: dict[str, Any]) -> dict[str, Any]:
     groups = [
         {
             "name": name.as_py(),
-            "robots_of_all_trials": len(its := last.filter(pc.equal(last["group"], name))),
-            "found": pc.sum(its["found"]).as_py(),
+            "robots_of_all_trials": len(robots := last.filter(pc.equal(last["group"], name))),
+            "found": pc.sum(robots["found"]).as_py(),
         }
         for name in pc.unique(last["group"].cast("string"))
     ]
@@ -133,7 +134,7 @@ def _parts(path: Path) -> str | None:
 
 
 def _lines(path: Path) -> str | None:
-    """Cut off a last row that is not whole."""
+    """Cut off an incomplete last row."""
     if not path.exists():
         return None
     with path.open("rb+") as file:
@@ -152,7 +153,7 @@ def _recording(path: Path) -> str | None:
     from taichi_plume.record.stream import mend
 
     earlier = path.with_name(EARLIER)
-    if earlier.exists():  # killed while it was taken over: all is in the old one
+    if earlier.exists():  # killed while a resumed run copied it: all data are in the old file
         earlier.replace(path)
     if not path.exists():
         return None
@@ -171,7 +172,7 @@ def _film(path: Path) -> str | None:
 
 
 def _maps(path: Path) -> None:
-    """Maps are whole or not there; what was being written of them goes."""
+    """Remove maps whose writing was interrupted."""
     shutil.rmtree(path.with_name(maps_file.PART), ignore_errors=True)
 
 

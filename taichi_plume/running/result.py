@@ -1,16 +1,17 @@
-"""`result.json`: what came of a run; written last and at once."""
+"""`result.json`: status, scores and diagnostics of a run; written last and at once."""
 
 import json
 from math import isfinite, prod
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from taichi_plume import __version__
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.files.disk import written_whole
 from taichi_plume.scoring import trials as scores
 from taichi_plume.scoring.beliefs import BeliefScores
+from taichi_plume.scoring.declarations import Json
 from taichi_plume.scoring.maps import NAMES, MapScores, MapSeries
 from taichi_plume.simulation import Simulation
 
@@ -22,25 +23,24 @@ def result(
     backend: str,
     map_scores: MapScores | None = None,
     belief_scores: BeliefScores | None = None,
-) -> dict[str, Any]:
-    """What came of a run, ready for `write_result`; map_scores, belief_scores: of its maps and beliefs over time."""
+) -> Json:
+    """Return the result of a run, for `write_result`; map_scores, belief_scores: of maps and beliefs over time."""
     cells = prod(sim.grid.shape)
-    steps = cells * sim.steps
-    return begun(sim, status, message, backend) | {
+    return partial_result(sim, status, message, backend) | {
         "steps": sim.steps,
         "cells": cells,
-        "Mcell_steps_per_s": steps / sim.wall_s / 1e6 if sim.wall_s > 0 else None,
+        "Mcell_steps_per_s": cells * sim.steps / sim.wall_s / 1e6 if sim.wall_s > 0 else None,
         "flow": sim.wind.diagnostics(),
         "gas": _budget(sim),
         "obstacles": _obstacles(sim),
         "groups": _groups(sim),
         "maps": [_map(sim, n, map_scores.series[n] if map_scores else None) for n in range(len(sim.maps))],
-        "beliefs": (belief_scores or BeliefScores(sim)).told(sim),
+        "beliefs": (belief_scores or BeliefScores(sim)).entries(sim),
     }
 
 
-def begun(sim: Simulation, status: str, message: str, backend: str) -> dict[str, Any]:
-    """What can be told of a run before its end."""
+def partial_result(sim: Simulation, status: str, message: str, backend: str) -> Json:
+    """Return the part of the result that is known before the end of the run."""
     return {
         "name": sim.scenario.name,
         "status": status,
@@ -53,14 +53,14 @@ def begun(sim: Simulation, status: str, message: str, backend: str) -> dict[str,
     }
 
 
-def _budget(sim: Simulation) -> dict[str, Any]:
-    """Of all gases that keep one, with an entry per gas where there are several."""
-    parts: list[dict[str, Any]] = [dict(gas.budget()) for gas in sim.gas.gases]
+def _budget(sim: Simulation) -> Json:
+    """Mass budget of all gases that keep one; of several gases also the budget of each."""
+    parts: list[Json] = [dict(gas.budget()) for gas in sim.gas.gases]
     kept = [part for part in parts if part]
     if not kept:
         return {}
     keys = dict.fromkeys(key for part in kept for key in part)
-    total: dict[str, Any] = {key: sum(part.get(key, 0.0) for part in kept) for key in keys}
+    total: Json = {key: sum(part.get(key, 0.0) for part in kept) for key in keys}
     for budget in [total, *kept]:
         taken = budget.get("taken_up_kg", 0.0)
         given = sum(budget.get(key, 0.0) for key in ("initial_kg", "emitted_kg", "inflow_kg"))
@@ -73,33 +73,32 @@ def _budget(sim: Simulation) -> dict[str, Any]:
     return total
 
 
-def _obstacles(sim: Simulation) -> list[dict[str, Any]]:
-    """The kind of each obstacle and the last force of the air on it [N]."""
+def _obstacles(sim: Simulation) -> list[Json]:
+    """Kind of each obstacle and the last force of the air on the obstacle [N]."""
     if sim.forces is None:
         return []
     kinds = [obstacle.kind for obstacle in sim.scenario.obstacles]
     return [{"kind": kind, "force_N": force} for kind, force in zip(kinds, sim.forces(), strict=True)]
 
 
-def _groups(sim: Simulation) -> list[dict[str, Any]]:
-    """How each group did.
+def _groups(sim: Simulation) -> list[Json]:
+    """Results of each group.
 
-    found_by: what counts as found, "reached" or "declared". airs: in how many airs its trials were, always one;
+    found_by: what counts as found, "reached" or "declared". airs: number of flow realisations of the trials, always 1;
     trials_differ_by: see `scores.trials_differ_by`. no_search: why no source could be found, or None.
-    shares_arena_with: groups that it may have met; unlike_them: whether one of these has another algorithm, or the same
-    one with other numbers. summary, per_trial: see `scores.trial_summary`, `scores.trial_outcomes`. beside_recorded: of
-    robots that go recorded ways, see agents/replay.py.
+    shares_arena_with: groups in the same arena; unlike_them: whether one of these has another algorithm, or other
+    parameters. summary, per_trial: see `scores.trial_summary`, `scores.trial_outcomes`. beside_recorded: of robots that
+    replay recorded paths, see agents/replay.py.
     """
     if not sim.swarm.count:
         return []
-    now = sim.swarm.snapshot()
-    groups = []
+    now, groups = sim.swarm.snapshot(), []
     sources = scores.source_places(sim)
     for group in sim.swarm.groups:
         trials = scores.trial_outcomes(group, now, sources)
         times = [t for t, good in zip(trials["time_s"], trials["success"], strict=True) if good]
         paths = [p for p, good in zip(trials["path_m"], trials["success"], strict=True) if good]
-        others = [] if sim.scenario.rivals else [one for one in sim.swarm.groups if one is not group]
+        others = [] if sim.scenario.rivals else [other for other in sim.swarm.groups if other is not group]
         differ = scores.trials_differ_by(group, now)
         no_search = scores.no_search(sim, group, trials["success"])
         counted = trials if differ != "nothing" else {name: values[:1] for name, values in trials.items()}
@@ -115,8 +114,8 @@ def _groups(sim: Simulation) -> list[dict[str, Any]]:
                 "trials_differ_by": differ,
                 "air_by_chance": sim.scenario.air_by_chance,
                 "no_search": no_search,
-                "shares_arena_with": [one.name for one in others],
-                "unlike_them": any(one.model.algorithm != group.model.algorithm for one in others),
+                "shares_arena_with": [other.name for other in others],
+                "unlike_them": any(other.model.algorithm != group.model.algorithm for other in others),
                 "success_rate": None if no_search else float(np.mean(trials["success"])),
                 "median_time_s": float(np.median(times)) if times else None,
                 "median_path_m": float(np.median(paths)) if paths else None,
@@ -128,20 +127,19 @@ def _groups(sim: Simulation) -> list[dict[str, Any]]:
     return groups
 
 
-def _beside_recorded(sim: Simulation, group: Any) -> dict[str, Any]:
-    """How the readings of a group that goes recorded ways are beside those recorded, if there are any."""
-    found = None
-    for team in sim.teams:
-        told = getattr(team.algorithm, "recorded", None)
-        if told is not None and group.number in team.numbers:
-            found = told()
+def _beside_recorded(sim: Simulation, group: GroupRange) -> Json:
+    """Compare the readings of a group that replays recorded paths with the recorded readings, if there are any."""
+    if group.model.algorithm.kind != "replay":
+        return {}
+    team = next(team for team in sim.teams if group.number in team.numbers)
+    found = team.algorithm.recorded()
     return {"beside_recorded": found} if found else {}
 
 
-def _map(sim: Simulation, n: int, series: MapSeries | None) -> dict[str, Any]:
-    """Scores of a map; with several rivals, who make a map each, those of every group by its name in `groups`.
+def _map(sim: Simulation, n: int, series: MapSeries | None) -> Json:
+    """Scores of a map; of rivals, who make a map each, the scores of every group in `groups`.
 
-    made_by: the groups whose readings it is made of. Means are over their trials, never over groups.
+    made_by: groups whose readings are in the map. Means are over their trials, never over groups.
     """
     gas_map = sim.maps[n]
     estimate = np.asarray(gas_map.estimate())
@@ -169,14 +167,14 @@ def _map(sim: Simulation, n: int, series: MapSeries | None) -> dict[str, Any]:
                 **(_over_time(series, k) if series else {}),
             }
         )
-    told: dict[str, Any] = {"kind": sim.scenario.maps[n].kind, "cell_m": gas_map.cell}
+    about = {"kind": sim.scenario.maps[n].kind, "cell_m": gas_map.cell}
     if len(parts) == 1:
-        return told | parts[0]
-    return told | {"groups": [{"name": part.pop("made_by")[0], **part} for part in parts]}
+        return about | parts[0]
+    return about | {"groups": [{"name": part.pop("made_by")[0], **part} for part in parts]}
 
 
-def _over_time(series: MapSeries, k: int) -> dict[str, Any]:
-    """Scores of part k of a map against the mean of the gas (see map_scores), over time the mean of its trials."""
+def _over_time(series: MapSeries, k: int) -> Json:
+    """Scores of part k of a map against the mean gas (see `scoring/maps.py`), over time the mean of the trials."""
     rows = series.parts[k]
     means = {name: [_known(value) for value in series.means(name)[:, k]] for name in NAMES}
     last = {name: values[rows].tolist() for name, values in zip(NAMES, series.last, strict=True)}
@@ -184,7 +182,6 @@ def _over_time(series: MapSeries, k: int) -> dict[str, Any]:
 
 
 def _mean(values: np.ndarray) -> float | None:
-    """Mean of what is known."""
     return _known(scores.mean_of_known(values))
 
 
@@ -192,23 +189,21 @@ def _known(value: float) -> float | None:
     return float(value) if isfinite(value) else None
 
 
-def write_result(folder: Path, content: dict[str, Any]) -> None:
-    """Write `result.json` so that a reader sees all of it or none; what is no number becomes null."""
+def write_result(folder: Path, content: Json) -> None:
+    """Write `result.json` so that a reader sees all of the file or none; NaN and infinities become null."""
     text = json.dumps(plain(content), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     with written_whole(folder / "result.json") as fresh:
         fresh.write_text(text, encoding="utf-8")
 
 
-def plain(value: Any) -> Any:
-    """What JSON can hold; what is no number becomes None."""
+def plain(value: object) -> object:
+    """Return a value as JSON can hold it; NaN and infinities become None."""
     if isinstance(value, dict):
         return {str(key): plain(part) for key, part in value.items()}
-    if isinstance(value, (list, tuple)):
+    if isinstance(value, list | tuple):
         return [plain(part) for part in value]
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray | np.generic):
         return plain(value.tolist())
-    if isinstance(value, np.generic):
-        return plain(value.item())
     if isinstance(value, float) and not isfinite(value):
         return None
     return value

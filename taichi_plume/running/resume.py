@@ -1,6 +1,6 @@
-"""What a run that was cut off is resumed from, and whether all that it reads is still as it was."""
+"""Resuming an interrupted run: its checkpoint, and the check that its input files are unchanged."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +11,14 @@ from taichi_plume.running.outputs import OVER, scenario_digest
 
 
 def saved(folder: Path) -> dict[str, Any]:
-    """The content of a run's checkpoint. Raises InputError if the run cannot be resumed."""
+    """Read the checkpoint of a run. Raises InputError if the run cannot be resumed."""
     status = str(told(folder / "result.json").get("status", "unknown"))
     if status in OVER:
-        raise RunFolderError(f"{folder}: this run is over ({status}), there is nothing to resume")
+        raise RunFolderError(f"{folder}: this run has ended ({status}), there is nothing to resume")
     path = folder / checkpoint.NAME
     if not path.exists():
         raise RunFolderError(
-            f"{folder}: has no checkpoint to go on from; python -m taichi_plume.repair {folder} completes its files"
+            f"{folder}: has no checkpoint to resume from; python -m taichi_plume.repair {folder} completes its files"
         )
     try:
         content = checkpoint.read(path)
@@ -28,17 +28,17 @@ def saved(folder: Path) -> dict[str, Any]:
     if version != __version__:
         raise RunFolderError(f"{path}: is of version {version}, this is {__version__}; resume with that one")
     if scenario != scenario_digest(folder):
-        raise RunFolderError(f"{folder / 'scenario.yaml'}: is not as it was when the run was cut off")
+        raise RunFolderError(f"{folder / 'scenario.yaml'}: has changed since the run was interrupted")
     return content
 
 
-def require_same(folder: Path, inputs: dict[str, Any], files: Iterable[Path]) -> None:
-    """Raise RunFolderError unless `files` are as `inputs`, their digests when the run began, tell."""
+def require_same(folder: Path, inputs: Mapping[str, object], files: Iterable[Path]) -> None:
+    """Raise RunFolderError unless the digests of `files` equal `inputs`, their digests at the start of the run."""
     try:
         for name, digest in manifest.digests(folder, files).items():
             if inputs.get(name) != digest:
                 raise RunFolderError(
-                    f"{folder / name}: is not as it was when the run began; put the old one back"
+                    f"{folder / name}: has changed since the run began; put the old file back"
                 )
     except OSError as error:
         raise RunFolderError(f"{error.filename}: cannot be read: {error.strerror or error}") from None

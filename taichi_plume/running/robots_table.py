@@ -1,36 +1,22 @@
-"""`robots.parquet`: one row per robot and sample."""
+"""Writer of `robots.parquet`: one row per robot and sample."""
 
 from math import ceil
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 import pyarrow as pa
 
+from taichi_plume.agents.columns import Column
 from taichi_plume.files.table_parts import NAMES, PartsTable, column
 from taichi_plume.simulation import Every, Simulation
 
 MOST_ROWS = 2_000_000  # of robots.parquet: larger swarms are sampled less often
 
 
-class Column(Protocol):
-    """A quantity of every robot, see agents/columns.py: the swarm's `columns` say what there is."""
-
-    unit: str
-    meaning: str
-    dtype: type
-    key: str
-    """Its name in a snapshot."""
-    table: tuple[str, ...]
-    """Its names here, one per component; none where it is not for this table."""
-    named: bool
-    """Whether its numbers stand for names: the states of the group's algorithm."""
-
-
-def _fields(one: Column) -> list[pa.Field]:
-    """Those of a column; a whole number without names keeps 32 bits."""
-    kind = NAMES if one.named else pa.from_numpy_dtype(one.dtype)
-    return [column(name, kind, one.unit, one.meaning) for name in one.table]
+def _fields(quantity: Column) -> list[pa.Field]:
+    """Fields of the table that hold a quantity; a whole number without names keeps 32 bits."""
+    kind = NAMES if quantity.named else pa.from_numpy_dtype(quantity.dtype)
+    return [column(name, kind, quantity.unit, quantity.meaning) for name in quantity.table]
 
 
 WHO = (
@@ -54,10 +40,9 @@ class RobotTable(PartsTable):
             "group": pa.array([g.name for g in groups]),
             "state": pa.array([name for names in states for name in names]),
         }
-        self.columns = [one for one in sim.swarm.columns if one.table]
-        super().__init__(
-            path, [*WHO, *(field for one in self.columns for field in _fields(one))], names, count
-        )
+        self.columns = [quantity for quantity in sim.swarm.columns if quantity.table]
+        fields = [field for quantity in self.columns for field in _fields(quantity)]
+        super().__init__(path, [*WHO, *fields], names, count)
         group = np.concatenate([np.full(g.count * g.trials, n) for n, g in enumerate(groups)])
         self.first_state = np.cumsum([0, *[len(names) for names in states]])[:-1][group]
         self.values["group"][:] = group
@@ -65,19 +50,18 @@ class RobotTable(PartsTable):
         self.values["robot"][:] = np.concatenate([np.tile(np.arange(g.count), g.trials) for g in groups])
 
     def observer(self) -> Every:
-        """What the simulation has to call."""
         return Every(self.period, self.sample)
 
     def sample(self, sim: Simulation) -> None:
-        """Take a row of every robot."""
+        """Store a row of every robot."""
         now = sim.swarm.snapshot()
         n = self.kept
         self.values["t"][n] = sim.t
-        for one in self.columns:
-            values = now[one.key]
-            if one.named:
-                self.values[one.table[0]][n] = self.first_state + values
+        for quantity in self.columns:
+            values = now[quantity.key]
+            if quantity.named:
+                self.values[quantity.table[0]][n] = self.first_state + values
             else:
-                for name, part in zip(one.table, values.reshape(len(values), -1).T, strict=True):
+                for name, part in zip(quantity.table, values.reshape(len(values), -1).T, strict=True):
                     self.values[name][n] = part
         self.took()

@@ -1,44 +1,45 @@
-"""What signals do to a run: those that end it wait for the end of the tick, so that it can be resumed from there."""
+"""Signal handlers of a run: a signal ends the run at the end of the tick, so that the run can be resumed."""
 
 import errno
 import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Any, NoReturn
+from types import FrameType
+from typing import NoReturn
 
-ENDING = tuple(
-    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGXCPU") if hasattr(signal, name)
-)
-"""Ctrl-C, a batch system's or container's stop, a terminal that was closed, a limit on the time of the CPU."""
-ASKING = tuple(getattr(signal, name) for name in ("SIGUSR1",) if hasattr(signal, name))
-"""Batch systems can send it some time before they end a job."""
+Handler = Callable[[int, FrameType | None], object] | signal.Handlers
+KNOWN = signal.Signals.__members__  # of this system
+ENDING = tuple(KNOWN[name] for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGXCPU") if name in KNOWN)
+"""Ctrl-C, the stop of a batch system or container, a closed terminal, a limit on the CPU time."""
+ASKING = tuple(KNOWN[name] for name in ("SIGUSR1",) if name in KNOWN)
+"""Signal that batch systems can send some time before they end a job."""
 
 
 class Ears:
-    """What signals have asked of a run.
+    """Requests that signals have made to a run.
 
-    running: whether files are open, so that the end of a tick is waited for; until then signals end all at once.
-    hasty: whether a second one does so too; it comes but once, so that the end that follows is not disturbed. stopped:
-    name of the one that asked to end. asked: whether a checkpoint is wanted.
+    running: whether files are open; a signal then waits for the end of the tick, before that it ends the run at once.
+    hasty: whether a second signal ends the run at once; only one does, so that closing the files is not disturbed.
+    stopped: name of the signal that asked to end. asked: whether a checkpoint is requested.
     """
 
     def __init__(self) -> None:
         self.running = self.hasty = False
         self.stopped = ""
         self.asked = False
-        self.terminal = _terminal()
+        self.terminal = _terminal_streams()
 
-    def hear(self, number: int, _: Any = None) -> None:
+    def hear(self, number: int, _: FrameType | None = None) -> None:
         """Handle a signal."""
         name = signal.Signals(number).name
         if number in ASKING:
             self.asked = True
             return
         if name == "SIGHUP":
-            _leave(self.terminal)
+            _redirect_to_null(self.terminal)
         if not self.running:
             raise KeyboardInterrupt(name)
         if self.stopped and self.hasty and name != "SIGXCPU":  # this one comes every second
@@ -49,7 +50,7 @@ class Ears:
 
 @contextmanager
 def listening() -> Iterator[Ears]:
-    """A context in which signals are heard; those that are ignored, as under nohup, stay so."""
+    """Context that handles signals; signals that are ignored, as under nohup, stay ignored."""
     ears = Ears()
     with _handling((*ENDING, *ASKING), ears.hear):
         yield ears
@@ -57,13 +58,13 @@ def listening() -> Iterator[Ears]:
 
 @contextmanager
 def deaf() -> Iterator[None]:
-    """A context that no signal disturbs: files are being closed."""
+    """Context that ignores signals, while files are being closed."""
     with _handling((*ENDING, *ASKING), signal.SIG_IGN):
         yield
 
 
 def leave(code: int) -> NoReturn:
-    """End the process: a Ctrl-C that comes while Python cleans up is no fault to be told with a traceback."""
+    """End the process, ignoring a Ctrl-C that comes while Python cleans up: it would print a traceback."""
     if signal.getsignal(signal.SIGINT) is not None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.exit(code)
@@ -71,7 +72,7 @@ def leave(code: int) -> NoReturn:
 
 @contextmanager
 def reader_may_leave() -> Iterator[None]:
-    """What is printed may go to a reader such as `head` that closes the pipe early: no error."""
+    """Context whose output may go to a reader such as `head` that closes the pipe early, without an error."""
     try:
         yield
         sys.stdout.flush()
@@ -82,7 +83,7 @@ def reader_may_leave() -> Iterator[None]:
 
 
 @contextmanager
-def _handling(numbers: tuple[signal.Signals, ...], handler: Any) -> Iterator[None]:
+def _handling(numbers: tuple[signal.Signals, ...], handler: Handler) -> Iterator[None]:
     with ExitStack() as stack:
         if threading.current_thread() is threading.main_thread():
             for number in numbers:
@@ -93,8 +94,8 @@ def _handling(numbers: tuple[signal.Signals, ...], handler: Any) -> Iterator[Non
         yield
 
 
-def _terminal() -> list[int]:
-    """Which of this process's streams are a terminal; of one that has been closed it can no longer be told."""
+def _terminal_streams() -> list[int]:
+    """Return the standard streams of this process that are a terminal (unknown once the terminal is closed)."""
     found = []
     for stream in (sys.stdin, sys.stdout, sys.stderr):
         try:
@@ -105,8 +106,8 @@ def _terminal() -> list[int]:
     return found
 
 
-def _leave(streams: list[int]) -> None:
-    """What is printed there from now on goes nowhere, as writing to a closed terminal is an error."""
+def _redirect_to_null(streams: list[int]) -> None:
+    """Discard further output to these streams, as writing to a closed terminal is an error."""
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in streams:
         os.dup2(nowhere, stream)

@@ -1,25 +1,23 @@
-"""A run's result in words."""
+"""Summary of a run's result in words, for the terminal and the report."""
 
 import shlex
 from math import isfinite
 from pathlib import Path
 from statistics import mean
-from typing import Any
 
 from taichi_plume.files.run_folder import FILES
 from taichi_plume.guard.terminal import show
-from taichi_plume.scoring.declarations import has_declared
+from taichi_plume.scoring.declarations import Json, has_declared
 
 MEAN = ("error_ppm", "correlation", "peak_distance_m")
-"""What is told of a map beside the mean of the gas since the start."""
-
+"""Scores of a map against the mean gas since the start."""
 
 SAID = (("localisation_error_m", "localisation error", " m"), ("declared_time_s", "time to declare", " s"))
-"""What is told of declarations, of trials that have one."""
+"""Scores of declarations: key, title and unit."""
 
 
-def print_summary(content: dict[str, Any], folder: Path) -> None:
-    """Print a result for a person, and what to do next."""
+def print_summary(content: Json, folder: Path) -> None:
+    """Print a result and the commands that show the recording and the report."""
     from rich.table import Table
     from rich.text import Text
 
@@ -37,30 +35,25 @@ def print_summary(content: dict[str, Any], folder: Path) -> None:
         show(Text.assemble("read it:     ", (str(folder / "report.html"), "bold cyan")), soft_wrap=True)
 
 
-def summary(content: dict[str, Any]) -> list[tuple[str, str]]:
-    """A result as (name, text) lines for a person."""
+def summary(content: Json) -> list[tuple[str, str]]:
+    """Return a result as (name, text) lines."""
     wall, simulated = content["wall_s"], content["simulated_s"]
     status = content["status"] + (f": {content['message']}" if content["message"] else "")
+    speed = f"{simulated / max(wall, 1e-9):.3g} x real time"
+    grid = f"{content['cells']:,} cells, {content['steps']:,} steps, {content['backend']}"
+    if content["Mcell_steps_per_s"]:
+        grid += f", {content['Mcell_steps_per_s']:.3g} million cell steps per s"
     lines = [
         (content["name"], status),
-        (
-            "time",
-            f"{simulated:.1f} s simulated in {wall:.1f} s ({simulated / max(wall, 1e-9):.3g} x real time)",
-        ),
-        ("grid", f"{content['cells']:,} cells, {content['steps']:,} steps, {content['backend']}"),
+        ("time", f"{simulated:.1f} s simulated in {wall:.1f} s ({speed})"),
+        ("grid", grid),
     ]
-    if content["Mcell_steps_per_s"]:
-        lines[-1] = (
-            lines[-1][0],
-            f"{lines[-1][1]}, {content['Mcell_steps_per_s']:.3g} million cell steps per s",
-        )
     flow, gas = content["flow"], content["gas"]
     if flow and "eddy_diffusivity_m2_per_s" in flow:
         lines.append(("mixing", _mixing(flow)))
     elif flow:
-        lines.append(
-            ("flow", ", ".join(f"{name.replace('_', ' ')} {value:.4g}" for name, value in flow.items()))
-        )
+        numbers = (f"{name.replace('_', ' ')} {value:.4g}" for name, value in flow.items())
+        lines.append(("flow", ", ".join(numbers)))
     if gas:
         text = ", ".join(
             f"{1e3 * gas[f'{name}_kg']:.4g} g {name.replace('_', ' ')}"
@@ -80,57 +73,49 @@ def summary(content: dict[str, Any]) -> list[tuple[str, str]]:
             lines.append((f"{group['name']} recorded", _recorded_line(group["beside_recorded"])))
     if "service" in content:
         lines.append(("from outside", _service_line(content["service"])))
-    lines += _what_is_shared(content)
+    lines += _caveats(content)
     kinds = [gas_map["kind"] for gas_map in content["maps"]]
     for n, gas_map in enumerate(content["maps"]):
         name = f"{gas_map['kind'].replace('_', ' ')} map"
         name += f" (maps[{n}])" if kinds.count(gas_map["kind"]) > 1 else ""
         if "groups" in gas_map:
-            lines += [(f"{name}, {one['name']}", _map_line(one)) for one in gas_map["groups"]]
+            lines += [(f"{name}, {group['name']}", _map_line(group)) for group in gas_map["groups"]]
         else:
             lines.append((name, _map_line(gas_map)))
     return lines
 
 
-def _recorded_line(told: dict[str, Any]) -> str:
-    """How the readings of a replay are beside those recorded: the means over its trials."""
-    mae, bias = (mean(told[name]) for name in ("mae_ppm", "bias_ppm"))
-    text = (
-        f"{told['readings']:,} readings; the simulated ones are {mae:.3g} ppm off, on average {bias:+.3g} ppm"
-    )
-    known = [one for one in told["correlation"] if one is not None and isfinite(one)]
+def _recorded_line(replay: Json) -> str:
+    """Compare the readings of a replay with the recorded ones, as means over the trials."""
+    mae, bias = (mean(replay[name]) for name in ("mae_ppm", "bias_ppm"))
+    text = f"{replay['readings']:,} readings; the simulated ones are {mae:.3g} ppm off, on average {bias:+.3g} ppm"
+    known = [value for value in replay["correlation"] if value is not None and isfinite(value)]
     return text + (f", correlation {mean(known):.2f}" if known else "")
 
 
-def _service_line(told: dict[str, Any]) -> str:
-    """How a run was served, see serve/service.py."""
-    lost = sum(one["times_lost"] for one in told["messages"].values())
-    counts = {
-        name: sum(one[name] for one in told["messages"].values())
-        for name in ("taken", "malformed", "oversized", "late")
-    }
+def _service_line(service: Json) -> str:
+    """Statistics of the service, see serve/service.py."""
+    names = ("times_lost", "taken", "malformed", "oversized", "late")
+    counts = {name: sum(robot[name] for robot in service["messages"].values()) for name in names}
+    lost = counts.pop("times_lost")
     messages = ", ".join(f"{count:,} {name}" for name, count in counts.items() if count or name == "taken")
     return (
-        f"{told['ticks_missed']:,} of {told['ticks']:,} ticks missed; messages: {messages}; "
+        f"{service['ticks_missed']:,} of {service['ticks']:,} ticks missed; messages: {messages}; "
         f"robots were lost {lost:,} times"
     )
 
 
-def _mixing(flow: dict[str, Any]) -> str:
+def _mixing(flow: Json) -> str:
     K, error = (1e3 * flow[f"eddy_diffusivity_{name}m2_per_s"] for name in ("", "error_"))
     text = f"the air mixes by {K:.2g}e-3 m²/s (standard error {error:.1g}e-3)"
     changes = flow.get("as_of_air_changes_per_h")
     if changes is None:
         return text
-    like = (
-        f"a room of its size with {changes:.1f} air changes per hour"
-        if changes > 0.0
-        else "closed rooms, or less"
-    )
-    return f"{text}, as {like} (Cheng et al. 2011)"
+    like = f"a room of its size with {changes:.1f} air changes per hour"
+    return f"{text}, as {like if changes > 0.0 else 'closed rooms, or less'} (Cheng et al. 2011)"
 
 
-def _group_line(group: dict[str, Any]) -> str:
+def _group_line(group: Json) -> str:
     trials, n = group["per_trial"], group["trials"]
     text = f"{group['algorithm']}, "
     if group["no_search"]:
@@ -151,8 +136,8 @@ def _group_line(group: dict[str, Any]) -> str:
     return text
 
 
-def _pushed_line(group: dict[str, Any]) -> str:
-    """Encounters of the group's robots with moving obstacles, all trials together."""
+def _pushed_line(group: Json) -> str:
+    """Collisions of moving obstacles with the group's robots, all trials together."""
     pushes, pinned = (sum(group["per_trial"][name]) for name in ("pushes", "pinned_s"))
     text = f"moving obstacles ran into its robots {pushes:,} time{'s' * (pushes != 1)}"
     if not pinned:
@@ -160,11 +145,11 @@ def _pushed_line(group: dict[str, Any]) -> str:
     return f"{text}; robots were inside an obstacle for {pinned:.3g} s, where their readings mean nothing"
 
 
-def _declared_line(group: dict[str, Any]) -> str:
-    """How its declarations were; a trial's is the first right one of its team, or else the last."""
+def _declared_line(group: Json) -> str:
+    """Declarations of a group; of each trial the first right one of the team, or else the last."""
     trials, n = group["per_trial"], group["trials"]
-    errors = [one for one in trials["localisation_error_m"] if one is not None and isfinite(one)]
-    false = sum(one or 0 for one in trials["false_declarations"])
+    errors = [error for error in trials["localisation_error_m"] if error is not None and isfinite(error)]
+    false = sum(count or 0 for count in trials["false_declarations"])
     wrong = f"{false:g} false declaration{'s' * (false != 1)}"
     if n == 1:
         right = "rightly" if trials["outcome"] == ["declared"] else "falsely"
@@ -175,36 +160,29 @@ def _declared_line(group: dict[str, Any]) -> str:
     text = f"rightly in {count('declared')} of {n} trials; in {count('reached')} more a robot reached a source, in "
     text += f"{count('neither')} neither"
     for name, title, unit in SAID:
-        one = group["summary"][name]
-        if one["n"]:
-            text += f"; {title} {one['mean']:.3g}{unit}"
-            text += f" ({one['low']:.3g} to {one['high']:.3g}{unit})" if one["n"] > 1 else ""
+        score = group["summary"][name]
+        if score["n"]:
+            text += f"; {title} {score['mean']:.3g}{unit}"
+            text += f" ({score['low']:.3g} to {score['high']:.3g}{unit})" if score["n"] > 1 else ""
     return f"{text}; {wrong} in all"
 
 
-def _what_is_shared(content: dict[str, Any]) -> list[tuple[str, str]]:
-    """What keeps figures from telling what they seem to tell: trials of one air, groups of one arena."""
+def _caveats(content: Json) -> list[tuple[str, str]]:
+    """Limits of the statistics: trials in one flow realisation, groups in one arena."""
     lines, groups = [], content["groups"]
     searched = [group for group in groups if group["trials"] > 1 and not group["no_search"]]
     by = {group["trials_differ_by"] for group in searched}
     if by - {"nothing"}:
         differ = "what robots draw by chance differs"
         differ = f"starts and {differ[:-1]}" if "starts and chance" in by else differ
-        others = (
-            "intervals say nothing of other airs, which other seeds make"
-            if groups[0]["air_by_chance"]
-            else "nothing random is in the air itself: other seeds make the same"
-        )
+        others = "nothing random is in the air itself: other seeds make the same"
+        if groups[0]["air_by_chance"]:
+            others = "intervals say nothing of other airs, which other seeds make"
         lines.append(("one air", f"wind and gas are the same for all trials; only {differ}; {others}"))
     for group in searched:
         if group["trials_differ_by"] == "nothing":
-            lines.append(
-                (
-                    "one trial",
-                    f"the {group['trials']} trials of {group['name']} are the same to the bit, as nothing random sets "
-                    "them apart: they count as one",
-                )
-            )
+            trials = f"the {group['trials']} trials of {group['name']} are the same to the bit"
+            lines.append(("one trial", f"{trials}, as nothing random sets them apart: they count as one"))
     if any(group["unlike_them"] for group in groups):
         shared = "the arena and the maps" if content["maps"] else "the arena"
         names = ", ".join(group["name"] for group in groups)
@@ -216,7 +194,7 @@ def _what_is_shared(content: dict[str, Any]) -> list[tuple[str, str]]:
     return lines
 
 
-def _map_line(gas_map: dict[str, Any]) -> str:
+def _map_line(gas_map: Json) -> str:
     if gas_map["mae_ppm"] is None:
         return "knows no cell"
     trials = len(gas_map["per_trial"]["mae_ppm"])

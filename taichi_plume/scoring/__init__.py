@@ -1,3 +1,3 @@
-"""How a run went, by what only the simulation knows: trials, declarations, beliefs and maps."""
+"""Scores of a run against the truth of the simulation: trials (success rate), declarations, beliefs and gas maps."""
 
 MAY_IMPORT: tuple[str, ...] = ("agents", "grid", "scenario", "simulation")

@@ -1,9 +1,9 @@
-"""What the robots of a run believe of the source's place, and how good that is, by what only the simulation knows.
+"""Scores of beliefs, the robots' posterior probability of the source position, against the true sources.
 
-Any algorithm that offers `agents.beliefs.Believer` is seen here. Per trial, the mean over its robots:
+Algorithms that implement `agents.beliefs.Believer` are scored. Per trial, the mean over its robots:
 
     peak_distance_m      from the most probable cell to the nearest source
-    mean_distance_m      from the expected place to the nearest source
+    mean_distance_m      from the expected position to the nearest source
     expected_distance_m  mean over the belief of the distance to the nearest source
     entropy_bits         of the belief, - sum p log2 p
     within_reach         probability that the source is within the group's reach of a true one
@@ -12,117 +12,112 @@ The distances and the probability are NaN while no source has started.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from taichi_plume.agents.beliefs import Believer
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.grid.series import Series
 from taichi_plume.scoring import trials as scores
-from taichi_plume.scoring.declarations import OF_BELIEFS
+from taichi_plume.scoring.declarations import OF_BELIEFS, Json
 from taichi_plume.simulation import Every, Simulation
 
 
 @dataclass(frozen=True)
 class GroupBeliefs:
-    """What a group believes: p (trials, robots, nx, ny), on cells of edge `cell` [m] from corner `low` (2,) [m] on."""
+    """Belief of a group: p (trials, robots, nx, ny), on cells of edge `cell` [m] from corner `low` (2,) [m] on."""
 
-    group: Any
+    group: GroupRange
     cell: float
     low: np.ndarray
     p: np.ndarray
 
     def axes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Middles of the cells along x and y [m]."""
+        """Centres of the cells along x and y [m]."""
         x, y = (self.low[d] + (np.arange(n) + 0.5) * self.cell for d, n in enumerate(self.p.shape[2:]))
         return x, y
 
     def scores(self, sources: np.ndarray) -> np.ndarray:
-        """Of each trial, those of OF_BELIEFS, (5, trials); sources: (m, 2) [m]."""
+        """Scores OF_BELIEFS of each trial, (5, trials); sources: (m, 2) [m]."""
         places = np.stack(np.meshgrid(*self.axes(), indexing="ij"), axis=-1)
         square = self.group.model.capture == "square"
         away = _nearest(places, sources)
         within = _nearest(places, sources, square) <= self.group.model.reach
-        told = np.empty((len(OF_BELIEFS), len(self.p)))
-        for k, one in enumerate(self.p):  # what it takes of memory is of a trial
-            p = one.astype(float)
+        scores = np.empty((len(OF_BELIEFS), len(self.p)))
+        for k, of_trial in enumerate(self.p):  # needs the memory of one trial
+            p = of_trial.astype(float)
             peak = places.reshape(-1, 2)[p.reshape(len(p), -1).argmax(axis=-1)]
             mean = np.einsum("rxy,xyd->rd", p, places)
             bits = -(p * np.log2(np.where(p > 0.0, p, 1.0))).sum(axis=(1, 2))
             each = [_nearest(peak, sources), _nearest(mean, sources), np.einsum("rxy,xy->r", p, away)]
-            told[:, k] = np.mean([*each, bits, np.einsum("rxy,xy->r", p, within.astype(float))], axis=1)
+            scores[:, k] = np.mean([*each, bits, np.einsum("rxy,xy->r", p, within.astype(float))], axis=1)
         if not len(sources):
-            told[[0, 1, 2, 4]] = np.nan
-        return told
+            scores[[0, 1, 2, 4]] = np.nan
+        return scores
 
 
 def _nearest(places: np.ndarray, sources: np.ndarray, square: bool = False) -> np.ndarray:
-    """Distance of places (..., 2) to the nearest source [m]; square: the larger of those along the axes.
-
-    Without a source it is 0.
-    """
+    """Distance of points (..., 2) to the nearest source [m], 0 without sources; square: the maximum norm."""
     if not len(sources):
         return np.zeros(places.shape[:-1])
-    return np.linalg.norm(places[..., None, :] - sources, ord=np.inf if square else None, axis=-1).min(
-        axis=-1
-    )
+    apart = np.linalg.norm(places[..., None, :] - sources, ord=np.inf if square else None, axis=-1)
+    return apart.min(axis=-1)
 
 
 def believers(sim: Simulation) -> list[Believer]:
-    """The algorithms of a run whose robots believe in places."""
+    """The algorithms of a run that keep beliefs."""
     return [team.algorithm for team in sim.teams if isinstance(team.algorithm, Believer)]
 
 
 def beliefs(sim: Simulation) -> list[GroupBeliefs]:
-    """What each group that believes in places believes now, in the order of the scenario."""
+    """Current beliefs of each group that keeps them, in the order of the scenario."""
     found = []
-    for one in believers(sim):
-        told, begin = np.asarray(one.beliefs()), 0
-        for group in one.members.groups:
-            p = told[begin : begin + group.size].reshape(group.trials, group.count, *told.shape[1:])
-            found.append(GroupBeliefs(group, one.belief_cell, np.asarray(one.belief_low, float), p))
+    for believer in believers(sim):
+        belief, begin = np.asarray(believer.beliefs()), 0
+        for group in believer.members.groups:
+            p = belief[begin : begin + group.size].reshape(group.trials, group.count, *belief.shape[1:])
+            found.append(GroupBeliefs(group, believer.belief_cell, np.asarray(believer.belief_low, float), p))
             begin += group.size
-    return sorted(found, key=lambda one: one.group.number)
+    return sorted(found, key=lambda belief: belief.group.number)
 
 
 class BeliefScores:
-    """The scores of the beliefs of a run over time. Add `observer()` to the simulation's.
+    """Scores of the beliefs of a run over time. Add `observer()` to the simulation's.
 
-    rows: of each group in the order of `beliefs`, those of OF_BELIEFS: means over its trials.
+    rows: scores OF_BELIEFS of each group in the order of `beliefs`, means over its trials.
     """
 
     STATE = ("rows",)
 
     def __init__(self, sim: Simulation):
         self.sources, self.begins = scores.source_places(sim)[:, :2], scores.begins(sim)
-        self.groups = sum(len(one.members.groups) for one in believers(sim))
+        self.groups = sum(len(believer.members.groups) for believer in believers(sim))
         self.rows = Series(len(OF_BELIEFS) * self.groups)
 
     def observer(self) -> Every:
-        """What the simulation has to call."""
         return Every(scores.PERIOD, self.sample)
 
     def now(self, sim: Simulation) -> list[tuple[GroupBeliefs, np.ndarray]]:
-        """The beliefs of each group with their scores (5, trials)."""
+        """Current beliefs of each group with their scores (5, trials)."""
         on = self.sources[self.begins < sim.t]
-        return [(one, one.scores(on)) for one in beliefs(sim)]
+        return [(belief, belief.scores(on)) for belief in beliefs(sim)]
 
     def sample(self, sim: Simulation) -> None:
-        """Note how good the beliefs are."""
+        """Store the current scores."""
         if self.groups:
             rows = [values.mean(axis=1) for _, values in self.now(sim)]
             self.rows.append((sim.t, np.ravel(rows)))
 
-    def told(self, sim: Simulation) -> list[dict[str, Any]]:
-        """What result.json tells of each group: means, those of each trial, and means over time."""
+    def entries(self, sim: Simulation) -> list[Json]:
+        """Entries of each group for result.json: means, scores of each trial, and means over time."""
         found = []
         table = self.rows.values.reshape(len(self.rows), self.groups, len(OF_BELIEFS))
-        for k, (one, values) in enumerate(self.now(sim)):
+        for k, (belief, values) in enumerate(self.now(sim)):
             found.append(
                 {
-                    "group": one.group.name,
-                    "algorithm": one.group.model.algorithm.kind,
-                    "cell_m": one.cell,
+                    "group": belief.group.name,
+                    "algorithm": belief.group.model.algorithm.kind,
+                    "cell_m": belief.cell,
                     **dict(zip(OF_BELIEFS, values.mean(axis=1).tolist(), strict=True)),
                     "per_trial": dict(zip(OF_BELIEFS, values.tolist(), strict=True)),
                     "over_time": {

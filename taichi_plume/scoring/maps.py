@@ -1,14 +1,14 @@
-"""How the gas maps of a run fare over time, by what only the simulation knows.
+"""Scores of gas maps over time: errors, correlation and negative log predictive density against the true gas.
 
 The truth is the gas in the cells of a map, averaged over the time since the robots started: a map that does not forget
-tends to it. Each time a snap ends (or `scores.PERIOD` has gone by, where a map has none) every trial of a map gets
+tends to this mean. When a snap ends (or every `scores.PERIOD`, for a map without snaps) each trial of a map gets
 
     error_ppm        mean of |estimate - truth| over the cells it knows and a robot can measure
     correlation      of both over these cells
     peak_distance_m  from the largest estimate to the nearest source that has started
-    nlpd             mean of ½ ln(2π v) + (r - m)² / 2v over the readings r since the last time, with the estimate m of
-                     then and the variance v of a reading about it: what the map made of them before it had taken them
-                     in. NaN without variance
+    nlpd             mean of ½ ln(2π v) + (r - m)² / 2v over the readings r since the previous score, with the estimate
+                     m of that time and the variance v of a reading: the map's forecast of these readings. NaN without
+                     variance
 """
 
 import numpy as np
@@ -17,14 +17,14 @@ from taichi_plume.grid.series import Series
 from taichi_plume.scoring import trials as scores
 from taichi_plume.simulation import Every, Simulation
 
-LOOKS = 1.0  # s, between looks at the true gas and at the readings
+LOOKS = 1.0  # s, between samples of the true gas and the readings
 NAMES = ("error_ppm", "correlation", "peak_distance_m", "nlpd")
 
 
 class MapSeries:
-    """The scores of one map over time; of the trials the means of each group's (see `scores.map_rows`).
+    """Scores of one map over time, as means over the trials of each group (see `scores.map_rows`).
 
-    rows: what to do with them the properties tell. last: (4, trials), of all trials at the last of the times.
+    rows: see the properties. last: (4, trials), scores of all trials at the last of the times.
     """
 
     STATE = ("sum", "looks", "ended", "rows", "last", "expected", "surprise")
@@ -32,16 +32,14 @@ class MapSeries:
     def __init__(self, sim: Simulation, number: int):
         self.map = sim.maps[number]
         self.cell, self.period = self.map.cell, self.map.window or scores.PERIOD
-        trials, *cells = np.shape(self.map.estimate())
-        self.shape: tuple[int, int] = (cells[0], cells[1])
-        self.sources = scores.source_places(sim)[:, :2]
-        self.begins = scores.begins(sim)
+        trials, nx, ny = np.shape(self.map.estimate())
+        self.shape = (nx, ny)
+        self.sources, self.begins = scores.source_places(sim)[:, :2], scores.begins(sim)
         groups = sim.swarm.groups if sim.swarm.count else []
         self.extent = (sim.grid.extent[0], sim.grid.extent[1])
         self.measurable = scores.measurable(sim, self.cell, self.shape)
-        self.trial = np.concatenate(
-            [[], *(np.repeat(g.row + np.arange(g.trials), g.count) for g in groups)]
-        ).astype(int)
+        trial = [np.repeat(group.row + np.arange(group.trials), group.count) for group in groups]
+        self.trial = np.concatenate([[], *trial]).astype(int)
         self.parts = [rows for _, rows in scores.map_rows(sim)]
         self.sum, self.looks, self.ended = np.zeros(self.shape), 0, 0
         self.rows = Series(
@@ -49,7 +47,7 @@ class MapSeries:
         )  # of each name the first trial's, then the groups'
         self.last = np.full((len(NAMES), trials), np.nan)
         self.expected: list[np.ndarray] = []  # mean and variance of a `Prediction`, once there is one
-        self.surprise = np.zeros((2, trials))  # of the readings since the last time: sum, and how many
+        self.surprise = np.zeros((2, trials))  # sum and number of the readings since the last score
 
     @property
     def truth(self) -> np.ndarray:
@@ -58,15 +56,15 @@ class MapSeries:
 
     @property
     def time(self) -> list[float]:
-        """When the scores were taken [s]."""
+        """Times of the scores [s]."""
         return self.rows.times.tolist()
 
     def first(self, name: str) -> np.ndarray:
-        """Those of the first trial, (times,)."""
+        """Scores of the first trial, (times,)."""
         return self._of(name)[:, 0]
 
     def means(self, name: str) -> np.ndarray:
-        """Means over the trials of each group that know it, (times, groups)."""
+        """Means over the trials of each group whose score is known, (times, groups)."""
         return self._of(name)[:, 1:]
 
     def _of(self, name: str) -> np.ndarray:
@@ -74,21 +72,21 @@ class MapSeries:
         return self.rows.values.reshape(shape)[:, NAMES.index(name)]
 
     def sample(self, sim: Simulation, gas: np.ndarray) -> None:
-        """Take in the true gas [ppm], (nx, ny), and the readings and, where a snap has ended, score the map."""
+        """Add the true gas [ppm], (nx, ny), and the readings; at the end of a snap, score the map."""
         self.sum += gas
         self.looks += 1
         if self.expected and len(self.trial):
             now = sim.swarm.snapshot()
             expects = scores.Prediction(self.expected[0], self.expected[1], self.cell, self.extent)
-            self._note(expects.surprise(self.trial, now["believed_position"], now["reading_ppm"]))
+            self._add_surprise(expects.surprise(self.trial, now["believed_position"], now["reading_ppm"]))
         if int((sim.t + 1e-6) / self.period) > self.ended:
             self.ended = int((sim.t + 1e-6) / self.period)
             self._score(sim.t)
 
-    def _note(self, told: np.ndarray) -> None:
-        """Add the surprise of each robot's reading, NaN where it does not count."""
-        known = np.isfinite(told)
-        for row, values in zip(self.surprise, (np.where(known, told, 0.0), known), strict=True):
+    def _add_surprise(self, surprise: np.ndarray) -> None:
+        """Add the surprise of each robot's reading; NaN does not count."""
+        known = np.isfinite(surprise)
+        for row, values in zip(self.surprise, (np.where(known, surprise, 0.0), known), strict=True):
             row += np.bincount(self.trial, values, len(row))
 
     def _score(self, t: float) -> None:
@@ -106,7 +104,7 @@ class MapSeries:
 
 
 class MapScores:
-    """The scores of all maps of a run, a `MapSeries` each. Add `observer()` to the simulation's."""
+    """Scores of all maps of a run, a `MapSeries` each. Add `observer()` to the simulation's."""
 
     STATE = ("series",)
 
@@ -114,11 +112,10 @@ class MapScores:
         self.series = [MapSeries(sim, n) for n in range(len(sim.maps))]
 
     def observer(self) -> Every:
-        """What the simulation has to call, before whoever wants the scores of the same time."""
+        """Observer to be called before those that need the scores of the same time."""
         return Every(LOOKS, self.sample)
 
     def sample(self, sim: Simulation) -> None:
-        """Look at every map."""
         gas: dict[tuple, np.ndarray] = {}  # maps often share their cells
         for series in self.series:
             cells = (series.cell, series.shape)

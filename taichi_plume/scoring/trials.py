@@ -1,17 +1,17 @@
-"""How a run went, by what only the simulation knows: sources found, maps against the true gas."""
+"""Scores of trials and maps: success rate with confidence intervals, path lengths, errors against the true gas."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import ceil, inf, nan, sqrt
-from typing import Any
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.grid import fields
 from taichi_plume.grid.grid import block_mean, centers
 from taichi_plume.scenario.played import Played
-from taichi_plume.scoring.declarations import OUTCOMES, declared_outcomes
+from taichi_plume.scoring.declarations import OUTCOMES, Json, Snapshot, by_trial, declared_outcomes
 from taichi_plume.simulation import Mapper, Simulation, Uncertain
 
 SENSORS = 0.1  # m, height of sensors unless a scenario says more
@@ -24,7 +24,7 @@ SETTLED = 30.0  # s: forecasts count from then on, as in Marjovi & Marques
 
 @dataclass(frozen=True)
 class MapScore:
-    """A map against the true gas, per trial over the cells it knows; NaN where it knows none.
+    """Errors of a map against the true gas, per trial over the cells with an estimate; NaN without such cells.
 
     mae [ppm], correlation (Pearson; NaN where one of the two is constant), known: share of the cells.
     """
@@ -47,18 +47,18 @@ def true_gas(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarray
 
 
 def measurable(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarray:
-    """Whether a robot could be at the middle of each map cell, (nx, ny): not inside what stands, nor off the arena."""
+    """Mask (nx, ny) of map cells whose centre a robot could reach: not in standing obstacles, nor off the arena."""
     return sim.swarm.clearance.distance_at(centers(shape, cell)) > 0.0
 
 
 def sensor_height(sim: Simulation) -> float:
-    """Height of the first group's gas sensors [m]; that of sensors by default where there are no robots."""
+    """Height of the first group's gas sensors [m]; without robots, the default height of sensors."""
     groups = sim.scenario.robots
     return groups[0].sensors.nose.height if groups else min(SENSORS, sim.grid.extent[-1])
 
 
 def map_rows(sim: Simulation) -> list[tuple[tuple[str, ...], slice]]:
-    """Whose maps a run has: names of the groups whose readings make them, and which of the trials on axis 0 are theirs.
+    """Names of the groups that share a map, and their trials on axis 0 of the map.
 
     Rivals make a map each; other groups make one together, in trial k those that have so many trials.
     """
@@ -94,7 +94,7 @@ def map_score(estimate: np.ndarray, truth: np.ndarray) -> MapScore:
 def peak_distance(estimate: np.ndarray, cell: float, sources: np.ndarray) -> np.ndarray:
     """Distance [m] from the peaks of maps (trials, nx, ny) to the nearest of the sources (m, 2) [m], (trials,).
 
-    NaN where a map knows of no gas or there is no source.
+    NaN where a map is without gas, or without sources.
     """
     trials, _, ny = estimate.shape
     estimate = np.nan_to_num(estimate).reshape(trials, -1)
@@ -106,7 +106,7 @@ def peak_distance(estimate: np.ndarray, cell: float, sources: np.ndarray) -> np.
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a map expects of readings in its cells: mean [ppm] and variance [ppm²], (trials, nx, ny), of the same floor.
+    """Predicted readings in the cells of a map: mean [ppm] and variance [ppm²], (trials, nx, ny).
 
     cell: edge of the cells; extent: size of the floor [m].
     """
@@ -118,16 +118,16 @@ class Prediction:
 
     @classmethod
     def of(cls, gas_map: Mapper, extent: tuple[float, float]) -> "Prediction | None":
-        """That of a map on a floor of this extent [m]; None where the map tells no variance."""
+        """Return the prediction of a map on a floor of this extent [m]; None for a map without variance."""
         if not isinstance(gas_map, Uncertain):
             return None
         variance = np.asarray(gas_map.variance(), float) + gas_map.noise
         return cls(np.asarray(gas_map.estimate(), float), variance, gas_map.cell, extent)
 
     def surprise(self, trial: np.ndarray | int, place: np.ndarray, reading: np.ndarray) -> np.ndarray:
-        """Negative logarithm of the normal density at each reading (n,) [ppm], taken at places (n, 2) [m] in a trial.
+        """Negative log likelihood (normal density) of each reading (n,) [ppm], taken at points (n, 2) [m] in a trial.
 
-        NaN for what a map leaves out: no numbers, and places off the floor; and where nothing was known.
+        NaN for readings that a map leaves out (no numbers, or off the floor), and where nothing was known.
         """
         on = ((place >= 0.0) & (place <= self.extent)).all(axis=1) & np.isfinite(reading)
         cell = np.where(on[:, None], place / self.cell, 0.0).astype(int)
@@ -142,55 +142,54 @@ class Prediction:
 def forecast_error(errors: Iterable[tuple[float, np.ndarray]], trials: int, begin: float = 0.0) -> np.ndarray:
     """Mean of a map's forecast errors [ppm] (eq 8, see agents/snaps) of each trial, (trials,).
 
-    Those count that were judged later than SETTLED after `begin` [s]; NaN where there are none.
+    Forecasts count if they were judged later than SETTLED after `begin` [s]; NaN without such forecasts.
     """
     late = [error for t, error in errors if t > begin + SETTLED + 1e-6]
     table = np.array(late, float).reshape(-1, trials)
-    told = np.isfinite(table)
-    return mean_of(np.where(told, table, 0.0).sum(axis=0), told.sum(axis=0))
+    known = np.isfinite(table)
+    return mean_of(np.where(known, table, 0.0).sum(axis=0), known.sum(axis=0))
 
 
 def mean_of_known(values: np.ndarray) -> float:
-    """Mean of the values that are numbers; NaN where there is none."""
+    """Mean of the finite values; NaN without any."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if known.size else nan
 
 
 def mean_of(total: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """total / count, NaN where there is nothing to count."""
+    """Return total / count, NaN where the count is 0."""
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def trial_outcomes(group: Any, snapshot: dict[str, np.ndarray], sources: np.ndarray) -> dict[str, Any]:
-    """Per trial of a group, as columns; sources: (m, 2) [m], or (m, 3), whose heights count for what flies.
+def trial_outcomes(group: GroupRange, snapshot: Snapshot, sources: np.ndarray) -> Json:
+    """Return the results of each trial of a group, as columns; sources: (m, 2), or (m, 3) with heights for drones [m].
 
-    group, trial: whose they are; success; found: robots that found a source; of the first of them time_s, since its
-    group set off, path_m and overhead: its path over the straight way to the nearest source; of the whole team
+    group, trial; success; found: robots that found a source; of the first of these robots time_s, since the
+    group set off, path_m and overhead: path over the straight distance to the nearest source; of the whole team
     team_path_m, acquisitions, hits, bumps and, where obstacles move, pushes and pinned_s; final_distance_m: of the
-    robot that ended nearest to a source; and the outcomes of `declared_outcomes`.
+    robot that ended nearest to a source; and the columns of `declared_outcomes`.
     """
-    span = slice(group.start, group.start + group.trials * group.count)
 
-    def table(values: np.ndarray) -> np.ndarray:
-        return values[span].reshape(group.trials, group.count, *values.shape[1:])
+    def table(key: str) -> np.ndarray:
+        return by_trial(group, snapshot[key])
 
     flies = sources.shape[1] == 3 and group.model.body.flies
 
-    def nearest(places: np.ndarray, altitude: Any) -> np.ndarray:
+    def nearest(places: np.ndarray, altitude: np.ndarray | float) -> np.ndarray:
         if flies:
             middle = np.broadcast_to(altitude + 0.5 * group.model.body.height, places.shape[:-1])
             places = np.concatenate([places, middle[..., None]], axis=-1)
         apart = np.linalg.norm(places[..., None, :] - sources[:, : places.shape[-1]], axis=-1)
         return apart.min(axis=-1, initial=np.inf)
 
-    found = table(snapshot["found"]).astype(bool)
-    time = np.where(found, table(snapshot["found_time"]), np.inf)
-    path = table(snapshot["path_length"])
+    found = table("found").astype(bool)
+    time = np.where(found, table("found_time"), np.inf)
+    path = table("path_length")
     success = found.any(axis=1)
     first = (np.arange(group.trials), time.argmin(axis=1))
-    begin, end = (group.model.start_altitude, table(snapshot["altitude"])) if flies else (0.0, 0.0)
-    straight = nearest(table(snapshot["start"]), begin)[first]
-    ended = nearest(table(snapshot["position"]), end)
+    begin, end = (group.model.start_altitude, table("altitude")) if flies else (0.0, 0.0)
+    straight = nearest(table("start"), begin)[first]
+    ended = nearest(table("position"), end)
 
     def of_the_first(values: np.ndarray) -> list[float]:
         return np.where(success, values, np.nan).tolist()
@@ -204,21 +203,21 @@ def trial_outcomes(group: Any, snapshot: dict[str, np.ndarray], sources: np.ndar
         "path_m": of_the_first(path[first]),
         "overhead": of_the_first(path[first] / np.maximum(straight, 1e-9)),
         "team_path_m": path.sum(axis=1).tolist(),
-        **{name: table(snapshot[name]).sum(axis=1).tolist() for name in SUMS if name in snapshot},
+        **{name: table(name).sum(axis=1).tolist() for name in SUMS if name in snapshot},
         "final_distance_m": ended.min(axis=1).tolist(),
         **declared_outcomes(group, snapshot, sources[:, :2]),
     }
 
 
-def trials_differ_by(group: Any, snapshot: dict[str, np.ndarray]) -> str | None:
-    """What sets the trials of a group apart: "starts and chance", "chance", or "nothing"; None of a single one.
+def trials_differ_by(group: GroupRange, snapshot: Snapshot) -> str | None:
+    """Return the cause of differences between trials: "starts and chance", "chance", "nothing"; None for one trial.
 
-    Wind and gas are those of all trials. Chance is what robots draw: sensors, odometry, messages, algorithms. With
-    "nothing" the trials are one, so many times: they have ended the same, to the bit.
+    Wind and gas are the same in all trials. Chance: random draws of sensors, odometry, messages, algorithms. With
+    "nothing" all trials have ended the same, to the bit.
     """
 
     def alike(values: np.ndarray) -> bool:
-        of_trials = values[group.start : group.start + group.trials * group.count].reshape(group.trials, -1)
+        of_trials = by_trial(group, values).reshape(group.trials, -1)
         return np.array_equal(of_trials, np.broadcast_to(of_trials[:1], of_trials.shape), equal_nan=True)
 
     if group.trials == 1:
@@ -229,8 +228,8 @@ def trials_differ_by(group: Any, snapshot: dict[str, np.ndarray]) -> str | None:
     return "chance" if given and alike(np.asarray(snapshot["start"], float)) else "starts and chance"
 
 
-def no_search(sim: Simulation, group: Any, success: Iterable[bool] = ()) -> str | None:
-    """Why no robot of a group could find a source; None where one could, or has, in a trial of those of `success`."""
+def no_search(sim: Simulation, group: GroupRange, success: Iterable[bool] = ()) -> str | None:
+    """Return the reason why no robot of a group could find a source; None if one could, or has in a trial."""
     if any(success):
         return None
     on = begins(sim) < sim.t
@@ -243,61 +242,60 @@ def no_search(sim: Simulation, group: Any, success: Iterable[bool] = ()) -> str 
     return None if group.model.reach > 0 else "reach is 0"
 
 
-def end(sim: Simulation, group: Any) -> float:
-    """For how long a trial of a group lasted in which no source was found [s].
+def end(sim: Simulation, group: GroupRange) -> float:
+    """Duration of a group's trial in which no source was found [s].
 
-    A run that stopped as nobody searched any more counts whole: robots that declared wrongly would not have found one.
+    A run that stopped because no robot searched any more counts with its full duration.
     """
     whole = sim.tick >= sim.last_tick or (sim.swarm.count > 0 and sim.swarm.all_over())
     return group.model.time(sim.scenario.duration if whole else sim.t)
 
 
 def source_places(sim: Simulation) -> np.ndarray:
-    """Of all sources, (m, 2) or (m, 3) [m]."""
+    """Positions of all sources, (m, 2) or (m, 3) [m]."""
     dim = sim.scenario.domain.dim
     return np.array([source.position for _, source in sim.scenario.sources]).reshape(-1, dim)
 
 
 def begins(sim: Simulation) -> np.ndarray:
-    """When each source starts [s], in the order of the scenario."""
-    return np.array([_begin(gas, source) for _, gas in sim.scenario.gases for source in gas.sources], float)
+    """Start of each source [s], in the order of the scenario; -inf for sources that are played back."""
+    begins = []
+    for _, gas in sim.scenario.gases:
+        for source in gas.sources:
+            known = {} if isinstance(gas, Played) else vars(source)
+            begin = known.get("start", known.get("time"))  # of a source, or of a puff
+            begins.append(-inf if begin is None else begin)
+    return np.array(begins, float)
 
 
-def _begin(gas: Any, source: Any) -> float:
-    """When a source starts [s]; one that is played back has its own clock, and counts as on."""
-    begin = None if isinstance(gas, Played) else getattr(source, "start", getattr(source, "time", None))
-    return -inf if begin is None else begin
-
-
-def trial_summary(trials: dict[str, Any], duration: float, searched: bool = True) -> dict[str, Any]:
-    """What the trials of `trial_outcomes` tell of the algorithm, with intervals of 95 % confidence.
+def trial_summary(trials: Json, duration: float, searched: bool = True) -> Json:
+    """Summarise the columns of `trial_outcomes`, with intervals of 95 % confidence.
 
     success_rate: Wilson's interval. The others over successful trials, with Student's interval of the mean; and
     time_with_failures_s, of all trials, where a failure counts as `duration` [s]. Of groups that may declare:
     declared_rate, reached_rate and neither_rate, the shares of each outcome, and false_declarations, of all trials;
-    declared_time_s and localisation_error_m, of those with a declaration. Trials in which there was nothing to search
-    for tell nothing.
+    declared_time_s and localisation_error_m, of those with a declaration. searched: false if no source could be
+    found; then no trial counts.
     """
     if not searched:
         trials = {name: values[:0] for name, values in trials.items()}
     success = np.array(trials["success"], bool)
-    told: dict[str, Any] = {"success_rate": share_with_interval(int(success.sum()), len(success))}
+    summary: Json = {"success_rate": share_with_interval(int(success.sum()), len(success))}
     for name in ("time_s", "path_m", "overhead", "acquisitions", "hits", "bumps"):
-        told[name] = mean_with_interval(np.array(trials[name], float)[success])
-    told["time_with_failures_s"] = mean_with_interval(np.where(success, trials["time_s"], duration))
+        summary[name] = mean_with_interval(np.array(trials[name], float)[success])
+    summary["time_with_failures_s"] = mean_with_interval(np.where(success, trials["time_s"], duration))
     speaks = np.isfinite(np.array(trials["declarations"], float))
     outcomes = np.array(trials["outcome"])[speaks]
     for name in OUTCOMES:
-        told[f"{name}_rate"] = share_with_interval(int((outcomes == name).sum()), len(outcomes))
+        summary[f"{name}_rate"] = share_with_interval(int((outcomes == name).sum()), len(outcomes))
     for name in ("declared_time_s", "localisation_error_m", "false_declarations"):
         values = np.array(trials[name], float)
-        told[name] = mean_with_interval(values[np.isfinite(values)])
-    return told
+        summary[name] = mean_with_interval(values[np.isfinite(values)])
+    return summary
 
 
-def share_with_interval(k: int, n: int) -> dict[str, Any]:
-    """Share of k among n and Wilson's interval of 95 % confidence (Wilson 1927, doi:10.1080/01621459.1927.10502953);
-    None of no trials.
+def share_with_interval(k: int, n: int) -> Json:
+    """Share of k among n and Wilson's interval of 95 % confidence (Wilson 1927, doi:10.1080/01621459.1927.10502953).
 
     `scipy.stats` has it too, but takes 0.3 s to import.
     """
@@ -309,8 +307,8 @@ def share_with_interval(k: int, n: int) -> dict[str, Any]:
     return {"mean": k / n, "low": max(0.0, middle - half), "high": min(1.0, middle + half), "n": n}
 
 
-def mean_with_interval(values: np.ndarray) -> dict[str, Any]:
-    """Mean, Student's interval of 95 % confidence and number of values; None where there are too few."""
+def mean_with_interval(values: np.ndarray) -> Json:
+    """Mean, Student's interval of 95 % confidence and number of values; None if there are too few."""
     n = len(values)
     if not n:
         return {"mean": None, "low": None, "high": None, "n": 0}

@@ -8,9 +8,8 @@ from taichi_plume.guard.yaml_text import LineError, parse
 def bomb(first: str, level: str) -> str:
     """Nine levels, each with eight copies of the one above: 8^8 values."""
     copies = ["[{}]".format(", ".join([f"*a{n}"] * 8)) for n in range(8)]
-    return f"a0: &a0 {first}\n" + "".join(
-        f"a{n + 1}: &a{n + 1} {level.replace('COPIES', one)}\n" for n, one in enumerate(copies)
-    )
+    lines = [f"a{n}: &a{n} {level.replace('COPIES', above)}" for n, above in enumerate(copies, 1)]
+    return "\n".join([f"a0: &a0 {first}", *lines])
 
 
 @pytest.mark.parametrize(
