@@ -125,7 +125,6 @@ def _moment(resources: Resources, path: str, model: InitialWind | InitialGas, fo
     if model.film is None:
         return
     from taichi_plume.files.film import Film, FilmError
-    from taichi_plume.files.film_moment import moment
 
     file = folder / model.film
     try:
@@ -135,7 +134,7 @@ def _moment(resources: Resources, path: str, model: InitialWind | InitialGas, fo
         if model.part == "gas":
             gas = dict(resources.scenario.gases)[path.removesuffix(".initial")]
             names = [film.gas_of(gas.species)] if film.gas else []
-        moment(film, names, model.at)
+        film.moment(names, model.at)
         resources.films[path] = film
     except FilmError as error:
         resources.faults[f"{path}.film"] = str(error)

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from taichi_plume.files.film import Film, FilmError
-from taichi_plume.files.film_moment import velocity
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.grid.grid import Grid
 from taichi_plume.record.drawing import Scale, arrow_places
@@ -70,7 +69,7 @@ def arrows_of_film(
     flat, step = arrow_places([extent[d] for d in here.axes])
     points = here.within(flat)
     try:
-        found = [velocity(film, float(film.times[n]))(points) for n in frames]
+        found = [film.velocity(float(film.times[n]))(points) for n in frames]
     except FilmError as error:
         raise RunFolderError(str(error)) from None
     return _drawn(here, points, found, step, film.times[frames])
