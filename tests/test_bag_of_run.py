@@ -406,7 +406,7 @@ def test_what_cannot_be_is_told_in_a_line(run, tmp_path, capsys):
     (tmp_path / "link").symlink_to(run)
     for options, told in (
         (["--trial", "2"], "has no trial 2; the last is 1"),
-        (["--begin", "3e9"], "which ROS cannot tell"),
+        (["--begin", "3e9"], "ends at 3e+09 s"),
         (["--out", str(tmp_path / "mine"), "--force"], "is a folder, but no bag alone"),
         (["--out", str(tmp_path / "file"), "--force"], "is no folder"),
         (["--out", str(tmp_path / "link"), "--force"], "is no folder"),

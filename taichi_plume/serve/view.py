@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.files import ros_messages as ros
-from taichi_plume.files import ros_shapes
 from taichi_plume.files.ros_robots import MAP, TRANSFORMS, carried
 from taichi_plume.grid.fields import ppm_at
 from taichi_plume.serve.topics import Message
@@ -50,12 +49,12 @@ class View:
     def messages(self) -> list[Message]:
         """What there is to see now."""
         t, dx = self.sim.t, self.sim.grid.dx
-        floor = partial(ros_shapes.grid, self.floor, dx, -dx, t, MAP)
+        floor = partial(ros.grid, self.floor, dx, -dx, t, MAP)
         return [
             Message("tf_static", TRANSFORMS, self._sensors),
-            Message("map", ros_shapes.GRID, floor),
+            Message("map", ros.GRID, floor),
             *(
-                Message(f"plume/{ros.word(species.name)}", ros_shapes.POINTS, partial(self._gas, n, t))
+                Message(f"plume/{ros.word(species.name)}", ros.POINTS, partial(self._gas, n, t))
                 for n, species in enumerate(self.sim.gas.species)
             ),
         ]
@@ -73,4 +72,4 @@ class View:
         there = ppm >= LEAST
         x, y = self.places[there].T
         columns = {"x": x, "y": y, "z": np.full(len(x), self.height), "ppm": ppm[there]}
-        return ros_shapes.cloud(columns, t, MAP)
+        return ros.cloud(columns, t, MAP)

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.files import manifest
-from taichi_plume.files.fluent import read_fluent
 from taichi_plume.files.plumesim_log import read_log
-from taichi_plume.files.point_frames import PointFileError, frames_of
+from taichi_plume.files.point_frames import PointFileError, frames_of, read_fluent
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.played import PlumeSimWind
 

@@ -9,7 +9,7 @@ from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, l
 def table(path, text: str | bytes, width: int = 3, **options) -> Table:
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     file = TextFile(path, ValueError)
-    return Table(file, file.told(0), width, **options)
+    return Table(file, file.rows(0), width, **options)
 
 
 @pytest.mark.parametrize(

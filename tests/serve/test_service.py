@@ -7,7 +7,7 @@ import pytest
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.files import ros_messages as ros
-from taichi_plume.files.ros_shapes import points_of
+from taichi_plume.files.ros_messages import points_of
 from taichi_plume.grid.fields import ppm_at
 from taichi_plume.running.signals import Ears
 from taichi_plume.scenario.loading import scenario_from
@@ -245,7 +245,7 @@ def test_what_nobody_wants_is_not_made(made, monkeypatch):
     clock = Clock()
     robots = Robots(clock, Robots.drive)
     robots.unwanted = ("map", "plume/ethanol", "tf")
-    for what in ("view.ros_shapes.grid", "view.ros_shapes.cloud", "topics._transforms"):
+    for what in ("view.ros.grid", "view.ros.cloud", "topics._transforms"):
         monkeypatch.setattr(f"taichi_plume.serve.{what}", lambda *_: pytest.fail("is made"))
     service = Service(Pace(), [robots], True, clock, clock.sleep)
     made.reset()
