@@ -36,9 +36,9 @@ def compressed_file(folder: Path) -> Path:
     return folder
 
 
-def compressed_chunk(folder: Path, compression: bytes = b"zstd", content: bytes | None = None) -> Path:
+def compressed_chunk(folder: Path) -> Path:
     """An MCAP file of one chunk of zeros, which its index tells of."""
-    content = packed() if content is None else content
+    compression, content = b"zstd", packed()
     header = struct.pack("<QQQI", 0, 1, BOMB, 0) + _text(compression) + struct.pack("<Q", len(content))
     chunk = _record(6, header + content)
     start = b"\x89MCAP0\r\n" + _record(1, _text(b"ros2") + _text(b""))

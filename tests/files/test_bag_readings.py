@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from recorded_bag import ODOMETRY, POSE, TF, gas, pose, transforms, wind, write
+from refusals import refused
 
 from taichi_plume.files import bag_readings, bag_topics, bags
 from taichi_plume.files import ros_messages as ros
@@ -98,15 +99,12 @@ LAW: dict[str, Any] = {"raw_air": 5e4, "calib_a": 3.0, "calib_b": -0.7}
 
 def test_resistances_become_ppm(tmp_path):
     ppm = 10.0 * AT
-    told = [
-        (t, "/gas", gas(t, 5e4 * (1 + c * 3.0 ** (-1 / 0.7)) ** -0.7, "ohm", **LAW))
-        for t, c in zip(AT, ppm, strict=True)
-    ]
+    raw = 5e4 * (1 + ppm * 3.0 ** (-1 / 0.7)) ** -0.7
+    told = [(t, "/gas", gas(t, r, "ohm", **LAW)) for t, r in zip(AT, raw, strict=True)]
     (one,) = bag_readings.read(write(tmp_path / "told", [*poses(), *told]))
     np.testing.assert_allclose(one.ppm, ppm, rtol=1e-6)
-    bare = [
-        (t, "/gas", gas(t, 30e3 * (1 + c / 4.32) ** -0.7155, "ohm")) for t, c in zip(AT, ppm, strict=True)
-    ]
+    raw = 30e3 * (1 + ppm / 4.32) ** -0.7155
+    bare = [(t, "/gas", gas(t, r, "ohm")) for t, r in zip(AT, raw, strict=True)]
     (one,) = bag_readings.read(write(tmp_path / "bare", [*poses(), *bare]), Wanted(model="tgs2620", air=30e3))
     np.testing.assert_allclose(one.ppm, ppm, rtol=1e-6)
     for raw, value in ((6e4, 0.0), (0.0, np.nan), (np.nan, np.nan)):
@@ -283,14 +281,8 @@ def test_a_robot_with_several_sensors_goes_one_way(tmp_path):
 
 
 def vectors(topic):
-    return [
-        (
-            t,
-            topic,
-            ros.message("geometry_msgs/msg/Vector3Stamped", header=ros.header(t, ""), vector={"x": 1.0}),
-        )
-        for t in AT
-    ]
+    kind = "geometry_msgs/msg/Vector3Stamped"
+    return [(t, topic, ros.message(kind, header=ros.header(t, ""), vector={"x": 1.0})) for t in AT]
 
 
 def floats(topic):
@@ -324,20 +316,15 @@ LOOP = [(t, "/tf", transforms(t, ("b", "a", 1, 0, 0), ("a", "b", 1, 0, 0))) for 
 )  # fmt: skip
 def test_what_is_not_there_is_told_in_a_line(messages, wanted, told, tmp_path):
     bag = write(tmp_path / "a", messages)
-    with pytest.raises(BagError) as error:
+    with refused(BagError, bag, told):
         bag_readings.read(bag, Wanted(**wanted))
-    assert str(error.value).startswith(f"{bag}: ")
-    assert told in str(error.value)
-    assert "\n" not in str(error.value)
 
 
 def test_vectors_are_wind_only_where_they_say_so(tmp_path):
     assert not read(write(tmp_path / "a", [*readings(), *poses(), *vectors("/force")])).wind.any()
-    np.testing.assert_allclose(
-        read(write(tmp_path / "b", [*readings(), *poses(), *vectors("/wind")])).wind[:, 0], 1.0
-    )
-    wanted = Wanted(wind=("/force",))
-    np.testing.assert_allclose(read(tmp_path / "a", wanted=wanted).wind[:, 0], 1.0)
+    write(tmp_path / "b", [*readings(), *poses(), *vectors("/wind")])
+    for name, wanted in (("b", None), ("a", Wanted(wind=("/force",)))):
+        np.testing.assert_allclose(read(tmp_path / name, wanted=wanted).wind[:, 0], 1.0)
 
 
 def test_what_is_no_bag_is_told_in_a_line(tmp_path):
@@ -354,6 +341,9 @@ def test_what_is_no_bag_is_told_in_a_line(tmp_path):
     (away / "a.mcap").rename(tmp_path / "elsewhere.mcap")
     text = (away / "metadata.yaml").read_text()
     (away / "metadata.yaml").write_text(text.replace("- a.mcap", "- ../elsewhere.mcap"))
+    (tmp_path / "a.csv").write_text("t,x,y,reading\n1,0,0,2\n")
+    with pytest.raises(ReadingsError, match="is no bag, so it has no topics"):
+        read(tmp_path / "a.csv", wanted=Wanted(frame="odom"))
     for name, told in (
         ("missing.mcap", "does not exist"),
         ("folder", "is a folder without metadata.yaml, and so no bag"),
@@ -363,25 +353,8 @@ def test_what_is_no_bag_is_told_in_a_line(tmp_path):
         ("linked", "holds a.mcap, which is no plain file"),
         ("away", "cannot be read: Some database files are missing"),
     ):
-        with pytest.raises(ReadingsError) as error:
+        with refused(ReadingsError, tmp_path / name, told):
             read(tmp_path / name)
-        assert str(error.value).startswith(str(tmp_path / name))
-        assert told in str(error.value)
-        assert "\n" not in str(error.value)
-
-
-def test_options_of_bags_are_of_bags_alone(tmp_path):
-    (tmp_path / "a.csv").write_text("t,x,y,reading\n1,0,0,2\n")
-    with pytest.raises(ReadingsError, match="is no bag, so it has no topics"):
-        read(tmp_path / "a.csv", wanted=Wanted(frame="odom"))
-
-
-def tried(bag):
-    """What is read of a bag, or the line that it was refused with."""
-    try:
-        return read(bag), ""
-    except ReadingsError as error:
-        return None, str(error)
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
@@ -406,10 +379,14 @@ def test_damaged_bags_are_told_in_a_line(storage, tmp_path):
         else:
             del data[rng.integers(len(data)) :]
         victim.write_bytes(data)
-        found, fault = tried(bag)
-        told += bool(fault)
-        assert found is None or np.isfinite(found.place).all()
-        assert not fault or (fault.startswith(str(bag)) and "\n" not in fault and len(fault) < 1000)
+        fault = str(bag)
+        try:
+            assert np.isfinite(read(bag).place).all()
+        except ReadingsError as error:
+            fault, told = str(error), told + 1
+        assert fault.startswith(str(bag))
+        assert "\n" not in fault
+        assert len(fault) < 1000
         shutil.rmtree(bag)
     assert told > 20
 

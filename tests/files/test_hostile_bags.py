@@ -6,6 +6,7 @@ from pathlib import Path
 import hostile_bags as hostile
 import numpy as np
 import pytest
+from refusals import refused
 
 from taichi_plume.files import bag_readings, bags
 from taichi_plume.files.bags import BagError
@@ -36,8 +37,6 @@ def test_each_ends_in_a_line(name: str, told: str, tmp_path: Path, monkeypatch: 
     (tmp_path / "tmp").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
     bag = hostile.ALL[name](tmp_path / "a")
-    with pytest.raises(BagError, match=told) as caught:
+    with refused(BagError, bag, told):
         bag_readings.read(bag)
-    assert str(caught.value).startswith(str(bag))
-    assert "\n" not in str(caught.value)
     assert not list((tmp_path / "tmp").iterdir())  # what was unpacked is gone

@@ -70,10 +70,8 @@ def test_a_run_is_played_back_to_the_printed_digits(tmp_path, monkeypatch):
         return sim
 
     monkeypatch.setattr(assembly, "build", watched)
-    assert (
-        run.main([str(tmp_path / "live.yaml"), "--out", str(tmp_path / "run"), "--quiet", "--no-recording"])
-        == 0
-    )
+    command = [str(tmp_path / "live.yaml"), "--out", str(tmp_path / "run"), "--quiet", "--no-recording"]
+    assert run.main(command) == 0
     frames = read_log(tmp_path / "run" / "plume.pslog")
     assert (len(frames), frames.period, frames.cell) == (5, 0.5, 0.08)
     again = assemble(load_scenario(tmp_path / "play.yaml"), tmp_path)

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from taichi_plume.files import disk, run_folder, table_parts
-from taichi_plume.running import result, robots_table, summary
+from taichi_plume.running import result, robots_table
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring import trials as scores
 from taichi_plume.simulation import Every, Simulation, UnstableError
@@ -201,19 +201,6 @@ def test_a_table_goes_on_where_it_was_saved(tmp_path):
     assert not (tmp_path / "robots.parts").exists()
 
 
-def test_a_damaged_page_is_noticed(tmp_path):
-    sim, table = run_with_table(tmp_path, duration=4)
-    sim.run()
-    table.close()
-    path = tmp_path / "robots.parquet"
-    content = bytearray(path.read_bytes())
-    column = pq.read_metadata(path).row_group(0).column(0)
-    content[column.data_page_offset + column.total_compressed_size // 2] ^= 4
-    path.write_bytes(content)
-    with pytest.raises(OSError, match=r"CRC|checksum"):
-        pq.read_table(path, page_checksum_verification=True)
-
-
 def test_full_disk_is_noticed_before_it_is_full(tmp_path, monkeypatch):
     monkeypatch.setattr(table_parts, "ROW_GROUP", 80)
     sim, table = run_with_table(tmp_path, duration=10)
@@ -294,17 +281,6 @@ def test_result_is_replaced_at_once(tmp_path):
         result.write_result(tmp_path, {"n": 2, "x": object()})
     assert json.loads((tmp_path / "result.json").read_text()) == {"n": 1, "x": None, "y": [None, [0, 1]]}
     assert len(list(tmp_path.iterdir())) == 1
-
-
-def test_summary_tells_the_outcome(tmp_path, capsys):
-    sim = fake_run.simulation(fake_run.scenario(2, duration=9))
-    sim.run()
-    content = result.result(sim, "completed", "", "cpu")
-    (tmp_path / "recording.rrd").touch()
-    summary.print_summary(content, tmp_path)
-    told = capsys.readouterr().out
-    assert "in 2 of 2 trials at least one" in " ".join(told.split())
-    assert f"rerun {tmp_path / 'recording.rrd'}" in told.replace("\n", "")
 
 
 # ---------------------------------------------------------------- scores
