@@ -15,7 +15,7 @@ from taichi_plume import __version__, open_run
 from taichi_plume.cli import export, maps
 from taichi_plume.cli import run as run_command
 from taichi_plume.files import disk
-from taichi_plume.files.bag_readings import Wanted
+from taichi_plume.files.bag_readings import BagOptions
 from taichi_plume.files.readings import read
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.results import bag_of_fields, bag_of_run
@@ -301,7 +301,7 @@ def test_readings_of_the_bag_are_those_of_the_table(run, bag):
         np.testing.assert_allclose(one.wind, there.wind[mine], atol=1e-5)
         away = np.linalg.norm(one.place - there.place[mine], axis=1)
         np.testing.assert_allclose(away, 0.05, atol=1e-6)
-        centre = read(bag, wanted=Wanted((f"/oxides_{k}/gas",), (f"/oxides_{k}/odom",)))
+        centre = read(bag, options=BagOptions((f"/oxides_{k}/gas",), (f"/oxides_{k}/odom",)))
         np.testing.assert_allclose(centre.place, there.place[mine], atol=1e-6)
 
 

@@ -14,7 +14,7 @@ from pydantic_core import PydanticCustomError
 
 from taichi_plume.cli.options import add as shared
 from taichi_plume.cli.options import whole_number
-from taichi_plume.files.bag_readings import UNITS, Wanted
+from taichi_plume.files.bag_readings import UNITS, BagOptions
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import Parser
 from taichi_plume.scenario.facts import facts, purpose
@@ -112,9 +112,9 @@ def _of_bags(group: argparse._ArgumentGroup) -> None:
     add("--upwind", action="store_true", help="Anemometer messages tell where the wind comes from")
 
 
-def wanted(args: argparse.Namespace) -> Wanted:
+def wanted(args: argparse.Namespace) -> BagOptions:
     """What of a bag is read."""
-    return Wanted(
+    return BagOptions(
         tuple(args.topic),
         tuple(args.pose),
         tuple(args.wind),

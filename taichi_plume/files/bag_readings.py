@@ -26,7 +26,7 @@ UNITS = {"ppm": 1.0, "ppb": 1e-3, "ohm": 0.0}
 
 
 @dataclass(frozen=True)
-class Wanted:
+class BagOptions:
     """Options of reading a bag. gas, pose, wind: topics, pose and wind one for each of gas; by default all of the bag.
 
     frame: of positions. sensor: index in a GasSensorArray. units: of gas, if messages give none or wrong units.
@@ -66,38 +66,40 @@ class RecordedRobot:
     topics: str
 
 
-def read(path: Path, wanted: Wanted | None = None) -> list[RecordedRobot]:
+def read(path: Path, options: BagOptions | None = None) -> list[RecordedRobot]:
     """Return the robots of a bag; if lenient, also robots that only have poses. Raises BagError."""
-    return confined(read_here, path, wanted or Wanted())
+    return confined(read_here, path, options or BagOptions())
 
 
-def read_here(path: Path, wanted: Wanted) -> list[RecordedRobot]:
+def read_here(path: Path, options: BagOptions) -> list[RecordedRobot]:
     """Return the same as `read`, in this process without limits. Raises BagError."""
     with opened(path) as bag:
-        if wanted.lenient and not wanted.gas and not bag.of_kind(*GAS):
-            return [_without_gas(bag, topic) for topic in chosen(bag, wanted.pose, POSES, "poses", "--pose")]
-        gas = chosen(bag, wanted.gas, GAS, "gas", "--topic")
-        if wanted.lenient and not wanted.gas:  # one trajectory per robot, however many sensors
+        if options.lenient and not options.gas and not bag.of_kind(*GAS):
+            return [_without_gas(bag, topic) for topic in chosen(bag, options.pose, POSES, "poses", "--pose")]
+        gas = chosen(bag, options.gas, GAS, "gas", "--topic")
+        if options.lenient and not options.gas:  # one trajectory per robot, however many sensors
             gas = [topic for n, topic in enumerate(gas) if robot_name(topic) not in map(robot_name, gas[:n])]
-        for topics, option in ((wanted.pose, "--pose"), (wanted.wind, "--wind")):
+        for topics, option in ((options.pose, "--pose"), (options.wind, "--wind")):
             if topics and len(topics) != len(gas):
                 raise BagError(
                     f"{path}: {option} is given {len(topics)} times for {len(gas)} topics of gas, {listed(gas)}; "
                     "give it once for each, in their order"
                 )
-        readings = [bag.series(topic, _gas_of(bag, topic, wanted)) for topic in gas]
+        readings = [bag.series(topic, _gas_of(bag, topic, options)) for topic in gas]
         stamped = all(series.is_stamped for series in readings)
         poses: dict[str, Series] = {}
         trees: dict[tuple[str, ...], Frames] = {}
         robots = []
         for n, series in enumerate(readings):
-            pose_topic, wind_topic = (topics[n] if topics else None for topics in (wanted.pose, wanted.wind))
+            pose_topic, wind_topic = (
+                topics[n] if topics else None for topics in (options.pose, options.wind)
+            )
             of_frames = tuple(topics_for(bag, series.topic))
             if of_frames not in trees:
                 trees[of_frames] = Frames(bag, stamped, of_frames)
-            source = _Source(bag, wanted, trees[of_frames], stamped)
-            if wanted.frame != Wanted.frame and not pose_topic:
-                source.frames.require(wanted.frame)
+            source = _Source(bag, options, trees[of_frames], stamped)
+            if options.frame != BagOptions.frame and not pose_topic:
+                source.frames.require(options.frame)
             robots.append(_robot(source, series, pose_topic, wind_topic, poses))
         names = [robot.name for robot in robots]
         return [
@@ -110,7 +112,7 @@ class _Source(NamedTuple):
     """A bag, the options of reading it, the transform tree of a robot, and whether times are those of the stamps."""
 
     bag: Bag
-    wanted: Wanted
+    options: BagOptions
     frames: Frames
     stamped: bool
 
@@ -118,15 +120,15 @@ class _Source(NamedTuple):
 def _robot(
     source: _Source, gas: Series, pose_topic: str | None, wind_topic: str | None, poses: dict[str, Series]
 ) -> RecordedRobot:
-    bag, wanted, frames, stamped = source
+    bag, options, frames, stamped = source
     read_at = gas.times(stamped)
-    chain = frames.chain(gas.frame, wanted.frame) if gas.frame and not pose_topic else None
+    chain = frames.chain(gas.frame, options.frame) if gas.frame and not pose_topic else None
     carrier = frames.carrier(chain) if chain else None
     if chain:
         here = frames.pose(chain, read_at)
         t = frames.links[carrier].t if carrier else np.unique(read_at[np.isfinite(read_at)])
         way = frames.pose(chain[chain.index(carrier) :] if carrier else chain, t)
-        places = f"{gas.frame} in {wanted.frame}"
+        places = f"{gas.frame} in {options.frame}"
     else:
         places = pose_topic_of(bag, gas.topic, pose_topic)
         if places not in poses:
@@ -134,13 +136,13 @@ def _robot(
         t, way = _way(poses[places], stamped)
         here = _between(t, way, read_at)
     known = np.isfinite(here.place).all(axis=1) & np.isfinite(read_at)
-    if not known.any() and not wanted.lenient:
+    if not known.any() and not options.lenient:
         spans = [f"{x.min():.10g} to {x.max():.10g} s" if len(x) else "none" for x in (read_at, t)]
         raise BagError(
             f"{bag.path}: no reading of {gas.topic} ({spans[0]}) has a pose of {places} ({spans[1]}) before and "
             "after it; do they have the same clock?"
         )
-    wind_topic = None if wanted.lenient else wind_topic_of(bag, gas.topic, wind_topic)
+    wind_topic = None if options.lenient else wind_topic_of(bag, gas.topic, wind_topic)
     wind = np.zeros((len(read_at), 2))
     if wind_topic:
         wind = _wind(source, wind_topic, read_at, lambda times: _between(t, way, times))
@@ -174,29 +176,29 @@ def _without_gas(bag: Bag, topic: str) -> RecordedRobot:
 # ---------------------------------------------------------------- messages
 
 
-def _gas_of(bag: Bag, topic: str, wanted: Wanted) -> Callable[[ros.Message], Sample]:
+def _gas_of(bag: Bag, topic: str, options: BagOptions) -> Callable[[ros.Message], Sample]:
     """Return the function that reads ppm from the messages of a topic."""
     kind, where = bag.kinds[topic], f"{bag.path}: {topic}"
 
     def ppm(raw: float, units: str, sensor: ros.Message) -> float:
         try:
-            return _ppm(where, raw, units, sensor, wanted)
+            return _ppm(where, raw, units, sensor, options)
         except BagError:
-            if not wanted.lenient:
+            if not options.lenient:
                 raise
             return np.nan
 
     def plain(message: ros.Message) -> Sample:
-        return Sample(0.0, "", [ppm(float(message.data), wanted.units or "ppm", None)])
+        return Sample(0.0, "", [ppm(float(message.data), options.units or "ppm", None)])
 
     def sensor(message: ros.Message) -> Sample:
         units = {code: name for name, code in ros.UNITS.items()}.get(int(message.raw_units), "unknown")
-        value = ppm(float(message.raw), wanted.units or units, message)
+        value = ppm(float(message.raw), options.units or units, message)
         return Sample(stamp_of(message.header), message.header.frame_id, [value])
 
     def array(message: ros.Message) -> Sample:
-        n, count = wanted.sensor, len(message.sensors)
-        if n is None and count != 1 and not (wanted.lenient and count):
+        n, count = options.sensor, len(message.sensors)
+        if n is None and count != 1 and not (options.lenient and count):
             raise BagError(f"{where} has {count} sensors in a message; choose with --sensor N, from 0 on")
         if (n or 0) >= count:
             raise BagError(f"{where} has {count} sensors in a message, and none of number {n}")
@@ -206,7 +208,7 @@ def _gas_of(bag: Bag, topic: str, wanted: Wanted) -> Callable[[ros.Message], Sam
     return {ros.GAS_SENSOR: sensor, ros.GAS_SENSOR_ARRAY: array}.get(kind, plain)
 
 
-def _ppm(where: str, raw: float, units: str, sensor: ros.Message, wanted: Wanted) -> float:
+def _ppm(where: str, raw: float, units: str, sensor: ros.Message, options: BagOptions) -> float:
     """Convert a reading to ppm; sensor: a GasSensor message or None. Raises BagError.
 
     A resistance by the law of ros_messages: c = c0 ((R / R_air)^(1 / calib_b) - 1).
@@ -220,9 +222,9 @@ def _ppm(where: str, raw: float, units: str, sensor: ros.Message, wanted: Wanted
     known = vars(sensor) if sensor else {}
     # in ROS 1 these names end in a capital
     a, b = (float(known.get(f"calib_{k}", known.get(f"calib_{k.upper()}", 0.0))) for k in "ab")
-    air = wanted.air or float(known.get("raw_air", 0.0))
-    if wanted.model:
-        law = MOX_MODELS[wanted.model]
+    air = options.air or float(known.get("raw_air", 0.0))
+    if options.model:
+        law = MOX_MODELS[options.model]
         c0, b = law.c0, -law.b
     elif a > 0.0 and b < 0.0:
         c0 = a ** (-1.0 / b)
@@ -275,12 +277,12 @@ def _wind(source: _Source, topic: str, read_at: np.ndarray, body: Callable[[np.n
 
     body: pose of the robot at some times, whose heading is taken if the frame of the messages is not connected.
     """
-    bag, wanted, frames, stamped = source
+    bag, options, frames, stamped = source
     kind = bag.kinds[topic]
 
     def get(message: ros.Message) -> Sample:
         if kind == ros.ANEMOMETER:
-            to = message.wind_direction + (np.pi if wanted.upwind else 0.0)
+            to = message.wind_direction + (np.pi if options.upwind else 0.0)
             x, y = message.wind_speed * np.cos(to), message.wind_speed * np.sin(to)
         else:
             vector = message.vector if kind == WINDS[1] else message.twist.linear
@@ -290,8 +292,8 @@ def _wind(source: _Source, topic: str, read_at: np.ndarray, body: Callable[[np.n
     series = bag.series(topic, get)
     t = series.times(stamped and series.is_stamped)
     wind = series.values
-    if series.frame.lstrip("/") not in ("", wanted.frame):
-        chain = frames.chain(series.frame, wanted.frame)
+    if series.frame.lstrip("/") not in ("", options.frame):
+        chain = frames.chain(series.frame, options.frame)
         heading = (frames.pose(chain, t) if chain else body(t)).heading
         c, s = np.cos(heading), np.sin(heading)
         wind = np.stack([c * wind[:, 0] - s * wind[:, 1], s * wind[:, 0] + c * wind[:, 1]], axis=-1)

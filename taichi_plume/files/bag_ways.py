@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from taichi_plume.files import bag_readings, bags
-from taichi_plume.files.bag_readings import Wanted
+from taichi_plume.files.bag_readings import BagOptions
 from taichi_plume.files.readings import MOST
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.opening import unopenable
 
-OF_RUN = ("t", "group", "trial", "robot", "x", "y", "heading", "reading_ppm")
+OF_RUN = ("t", "x", "y", "heading", "reading_ppm")
 KEYS = {"--topic": "topics", "--pose": "poses"}  # options of the maps command, and the keys of a scenario
 
 
@@ -50,7 +50,9 @@ def read(
     if reason:
         raise WayError(f"{path}: {reason}")
     try:
-        ways = _of_bag(path, Wanted(topics, poses, frame=frame, lenient=True)) if is_bag else _of_run(path)
+        ways = (
+            _of_bag(path, BagOptions(topics, poses, frame=frame, lenient=True)) if is_bag else _of_run(path)
+        )
     except (bags.BagError, RunFolderError) as error:
         text = str(error)
         for option, key in KEYS.items():
@@ -72,34 +74,21 @@ def read(
     return ways
 
 
-def _of_bag(path: Path, wanted: Wanted) -> list[Way]:
-    robots = bag_readings.read(path, wanted)
+def _of_bag(path: Path, options: BagOptions) -> list[Way]:
+    robots = bag_readings.read(path, options)
     return [_way(r.name, r.t, r.place, r.heading, r.read_at, r.ppm) for r in robots]
 
 
 def _of_run(path: Path) -> list[Way]:
     """Return the trajectories of the first trial of a run."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     from taichi_plume.files import table_parts
 
-    rows = table_parts.batches(path, OF_RUN, optional=("z",))  # of drones
-    kept = [batch.filter(pc.equal(batch["trial"], 0)) for batch in rows]
-    table = pa.Table.from_batches(kept).unify_dictionaries()
-    groups = np.array(table["group"].cast(pa.string()).to_pylist(), object)
-    columns = {name: table[name].to_numpy() for name in table.column_names if name != "group"}
-    columns["z"] = np.nan_to_num(columns.get("z", np.zeros(len(table))))  # 0 on the floor
     ways = []
-    for group in dict.fromkeys(groups):
-        for number in np.unique(columns["robot"][groups == group]):
-            rows = np.flatnonzero((groups == group) & (columns["robot"] == number))
-            t, x, y, z, heading, ppm = (
-                columns[name][rows].astype(float) for name in ("t", "x", "y", "z", "heading", "reading_ppm")
-            )
-            measured = t > 0.0
-            place = np.stack([x, y, z], axis=-1)
-            ways.append(_way(f"{group} {number}", t, place, heading, t[measured], ppm[measured]))
+    for (group, number), columns in table_parts.robots_of(path, OF_RUN, 0)[0].items():
+        t, x, y, z, heading, ppm = (columns[name].astype(float) for name in (*OF_RUN[:3], "z", *OF_RUN[3:]))
+        measured = t > 0.0
+        place = np.stack([x, y, z], axis=-1)
+        ways.append(_way(f"{group} {number}", t, place, heading, t[measured], ppm[measured]))
     return ways
 
 

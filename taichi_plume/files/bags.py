@@ -127,9 +127,9 @@ def confined(function: Callable[..., Any], path: Path, *args: Any) -> Any:
     A bag may be compressed to a thousandth, hold endless queries (SQLite) or sequences of any length. Raises BagError.
     """
     check(path)
-    files = [path] if not path.is_dir() else [one for one in path.iterdir() if one.is_file()]
+    files = [path] if not path.is_dir() else [file for file in path.iterdir() if file.is_file()]
     try:
-        size = sum(one.stat().st_size for one in files)
+        size = sum(file.stat().st_size for file in files)
     except OSError as error:
         raise BagError(f"{path}: cannot be read: {error.strerror or error}") from None
     unpacked = UNPACKED + UNPACKED_PER_BYTE * size
@@ -137,7 +137,7 @@ def confined(function: Callable[..., Any], path: Path, *args: Any) -> Any:
         SECONDS + SECONDS_PER_MIB * size / MIB,
         MEMORY + MEMORY_PER_BYTE * size,
         opens=True,
-        written=unpacked // max(1, sum(one.suffix == ".zstd" for one in files)),
+        written=unpacked // max(1, sum(file.suffix == ".zstd" for file in files)),
     )
     with TemporaryDirectory(prefix="taichi_plume_bag_") as folder:  # rosbags unpacks files there
         try:

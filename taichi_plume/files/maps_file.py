@@ -102,9 +102,9 @@ def read(path: Path) -> "list[xarray.Dataset]":
     """Read the maps of a run into memory. Raises RunFolderError if the file is foreign or incomplete."""
     with opened(path) as groups:
         maps = [_loaded(path, group) for group in groups]
-        for n, one in enumerate(maps):
-            if tuple(one["estimate"].dims) != WHOLE:
-                raise ValueError(f"map {n} has an estimate of {one['estimate'].dims}")
+        for n, gas_map in enumerate(maps):
+            if gas_map["estimate"].dims != WHOLE:
+                raise ValueError(f"map {n} has an estimate of {gas_map['estimate'].dims}")
     return maps
 
 

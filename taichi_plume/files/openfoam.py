@@ -89,7 +89,7 @@ def _parts(case: Path, time: str = "") -> list[Path]:
 
 def _times(part: Path) -> dict[float, str]:
     try:
-        names = [one.name for one in part.iterdir() if TIME.fullmatch(one.name)]
+        names = [entry.name for entry in part.iterdir() if TIME.fullmatch(entry.name)]
     except OSError as error:
         raise WindFileError(f"{part}: cannot be read: {error.strerror or error}") from None
     return {float(name): name for name in names if exists(part / name / "U")}

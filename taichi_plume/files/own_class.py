@@ -146,7 +146,7 @@ def failures_told(path: Path) -> Iterator[None]:
         raise
     except BaseException as error:
         if isinstance(error, Exception | SystemExit | GeneratorExit) or _raised_in(error, path):
-            raise OwnAlgorithmError(told(error, path)) from error
+            raise OwnAlgorithmError(_one_line(error, path)) from error
         raise
 
 
@@ -164,7 +164,7 @@ def _raised_in(error: BaseException, path: Path) -> bool:
     )
 
 
-def told(error: BaseException, path: Path) -> str:
+def _one_line(error: BaseException, path: Path) -> str:
     """Return the error in one line, with the line in the user's file."""
     frames = traceback.extract_tb(error.__traceback__)
     lines = [frame.lineno for frame in frames if Path(frame.filename).name == path.name]

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from taichi_plume.files import bag_readings, bags, manifest
-from taichi_plume.files.bag_readings import Wanted
+from taichi_plume.files.bag_readings import BagOptions
 from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, listed, plain
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.opening import unopenable
@@ -54,16 +54,16 @@ class Readings:
 
 
 def read(
-    path: str | Path, trial: int | None = None, group: str | None = None, wanted: Wanted | None = None
+    path: str | Path, trial: int | None = None, group: str | None = None, options: BagOptions | None = None
 ) -> Readings:
     """Return the readings of a file: of one trial, by default the first, and of one group, by default all.
 
-    wanted: options of a bag. Raises ReadingsError.
+    options: of a bag. Raises ReadingsError.
     """
     path, topics = Path(path), ()
     if bags.is_bag(path):
-        names, known, topics = _bag(path, wanted)
-    elif wanted is not None and wanted != Wanted():
+        names, known, topics = _bag(path, options)
+    elif options is not None and options != BagOptions():
         raise ReadingsError(f"{path}: is no bag, so it has no topics, frames and units to choose")
     else:
         names, known = _parquet(path) if path.suffix.lower() == ".parquet" else _csv(path)
@@ -96,10 +96,12 @@ def read(
     )
 
 
-def _bag(path: Path, wanted: Wanted | None) -> tuple[dict[str, str], dict[str, np.ndarray], tuple[str, ...]]:
+def _bag(
+    path: Path, options: BagOptions | None
+) -> tuple[dict[str, str], dict[str, np.ndarray], tuple[str, ...]]:
     """Return the readings of a bag's robots as the columns of a CSV, and a line on each robot."""
     try:
-        robots = bag_readings.read(path, wanted)
+        robots = bag_readings.read(path, options)
     except bags.BagError as error:
         raise ReadingsError(str(error)) from None
     rows = [

@@ -143,9 +143,9 @@ def _value(kind: tuple[Any, Any], given: Any) -> Any:
     return np.ascontiguousarray(values, dtype=what[0]).ravel()
 
 
-def encode(one: Message) -> bytes:
+def encode(message: Message) -> bytes:
     """Serialise a message to CDR."""
-    return bytes(store().serialize_cdr(one, one.__msgtype__))
+    return bytes(store().serialize_cdr(message, message.__msgtype__))
 
 
 def decode(name: str, data: bytes) -> Message:

@@ -157,9 +157,10 @@ class RunFolder:
     def _check(self, force: bool, inputs: Sequence[Path]) -> None:
         if not any(file.name not in (LOCK, CHECK) for file in self.path.iterdir()):
             return
-        held = held_input(self.path, inputs)
-        if held is not None:
-            raise RunFolderError(f"{self.path}: holds {held}, which this run reads; choose another --out")
+        here = self.path.resolve()
+        for file in inputs:
+            if here in (file.resolve(), *file.resolve().parents):
+                raise RunFolderError(f"{self.path}: holds {file}, which this run reads; choose another --out")
         if not force:
             raise RunFolderError(
                 f"{self.path}: is not empty; choose another --out or add --force to overwrite"
@@ -236,12 +237,6 @@ def told(file: Path) -> dict[str, Any]:
     except (OSError, ValueError, RecursionError):
         return {}
     return content if isinstance(content, dict) else {}
-
-
-def held_input(folder: Path, inputs: Sequence[Path]) -> Path | None:
-    """Return the first of the files that lies in the folder, if any."""
-    there = folder.resolve()
-    return next((file for file in inputs if there in (file.resolve(), *file.resolve().parents)), None)
 
 
 def remove(file: Path) -> None:

@@ -188,6 +188,33 @@ def read(path: Path) -> pa.Table:
     return pa.Table.from_batches([first, *rest], first.schema).unify_dictionaries()
 
 
+def robots_of(
+    path: Path, columns: Sequence[str], trial: int
+) -> tuple[dict[tuple[str, int], dict[str, np.ndarray]], set[int]]:
+    """Return columns of robots.parquet in order of time by group and number of the robot, and the trials in the table.
+
+    The result also has z, 0 for ground robots. Raises RunFolderError.
+    """
+    trials: set[int] = set()
+    kept = []
+    for batch in batches(path, ("group", "trial", "robot", *columns), optional=("z",)):
+        trials.update(pc.unique(batch["trial"]).to_pylist())
+        kept.append(batch.filter(pc.equal(batch["trial"], trial)))
+    table = pa.Table.from_batches(kept).unify_dictionaries().sort_by("t")
+    groups, numbers = (
+        np.array(table["group"].cast(pa.string()).to_pylist(), object),
+        table["robot"].to_numpy(),
+    )
+    values = {name: table[name].to_numpy() for name in table.column_names[3:]}
+    values["z"] = np.nan_to_num(values.get("z", np.zeros(len(table))))
+    robots = {}
+    for group in dict.fromkeys(groups):
+        for number in np.unique(numbers[groups == group]).tolist():
+            rows = np.flatnonzero((groups == group) & (numbers == number))
+            robots[group, number] = {name: column[rows] for name, column in values.items()}
+    return robots, trials
+
+
 def join(path: Path, names: Mapping[str, pa.Array] | None = None) -> None:
     """Join the parts of a table to the file `path`, and remove the parts.
 

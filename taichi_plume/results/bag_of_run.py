@@ -43,10 +43,7 @@ from taichi_plume.scenario.gas_sensors import GasSensor
 from taichi_plume.scenario.metal_oxides import MOX_MODELS, MoxSensor
 from taichi_plume.scenario.robots import Group
 
-COLUMNS = (
-    "t", "group", "trial", "robot", "x", "y", "heading", "wind_x", "wind_y", "believed_x", "believed_y",
-    "believed_heading",
-)  # fmt: skip
+COLUMNS = ("t", "x", "y", "heading", "wind_x", "wind_y", "believed_x", "believed_y", "believed_heading")
 ODOMETRY, POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped"
 CLOCK = "rosgraph_msgs/msg/Clock"
 LATEST = 2**31 - 1  # s, the largest time of ROS
@@ -153,39 +150,24 @@ def _robots(run: Run, trial: int) -> list[Robot]:
     """Return the robots of a trial. Raises RunFolderError if the table has no such trial."""
     if not run.scenario.robots:
         return []
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     from taichi_plume.files import table_parts
 
-    path = run.folder / "robots.parquet"
-    trials: set[int] = set()
-    batches = []
-    noses = range(max(len(group.sensors.noses) for group in run.scenario.robots))
+    path, groups = run.folder / "robots.parquet", run.scenario.robots
+    noses = range(max(len(group.sensors.noses) for group in groups))
     sensed = [_column(k, unit) for k in noses for unit in ("ppm", "ohm")]
-    flown = ["z"] if any(group.body.flies for group in run.scenario.robots) else []
-    wanted = (*COLUMNS, *sensed, *flown)
-    for batch in table_parts.batches(path, wanted):
-        trials.update(pc.unique(batch["trial"]).to_pylist())
-        batches.append(batch.filter(pc.equal(batch["trial"], trial)))
+    tables, trials = table_parts.robots_of(path, (*COLUMNS, *sensed), trial)
     if trial not in trials:
         hint = f"the last is {max(trials)}" if trials else "it has no row"
         raise RunFolderError(f"{path}: has no trial {trial}; {hint}")
-    table = pa.Table.from_batches(batches).unify_dictionaries()
-    groups, numbers = np.array(table["group"].cast(pa.string()).to_pylist()), table["robot"].to_numpy()
-    columns = {name: table[name].to_numpy() for name in wanted if name not in ("group", "trial", "robot")}
-    columns.setdefault("z", np.zeros(len(numbers)))
-    columns["z"] = np.nan_to_num(columns["z"])  # 0 on the floor
     robots: list[Robot] = []
-    words = [ros.word(group.name) for group in run.scenario.robots]
-    for n, group in enumerate(run.scenario.robots):
+    words = [ros.word(group.name) for group in groups]
+    for n, group in enumerate(groups):
         called = words[n] if words.count(words[n]) == 1 else f"{words[n]}_{n}"
-        for number in range(group.count):
-            rows = np.flatnonzero((groups == group.name) & (numbers == number))
-            rows = rows[np.argsort(columns["t"][rows], kind="stable")]
-            if len(rows):
-                table = {name: values[rows] for name, values in columns.items()}
-                robots.append(Robot(f"{called}_{number}", number, group, table))
+        robots += [
+            Robot(f"{called}_{number}", number, group, tables[group.name, number])
+            for number in range(group.count)
+            if (group.name, number) in tables
+        ]
     return robots
 
 

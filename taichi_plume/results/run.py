@@ -148,10 +148,7 @@ class Run:
 
     @cached_property
     def fields(self) -> "xarray.Dataset":
-        """Wind, gas and temperature at the cell centres over time, recorded by `fields` in the scenario.
-
-        Raises RunFolderError if the scenario has no `fields`.
-        """
+        """Wind, gas and temperature at the cell centres over time, recorded by `fields` in the scenario."""
         return _film(self._path("fields"))
 
     @cached_property
@@ -196,8 +193,6 @@ class Run:
         from taichi_plume.files import maps_file
 
         return maps_file.read_beliefs(self._path("maps"))
-
-    # ------------------------------------------------------------ for reports, pictures and films
 
     @property
     def status(self) -> str:

@@ -107,11 +107,10 @@ def test_files_that_are_no_movies(tmp_path):
     cases.append((tmp_path / "text.npy", given, "is no movie"))
     (tmp_path / "folder").mkdir()
     cases.append((tmp_path / "folder", given, "neither an array nor a group"))
-    for make in (npy_of, hdf5_of):
-        whole = make(tmp_path / f"whole_{make.__name__}.npy", PICTURES)
-        cut = tmp_path / f"cut_{make.__name__}"
-        cut.write_bytes(whole.read_bytes()[:-40])
-        cases.append((cut, given, "cannot be read"))
+    for make, name in ((npy_of, "cut.npy"), (hdf5_of, "cut.h5")):
+        path = make(tmp_path / name, PICTURES)
+        path.write_bytes(path.read_bytes()[:-40])
+        cases.append((path, given, "cannot be read"))
     for path, keys, said in cases:
         with refused(FilmError, path, said):
             movie(path, **keys)
