@@ -55,9 +55,7 @@ class AirFilm:
     def frame(self, n: int) -> dict[str, np.ndarray]:
         """Return the variables at tick n, axes (x, y, z). Raises AirFilmError."""
         if not 0 <= n < self.frames:
-            raise AirFilmError(
-                f"{self.path}: tick {n} is not in the film, which ends at tick {self.frames - 1}"
-            )
+            raise AirFilmError(f"{self.path}: has no tick {n}; ends at tick {self.frames - 1}")
         block, at = divmod(n, CHUNK)
         return {name: values[at].T for name, values in self._block(block).items()}
 

@@ -91,9 +91,8 @@ def read_here(path: Path, options: BagOptions) -> list[RecordedRobot]:
         trees: dict[tuple[str, ...], Frames] = {}
         robots = []
         for n, series in enumerate(readings):
-            pose_topic, wind_topic = (
-                topics[n] if topics else None for topics in (options.pose, options.wind)
-            )
+            pose_topic = options.pose[n] if options.pose else None
+            wind_topic = options.wind[n] if options.wind else None
             of_frames = tuple(topics_for(bag, series.topic))
             if of_frames not in trees:
                 trees[of_frames] = Frames(bag, stamped, of_frames)
@@ -214,9 +213,7 @@ def _ppm(where: str, raw: float, units: str, sensor: ros.Message, options: BagOp
     A resistance by the law of ros_messages: c = c0 ((R / R_air)^(1 / calib_b) - 1).
     """
     if units not in UNITS:
-        raise BagError(
-            f"{where} tells gas in units that are not ppm, ppb or ohm ({units}); choose with --units"
-        )
+        raise BagError(f"{where} tells gas in units that are not ppm, ppb or ohm ({units}); give --units")
     if units != "ohm":
         return raw * UNITS[units]
     known = vars(sensor) if sensor else {}

@@ -50,9 +50,8 @@ def read(
     if reason:
         raise WayError(f"{path}: {reason}")
     try:
-        ways = (
-            _of_bag(path, BagOptions(topics, poses, frame=frame, lenient=True)) if is_bag else _of_run(path)
-        )
+        options = BagOptions(topics, poses, frame=frame, lenient=True)
+        ways = _of_bag(path, options) if is_bag else _of_run(path)
     except (bags.BagError, RunFolderError) as error:
         text = str(error)
         for option, key in KEYS.items():
@@ -68,9 +67,7 @@ def read(
         ):
             largest = float(np.abs(values).max(initial=0.0))
             if largest > most:
-                raise WayError(
-                    f"{path}: a {what} of {way.name} is {largest:g}, a mistake: at most {most:g} is taken"
-                )
+                raise WayError(f"{path}: a {what} of {way.name} is {largest:g}, a mistake: at most {most:g}")
     return ways
 
 

@@ -26,9 +26,7 @@ LONGEST_METADATA = 1 << 20  # characters of one text in it, such as the qualitie
 SECONDS, SECONDS_PER_MIB = 4.0, 20.0  # computing time to read a bag
 MEMORY, MEMORY_PER_BYTE = 512 * MIB, 64
 UNPACKED, UNPACKED_PER_BYTE = 64 * MIB, 200  # limits of compressed files, unpacked on the disk
-FAULTS = (
-    Exception,
-)  # rosbags raises anything: assertions, keys, errors of SQLite, of decompression, of YAML
+FAULTS = (Exception,)  # rosbags raises errors of any kind, such as of SQLite, decompression and YAML
 OLD_NAMES = {  # of ROS 1, and of older packages
     "olfaction_msgs/msg/gas_sensor": ros.GAS_SENSOR,
     "olfaction_msgs/msg/gas_sensor_array": ros.GAS_SENSOR_ARRAY,
@@ -111,9 +109,7 @@ class Bag:
             )
         if self.kinds[topic] not in kinds:
             allowed = ", ".join(kind.replace("/msg/", "/") for kind in kinds)
-            raise BagError(
-                f"{self.path}: '{topic}' is of type {self.kinds[topic]}; {allowed} can be used here"
-            )
+            raise BagError(f"{self.path}: '{topic}' is of type {self.kinds[topic]}; {allowed} can be used")
 
 
 def is_bag(path: Path) -> bool:
@@ -168,9 +164,7 @@ def opened(path: Path) -> Iterator[Bag]:
     except (BagError, KeyboardInterrupt):
         raise
     except MemoryError:
-        raise BagError(
-            f"{path}: cannot be read: needs too much memory for its size; is it damaged?"
-        ) from None
+        raise BagError(f"{path}: cannot be read: too much memory for its size; is it damaged?") from None
     except FAULTS as error:
         raise BagError(f"{path}: cannot be read: {plain(str(error)) or type(error).__name__}") from None
 

@@ -115,13 +115,9 @@ class Film:
         self.attributes = group.attributes
         made = self.attributes.get("format")
         if made != FORMAT and str(made).startswith(EARLIER):
-            raise FilmError(
-                f"{path}: was written by another version of taichi_plume ({made}); record it again"
-            )
+            raise FilmError(f"{path}: was written by another version of taichi_plume ({made}); record again")
         if made != FORMAT:
-            raise FilmError(
-                f"{path}: was not written by a run of taichi_plume (its format is not '{FORMAT}')"
-            )
+            raise FilmError(f"{path}: was not written by a run of taichi_plume (format is not '{FORMAT}')")
         with errors_as(FilmError, path):
             self.shape: tuple[int, ...] = tuple(int(_positive(n, "shape")) for n in self.attributes["shape"])
             self.dx = _positive(self.attributes["spacing"], "spacing")
@@ -170,9 +166,7 @@ class Film:
                 pieces = math.prod(-(-n // k) for n, k in zip(size, array.chunks[1:], strict=True))
                 stored = min(array.shape[0], stored * array.chunks[0] // pieces)
         if stored < (frames or 1):
-            raise FilmError(
-                f"{self.path}: is not whole: {name} has {stored} of {frames or 1} frames; copy all of it"
-            )
+            raise FilmError(f"{self.path}: {name} has {stored} of {frames or 1} frames; copy all of it")
 
     @property
     def wind(self) -> list[str]:

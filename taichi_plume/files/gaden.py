@@ -87,9 +87,8 @@ def _cells(file: TextFile, shape: tuple[int, ...]) -> np.ndarray:
             if len(values) != shape[1] or not set(values) <= {"0", "1", "2"}:
                 raise file.wrong(n, f"must be {shape[1]} numbers of 0, 1 and 2")
             rows.append(np.array(values, np.int8))
-    expected = [
-        shape[0] * (layer + 1) for layer in range(min(shape[2], len(rows)))
-    ]  # a header may claim billions
+    layers = min(shape[2], len(rows))  # a header may claim billions
+    expected = [shape[0] * (layer + 1) for layer in range(layers)]
     if len(rows) != shape[0] * shape[2] or ends not in (expected, expected[:-1]):
         raise WindFileError(
             f"{file.path}: has {len(rows)} rows and {len(ends)} semicolons, not {shape[0]} rows in each of {shape[2]} "
@@ -156,9 +155,8 @@ class Cubes(Shape):
         within = [np.flatnonzero((x > 0.0) & (x < most)) for x, most in zip(places, extent, strict=True)]
         solid = self.solid[np.ix_(*within)]
         if solid.ndim == 3:
-            top = np.logical_and.accumulate(solid[:, :, ::-1], axis=2)[
-                :, :, ::-1
-            ]  # solid from here to the top
+            # solid from here to the top
+            top = np.logical_and.accumulate(solid[:, :, ::-1], axis=2)[:, :, ::-1]
             solid = solid & ~(top & ~top[:, :, :1])
         seen = np.nonzero(solid & (ndimage.binary_erosion(solid) == 0))
         return np.stack([x[w][n] for x, w, n in zip(places, within, seen, strict=True)], axis=-1)

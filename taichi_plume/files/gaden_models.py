@@ -109,9 +109,7 @@ class Work:
         """Count pairs before they are tested. Raises WindFileError."""
         self.pairs += pairs
         if self.pairs > MOST_PAIRS:
-            raise WindFileError(
-                f"{self.path}: its models have too many triangles for cells of {self.size:g} m"
-            )
+            raise WindFileError(f"{self.path}: too many triangles for cells of {self.size:g} m")
 
 
 def _filled(path: Path, cubes: np.ndarray, seed: tuple[int, ...], low: np.ndarray, size: float) -> Occupancy:

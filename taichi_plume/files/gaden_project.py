@@ -97,9 +97,7 @@ def expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[s
     try:
         require_inside(folder / name)
     except OSError as error:
-        raise ScenarioError(
-            [f"gaden: {name} {error.strerror}; or put the scenario beside the project"]
-        ) from None
+        raise ScenarioError([f"gaden: {name} {error.strerror}; or put both into one folder"]) from None
     project = _found(folder / name)
     own = {key: value for key, value in data.items() if key != "gaden"}
     return _merged(_scenario(project, folder, _corner(own)), own), project.notes
@@ -184,9 +182,7 @@ def _wind_files(project: _Project, folder: Path) -> str:
 def _scenario(project: _Project, folder: Path, corner: np.ndarray | None) -> dict[str, Any]:
     """Return the scenario of a project; corner: lower corner of the domain [m], by default that of the room."""
     if project.config.get("uniformWind") is True:
-        raise project.wrong(
-            "its wind is uniform, which blows through walls; give a wind of kind cfd and a domain"
-        )
+        raise project.wrong("its wind is uniform, also in walls; give a wind of kind cfd and a domain")
     occupancy = project.home / OCCUPANCY
     if not occupancy.exists():
         if not project.config:
@@ -293,7 +289,5 @@ def _species(project: _Project, name: str) -> tuple[str, float]:
     """Return the name of a gas in a scenario, and its molar mass [kg/mol]."""
     ours = OURS.get(name, name.replace(" ", "_"))
     if ours not in SPECIES:
-        raise project.wrong(
-            f"its gas is {name}, which has no molar mass of its own here; choose another gasType"
-        )
+        raise project.wrong(f"its gas is {name}, which has no molar mass; choose another gasType")
     return ours, SPECIES[ours].molar_mass

@@ -59,9 +59,7 @@ class Movie:
         if pieces > MOST_CHUNKS:
             raise FilmError(f"{path}: has {pieces} chunks in a frame; at most {MOST_CHUNKS}")
         if np.prod(chunks, dtype=float) * kind.itemsize > LARGEST_CHUNK:
-            raise FilmError(
-                f"{path}: has chunks of {chunks}, over {LARGEST_CHUNK >> 30} GiB; make them smaller"
-            )
+            raise FilmError(f"{path}: has chunks of {chunks}, over {LARGEST_CHUNK >> 30} GiB; use smaller")
         self.shape = shape
         rate = model.frame_rate or self._positive(known, "fps", "frame_rate")
         self.pixel = model.pixel or self._positive(known, "pixel_to_grid", "pixel")

@@ -56,11 +56,9 @@ class Network:
     def fault(self, entries: int, numbers: int) -> str | None:
         """Return an error if the network does not fit observations and actions of so many numbers."""
         if self.entries not in (None, entries):
-            what = (
-                f"takes {self.entries} numbers, but an observation has {entries}; observe, memory and history"
-            )
+            what = f"takes {self.entries} numbers, an observation has {entries}; observe, memory and history"
         elif self.numbers not in (None, numbers):
-            what = f"gives {self.numbers} numbers, but an action has {numbers}; act and declares"
+            what = f"gives {self.numbers} numbers, an action has {numbers}; act and declares"
         else:
             return None
         return f"{self.path}: {what} have to be those it was learnt with"
@@ -118,9 +116,7 @@ def _evaluator(path: Path, content: bytes) -> tuple[_Evaluator, list[_End], list
             message = " ".join(str(error).split())
             what = f"is no network of ONNX that can be run: {visible(message, SHOWN)}"
             if any(text in message.lower() for text in EXTERNAL):
-                what = (
-                    "its weights lie in another file (external data), which is not read; export into one file"
-                )
+                what = "its weights lie in another file (external data); export the network into one file"
             raise NetworkError(f"{path}: {what}") from None
     return found, *found.ends
 

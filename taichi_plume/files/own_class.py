@@ -129,9 +129,7 @@ def _acts(node: ast.ClassDef) -> bool:
     assigned = [
         target for statement in node.body if isinstance(statement, ast.Assign) for target in statement.targets
     ]
-    return "act" in functions or any(
-        isinstance(target, ast.Name) and target.id == "act" for target in assigned
-    )
+    return "act" in (*functions, *(target.id for target in assigned if isinstance(target, ast.Name)))
 
 
 # ---------------------------------------------------------------- failures

@@ -145,9 +145,7 @@ def _parquet(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             names = _picked(path, file.schema_arrow.names)
             if file.metadata.num_rows > MOST_ROWS:  # a page of equal values takes a few bytes
-                raise ReadingsError(
-                    f"{path}: has {file.metadata.num_rows:,} rows; at most {MOST_ROWS:,} are read"
-                )
+                raise ReadingsError(f"{path}: has {file.metadata.num_rows:,} rows; at most {MOST_ROWS:,}")
             table = file.read(columns=list(names.values()))
     except ReadingsError:
         raise

@@ -47,9 +47,8 @@ def write(path: Path, data: "xarray.Dataset", read: Reading) -> Iterator[int]:
             array = cells.create_dataset(name, (count, *size), np.float32, chunks=(1, *size), **PACKED)
             about = data["u" if name == "wind" else name].attrs
             array.attrs["units"] = about.get("units", "1")
-            array.attrs["long_name"] = (
-                "velocity of the air" if name == "wind" else about.get("long_name", name)
-            )
+            meaning = "velocity of the air" if name == "wind" else about.get("long_name", name)
+            array.attrs["long_name"] = meaning
             if not moving:
                 array[0] = read(name, 0).reshape(size)
         _steps(root, data["time"].values, offsets)

@@ -119,9 +119,7 @@ def read(path: Path) -> Points:
     far = np.abs(values[:, :dim]).max(axis=1)
     table.refuse(far > FARTHEST, lambda row: f"{far[row]:.3g} m is no place; at most {FARTHEST:g} m")
     speed = np.abs(values[:, dim : 2 * dim]).max(axis=1)
-    table.refuse(
-        speed >= FASTEST, lambda row: f"{speed[row]:.3g} m/s is no speed of air; leave such points out"
-    )
+    table.refuse(speed >= FASTEST, lambda row: f"{speed[row]:.3g} m/s is no speed of air; leave it out")
     if len(values) < 2**dim:
         raise WindFileError(f"{path}: has {len(values)} points, too few")
     eddies = np.maximum(values[:, 2 * dim], 0.0) if len(taken) > 2 * dim else None

@@ -115,9 +115,7 @@ class Group:
             )
         pieces = math.prod(-(-n // size) for n, size in zip(array.shape[1:], array.chunks[1:], strict=True))
         if pieces > MOST_CHUNKS:
-            raise GroupError(
-                f"{where}: has {pieces} chunks along its axes but the first; at most {MOST_CHUNKS}"
-            )
+            raise GroupError(f"{where}: has {pieces} chunks along axes but the first; at most {MOST_CHUNKS}")
         return array
 
 
@@ -249,9 +247,7 @@ def require_memory(arrays: Mapping[str, Array]) -> None:
     needed = sum(math.prod(array.shape) * array.dtype.itemsize for array in arrays.values())
     free = psutil.virtual_memory().available
     if needed > free:
-        raise ValueError(
-            f"its arrays take {needed / 1e9:.3g} GB of memory, of which {free / 1e9:.3g} GB are free"
-        )
+        raise ValueError(f"its arrays take {needed / 1e9:.3g} GB of memory, {free / 1e9:.3g} GB are free")
 
 
 def reason(error: Exception) -> str:

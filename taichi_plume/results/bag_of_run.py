@@ -76,9 +76,7 @@ def write(run: Run, out: Path, choice: Choice, force: bool = False) -> list[Path
         raise RunFolderError(f"{run.folder}: has neither robots nor fields, so there is nothing for a bag")
     end = choice.begin + float(run.scenario.duration)
     if not end < LATEST:
-        raise RunFolderError(
-            f"{run.folder}: ends at {end:g} s; ROS takes less than {LATEST} s: lower --begin"
-        )
+        raise RunFolderError(f"{run.folder}: ends at {end:g} s; ROS takes under {LATEST} s: lower --begin")
     facts = {robot.name: f"robot {robot.number} of {robot.group.name}" for robot in robots}
     facts |= {"name": run.scenario.name, "trial": str(choice.trial), "made_by": f"taichi_plume {__version__}"}
     try:
@@ -182,9 +180,8 @@ def _still(run: Run, robots: list[Robot], allow_outside: bool) -> Iterator[Stamp
 
 def _believed(table: dict[str, np.ndarray], n: int) -> tuple[dict[str, float], float]:
     """Return position and heading that the robot believes in row n."""
-    place = {
-        axis: float(table[name][n]) for axis, name in (("x", "believed_x"), ("y", "believed_y"), ("z", "z"))
-    }
+    names = {"x": "believed_x", "y": "believed_y", "z": "z"}
+    place = {axis: float(table[name][n]) for axis, name in names.items()}
     return place, float(table["believed_heading"][n])
 
 

@@ -33,9 +33,7 @@ def of_film(
     try:
         grid, solid = Grid.of(scenario.domain), film.still("air") <= 0.0
         if film.shape != grid.shape:
-            raise FilmError(
-                f"{film.path}: has {film.shape} cells, its scenario {grid.shape}: it is of another run"
-            )
+            raise FilmError(f"{film.path}: has {film.shape} cells, its scenario {grid.shape}: of another run")
         shown = {f"gas_{plane.name}": plane for plane in planes(scenario, grid.extent)}
         rasters = {
             name: Raster(plane, grid, solid)

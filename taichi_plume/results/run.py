@@ -123,9 +123,7 @@ class Run:
 
         path, groups = self.folder / "result.json", self.result.get("groups")
         if not groups or self.result.get("status") == KILLED:  # a killed run has no outcomes of trials
-            raise RunFolderError(
-                f"{path}: tells of no trials: the scenario has no robots, or the run has not ended"
-            )
+            raise RunFolderError(f"{path}: tells of no trials: no robots, or the run has not ended")
         with _damage(path):
             trials = [{"algorithm": [g["algorithm"]] * g["trials"], **g["per_trial"]} for g in groups]
             fields = [field for field in TRIAL if field.name in trials[0]]
@@ -304,9 +302,8 @@ def _film(path: Path) -> "xarray.Dataset":
                 raise ValueError(f"{name} has {stored} of {frames} frames")
         if not {"time", "air"} <= data.variables.keys():
             raise ValueError("time or air is missing")
-    others = [
-        name for name in data.variables if any(d.endswith(("_face", "_ghost")) for d in data[name].dims)
-    ]
+    ends = ("_face", "_ghost")
+    others = [name for name in data.variables if any(d.endswith(ends) for d in data[name].dims)]
     return data.drop_vars([*others, "volume"])
 
 

@@ -82,14 +82,11 @@ def test_frames_lead_to_the_sensor(tmp_path):
     wanted = np.stack([1.0 + 0.1 * AT - 0.3 * np.sin(turn), 0.5 + 0.4 * AT + 0.3 * np.cos(turn)], axis=-1)
     np.testing.assert_allclose(one.at, wanted, atol=1e-3)
     np.testing.assert_allclose(one.wind, np.stack([np.cos(turn + pi), np.sin(turn + pi)], axis=-1), atol=2e-3)
-    np.testing.assert_allclose(
-        one.place, np.stack([1.0 + 0.1 * one.t, 0.5 + 0.4 * one.t, 0 * one.t], axis=-1), atol=1e-6
-    )
+    way = np.stack([1.0 + 0.1 * one.t, 0.5 + 0.4 * one.t, 0 * one.t], axis=-1)
+    np.testing.assert_allclose(one.place, way, atol=1e-6)
     np.testing.assert_allclose(np.unwrap(one.heading), pi / 2 + 0.3 * one.t, atol=1e-6)
     (other,) = bag_readings.read(tmp_path / "a", BagOptions(frame="odom"))
-    np.testing.assert_allclose(
-        other.place, np.stack([0.4 * other.t, 0 * other.t, 0 * other.t], axis=-1), atol=1e-6
-    )
+    np.testing.assert_allclose(other.place, np.outer(other.t, [0.4, 0.0, 0.0]), atol=1e-6)
     (by_topic,) = bag_readings.read(tmp_path / "a", BagOptions(gas=("/r/gas",), pose=("/r/odom",)))
     np.testing.assert_allclose(by_topic.at[:, 0], 0.2 * AT)
 
@@ -105,9 +102,8 @@ def test_resistances_become_ppm(tmp_path):
     np.testing.assert_allclose(one.ppm, ppm, rtol=1e-6)
     raw = 30e3 * (1 + ppm / 4.32) ** -0.7155
     bare = [(t, "/gas", gas(t, r, "ohm")) for t, r in zip(AT, raw, strict=True)]
-    (one,) = bag_readings.read(
-        write(tmp_path / "bare", [*poses(), *bare]), BagOptions(model="tgs2620", air=30e3)
-    )
+    bag = write(tmp_path / "bare", [*poses(), *bare])
+    (one,) = bag_readings.read(bag, BagOptions(model="tgs2620", air=30e3))
     np.testing.assert_allclose(one.ppm, ppm, rtol=1e-6)
     for raw, value in ((6e4, 0.0), (0.0, np.nan), (np.nan, np.nan)):
         bag = write(tmp_path / str(raw), [*poses(), (1.0, "/gas", gas(1.0, raw, "ohm", **LAW))])
@@ -170,9 +166,8 @@ def test_a_bag_by_another_library(tmp_path):
     def plain(message):
         if not hasattr(message, "__dataclass_fields__"):
             return message.tolist() if isinstance(message, np.ndarray) else message
-        return {
-            name: plain(getattr(message, name)) for name in message.__dataclass_fields__ if name[0] != "_"
-        }
+        names = [name for name in message.__dataclass_fields__ if name[0] != "_"]
+        return {name: plain(getattr(message, name)) for name in names}
 
     path = tmp_path / "lab.mcap"
     with path.open("wb") as file, Writer(file) as writer:
@@ -189,9 +184,8 @@ def test_a_bag_by_another_library(tmp_path):
 
 def test_a_robot_of_several_noses(tmp_path):
     """Such as one that tells ppm and, apart, ohm."""
-    bag = write(
-        tmp_path / "a", [*poses("/r1/odom"), *readings("/r1/gas"), *readings("/r1/gas_raw", units="ppb")]
-    )
+    both = [*readings("/r1/gas"), *readings("/r1/gas_raw", units="ppb")]
+    bag = write(tmp_path / "a", [*poses("/r1/odom"), *both])
     assert len(read(bag).t) == 2 * len(AT)
     np.testing.assert_allclose(read(bag, group="r1/gas_raw").reading, 0.01 * AT)
     assert read(bag, options=BagOptions(gas=("/r1/gas",))).topics[0].startswith("r1: gas of /r1/gas, ")
@@ -253,9 +247,8 @@ def test_a_sensor_that_stands_has_no_robot(tmp_path):
     """Frames tell where it is, not odometry; of others that were moved from one to another nothing is wanted."""
     still = (0.0, "/tf_static", transforms(0.0, ("map", "post", 3.0, 2.0, 0.0)))
     cup = [(t, "/tf", transforms(t, (hand, "cup", 0, 0, 0))) for t, hand in ((1.0, "a"), (2.0, "b"))]
-    (one,) = bag_readings.read(
-        write(tmp_path / "a", [still, *cup, *poses(), *readings("/s/gas", frame="post")])
-    )
+    messages = [still, *cup, *poses(), *readings("/s/gas", frame="post")]
+    (one,) = bag_readings.read(write(tmp_path / "a", messages))
     np.testing.assert_allclose(one.at, np.tile([3.0, 2.0], (len(AT), 1)))
     (same,) = bag_readings.read(tmp_path / "a", BagOptions(frame="/map"))
     np.testing.assert_allclose(same.at, one.at)

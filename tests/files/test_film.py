@@ -19,6 +19,7 @@ from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.species import SPECIES
 
 SHAPE, DX = (6, 5, 4), 0.1
+MOVING = ["u_face", "v_face", "w_face", "gas_acetone"]
 PLAY = """
 duration: 2
 domain: {size: [0.6, 0.5, 0.4], spacing: 0.1}
@@ -42,23 +43,13 @@ def opened(path: Path) -> Any:
 def new_film(path: Path, frames: int = 3) -> list[dict[str, np.ndarray]]:
     """A film of noise; returns its frames, axes (z, y, x)."""
     rng = np.random.default_rng(5)
-    moving = ["u_face", "v_face", "w_face", "gas_acetone"]
-    names = ["volume", "air", *(kind + name for kind in ("open_", "area_") for name in moving[:3])]
+    names = ["volume", "air", *(kind + name for kind in ("open_", "area_") for name in MOVING[:3])]
     still = {name: np.ones(size_of(name)[::-1], np.float32) for name in names}
-    facts = {
-        "depth": 1.0,
-        "periodic": [False] * 3,
-        "viscosity": 1e-5,
-        "schmidt": 1.0,
-        "gases": {
-            "gas_acetone": {
-                "species": "acetone",
-                "sources": [{"position": [0.3, 0.2, 0.2], "rate": 1e-5}],
-            }
-        },
-    }
-    film = NewFilm(path, SHAPE, DX, facts, moving, still, (SPECIES["acetone"],))
-    shown = [{name: rng.random(size_of(name)[::-1], np.float32) for name in moving} for _ in range(frames)]
+    gas = {"species": "acetone", "sources": [{"position": [0.3, 0.2, 0.2], "rate": 1e-5}]}
+    facts = {"depth": 1.0, "periodic": [False] * 3, "viscosity": 1e-5, "schmidt": 1.0}
+    facts |= {"gases": {"gas_acetone": gas}}
+    film = NewFilm(path, SHAPE, DX, facts, MOVING, still, (SPECIES["acetone"],))
+    shown = [{name: rng.random(size_of(name)[::-1], np.float32) for name in MOVING} for _ in range(frames)]
     for n, frame in enumerate(shown):
         film.append(0.5 * n, frame)
     film.flush()
@@ -157,9 +148,7 @@ def test_a_film_that_is_growing_shows_others_its_last_frames_of_which_all_is_the
 
 
 def test_a_film_goes_on_after_the_frames_that_are_kept(path, whole):
-    film = NewFilm(
-        path, SHAPE, DX, {}, ["u_face", "v_face", "w_face", "gas_acetone"], {}, (SPECIES["acetone"],), 2
-    )
+    film = NewFilm(path, SHAPE, DX, {}, MOVING, {}, (SPECIES["acetone"],), 2)
     assert xarray.open_zarr(path).sizes["time"] == 2
     held = Film(whole)
     film.append(1.0, {name: one.T for name, one in held.frame(2, [*held.wind, *held.gas]).items()})

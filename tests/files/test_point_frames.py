@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.files import manifest
 from taichi_plume.files.plumesim_log import read_log
-from taichi_plume.files.point_frames import PointFileError, frames_of, read_fluent
+from taichi_plume.files.point_frames import PointFileError, read_fluent
 from taichi_plume.scenario.loading import ScenarioError
-from taichi_plume.scenario.played import PlumeSimWind
 
 LOG = """500,3,0.1
 +1 2
@@ -218,8 +217,3 @@ def test_what_does_not_go_together_is_told(folder, overrides, fault):
         load_scenario(folder / "play.yaml", [wind, *overrides])
     assert len(caught.value.lines) == 1
     assert fault in caught.value.lines[0]
-
-
-def test_files_lie_beside_the_scenario(folder):
-    model = PlumeSimWind.model_validate({"kind": "plumesim_log", "file": "plume.pslog"})
-    assert len(frames_of(model, folder)) == 3
