@@ -22,6 +22,7 @@ from taichi_plume.results import bag_of_fields, bag_of_run
 
 pytestmark = pytest.mark.usefixtures("taichi")
 BEGIN = 1_700_000_000.0
+TOPICS = {"topic": "gas", "pose": "odom"}
 
 
 @pytest.fixture(scope="module")
@@ -308,9 +309,7 @@ def test_readings_of_the_bag_are_those_of_the_table(run, bag):
 def test_the_maps_command_takes_a_bag(run, bag, tmp_path, capsys):
     """The whole of it, and what it takes is said."""
     options = ["--size", "1.6", "1.2", "--map={kind: kernel_dmv, cell: 0.2}"]
-    topics = [
-        f"--{name}=/oxides_{k}/{topic}" for k in "01" for name, topic in (("topic", "gas"), ("pose", "odom"))
-    ]
+    topics = [f"--{option}=/oxides_{k}/{name}" for k in "01" for option, name in TOPICS.items()]
     assert maps.main([str(bag), *topics, *options, "--out", str(tmp_path / "a")]) == 0
     line = "oxides_1: gas of /oxides_1/gas, places of /oxides_1/odom, wind of /oxides_1/wind\n"
     assert line in capsys.readouterr().out

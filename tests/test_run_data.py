@@ -243,9 +243,8 @@ def test_csv_is_read_by_pandas_as_it_is(small, tmp_path):
     for name in ("robots", "probes"):
         frame, wanted = pandas.read_csv(tmp_path / "csv" / f"{name}.csv"), getattr(open_run(small), name)
         assert list(frame.columns) == list(wanted.columns)
-        pandas.testing.assert_frame_equal(
-            frame, wanted, check_dtype=False, check_categorical=False, rtol=1e-6
-        )
+        loose = {"check_dtype": False, "check_categorical": False, "rtol": 1e-6}
+        pandas.testing.assert_frame_equal(frame, wanted, **loose)
         assert about.loc[name]["unit"].to_dict() == wanted.attrs["units"]
 
 
