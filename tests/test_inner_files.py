@@ -97,15 +97,7 @@ HOME = "10x6_room/environment_configurations/config1"
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "config.yaml",
-        "simulations/sim1/sim.yaml",
-        "simulations/sim1",
-        "OccupancyGrid3D.csv",
-        "simulations",
-        "",
-    ],
+    "name", ["config.yaml", "simulations/sim1/sim.yaml", "simulations", "OccupancyGrid3D.csv", ""]
 )
 def test_links_of_a_project_may_not_lead_outside(tmp_path, name):
     (tmp_path / "home").mkdir()

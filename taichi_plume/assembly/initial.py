@@ -45,14 +45,13 @@ def _filmed(
     model: FilmedInitial, path: str, resources: Resources, species: "str | OtherSpecies | None" = None
 ) -> Places:
     """The wind, or the gas of a species, that a section's film shows."""
-    from taichi_plume.files import film_moment  # brings zarr
-    from taichi_plume.files.film import FilmError
+    from taichi_plume.files.film import FilmError  # brings zarr
 
     film = resources.films[path]
     try:
         if model.part == "wind":
-            return film_moment.velocity(film, model.at)
-        return film_moment.concentration(film, film.gas_of(species), model.at)
+            return film.velocity(model.at)
+        return film.concentration(film.gas_of(species), model.at)
     except FilmError as error:
         raise ScenarioError([f"{path}.film: {error}"]) from None
 

@@ -129,7 +129,6 @@ def _moment(resources: Resources, path: str, model: InitialWind | InitialGas, fo
     if model.film is None:
         return
     from taichi_plume.files.film import FilmError
-    from taichi_plume.files.film_moment import moment
 
     try:
         film = _opened(resources, folder / model.film)
@@ -137,7 +136,7 @@ def _moment(resources: Resources, path: str, model: InitialWind | InitialGas, fo
         if model.part == "gas":
             gas = dict(resources.scenario.gases)[path.removesuffix(".initial")]
             names = [film.gas_of(gas.species)] if film.gas else []
-        moment(film, names, model.at)
+        film.moment(names, model.at)
         resources.films[path] = film
     except FilmError as error:
         resources.faults[f"{path}.film"] = str(error)

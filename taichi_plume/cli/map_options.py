@@ -13,7 +13,7 @@ from typing import NoReturn, get_args
 from pydantic_core import PydanticCustomError
 
 from taichi_plume.cli.options import add, flag, option, whole_number
-from taichi_plume.files.bag_readings import UNITS, Wanted
+from taichi_plume.files.bag_readings import UNITS, BagOptions
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import Parser
 from taichi_plume.scenario.facts import facts, purpose
@@ -105,10 +105,10 @@ def _of_bags(group: argparse._ArgumentGroup) -> None:
     flag(group, "--upwind", "Anemometer messages give the direction that the wind comes from")
 
 
-def wanted(args: argparse.Namespace) -> Wanted:
+def wanted(args: argparse.Namespace) -> BagOptions:
     """Return the selection of a bag's topics and units."""
     topics, poses, wind = tuple(args.topic), tuple(args.pose), tuple(args.wind)
-    return Wanted(topics, poses, wind, args.frame, args.sensor, args.units, args.model, args.air, args.upwind)
+    return BagOptions(topics, poses, wind, args.frame, args.sensor, args.units, args.model, args.air, args.upwind)
 
 
 def _kinds() -> str:

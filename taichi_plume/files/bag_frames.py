@@ -1,4 +1,4 @@
-"""Where frames are in one another over time, as /tf and /tf_static of a bag tell: the tree that tf2 makes of them."""
+"""Coordinate frames of a bag over time, from /tf and /tf_static: the transform tree of tf2."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,11 +12,11 @@ from taichi_plume.files.tables import listed
 
 KIND = "tf2_msgs/msg/TFMessage"
 STATIC = "tf_static"
-DEEPEST = 100  # frames above one another
+DEEPEST = 100  # frames of a chain
 
 
 class Pose(NamedTuple):
-    """Over times: place (n, 3) [m] and heading (n,) [rad]; NaN where it is not known."""
+    """Poses over time: place (n, 3) [m] and heading (n,) [rad]; NaN where unknown."""
 
     place: np.ndarray
     heading: np.ndarray
@@ -24,7 +24,7 @@ class Pose(NamedTuple):
 
 @dataclass(frozen=True)
 class Link:
-    """A frame in its parent: at times t (n,) [s], place (n, 3) [m], turn (n, 4), a quaternion x, y, z, w."""
+    """Pose of a frame in its parent: at times t (n,) [s], place (n, 3) [m], turn (n, 4), a quaternion x, y, z, w."""
 
     parent: str
     t: np.ndarray
@@ -33,53 +33,46 @@ class Link:
     static: bool
 
     def at(self, times: np.ndarray) -> tuple[np.ndarray, Rotation]:
-        """Places (m, 3), NaN before the first time and after the last, and turns."""
+        """Return places (m, 3), NaN before the first time and after the last, and turns."""
         if self.static or len(self.t) == 1:
-            return np.tile(self.place[-1], (len(times), 1)), Rotation.from_quat(
-                np.tile(self.turn[-1], (len(times), 1))
-            )
-        place = np.stack(
-            [np.interp(times, self.t, one, left=np.nan, right=np.nan) for one in self.place.T], axis=-1
-        )
+            place, turn = (np.tile(values[-1], (len(times), 1)) for values in (self.place, self.turn))
+            return place, Rotation.from_quat(turn)
+        axes = [np.interp(times, self.t, axis, left=np.nan, right=np.nan) for axis in self.place.T]
         turns = Slerp(self.t, Rotation.from_quat(self.turn))
-        return place, turns(np.clip(times, self.t[0], self.t[-1]))
+        return np.stack(axes, axis=-1), turns(np.clip(times, self.t[0], self.t[-1]))
 
 
 class Frames:
-    """The frames of a bag that topics tell. stamped: whether times are those of the transforms' stamps, or when they
-    were recorded.
-    """
+    """Transform tree of some topics of a bag. stamped: take times from the stamps instead of the recording."""
 
     def __init__(self, bag: Bag, stamped: bool, topics: Sequence[str]):
         self.path = bag.path
         self.torn: dict[str, str] = {}
-        """What is wrong with frames that were in several others: they lead nowhere."""
+        """Error of each frame that has several parents; such frames lead nowhere."""
         rows: dict[str, list[tuple[float, ...]]] = {}
         parents: dict[str, str] = {}
         fixed: set[str] = set()
         for topic, logged, message in bag.messages(*topics):
-            for one in message.transforms:
-                parent, child = plain_name(one.header.frame_id), plain_name(one.child_frame_id)
+            for link in message.transforms:
+                parent, child = plain_name(link.header.frame_id), plain_name(link.child_frame_id)
                 if parents.setdefault(child, parent) != parent:
                     self.torn[child] = f"frame '{child}' is in '{parents[child]}' and in '{parent}'"
-                p, q = one.transform.translation, one.transform.rotation
-                row = (stamp_of(one.header) if stamped else logged, p.x, p.y, p.z, q.x, q.y, q.z, q.w)
+                p, q = link.transform.translation, link.transform.rotation
+                row = (stamp_of(link.header) if stamped else logged, p.x, p.y, p.z, q.x, q.y, q.z, q.w)
                 rows.setdefault(child, []).append(row)
                 if topic.endswith(STATIC):
                     fixed.add(child)
         self.links = {}
-        for child, told in rows.items():
-            table = np.array(told, float)
+        for child, known in rows.items():
+            table = np.array(known, float)
             table = table[np.isfinite(table).all(axis=1) & ((table[:, 4:] ** 2).sum(axis=1) > 0)]
-            _, first = np.unique(table[:, 0], return_index=True)
+            t, first = np.unique(table[:, 0], return_index=True)
             table = table[first]
             if len(table):
-                self.links[child] = Link(
-                    parents[child], table[:, 0], table[:, 1:4], table[:, 4:], child in fixed
-                )
+                self.links[child] = Link(parents[child], t, table[:, 1:4], table[:, 4:], child in fixed)
 
     def chain(self, frame: str, fixed: str) -> list[str] | None:
-        """The frames from one up to another that it hangs on, without this; None where it does not."""
+        """Return the frames from `frame` up to, but without, its ancestor `fixed`; None if not connected."""
         found, frame, fixed = [], plain_name(frame), plain_name(fixed)
         while frame != fixed:
             if frame in self.torn:
@@ -91,17 +84,17 @@ class Frames:
         return found
 
     def require(self, frame: str) -> None:
-        """Raise BagError where frames are told, and this is none of them."""
+        """Raise BagError if the bag has frames, but not this frame."""
         known = {*self.links, *(link.parent for link in self.links.values())}
         if known and plain_name(frame) not in known:
             raise BagError(f"{self.path}: has no frame '{frame}'; it has {listed(sorted(known))}")
 
     def carrier(self, chain: list[str]) -> str | None:
-        """The frame of the body that a sensor is fixed to: the first of a chain that moves; None where none does."""
+        """Return the frame of the body that a sensor is fixed to: the first of a chain that moves, if any."""
         return next((frame for frame in chain if not self.links[frame].static), None)
 
     def pose(self, chain: list[str], times: np.ndarray) -> Pose:
-        """Where the first frame of a chain is in what it hangs on."""
+        """Return the poses of the first frame of a chain in the parent of the last frame."""
         place, turn = np.zeros((len(times), 3)), Rotation.identity(len(times))
         for frame in chain:
             there, turned = self.links[frame].at(times)
@@ -112,14 +105,12 @@ class Frames:
 
 
 def topics_for(bag: Bag, gas: str) -> list[str]:
-    """The topics of frames in the namespaces of a topic of gas, as each robot may have its own; all where there is
-    none.
-    """
+    """Return the topics of frames in the namespaces of a topic of gas (robots may have their own), or else all."""
     found, parts = bag.of_kind(KIND), gas.strip("/").split("/")
-    own = [one for one in found if (space := one.strip("/").split("/")[:-1]) == parts[: len(space)]]
+    own = [topic for topic in found if (space := topic.strip("/").split("/")[:-1]) == parts[: len(space)]]
     return own or found
 
 
 def plain_name(frame: str) -> str:
-    """A frame's name without the slash that ROS 1 put before."""
+    """Return the name of a frame without the leading slash of ROS 1."""
     return frame.lstrip("/")

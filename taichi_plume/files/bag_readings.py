@@ -1,37 +1,38 @@
-"""Robots of a recorded bag: their ways, and what their gas sensors and anemometers read.
+"""Robots of a recorded bag: trajectories and readings of gas sensors and anemometers.
 
-Each topic of gas is a robot, named by what stands before it ("/r1/gas" is of r1), or by all of it where a robot has
-several. Where the frame of its messages hangs on the map in /tf, that is where it was; otherwise the topic of poses
-that shares most of its name. Poses are interpolated to the times of the readings, and readings without a pose before
-and after them are left out. Times are the stamps of the messages; those of recording, if one has none.
+Each topic of gas is a robot, named by the topic's namespace ("/r1/gas" is of r1), or by the whole topic if a robot has
+several. The position is that of the messages' frame if /tf connects the frame to the map; otherwise that of the topic
+of poses whose name shares most with the topic of gas. Poses are interpolated to the times of the readings; readings
+without a pose before and after are left out. Times are the stamps of the messages, or the times of recording if a
+message has no stamp.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.bag_frames import Frames, Pose, topics_for
-from taichi_plume.files.bag_topics import GAS, POSES, beside, chosen, robot_name, wind_topic_of
-from taichi_plume.files.bags import Bag, BagError, Series, Told, confined, opened, stamp_of
+from taichi_plume.files.bag_topics import GAS, POSES, WINDS, chosen, pose_topic_of, robot_name, wind_topic_of
+from taichi_plume.files.bags import Bag, BagError, Sample, Series, confined, opened, stamp_of
 from taichi_plume.files.tables import listed
 from taichi_plume.scenario.metal_oxides import MOX_MODELS
 
 UNITS = {"ppm": 1.0, "ppb": 1e-3, "ohm": 0.0}
-"""In which gas may be told, and how much of a ppm each is; a resistance is turned into ppm by its sensor's law."""
+"""Units of gas in ppm; a resistance is converted by the law of its sensor."""
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """What of a bag is read. gas, pose, wind: topics, pose and wind as many as gas; unless given, those that it has.
+class BagOptions:
+    """Options of reading a bag. gas, pose, wind: topics, pose and wind one for each of gas; by default all of the bag.
 
-    frame: that places are in. sensor: which of a GasSensorArray. units: of gas, where messages do not tell or err.
-    model: the metal oxide whose law turns resistances into ppm, air: its resistance in clean air [ohm]; unless given,
-    as the messages tell. upwind: whether Anemometer messages tell where the wind comes from, and not where it goes.
-    lenient: whether ways are what is wanted: readings that cannot be turned into ppm are NaN, and wind is left out.
+    frame: of positions. sensor: index in a GasSensorArray. units: of gas, if messages give none or wrong units.
+    model: metal oxide whose law converts resistances to ppm, air: resistance in clean air [ohm]; by default of the
+    messages. upwind: the direction of Anemometer messages is where the wind comes from. lenient: read trajectories:
+    readings that cannot be converted to ppm are NaN, and wind is left out.
     """
 
     gas: tuple[str, ...] = ()
@@ -45,18 +46,13 @@ class Wanted:
     upwind: bool = False
     lenient: bool = False
 
-    @property
-    def said(self) -> bool:
-        """Whether anything but the defaults is wanted."""
-        return self != Wanted()
-
 
 @dataclass(frozen=True)
 class RecordedRobot:
     """A robot of a bag, in order of time.
 
-    Its way: t (n,) [s], place (n, 3) [m], heading (n,) [rad]. Its readings: read_at (m,) [s], at (m, 2) [m] the places
-    of the sensor, ppm (m,), wind (m, 2) [m/s], zero where it is not known. topics: what they are of.
+    Trajectory: t (n,) [s], place (n, 3) [m], heading (n,) [rad]. Readings: read_at (m,) [s], at (m, 2) [m] positions of
+    the sensor, ppm (m,), wind (m, 2) [m/s], zero if unknown. topics: description of the sources.
     """
 
     name: str
@@ -70,86 +66,85 @@ class RecordedRobot:
     topics: str
 
 
-def read(path: Path, wanted: Wanted | None = None) -> list[RecordedRobot]:
-    """The robots of a bag; if lenient, of one without gas those that it has poses of. Raises BagError."""
-    return confined(read_here, path, wanted or Wanted())
+def read(path: Path, options: BagOptions | None = None) -> list[RecordedRobot]:
+    """Return the robots of a bag; if lenient, also robots that only have poses. Raises BagError."""
+    return confined(read_here, path, options or BagOptions())
 
 
-def read_here(path: Path, wanted: Wanted) -> list[RecordedRobot]:
-    """Return the same, read in this process without limits. Raises BagError."""
+def read_here(path: Path, options: BagOptions) -> list[RecordedRobot]:
+    """Return the same as `read`, in this process without limits. Raises BagError."""
     with opened(path) as bag:
-        if wanted.lenient and not wanted.gas and not bag.of_kind(*GAS):
-            return [_without_gas(bag, topic) for topic in chosen(bag, wanted.pose, POSES, "poses", "--pose")]
-        gas = chosen(bag, wanted.gas, GAS, "gas", "--topic")
-        if wanted.lenient and not wanted.gas:  # a robot goes one way, however many sensors it has
-            gas = [one for n, one in enumerate(gas) if robot_name(one) not in map(robot_name, gas[:n])]
-        for one, option in ((wanted.pose, "--pose"), (wanted.wind, "--wind")):
-            if one and len(one) != len(gas):
+        if options.lenient and not options.gas and not bag.of_kind(*GAS):
+            return [_without_gas(bag, topic) for topic in chosen(bag, options.pose, POSES, "poses", "--pose")]
+        gas = chosen(bag, options.gas, GAS, "gas", "--topic")
+        if options.lenient and not options.gas:  # one trajectory per robot, however many sensors
+            gas = [topic for n, topic in enumerate(gas) if robot_name(topic) not in map(robot_name, gas[:n])]
+        for topics, option in ((options.pose, "--pose"), (options.wind, "--wind")):
+            if topics and len(topics) != len(gas):
                 raise BagError(
-                    f"{path}: {option} is given {len(one)} times for {len(gas)} topics of gas, {listed(gas)}; "
+                    f"{path}: {option} is given {len(topics)} times for {len(gas)} topics of gas, {listed(gas)}; "
                     "give it once for each, in their order"
                 )
-        readings = [bag.series(topic, _gas_of(bag, topic, wanted)) for topic in gas]
-        stamped = all(one.is_stamped for one in readings)
+        readings = [bag.series(topic, _gas_of(bag, topic, options)) for topic in gas]
+        stamped = all(series.is_stamped for series in readings)
         poses: dict[str, Series] = {}
-        robots = []
         trees: dict[tuple[str, ...], Frames] = {}
-        for n, one in enumerate(readings):
-            given = [topics[n] if topics else None for topics in (wanted.pose, wanted.wind)]
-            told = tuple(topics_for(bag, one.topic))
-            if told not in trees:
-                trees[told] = Frames(bag, stamped, told)
-            frames = trees[told]
-            if wanted.frame != Wanted.frame and not given[0]:
-                frames.require(wanted.frame)
-            robots.append(_robot(bag, wanted, one, frames, stamped, given[0], given[1], poses))
-        return _named_apart(robots, gas)
+        robots = []
+        for n, series in enumerate(readings):
+            pose_topic = options.pose[n] if options.pose else None
+            wind_topic = options.wind[n] if options.wind else None
+            of_frames = tuple(topics_for(bag, series.topic))
+            if of_frames not in trees:
+                trees[of_frames] = Frames(bag, stamped, of_frames)
+            source = _Source(bag, options, trees[of_frames], stamped)
+            if options.frame != BagOptions.frame and not pose_topic:
+                source.frames.require(options.frame)
+            robots.append(_robot(source, series, pose_topic, wind_topic, poses))
+        names = [robot.name for robot in robots]
+        return [
+            replace(robot, name=topic.strip("/")) if names.count(robot.name) > 1 else robot
+            for robot, topic in zip(robots, gas, strict=True)
+        ]
 
 
-def _named_apart(robots: list[RecordedRobot], gas: Sequence[str]) -> list[RecordedRobot]:
-    """The robots, of which those of one name are named by their topics of gas."""
-    names = [one.name for one in robots]
-    return [
-        replace(one, name=topic.strip("/")) if names.count(one.name) > 1 else one
-        for one, topic in zip(robots, gas, strict=True)
-    ]
+class _Source(NamedTuple):
+    """A bag, the options of reading it, the transform tree of a robot, and whether times are those of the stamps."""
+
+    bag: Bag
+    options: BagOptions
+    frames: Frames
+    stamped: bool
 
 
 def _robot(
-    bag: Bag,
-    wanted: Wanted,
-    gas: Series,
-    frames: Frames,
-    stamped: bool,
-    pose_topic: str | None,
-    wind_topic: str | None,
-    poses: dict[str, Series],
+    source: _Source, gas: Series, pose_topic: str | None, wind_topic: str | None, poses: dict[str, Series]
 ) -> RecordedRobot:
+    bag, options, frames, stamped = source
     read_at = gas.times(stamped)
-    chain = frames.chain(gas.frame, wanted.frame) if gas.frame and not pose_topic else None
+    chain = frames.chain(gas.frame, options.frame) if gas.frame and not pose_topic else None
     carrier = frames.carrier(chain) if chain else None
     if chain:
         here = frames.pose(chain, read_at)
         t = frames.links[carrier].t if carrier else np.unique(read_at[np.isfinite(read_at)])
         way = frames.pose(chain[chain.index(carrier) :] if carrier else chain, t)
-        source = f"{gas.frame} in {wanted.frame}"
+        places = f"{gas.frame} in {options.frame}"
     else:
-        topic = beside(bag, gas.topic, pose_topic, POSES, "poses", "--pose")
-        if topic not in poses:
-            poses[topic] = bag.series(topic, _pose_of(bag, topic))
-        t, way = _way(poses[topic], stamped)
-        here, source = _between(t, way, read_at), topic
+        places = pose_topic_of(bag, gas.topic, pose_topic)
+        if places not in poses:
+            poses[places] = bag.series(places, _pose_of(bag, places))
+        t, way = _way(poses[places], stamped)
+        here = _between(t, way, read_at)
     known = np.isfinite(here.place).all(axis=1) & np.isfinite(read_at)
-    if not known.any() and not wanted.lenient:
-        spans = [f"{one.min():.10g} to {one.max():.10g} s" if len(one) else "none" for one in (read_at, t)]
+    if not known.any() and not options.lenient:
+        spans = [f"{x.min():.10g} to {x.max():.10g} s" if len(x) else "none" for x in (read_at, t)]
         raise BagError(
-            f"{bag.path}: no reading of {gas.topic} ({spans[0]}) has a pose of {source} ({spans[1]}) before and "
-            "after it; have they one clock?"
+            f"{bag.path}: no reading of {gas.topic} ({spans[0]}) has a pose of {places} ({spans[1]}) before and "
+            "after it; do they have the same clock?"
         )
-    wind_topic = None if wanted.lenient else wind_topic_of(bag, gas.topic, wind_topic)
+    wind_topic = None if options.lenient else wind_topic_of(bag, gas.topic, wind_topic)
     wind = np.zeros((len(read_at), 2))
     if wind_topic:
-        wind = _wind(bag, wind_topic, wanted, frames, stamped, read_at, lambda times: _between(t, way, times))
+        wind = _wind(source, wind_topic, read_at, lambda times: _between(t, way, times))
     order = np.flatnonzero(known)[np.argsort(read_at[known], kind="stable")]
     there = np.isfinite(way.place).all(axis=1)
     return RecordedRobot(
@@ -161,14 +156,14 @@ def _robot(
         here.place[order, :2],
         gas.values[order, 0],
         wind[order],
-        f"gas of {gas.topic}, places of {source}, "
+        f"gas of {gas.topic}, places of {places}, "
         + (f"wind of {wind_topic}" if wind_topic else "no wind")
         + ("" if known.all() else f"; {len(known) - known.sum()} of {len(known)} readings have no place"),
     )
 
 
 def _without_gas(bag: Bag, topic: str) -> RecordedRobot:
-    """A robot of which only poses are known."""
+    """Return a robot of which only poses are known."""
     series = bag.series(topic, _pose_of(bag, topic))
     t, way = _way(series, series.is_stamped)
     none = np.zeros((0, 2))
@@ -180,54 +175,53 @@ def _without_gas(bag: Bag, topic: str) -> RecordedRobot:
 # ---------------------------------------------------------------- messages
 
 
-def _gas_of(bag: Bag, topic: str, wanted: Wanted) -> Callable[[Any], Told]:
-    """How the messages of a topic tell ppm."""
+def _gas_of(bag: Bag, topic: str, options: BagOptions) -> Callable[[ros.Message], Sample]:
+    """Return the function that reads ppm from the messages of a topic."""
     kind, where = bag.kinds[topic], f"{bag.path}: {topic}"
 
-    def ppm(raw: float, units: str, told: Any) -> float:
+    def ppm(raw: float, units: str, sensor: ros.Message) -> float:
         try:
-            return _ppm(where, raw, units, told, wanted)
+            return _ppm(where, raw, units, sensor, options)
         except BagError:
-            if not wanted.lenient:
+            if not options.lenient:
                 raise
             return np.nan
 
-    def plain(message: Any) -> Told:
-        return Told(0.0, "", [ppm(float(message.data), wanted.units or "ppm", None)])
+    def plain(message: ros.Message) -> Sample:
+        return Sample(0.0, "", [ppm(float(message.data), options.units or "ppm", None)])
 
-    def sensor(one: Any) -> Told:
-        told = {code: name for name, code in ros.UNITS.items()}.get(int(one.raw_units), "unknown")
-        value = ppm(float(one.raw), wanted.units or told, one)
-        return Told(stamp_of(one.header), one.header.frame_id, [value])
+    def sensor(message: ros.Message) -> Sample:
+        units = {code: name for name, code in ros.UNITS.items()}.get(int(message.raw_units), "unknown")
+        value = ppm(float(message.raw), options.units or units, message)
+        return Sample(stamp_of(message.header), message.header.frame_id, [value])
 
-    def array(message: Any) -> Told:
-        n, count = wanted.sensor, len(message.sensors)
-        if n is None and count != 1 and not (wanted.lenient and count):
+    def array(message: ros.Message) -> Sample:
+        n, count = options.sensor, len(message.sensors)
+        if n is None and count != 1 and not (options.lenient and count):
             raise BagError(f"{where} has {count} sensors in a message; choose with --sensor N, from 0 on")
         if (n or 0) >= count:
             raise BagError(f"{where} has {count} sensors in a message, and none of number {n}")
-        one = sensor(message.sensors[n or 0])
-        stamp = one.stamp or stamp_of(message.header)
-        return Told(stamp, one.frame or message.header.frame_id, one.values)
+        stamp, frame, values = sensor(message.sensors[n or 0])
+        return Sample(stamp or stamp_of(message.header), frame or message.header.frame_id, values)
 
     return {ros.GAS_SENSOR: sensor, ros.GAS_SENSOR_ARRAY: array}.get(kind, plain)
 
 
-def _ppm(where: str, raw: float, units: str, told: Any, wanted: Wanted) -> float:
-    """A reading [ppm]; told: the message that tells of its sensor, if one does. Raises BagError.
+def _ppm(where: str, raw: float, units: str, sensor: ros.Message, options: BagOptions) -> float:
+    """Convert a reading to ppm; sensor: a GasSensor message or None. Raises BagError.
 
-    A resistance as of the law of ros_messages: c = c0 ((R / R_air)^(1 / calib_b) - 1).
+    A resistance by the law of ros_messages: c = c0 ((R / R_air)^(1 / calib_b) - 1).
     """
     if units not in UNITS:
-        raise BagError(
-            f"{where} tells gas in units that are not ppm, ppb or ohm ({units}); choose with --units"
-        )
+        raise BagError(f"{where} tells gas in units that are not ppm, ppb or ohm ({units}); give --units")
     if units != "ohm":
         return raw * UNITS[units]
-    a, b, air = (_of_sensor(told, name) for name in ("calib_a", "calib_b", "raw_air"))
-    air = wanted.air or air
-    if wanted.model:
-        law = MOX_MODELS[wanted.model]
+    known = vars(sensor) if sensor else {}
+    # in ROS 1 these names end in a capital
+    a, b = (float(known.get(f"calib_{k}", known.get(f"calib_{k.upper()}", 0.0))) for k in "ab")
+    air = options.air or float(known.get("raw_air", 0.0))
+    if options.model:
+        law = MOX_MODELS[options.model]
         c0, b = law.c0, -law.b
     elif a > 0.0 and b < 0.0:
         c0 = a ** (-1.0 / b)
@@ -240,76 +234,67 @@ def _ppm(where: str, raw: float, units: str, told: Any, wanted: Wanted) -> float
     return max(0.0, c0 * float(np.expm1(np.log(raw / air) / b)))
 
 
-def _of_sensor(told: Any, name: str) -> float:
-    """A number of a message; in ROS 1 they end in a capital."""
-    return float(getattr(told, name, getattr(told, f"{name[:-1]}{name[-1].upper()}", 0.0)))
+def _pose_of(bag: Bag, topic: str) -> Callable[[ros.Message], Sample]:
+    """Return the function that reads x, y, z [m] and heading [rad] from the messages of a topic."""
+    nested = bag.kinds[topic] != POSES[-1]
 
-
-def _pose_of(bag: Bag, topic: str) -> Callable[[Any], Told]:
-    """How the messages of a topic tell x, y, z [m] and heading [rad]."""
-    deep = bag.kinds[topic] != POSES[-1]
-
-    def get(message: Any) -> Told:
-        pose = message.pose.pose if deep else message.pose
+    def get(message: ros.Message) -> Sample:
+        pose = message.pose.pose if nested else message.pose
         at = pose.position
         place = (at.x, at.y, at.z if np.isfinite(at.z) else 0.0, ros.yaw(pose.orientation))
-        return Told(stamp_of(message.header), message.header.frame_id, place)
+        return Sample(stamp_of(message.header), message.header.frame_id, place)
 
     return get
 
 
 def _way(series: Series, stamped: bool) -> tuple[np.ndarray, Pose]:
-    """Times [s], each once and in order, and poses of a topic."""
-    t = series.times(stamped and series.is_stamped)
-    good = np.isfinite(series.values).all(axis=1)
-    t, first = np.unique(t[good], return_index=True)
-    values = series.values[good][first]
+    """Return times [s], unique and in order, and poses of a topic."""
+    t, values = _in_order(series.times(stamped and series.is_stamped), series.values)
     return t, Pose(values[:, :3], values[:, 3])
 
 
+def _in_order(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return unique times [s] in order, and rows of finite values."""
+    good = np.isfinite(values).all(axis=1)
+    t, first = np.unique(t[good], return_index=True)
+    return t, values[good][first]
+
+
 def _between(t: np.ndarray, way: Pose, times: np.ndarray) -> Pose:
-    """A way at other times; NaN before its begin and after its end."""
+    """Interpolate poses to other times; NaN before the first and after the last."""
     if not len(t):
         return Pose(np.full((len(times), 3), np.nan), np.full(len(times), np.nan))
     columns = [*way.place.T, np.unwrap(way.heading)]
-    x, y, z, heading = (np.interp(times, t, one, left=np.nan, right=np.nan) for one in columns)
+    x, y, z, heading = (np.interp(times, t, column, left=np.nan, right=np.nan) for column in columns)
     return Pose(np.stack([x, y, z], axis=-1), heading)
 
 
-def _wind(
-    bag: Bag,
-    topic: str,
-    wanted: Wanted,
-    frames: Frames,
-    stamped: bool,
-    read_at: np.ndarray,
-    body: Callable[[np.ndarray], Pose],
-) -> np.ndarray:
-    """The wind at the times of readings (m, 2) [m/s] in the map, zero where it is not known.
+def _wind(source: _Source, topic: str, read_at: np.ndarray, body: Callable[[np.ndarray], Pose]) -> np.ndarray:
+    """Return the wind at the times of readings (m, 2) [m/s] in the map, zero if unknown.
 
-    body: the robot's way, whose heading counts where the frame of the messages is another than the map and not known.
+    body: pose of the robot at some times, whose heading is taken if the frame of the messages is not connected.
     """
+    bag, options, frames, stamped = source
+    kind = bag.kinds[topic]
 
-    def anemometer(one: Any) -> Told:
-        to = one.wind_direction + (np.pi if wanted.upwind else 0.0)
-        vector = (one.wind_speed * np.cos(to), one.wind_speed * np.sin(to))
-        return Told(stamp_of(one.header), one.header.frame_id, vector)
+    def get(message: ros.Message) -> Sample:
+        if kind == ros.ANEMOMETER:
+            to = message.wind_direction + (np.pi if options.upwind else 0.0)
+            x, y = message.wind_speed * np.cos(to), message.wind_speed * np.sin(to)
+        else:
+            vector = message.vector if kind == WINDS[1] else message.twist.linear
+            x, y = vector.x, vector.y
+        return Sample(stamp_of(message.header), message.header.frame_id, (x, y))
 
-    def vector(one: Any) -> Told:
-        v = getattr(one, "vector", None) or one.twist.linear
-        return Told(stamp_of(one.header), one.header.frame_id, (v.x, v.y))
-
-    series = bag.series(topic, anemometer if bag.kinds[topic] == ros.ANEMOMETER else vector)
+    series = bag.series(topic, get)
     t = series.times(stamped and series.is_stamped)
     wind = series.values
-    if series.frame.lstrip("/") not in ("", wanted.frame):
-        chain = frames.chain(series.frame, wanted.frame)
+    if series.frame.lstrip("/") not in ("", options.frame):
+        chain = frames.chain(series.frame, options.frame)
         heading = (frames.pose(chain, t) if chain else body(t)).heading
         c, s = np.cos(heading), np.sin(heading)
         wind = np.stack([c * wind[:, 0] - s * wind[:, 1], s * wind[:, 0] + c * wind[:, 1]], axis=-1)
-    good = np.isfinite(wind).all(axis=1)
-    t, first = np.unique(t[good], return_index=True)
+    t, wind = _in_order(t, wind)
     if not len(t):
         return np.zeros((len(read_at), 2))
-    wind = wind[good][first]
-    return np.stack([np.interp(read_at, t, one, left=0.0, right=0.0) for one in wind.T], axis=-1)
+    return np.stack([np.interp(read_at, t, axis, left=0.0, right=0.0) for axis in wind.T], axis=-1)

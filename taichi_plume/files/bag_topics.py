@@ -1,4 +1,4 @@
-"""Which topics of a bag are gas, where its robot is, and wind: those that are told, or that fit by type and name."""
+"""Topics of a bag that carry gas, poses and wind: given by the user, or recognised by message type and name."""
 
 from collections.abc import Sequence
 
@@ -6,81 +6,77 @@ from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.bags import Bag, BagError
 from taichi_plume.files.tables import listed
 
-FLOATS = ("std_msgs/msg/Float32", "std_msgs/msg/Float64")
-GAS = (ros.GAS_SENSOR, ros.GAS_SENSOR_ARRAY, *FLOATS)
-UNSURE = FLOATS
+UNSURE = ("std_msgs/msg/Float32", "std_msgs/msg/Float64")
+GAS = (ros.GAS_SENSOR, ros.GAS_SENSOR_ARRAY, *UNSURE)
 POSES = (
     "nav_msgs/msg/Odometry",
     "geometry_msgs/msg/PoseWithCovarianceStamped",
     "geometry_msgs/msg/PoseStamped",
 )
 WINDS = (ros.ANEMOMETER, "geometry_msgs/msg/Vector3Stamped", "geometry_msgs/msg/TwistStamped")
-"""Types that are taken, the best first."""
+"""Accepted types, preferred types first."""
 
 
-def chosen(bag: Bag, given: tuple[str, ...], kinds: Sequence[str], what: str, option: str) -> list[str]:
-    """The topics that are given or, of the first type that there is any of, all. Raises BagError."""
+def chosen(bag: Bag, given: Sequence[str], kinds: Sequence[str], what: str, option: str) -> list[str]:
+    """Return the given topics, or else all topics of the first type that the bag has. Raises BagError."""
     for topic in given:
         bag.require(topic, kinds)
     if given:
         return list(given)
     for kind in kinds:
         found = bag.of_kind(kind)
-        if found and kind in UNSURE and len(found) > 1:
-            raise BagError(
-                f"{bag.path}: has several topics that may be {what}, {listed(found)}; choose with {option}"
-            )
+        if found and kind in UNSURE:
+            return [_only(bag, found, f"several topics that may be {what}", option)]
         if found:
             return found
     has = listed([f"{topic} ({kind.replace('/msg/', '/')})" for topic, kind in sorted(bag.kinds.items())])
     raise BagError(f"{bag.path}: has no topic of {what} of a type that is known; it has {has or 'none'}")
 
 
-def beside(bag: Bag, gas: str, given: str | None, kinds: Sequence[str], what: str, option: str) -> str:
-    """The topic that is given, or the one of the first type that shares most of its name with a topic of gas."""
+def pose_topic_of(bag: Bag, gas: str, given: str | None) -> str:
+    """Return the given topic of poses, or the one whose name shares most with a topic of gas. Raises BagError."""
     if given:
-        bag.require(given, kinds)
+        bag.require(given, POSES)
         return given
-    found = bag.of_kind(*kinds)
-    found = [one for one in found if "goal" not in one.lower()] or found  # where it ought to go
+    found = bag.of_kind(*POSES)
+    found = [topic for topic in found if "goal" not in topic.lower()] or found  # goals are no measured poses
     if not found:
         raise BagError(
-            f"{bag.path}: has no {what} for {gas}: neither frames that lead to it nor a topic of them"
+            f"{bag.path}: has no poses for {gas}: neither frames that lead to it nor a topic of them"
         )
-    most = max(_shared(gas, one) for one in found)
-    near = [one for one in found if _shared(gas, one) == most]
-    first = min(kinds.index(bag.kinds[one]) for one in near)
-    near = [one for one in near if kinds.index(bag.kinds[one]) == first]
-    if len(near) > 1:
-        raise BagError(
-            f"{bag.path}: has several topics of {what} for {gas}, {listed(near)}; choose with {option}"
-        )
-    return near[0]
+    near = _nearest(gas, found)
+    best = min(POSES.index(bag.kinds[topic]) for topic in near)
+    near = [topic for topic in near if bag.kinds[topic] == POSES[best]]
+    return _only(bag, near, f"several topics of poses for {gas}", "--pose")
 
 
 def wind_topic_of(bag: Bag, gas: str, given: str | None) -> str | None:
-    """The topic of wind that belongs to one of gas, if there is any: vectors are wind only if their name says so."""
+    """Return the topic of wind that belongs to a topic of gas, if any. Vectors count as wind only by their name."""
     if given:
         bag.require(given, WINDS)
         return given
-    sure = bag.of_kind(ros.ANEMOMETER) or [one for one in bag.of_kind(*WINDS) if "wind" in one.lower()]
-    if not sure:
-        return None
-    most = max(_shared(gas, one) for one in sure)
-    near = [one for one in sure if _shared(gas, one) == most]
-    if len(near) > 1:
-        raise BagError(
-            f"{bag.path}: has several topics of wind for {gas}, {listed(near)}; choose with --wind"
-        )
-    return near[0]
+    found = bag.of_kind(ros.ANEMOMETER) or [topic for topic in bag.of_kind(*WINDS) if "wind" in topic.lower()]
+    return _only(bag, _nearest(gas, found), f"several topics of wind for {gas}", "--wind") if found else None
+
+
+def _nearest(gas: str, topics: Sequence[str]) -> list[str]:
+    """Return the topics that share most leading name parts with a topic of gas."""
+    shared = [_shared(gas, topic) for topic in topics]
+    return [topic for topic, count in zip(topics, shared, strict=True) if count == max(shared)]
+
+
+def _only(bag: Bag, topics: Sequence[str], several: str, option: str) -> str:
+    if len(topics) > 1:
+        raise BagError(f"{bag.path}: has {several}, {listed(topics)}; choose with {option}")
+    return topics[0]
 
 
 def _shared(a: str, b: str) -> int:
-    """How many parts two topics begin with alike."""
+    """Count the leading parts that two topics have in common."""
     parts = list(zip(a.strip("/").split("/"), b.strip("/").split("/"), strict=False))
-    return next((n for n, (one, other) in enumerate(parts) if one != other), len(parts))
+    return next((n for n, (mine, other) in enumerate(parts) if mine != other), len(parts))
 
 
 def robot_name(topic: str) -> str:
-    """Of the robot that a topic is of."""
+    """Return the name of the robot of a topic: all but the last part."""
     return "/".join(topic.strip("/").split("/")[:-1]) or "robot"

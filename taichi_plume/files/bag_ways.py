@@ -1,4 +1,4 @@
-"""The ways of recorded robots, with what their gas sensors read there: of a bag of ROS or a run's robots.parquet."""
+"""Trajectories of recorded robots with the readings of their gas sensors, from a ROS bag or a run's robots.parquet."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,27 +6,24 @@ from pathlib import Path
 import numpy as np
 
 from taichi_plume.files import bag_readings, bags
-from taichi_plume.files.bag_readings import Wanted
+from taichi_plume.files.bag_readings import BagOptions
 from taichi_plume.files.readings import MOST
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.opening import unopenable
 
-OF_RUN = ("t", "group", "trial", "robot", "x", "y", "heading", "reading_ppm")
-
-
-KEYS = {"--topic": "topics", "--pose": "poses"}
-"""What options of the maps' command are called in a scenario."""
+OF_RUN = ("t", "x", "y", "heading", "reading_ppm")
+KEYS = {"--topic": "topics", "--pose": "poses"}  # options of the maps command, and the keys of a scenario
 
 
 class WayError(ValueError):
-    """A recording that no way is in; the message is one line."""
+    """A recording without a usable trajectory; the message is one line."""
 
 
 @dataclass(frozen=True)
 class Way:
-    """Of one robot, in order of time: t (n,) [s], place (n, 3) [m], heading (n,) [rad], without jumps at half turns.
+    """Trajectory of a robot, in order of time: t (n,) [s], place (n, 3) [m], heading (n,) [rad], unwrapped.
 
-    Its readings: read_at (m,) [s], ppm (m,); none where they are not known.
+    Known readings: read_at (m,) [s], ppm (m,).
     """
 
     name: str
@@ -37,74 +34,58 @@ class Way:
     ppm: np.ndarray
 
     def at(self, t: float) -> tuple[float, ...]:
-        """x, y, z [m] and heading [rad] at a time [s]; before the first and after the last that of these."""
-        return tuple(float(np.interp(t, self.t, one)) for one in (*self.place.T, self.heading))
+        """Return x, y, z [m] and heading [rad] at a time [s], limited to the recorded times."""
+        return tuple(float(np.interp(t, self.t, column)) for column in (*self.place.T, self.heading))
 
 
 def read(
     path: Path, frame: str = "map", topics: tuple[str, ...] = (), poses: tuple[str, ...] = ()
 ) -> list[Way]:
-    """The ways that are in a file. Of a bag, frame: in which places are taken; topics: of gas; poses: topics of them.
+    """Return the trajectories of a file. Of a bag, frame: of positions; topics: of gas; poses: topics of poses.
 
-    Readings that cannot be turned into ppm are left out. Raises WayError.
+    Readings that cannot be converted to ppm are left out. Raises WayError.
     """
-    reason = None if bags.is_bag(path) else unopenable(path)
+    is_bag = bags.is_bag(path)
+    reason = None if is_bag else unopenable(path)
     if reason:
         raise WayError(f"{path}: {reason}")
     try:
-        ways = (
-            _of_bag(path, Wanted(topics, poses, frame=frame, lenient=True))
-            if bags.is_bag(path)
-            else _of_run(path)
-        )
+        options = BagOptions(topics, poses, frame=frame, lenient=True)
+        ways = _of_bag(path, options) if is_bag else _of_run(path)
     except (bags.BagError, RunFolderError) as error:
         text = str(error)
         for option, key in KEYS.items():
             text = text.replace(option, key)
         raise WayError(text) from None
-    if not ways or any(not len(one.t) for one in ways):
+    if not ways or any(not len(way.t) for way in ways):
         raise WayError(f"{path}: has no pose of a robot")
-    for one in ways:
-        for key, values in (("t", one.t), ("x", one.place), ("reading", one.ppm)):
+    for way in ways:
+        for what, values, most in (
+            ("time", way.t, MOST["t"]),
+            ("position", way.place, MOST["x"]),
+            ("reading", way.ppm, MOST["reading"]),
+        ):
             largest = float(np.abs(values).max(initial=0.0))
-            if largest > MOST[key]:
-                what = {"t": "time", "x": "position", "reading": "reading"}[key]
-                raise WayError(
-                    f"{path}: a {what} of {one.name} is {largest:g}, a mistake: at most {MOST[key]:g} is taken"
-                )
+            if largest > most:
+                raise WayError(f"{path}: a {what} of {way.name} is {largest:g}, a mistake: at most {most:g}")
     return ways
 
 
-def _of_bag(path: Path, wanted: Wanted) -> list[Way]:
-    return [
-        _way(one.name, one.t, one.place, one.heading, one.read_at, one.ppm)
-        for one in bag_readings.read(path, wanted)
-    ]
+def _of_bag(path: Path, options: BagOptions) -> list[Way]:
+    robots = bag_readings.read(path, options)
+    return [_way(r.name, r.t, r.place, r.heading, r.read_at, r.ppm) for r in robots]
 
 
 def _of_run(path: Path) -> list[Way]:
-    """Of the first trial of a run."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
+    """Return the trajectories of the first trial of a run."""
     from taichi_plume.files import table_parts
 
-    rows = table_parts.batches(path, OF_RUN, optional=("z",))  # of drones
-    kept = [batch.filter(pc.equal(batch["trial"], 0)) for batch in rows]
-    table = pa.Table.from_batches(kept).unify_dictionaries()
-    groups = np.array(table["group"].cast(pa.string()).to_pylist(), object)
-    columns = {name: table[name].to_numpy() for name in table.column_names if name != "group"}
-    columns["z"] = np.nan_to_num(columns.get("z", np.zeros(len(table))))  # 0 on the floor
     ways = []
-    for group in dict.fromkeys(groups):
-        for number in np.unique(columns["robot"][groups == group]):
-            rows = np.flatnonzero((groups == group) & (columns["robot"] == number))
-            t, x, y, z, heading, ppm = (
-                columns[name][rows].astype(float) for name in ("t", "x", "y", "z", "heading", "reading_ppm")
-            )
-            measured = t > 0.0
-            place = np.stack([x, y, z], axis=-1)
-            ways.append(_way(f"{group} {number}", t, place, heading, t[measured], ppm[measured]))
+    for (group, number), columns in table_parts.robots_of(path, OF_RUN, 0)[0].items():
+        t, x, y, z, heading, ppm = (columns[name].astype(float) for name in (*OF_RUN[:3], "z", *OF_RUN[3:]))
+        measured = t > 0.0
+        place = np.stack([x, y, z], axis=-1)
+        ways.append(_way(f"{group} {number}", t, place, heading, t[measured], ppm[measured]))
     return ways
 
 
@@ -113,7 +94,6 @@ def _way(
 ) -> Way:
     good = np.isfinite(t) & np.isfinite(place).all(axis=1) & np.isfinite(heading)
     t, first = np.unique(t[good], return_index=True)
-    told = np.isfinite(ppm) & np.isfinite(read_at)
-    return Way(
-        name, t, place[good][first], np.unwrap(heading[good][first]), read_at[told], ppm[told].astype(float)
-    )
+    known = np.isfinite(ppm) & np.isfinite(read_at)
+    ppm = ppm[known].astype(float)
+    return Way(name, t, place[good][first], np.unwrap(heading[good][first]), read_at[known], ppm)

@@ -1,13 +1,14 @@
-"""A new bag as ROS 2 makes it: a folder with an MCAP file and metadata.yaml, which `ros2 bag` plays; no ROS is needed.
+"""Writer of ROS 2 bags: a folder with an MCAP file and metadata.yaml, which `ros2 bag` plays; ROS is not needed.
 
-rosbags writes it and not mcap-ros2-support: with the messages go how they were offered (a latched map is given to those
-who come later) and the hashes of their types, and the folder has the metadata that `ros2 bag` looks for.
+rosbags is used instead of mcap-ros2-support: it stores the quality of service (so that late subscribers get a latched
+map), the hashes of the message types, and the metadata that `ros2 bag` needs.
 """
 
-from collections.abc import Iterator
+import shutil
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from taichi_plume.files import disk
 from taichi_plume.files import ros_messages as ros
@@ -23,11 +24,11 @@ CHECKED_EVERY = 1 << 22  # bytes, for which there has to be room on the disk
 
 
 class NoBagError(Exception):
-    """What is there is no bag, so that it is not replaced by one; says why."""
+    """A bag may not be written there; the message is one line and begins with the path."""
 
 
 class BagWriter:
-    """Takes messages by their topics; see `new_bag`."""
+    """Writes messages by topic; see `new_bag`."""
 
     def __init__(self, writer: "Writer", folder: Path):
         self.writer, self.folder = writer, folder
@@ -35,34 +36,27 @@ class BagWriter:
         self.waiting = 0  # bytes
 
     def topic(self, name: str, kind: str, latched: bool = False) -> None:
-        """A topic of messages of a kind. latched: its last message is given to those who come later."""
-        from rosbags.interfaces import (
-            Qos,
-            QosDurability,
-            QosHistory,
-            QosLiveliness,
-            QosReliability,
-            QosTime,
-        )
+        """Declare a topic of a message type. latched: late subscribers get the last message."""
+        from rosbags import interfaces as ros2
 
-        endless = QosTime(9_223_372_036, 854_775_807)  # what ROS records
-        offered = Qos(
-            history=QosHistory.KEEP_LAST,
+        endless = ros2.QosTime(9_223_372_036, 854_775_807)  # as ROS records
+        quality = ros2.Qos(
+            history=ros2.QosHistory.KEEP_LAST,
             depth=1 if latched else 10,
-            reliability=QosReliability.RELIABLE,
-            durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+            reliability=ros2.QosReliability.RELIABLE,
+            durability=ros2.QosDurability.TRANSIENT_LOCAL if latched else ros2.QosDurability.VOLATILE,
             deadline=endless,
             lifespan=endless,
-            liveliness=QosLiveliness.AUTOMATIC,
+            liveliness=ros2.QosLiveliness.AUTOMATIC,
             liveliness_lease_duration=endless,
             avoid_ros_namespace_conventions=False,
         )
         self.connections[name] = self.writer.add_connection(
-            name, kind, typestore=ros.store(), offered_qos_profiles=[offered]
+            name, kind, typestore=ros.store(), offered_qos_profiles=[quality]
         )
 
-    def write(self, topic: str, t: float, message: Any) -> None:
-        """Write a message, said at time t [s], 0 or later. Raises OSError when the disk is full."""
+    def write(self, topic: str, t: float, message: ros.Message) -> None:
+        """Write a message of time t [s], 0 or later. Raises OSError if the disk is full."""
         data = ros.encode(message)
         self.waiting += len(data)
         if self.waiting > CHECKED_EVERY:
@@ -72,54 +66,42 @@ class BagWriter:
 
 
 @contextmanager
-def new_bag(folder: Path, told: dict[str, str], force: bool = False) -> Iterator[BagWriter]:
-    """Write a bag, which is there once it is whole; told: facts that metadata.yaml keeps.
+def new_bag(folder: Path, facts: Mapping[str, str], force: bool = False) -> Iterator[BagWriter]:
+    """Write a bag, which appears once complete. facts: stored in metadata.yaml. force: replace an existing bag.
 
-    Raises NoBagError where something is there that is no bag, or is one, unless by `force`; and OSError.
+    Raises NoBagError if the bag may not be written, and OSError.
     """
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
-    check_new(folder, force)
+    _require_free(folder, force)
     part = folder.with_name(f".{folder.name}.part")
-    remove(part)
+    shutil.rmtree(part, ignore_errors=True)
     disk.require_room(folder)
     writer = Writer(part / folder.name, version=VERSION, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    for key, value in told.items():
+    for key, value in facts.items():
         writer.set_custom_data(key, value)
     try:
         with writer:
             yield BagWriter(writer, folder)
-        if folder.is_dir():
-            remove(folder)
+        shutil.rmtree(folder, ignore_errors=True)
         writer.path.rename(folder)
     finally:
-        remove(part)
+        shutil.rmtree(part, ignore_errors=True)
 
 
-def check_new(folder: Path, force: bool) -> None:
-    """Raises NoBagError where a bag may not be written."""
+def _require_free(folder: Path, force: bool) -> None:
+    """Raise NoBagError if a bag may not be written to this folder."""
     if not folder.parent.is_dir():
         raise NoBagError(f"{folder}: its folder does not exist")
     if not folder.is_symlink() and not folder.exists():
         return
     if folder.is_symlink() or not folder.is_dir():
         raise NoBagError(f"{folder}: is no folder; give the name of a folder for the bag")
-    if unopenable(folder / METADATA) or irregular(folder) or _strangers(folder):
+    others = [
+        file for file in folder.iterdir() if file.name != METADATA and file.suffix not in (".mcap", ".db3")
+    ]
+    if unopenable(folder / METADATA) or irregular(folder) or others:
         raise NoBagError(f"{folder}: is a folder, but no bag alone; choose another --out")
     if not force:
         raise NoBagError(f"{folder}: exists; choose another --out or add --force to overwrite")
-
-
-def _strangers(folder: Path) -> list[str]:
-    """What in a folder is nothing of a bag."""
-    return [
-        one.name for one in folder.iterdir() if one.name != METADATA and one.suffix not in (".mcap", ".db3")
-    ]
-
-
-def remove(folder: Path) -> None:
-    """Remove a folder, if it is there."""
-    import shutil
-
-    shutil.rmtree(folder, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""Bags of others: MCAP and SQLite of ROS 2, alone or in the folder that ROS makes, and .bag of ROS 1; by rosbags."""
+"""Foreign bags, read by rosbags: MCAP and SQLite of ROS 2, as a file or a folder of ROS, and .bag of ROS 1."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -26,6 +26,7 @@ LONGEST_METADATA = 1 << 20  # characters of one text in it, such as the qualitie
 SECONDS, SECONDS_PER_MIB = 4.0, 20.0  # computing time to read a bag
 MEMORY, MEMORY_PER_BYTE = 512 * MIB, 64
 UNPACKED, UNPACKED_PER_BYTE = 64 * MIB, 200  # limits of compressed files, unpacked on the disk
+FAULTS = (Exception,)  # rosbags raises errors of any kind, such as of SQLite, decompression and YAML
 OLD_NAMES = {  # of ROS 1, and of older packages
     "olfaction_msgs/msg/gas_sensor": ros.GAS_SENSOR,
     "olfaction_msgs/msg/gas_sensor_array": ros.GAS_SENSOR_ARRAY,
@@ -35,11 +36,11 @@ OLD_NAMES = {  # of ROS 1, and of older packages
 
 
 class BagError(ValueError):
-    """A bag that cannot be read, or has not what is looked for; the message is one line and begins with the path."""
+    """A bag that cannot be read or lacks a topic; the message is one line and begins with the path."""
 
 
-class Told(NamedTuple):
-    """What a message tells: stamp [s], 0 where it has none; the frame of its values, "" where it has none; values."""
+class Sample(NamedTuple):
+    """Content of a message: stamp [s], 0 if missing; the frame of the values, "" if missing; the values."""
 
     stamp: float
     frame: str
@@ -48,10 +49,10 @@ class Told(NamedTuple):
 
 @dataclass(frozen=True)
 class Series:
-    """What the messages of a topic tell, in the order of the bag.
+    """Values of all messages of a topic, in the order of the bag.
 
-    stamp, logged: (n,) when it was measured, 0 where that is not told, and when it was recorded [s]; values (n, k).
-    frame: that of the first message.
+    stamp: time of the measurement, 0 if missing; logged: time of the recording, (n,) [s]; values (n, k); frame: of the
+    first message.
     """
 
     topic: str
@@ -62,38 +63,37 @@ class Series:
 
     @property
     def is_stamped(self) -> bool:
-        """Whether all tell when they were measured."""
+        """Whether all messages, except perhaps the first, have a stamp."""
         return bool((self.stamp > 0.0).all() or (len(self.stamp) > 1 and (self.stamp[1:] > 0.0).all()))
 
     def times(self, stamped: bool) -> np.ndarray:
-        """By the stamps, or as recorded (n,) [s]."""
+        """Return the times of the stamps, or of the recording (n,) [s]."""
         return self.stamp if stamped else self.logged
 
 
 class Bag:
-    """An open bag; see `opened`. kinds: of each topic that has messages, the type of these."""
+    """An open bag; see `opened`. kinds: message type of each topic that has messages."""
 
     def __init__(self, path: Path, reader: "AnyReader"):
         self.path, self.reader = path, reader
-        self.kinds = {
-            one.topic: OLD_NAMES.get(one.msgtype, one.msgtype) for one in reader.connections if one.msgcount
-        }
+        used = [connection for connection in reader.connections if connection.msgcount]
+        self.kinds = {topic.topic: OLD_NAMES.get(topic.msgtype, topic.msgtype) for topic in used}
 
     def of_kind(self, *kinds: str) -> list[str]:
-        """The topics of some types, sorted; numbers in them as numbers."""
+        """Return the topics of some types, sorted; digits in the names as numbers."""
         found = [topic for topic, kind in self.kinds.items() if kind in kinds]
         return sorted(found, key=_counted)
 
-    def messages(self, *topics: str) -> Iterator[tuple[str, float, Any]]:
-        """Topic, time of recording [s] and message, in the order of the bag. Raises BagError."""
-        chosen = [one for one in self.reader.connections if one.topic in topics and one.msgcount]
-        for n, (one, t, data) in enumerate(self.reader.messages(chosen) if chosen else ()):
+    def messages(self, *topics: str) -> Iterator[tuple[str, float, ros.Message]]:
+        """Yield topic, time of recording [s] and message, in the order of the bag. Raises BagError."""
+        chosen = [c for c in self.reader.connections if c.topic in topics and c.msgcount]
+        for n, (connection, t, data) in enumerate(self.reader.messages(chosen) if chosen else ()):
             if n >= MOST_MESSAGES:
-                raise BagError(f"{self.path}: {one.topic} has more than {MOST_MESSAGES:,} messages")
-            yield one.topic, 1e-9 * t, self.reader.deserialize(data, one.msgtype)
+                raise BagError(f"{self.path}: {connection.topic} has more than {MOST_MESSAGES:,} messages")
+            yield connection.topic, 1e-9 * t, self.reader.deserialize(data, connection.msgtype)
 
-    def series(self, topic: str, get: Callable[[Any], Told]) -> Series:
-        """What the messages of a topic tell. Raises BagError."""
+    def series(self, topic: str, get: Callable[[ros.Message], Sample]) -> Series:
+        """Return the values of all messages of a topic. Raises BagError."""
         rows = [(logged, *get(message)) for _, logged, message in self.messages(topic)]
         if not rows:
             raise BagError(f"{self.path}: {topic} has no messages")
@@ -102,20 +102,18 @@ class Bag:
         return Series(topic, np.array(stamp, float), np.array(logged, float), frames[0], table)
 
     def require(self, topic: str, kinds: Iterable[str]) -> None:
-        """Raises BagError where there is no such topic, or of other types."""
+        """Raise BagError if there is no such topic, or a topic of another type."""
         if topic not in self.kinds:
             raise BagError(
                 f"{self.path}: has no topic '{topic}'; it has {listed(sorted(self.kinds)) or 'none'}"
             )
         if self.kinds[topic] not in kinds:
-            wanted = ", ".join(one.replace("/msg/", "/") for one in kinds)
-            raise BagError(
-                f"{self.path}: '{topic}' is of type {self.kinds[topic]}; {wanted} can be used here"
-            )
+            allowed = ", ".join(kind.replace("/msg/", "/") for kind in kinds)
+            raise BagError(f"{self.path}: '{topic}' is of type {self.kinds[topic]}; {allowed} can be used")
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path looks like one: a folder, or a file with the ending of one."""
+    """Return whether a path may be a bag: a folder, or a file whose name ends like that of a bag."""
     return path.suffix.lower() in FILES or path.is_dir()
 
 
@@ -125,9 +123,9 @@ def confined(function: Callable[..., Any], path: Path, *args: Any) -> Any:
     A bag may be compressed to a thousandth, hold endless queries (SQLite) or sequences of any length. Raises BagError.
     """
     check(path)
-    files = [path] if not path.is_dir() else [one for one in path.iterdir() if one.is_file()]
+    files = [path] if not path.is_dir() else [file for file in path.iterdir() if file.is_file()]
     try:
-        size = sum(one.stat().st_size for one in files)
+        size = sum(file.stat().st_size for file in files)
     except OSError as error:
         raise BagError(f"{path}: cannot be read: {error.strerror or error}") from None
     unpacked = UNPACKED + UNPACKED_PER_BYTE * size
@@ -135,7 +133,7 @@ def confined(function: Callable[..., Any], path: Path, *args: Any) -> Any:
         SECONDS + SECONDS_PER_MIB * size / MIB,
         MEMORY + MEMORY_PER_BYTE * size,
         opens=True,
-        written=unpacked // max(1, sum(one.suffix == ".zstd" for one in files)),
+        written=unpacked // max(1, sum(file.suffix == ".zstd" for file in files)),
     )
     with TemporaryDirectory(prefix="taichi_plume_bag_") as folder:  # rosbags unpacks files there
         try:
@@ -166,53 +164,42 @@ def opened(path: Path) -> Iterator[Bag]:
     except (BagError, KeyboardInterrupt):
         raise
     except MemoryError:
-        raise BagError(
-            f"{path}: cannot be read: needs too much memory for its size; is it damaged?"
-        ) from None
+        raise BagError(f"{path}: cannot be read: too much memory for its size; is it damaged?") from None
     except FAULTS as error:
         raise BagError(f"{path}: cannot be read: {plain(str(error)) or type(error).__name__}") from None
 
 
-FAULTS = (Exception,)
-"""What rosbags meets in damaged files is anything: assertions, keys, errors of SQLite, of decompression, of YAML."""
-
-
 def check(path: Path) -> None:
     """Raise BagError if there is no bag at this path, or its metadata.yaml cannot be read."""
-    if not path.is_dir():
-        reason = unopenable(path)
-        if reason:
-            raise BagError(f"{path}: {reason}")
-        return
-    reason = irregular(path)
+    reason = irregular(path) if path.is_dir() else unopenable(path)
     if reason:
         raise BagError(f"{path}: {reason}")
+    if not path.is_dir():
+        return
     metadata = path / "metadata.yaml"
     if not metadata.is_file():
-        files = sorted(one.name for one in path.iterdir() if one.suffix in (*FILES, ".parquet"))
+        files = sorted(file.name for file in path.iterdir() if file.suffix in (*FILES, ".parquet"))
         hint = f"; name a file in it, such as {files[0][:LONGEST_TEXT]}" if files else ""
         raise BagError(f"{path}: is a folder without metadata.yaml, and so no bag{hint}")
     try:
         content = read_regular(metadata, LARGEST_METADATA)
         if content is None:
             raise BagError(f"{metadata}: is too large; {LARGEST_METADATA >> 20} MiB are read")
-        # rosbags reads it again, with another reader of YAML that has no limits
-        parse(
-            decode(content), "the metadata of a bag", dates=True, aliases=False, longest_text=LONGEST_METADATA
-        )
+        # rosbags reads the file again, with a YAML reader that has no limits
+        text = decode(content)
+        parse(text, "the metadata of a bag", dates=True, aliases=False, longest_text=LONGEST_METADATA)
     except OSError as error:
         raise BagError(f"{metadata}: cannot be read: {error.strerror or error}") from None
     except LineError as fault:
         raise BagError(f"{metadata}: {fault}") from None
 
 
-def stamp_of(header: Any) -> float:
-    """The time of a header [s]; of ROS 1 too."""
-    one = header.stamp
-    return float(one.sec) + 1e-9 * float(one.nanosec)
+def stamp_of(header: ros.Message) -> float:
+    """Return the time of a header [s], also of ROS 1."""
+    return float(header.stamp.sec) + 1e-9 * float(header.stamp.nanosec)
 
 
 def _counted(topic: str) -> list[tuple[int, str]]:
-    """What topics are sorted by."""
+    """Return a key to sort topics by, with digits as numbers."""
     parts = re.split(r"([0-9]+)", topic)
     return [(len(part) if n % 2 else 0, part) for n, part in enumerate(parts)]

@@ -1,7 +1,7 @@
-"""Codecs of Zarr that decode a chunk to no more than the size that the array's metadata declare.
+"""Codecs of Zarr that decode a chunk to no more than the size in the array's metadata.
 
-A chunk of 200 KB may decode to gigabytes (decompression bomb): codecs believe what the chunk says of its size, or
-decode until the memory ends. `zarr.config.set(BOUNDED)` makes the arrays that are opened in its block use these codecs.
+A chunk of 200 KB may decode to gigabytes (decompression bomb): other codecs trust the size that the chunk states, or
+decode until the memory ends. Arrays opened in a block of `zarr.config.set(BOUNDED)` use these codecs.
 """
 
 import asyncio
@@ -9,26 +9,22 @@ import math
 import zlib
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
 
 import numcodecs
 from zarr.abc.codec import Codec
 from zarr.codecs import BloscCodec, GzipCodec, ShardingCodec, ZstdCodec
 from zarr.codecs._v2 import V2Codec
+from zarr.core.array_spec import ArraySpec
+from zarr.core.buffer import Buffer, NDBuffer
 from zarr.core.codec_pipeline import BatchedCodecPipeline
 from zarr.registry import register_pipeline
 
-SLACK = (
-    1 << 16
-)  # bytes more than twice the declared size: of checksums, shard indices, and packing what is packed
-SIZE_AT = {
-    "blosc": 4,
-    "lz4": 0,
-}  # where the first bytes of packed data state the decoded size, which the codec keeps
+SLACK = 1 << 16  # bytes over twice the declared size: checksums, shard indices, data packed twice
+SIZE_AT = {"blosc": 4, "lz4": 0}  # offset of the decoded size in packed data, which the codec keeps
 
 
-def unpack(codec: str, packed: bytes, most: int) -> Any:
-    """Return unpacked bytes. Raises ValueError if there are more than `most`, and what the codec raises."""
+def unpack(codec: str, packed: bytes, most: int) -> bytes:
+    """Return unpacked bytes. Raises ValueError if there are more than `most`, and errors of the codec."""
     if codec in SIZE_AT:
         size = int.from_bytes(packed[SIZE_AT[codec] :][:4], "little")
         data = numcodecs.get_codec({"id": codec}).decode(packed) if size <= most else b""
@@ -48,32 +44,20 @@ def unpack(codec: str, packed: bytes, most: int) -> Any:
     return data
 
 
-async def _unpacked(codec: str, chunk: Any, spec: Any) -> Any:
-    """Decode a chunk, as a buffer of Zarr."""
+async def _unpacked(codec: str, chunk: Buffer, spec: ArraySpec) -> Buffer:
+    """Decode a chunk to a buffer of Zarr."""
     most = 2 * math.prod(spec.shape) * spec.dtype.to_native_dtype().itemsize + SLACK
     data = await asyncio.to_thread(unpack, codec, chunk.to_bytes(), most)
     return spec.prototype.buffer.from_bytes(data)
 
 
-class Blosc(BloscCodec):
-    """Blosc codec of Zarr 3."""
+def _subclass(base: type[Codec], codec: str) -> type[Codec]:
+    """Return a subclass of a codec of Zarr 3 that decodes a chunk to a bounded size."""
 
-    async def _decode_single(self, chunk_bytes: Any, chunk_spec: Any) -> Any:
-        return await _unpacked("blosc", chunk_bytes, chunk_spec)
+    async def decode(_self: Codec, chunk_bytes: Buffer, chunk_spec: ArraySpec) -> Buffer:
+        return await _unpacked(codec, chunk_bytes, chunk_spec)
 
-
-class Zstd(ZstdCodec):
-    """Zstandard codec of Zarr 3."""
-
-    async def _decode_single(self, chunk_bytes: Any, chunk_spec: Any) -> Any:
-        return await _unpacked("zstd", chunk_bytes, chunk_spec)
-
-
-class Gzip(GzipCodec):
-    """Gzip codec of Zarr 3."""
-
-    async def _decode_single(self, chunk_bytes: Any, chunk_spec: Any) -> Any:
-        return await _unpacked("gzip", chunk_bytes, chunk_spec)
+    return type(base.__name__, (base,), {"_decode_single": decode, "__module__": __name__})
 
 
 class Sharding(ShardingCodec):
@@ -86,21 +70,17 @@ class Sharding(ShardingCodec):
 
 
 class Zarr2(V2Codec):
-    """Compressor and filters of Zarr 2. The filters that are read do not change the size."""
+    """Compressor and filters of Zarr 2. The accepted filters do not change the size."""
 
-    async def _decode_single(self, chunk_bytes: Any, chunk_spec: Any) -> Any:
+    async def _decode_single(self, chunk_bytes: Buffer, chunk_spec: ArraySpec) -> NDBuffer:
         if self.compressor is None:
             return await super()._decode_single(chunk_bytes, chunk_spec)
         data = await _unpacked(self.compressor.codec_id, chunk_bytes, chunk_spec)
         return await replace(self, compressor=None)._decode_single(data, chunk_spec)
 
 
-OWN: dict[type[Any], type[Any]] = {
-    BloscCodec: Blosc,
-    ZstdCodec: Zstd,
-    GzipCodec: Gzip,
-    ShardingCodec: Sharding,
-}
+BASES: dict[type[Codec], str] = {BloscCodec: "blosc", ZstdCodec: "zstd", GzipCodec: "gzip"}
+OWN = {ShardingCodec: Sharding} | {base: _subclass(base, codec) for base, codec in BASES.items()}
 
 
 class BoundedPipeline(BatchedCodecPipeline):
@@ -109,10 +89,10 @@ class BoundedPipeline(BatchedCodecPipeline):
     @classmethod
     def from_codecs(cls, codecs: Iterable[Codec], *, batch_size: int | None = None) -> "BoundedPipeline":
         """Return the pipeline of these codecs."""
-        return super().from_codecs([_bounded(one) for one in codecs], batch_size=batch_size)
+        return super().from_codecs([_bounded(codec) for codec in codecs], batch_size=batch_size)
 
 
-def _bounded(codec: Any) -> Codec:
+def _bounded(codec: Codec) -> Codec:
     if type(codec) is V2Codec:
         return Zarr2(filters=codec.filters, compressor=codec.compressor)
     return OWN[type(codec)].from_dict(codec.to_dict()) if type(codec) in OWN else codec

@@ -1,7 +1,7 @@
-"""`checkpoint.npz`: plain data and arrays, with a checksum; written so that a reader sees the old one or the new one.
+"""`checkpoint.npz`: plain data and arrays, with a checksum; replaced atomically.
 
-The file is an archive of NumPy arrays, one of them the rest as JSON, and after it the SHA-256 of all before. Reading it
-runs no code, whoever has written it.
+The file is an archive of NumPy arrays, one of which holds the other data as JSON, followed by the SHA-256 of all bytes
+before. Reading a file executes no code, whoever wrote it.
 """
 
 import hashlib
@@ -10,7 +10,7 @@ import json
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -24,11 +24,11 @@ DIGEST = 32  # bytes
 
 
 class CheckpointError(InputError):
-    """A checkpoint that cannot be read; the message begins with its path."""
+    """A checkpoint that cannot be read; the message begins with the path."""
 
 
 class NotPlainError(TypeError):
-    """Something that cannot be written, as it is no plain data."""
+    """A value that is no plain data and cannot be written."""
 
 
 def write(path: Path, content: dict[str, Any]) -> None:
@@ -42,13 +42,13 @@ def write(path: Path, content: dict[str, Any]) -> None:
         file.write(hashed.sum.digest())
 
 
-def require_plain(value: Any, name: str) -> None:
-    """Raise NotPlainError, which begins with the name, unless a value can be written and read back as the same."""
+def require_plain(value: object, name: str) -> None:
+    """Raise NotPlainError, which begins with the name, if a value cannot be written and read back unchanged."""
     _encoded(value, {}, name)
 
 
 def read(path: Path) -> dict[str, Any]:
-    """What was written. Raises CheckpointError where it is missing, damaged or none of ours."""
+    """Return the content of a checkpoint. Raises CheckpointError if it is missing, damaged or foreign."""
     try:
         content = memoryview(path.read_bytes())
     except OSError as error:
@@ -67,9 +67,9 @@ def read(path: Path) -> dict[str, Any]:
 
 
 class _Hashed(io.RawIOBase):
-    """Passes on what is written, and sums it up; nothing in it can be gone back to."""
+    """A file that hashes the bytes written to it, and cannot seek."""
 
-    def __init__(self, file: Any):
+    def __init__(self, file: BinaryIO):
         self.file, self.sum = file, hashlib.sha256()
 
     def writable(self) -> bool:
@@ -80,10 +80,10 @@ class _Hashed(io.RawIOBase):
         return self.file.write(data)
 
 
-def _encoded(value: Any, arrays: dict[str, np.ndarray], path: str) -> Any:
-    """As JSON has it; what JSON does not know is a dict with the one key of its kind.
+def _encoded(value: Any, arrays: dict[str, np.ndarray], path: str) -> object:
+    """Return a value for JSON. Types that JSON lacks become a dict with one key, the type; arrays go to `arrays`.
 
-    Subclasses are refused: what is read back would be without what makes them one.
+    Subclasses are refused, as they would be read back as the base class.
     """
     if type(value) is np.ndarray or isinstance(value, np.generic):
         if np.asarray(value).dtype.hasobject:
@@ -111,11 +111,11 @@ def _decoded(value: Any, array: Callable[[str], np.ndarray]) -> Any:
         return [_decoded(part, array) for part in value]
     if not isinstance(value, dict):
         return value
-    ((kind, told),) = value.items()
+    ((kind, content),) = value.items()
     if kind == "array":
-        return array(told)
+        return array(content)
     if kind == "number":
-        return array(told)[()]
+        return array(content)[()]
     if kind == "tuple":
-        return tuple(_decoded(part, array) for part in told)
-    return {_decoded(key, array): _decoded(part, array) for key, part in told}
+        return tuple(_decoded(part, array) for part in content)
+    return {_decoded(key, array): _decoded(part, array) for key, part in content}

@@ -1,4 +1,4 @@
-"""Room on the disk, looked at ahead of writing: rerun hangs when its writer thread fails, so it must not."""
+"""Free space on the disk, checked before writing (rerun hangs if its writer thread fails); atomic writing of files."""
 
 import errno
 import os
@@ -8,12 +8,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-RESERVE = 32 << 20  # bytes kept free, for the ends of all files
+RESERVE = 32 << 20  # bytes kept free, to complete all files
 FILE_RESERVE = 1 << 20  # bytes below the limit on the size of one file
 
 
 def require_room(file: Path, coming: int = 0) -> None:
-    """Raise OSError when `coming` more bytes would leave less than the reserve on the disk of `file`."""
+    """Raise OSError if `coming` more bytes would leave less than the reserve on the disk of `file`."""
     free = shutil.disk_usage(file.parent).free
     if free < RESERVE + coming:
         text = f"the disk is full ({free / 1e6:.0f} MB left, {(RESERVE + coming) / 1e6:.0f} MB needed)"
@@ -24,16 +24,15 @@ def require_room(file: Path, coming: int = 0) -> None:
 
 
 def sync(file: Path) -> None:
-    """Bring a file to the disk itself, so that a machine that loses power has it. Raises OSError."""
+    """Flush a file to the disk, so that it survives a power failure. Raises OSError."""
     with file.open("rb+") as opened:
         os.fsync(opened.fileno())
 
 
 def new_beside(path: Path) -> Path:
-    """A new empty file beside `path`, to be written and renamed to it.
+    """Create an empty file beside `path`, to be written and renamed to `path`.
 
-    The file is created exclusively, under a random name: no link is followed, and no file of someone's is overwritten.
-    Raises OSError.
+    The file is created exclusively under a random name: no link is followed, no file overwritten. Raises OSError.
     """
     fresh = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
@@ -44,13 +43,13 @@ def new_beside(path: Path) -> Path:
 
 
 def left_in(folder: Path) -> list[Path]:
-    """Files of `new_beside` that killed processes have left in a folder."""
+    """Return the files of `new_beside` that killed processes left in a folder."""
     return list(folder.glob(f".*.{'[0-9a-f]' * 8}.part"))
 
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """A new file to write, which then takes the place of `path`; whatever happens, a whole file stands there.
+    """Yield a new file to write, which then replaces `path`: a complete file is there at any time.
 
     A link at `path` is replaced, not followed. Raises OSError.
     """
@@ -71,7 +70,7 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 def largest_file() -> float:
-    """Bytes that this process may write to one file."""
+    """Return the limit on the bytes of one file (ulimit -f)."""
     if os.name == "nt":
         return float("inf")
     import resource

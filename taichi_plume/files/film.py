@@ -1,32 +1,33 @@
-"""A film: wind and gas on the whole grid, frame by frame, in a zarr group that xarray opens as it is.
+"""Film: wind and gas on the whole grid, frame by frame, in a zarr group (`fields.zarr`) that xarray opens.
 
-Dimensions, for `a` in x, y, z: `a` cell centres, `a_face` cell faces, `a_ghost` cell centres and one more beyond each
-end. Variables are float32 in the order (time, z, y, x), one chunk per frame and variable; attributes follow CF. To look
-at, on the cells' middles:
+Dimensions, for `a` in x, y, z: `a` cell centres, `a_face` cell faces, `a_ghost` cell centres and one ghost cell beyond
+each end. Variables are float32 in the order (time, z, y, x), one chunk per frame and variable; attributes follow CF.
+At the cell centres, to look at:
 
     u, v, w     [m/s]    air velocity
     NAME_ppm    [ppm]    of a species, at 25 °C and 1 atm
-    temperature [K]      where it is solved for
+    temperature [K]      if the run solves for temperature
     gas_NAME    [kg/m³]  concentration of a species
-    air         share of the cell that holds its gas, 0 in obstacles: the sum of gas_NAME * air * cell_volume is the
-                mass; without time
+    air         volume fraction of the cell that holds gas, 0 in obstacles: the sum of gas_NAME * air * cell_volume is
+                the mass; without time
 
-To go on with, played back or as the start of a run:
+For playback, or as the initial state of a run:
 
-    u_face, ... [m/s]    air velocity on the faces, so that its divergence over a cell stays what it was; along the
-                         other axes over ghosts, so that interpolation gives the walls' own velocity at the walls
-    viscosity   [m²/s]   molecular and eddy viscosity, over ghosts; only of a flow with eddies
-    volume      share of the cells that is air; without time. Cells that an obstacle cuts hold gas as though they
-                were as wide as their widest face, hence `air`
-    area_u_face, ... share of the faces that is air; without time
+    u_face, ... [m/s]    air velocity on the faces, which keeps the divergence over a cell; along the other axes with
+                         ghosts, so that interpolation gives the walls' velocity at the walls
+    viscosity   [m²/s]   molecular and eddy viscosity, with ghosts; only of a flow with an eddy viscosity
+    volume      volume fraction of the cells that is air; without time. Cells that an obstacle cuts hold gas as though
+                they were as wide as their widest face, hence `air`
+    area_u_face, ... area fraction of the faces that is air; without time
     open_u_face, ... 1 on faces whose velocity was solved for, 0 on walls; without time
 
-A frame counts once its time is written, so a film that was interrupted holds all frames before. To look at one:
+A frame counts once its time is written, so an interrupted film holds all frames before. To open a film:
 ``xarray.open_zarr("runs/arena-1/fields.zarr")``.
 """
 
 import json
 import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +39,7 @@ from taichi_plume.files.zarr_groups import (
     LARGEST_CHUNK,
     Group,
     GroupError,
-    reason,
+    errors_as,
     require_memory,
     stored_chunks,
 )
@@ -50,20 +51,21 @@ if TYPE_CHECKING:
     from taichi_plume.grid.cut_cells import Air
 
 FORMAT = "taichi_plume film 3"
-EARLIER = "taichi_plume film"  # all of them begin so
+EARLIER = "taichi_plume film"  # start of the format of every version
 VELOCITIES = ("u_face", "v_face", "w_face")
 STILL = ("open_", "area_")
 GAS = "gas_"  # and the name of the species
-MOST = 1e9
-"""Of a number in the attributes, cells along an axis among them."""
+MOST = 1e9  # largest number in the attributes, such as cells along an axis
+Places = Callable[[np.ndarray], np.ndarray]
+"""Values (...), or (..., dim) of a vector, at points (..., dim) [m]."""
 
 
 class FilmError(InputError):
-    """A film that cannot be read; the message begins with its path."""
+    """A film that cannot be read; the message begins with the path."""
 
 
 def dimensions(name: str, dim: int) -> tuple[str, ...]:
-    """Names of a variable's dimensions without time, slowest first."""
+    """Return the names of a variable's dimensions without time, slowest first."""
     still = name.startswith(STILL)
     component = name.removeprefix(STILL[0]).removeprefix(STILL[1])
     if component in VELOCITIES:
@@ -74,14 +76,8 @@ def dimensions(name: str, dim: int) -> tuple[str, ...]:
     return tuple(axis + end for axis, end in zip("xyz", ends, strict=False))[::-1]
 
 
-def _count(dimension: str, shape: tuple[int, ...]) -> int:
-    """Number of places along a dimension."""
-    more = {"": 0, "face": 1, "ghost": 2}[dimension.partition("_")[2]]
-    return shape["xyz".index(dimension[0])] + more
-
-
 def _positive(value: Any, name: str) -> float:
-    """A number of the attributes. Raises ValueError, or TypeError."""
+    """Return a number of the attributes if it is positive. Raises ValueError, or TypeError."""
     number = float(value)
     if not 0.0 < number < MOST:
         raise ValueError(f"its {name} is {number:g}")
@@ -99,31 +95,30 @@ def places(dimension: str, shape: tuple[int, ...], dx: float) -> np.ndarray:
 
 
 class Film:
-    """A film on disk. Raises FilmError where it is not one or not whole."""
+    """A film on disk. Raises FilmError if the folder is no film or incomplete.
+
+    times: of the frames [s]; shape: cells (x, y, z); dx: edge of a cell, depth: of a flat film [m].
+    """
 
     def __init__(self, path: Path):
         self.path = path
         fault = unopenable(path, folder=True)
         if fault:
             raise FilmError(f"{path}: {fault}; a run with `fields` writes fields.zarr into its folder")
-        damage = manifest.changed(path)  # zarr.json has no checksum
-        if damage:
-            raise FilmError(damage)
+        manifest.require_unchanged(path, FilmError)  # zarr.json has no checksum
         try:
             group = Group(path)
         except GroupError as error:
             raise FilmError(str(error)) from None
         except FAULTS:
             raise FilmError(f"{path}: is no zarr group; give the fields.zarr of an earlier run") from None
-        self.attributes: dict[str, Any] = group.attributes
+        self.attributes = group.attributes
         made = self.attributes.get("format")
         if made != FORMAT and str(made).startswith(EARLIER):
-            raise FilmError(
-                f"{path}: was written by another version of ours ({made}); make it again with this one"
-            )
+            raise FilmError(f"{path}: was written by another version of taichi_plume ({made}); record again")
         if made != FORMAT:
-            raise FilmError(f"{path}: was not written by a run of ours (its format is not '{FORMAT}')")
-        try:
+            raise FilmError(f"{path}: was not written by a run of taichi_plume (format is not '{FORMAT}')")
+        with errors_as(FilmError, path):
             self.shape: tuple[int, ...] = tuple(int(_positive(n, "shape")) for n in self.attributes["shape"])
             self.dx = _positive(self.attributes["spacing"], "spacing")
             self.depth = _positive(self.attributes["depth"], "depth")
@@ -132,17 +127,13 @@ class Film:
                 raise ValueError("its shape or periodic are not those of a plane or a room")
             if "gases" in self.attributes:
                 self.attributes["gases"] = json.loads(self.attributes["gases"])
-            self.arrays: dict[str, Any] = {name: group[name] for name in group.names}
+            self.arrays = {name: group[name] for name in group.names}
             time = self.arrays["time"]
             self.times: np.ndarray = time[: min(time.shape[0], stored_chunks(time) * time.chunks[0])]
             if self.wind:
                 _positive(self.attributes["schmidt"], "schmidt")
-                _positive(self.attributes["viscosity"] or 1.0, "viscosity")  # there may be none
-        except GroupError as error:
-            raise FilmError(str(error)) from None
-        except FAULTS as error:
-            raise FilmError(f"{path}: is damaged: {reason(error)}") from None
-        unknown = np.flatnonzero(~np.isfinite(self.times))  # interrupted while it was written
+                _positive(self.attributes["viscosity"] or 1.0, "viscosity")  # 0 without viscosity
+        unknown = np.flatnonzero(~np.isfinite(self.times))  # the writer was interrupted
         self.times = self.times[: unknown[0]] if len(unknown) else self.times
         if not len(self.times):
             raise FilmError(f"{path}: holds no frame")
@@ -150,83 +141,116 @@ class Film:
             raise FilmError(f"{path}: is damaged: its times do not increase")
         for name in [*self.wind, *self.gas]:
             self._check(name, len(self.times))
-        for name in [
-            "volume",
-            *(f"{still}{one}" for still in STILL for one in self.wind if one in VELOCITIES),
-        ]:
+        still = [f"{kind}{name}" for kind in STILL for name in self.wind if name in VELOCITIES]
+        for name in ["volume", *still]:
             self._check(name, 0)
 
     def _check(self, name: str, frames: int) -> None:
-        """Shape and number of the stored frames (none: without time); all else is looked at when they are read."""
+        """Check shape and number of the stored frames (0: a variable without time), without decoding them."""
         array = self.arrays.get(name)
         if array is None:
             raise FilmError(f"{self.path}: is not whole: {name} is missing; copy all of it")
-        wanted = tuple(_count(d, self.shape) for d in dimensions(name, len(self.shape)))
-        try:
+        more = {"": 0, "face": 1, "ghost": 2}
+        expected = tuple(
+            self.shape["xyz".index(d[0])] + more[d.partition("_")[2]]
+            for d in dimensions(name, len(self.shape))
+        )
+        with errors_as(FilmError, self.path, f"is damaged: {name}"):
             size = array.shape[1:] if frames else array.shape
-            if size != wanted:
-                raise ValueError(f"it has the shape {size}, not {wanted}")
+            if size != expected:
+                raise ValueError(f"has the shape {size}, not {expected}")
             if math.prod(size) * array.dtype.itemsize > LARGEST_CHUNK:
-                raise ValueError(f"it has frames of {size} cells, over {LARGEST_CHUNK >> 30} GiB")
+                raise ValueError(f"has frames of {size} cells, over {LARGEST_CHUNK >> 30} GiB")
             stored = stored_chunks(array)
-            if frames:  # a copy by xarray may hold several in a chunk, or a frame in several
+            if frames:  # in a copy by xarray a chunk may hold several frames, or a frame several chunks
                 pieces = math.prod(-(-n // k) for n, k in zip(size, array.chunks[1:], strict=True))
                 stored = min(array.shape[0], stored * array.chunks[0] // pieces)
-        except FAULTS as error:
-            raise FilmError(f"{self.path}: is damaged: {name}: {reason(error)}") from None
         if stored < (frames or 1):
-            raise FilmError(
-                f"{self.path}: is not whole: {name} has {stored} of {frames or 1} frames; copy all of it"
-            )
+            raise FilmError(f"{self.path}: {name} has {stored} of {frames or 1} frames; copy all of it")
 
     @property
     def wind(self) -> list[str]:
+        """Names of the variables that playback needs of the wind; empty if none was recorded."""
         names = [*VELOCITIES[: len(self.shape)], *(["viscosity"] if "viscosity" in self.arrays else [])]
         return names if VELOCITIES[0] in self.arrays else []
 
     @property
     def gas(self) -> list[str]:
-        """Names of the variables of the gas, one per species; empty where none was recorded."""
+        """Names of the variables of the gas, one per species; empty if none was recorded."""
         return sorted(name for name in self.arrays if name.startswith(GAS))
 
     def gas_of(self, species: str | OtherSpecies | None) -> str:
-        """The variable to play for a species; the only one there is, whatever species is asked for.
+        """Return the variable of a species. A film with one gas returns that gas, whatever the species.
 
-        Raises FilmError where there are several and it is none of them.
+        Raises FilmError if the film holds several gases and the species is none of them.
         """
-        asked = species.name if isinstance(species, OtherSpecies) else species
+        name = f"{GAS}{species.name if isinstance(species, OtherSpecies) else species}"
         if len(self.gas) == 1:
             return self.gas[0]
-        if f"{GAS}{asked}" in self.gas:
-            return f"{GAS}{asked}"
+        if name in self.gas:
+            return name
         names = ", ".join(name.removeprefix(GAS) for name in self.gas) or "no gas"
-        raise FilmError(f"{self.path}: holds {names}; give the species of one")
+        raise FilmError(f"{self.path}: holds {names}; give `species` as one of these")
 
     def still(self, name: str) -> np.ndarray:
-        try:
+        """Return a variable without time, axes (x, y, z). Raises FilmError."""
+        with errors_as(FilmError, self.path, f"is damaged: {name}"):
             require_memory({name: self.arrays[name]})
             return self.arrays[name][...].T
-        except FAULTS as error:
-            raise FilmError(f"{self.path}: is damaged: {name}: {reason(error)}") from None
 
     def air(self) -> "Air":
-        """The air of a recorded wind; whose surfaces these are, and how far away, is not known."""
-        from taichi_plume.grid.cut_cells import Air  # brings Taichi, which those that only look do without
+        """Return the open fractions of a recorded wind; the film does not know which obstacle a surface belongs to."""
+        from taichi_plume.grid.cut_cells import Air  # imports Taichi, which readers of a film do not need
 
         area = tuple(self.still(f"area_{name}").astype(float) for name in VELOCITIES[: len(self.shape)])
         volume = self.still("volume").astype(float)
         return Air(volume, area, area, np.full(volume.shape, -1), self.periodic)
 
-    def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
+    def frame(self, n: int, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Return variables of frame n, axes (x, y, z). Raises FilmError."""
         result = {}
         for name in names:
-            try:
+            place = f"{self.path}: frame {n} of {name} (t = {self.times[n]:g} s)"
+            with errors_as(FilmError, place):
                 result[name] = self.arrays[name][n].T
-            except FAULTS as error:
-                raise FilmError(f"{self._place(name, n)} is damaged: {reason(error)}") from None
             if not np.isfinite(result[name]).all():
-                raise FilmError(f"{self._place(name, n)} is damaged: not all of its values are numbers")
+                raise FilmError(f"{place}: is damaged: not all values are finite numbers")
         return result
 
-    def _place(self, name: str, n: int) -> str:
-        return f"{self.path}: frame {n} of {name} (t = {self.times[n]:g} s)"
+    def moment(self, names: Sequence[str], t: float | None) -> dict[str, np.ndarray]:
+        """Return variables at time t [s], linear in time between frames, axes (x, y, z); None: of the last frame.
+
+        Before the first and after the last frame the values of that frame hold. Raises FilmError.
+        """
+        last = len(self.times) - 1
+        n = last if t is None else int(np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, last))
+        frame = self.frame(n, names)
+        if t is None or n == last or t <= self.times[n]:
+            return frame
+        share = (t - self.times[n]) / (self.times[n + 1] - self.times[n])
+        later = self.frame(n + 1, names)
+        return {name: (1.0 - share) * frame[name] + share * later[name] for name in names}
+
+    def velocity(self, t: float | None) -> Places:
+        """Return the air velocity [m/s] at time t [s] as a function of the position. Raises FilmError."""
+        names = VELOCITIES[: len(self.shape)]
+        parts = [self._linear(name, values) for name, values in self.moment(names, t).items()]
+        return lambda points: np.stack([part(points) for part in parts], axis=-1)
+
+    def concentration(self, name: str, t: float | None) -> Places:
+        """Return a gas [kg/m³] at time t [s] as a function of the position, from the cells that hold air.
+
+        Raises FilmError.
+        """
+        air = (self.still("volume") > 0).astype(float)
+        held, share = self._linear(name, self.moment([name], t)[name] * air), self._linear(name, air)
+        return lambda points: np.maximum(held(points), 0.0) / np.maximum(share(points), 1e-6)
+
+    def _linear(self, name: str, values: np.ndarray) -> Places:
+        """Interpolate linearly between the positions of a variable; beyond them the outermost values hold."""
+        from scipy.interpolate import RegularGridInterpolator
+
+        axes = [places(d, self.shape, self.dx) for d in dimensions(name, len(self.shape))[::-1]]
+        between = RegularGridInterpolator(axes, np.asarray(values, float))
+        low, high = (np.array([axis[end] for axis in axes]) for end in (0, -1))
+        return lambda points: between(np.clip(points, low, high))

@@ -1,4 +1,4 @@
-"""GADEN's OccupancyGrid3D.csv: which cubes of a building are walls or furniture.
+"""Occupancy grid of GADEN (OccupancyGrid3D.csv): cubes of a building that are walls or furniture, as an obstacle.
 
     #env_min(m) x y z
     #env_max(m) x y z
@@ -26,7 +26,7 @@ from taichi_plume.grid.shapes import TIE, Shape
 
 HEADER = ("env_min", "env_max", "num_cells", "cell_size")
 LARGEST = 1e9  # number of a header
-NEIGHBOURS = 12  # cubes with the nearest centres, among which is the nearest cube
+NEIGHBOURS = 12  # the nearest cube is among those with the nearest centres
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Occupancy:
 
 
 def read(path: Path) -> Occupancy:
-    """The grid of a file, or of the models that a YAML file lists. Raises WindFileError."""
+    """Return the grid of a file, or of the models that a YAML file lists. Raises WindFileError."""
     if path.suffix == ".yaml":
         from taichi_plume.files.gaden_models import occupancy
 
@@ -71,9 +71,8 @@ def read(path: Path) -> Occupancy:
     if (shape < 1).any() or (shape != known["num_cells"]).any() or size <= 0.0:
         raise WindFileError(f"{path}: its header tells of no cell")
     if np.abs(low + size * shape - known["env_max"]).max() > 0.99 * size:
-        raise WindFileError(
-            f"{path}: {_times(shape)} cells of {size:g} m do not reach from env_min to env_max"
-        )
+        cells = " x ".join(map(str, shape))
+        raise WindFileError(f"{path}: {cells} cells of {size:g} m do not reach from env_min to env_max")
     return Occupancy(path, low, size, _cells(file, tuple(shape)))
 
 
@@ -88,23 +87,20 @@ def _cells(file: TextFile, shape: tuple[int, ...]) -> np.ndarray:
             if len(values) != shape[1] or not set(values) <= {"0", "1", "2"}:
                 raise file.wrong(n, f"must be {shape[1]} numbers of 0, 1 and 2")
             rows.append(np.array(values, np.int8))
-    wanted = [shape[0] * (layer + 1) for layer in range(min(shape[2], len(rows)))]  # it may tell of a billion
-    if len(rows) != shape[0] * shape[2] or ends not in (wanted, wanted[:-1]):
+    layers = min(shape[2], len(rows))  # a header may claim billions
+    expected = [shape[0] * (layer + 1) for layer in range(layers)]
+    if len(rows) != shape[0] * shape[2] or ends not in (expected, expected[:-1]):
         raise WindFileError(
             f"{file.path}: has {len(rows)} rows and {len(ends)} semicolons, not {shape[0]} rows in each of {shape[2]} "
-            f"layers as its num_cells {_times(shape)} say; is the file whole?"
+            f"layers as its num_cells {' x '.join(map(str, shape))} say; is the file whole?"
         )
     return np.array(rows).reshape(shape[2], shape[0], shape[1]).transpose(1, 2, 0)
 
 
-def _times(shape) -> str:
-    return " x ".join(str(n) for n in shape)
-
-
 class Cubes(Shape):
-    """The obstacles of an occupancy grid as a shape in the domain, whose lower corner lies at `origin` [m] in the file.
+    """Obstacles of an occupancy grid as a shape in the domain, whose lower corner lies at `origin` [m] in the file.
 
-    height: z in the file of the section that a 2-D run takes [m].
+    height: z in the file of the section of a 2-D run [m].
     """
 
     def __init__(self, grid: Occupancy, dim: int, origin: np.ndarray, height: float):
@@ -133,15 +129,13 @@ class Cubes(Shape):
         return _distance(points, shadow, self.low[:2], self.size)
 
     def shares(self, grid: Grid, outlets: bool = True) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Shares of the cells and, per axis, of the faces of `grid` that are air; all of them beyond the cubes.
+        """Return the air fractions of the cells and, per axis, of the faces of `grid`; 1 beyond the cubes.
 
-        outlets: whether these are air.
+        outlets: count outlets as air.
         """
         air = np.pad(~self.solid if outlets else ~(self.solid | self.outlet), 1, constant_values=True)
-        edges = [
-            low + self.size * np.arange(n + 1) for low, n in zip(self.low, self.solid.shape, strict=True)
-        ]
-        edges = [np.concatenate([[-np.inf], edge, [np.inf]]) for edge in edges]
+        counts = zip(self.low, self.solid.shape, strict=True)
+        edges = [np.concatenate([[-np.inf], x + self.size * np.arange(n + 1), [np.inf]]) for x, n in counts]
         overlaps = [_overlaps(np.arange(n + 1) * grid.dx, e) for n, e in zip(grid.shape, edges, strict=True)]
         area = []
         for d, edge in enumerate(edges):
@@ -154,31 +148,28 @@ class Cubes(Shape):
         return _mean(air, overlaps), area
 
     def visible(self, extent: Sequence[float]) -> np.ndarray:
-        """Centres (n, dim) [m] of the cubes in a domain of `extent` [m] that one sees, without a ceiling, which would
-        hide the rest.
-        """
+        """Return the centres (n, dim) [m] of visible cubes in a domain of `extent` [m], without the ceiling."""
         places = [
             low + self.size * (np.arange(n) + 0.5) for low, n in zip(self.low, self.solid.shape, strict=True)
         ]
         within = [np.flatnonzero((x > 0.0) & (x < most)) for x, most in zip(places, extent, strict=True)]
         solid = self.solid[np.ix_(*within)]
         if solid.ndim == 3:
-            top = np.logical_and.accumulate(solid[:, :, ::-1], axis=2)[
-                :, :, ::-1
-            ]  # solid from here to the top
+            # solid from here to the top
+            top = np.logical_and.accumulate(solid[:, :, ::-1], axis=2)[:, :, ::-1]
             solid = solid & ~(top & ~top[:, :, :1])
         seen = np.nonzero(solid & (ndimage.binary_erosion(solid) == 0))
         return np.stack([x[w][n] for x, w, n in zip(places, within, seen, strict=True)], axis=-1)
 
 
 def _overlaps(cells: np.ndarray, cubes: np.ndarray) -> np.ndarray:
-    """Share of each cell that lies in each cube, both given by their edges along an axis."""
+    """Return the share of each cell that lies in each cube, both given by their edges along an axis."""
     low, high = np.maximum(cells[:-1, None], cubes[:-1]), np.minimum(cells[1:, None], cubes[1:])
     return np.maximum(high - low, 0.0) / np.diff(cells)[:, None]
 
 
 def _mean(air: np.ndarray, overlaps: Sequence[np.ndarray | None]) -> np.ndarray:
-    """Share that is air, along every axis that has overlaps."""
+    """Return the air fraction, averaged along every axis that has overlaps."""
     result = air.astype(float)
     for axis, overlap in enumerate(overlaps):
         if overlap is not None:
@@ -187,7 +178,7 @@ def _mean(air: np.ndarray, overlaps: Sequence[np.ndarray | None]) -> np.ndarray:
 
 
 def _distance(points: np.ndarray, solid: np.ndarray, low: np.ndarray, size: float) -> np.ndarray:
-    """Signed distance [m] of points to the surface of the cubes that are solid."""
+    """Return the signed distance [m] of points to the surface of the solid cubes."""
     flat = points.reshape(-1, solid.ndim)
     away = []
     for kind, sign in ((solid, 1.0), (~solid, -1.0)):

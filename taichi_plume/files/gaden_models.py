@@ -1,16 +1,15 @@
-"""GADEN's preprocessing: from STL models to the occupancy grid, for projects that hold no OccupancyGrid3D.csv yet.
+"""GADEN's preprocessing (voxelisation): from STL models to the occupancy grid, without an OccupancyGrid3D.csv.
 
-As in GADEN, a voxel that a triangle of a model passes through is an obstacle, one that a triangle of an outlet model
-passes through an outlet; the air is what a flood fill reaches from `empty_point`. So models need not be closed, and the
-inside of a wall or of a table is no air. A face between two voxels counts for the one inside of its body, whichever way
-its normal points; of open sheets it is the upper voxel. A closed body around `empty_point` is the hull of the air.
-The models are listed in
+As in GADEN, a voxel that a triangle of a model intersects is an obstacle, and of an outlet model an outlet; the air is
+the flood fill from `empty_point`. So models need not be closed, and the inside of a wall or table is no air. A face
+between two voxels counts for the voxel inside of its body, whichever way the normal points, and of open sheets for the
+upper voxel. A closed body around `empty_point` is the hull of the air. The models are listed in
 
     environment_configurations/CONFIG/config.yaml     GADEN 3: names relative to this file
     params/preproc_params.yaml                        GADEN 2: names begin with package variables of ROS
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -30,10 +29,10 @@ OLD = "preproc_params.yaml"
 NEEDS = "a configuration lists its models"
 MOST_VOXELS = 50_000_000
 MOST_PAIRS = 10_000_000  # pairs of a triangle and a voxel in its bounding box
-PER_BODY = 500  # pairs that take the time of a body
-CHUNK = 1 << 19  # pairs looked at together
-TOUCH = 1e-4  # voxels: a face this far from a voxel's is the same
-SAME = 1e-5  # voxels: corners nearer to each other are the same
+PER_BODY = 500  # pairs that take as long as a body
+CHUNK = 1 << 19  # pairs tested together
+TOUCH = 1e-4  # voxels: tolerance of faces
+SAME = 1e-5  # voxels: tolerance of corners
 UNKNOWN, OBSTACLE, OUTLET, AIR = -1, 1, 2, 0
 
 
@@ -59,9 +58,7 @@ def occupancy(path: Path) -> Occupancy:
         raise WindFileError(error.faults[0]) from None
     size = number(config.get("cell_size", 0.1), 1e-3, 100.0)
     if size is None:
-        raise WindFileError(
-            f"{path}: cell_size: got {config['cell_size']!r}, must be an edge from 0.001 to 100 m"
-        )
+        raise WindFileError(f"{path}: cell_size: got {config['cell_size']!r}, must be from 0.001 to 100 m")
     models, outlets = (_triangles(path, config, key) for key in ("models", "outlets_models"))
     if not len(models):
         raise WindFileError(f"{path}: models: lists no STL file")
@@ -82,17 +79,17 @@ def occupancy(path: Path) -> Occupancy:
     for triangles, value in ((models, OBSTACLE), (outlets, OUTLET)):
         for body in _bodies((triangles - low) / size):
             work.add(PER_BODY)
-            begin, end = (
-                np.floor(edge).astype(int) for edge in (body.min(axis=(0, 1)), body.max(axis=(0, 1)))
-            )
-            begin, end = np.clip(begin, 0, count.astype(int) - 1), np.clip(end, 0, count.astype(int) - 1) + 1
-            box = cubes[tuple(map(slice, begin, end))]
+            corner = (body.min(axis=(0, 1)), body.max(axis=(0, 1)))
+            begin, last = (np.clip(np.floor(x).astype(int), 0, count.astype(int) - 1) for x in corner)
+            box = cubes[tuple(map(slice, begin, last + 1))]
             closed = _is_closed(body)
             if closed:
                 inside = _inside(body - begin, box.shape, work)
                 at = tuple(np.array(seed) - begin)
                 if value == OBSTACLE and min(at) >= 0 and (at < np.array(box.shape)).all() and inside[at]:
-                    _keep(cubes, box, inside)
+                    hull = box[inside]
+                    cubes[...] = OBSTACLE
+                    box[inside] = hull
                     continue
                 box[inside] = value
             for cells in _crossed(body - begin, box.shape, work, closed):
@@ -100,33 +97,24 @@ def occupancy(path: Path) -> Occupancy:
     return _filled(path, cubes, seed, low, size)
 
 
-def _keep(cubes: np.ndarray, box: np.ndarray, inside: np.ndarray) -> None:
-    """Make an obstacle of all voxels but those inside of a hull; box: part of the cubes around the hull."""
-    kept = box[inside]
-    cubes[...] = OBSTACLE
-    box[inside] = kept
-
-
 @dataclass
 class Work:
-    """Pairs of a triangle and a voxel, or a column of voxels, that were looked at."""
+    """Count of the tested pairs of a triangle and a voxel, or a column of voxels."""
 
     path: Path
     size: float
     pairs: int = 0
 
     def add(self, pairs: int) -> None:
-        """Count pairs before they are looked at. Raises WindFileError."""
+        """Count pairs before they are tested. Raises WindFileError."""
         self.pairs += pairs
         if self.pairs > MOST_PAIRS:
-            raise WindFileError(
-                f"{self.path}: its models have too many triangles for cells of {self.size:g} m"
-            )
+            raise WindFileError(f"{self.path}: too many triangles for cells of {self.size:g} m")
 
 
 def _filled(path: Path, cubes: np.ndarray, seed: tuple[int, ...], low: np.ndarray, size: float) -> Occupancy:
     """Fill the air from a voxel, and cut off the outer layers that hold neither air nor outlets."""
-    if cubes[seed] == OBSTACLE:  # GADEN starts in a wall too, and goes on to the cells beside
+    if cubes[seed] == OBSTACLE:  # GADEN starts in a wall too, and continues to the cells beside
         cubes[seed] = UNKNOWN
     region: np.ndarray = ndimage.label(cubes == UNKNOWN)[0]  # type: ignore[index]
     air: np.ndarray = (region == region[seed]) & (cubes == UNKNOWN)
@@ -134,20 +122,11 @@ def _filled(path: Path, cubes: np.ndarray, seed: tuple[int, ...], low: np.ndarra
         raise WindFileError(f"{path}: empty_point: lies in no air; name a point in the room")
     cubes[cubes == UNKNOWN] = OBSTACLE
     cubes[air] = AIR
-    ends = [
-        (np.flatnonzero(layers)[0], np.flatnonzero(layers)[-1] + 1) for layers in _layers(cubes != OBSTACLE)
-    ]
-    cut = cubes[tuple(slice(*end) for end in ends)]
-    return Occupancy(path, low + size * np.array([begin for begin, _ in ends]), size, cut)
+    (box,) = ndimage.find_objects((cubes != OBSTACLE).astype(int))
+    return Occupancy(path, low + size * np.array([side.start for side in box]), size, cubes[box])
 
 
-def _layers(kept: np.ndarray) -> Iterator[np.ndarray]:
-    """Which layers across each axis hold a kept voxel."""
-    for axis in range(3):
-        yield np.asarray(kept.any(axis=tuple(other for other in range(3) if other != axis)))
-
-
-def _empty_point(path: Path, config: dict[str, Any]) -> np.ndarray:
+def _empty_point(path: Path, config: Mapping[str, Any]) -> np.ndarray:
     seed = config.get("empty_point", [config.get(f"empty_point_{axis}", 0.0) for axis in "xyz"])
     point = [number(x, -1e9, 1e9) for x in seed] if isinstance(seed, list) else []
     if len(point) != 3 or None in point:
@@ -155,8 +134,8 @@ def _empty_point(path: Path, config: dict[str, Any]) -> np.ndarray:
     return np.array(point, float)
 
 
-def number(value: Any, least: float, most: float) -> float | None:
-    """Return a number of a YAML file as a float, None if the value is none within these limits."""
+def number(value: object, least: float, most: float) -> float | None:
+    """Return a number of a YAML file as a float, None if the value is no number within these limits."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
         return None
     return float(value) if isfinite(value) else None
@@ -165,25 +144,24 @@ def number(value: Any, least: float, most: float) -> float | None:
 # ---------------------------------------------------------------- models
 
 
-def models_of(path: Path, config: dict[str, Any], key: str) -> list[Path]:
+def models_of(path: Path, config: Mapping[str, Any], key: str) -> list[Path]:
     """List the STL files of `models` or `outlets_models` of a configuration. Raises WindFileError."""
     listed = config.get(key)
     if listed is None:  # the older form: model_0, model_1
         old = {"models": ("model",), "outlets_models": ("outlets_model", "outlet_model")}[key]
-        listed = [
-            config[f"{name}_{n}"] for name in old for n in range(len(config)) if f"{name}_{n}" in config
-        ]
+        keys = [f"{name}_{n}" for name in old for n in range(len(config))]
+        listed = [config[key] for key in keys if key in config]
     if not isinstance(listed, list):
         raise WindFileError(f"{path}: {key}: got {listed!r}, must be a list of STL files")
-    names = [one for one in listed if isinstance(one, str) and one and not one.startswith("!")]
+    names = [name for name in listed if isinstance(name, str) and not name.startswith("!")]
     return [located(path, name) for name in names if name.lower().endswith(".stl")]
 
 
 def located(path: Path, name: str) -> Path:
     """Return the file that a configuration names, also by variables of ROS or `package://`.
 
-    These stand for a package around the project: what follows is looked up in the project's folder and in those above.
-    If there is no such file, the place in the project's folder is returned.
+    These stand for a package around the project: the rest of the name is looked up in the project's folder and in
+    folders above. If the file does not exist, the path in the project's folder is returned.
     """
     home = path.parent.parent if path.name == OLD else path.parent
     parts = name.split("/")
@@ -198,8 +176,8 @@ def located(path: Path, name: str) -> Path:
     return next((file for file in found if file.is_file()), home / "/".join(rest))
 
 
-def _triangles(path: Path, config: dict[str, Any], key: str) -> np.ndarray:
-    """Corners (n, 3, 3) [m] of the triangles of models."""
+def _triangles(path: Path, config: Mapping[str, Any], key: str) -> np.ndarray:
+    """Return the corners (n, 3, 3) [m] of the triangles of models."""
     found = [np.empty((0, 3, 3))]
     for file in models_of(path, config, key):
         try:
@@ -226,7 +204,7 @@ def _bodies(triangles: np.ndarray) -> list[np.ndarray]:
 
 
 def _corners(triangles: np.ndarray) -> np.ndarray:
-    """Numbers (m, 3) of the corners of triangles, those in the same place being the same."""
+    """Return indices (m, 3) of the corners of triangles; equal positions have equal indices."""
     places = np.round(triangles.reshape(-1, 3) / SAME).astype(np.int64)
     return np.unique(places, axis=0, return_inverse=True)[1].reshape(-1, 3)
 
@@ -300,9 +278,8 @@ def _overlap(corners: np.ndarray, half: np.ndarray) -> np.ndarray:
 
     half: half the edges of the boxes (n, 3).
     """
-    meets = np.flatnonzero(
-        (corners.min(axis=1) <= half).all(axis=1) & (corners.max(axis=1) >= -half).all(axis=1)
-    )
+    near = (corners.min(axis=1) <= half) & (corners.max(axis=1) >= -half)
+    meets = np.flatnonzero(near.all(axis=1))
     corners, half = corners[meets], half[meets]
     edges = np.roll(corners, -1, axis=1) - corners
     apart = np.zeros(len(meets), bool)

@@ -1,16 +1,15 @@
-"""A project of GADEN's as a scenario: where its room, wind, source and gas are, and what they are called here.
+"""Projects of GADEN as scenarios: room, wind, source and gas of a project in the keys of a scenario.
 
-`gaden: PATH` in a scenario names one of these, or a folder above that holds one alone:
+`gaden: PATH` in a scenario names one of these, or a folder above that holds only one:
 
     environment_configurations/CONFIG/simulations/SIM/sim.yaml
-        GADEN 3; CONFIG/config.yaml names wind and models, beside it is, once preprocessed, OccupancyGrid3D.csv
+        GADEN 3; CONFIG/config.yaml names wind and models, beside it, after preprocessing, OccupancyGrid3D.csv
     simulations/SIM.yaml
-        GADEN 2; beside the folder are wind_simulations/, params/preproc_params.yaml, which names the models, and, once
-        preprocessed, OccupancyGrid3D.csv
+        GADEN 2; beside the folder are wind_simulations/, params/preproc_params.yaml, which names the models, and, after
+        preprocessing, OccupancyGrid3D.csv
 
-A project that is not preprocessed yet has its grid made of its models: see files/gaden_models.py.
-
-Keys of the scenario itself come before those of the project. Lengths of filaments are in cm there, pressures in atm.
+The grid of a project that is not preprocessed is made of the models: see files/gaden_models.py. Keys of the scenario
+take precedence over those of the project. GADEN's lengths of filaments are in cm, pressures in atm.
 """
 
 import os
@@ -57,9 +56,8 @@ GAS_CONSTANT, ATM = 8.314462618, 101325.0
 
 @dataclass
 class _Project:
-    """sim: keys of the simulation's file; config: keys of the configuration, {} without one; listing: the
-    configuration's file; home: folder of the occupancy grid; new: whether this is GADEN 3; notes: what could not be
-    carried over.
+    """Files of a project. sim: keys of the simulation; config: keys of the configuration, {} without one; listing: the
+    configuration's file; home: folder of the occupancy grid; new: GADEN 3; notes: keys without an equivalent.
     """
 
     file: Path
@@ -71,7 +69,7 @@ class _Project:
     notes: list[str] = field(default_factory=list)
 
     def number(self, name: str) -> float:
-        """One of KEYS. Raises ScenarioError."""
+        """Return one of KEYS. Raises ScenarioError."""
         keys, default = KEYS[name]
         value = next((self.sim[key] for key in keys if key in self.sim), default)
         found = gaden_models.number(value, 0.0, 1e9)
@@ -79,13 +77,17 @@ class _Project:
             raise self.wrong(f"{keys[0]}: got {value!r}, must be a number of 0 or more")
         return found
 
+    def note(self, what: str) -> None:
+        """Add a note for the user."""
+        self.notes.append(f"gaden: {what}")
+
     def wrong(self, what: str) -> ScenarioError:
-        """A fault of the simulation's file."""
+        """Return an error of the simulation's file."""
         return ScenarioError([f"gaden: {self.file}: {what}"])
 
 
 def expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[str]]:
-    """The data of a scenario in a folder, with its `gaden` carried out, and what could not be carried over.
+    """Return the data of a scenario with the keys of the project `gaden`, and notes on keys that have no equivalent.
 
     Raises ScenarioError.
     """
@@ -95,9 +97,7 @@ def expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[s
     try:
         require_inside(folder / name)
     except OSError as error:
-        raise ScenarioError(
-            [f"gaden: {name} {error.strerror}; or put the scenario beside the project"]
-        ) from None
+        raise ScenarioError([f"gaden: {name} {error.strerror}; or put both into one folder"]) from None
     project = _found(folder / name)
     own = {key: value for key, value in data.items() if key != "gaden"}
     return _merged(_scenario(project, folder, _corner(own)), own), project.notes
@@ -130,11 +130,9 @@ def _found(path: Path) -> _Project:
         path = path.parent
     files = [path] if os.path.isfile(path) else sorted(_simulations(path)) if os.path.isdir(path) else []
     if len(files) != 1:
-        names = ", ".join(os.path.relpath(one, path) for one in files[:10])
-        told = (
-            f"holds several simulations; name one of {names}" if files else "holds no simulation of GADEN's"
-        )
-        raise ScenarioError([f"gaden: {path}: {told}"])
+        names = ", ".join(os.path.relpath(file, path) for file in files[:10])
+        what = f"several simulations; name one of {names}" if files else "no simulation of GADEN's"
+        raise ScenarioError([f"gaden: {path}: holds {what}"])
     file = files[0]
     sim = read_mapping(file, "a simulation has a source at least")
     home = file.parent.parent  # at the root `parent` is the root again; `parents` would be too short
@@ -146,7 +144,7 @@ def _found(path: Path) -> _Project:
 
 
 def _simulations(path: Path) -> Iterator[Path]:
-    """The files of the simulations in a folder: of a simulation, a configuration or a project."""
+    """Yield the files of the simulations in the folder of a simulation, a configuration or a project."""
     if (path / "sim.yaml").is_file():
         yield path / "sim.yaml"
         return
@@ -157,7 +155,7 @@ def _simulations(path: Path) -> Iterator[Path]:
 
 
 def _wind_files(project: _Project, folder: Path) -> str:
-    """The wind as a scenario in `folder` names it."""
+    """Return the pattern of the wind files relative to `folder`."""
     wind, place = project.config.get("unprocessed_wind_files"), project.home
     if not project.new:
         wind, place = project.sim.get("wind_sim_path"), project.home / "wind_simulations"
@@ -165,14 +163,12 @@ def _wind_files(project: _Project, folder: Path) -> str:
         given = project.config.get("wind_files")
         files = sorted(place.glob("**/*_0.csv"))
         if isinstance(given, str) and "$(var wind_sim_path)" not in given:
-            wind, place = (
-                str(gaden_models.located(project.listing, f"{given}_0.csv")).removesuffix("_0.csv"),
-                Path(),
-            )
+            first = gaden_models.located(project.listing, f"{given}_0.csv")
+            wind, place = str(first).removesuffix("_0.csv"), Path()
         elif len(files) == 1:
             wind = str(files[0]).removesuffix("_0.csv")
         elif files:
-            names = ", ".join(str(one.relative_to(place)).removesuffix("_0.csv") for one in files[:10])
+            names = ", ".join(str(file.relative_to(place)).removesuffix("_0.csv") for file in files[:10])
             raise project.wrong(f"wind_sim_path: is missing; set it to one of the winds {names}")
     if not isinstance(wind, str) or not wind:
         raise project.wrong("names no wind files; set unprocessed_wind_files, or wind_sim_path")
@@ -183,25 +179,18 @@ def _wind_files(project: _Project, folder: Path) -> str:
     return f"{name}_%d.csv"
 
 
-# ---------------------------------------------------------------- what they say
-
-
 def _scenario(project: _Project, folder: Path, corner: np.ndarray | None) -> dict[str, Any]:
-    """The scenario that a project stands for; corner: where its domain begins [m], unless where the room does."""
-    config = project.config
-    if config.get("uniformWind") is True:
-        raise project.wrong(
-            "its wind is uniform, which blows through walls; give a wind of kind cfd and a domain"
-        )
+    """Return the scenario of a project; corner: lower corner of the domain [m], by default that of the room."""
+    if project.config.get("uniformWind") is True:
+        raise project.wrong("its wind is uniform, also in walls; give a wind of kind cfd and a domain")
     occupancy = project.home / OCCUPANCY
     if not occupancy.exists():
         if not project.config:
-            raise project.wrong(
-                f"there is neither an {OCCUPANCY} in {project.home} nor a params/{OLD}, which lists the models"
-            )
+            where = f"an {OCCUPANCY} in {project.home} nor a params/{OLD}, which lists the models"
+            raise project.wrong(f"there is neither {where}")
         occupancy = project.listing
-        project.notes.append(
-            f"gaden: the project has no {OCCUPANCY} yet; its grid is made of the models that {occupancy.name} lists"
+        project.note(
+            f"the project has no {OCCUPANCY} yet; its grid is made of the models that {occupancy.name} lists"
         )
     room = _of_grid(occupancy, project, folder)
     low, wind = room.pop("low"), room.pop("wind")
@@ -209,7 +198,7 @@ def _scenario(project: _Project, folder: Path, corner: np.ndarray | None) -> dic
     loop = next((project.sim[key] for key in ("windLooping", "wind_looping") if key in project.sim), {})
     loops = isinstance(loop, dict) and bool(loop.get("loop"))
     if loops and loop.get("from"):
-        project.notes.append("gaden: its wind loops from a later file on; here all files are looped")
+        project.note("its wind loops from a later file on; here all files are looped")
     duration = project.number("duration") or project.number("iterations") * project.number("step")
     wind |= {"kind": "imported", "files": _wind_files(project, folder), "loop": loops}
     wind |= {"interval": project.number("wind_step"), "origin": [float(x) for x in low]}
@@ -217,19 +206,17 @@ def _scenario(project: _Project, folder: Path, corner: np.ndarray | None) -> dic
 
 
 def _of_grid(occupancy: Path, project: _Project, folder: Path) -> dict[str, Any]:
-    """Domain and walls of a project by its occupancy grid, or by the configuration that lists its models."""
+    """Return domain and walls of a project from its occupancy grid, or from the configuration of its models."""
     try:
         grid = gaden.read(occupancy)
     except WindFileError as error:
         raise ScenarioError([f"gaden: {error}"]) from None
     open_ = _open_faces(grid.cubes)
-    layers = np.flatnonzero((grid.cubes != 1).any(axis=(0, 1)))  # without those of floor and ceiling
+    layers = np.flatnonzero((grid.cubes != 1).any(axis=(0, 1)))  # without floor and ceiling
     if not len(layers):
         raise project.wrong(f"{occupancy.name} holds no air")
     if (grid.cubes == 2).any() and not open_:
-        project.notes.append(
-            "gaden: none of its outlets lies in a face of the domain, so no air comes in or goes out"
-        )
+        project.note("none of its outlets lies in a face of the domain, so no air comes in or goes out")
     shape = (*grid.cubes.shape[:2], layers[-1] + 1 - layers[0])
     return {
         "low": grid.low + np.array([0.0, 0.0, grid.size * layers[0]]),
@@ -242,7 +229,7 @@ def _of_grid(occupancy: Path, project: _Project, folder: Path) -> dict[str, Any]
 
 
 def _open_faces(cubes: np.ndarray) -> set[str]:
-    """Faces of a grid that outlets lie in: of one in the corner of several faces, that across its shortest edge."""
+    """Return the faces of a grid with outlets; an outlet at an edge counts for the face across its shortest side."""
     found: set[str] = set()
     for box in ndimage.find_objects(ndimage.label(cubes == 2)[0]):  # type: ignore[index]
         touched = {
@@ -255,7 +242,7 @@ def _open_faces(cubes: np.ndarray) -> set[str]:
 
 
 def _gas(project: _Project, low: np.ndarray) -> dict[str, Any]:
-    """Puffs with the gas, the sizes and the rate of the filaments."""
+    """Return puffs with the gas, the sizes and the rate of the filaments."""
     source = project.sim.get("source")
     source = source if isinstance(source, dict) else {}
     plain = [project.sim.get(f"source_{axis}") for axis in "xyz"]
@@ -271,21 +258,16 @@ def _gas(project: _Project, low: np.ndarray) -> dict[str, Any]:
         if radius is None:
             raise project.wrong(f"radius: got {source.get('radius')!r}, must be a length in m")
     elif shape != "point":
-        project.notes.append(f"gaden: a source of type {shape} is released from a point, its position")
-    name = (
-        GASES[kind]
-        if isinstance(kind, int) and not isinstance(kind, bool) and 0 <= kind < len(GASES)
-        else None
-    )
-    if name is None:
+        project.note(f"a source of type {shape} is released from a point, its position")
+    if not isinstance(kind, int) or isinstance(kind, bool) or not 0 <= kind < len(GASES):
         raise project.wrong(f"gasType: got {kind!r}, must be a number from 0 to {len(GASES) - 1}")
     sigma, rate, step = project.number("sigma") / 100.0, project.number("rate"), project.number("step")
     if not sigma or not rate or not step:
         raise project.wrong("its filaments need a size, a rate and a time step above 0")
-    species, molar_mass = _species(project, name)
+    species, molar_mass = _species(project, GASES[kind])
     moles = project.number("ppm") * 1e-6 * project.number("pressure") * ATM
     moles *= (2.0 * pi) ** 1.5 * sigma**3 / (GAS_CONSTANT * max(project.number("temperature"), 1.0))
-    # the filament's random steps as a diffusivity: see docs/coming-from/gaden.md
+    # diffusivity of the filament's random steps: see docs/coming-from/gaden.md
     noise = project.number("noise")
     diffusivity = 50.0 * noise**2 * step if project.new else 0.5 * noise**2 / step
     where = {"position": [float(x) for x in np.array(numbers) - low], "radius": radius}
@@ -304,10 +286,8 @@ def _gas(project: _Project, low: np.ndarray) -> dict[str, Any]:
 
 
 def _species(project: _Project, name: str) -> tuple[str, float]:
-    """A gas as a scenario names it, and its molar mass [kg/mol]."""
+    """Return the name of a gas in a scenario, and its molar mass [kg/mol]."""
     ours = OURS.get(name, name.replace(" ", "_"))
     if ours not in SPECIES:
-        raise project.wrong(
-            f"its gas is {name}, which has no molar mass of its own here; choose another gasType"
-        )
+        raise project.wrong(f"its gas is {name}, which has no molar mass; choose another gasType")
     return ours, SPECIES[ours].molar_mass

@@ -1,10 +1,10 @@
-"""`manifest.json` of a run folder: sizes and SHA-256 of what the run read and wrote, so that later damage is noticed.
+"""`manifest.json` of a run folder: size and SHA-256 of each input and output of the run, to notice later damage.
 
     {"inputs": {"../film/fields.zarr": {"sha256": ..., "bytes": ...}}, "outputs": {"robots.parquet": {...}}}
 
-Paths are relative to the folder. A file's digest is that of its content. A folder's is that of the sorted names and the
-digests of its files; the chunks of a zarr folder count by name and size alone: each holds a checksum of its own, and to
-read all of a long film before its first frame is shown would take as long as to play it.
+Paths are relative to the folder. The digest of a folder is that of the sorted names and digests of the files in it.
+Chunks of a zarr folder count by name and size only: each chunk holds its own checksum, and hashing a long film before
+the first frame would take as long as playing it.
 """
 
 import hashlib
@@ -12,7 +12,7 @@ import json
 import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from taichi_plume.files import disk
 from taichi_plume.guard.input_error import InputError
@@ -24,61 +24,62 @@ ZARR_METADATA = "zarr.json"
 
 
 class ManifestError(InputError):
-    """A manifest that cannot be read; the message is one line and begins with its path."""
+    """A manifest that cannot be read; the message is one line and begins with the path."""
 
 
-def digest(path: Path, chunks: bool = False) -> dict[str, Any]:
-    """`sha256` and `bytes` of a file or folder; chunks: whether those of zarr count by content. Raises OSError."""
+class Digest(TypedDict):
+    """Checksum and size of a file or folder."""
+
+    sha256: str
+    bytes: int
+
+
+def digest(path: Path, chunks: bool = False) -> Digest:
+    """Return checksum and size of a file or folder. chunks: hash the content of zarr chunks too. Raises OSError."""
     if not path.is_dir():
         with path.open("rb") as file:
             return {"sha256": hashlib.file_digest(file, "sha256").hexdigest(), "bytes": path.stat().st_size}
-    all_of_it, size = hashlib.sha256(), 0
+    total, size = hashlib.sha256(), 0
     zarr = (path / ZARR_METADATA).is_file()
-    for file in sorted(_files(path)):
-        bytes_ = (path / file).stat().st_size
-        chunk = zarr and not chunks and Path(file).name != ZARR_METADATA
-        content = "" if chunk else digest(path / file)["sha256"]
-        all_of_it.update(json.dumps([file, bytes_, content]).encode())
+    files = [Path(root) / name for root, _, names in os.walk(path) for name in names]
+    for name, file in sorted((file.relative_to(path).as_posix(), file) for file in files):
+        bytes_ = file.stat().st_size
+        chunk = zarr and not chunks and file.name != ZARR_METADATA
+        total.update(json.dumps([name, bytes_, "" if chunk else digest(file)["sha256"]]).encode())
         size += bytes_
-    return {"sha256": all_of_it.hexdigest(), "bytes": size}
+    return {"sha256": total.hexdigest(), "bytes": size}
 
 
-def _files(folder: Path) -> Iterable[str]:
-    """Paths of all files in a folder, relative to it, with slashes."""
-    for root, _, names in os.walk(folder):
-        for name in names:
-            yield (Path(root) / name).relative_to(folder).as_posix()
+def digests(folder: Path, paths: Iterable[Path]) -> dict[str, Digest]:
+    """Return the digest of each existing path, by the path relative to the folder. Raises OSError."""
+    existing = sorted({path.absolute() for path in paths if path.exists()})
+    return {_name(folder, path): digest(path) for path in existing}
 
 
-def digests(folder: Path, paths: Iterable[Path]) -> dict[str, Any]:
-    """The digest of each path that is there, by its name relative to the folder. Raises OSError."""
-    there = sorted({path.absolute() for path in paths if path.exists()})
-    return {_name(folder, path): digest(path) for path in there}
-
-
-def write(folder: Path, inputs: dict[str, Any], outputs: Iterable[Path]) -> None:
-    """Write a folder's manifest, all of it or nothing; inputs: their `digests`. Raises OSError."""
+def write(folder: Path, inputs: dict[str, Digest], outputs: Iterable[Path]) -> None:
+    """Write a folder's manifest, all of it or nothing. Raises OSError."""
     content = {"inputs": inputs, "outputs": digests(folder, outputs)}
     with disk.written_whole(folder / NAME) as fresh:
         fresh.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
 def _name(folder: Path, path: Path) -> str:
-    """A path as a manifest names it, whatever links lead to its folder; on another drive it stays as it is."""
+    """Return a path relative to the folder once links are resolved; on another drive the path itself."""
     try:
         return Path(os.path.relpath(path.parent.resolve() / path.name, folder.resolve())).as_posix()
     except ValueError:
         return path.as_posix()
 
 
-def read(folder: Path) -> dict[str, dict[str, dict[str, Any]]]:
-    """`inputs` and `outputs` of a folder's manifest, empty where it has none. Raises ManifestError."""
+def read(folder: Path) -> dict[str, dict[str, Digest]]:
+    """Return `inputs` and `outputs` of a folder's manifest, empty without a manifest. Raises ManifestError."""
     path = folder / NAME
     try:
         with path.open("rb") as file:
             content = json.loads(file.read(LARGEST))
         parts = {part: content[part] for part in ("inputs", "outputs")}
-        if all(_is_digest(one) for part in parts.values() for one in part.values()):
+        entries = [entry for part in parts.values() for entry in part.values()]
+        if all(isinstance(entry["sha256"], str) and isinstance(entry["bytes"], int) for entry in entries):
             return parts
     except FileNotFoundError:
         return {"inputs": {}, "outputs": {}}
@@ -86,7 +87,7 @@ def read(folder: Path) -> dict[str, dict[str, dict[str, Any]]]:
         raise ManifestError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
         pass
-    raise ManifestError(f"{path}: is damaged; without it the files beside it are taken as they are")
+    raise ManifestError(f"{path}: is damaged; remove it to read the files beside it without a check")
 
 
 def is_input(folder: Path, path: Path) -> bool:
@@ -100,24 +101,25 @@ def is_input(folder: Path, path: Path) -> bool:
         return False
 
 
-def _is_digest(one: Any) -> bool:
-    return isinstance(one["sha256"], str) and isinstance(one["bytes"], int)
-
-
 def changed(path: Path) -> str | None:
-    """One line where a file or folder is not what the manifest beside it says; None where it is, or is not listed."""
+    """Return a line on how a file or folder differs from the manifest beside it; None if equal or not listed."""
     try:
-        told = read(path.parent)["outputs"].get(path.name)
-        if told is None:
+        recorded = read(path.parent)["outputs"].get(path.name)
+        if recorded is None:
             return None
-        if path.is_file() and path.stat().st_size != told["bytes"]:
-            return (
-                f"{path}: is not as its run left it: it has {path.stat().st_size} bytes, not {told['bytes']}"
-            )
-        if digest(path) != told:
-            return f"{path}: is not as its run left it: its checksum is another than {NAME} beside it says"
+        if path.is_file() and path.stat().st_size != recorded["bytes"]:
+            return f"{path}: is not as its run left it: {path.stat().st_size} bytes, not {recorded['bytes']}"
+        if digest(path) != recorded:
+            return f"{path}: is not as its run left it: the checksum differs from {NAME} beside it"
     except ManifestError as error:
         return str(error)
     except OSError as error:
         return f"{path}: cannot be read: {error.strerror or error}"
     return None
+
+
+def require_unchanged(path: Path, fault: type[ValueError]) -> None:
+    """Raise a `fault` of one line if a file or folder differs from the manifest beside it."""
+    damage = changed(path)
+    if damage:
+        raise fault(damage)

@@ -1,28 +1,28 @@
-"""`maps.zarr`: the maps of a run as they were at its end, in a zarr group that xarray opens.
+"""`maps.zarr`: gas maps and source posteriors (beliefs) at the end of a run, in a zarr group that xarray opens.
 
-Map number n of the scenario is the group "n", with the kind and parameters of the map and its time `t_s` [s] as
-attributes. `groups` of these says whose readings made it: names, the first of their trials, and how many there are.
-Variables are float32 in the order (trial, y, x), NaN where nothing is known:
+Map n of the scenario is the group "n". Attributes are kind and parameters of the map, the time `t_s` [s], and `groups`:
+names of the robot groups whose readings made the map, their first trial and number of trials. Variables are float32 in
+the order (trial, y, x), NaN where nothing is known:
 
-    estimate    [ppm]   what the map says
-    variance    [ppm²]  of the estimate; of maps that tell it
-    weight      [1]     what stands behind the estimate, in the method's own measure
-    truth       [ppm]   mean of the gas since the robots started, at the height of their sensors; of all trials the same
+    estimate    [ppm]   estimated concentration
+    variance    [ppm²]  of the estimate; of maps that provide a variance
+    weight      [1]     support of the estimate by readings, in the method's own measure
+    truth       [ppm]   mean of the gas since the robots started, at the height of their sensors; equal in all trials
     measurable  1 where a robot could be; without trial
 
-What group k of those that believe in places of the source believes is the group "belief_k", with the name of the group
-and the kind of its algorithm as attributes:
+The k-th robot group that keeps a posterior of the source position is the group "belief_k", with the name of the robot
+group and the kind of its algorithm as attributes:
 
-    probability  [1]  of the cell, in the order (trial, robot, y, x); over the cells it sums to 1
+    probability  [1]  that the source is in the cell, in the order (trial, robot, y, x); sums to 1 over the cells
 
-To look at one: ``xarray.open_zarr("runs/arena-1/maps.zarr", group="0")``.
+To open a map: ``xarray.open_zarr("runs/arena-1/maps.zarr", group="0")``.
 """
 
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -32,10 +32,12 @@ from taichi_plume.files.run_folder import RunFolderError
 if TYPE_CHECKING:
     import xarray
 
-Part = tuple[str, dict[str, Any], dict[str, np.ndarray]]
+    from taichi_plume.files.zarr_groups import Group
+
+Part = tuple[str, dict[str, object], dict[str, np.ndarray]]
 """Name of a group, its attributes and its variables."""
 FORMAT = "taichi_plume maps 1"
-PART = "maps.part"  # what is being written
+PART = "maps.part"  # name while the file is written
 WHOLE = ("trial", "y", "x")
 MEANING = {
     "trial": ("1", "number of the trial", ()),
@@ -51,11 +53,8 @@ MEANING = {
 }
 
 
-def write(path: Path, facts: dict[str, Any], parts: Sequence[Part]) -> None:
-    """Write maps and beliefs: attributes of the whole, and of each part its group, attributes and variables.
-
-    All or none. Raises OSError when the disk is full.
-    """
+def write(path: Path, facts: Mapping[str, object], parts: Sequence[Part]) -> None:
+    """Write maps and beliefs, all or none. facts: attributes of the root group. Raises OSError if the disk is full."""
     from taichi_plume.files import zarr_groups
 
     disk.require_room(path)
@@ -68,8 +67,9 @@ def write(path: Path, facts: dict[str, Any], parts: Sequence[Part]) -> None:
             group = root.create_group(place, attributes=attributes)
             for name, values in variables.items():
                 units, meaning, dimensions = MEANING[name]
-                of_variable = {"units": units, "long_name": meaning} | _axis(name)
-                zarr_groups.add(group, name, dimensions or (name,), values, of_variable)
+                about = {"units": units, "long_name": meaning}
+                about |= {"axis": name.upper()} if name in ("x", "y") else {}
+                zarr_groups.add(group, name, dimensions or (name,), values, about)
             zarr_groups.consolidate(part, place)
         zarr_groups.consolidate(part)
         part.rename(path)
@@ -77,53 +77,38 @@ def write(path: Path, facts: dict[str, Any], parts: Sequence[Part]) -> None:
         shutil.rmtree(part, ignore_errors=True)
 
 
-def _axis(name: str) -> dict[str, str]:
-    return {"axis": name.upper()} if name in ("x", "y") else {}
-
-
 @contextmanager
-def opened(path: Path, what: Literal["maps", "beliefs"] = "maps") -> Iterator[list[Any]]:
-    """The groups (`zarr_groups.Group`) of a run's maps, or of its beliefs, of which no chunk is missing.
+def opened(path: Path, what: Literal["maps", "beliefs"] = "maps") -> Iterator["list[Group]"]:
+    """Open the groups of a run's maps or beliefs, of which no chunk is missing.
 
-    Raises RunFolderError where the file is none of ours or not whole, or what reads it finds that.
+    Raises RunFolderError if the file is foreign or incomplete, also for errors of zarr in the block.
     """
     from taichi_plume.files import zarr_groups
 
-    damage = manifest.changed(path)
-    if damage:
-        raise RunFolderError(damage)
-
+    manifest.require_unchanged(path, RunFolderError)
     name = "{}" if what == "maps" else "belief_{}"
-    try:
+    with zarr_groups.errors_as(RunFolderError, path):
         root = zarr_groups.Group(path).attributes
         if root.get("format") != FORMAT:
             raise RunFolderError(f"{path}: was made by another version (its format is not '{FORMAT}')")
-        groups = [
-            zarr_groups.Group(path, name.format(n))
-            for n in range(int(root["maps"] if what == "maps" else root.get(what, 0)))
-        ]
+        count = int(root["maps"] if what == "maps" else root.get(what, 0))
+        groups = [zarr_groups.Group(path, name.format(n)) for n in range(count)]
         for group in groups:
             zarr_groups.require_memory({name: group[name] for name in group.names})
         yield groups
-    except RunFolderError:
-        raise
-    except zarr_groups.GroupError as error:
-        raise RunFolderError(str(error)) from None
-    except zarr_groups.FAULTS as error:
-        raise RunFolderError(f"{path}: is damaged: {zarr_groups.reason(error)}") from None
 
 
 def read(path: Path) -> "list[xarray.Dataset]":
-    """The maps of a run, in memory. Raises RunFolderError where the file is none of ours or not whole."""
+    """Read the maps of a run into memory. Raises RunFolderError if the file is foreign or incomplete."""
     with opened(path) as groups:
         maps = [_loaded(path, group) for group in groups]
-        for n, one in enumerate(maps):
-            if tuple(one["estimate"].dims) != WHOLE:
-                raise ValueError(f"map {n} has an estimate of {one['estimate'].dims}")
+        for n, gas_map in enumerate(maps):
+            if gas_map["estimate"].dims != WHOLE:
+                raise ValueError(f"map {n} has an estimate of {gas_map['estimate'].dims}")
     return maps
 
 
-def _loaded(path: Path, group: Any) -> "xarray.Dataset":
+def _loaded(path: Path, group: "Group") -> "xarray.Dataset":
     from taichi_plume.files import zarr_groups
 
     return zarr_groups.open_dataset(path, group=group.name, consolidated=False).load()

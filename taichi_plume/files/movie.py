@@ -1,4 +1,4 @@
-"""Movies of plumes that others made: numbers over (time, y, x), read frame by frame.
+"""Movies of plumes from other sources: concentrations over (time, y, x), read frame by frame.
 
 A Zarr array, or a group with one (plume-nav-sim: `concentration`, attributes fps, pixel_to_grid in metres per pixel and
 origin (y, x) of the array or its group), a .npy file, or an HDF5 file (attributes likewise).
@@ -6,6 +6,7 @@ origin (y, x) of the array or its group), a .npy file, or an HDF5 file (attribut
 
 import itertools
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +14,19 @@ import numpy as np
 
 from taichi_plume.files.bounded_codecs import unpack
 from taichi_plume.files.film import FilmError
-from taichi_plume.files.zarr_groups import FAULTS, LARGEST_CHUNK, MOST_CHUNKS, Group, GroupError, reason
+from taichi_plume.files.zarr_groups import FAULTS, LARGEST_CHUNK, MOST_CHUNKS, Group, GroupError, errors_as
 from taichi_plume.guard.opening import open_regular, unopenable
 from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario.movie import MovieGas
 
-NAMES = ("concentration", "plume")  # of the variable, unless told: plume-nav-sim's, FlyGym's
+Pixels = Any
+"""An array of zarr, h5py or NumPy over (time, y, x)."""
+NAMES = ("concentration", "plume")  # default names of the variable, of plume-nav-sim and FlyGym
 NPY, HDF5 = b"\x93NUMPY", b"\x89HDF\r\n\x1a\n"
 HDF5_FILTERS = {1, 2, 3}  # gzip (deflate), shuffle, fletcher32
 MOST_PIXELS = 100_000_000  # of a frame
 MOST_FRAMES = 10_000_000
-LARGEST = 1e12  # of a value: far beyond 1e6 ppm in any unit, and its sums stay numbers
+LARGEST = 1e12  # of a value: far beyond 1e6 ppm in any unit, and sums stay finite
 CODECS = frozenset(
     {
         *("blosc", "zstd", "zlib", "gzip", "lz4", "shuffle"),
@@ -31,72 +34,55 @@ CODECS = frozenset(
         *("bytes", "transpose", "sharding_indexed"),
     }
 )
-"""Codecs whose decoded size is bounded, of Zarr 2 and 3. Another one, pickle, would execute what it reads."""
+"""Codecs of Zarr 2 and 3 whose decoded size is bounded. Pickle, for one, would execute what it reads."""
 
 
 class Movie:
-    """A movie on disk, and where it lies: times [s] of its frames, origin (x, y) [m], pixel [m], size (x, y) [m].
+    """A movie on disk: times [s] of the frames, origin (x, y) [m], pixel [m], size (x, y) [m].
 
-    Raises FilmError, in a line, where it is none or does not tell what the scenario leaves out.
+    Raises FilmError, in a line, if the file is no movie or lacks a number that the scenario leaves out.
     """
 
     def __init__(self, path: Path, model: MovieGas):
         self.path = path
-        try:
-            self.array, known = _opened(path, model.variable)
-            shape, kind = tuple(self.array.shape), np.dtype(self.array.dtype).kind
-        except FilmError:
-            raise
-        except FAULTS as error:
-            raise FilmError(f"{path}: cannot be read as a movie: {visible(reason(error), 200)}") from None
-        if len(shape) != 3 or kind not in "fiub":
-            raise FilmError(
-                f"{path}: has the shape {shape} of {self.array.dtype}; wanted numbers over (time, y, x)"
-            )
+        with errors_as(FilmError, path, "cannot be read as a movie"):
+            self.array, known, chunks = _opened(path, model.variable)
+            shape, kind = tuple(self.array.shape), np.dtype(self.array.dtype)
+        if len(shape) != 3 or kind.kind not in "fiub":
+            raise FilmError(f"{path}: has the shape {shape} of {kind}; wanted numbers over (time, y, x)")
         if not min(shape) or shape[0] > MOST_FRAMES or shape[1] * shape[2] > MOST_PIXELS:
             raise FilmError(
                 f"{path}: has the shape {shape}; wanted at least one frame and pixel, at most {MOST_FRAMES} frames "
                 f"of {MOST_PIXELS} pixels"
             )
-        chunks = getattr(self.array, "chunks", None)
-        pieces = (
-            math.prod(-(-size // one) for size, one in zip(shape[1:], chunks[1:], strict=True))
-            if chunks
-            else 1
-        )
+        pieces = math.prod(-(-size // chunk) for size, chunk in zip(shape[1:], chunks[1:], strict=True))
         if pieces > MOST_CHUNKS:
             raise FilmError(f"{path}: has {pieces} chunks in a frame; at most {MOST_CHUNKS}")
-        if chunks and np.prod(chunks, dtype=float) * np.dtype(self.array.dtype).itemsize > LARGEST_CHUNK:
-            raise FilmError(
-                f"{path}: has chunks of {chunks}, over {LARGEST_CHUNK >> 30} GiB; make them smaller"
-            )
+        if np.prod(chunks, dtype=float) * kind.itemsize > LARGEST_CHUNK:
+            raise FilmError(f"{path}: has chunks of {chunks}, over {LARGEST_CHUNK >> 30} GiB; use smaller")
         self.shape = shape
-        rate = model.frame_rate or self._told(known, "fps", "frame_rate")
-        self.pixel = model.pixel or self._told(known, "pixel_to_grid", "pixel")
+        rate = model.frame_rate or self._positive(known, "fps", "frame_rate")
+        self.pixel = model.pixel or self._positive(known, "pixel_to_grid", "pixel")
         self.origin = model.origin or self._corner(known.get("origin"))
         self.size = (shape[2] * self.pixel, shape[1] * self.pixel)
         self.times = np.arange(shape[0]) / rate
         self.down = model.rows == "down"
 
     def frame(self, n: int) -> np.ndarray:
-        """Picture n, axes (x, y), y upwards, in the file's unit. Raises FilmError where it is damaged."""
-        try:
-            if hasattr(self.array, "id"):
-                _require_declared_size(self.array, n)
+        """Return frame n, axes (x, y), y upwards, in the file's unit. Raises FilmError if damaged."""
+        with errors_as(FilmError, self.path, f"frame {n} cannot be read"):
+            _require_declared_size(self.array, n)
             picture = np.asarray(self.array[n], dtype=np.float64)
-        except FAULTS as error:
-            raise FilmError(f"{self.path}: frame {n} cannot be read: {visible(reason(error), 200)}") from None
         if not np.isfinite(picture).all():
-            raise FilmError(f"{self.path}: frame {n}: not all of its values are numbers")
+            raise FilmError(f"{self.path}: frame {n}: not all values are finite numbers")
         low, high = float(picture.min()), float(picture.max())
         if low < 0 or high > LARGEST:
-            raise FilmError(
-                f"{self.path}: frame {n}: holds {low if low < 0 else high:g}; must be within 0 and {LARGEST:g}"
-            )
+            wrong = low if low < 0 else high
+            raise FilmError(f"{self.path}: frame {n}: holds {wrong:g}; must be within 0 and {LARGEST:g}")
         return (picture[::-1] if self.down else picture).T
 
-    def _told(self, known: dict[str, Any], name: str, key: str) -> float:
-        """A positive number of the attributes, of which several have to be equal."""
+    def _positive(self, known: Mapping[str, Any], name: str, key: str) -> float:
+        """Return a positive number of the attributes; several values have to be equal."""
         if name not in known:
             raise FilmError(f"{self.path}: has no attribute '{name}'; give {key}")
         try:
@@ -111,20 +97,24 @@ class Movie:
             )
         return float(values[0])
 
-    def _corner(self, told: Any) -> tuple[float, float]:
+    def _corner(self, origin: Any) -> tuple[float, float]:
         try:
-            y, x = (0.0, 0.0) if told is None else (float(value) for value in np.ravel(told))
+            y, x = (0.0, 0.0) if origin is None else (float(value) for value in np.ravel(origin))
         except (TypeError, ValueError):
             x = y = np.nan
         if not (abs(x) <= 1e7 and abs(y) <= 1e7):
             raise FilmError(
-                f"{self.path}: its attribute 'origin' is {visible(str(told), 60)}, not y and x; give origin"
+                f"{self.path}: its attribute 'origin' is {visible(origin, 60)}, not y and x; give origin"
             )
         return x, y
 
 
-def _opened(path: Path, variable: str | None) -> tuple[Any, dict[str, Any]]:
-    """The array of a file, not read yet, and the attributes. Raises FilmError, or one of FAULTS."""
+Opened = tuple[Pixels, dict[str, Any], tuple[int, ...]]
+"""An array that is not read yet, attributes, and the shape of a chunk; a frame of arrays without chunks."""
+
+
+def _opened(path: Path, variable: str | None) -> Opened:
+    """Open a movie. Raises FilmError, or one of FAULTS."""
     if path.is_dir():
         return _zarr(path, variable)
     try:
@@ -134,7 +124,8 @@ def _opened(path: Path, variable: str | None) -> tuple[Any, dict[str, Any]]:
         raise FilmError(f"{path}: {unopenable(path) or error.strerror or error}") from None
     if begin.startswith(NPY):
         _require_unnamed(path, variable)
-        return np.lib.format.open_memmap(path, mode="r"), {}
+        array = np.lib.format.open_memmap(path, mode="r")
+        return array, {}, (1, *array.shape[1:])
     if begin == HDF5:
         return _hdf5(path, variable)
     raise FilmError(f"{path}: is no movie; wanted a folder of Zarr, a .npy or an HDF5 file over (time, y, x)")
@@ -145,7 +136,7 @@ def _require_unnamed(path: Path, variable: str | None) -> None:
         raise FilmError(f"{path}: holds a single array, which has no name; remove variable")
 
 
-def _zarr(path: Path, variable: str | None) -> tuple[Any, dict[str, Any]]:
+def _zarr(path: Path, variable: str | None) -> Opened:
     try:
         group = Group(path, formats=(2, 3), codecs=CODECS)
     except GroupError as error:
@@ -157,32 +148,31 @@ def _zarr(path: Path, variable: str | None) -> tuple[Any, dict[str, Any]]:
         name = ""
     else:
         name = _chosen(path, group.names, variable)
-    try:
-        array = group[name]
-    except GroupError as error:
-        raise FilmError(str(error)) from None
-    return array, group.attributes | dict(array.attrs)
+    array = group[name]
+    return array, group.attributes | dict(array.attrs), array.chunks
 
 
-def _hdf5(path: Path, variable: str | None) -> tuple[Any, dict[str, Any]]:
+def _hdf5(path: Path, variable: str | None) -> Opened:
     import h5py
 
-    file: Any = h5py.File(path, "r")
+    file = h5py.File(path, "r")
     own = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
     names = sorted(name for name in own if isinstance(file[name], h5py.Dataset))
-    array: Any = file[_chosen(path, names, variable)]
+    array: Pixels = file[_chosen(path, names, variable)]
     if array.is_virtual or array.external:
         raise FilmError(f"{path}: {visible(array.name, 40)} lies in other files; copy it into one")
     plan = array.id.get_create_plist()
     filters = [plan.get_filter(n)[0] for n in range(plan.get_nfilters())]
     if set(filters) - HDF5_FILTERS or filters.count(h5py.h5z.FILTER_DEFLATE) > 1:
         raise FilmError(f"{path}: {visible(array.name, 40)} is packed; only gzip, once, and shuffle are read")
-    return array, dict(file.attrs) | dict(array.attrs)
+    return array, dict(file.attrs) | dict(array.attrs), array.chunks or (1, *array.shape[1:])
 
 
-def _require_declared_size(array: Any, n: int) -> None:
-    """Raise ValueError if a chunk of frame n unpacks to more than its size: HDF5 would unpack all of it."""
-    if array.compression != "gzip":
+def _require_declared_size(array: Pixels, n: int) -> None:
+    """Raise ValueError if a gzip chunk of HDF5 unpacks to more than the declared size, as HDF5 would unpack all."""
+    import h5py
+
+    if not isinstance(array, h5py.Dataset) or array.compression != "gzip":
         return
     t, *sizes = array.chunks
     most = math.prod(array.chunks) * array.dtype.itemsize + 4  # fletcher32
@@ -197,7 +187,7 @@ def _require_declared_size(array: Any, n: int) -> None:
 
 
 def _chosen(path: Path, names: list[str], variable: str | None) -> str:
-    """The variable's name. Raises FilmError where it is not there, or not told and not known."""
+    """Return the name of the variable. Raises FilmError if it is missing or not unique."""
     usual = [name for name in NAMES if name in names]
     if variable is None and (usual or len(names) == 1):
         return (usual or names)[0]

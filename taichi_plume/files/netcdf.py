@@ -1,6 +1,6 @@
-"""NetCDF-4 files that follow CF, of a film's or a recording's variables, written by h5netcdf."""
+"""NetCDF-4 files after CF with the variables of a film or recording, written by h5netcdf."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,44 +11,44 @@ if TYPE_CHECKING:
 
 PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 Reading = Callable[[str, int], np.ndarray]
-"""The values of a variable at the frame of that number; of one without time, all of it."""
+"""Returns the values of a variable at a frame; of a variable without time all values."""
 
 
 def write(path: Path, data: "xarray.Dataset", read: Reading) -> Iterator[int]:
-    """Write a new file, frame by frame; yields the number of bytes that come next, before each frame.
+    """Write a file frame by frame; yields the number of bytes before each frame.
 
-    data: the variables, time the first of their dimensions; read: how to get their values. Raises OSError.
+    data: variables with time as first dimension; read: returns their values. Raises OSError.
     """
     import h5netcdf
 
     with h5netcdf.File(path, "w") as file:
         file.dimensions = {str(name): size for name, size in data.sizes.items()}
-        file.attrs.update({name: _plain(one) for name, one in data.attrs.items() if one is not None})
+        file.attrs.update(_plain(data.attrs))
         moving = {}
-        for name, one in data.variables.items():
-            name = str(name)
-            frames = one.dims[:1] == ("time",) and one.ndim > 1
-            options: dict[str, Any] = PACKED | {"chunks": (1, *one.shape[1:])} if frames else {}
-            array = file.create_variable(name, one.dims, one.dtype, **options)
-            array.attrs.update({key: _plain(value) for key, value in one.attrs.items() if value is not None})
+        for name, variable in ((str(name), variable) for name, variable in data.variables.items()):
+            frames = variable.dims[:1] == ("time",) and variable.ndim > 1
+            options: dict[str, Any] = PACKED | {"chunks": (1, *variable.shape[1:])} if frames else {}
+            array = file.create_variable(name, variable.dims, variable.dtype, **options)
+            array.attrs.update(_plain(variable.attrs))
             if frames:
                 moving[name] = array
             else:
                 array[...] = read(name, 0)
         for n in range(data.sizes.get("time", 0)):
-            yield sum(int(np.prod(one.shape[1:])) * one.dtype.itemsize for one in moving.values())
+            yield sum(int(np.prod(array.shape[1:])) * array.dtype.itemsize for array in moving.values())
             for name, array in moving.items():
                 array[n] = read(name, n)
 
 
-def _plain(value: Any) -> Any:
-    """What NetCDF can hold as an attribute."""
-    if isinstance(value, bool | dict):
-        return str(value)
-    if isinstance(value, list | tuple):
-        return (
-            np.asarray(value)
-            if value and not any(isinstance(one, dict | list | bool) for one in value)
-            else str(value)
-        )
-    return value
+def _plain(attributes: Mapping[Any, object]) -> dict[str, object]:
+    """Return attributes that NetCDF can hold: numbers, texts and arrays of numbers; others as text."""
+    plain: dict[str, object] = {}
+    for key, value in attributes.items():
+        if isinstance(value, bool | dict):
+            plain[key] = str(value)
+        elif isinstance(value, list | tuple):
+            nested = not value or any(isinstance(entry, dict | list | bool) for entry in value)
+            plain[key] = str(value) if nested else np.asarray(value)
+        elif value is not None:
+            plain[key] = value
+    return plain

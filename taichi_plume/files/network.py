@@ -1,11 +1,12 @@
-"""Networks (policies) that were learnt elsewhere, as ONNX files.
+"""Policies learnt elsewhere: neural networks in ONNX files, evaluated in a confined process.
 
-ONNX is a language with loops, and what a network computes may take for ever or fill the memory, even when it is only
-loaded (constant folding). So onnxruntime runs in a process of its own, with limits on time and memory, which can open
-no file: weights in other files (external data) and libraries of operators are refused.
+ONNX has loops, so a network may run forever or fill the memory, even while loading (constant folding). Hence
+onnxruntime runs in a process with limits on time and memory, which can open no file: weights in other files (external
+data) and libraries of operators are refused.
 """
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,14 +26,14 @@ SHOWN = 300  # characters of a message of the runtime's
 
 
 class NetworkError(OwnAlgorithmError):
-    """A network that cannot be read, or does not fit its robots; says which."""
+    """A network that cannot be read, or does not fit the robots."""
 
 
 @dataclass(frozen=True)
 class Network:
-    """From observations (rows, entries), f32, to actions, the first output (rows, numbers).
+    """Maps observations (rows, entries), f32, to actions, the first output (rows, numbers).
 
-    entries, numbers: None where the file leaves them open.
+    entries, numbers: None if the file leaves the size open.
     """
 
     path: Path
@@ -42,7 +43,7 @@ class Network:
 
     @classmethod
     def read(cls, path: Path) -> "Network":
-        """Raises OwnAlgorithmError, in a line, where the file is none or takes something else."""
+        """Read a network. Raises OwnAlgorithmError, in a line, if the file is none or has other inputs."""
         content = content_of(path, LARGEST, f"{LARGEST >> 20} MB; is it a network?")
         evaluator, inputs, outputs = _evaluator(path, content)
         if len(inputs) != 1 or not outputs:
@@ -53,40 +54,35 @@ class Network:
         return cls(path, evaluator, _columns(path, "input", inputs[0]), _columns(path, "output", outputs[0]))
 
     def fault(self, entries: int, numbers: int) -> str | None:
-        """Why it does not fit observations and actions of so many numbers; None where it does."""
+        """Return an error if the network does not fit observations and actions of so many numbers."""
         if self.entries not in (None, entries):
-            return (
-                f"{self.path}: takes {self.entries} numbers, but an observation has {entries}; observe, memory and "
-                "history have to be those it was learnt with"
-            )
-        if self.numbers not in (None, numbers):
-            return (
-                f"{self.path}: gives {self.numbers} numbers, but an action has {numbers}; act and declares have to be "
-                "those it was learnt with"
-            )
-        return None
+            what = f"takes {self.entries} numbers, an observation has {entries}; observe, memory and history"
+        elif self.numbers not in (None, numbers):
+            what = f"gives {self.numbers} numbers, an action has {numbers}; act and declares"
+        else:
+            return None
+        return f"{self.path}: {what} have to be those it was learnt with"
 
     def act(self, observations: np.ndarray, numbers: int) -> np.ndarray:
-        """Actions (rows, numbers) f32, within -1 and 1. Raises OwnAlgorithmError where the network gives none."""
+        """Return actions (rows, numbers) f32, limited to -1 to 1. Raises OwnAlgorithmError."""
         try:
-            told = self.evaluator.call(_evaluate, observations)
+            actions = self.evaluator.call(_evaluate, observations)
         except Exception as error:  # the runtime has many kinds of errors
+            message = visible(" ".join(str(error).split()), SHOWN)
+            raise OwnAlgorithmError(f"{self.path}: cannot be evaluated: {message}") from None
+        rows = len(observations)
+        if actions.shape != (rows, numbers):
             raise OwnAlgorithmError(
-                f"{self.path}: cannot be evaluated: {visible(' '.join(str(error).split()), SHOWN)}"
-            ) from None
-        if told.shape != (len(observations), numbers):
-            raise OwnAlgorithmError(
-                f"{self.path}: gives {told.shape} for {len(observations)} observations; wanted "
-                f"{(len(observations), numbers)}"
+                f"{self.path}: gives {actions.shape} for {rows} observations; wanted {(rows, numbers)}"
             )
-        if not np.isfinite(told).all():
-            row = int(np.flatnonzero(~np.isfinite(told).all(axis=1))[0])
+        if not np.isfinite(actions).all():
+            row = int(np.flatnonzero(~np.isfinite(actions).all(axis=1))[0])
             raise OwnAlgorithmError(f"{self.path}: gives what is no number for robot {row}")
-        return np.clip(told, -1.0, 1.0).astype(np.float32)
+        return np.clip(actions, -1.0, 1.0).astype(np.float32)
 
 
 class _Evaluator:
-    """The process that evaluates one network. ends: names, types and shapes of its inputs and outputs."""
+    """Process that evaluates one network. ends: names, types and shapes of inputs and outputs."""
 
     def __init__(self, content: bytes):
         mib = len(content) / MIB
@@ -94,17 +90,17 @@ class _Evaluator:
         self.process = ConfinedProcess("numpy", "onnxruntime")
         self.ends: tuple[list[_End], list[_End]] = self.call(_load, content)
 
-    def call(self, function: Any, argument: Any) -> Any:
+    def call(self, function: Callable[..., Any], argument: object) -> Any:
         """Call a function in the process."""
         return self.process.call(function, argument, limits=self.limits)
 
 
-_End = tuple[str, str, list[Any]]
+_End = tuple[str, str, list[object]]
 _evaluators: "WeakValueDictionary[bytes, _Evaluator]" = WeakValueDictionary()  # by the digest of the file
 
 
 def _evaluator(path: Path, content: bytes) -> tuple[_Evaluator, list[_End], list[_End]]:
-    """The process of this network, of which one serves all robots, and its ends. Raises NetworkError."""
+    """Return the process of this network, which all robots share, and the ends. Raises NetworkError."""
     digest = hashlib.sha256(content).digest()
     found = _evaluators.get(digest)
     if found is None or not found.process.close.alive:
@@ -118,14 +114,10 @@ def _evaluator(path: Path, content: bytes) -> tuple[_Evaluator, list[_End], list
             raise NetworkError(f"{path}: {error}, only to be loaded; is it a policy?") from None
         except Exception as error:  # the runtime has many kinds of errors, without a common class
             message = " ".join(str(error).split())
-            if any(one in message.lower() for one in EXTERNAL):
-                raise NetworkError(
-                    f"{path}: its weights lie in another file (external data), which is not read; export the network "
-                    "into one file"
-                ) from None
-            raise NetworkError(
-                f"{path}: is no network of ONNX that can be run: {visible(message, SHOWN)}"
-            ) from None
+            what = f"is no network of ONNX that can be run: {visible(message, SHOWN)}"
+            if any(text in message.lower() for text in EXTERNAL):
+                what = "its weights lie in another file (external data); export the network into one file"
+            raise NetworkError(f"{path}: {what}") from None
     return found, *found.ends
 
 
@@ -133,7 +125,7 @@ _session: Any = None  # session of the process that evaluates
 
 
 def _load(content: bytes) -> tuple[list[_End], list[_End]]:
-    """In the process: load the network, to be evaluated on one thread, always in the same order."""
+    """In the process: load the network, to be evaluated deterministically on one thread."""
     import onnxruntime
 
     global _session
@@ -142,20 +134,20 @@ def _load(content: bytes) -> tuple[list[_End], list[_End]]:
     options.use_deterministic_compute = True
     options.log_severity_level = 4
     _session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-    return _ends(_session.get_inputs()), _ends(_session.get_outputs())
-
-
-def _ends(ends: Any) -> list[_End]:
-    return [(one.name, one.type, list(one.shape or [])) for one in ends]
+    inputs, outputs = (
+        [(end.name, end.type, list(end.shape or [])) for end in ends]
+        for ends in (_session.get_inputs(), _session.get_outputs())
+    )
+    return inputs, outputs
 
 
 def _evaluate(observations: np.ndarray) -> np.ndarray:
-    """In the process: the first output."""
+    """In the process: return the first output."""
     return np.asarray(_session.run(None, {_session.get_inputs()[0].name: observations})[0])
 
 
 def _columns(path: Path, what: str, end: _End) -> int | None:
-    """Numbers of a row of the input or output; None where it is open. Raises NetworkError."""
+    """Return the size of a row of the input or output; None if open. Raises NetworkError."""
     _, kind, shape = end
     if kind != "tensor(float)":
         raise NetworkError(f"{path}: its {what} is a {kind}; wanted 32-bit floats")

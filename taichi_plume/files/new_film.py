@@ -1,29 +1,24 @@
-"""A film while it is written, see `film`: what its variables are called, mean and are measured in."""
+"""Writer of films (see `film`): names, units and CF standard names of the variables; completion after a kill."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from taichi_plume.files import zarr_groups
-from taichi_plume.files.film import (
-    FORMAT,
-    GAS,
-    STILL,
-    VELOCITIES,
-    FilmError,
-    dimensions,
-    places,
-)
+from taichi_plume.files.film import FORMAT, GAS, STILL, VELOCITIES, FilmError, dimensions, places
+from taichi_plume.files.zarr_groups import Array, errors_as
 
 if TYPE_CHECKING:
     from taichi_plume.grid.fields import Species
 
+Known = Mapping[str, tuple[str, str, str | None]]
+"""Units, meaning and standard name of the variables of gases."""
 TIMES = 4096  # per chunk
 WIND_NAMES = {"u": "x_wind", "v": "y_wind", "w": "upward_air_velocity"}
-NAMED = {  # of those that the table of CF's standard names has; of version 93
+NAMED = {  # standard names of CF, version 93
     "ethanol": ("mass_concentration_of_ethanol_in_air", "mole_fraction_of_ethanol_in_air"),
     "acetone": (None, "mole_fraction_of_acetone_in_air"),
 }
@@ -42,18 +37,18 @@ PLACES = {
 
 
 def middles(values: np.ndarray, axis: int) -> np.ndarray:
-    """A velocity at the cells' middles, from its faces along an axis and ghosts along the others."""
+    """Return a velocity at the cell centres; values: on faces along `axis`, with ghosts along the other axes."""
     inner = tuple(slice(None) if a == axis else slice(1, -1) for a in range(values.ndim))
     faces = np.moveaxis(values[inner], axis, 0)
     return np.moveaxis(0.5 * (faces[1:] + faces[:-1]), 0, axis)
 
 
 class NewFilm:
-    """A film being written.
+    """A film that is being written.
 
     shape: cells per axis (x, y, z); dx [m]; attributes: of the group; moving: names of the variables of a frame;
-    still: those that do not change, with their values; species: of the gases among `moving`. kept: go on with the film
-    that is there, after so many frames.
+    still: variables without time; species: of the gases among `moving`. kept: resume the existing film after so many
+    frames; raises FilmError if it has fewer.
     """
 
     def __init__(
@@ -61,34 +56,35 @@ class NewFilm:
         path: Path,
         shape: tuple[int, ...],
         dx: float,
-        attributes: dict[str, Any],
-        moving: list[str],
-        still: dict[str, np.ndarray],
+        attributes: Mapping[str, object],
+        moving: Sequence[str],
+        still: Mapping[str, np.ndarray],
         species: "Sequence[Species]",
         kept: int | None = None,
     ):
         self.path, self.dim = path, len(shape)
-        self.ppm = {f"{GAS}{one.name}": (f"{one.name}_ppm", one.ppm_per_density) for one in species}
-        names = [*moving, *self._also(moving)]
+        self.ppm = {f"{GAS}{gas.name}": (f"{gas.name}_ppm", gas.ppm_per_density) for gas in species}
+        centred = [name.removesuffix("_face") for name in moving if name in VELOCITIES]
+        names = [*moving, *centred, *(self.ppm[name][0] for name in moving if name in self.ppm)]
         if kept is not None:
-            self._go_on(names, kept)
+            self._resume(names, kept)
             return
         facts = {"format": FORMAT, "shape": list(shape), "spacing": dx, **attributes}
         facts |= {
-            name: json.dumps(one) for name, one in attributes.items() if isinstance(one, dict)
+            key: json.dumps(value) for key, value in attributes.items() if isinstance(value, dict)
         }  # for NetCDF
         self.group = zarr_groups.create(path, facts)
         self.frames = 0
-        known = {}
-        for one in species:
-            mass, share = NAMED.get(one.name, (None, None))
-            known[f"{GAS}{one.name}"] = ("kg m-3", f"concentration of {one.name}", mass)
-            known[f"{one.name}_ppm"] = ("ppm", f"mole fraction of {one.name} at 25 degrees and 1 atm", share)
+        known: dict[str, tuple[str, str, str | None]] = {}
+        for gas in species:
+            mass, share = NAMED.get(gas.name, (None, None))
+            known[f"{GAS}{gas.name}"] = ("kg m-3", f"concentration of {gas.name}", mass)
+            known[f"{gas.name}_ppm"] = ("ppm", f"mole fraction of {gas.name} at 25 degrees and 1 atm", share)
         self.time = self._array("time", ("time",), np.empty(0), (TIMES,), known)
         self.moving = {}
         for name in names:
             along = dimensions(name, self.dim)
-            size = tuple(len(places(one, shape, dx)) for one in along)
+            size = tuple(len(places(d, shape, dx)) for d in along)
             empty = np.empty((0, *size), np.float32)
             self.moving[name] = self._array(name, ("time", *along), empty, (1, *size), known)
         for name, values in still.items():
@@ -98,62 +94,42 @@ class NewFilm:
             self._array(name, (name,), places(name, shape, dx), None, known)
         zarr_groups.consolidate(path)
 
-    def _also(self, moving: list[str]) -> list[str]:
-        """What is stored besides, as others want it: the wind at the cells' middles, gas in ppm."""
-        return [name.removesuffix("_face") for name in moving if name in VELOCITIES] + [
-            self.ppm[name][0] for name in moving if name in self.ppm
-        ]
-
-    def _go_on(self, names: list[str], kept: int) -> None:
-        """Raises FilmError where there are fewer frames."""
+    def _resume(self, names: Sequence[str], kept: int) -> None:
         path = self.path
-        try:
+        with errors_as(FilmError, path, "is damaged, without it the run cannot go on"):
             group = zarr_groups.Group(path, mode="r+")
-            arrays: dict[str, Any] = {name: group[name] for name in group.names}
+            arrays = {name: group[name] for name in group.names}
             self.frames, self.time = kept, arrays["time"]
             self.moving = {name: arrays[name] for name in names}
-            held = int(np.isfinite(self.time[:kept]).sum())
-            held = min(
-                held, *(min(one.shape[0], zarr_groups.stored_chunks(one)) for one in self.moving.values())
-            )
-        except zarr_groups.GroupError as error:
-            raise FilmError(str(error)) from None
-        except zarr_groups.FAULTS as error:
-            told = zarr_groups.reason(error)
-            raise FilmError(f"{path}: is damaged, without it the run cannot go on: {told}") from None
+            stored = [min(array.shape[0], zarr_groups.stored_chunks(array)) for array in self.moving.values()]
+            held = min(int(np.isfinite(self.time[:kept]).sum()), *stored)
         if held < kept:
-            raise FilmError(
-                f"{path}: {held} of its first {kept} frames are left, without which the run cannot go on"
-            )
+            raise FilmError(f"{path}: the run cannot go on: {held} of the first {kept} frames are left")
         tidy(path)
-        self._shorten(kept)
-
-    def _shorten(self, kept: int) -> None:
         for array in (self.time, *self.moving.values()):
             array.resize((kept, *array.shape[1:]))
-        zarr_groups.consolidate(self.path)
+        zarr_groups.consolidate(path)
 
     def _array(
         self,
         name: str,
         dims: tuple[str, ...],
         values: np.ndarray,
-        chunks: tuple | None,
-        known: dict[str, Any],
-    ) -> Any:
-        """An array with what is to be known of it. known: of the gases units, meaning and standard name."""
+        chunks: tuple[int, ...] | None,
+        known: Known,
+    ) -> Array:
         return zarr_groups.add(self.group, name, dims, values, _facts(name, known), chunks)
 
-    def append(self, t: float, frame: dict[str, np.ndarray]) -> None:
+    def append(self, t: float, frame: Mapping[str, np.ndarray]) -> None:
         """Add the frame of time t [s]: the values of every moving variable."""
         n = self.frames
         values = dict(frame)
         for d, name in enumerate(VELOCITIES[: self.dim]):
             if name in frame:
                 values[name.removesuffix("_face")] = middles(frame[name], self.dim - 1 - d)
-        for name, (told, factor) in self.ppm.items():
+        for name, (in_ppm, factor) in self.ppm.items():
             if name in frame:
-                values[told] = frame[name] * np.float32(factor)
+                values[in_ppm] = frame[name] * np.float32(factor)
         for name, array in self.moving.items():
             array.resize((n + 1, *array.shape[1:]))
             array[n] = values[name]
@@ -162,12 +138,12 @@ class NewFilm:
         self.frames = n + 1
 
     def flush(self) -> None:
-        """Show readers the frames up to here."""
+        """Show the frames so far to readers."""
         zarr_groups.consolidate(self.path)
 
 
-def _facts(name: str, known: dict[str, tuple[str, str, str | None]]) -> dict[str, str]:
-    """Attributes of an array."""
+def _facts(name: str, known: Known) -> dict[str, str]:
+    """Return the attributes of an array."""
     standard = more = None
     component, _, at = name.partition("_")
     if name in known:
@@ -181,38 +157,37 @@ def _facts(name: str, known: dict[str, tuple[str, str, str | None]]) -> dict[str
         standard = "air_temperature" if name == "temperature" else None
         more = {"axis": "T", "standard_name": "time"} if name == "time" else None
     elif name.startswith(STILL):
-        shown = (
-            "1 where the velocity was solved for, 0 on walls" if component == "open" else "share that is air"
+        solved = "1 where the velocity was solved for, 0 on walls"
+        units, meaning = (
+            "1",
+            f"of the faces of {at}: {solved if component == 'open' else 'share that is air'}",
         )
-        units, meaning = "1", f"of the faces of {at}: {shown}"
     else:
         axis, _, at = name.partition("_")
         units, meaning = "m", f"{axis} of {PLACES[at]}"
         more = None if at else {"axis": axis.upper()} | ({"positive": "up"} if axis == "z" else {})
         standard = "height" if name == "z" else None
-    told = {"units": units, "long_name": meaning} | (more or {})
-    return told | ({"standard_name": standard} if standard else {})
+    facts = {"units": units, "long_name": meaning} | (more or {})
+    return facts | ({"standard_name": standard} if standard else {})
 
 
 def tidy(path: Path) -> None:
-    """Remove what of a film was being written when its run was killed."""
+    """Remove chunks that were being written when the run was killed."""
     for part in path.rglob("*.partial"):
         part.unlink()
 
 
 def complete(path: Path) -> int:
-    """Leave of a film that was cut off the frames that are whole, and return how many. Raises FilmError."""
+    """Cut an interrupted film to the complete frames, and return their number. Raises FilmError."""
     tidy(path)
-    try:
+    with errors_as(FilmError, path):
         group = zarr_groups.Group(path, mode="r+")
-        arrays: dict[str, Any] = {name: group[name] for name in group.names}
-        moving = [one for one in arrays.values() if (one.metadata.dimension_names or ("",))[0] == "time"]
+        arrays = {name: group[name] for name in group.names}
+        moving = [
+            array for array in arrays.values() if (array.metadata.dimension_names or ("",))[0] == "time"
+        ]
         frames = int(np.isfinite(arrays["time"][:]).cumprod().sum())
         for array in moving:
             array.resize((frames, *array.shape[1:]))
-    except zarr_groups.GroupError as error:
-        raise FilmError(str(error)) from None
-    except zarr_groups.FAULTS as error:
-        raise FilmError(f"{path}: is damaged: {zarr_groups.reason(error)}") from None
     zarr_groups.consolidate(path)
     return frames

@@ -1,4 +1,4 @@
-"""A class from a Python file of the user's: found without running anything, and executed only where that is wanted."""
+"""The user's own algorithm, a class in a Python file: found by parsing, and executed only on request."""
 
 import ast
 import dis
@@ -17,12 +17,12 @@ from taichi_plume.guard.opening import read_regular
 from taichi_plume.guard.terminal import visible
 
 LARGEST_FILE = 1 << 16  # bytes: Python takes minutes to parse some texts of half a megabyte
-UNPARSED = (SyntaxError, ValueError, RecursionError, MemoryError)  # too deep, or not text
+UNPARSED = (SyntaxError, ValueError, RecursionError, MemoryError)  # nested too deeply, or not text
 
 
 @runtime_checkable
 class Acts(Protocol):
-    """What a class of the user's has to have."""
+    """Interface of the user's class."""
 
     def act(self, robots: Any) -> None:
         """Turn readings into commands."""
@@ -30,13 +30,13 @@ class Acts(Protocol):
 
 
 class OwnAlgorithmError(RuntimeError):
-    """The user's algorithm failed; says in which file and line."""
+    """The user's algorithm failed; the message names file and line."""
 
 
 def content_of(path: Path, most: int, largest: str) -> bytes:
-    """The content of a file of the user's, of at most so many bytes; largest: the same in words, and a question.
+    """Return the content of a user's file. most: limit in bytes; largest: limit in words, for the message.
 
-    Raises OwnAlgorithmError where it cannot be read.
+    Raises OwnAlgorithmError if the file cannot be read.
     """
     try:
         content = read_regular(path, most)
@@ -51,9 +51,9 @@ def content_of(path: Path, most: int, largest: str) -> bytes:
 
 @dataclass(frozen=True)
 class OwnFile:
-    """A Python file that holds an algorithm, as it was when it was looked at. name: of its class, unless the only one.
+    """Content of a Python file that holds an algorithm. name: of the class, None for the only one.
 
-    Raises OwnAlgorithmError where it cannot be read, is no Python, or where the class is certainly missing.
+    Raises OwnAlgorithmError if the file cannot be read, is not Python, or certainly lacks the class.
     """
 
     path: Path
@@ -62,7 +62,7 @@ class OwnFile:
 
     @classmethod
     def read(cls, path: Path, name: str | None) -> "OwnFile":
-        """Read and parse the file; nothing in it is executed."""
+        """Read and parse the file without executing it."""
         if path.suffix != ".py":
             raise OwnAlgorithmError(f"{path}: is no Python file; its name must end in .py")
         largest = f"{LARGEST_FILE >> 10} KiB; is it an algorithm?"
@@ -76,29 +76,25 @@ class OwnFile:
         return hashlib.sha256(self.source).hexdigest()
 
     def _look(self) -> None:
-        """Whether the text holds the class. What a base class brings only its execution tells."""
+        """Raise OwnAlgorithmError if the text certainly lacks the class. Methods of base classes are not known yet."""
         try:
             tree = ast.parse(self.source, str(self.path))
         except UNPARSED as error:
-            line = getattr(error, "lineno", None)
+            line, what = (error.lineno, error.msg) if isinstance(error, SyntaxError) else (None, str(error))
             where = f"{self.path}, line {line}" if line else f"{self.path}"
-            what = getattr(error, "msg", None) or str(error) or "is nested too deeply"
-            raise OwnAlgorithmError(f"{where}: {visible(what)}") from None
+            raise OwnAlgorithmError(f"{where}: {visible(what or 'is nested too deeply')}") from None
         classes = {node.name: node for node in _at_top(tree) if isinstance(node, ast.ClassDef)}
         sure = [name for name, node in classes.items() if _acts(node)]
         maybe = [name for name, node in classes.items() if node.bases or node.decorator_list or name in sure]
-        if self.name is None:
-            wrong = not maybe or len(sure) > 1
-        else:
-            wrong = self.name not in maybe
+        wrong = not maybe or len(sure) > 1 if self.name is None else self.name not in maybe
         if wrong:
             raise self._without(sure)
 
     def execute(self) -> type:
-        """The class: what was looked at is executed, with all rights of the user."""
+        """Execute the content, with all rights of the user, and return the class."""
         module = ModuleType(f"own_algorithm_{self.path.stem}_{self.digest[:8]}")
         module.__file__ = str(self.path)
-        sys.modules[module.__name__] = module  # where `inspect` and `dataclass` look for it
+        sys.modules[module.__name__] = module  # for `inspect` and `dataclass`
         with failures_told(self.path):
             exec(compile(self.source, str(self.path), "exec", dont_inherit=True), module.__dict__)
         own = {
@@ -119,7 +115,7 @@ class OwnFile:
 
 
 def _at_top(node: ast.AST) -> Iterator[ast.AST]:
-    """The statements of a module, also within its `if`, `try` and `with`."""
+    """Yield the statements of a module, also within `if`, `try` and `with`."""
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.stmt):
             yield child
@@ -128,16 +124,12 @@ def _at_top(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def _acts(node: ast.ClassDef) -> bool:
-    """Whether the text of a class gives it an `act`."""
-    named = {one.name for one in node.body if isinstance(one, ast.FunctionDef)}
-    assigned = {
-        target.id
-        for one in node.body
-        if isinstance(one, ast.Assign)
-        for target in one.targets
-        if isinstance(target, ast.Name)
-    }
-    return "act" in named | assigned
+    """Return whether the text of a class defines `act`, as a function or by assignment."""
+    functions = [statement.name for statement in node.body if isinstance(statement, ast.FunctionDef)]
+    assigned = [
+        target for statement in node.body if isinstance(statement, ast.Assign) for target in statement.targets
+    ]
+    return "act" in (*functions, *(target.id for target in assigned if isinstance(target, ast.Name)))
 
 
 # ---------------------------------------------------------------- failures
@@ -145,19 +137,19 @@ def _acts(node: ast.ClassDef) -> bool:
 
 @contextmanager
 def failures_told(path: Path) -> Iterator[None]:
-    """Whatever code of that file raises, SystemExit too, leaves as an OwnAlgorithmError; a user's Ctrl-C stays one."""
+    """Raise errors of the user's file, also SystemExit, as OwnAlgorithmError; Ctrl-C stays KeyboardInterrupt."""
     try:
         yield
     except OwnAlgorithmError:
         raise
     except BaseException as error:
         if isinstance(error, Exception | SystemExit | GeneratorExit) or _raised_in(error, path):
-            raise OwnAlgorithmError(told(error, path)) from error
+            raise OwnAlgorithmError(_one_line(error, path)) from error
         raise
 
 
 def _raised_in(error: BaseException, path: Path) -> bool:
-    """Whether a `raise` of that file brought the error up: a signal never comes up there."""
+    """Return whether a `raise` of that file caused the error; a signal does not."""
     last = error.__traceback__
     while last is not None and last.tb_next is not None:
         last = last.tb_next
@@ -170,16 +162,13 @@ def _raised_in(error: BaseException, path: Path) -> bool:
     )
 
 
-def told(error: BaseException, path: Path) -> str:
-    """The error in one line, with the place in the user's file where it came up."""
-    lines = [
-        one.lineno
-        for one in traceback.extract_tb(error.__traceback__)
-        if Path(one.filename).name == path.name
-    ]
+def _one_line(error: BaseException, path: Path) -> str:
+    """Return the error in one line, with the line in the user's file."""
+    frames = traceback.extract_tb(error.__traceback__)
+    lines = [frame.lineno for frame in frames if Path(frame.filename).name == path.name]
     where = f"{path}, line {lines[-1]}" if lines else f"{path}"
     try:
         message = " ".join(str(error).split())
-    except BaseException:  # it is the user's too
+    except BaseException:  # __str__ may be the user's
         message = "its message cannot be made"
     return visible(f"{where}: {type(error).__name__}: {message}")

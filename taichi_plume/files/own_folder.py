@@ -1,6 +1,6 @@
-"""Folders that commands write into, and that may come from elsewhere: the lock, the mark of whose they are, links.
+"""Folders that commands write into: the lock, the mark of their kind, and protection against links.
 
-Nothing is made, not even the lock, in a folder that is refused.
+A refused folder stays as it is: not even the lock file is created.
 """
 
 import json
@@ -22,9 +22,9 @@ LARGEST_MARK = 1 << 26  # bytes
 class FolderLock:
     """The lock of a folder, which this process holds until `release`, or until the process ends.
 
-    require: raises if the folder must not be used. It is called before the lock file is made, so that a refused folder
-    stays as it is, and again under the lock. Raises also filelock.Timeout if another process holds the lock, and
-    OSError, ValueError or NotImplementedError if there can be none.
+    require: raises if the folder must not be used; called before the lock file is created, and again under the lock.
+    Raises filelock.Timeout if another process holds the lock, and OSError, ValueError or NotImplementedError if a lock
+    is impossible.
     """
 
     def __init__(self, folder: Path, require: Callable[[], object]):
@@ -32,12 +32,12 @@ class FolderLock:
 
         self.path = folder / LOCK
         with tempfile.TemporaryFile(dir=folder):
-            pass  # now, rather than after minutes of compiling; the lock would take it for another's
+            pass  # fail now rather than after minutes of compiling; FileLock would report another holder
         self.made = not os.path.lexists(self.path)
         if self.made:
             require()
         elif not _is_lock(self.path):
-            raise OSError(f"{LOCK} is no lock of a run or study, but a file or link of someone's")
+            raise OSError(f"{LOCK} is no lock of a run or study, but another file or a link")
         self._lock = filelock.FileLock(self.path, timeout=0)
         self._lock.acquire()
         try:
@@ -47,8 +47,8 @@ class FolderLock:
             raise
 
     def release(self, remove: bool = False) -> None:
-        """Let other processes write there. remove: whether the lock file goes as well."""
-        # Windows unlinks no open file; elsewhere whoever waits for the lock sees that the file went
+        """Release the lock. remove: remove the lock file too."""
+        # Windows cannot unlink an open file; elsewhere a waiting process notices that the file is gone
         with suppress(OSError):
             if remove:
                 self.path.unlink()
@@ -59,20 +59,20 @@ class FolderLock:
 
 
 def _is_lock(path: Path) -> bool:
-    """Whether a file may be locked, which cuts it to no length: an empty one without another name."""
+    """Return whether a file may be locked, which truncates it: an empty file without hard links."""
     about = os.lstat(path)
     return stat.S_ISREG(about.st_mode) and not about.st_size and about.st_nlink == 1
 
 
 def mark(folder: Path, kind: str) -> None:
-    """Write KIND.json, by which a folder of that kind is known, such as study.json. Raises OSError."""
+    """Write KIND.json, such as study.json, which marks a folder of that kind. Raises OSError."""
     content = {"format": format_of(kind), "version": __version__}
     with disk.written_whole(folder / f"{kind}.json") as fresh:
         fresh.write_text(json.dumps(content) + "\n", encoding="utf-8")
 
 
 def is_marked(folder: Path, kind: str) -> bool:
-    """Whether a folder holds the mark of that kind."""
+    """Return whether a folder holds the mark of that kind."""
     try:
         content = json.loads(read_regular(folder / f"{kind}.json", LARGEST_MARK) or b"")
     except (OSError, ValueError, RecursionError):
@@ -81,7 +81,7 @@ def is_marked(folder: Path, kind: str) -> bool:
 
 
 def other_in(folder: Path, kind: str) -> str | None:
-    """The first file of a folder that has not the mark of that kind; None if it has, or is empty. Raises OSError."""
+    """Return a file of a folder without the mark of that kind; None if marked or empty. Raises OSError."""
     if is_marked(folder, kind):
         return None
     ours = {LOCK, *(file.name for file in disk.left_in(folder))}
@@ -89,15 +89,14 @@ def other_in(folder: Path, kind: str) -> str | None:
 
 
 def format_of(kind: str) -> str:
-    """Value of `format` in the mark of a kind of folder."""
+    """Return the value of `format` in the mark of a kind of folder."""
     return f"taichi_plume {kind} 1"
 
 
 def link_in(folder: Path, names: Iterable[str] | None = None, hard: bool = False) -> str | None:
-    """Path, relative to a folder, of the first link in it or in its folders: to write there would write elsewhere.
+    """Return the relative path of the first link in a folder or its subfolders, whose target would be written to.
 
-    names: of what is looked at in the folder; unless given, all. hard: whether files with another name, and what is
-    neither a file nor a folder, count as well.
+    names: entries to look at, by default all. hard: count hard links, and entries that are neither file nor folder.
     """
     try:
         here = [entry for entry in os.scandir(folder) if names is None or entry.name in names]

@@ -1,9 +1,8 @@
-"""The log of PlumeSim (Cabrita, Sousa & Marques, "Player/Stage simulation of olfactory experiments", IROS 2010), which
-its robots and `kind: plumesim_log` play back.
+"""Logs of PlumeSim (see `point_frames`), which its robots and `kind: plumesim_log` play back.
 
 A log is text: a line ``period_ms,numFrames,cellSize``; then per frame a line ``+number nPoints`` and so many lines
-``x,y,z,windSpeed,windDirection,chemical``. Frames last one period each, in their order; their numbers ascend. Lengths
-are in m, the speed in m/s, the direction is where the air goes, in rad; chemical is in percent of a full scale.
+``x,y,z,windSpeed,windDirection,chemical``. Each frame lasts one period; the numbers of frames ascend. Lengths are in m,
+the speed in m/s, the direction is where the air goes, in rad; chemical is in percent of a full scale.
 """
 
 import re
@@ -19,16 +18,14 @@ COLUMNS = ("x", "y", "z", "wind speed", "wind direction", "chemical")
 FASTEST = 1e3  # m/s
 POINT = "%.5g,%.5g,0,%.4g,%.4g,%.4g\n"  # as COLUMNS
 DECIMALS = 6  # of chemical, so that clean air is a plain 0
-DIGITS = 9  # of the number of frames: room for any
+DIGITS = 9  # of the number of frames
 
 _HEADER = re.compile(r"\s*(\d{1,9})\s*,\s*(\d{1,9})\s*,([^,]+)", re.ASCII)
 _FRAME = re.compile(r"\+(\d{1,9})\s+(\d{1,9})\s*", re.ASCII)
 
-# ---------------------------------------------------------------- reading
-
 
 def read_log(path: Path) -> PointFrames:
-    """The frames of a PlumeSim log. Raises PointFileError."""
+    """Read the frames of a PlumeSim log. Raises PointFileError."""
     file = TextFile(path, PointFileError)
     period, cell, begin, rows = _frames(file)
     table = Table(file, rows, len(COLUMNS), form=",".join(COLUMNS))
@@ -43,7 +40,7 @@ def read_log(path: Path) -> PointFrames:
 
 
 def _frames(file: TextFile) -> tuple[float, float, list[int], list[int]]:
-    """Period [s] and cell [m], where each frame begins among the points, and all of them end, and the points' lines."""
+    """Return period [s], cell [m], the first point of each frame and the end of all, and the lines of the points."""
     lines = file.lines
     header = _HEADER.fullmatch(lines[0])
     if header is None or not is_number(header[3]):
@@ -81,13 +78,10 @@ def _frames(file: TextFile) -> tuple[float, float, list[int], list[int]]:
     return period / 1000, cell, begin, rows
 
 
-# ---------------------------------------------------------------- writing
-
-
 def shorten(path: Path) -> int:
-    """Cut off what comes after as many frames as the first line of a log of ours says; returns how many these are.
+    """Cut a log that a run wrote to the number of frames in its first line, and return the number.
 
-    Raises OSError, and ValueError where it is none.
+    Raises OSError, and ValueError if the file is no such log.
     """
     with path.open("rb+") as file:
         frames = int(file.readline().split(b",")[1])

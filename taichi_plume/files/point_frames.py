@@ -1,34 +1,39 @@
-"""Plumes as frames of points in the plane, as PlumeSim (Cabrita, Sousa & Marques, "Player/Stage simulation of olfactory
-experiments", IROS 2010) reads them: see `plumesim_log` and `fluent`.
+"""Plumes as frames of points in the plane, as PlumeSim reads them: ASCII exports of Fluent, and logs (`plumesim_log`).
 
-All of a file is read and checked before anything is made of it.
+PlumeSim: Cabrita, Sousa & Marques, "Player/Stage simulation of olfactory experiments", IROS 2010. Fluent exports one
+file per frame, numbered from 1: a line of titles, then lines ``index,x,y,chemical`` with lengths in m.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.files.tables import Table
+from taichi_plume.files.tables import Table, TextFile
+from taichi_plume.guard.opening import unopenable
 from taichi_plume.scenario.played import PlumeSimWind
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas
 
 MOST_FRAMES = 100_000
-FARTHEST = 1e5  # m: beyond, f32 no longer tells cells of a centimetre apart
+FARTHEST = 1e5  # m: beyond, f32 cannot resolve cells of a centimetre
 LARGEST_PERCENT = 1e6
+LARGEST_FLUENT = 1e4  # times the value that counts as 100 percent
+FLUENT = ("index", "x", "y", "chemical")
 
 
 class PointFileError(ValueError):
-    """A file of points that cannot be used; the message begins with its path, and its line where there is one."""
+    """A file of points that cannot be used; the message begins with the path and, if known, the line."""
 
 
 @dataclass(frozen=True)
 class PointFrames:
     """Frames of points in the plane.
 
-    path: of the file, or of the first one; period: time that each frame is shown [s]; cell: points count up to this
-    distance [m]. Of all points, frame after frame: place (n, 2) [m], wind (n, 2) [m/s], percent (n,) of the full scale;
-    frame k has the points begin[k] to begin[k + 1].
+    path: of the file, or of the first one; period: duration of each frame [s]; cell: points count up to this distance
+    [m]. Of all points, frame after frame: place (n, 2) [m], wind (n, 2) [m/s], percent (n,) of the full scale; frame k
+    has the points begin[k] to begin[k + 1].
     """
 
     path: Path
@@ -43,13 +48,12 @@ class PointFrames:
         return len(self.begin) - 1
 
     def frame(self, k: int) -> slice:
-        """Where the points of frame k are."""
+        """Return the slice of the points of frame k."""
         return slice(int(self.begin[k]), int(self.begin[k + 1]))
 
 
 def frames_of(model: PlumeSimWind | PlumeSimGas | FluentGas, folder: Path) -> PointFrames:
-    """What a scenario's plume or wind plays back; `folder` is where its files lie. Raises PointFileError."""
-    from taichi_plume.files.fluent import read_fluent
+    """Return the frames that a scenario's gas or wind plays back, from files in `folder`. Raises PointFileError."""
     from taichi_plume.files.plumesim_log import read_log
 
     if model.kind == "fluent":
@@ -57,8 +61,50 @@ def frames_of(model: PlumeSimWind | PlumeSimGas | FluentGas, folder: Path) -> Po
     return read_log(folder / model.file)
 
 
-def points_of(table: Table, columns: tuple[str, ...], most: dict[str, float]) -> dict[str, np.ndarray]:
-    """The columns by these names: finite, x and y within reason, chemical and those of `most` between 0 and that."""
+def read_fluent(
+    pattern: Path, frames: int | None, period: float, cell: float, largest: float | None
+) -> PointFrames:
+    """Read the files of a pattern such as ``plume%03d.txt``: `frames` of them or all.
+
+    period [s], cell [m]; largest: value that counts as 100 percent, by default the largest of all files.
+    Raises PointFileError.
+    """
+    begin, place, chemical = [0], [], []
+    paths = _numbered(pattern, frames)
+    for path in paths:
+        file = TextFile(path, PointFileError)
+        table = Table(file, range(1, len(file.lines)), len(FLUENT), form=",".join(FLUENT))
+        known = points_of(table, FLUENT, {"chemical": LARGEST_FLUENT * (largest or inf)})
+        place.append(np.column_stack([known["x"], known["y"]]))
+        chemical.append(known["chemical"])
+        begin.append(begin[-1] + len(table))
+    percent = np.concatenate(chemical)
+    if not len(percent):
+        raise PointFileError(f"{paths[0]}: holds no points")
+    full = percent.max() if largest is None else largest
+    if full > 0:
+        percent = 100.0 * (percent / full)
+    wind = np.zeros((len(percent), 2))
+    return PointFrames(paths[0], period, cell, np.concatenate(place), wind, percent, np.array(begin))
+
+
+def _numbered(pattern: Path, frames: int | None) -> list[Path]:
+    """Return the files of a pattern. Raises PointFileError if a file is missing."""
+    found: list[Path] = []
+    while len(found) < (frames or MOST_FRAMES):
+        path, after = (pattern.with_name(pattern.name % (len(found) + n)) for n in (1, 2))
+        if unopenable(path):
+            if frames is not None or not found:
+                raise PointFileError(f"{path}: does not exist; files are numbered from 1")
+            if not unopenable(after):
+                raise PointFileError(f"{path}: does not exist, but {after.name} does")
+            break
+        found.append(path)
+    return found
+
+
+def points_of(table: Table, columns: tuple[str, ...], most: Mapping[str, float]) -> dict[str, np.ndarray]:
+    """Return the columns by name after a check: finite values, x and y within FARTHEST, others within 0 and `most`."""
     known = dict(zip(columns, table.numbers(*range(len(columns))).T, strict=True))
     finite = np.isfinite(np.stack(list(known.values()))).all(axis=0)
     table.refuse(~finite, lambda row: f"must be finite numbers, got {table.shown(row)}")

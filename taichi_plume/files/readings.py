@@ -1,9 +1,8 @@
-"""Recorded readings: the robots.parquet of a run, or of real robots a bag of ROS or a CSV file.
+"""Recorded readings: the robots.parquet of a run, or a ROS bag or CSV file of real robots.
 
-A CSV has the columns t [s], x, y [m] and reading [ppm] and, where they are known, wind_x, wind_y [m/s], trial (whole
-numbers) and group (names); others do not matter. Commas, semicolons or tabs part its columns. Of a run the places are
-those where its robots believed to be, and the wind is the one that they took it for: what its maps were made of. Of a
-bag see `bag_readings`; its robots are groups.
+A CSV has the columns t [s], x, y [m] and reading [ppm] and, if known, wind_x, wind_y [m/s], trial (integers) and group
+(names); other columns are ignored. Columns are separated by commas, semicolons or tabs. Positions and wind of a run are
+those that the robots believed, from which the run made its maps. Robots of a bag (see `bag_readings`) are groups.
 """
 
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from taichi_plume.files import bag_readings, bags, manifest
-from taichi_plume.files.bag_readings import Wanted
+from taichi_plume.files.bag_readings import BagOptions
 from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, listed, plain
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.opening import unopenable
@@ -27,11 +26,11 @@ NAMES = {
     "trial": ("trial",),
     "group": ("group",),
 }
-"""Of which the first that a file has is taken."""
+"""Accepted column names, preferred names first."""
 MOST_ROWS = 10_000_000
 NEEDED = ("t", "x", "y", "reading")
 MOST = {"t": 1e13, "x": 1e8, "y": 1e8, "reading": 1e9, "wind_x": 1e4, "wind_y": 1e4}
-"""What is larger, either way, is a mistake: a Unix time is 2e9 s, in milliseconds; pure vapour is 1e6 ppm."""
+"""Largest absolute values; larger values are mistakes: a Unix time is 2e12 ms, pure vapour 1e6 ppm."""
 
 
 class ReadingsError(InputError):
@@ -42,8 +41,8 @@ class ReadingsError(InputError):
 class Readings:
     """In order of time: t (n,) [s], place (n, 2) [m], reading (n,) [ppm], wind (n, 2) [m/s], zero if unknown.
 
-    A reading that is no finite number is NaN. row: (n,), of the file, from 1 on below the header. topics: of a bag,
-    what was taken of it, a line for each robot.
+    A reading that is no finite number is NaN. row: (n,), of the file, from 1 on below the header. topics: of a bag, a
+    line for each robot on the topics that were read.
     """
 
     t: np.ndarray
@@ -55,22 +54,22 @@ class Readings:
 
 
 def read(
-    path: str | Path, trial: int | None = None, group: str | None = None, wanted: Wanted | None = None
+    path: str | Path, trial: int | None = None, group: str | None = None, options: BagOptions | None = None
 ) -> Readings:
-    """Readings of a file (see above): of one trial, the first unless given, and of one group or of all.
+    """Return the readings of a file: of one trial, by default the first, and of one group, by default all.
 
-    wanted: what of a bag is read. Raises ReadingsError.
+    options: of a bag. Raises ReadingsError.
     """
     path, topics = Path(path), ()
     if bags.is_bag(path):
-        names, known, topics = _bag(path, wanted)
-    elif wanted is not None and wanted.said:
+        names, known, topics = _bag(path, options)
+    elif options is not None and options != BagOptions():
         raise ReadingsError(f"{path}: is no bag, so it has no topics, frames and units to choose")
     else:
         names, known = _parquet(path) if path.suffix.lower() == ".parquet" else _csv(path)
     chosen = _of_trial(path, known.get("trial"), trial, _of_group(path, known, group))
     if names["x"] == "believed_x":
-        chosen &= known["t"] > 0.0  # when a run begins nothing has been measured yet
+        chosen &= known["t"] > 0.0  # a run measures nothing before its first tick
     row = np.flatnonzero(chosen)
     if not len(row):
         raise ReadingsError(f"{path}: has no readings")
@@ -97,42 +96,43 @@ def read(
     )
 
 
-def _bag(path: Path, wanted: Wanted | None) -> tuple[dict[str, str], dict[str, np.ndarray], tuple[str, ...]]:
-    """The readings of a bag's robots as the columns of a CSV, and what was taken of it."""
+def _bag(
+    path: Path, options: BagOptions | None
+) -> tuple[dict[str, str], dict[str, np.ndarray], tuple[str, ...]]:
+    """Return the readings of a bag's robots as the columns of a CSV, and a line on each robot."""
     try:
-        robots = bag_readings.read(path, wanted)
+        robots = bag_readings.read(path, options)
     except bags.BagError as error:
         raise ReadingsError(str(error)) from None
-    columns = [
-        [one.read_at, *one.at.T, one.ppm, *one.wind.T, np.full(len(one.ppm), one.name, object)]
-        for one in robots
+    rows = [
+        [robot.read_at, *robot.at.T, robot.ppm, *robot.wind.T, np.full(len(robot.ppm), robot.name, object)]
+        for robot in robots
     ]
     names = ("t", "x", "y", "reading", "wind_x", "wind_y", "group")
-    known = {
-        name: np.concatenate(parts) for name, parts in zip(names, zip(*columns, strict=True), strict=True)
-    }
-    return dict(zip(names, names, strict=True)), known, tuple(f"{one.name}: {one.topics}" for one in robots)
+    columns = map(np.concatenate, zip(*rows, strict=True))
+    lines = tuple(f"{robot.name}: {robot.topics}" for robot in robots)
+    return {name: name for name in names}, dict(zip(names, columns, strict=True)), lines
 
 
 def _csv(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
-    """The columns of a CSV, whose first line names them: their names and values by the keys of NAMES."""
+    """Return the names and values of the columns of a CSV by the keys of NAMES."""
     file = TextFile(path, ReadingsError)
     delimiter = delimiter_of(file.lines[0])
     all_names = cells_of(file.lines[0], delimiter)
     names = _picked(path, all_names)
-    table = Table(file, file.told(1), len(all_names), delimiter, gaps=True)
-    told = [key for key in names if key != "group"]
-    numbers = table.numbers(*(all_names.index(names[key]) for key in told))
-    known = dict(zip(told, numbers.T, strict=True))
+    table = Table(file, file.rows(1), len(all_names), delimiter, gaps=True)
+    keys = [key for key in names if key != "group"]
+    numbers = table.numbers(*(all_names.index(names[key]) for key in keys))
+    known = dict(zip(keys, numbers.T, strict=True))
     if "group" in names:
         known["group"] = table.texts(all_names.index(names["group"]))
     return names, known
 
 
 def _parquet(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
-    """The columns of a Parquet file, as those of a CSV.
+    """Return the columns of a Parquet file, as `_csv` does.
 
-    Its pages have checksums; what tells of them has none, so a run's table is compared with the manifest beside it.
+    Pages have checksums; the metadata have none, so the table of a run is compared with the manifest beside it.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -140,16 +140,12 @@ def _parquet(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
     reason = unopenable(path)
     if reason:
         raise ReadingsError(f"{path}: {reason}")
-    damage = manifest.changed(path)
-    if damage:
-        raise ReadingsError(damage)
+    manifest.require_unchanged(path, ReadingsError)
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             names = _picked(path, file.schema_arrow.names)
             if file.metadata.num_rows > MOST_ROWS:  # a page of equal values takes a few bytes
-                raise ReadingsError(
-                    f"{path}: has {file.metadata.num_rows:,} rows; at most {MOST_ROWS:,} are read"
-                )
+                raise ReadingsError(f"{path}: has {file.metadata.num_rows:,} rows; at most {MOST_ROWS:,}")
             table = file.read(columns=list(names.values()))
     except ReadingsError:
         raise
@@ -166,7 +162,7 @@ def _parquet(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
 
 
 def _picked(path: Path, names: list[str]) -> dict[str, str]:
-    """Which of a file's columns are taken, by the keys of NAMES."""
+    """Return the names of the columns that are read, by the keys of NAMES."""
     for name in sum(NAMES.values(), ()):
         if names.count(name) > 1:
             raise ReadingsError(f"{path}: has several columns '{name}'; remove or rename all but one")
@@ -178,21 +174,21 @@ def _picked(path: Path, names: list[str]) -> dict[str, str]:
 
 
 def _of_group(path: Path, known: dict[str, np.ndarray], group: str | None) -> np.ndarray:
-    """Whether each row belongs to the group, by default any."""
+    """Return whether each row belongs to the group, by default any."""
     if group is None:
         return np.ones(len(known["t"]), bool)
     if "group" not in known:
         raise ReadingsError(f"{path}: has no column group, so there is no group '{group}'")
-    # of a bag's robot with several sensors each is one, by its topic
-    chosen = np.array([one == group or str(one).startswith(f"{group}/") for one in known["group"]], bool)
+    # each sensor of a bag's robot with several sensors is a group, named by its topic
+    names = [str(name) for name in known["group"]]
+    chosen = np.array([name == group or name.startswith(f"{group}/") for name in names], bool)
     if not chosen.any():
-        there = sorted({str(one) for one in known["group"]})
-        raise ReadingsError(f"{path}: has no group '{group}'; it has {listed(there)}")
+        raise ReadingsError(f"{path}: has no group '{group}'; it has {listed(sorted(set(names)))}")
     return chosen
 
 
 def _of_trial(path: Path, trials: np.ndarray | None, trial: int | None, chosen: np.ndarray) -> np.ndarray:
-    """Which of the chosen rows belong to the trial, by default the first. trials: (rows,), if the file tells."""
+    """Return which of the chosen rows belong to the trial, by default the first. trials: (rows,), None if unknown."""
     if trials is None:
         if trial is not None:
             raise ReadingsError(f"{path}: has no column trial, so there is no trial {trial}")
@@ -202,7 +198,6 @@ def _of_trial(path: Path, trials: np.ndarray | None, trial: int | None, chosen: 
         return chosen & False
     wanted = there.min() if trial is None else trial
     if wanted not in there:
-        raise ReadingsError(
-            f"{path}: has no trial {wanted:g}; the first is {there.min():g}, the last {there.max():g}"
-        )
+        first, last = there.min(), there.max()
+        raise ReadingsError(f"{path}: has no trial {wanted:g}; the first is {first:g}, the last {last:g}")
     return chosen & (trials == wanted)

@@ -1,7 +1,7 @@
-"""Messages of ROS 2 without ROS: their definitions, and to and from the bytes (CDR) that are sent and recorded.
+"""Messages of ROS 2 without ROS: definitions, serialisation to and from bytes (CDR), occupancy grids, point clouds.
 
-Definitions of ROS's own messages come with rosbags; those of `olfaction_msgs` (MAPIRlab) and our own stand here. What
-is said of a message is what its definition says, and in addition:
+Definitions of ROS's own messages come with rosbags; those of `olfaction_msgs` (MAPIRlab) and taichi_plume follow here.
+In addition to the definitions:
 
     Anemometer.wind_direction   yaw towards which the air moves, in the frame of the header, counter-clockwise from its
                                 x axis as all angles of ROS (for older programs of the field: where it comes from)
@@ -20,6 +20,8 @@ import numpy as np
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
+Message = Any
+"""An instance of a class that rosbags makes of a definition."""
 LONGEST = 1 << 24  # entries of a sequence
 
 GAS_SENSOR = "olfaction_msgs/msg/GasSensor"
@@ -27,6 +29,8 @@ GAS_SENSOR_ARRAY = "olfaction_msgs/msg/GasSensorArray"
 ANEMOMETER = "olfaction_msgs/msg/Anemometer"
 READINGS = "taichi_plume_msgs/msg/Readings"
 COMMANDS = "taichi_plume_msgs/msg/Commands"
+GRID, POINTS = "nav_msgs/msg/OccupancyGrid", "sensor_msgs/msg/PointCloud2"
+FLOAT32 = 7  # of sensor_msgs/PointField
 
 TECHNOLOGIES = {"unknown": 0, "mox": 1, "pid": 51, "tdlas": 53}
 MAKERS = {"unknown": 0, "figaro": 1, "sgx": 3}
@@ -87,12 +91,12 @@ float32[] declared_y
 
 
 class RosError(ValueError):
-    """Bytes that are not of the message that they should be; says which."""
+    """Bytes or JSON that are not the expected message."""
 
 
 @cache
 def store() -> "Typestore":
-    """All definitions. Raises ImportError without rosbags."""
+    """Return the store of all definitions. Raises ImportError without rosbags."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     made = get_typestore(Stores.ROS2_JAZZY)
@@ -103,91 +107,117 @@ def store() -> "Typestore":
 
 
 def definition(name: str) -> str:
-    """Of a message such as nav_msgs/msg/Odometry and all that it is made of, as MCAP and Foxglove want it (ros2msg)."""
+    """Return the definition of a message and all its parts in the format ros2msg of MCAP and Foxglove."""
     return store().generate_msgdef(name, ros_version=2)[0]
 
 
-def message(name: str, /, **fields: Any) -> Any:
-    """A message with these fields, others zero or empty; mappings are messages, lists of them sequences of such.
+def message(name: str, /, **fields: object) -> Message:
+    """Build a message. Missing fields are zero or empty; a mapping stands for a nested message.
 
-    Raises KeyError where the definition has no such field.
+    Raises KeyError if the definition has no such field.
     """
-    types = {one: kind for one, kind in store().fielddefs[name][1]}
+    types = dict(store().fielddefs[name][1])
     unknown = sorted(fields.keys() - types.keys())
     if unknown:
         raise KeyError(f"{name} has no field {unknown[0]}")
-    return store().types[name](**{one: _value(kind, fields.get(one)) for one, kind in types.items()})
+    return store().types[name](**{field: _value(kind, fields.get(field)) for field, kind in types.items()})
 
 
 def _value(kind: tuple[Any, Any], given: Any) -> Any:
-    """A field's value of what was given, or None."""
+    """Convert a given value, None for the default, to the type of a field."""
     from rosbags.interfaces import Nodetype
 
     node, about = kind
     if node == Nodetype.NAME:
-        return given if hasattr(given, "__msgtype__") else message(about, **(given or {}))
+        return given if given and not isinstance(given, Mapping) else message(about, **(given or {}))
     if node == Nodetype.BASE:
         if about[0] == "string":
             return str(given or "")
         return bool(given) if about[0] == "bool" else np.dtype(about[0]).type(given or 0).item()
     (inner, what), size = about
     if inner == Nodetype.NAME:
-        return [_value((inner, what), one) for one in given or ([None] * size)]
+        return [_value((inner, what), entry) for entry in given or ([None] * size)]
     if what[0] == "string":
-        return [str(one) for one in given or [""] * size]
+        return [str(entry) for entry in given or [""] * size]
     values = np.zeros(size) if given is None else given
     return np.ascontiguousarray(values, dtype=what[0]).ravel()
 
 
-def encode(one: Any) -> bytes:
-    """A message as CDR."""
-    return bytes(store().serialize_cdr(one, one.__msgtype__))
+def encode(message: Message) -> bytes:
+    """Serialise a message to CDR."""
+    return bytes(store().serialize_cdr(message, message.__msgtype__))
 
 
-def decode(name: str, data: bytes) -> Any:
-    """The message of CDR bytes. Raises RosError."""
+def decode(name: str, data: bytes) -> Message:
+    """Deserialise CDR bytes. Raises RosError."""
     try:
         return store().deserialize_cdr(data, name)
-    except Exception as error:  # whatever it meets in bytes of others
+    except Exception as error:  # foreign bytes cause any error
         raise RosError(f"is no {name}: {error}") from None
 
 
-def from_json(name: str, data: bytes) -> Any:
-    """The message of a text in JSON. Raises RosError."""
+def from_json(name: str, data: bytes) -> Message:
+    """Build the message of a JSON text. Raises RosError."""
     import json
 
     try:
         return decode(name, encode(message(name, **json.loads(data))))
-    except Exception as error:  # whatever there is in texts of others
+    except Exception as error:  # foreign texts cause any error
         raise RosError(f"is no {name}: {type(error).__name__}: {error}") from None
 
 
 def word(name: str) -> str:
-    """A name, such as that of a group, as a part of a topic."""
+    """Turn a name, such as that of a group, into a valid part of a topic."""
     clean = re.sub(r"[^A-Za-z0-9_]", "_", name)
     return clean if clean[:1].isalpha() else f"g_{clean}"
 
 
 def time(seconds: float) -> dict[str, int]:
-    """A time [s] as builtin_interfaces/msg/Time."""
+    """Convert a time [s] to builtin_interfaces/msg/Time."""
     whole, nano = divmod(round(seconds * 1e9), 1_000_000_000)
     return {"sec": whole, "nanosec": nano}
 
 
-def header(t: float, frame: str) -> dict[str, Any]:
-    """Of a message at time t [s]."""
+def header(t: float, frame: str) -> dict[str, object]:
+    """Return the header of a message at time t [s]."""
     return {"stamp": time(t), "frame_id": frame}
 
 
 def yawed(angle: float, tilt: float = 0.0) -> dict[str, float]:
-    """The quaternion of a heading and a tilt of x over the horizontal [rad]."""
+    """Return the quaternion of a heading and a tilt of x over the horizontal [rad]."""
     s, c, up, flat = sin(0.5 * angle), cos(0.5 * angle), sin(-0.5 * tilt), cos(0.5 * tilt)
     return {"x": -s * up, "y": c * up, "z": s * flat, "w": c * flat}
 
 
-def yaw(q: Any) -> float:
-    """The heading [rad] of a quaternion; NaN of one that is none."""
+def yaw(q: Message) -> float:
+    """Return the heading [rad] of a quaternion; NaN if the quaternion is invalid."""
     norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
     if not 0.0 < norm < np.inf:
         return float("nan")
     return float(np.arctan2(2.0 * (q.w * q.z + q.x * q.y), norm - 2.0 * (q.y * q.y + q.z * q.z)))
+
+
+def grid(percent: np.ndarray, cell: float, low: float, t: float, frame: str) -> Message:
+    """Build an OccupancyGrid of cells (ny, nx), from (low, low) on [m]: percent from 0 to 100, -1 if unknown."""
+    ny, nx = percent.shape
+    origin = {"position": {"x": low, "y": low}, "orientation": yawed(0.0)}
+    info = {"map_load_time": time(t), "resolution": cell, "width": nx, "height": ny, "origin": origin}
+    return message(GRID, header=header(t, frame), info=info, data=percent.astype(np.int8).ravel())
+
+
+def cloud(columns: Mapping[str, np.ndarray], t: float, frame: str) -> Message:
+    """Build a PointCloud2 of columns (n,); x, y, z [m] are among them."""
+    rows = np.rec.fromarrays(list(columns.values()), dtype=[(name, "<f4") for name in columns])
+    fields = [
+        {"name": name, "offset": 4 * n, "datatype": FLOAT32, "count": 1} for n, name in enumerate(columns)
+    ]
+    size = {"height": 1, "width": len(rows), "point_step": rows.itemsize, "row_step": rows.nbytes}
+    data = np.frombuffer(rows.tobytes(), np.uint8)
+    return message(POINTS, header=header(t, frame), fields=fields, data=data, is_dense=True, **size)
+
+
+def points_of(cloud: Message) -> dict[str, np.ndarray]:
+    """Return the columns of a point cloud of float32."""
+    names = [field.name for field in cloud.fields]
+    rows = np.frombuffer(cloud.data.tobytes(), np.dtype([(name, "<f4") for name in names]))
+    return {name: rows[name] for name in names}

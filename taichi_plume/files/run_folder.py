@@ -1,4 +1,4 @@
-"""The run directory: which files it holds, who writes to it, and the resolved scenario, to be run again as it is."""
+"""The run folder: names of the files, the lock, replacement of an earlier run, and scenario.yaml."""
 
 import datetime
 import json
@@ -9,8 +9,8 @@ import shutil
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import yaml
@@ -48,32 +48,32 @@ BESIDE = (
     "checkpoint.npz",
     "manifest.json",
 )
-"""What a run writes besides: parts of files that are not finished, and what it can be resumed from."""
-STANDS = "result.json"  # the last file that a run begins
-CHECK = "check.png"  # the scene, drawn by --check; a run may begin beside it
+"""Other files of a run: unfinished parts, and the state for a resumption."""
+STANDS = "result.json"  # the last file that a starting run creates
+CHECK = "check.png"  # the scene, drawn by --check; a run may start beside it
 LARGEST_JSON = 1 << 28  # bytes
 LONGEST_HEADER = 1 << 16  # bytes
-REPLACING = ".replacing"  # an earlier run while it is set aside or put back: nothing of a new one is there
-REPLACED = ".replaced"  # all of it, while the files of a new one are begun
+REPLACING = ".replacing"  # an earlier run while it is moved away or back: the new run has no file yet
+REPLACED = ".replaced"  # the whole earlier run, while the new run creates its files
 OPTIONS = ("--allow-code", "--allow-outside")
 HEADER = "# Every default written out."
 OURS = {"name", "status", "seed"}  # keys of every result.json
-KILLED = "killed"  # status of a run that did not end by itself, once it is repaired
+KILLED = "killed"  # status of a killed run after its repair
 
 
 class RunFolderError(InputError):
-    """A run directory that cannot be used."""
+    """A run folder that cannot be used."""
 
 
 class RunFolder:
-    """A run directory that this process alone writes to until it is closed; as a context it closes itself.
+    """A run folder that only this process writes to until `close`; also a context manager.
 
-    `path` is `out`, or the first free ``runs/<name>-<n>``. Raises RunFolderError where another process writes there,
-    and where it holds files: unless by `force` these are of an earlier run. Those are replaced when `clear` is called,
-    not before; `inputs`, the files that the new run reads, must not be among them. Other files stay as they are. A
-    replacement in which a process was killed is settled first, so that one of the two runs is there, and whole.
+    `path` is `out`, or the first free ``runs/<name>-<n>``. Raises RunFolderError if another process writes there, or if
+    the folder holds files, except those of an earlier run with `force`. `clear` replaces these; `inputs` of the new run
+    must not be among them. Other files stay. A replacement during which a process was killed is settled first, so that
+    one complete run is left.
 
-    files: names of what may be replaced; ours: tells whether a folder holds such files of ours.
+    files: names of files that may be replaced; ours: returns whether a folder holds such files of taichi_plume.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class RunFolder:
 
     @classmethod
     def again(cls, folder: Path) -> Self:
-        """The directory of an earlier run, to go on in it. Raises RunFolderError where it is none."""
+        """Return the folder of an earlier run, to resume it. Raises RunFolderError if the folder is no run."""
         if not folder.is_dir():
             raise RunFolderError(f"{folder}: is no folder; give the folder of a run")
         if not any(map(is_run, (folder, folder / REPLACING, folder / REPLACED))):
@@ -128,40 +128,39 @@ class RunFolder:
         return self
 
     def _hold(self, require: Callable[[], None]) -> None:
-        """Take the lock, which goes with the process, however it ends. require: as FolderLock takes it."""
+        """Take the lock, which ends with the process. require: see FolderLock."""
         import filelock
 
         try:
             self._lock = FolderLock(self.path, require)
         except filelock.Timeout:
             raise RunFolderError(f"{self.path}: another run is writing there") from None
-        except RunFolderError:
-            raise
         except (OSError, NotImplementedError) as error:
-            reason = getattr(error, "strerror", None) or error
+            reason = (isinstance(error, OSError) and error.strerror) or error
             raise RunFolderError(f"{self.path}: cannot be written to: {reason}") from None
 
     def _require(self, force: bool, inputs: Sequence[Path]) -> None:
-        """Refuse a folder before anything is made in it."""
+        """Raise RunFolderError if the folder must not be used, before a file is created."""
         self._require_no_links()
-        if not any((self.path / name).is_dir() for name in (REPLACING, REPLACED)):  # else it is settled first
+        if not any((self.path / name).is_dir() for name in (REPLACING, REPLACED)):  # these are settled first
             self._check(force, inputs)
 
     def _require_no_links(self) -> None:
-        """Refuse a folder in which files of a run are links, or have other names: their targets would be written to."""
+        """Raise RunFolderError if files of a run are links, whose targets would be written to."""
         link = link_in(self.path, {*self.files, REPLACING, REPLACED}, hard=True)
         if link is not None:
             raise RunFolderError(
-                f"{self.path / link}: is a link, has another name (a hard link), or is no plain file; a run writes "
-                "to files of its own: remove it, or copy the folder"
+                f"{self.path / link}: is a link or hard link, or is no plain file, and a run does not write to such "
+                "files; remove it, or copy the folder"
             )
 
     def _check(self, force: bool, inputs: Sequence[Path]) -> None:
         if not any(file.name not in (LOCK, CHECK) for file in self.path.iterdir()):
             return
-        held = held_input(self.path, inputs)
-        if held is not None:
-            raise RunFolderError(f"{self.path}: holds {held}, which this run reads; choose another --out")
+        here = self.path.resolve()
+        for file in inputs:
+            if here in (file.resolve(), *file.resolve().parents):
+                raise RunFolderError(f"{self.path}: holds {file}, which this run reads; choose another --out")
         if not force:
             raise RunFolderError(
                 f"{self.path}: is not empty; choose another --out or add --force to overwrite"
@@ -172,7 +171,7 @@ class RunFolder:
             )
 
     def clear(self) -> None:
-        """Set aside what an earlier run left, until `settle`."""
+        """Move the files of an earlier run aside, until `settle`."""
         aside = self.path / REPLACING
         aside.mkdir()
         for name in self.files:
@@ -183,7 +182,7 @@ class RunFolder:
             left.unlink()
 
     def settle(self, stands: bool) -> None:
-        """Remove what was set aside, as the new run `stands`; else put it back in the place of the new one's files."""
+        """Remove the earlier run if the new run `stands`; otherwise remove the new run and put the earlier one back."""
         aside = self.path / REPLACED
         if not stands and aside.is_dir():
             for name in self.files:
@@ -193,7 +192,7 @@ class RunFolder:
         shutil.rmtree(aside, ignore_errors=True)
 
     def _recover(self) -> None:
-        """Settle a replacement in which a process was killed."""
+        """Settle a replacement during which a process was killed."""
         if (self.path / REPLACING).is_dir():
             self._put_back()
         elif (self.path / REPLACED).is_dir():
@@ -208,22 +207,20 @@ class RunFolder:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
-        """Let others write there; a folder that was made and left empty goes."""
+        """Release the folder, and remove it if this process created it and left it empty."""
         empty = self.made and not any(file.name != LOCK for file in files_in(self.path))
         self._lock.release(remove=empty)
-        with suppress(OSError):  # another run may be there by now: not a file of it goes
+        with suppress(OSError):  # another run may have started there: rmdir keeps its files
             if empty:
                 self.path.rmdir()
 
 
 def is_run(folder: Path) -> bool:
-    """Whether a folder holds what a run, finished or not, has left."""
+    """Return whether a folder holds files of a run, finished or not."""
     if told(folder / "result.json").keys() >= OURS:
         return True
     try:
@@ -234,7 +231,7 @@ def is_run(folder: Path) -> bool:
 
 
 def told(file: Path) -> dict[str, Any]:
-    """What a JSON file of ours says; nothing where it is none."""
+    """Return the content of a JSON file; {} if the file cannot be read."""
     try:
         content = json.loads(read_regular(file, LARGEST_JSON) or b"")
     except (OSError, ValueError, RecursionError):
@@ -242,14 +239,8 @@ def told(file: Path) -> dict[str, Any]:
     return content if isinstance(content, dict) else {}
 
 
-def held_input(folder: Path, inputs: Sequence[Path]) -> Path | None:
-    """The first of the files that lies in the folder."""
-    there = folder.resolve()
-    return next((file for file in inputs if there in (file.resolve(), *file.resolve().parents)), None)
-
-
 def remove(file: Path) -> None:
-    """Remove a file or a whole folder, if it is there."""
+    """Remove a file or a whole folder, if it exists."""
     if file.is_dir() and not file.is_symlink():
         shutil.rmtree(file)
     else:
@@ -257,7 +248,7 @@ def remove(file: Path) -> None:
 
 
 def cut(file: Path, size: int) -> None:
-    """Keep the first `size` bytes of a file. Raises RunFolderError where it has fewer, and OSError."""
+    """Keep the first `size` bytes of a file. Raises RunFolderError if it has fewer, and OSError."""
     held = file.stat().st_size if file.exists() else 0
     if held < size:
         raise RunFolderError(
@@ -267,31 +258,25 @@ def cut(file: Path, size: int) -> None:
 
 
 def files_in(folder: Path) -> list[Path]:
-    """What a folder holds; nothing where it is gone."""
+    """Return the entries of a folder; none if the folder does not exist."""
     return list(folder.iterdir()) if folder.is_dir() else []
 
 
 def _next_folder(name: str, runs: Path) -> Path:
-    n = 0
-    while True:
-        folder = runs / f"{name}-{(n := n + 1)}"
-        try:
-            folder.mkdir(parents=True)
-        except FileExistsError:
-            continue
-        return folder
+    for n in count(1):
+        with suppress(FileExistsError):
+            (runs / f"{name}-{n}").mkdir(parents=True)
+            return runs / f"{name}-{n}"
+    raise AssertionError
 
 
 # ---------------------------------------------------------------- the scenario
 
 
 def to_yaml(scenario: Scenario, source: Path = Path(), target: Path | None = None) -> str:
-    """The scenario with every default written out.
-
-    Paths of files, relative to `source`, are written relative to `target` when one is given.
-    """
+    """Return the scenario as YAML with every default. target: make paths of files relative to it, not to `source`."""
     data = scenario.model_dump(mode="json", exclude_none=True)
-    _say_none(scenario, data)
+    _write_nulls(scenario, data)
     if target is not None:
         moved = {
             where: os.path.relpath(source.resolve() / name, target.resolve())
@@ -302,29 +287,28 @@ def to_yaml(scenario: Scenario, source: Path = Path(), target: Path | None = Non
 
 
 class _Dumper(yaml.SafeDumper):
-    """One that writes a list of numbers or names in a line."""
+    """YAML dumper that writes a list of numbers or names in a line."""
 
-    def represent_sequence(self, tag: str, sequence: Any, flow_style: bool | None = None) -> Any:
-        """As the base class."""
-        flat = not any(isinstance(one, list | dict) for one in sequence)
+    def represent_sequence(self, tag, sequence, flow_style=None):
+        flat = not any(isinstance(entry, list | dict) for entry in sequence)
         return super().represent_sequence(tag, sequence, flow_style=flat)
 
 
-def _say_none(part: Any, data: Any) -> None:
-    """Put null where it was said and is not what a key means that is left out."""
+def _write_nulls(part: object, data: Any) -> None:
+    """Write an explicit null if the user set a key to null and the default is not null."""
     if isinstance(part, tuple):
-        for one, its in zip(part, data, strict=True):
-            _say_none(one, its)
+        for entry, its_data in zip(part, data, strict=True):
+            _write_nulls(entry, its_data)
     elif isinstance(part, Model):
         for key, field in type(part).model_fields.items():
             if vars(part)[key] is not None:
-                _say_none(vars(part)[key], data[key])
+                _write_nulls(vars(part)[key], data[key])
             elif field.default is not None:
                 data[key] = None
 
 
 def _again(folder: Path, scenario: Scenario, source: Path) -> str:
-    """The command that runs the scenario of a run directory again."""
+    """Return the command that runs the scenario of a run folder again."""
     options = []
     if any(isinstance(group.algorithm, Own) and group.algorithm.file for group in scenario.robots):
         options.append(OPTIONS[0])
@@ -335,7 +319,7 @@ def _again(folder: Path, scenario: Scenario, source: Path) -> str:
 
 
 def resuming(folder: Path) -> str:
-    """The command that goes on with the run of a directory, with the options that the one to run it again has."""
+    """Return the command that resumes the run of a folder, with the options of the command in scenario.yaml."""
     try:
         with open_regular(folder / "scenario.yaml") as file:
             again = file.readline(LONGEST_HEADER).decode(errors="replace")
@@ -348,7 +332,7 @@ def resuming(folder: Path) -> str:
 def write_scenario(
     folder: Path, scenario: Scenario, source: Path, backend: str, called: Path | None = None
 ) -> None:
-    """Write `scenario.yaml`. source: folder of the original; called: what this one will be."""
+    """Write `scenario.yaml`. source: folder of the original; called: final name of the run folder."""
     versions = ", ".join(f"{name} {version(name)}" for name in ("taichi", "numpy", "rerun-sdk"))
     seeds = "\n".join(f"# {name}: {seed}" for name, seed in scenario.seeds.items())
     header = (

@@ -1,4 +1,4 @@
-"""Where the files of an imported wind lie in the domain."""
+"""Files of an imported wind and their position in the domain."""
 
 import os
 from pathlib import Path
@@ -15,18 +15,17 @@ from taichi_plume.scenario.imported_wind import ImportedWind
 
 
 class Site:
-    """Files with their times [s], and how the domain lies among their points.
+    """Files with their times [s], and the position of the domain among their points. Raises WindFileError.
 
-    first: the points of the first file; low, high: corners of the box that they fill [m], from the domain's lower
-    corner; origin: that corner in the files [m]; height: z in the files of a 2-D run's section [m], levels: where
-    it may be; cubes: the obstacles of the occupancy grid, if there is one.
+    first: points of the first file; low, high: corners of the box of the points [m], from the domain's lower corner;
+    origin: that corner in the files [m]; height: z in the files of the section of a 2-D run [m], levels: its limits;
+    cubes: obstacles of the occupancy grid, if given.
     """
 
     def __init__(self, wind: ImportedWind, dim: int, folder: Path):
-        """Raises WindFileError."""
         self.wind = wind
         self.files = _files(folder / wind.files) or wind_files.find(folder, wind.files, wind.interval)
-        for _, path in self.files:  # of those between the first and the last, nothing is read before the run
+        for _, path in self.files:  # files between the first and the last are not read before the run
             if openfoam.is_time(path):
                 openfoam.admit_files(path)
         self.dim = dim
@@ -46,7 +45,7 @@ class Site:
         self.cubes = occupancy.Cubes(grid, dim, self.origin, self.height) if grid else None
 
     def read(self, path: Path) -> Points:
-        """The points of a file, such as the first one has. Raises WindFileError."""
+        """Return the points of a file; they must match the first file. Raises WindFileError."""
         points = _read(path)
         self._check(points)
         return points
@@ -68,24 +67,23 @@ class Site:
             )
 
     def places(self, grid: Grid, face: int | None = None) -> list[np.ndarray]:
-        """Coordinates in the files of the faces of an axis, or of cell centres, per axis of the points [m].
+        """Return the coordinates in the files of the faces of an axis, or of cell centres, per axis of the points [m].
 
-        Other than along this axis there is one more beyond each end. What lies still farther from the points has the
-        coordinate where they end: there the flow goes on unchanged.
+        Along other axes there is a ghost cell beyond each end. Coordinates are limited to half a cell beyond the
+        points: farther out the flow is constant.
         """
         axes = []
         for a, n in enumerate(grid.shape):
             x = grid.dx * (np.arange(n + 1) if a == face else np.arange(-1, n + 1) + 0.5)
-            axes.append(
-                self.origin[a] + np.clip(x, self.low[a] - 0.5 * grid.dx, self.high[a] + 0.5 * grid.dx)
-            )
+            low, high = self.low[a] - 0.5 * grid.dx, self.high[a] + 0.5 * grid.dx
+            axes.append(self.origin[a] + np.clip(x, low, high))
         if self.first.place.shape[1] > grid.dim:
             axes.append(np.array([self.height]))
         return axes
 
 
 def _files(path: Path) -> list[tuple[float, Path]]:
-    """The times of a case of OpenFOAM, or the one of its times that the path is of; nothing for other paths."""
+    """Return the times of an OpenFOAM case, or the time that the path names; nothing for other paths."""
     if os.path.isdir(path) and openfoam.is_case(path):
         return openfoam.times(path)
     return [(0.0, path)] if openfoam.is_time(path) else []

@@ -1,17 +1,16 @@
-"""A Parquet table that grows while a run lasts, units and meanings as metadata of its columns, and of the whole.
+"""Parquet tables that grow during a run, with units and meanings of the columns as metadata.
 
-pandas finds them in `attrs["units"]` and `attrs["meanings"]`, polars as texts in JSON, `units` and `meanings` of
+pandas finds the metadata in `attrs["units"]` and `attrs["meanings"]`, polars as JSON texts `units` and `meanings` of
 ``polars.read_parquet_metadata``.
 
-Until its end its rows are in a folder beside it, in small files each of which can be read; then they become one. Each
-is named after its first row: a row that is in two files, as the process was killed between two steps, counts once.
+During the run the rows are in small readable files in a folder beside the table; at the end they are joined. Each file
+is named after its first row: a row in two files, after the process was killed between two steps, counts once.
 """
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import inf
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -26,60 +25,56 @@ from taichi_plume.guard.opening import unopenable
 ROW_GROUP = 50_000
 NAMES = pa.dictionary(pa.int32(), pa.string())
 Found = tuple[int, Path]
-"""The number of a file's first row, and the file."""
+"""Number of the first row, and the file."""
 
 
 def column(name: str, kind: pa.DataType, unit: str, meaning: str, **more: str) -> pa.Field:
-    """A column of a table; more: other metadata."""
+    """Return a column of a table; more: other metadata."""
     return pa.field(name, kind, metadata={"unit": unit, "meaning": meaning, **more})
 
 
 def schema_of(columns: Sequence[pa.Field]) -> pa.Schema:
-    """A table's columns, and what others look for: pandas takes what its own files have as `attributes`."""
-    told = {
-        "units": {one.name: one.metadata[b"unit"].decode() for one in columns},
-        "meanings": {one.name: one.metadata[b"meaning"].decode() for one in columns},
-    }
-    pandas = {"index_columns": [], "column_indexes": [], "columns": [], "attributes": told}
-    return pa.schema(columns, {name: json.dumps(one) for name, one in {"pandas": pandas, **told}.items()})
+    """Return the schema of a table, with metadata for pandas (`attributes` of its own files) and polars."""
+    facts = {"units": units(columns), "meanings": meanings(columns)}
+    pandas = {"index_columns": [], "column_indexes": [], "columns": [], "attributes": facts}
+    return pa.schema(columns, {key: json.dumps(value) for key, value in {"pandas": pandas, **facts}.items()})
 
 
-def units(schema: pa.Schema) -> dict[str, str]:
+def units(columns: Iterable[pa.Field]) -> dict[str, str]:
     """Return the unit of each column."""
-    return {one.name: (one.metadata or {}).get(b"unit", b"1").decode() for one in schema}
+    return {column.name: (column.metadata or {}).get(b"unit", b"1").decode() for column in columns}
 
 
-def meanings(schema: pa.Schema) -> dict[str, str]:
-    """Return what each column says."""
-    return {one.name: (one.metadata or {}).get(b"meaning", b"").decode() for one in schema}
+def meanings(columns: Iterable[pa.Field]) -> dict[str, str]:
+    """Return the meaning of each column."""
+    return {column.name: (column.metadata or {}).get(b"meaning", b"").decode() for column in columns}
 
 
 def parts_of(path: Path) -> Path:
-    """The folder of a table's parts."""
+    """Return the folder of a table's parts."""
     return path.with_suffix(".parts")
 
 
 class PartsTable:
-    """A table of samples, each of `count` rows. `close()` makes it, whatever happened.
+    """A table of samples, each of `count` rows. `close()` writes the table, also after an error.
 
-    values: what was sampled and is in no part yet, (samples, count) by the column's name; names: all that stand in its
-    columns of names, of which values are numbers. `start()` begins it, `go_on()` continues that of a run that was
-    resumed. Raises OSError when the disk is full.
+    values: samples that are in no part yet, (samples, count) by column; names: dictionaries of the columns of names,
+    whose values are indices. `start()` creates the table, `go_on()` resumes that of a resumed run. Raises OSError if
+    the disk is full.
     """
 
     STATE = ("rows",)
 
-    def __init__(self, path: Path, columns: Sequence[pa.Field], names: dict[str, pa.Array], count: int):
+    def __init__(self, path: Path, columns: Sequence[pa.Field], names: Mapping[str, pa.Array], count: int):
         self.path, self.parts = path, parts_of(path)
-        self.rows = 0  # that are in the parts
+        self.rows = 0  # in the parts
         self.open = False
         self.names = names
         self.schema = schema_of(columns)
-        self.kept = 0  # samples that are in no part yet
+        self.kept = 0  # samples in no part yet
         samples = max(1, ROW_GROUP // count)
-        self.values = {
-            field.name: np.empty((samples, count), _numpy_kind(field.type)) for field in self.schema
-        }
+        kinds = {c.name: np.int32 if c.type == NAMES else c.type.to_pandas_dtype() for c in self.schema}
+        self.values = {name: np.empty((samples, count), kind) for name, kind in kinds.items()}
 
     def start(self) -> None:
         disk.require_room(self.path)
@@ -87,7 +82,7 @@ class PartsTable:
         self.open = True
 
     def go_on(self) -> None:
-        """Keep the first `rows` rows of what there is, and begin after them. Raises RunFolderError where some lack."""
+        """Resume after the first `rows` rows. Raises RunFolderError if fewer are left."""
         found = _found(self.path)
         self.parts.mkdir(exist_ok=True)
         disk.require_room(self.path, sum(file.stat().st_size for _, file in found))
@@ -97,20 +92,20 @@ class PartsTable:
             raise RunFolderError(
                 f"{self.path}: {held:,} of its first {self.rows:,} rows are left, without which the run cannot go on"
             )
-        fresh.replace(first)  # from here on the others repeat what it holds
+        fresh.replace(first)  # the other files now repeat its rows
         for _, file in found:
             if file != first:
                 file.unlink()
         self.open = True
 
     def took(self) -> None:
-        """A sample has been taken, as number `kept` of the values."""
+        """Count the sample that was put into row `kept` of the values."""
         self.kept += 1
         if self.kept == len(next(iter(self.values.values()))):
             self.flush()
 
     def flush(self) -> None:
-        """Bring the samples that were taken to the disk, as another part."""
+        """Write the samples to the disk as another part."""
         if not self.kept:
             return
         arrays = []
@@ -131,7 +126,7 @@ class PartsTable:
         self.rows, self.kept = self.rows + len(table), 0
 
     def close(self) -> None:
-        """Make one file of the parts."""
+        """Join the parts to one file."""
         if not self.open:
             return
         self.open = False
@@ -141,22 +136,18 @@ class PartsTable:
             join(self.path, self.names)
 
 
-def _numpy_kind(kind: pa.DataType) -> Any:
-    return np.int32 if kind == NAMES else kind.to_pandas_dtype()
-
-
 def part_name(begin: int) -> str:
-    """Of the part that begins with that row."""
+    """Return the name of the part that begins with a row."""
     return f"{begin:012d}.parquet"
 
 
 def part_files(folder: Path) -> list[Path]:
-    """The parts of a table that is not finished, in their order."""
+    """Return the parts of an unfinished table, in order."""
     return sorted(folder.glob("*.parquet"))
 
 
 def _found(path: Path) -> list[Found]:
-    """The files that hold rows of a table: itself, if it has been made before, and its parts."""
+    """Return the files that hold rows of a table: the table itself, if it exists, and its parts."""
     whole = [(0, path)] if path.exists() else []
     return whole + [(int(file.stem), file) for file in part_files(parts_of(path))]
 
@@ -164,15 +155,13 @@ def _found(path: Path) -> list[Found]:
 def batches(
     path: Path, columns: Sequence[str] | None = None, optional: Sequence[str] = ()
 ) -> Iterator[pa.RecordBatch]:
-    """The rows of a table, at least one batch, as far as they are: of its parts where it is not finished.
+    """Yield the rows of a table in at least one batch; of an unfinished table from its parts.
 
-    columns: names of those that are read, in this order; unless given, all. optional: of those that are read besides,
-    where there are such. The bytes are checked, by the manifest
-    beside it and the sums of its pages. Raises RunFolderError, in a line.
+    columns: names to read, in this order, by default all; optional: names to read if the table has them. Manifest and
+    checksums of pages are checked. Raises RunFolderError, in a line.
     """
-    damage = manifest.changed(path) if path.exists() else None
-    if damage:
-        raise RunFolderError(damage)
+    if path.exists():
+        manifest.require_unchanged(path, RunFolderError)
     try:
         files = _found(path)
         if not files:
@@ -194,15 +183,42 @@ def batches(
 
 
 def read(path: Path) -> pa.Table:
-    """All rows of `batches`. Raises RunFolderError."""
+    """Return all rows of `batches`. Raises RunFolderError."""
     first, *rest = batches(path)
     return pa.Table.from_batches([first, *rest], first.schema).unify_dictionaries()
 
 
-def join(path: Path, names: dict[str, pa.Array] | None = None) -> None:
-    """Make the file `path` of the parts beside it, and remove these.
+def robots_of(
+    path: Path, columns: Sequence[str], trial: int
+) -> tuple[dict[tuple[str, int], dict[str, np.ndarray]], set[int]]:
+    """Return columns of robots.parquet in order of time by group and number of the robot, and the trials in the table.
 
-    names: all that stand in columns of names; unless given, those that are found. Raises OSError.
+    The result also has z, 0 for ground robots. Raises RunFolderError.
+    """
+    trials: set[int] = set()
+    kept = []
+    for batch in batches(path, ("group", "trial", "robot", *columns), optional=("z",)):
+        trials.update(pc.unique(batch["trial"]).to_pylist())
+        kept.append(batch.filter(pc.equal(batch["trial"], trial)))
+    table = pa.Table.from_batches(kept).unify_dictionaries().sort_by("t")
+    groups, numbers = (
+        np.array(table["group"].cast(pa.string()).to_pylist(), object),
+        table["robot"].to_numpy(),
+    )
+    values = {name: table[name].to_numpy() for name in table.column_names[3:]}
+    values["z"] = np.nan_to_num(values.get("z", np.zeros(len(table))))
+    robots = {}
+    for group in dict.fromkeys(groups):
+        for number in np.unique(numbers[groups == group]).tolist():
+            rows = np.flatnonzero((groups == group) & (numbers == number))
+            robots[group, number] = {name: column[rows] for name, column in values.items()}
+    return robots, trials
+
+
+def join(path: Path, names: Mapping[str, pa.Array] | None = None) -> None:
+    """Join the parts of a table to the file `path`, and remove the parts.
+
+    names: dictionaries of the columns of names; by default the names that occur. Raises OSError.
     """
     parts = parts_of(path)
     files = _found(path)
@@ -219,15 +235,11 @@ def join(path: Path, names: dict[str, pa.Array] | None = None) -> None:
 
 
 def _merge(
-    files: list[Found],
-    path: Path,
-    schema: pa.Schema,
-    names: dict[str, pa.Array],
-    rows: int | None = None,
+    files: list[Found], path: Path, schema: pa.Schema, names: Mapping[str, pa.Array], rows: int | None = None
 ) -> int:
-    """Write the first `rows` rows of some files, or all, into one whose bytes depend on these rows alone.
+    """Write the first `rows` rows of some files, or all, to one file, and return their number.
 
-    Returns how many there were.
+    The bytes of the file depend on these rows only.
     """
     written = 0
     with _writer(path, schema) as writer:
@@ -242,7 +254,7 @@ def _merge(
 
 
 def _in_groups(files: list[Found], rows: int | None) -> Iterator[pa.Table]:
-    """The rows of files as tables of ROW_GROUP rows, and one of the rest."""
+    """Yield the rows of files as tables of ROW_GROUP rows, and one of the rest."""
     waiting: list[pa.RecordBatch] = []
     held = 0
     for batch in _once(files, rows):
@@ -259,16 +271,15 @@ def _in_groups(files: list[Found], rows: int | None) -> Iterator[pa.Table]:
 def _once(
     files: list[Found], rows: int | None, columns: Sequence[str] | None = None
 ) -> Iterator[pa.RecordBatch]:
-    """The rows of files up to number `rows`, or all; what one repeats of those before it is left out."""
+    """Yield the rows of files up to number `rows`, or all, without rows that a file repeats."""
     last, done = inf if rows is None else rows, 0
     for begin, file in files:
         with pq.ParquetFile(file, page_checksum_verification=True) as part:
             if begin + part.metadata.num_rows <= done or begin >= last:
                 continue
             for batch in part.iter_batches(ROW_GROUP, columns=columns):
-                fresh = batch.slice(
-                    max(0, done - begin), max(0, int(min(last - max(begin, done), len(batch))))
-                )
+                count = max(0, int(min(last - max(begin, done), len(batch))))
+                fresh = batch.slice(max(0, done - begin), count)
                 begin += len(batch)
                 if len(fresh):
                     done = begin
@@ -276,21 +287,22 @@ def _once(
 
 
 def _named(column: pa.ChunkedArray, names: pa.Array) -> pa.DictionaryArray:
-    """A column of names with that dictionary, whatever its own is."""
+    """Return a column of names with another dictionary."""
     numbers = pc.index_in(column.cast(pa.string()), value_set=names).combine_chunks()
     return pa.DictionaryArray.from_arrays(numbers, names)
 
 
 def _names_in(files: list[Path], schema: pa.Schema) -> dict[str, pa.Array]:
-    """All names in the columns of names."""
-    wanted = [field.name for field in schema if field.type == NAMES]
-    tables = pa.concat_tables([pq.read_table(file, columns=wanted) for file in files])
-    return {name: pc.unique(tables[name].cast(pa.string())) for name in wanted}
+    """Return all names in the columns of names."""
+    columns = [field.name for field in schema if field.type == NAMES]
+    tables = pa.concat_tables([pq.read_table(file, columns=columns) for file in files])
+    return {name: pc.unique(tables[name].cast(pa.string())) for name in columns}
 
 
 def _writer(path: Path, schema: pa.Schema) -> pq.ParquetWriter:
-    """Measured values hardly repeat: with each of their four bytes in a stream of its own, tables are a third smaller
-    than with dictionaries, and written in a third of the time.
+    """Return a writer that splits float32 values into streams of bytes.
+
+    Measured values hardly repeat: tables are a third smaller than with dictionaries, written in a third of the time.
     """
     measured = [field.name for field in schema if field.type == pa.float32()]
     others = [field.name for field in schema if field.type != pa.float32()]

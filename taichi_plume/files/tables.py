@@ -1,4 +1,4 @@
-"""Text files and the tables in them, read by pyarrow: lines, cells, numbers, and the line that is at fault."""
+"""Text files and tables in them (CSV), read by pyarrow: lines, cells, numbers; errors name the line."""
 
 import csv
 import re
@@ -21,9 +21,9 @@ LONGEST_REASON = 300  # characters shown of what a library says
 
 
 class TextFile:
-    """The lines of a text file, without empty ones at its end.
+    """The lines of a text file, without empty lines at the end.
 
-    Whatever is wrong with it is raised as a `fault`, whose message is one line and begins with the path.
+    Errors are raised as `fault`; the message is one line and begins with the path.
     """
 
     def __init__(self, path: Path, fault: type[ValueError]):
@@ -32,9 +32,7 @@ class TextFile:
             content = read_regular(path, LARGEST_FILE)
         except OSError as error:
             raise fault(f"{path}: cannot be read: {error.strerror or error}") from None
-        damage = manifest.changed(path)
-        if damage:
-            raise fault(damage)
+        manifest.require_unchanged(path, fault)
         if content is None:
             raise fault(f"{path}: is too large; {LARGEST_FILE >> 20} MiB are read")
         try:
@@ -47,12 +45,12 @@ class TextFile:
         if not self.lines:
             raise fault(f"{path}: is empty")
 
-    def told(self, first: int) -> list[int]:
-        """Indices of the lines from `first` on that hold more than a comment."""
+    def rows(self, first: int) -> list[int]:
+        """Return the indices of the lines from `first` on that hold more than a comment."""
         return [n for n in range(first, len(self.lines)) if self.lines[n].strip()[:1] not in ("", "#")]
 
     def wrong(self, line: int, what: str) -> ValueError:
-        """The fault of a line, counted from 1."""
+        """Return the error of a line, counted from 1."""
         return self.fault(f"{self.path}: line {line}: {what}")
 
 
@@ -60,8 +58,8 @@ class TextFile:
 class Table:
     """Rows of a text file, the lines of these indices, each of `width` cells.
 
-    delimiter: what parts cells, None: blanks. form: what a row that cannot be read is told to have to be; unless given,
-    its cell is told. gaps: whether cells may be empty or say NA, null and the like.
+    delimiter: between cells, None: blanks. form: expected form of a row, for messages; by default messages show the
+    cell. gaps: cells may be empty or say NA, null and the like.
     """
 
     file: TextFile
@@ -75,11 +73,11 @@ class Table:
         return len(self.rows)
 
     def numbers(self, *columns: int) -> np.ndarray:
-        """Some of the columns as floats, (rows, columns), NaN in gaps."""
+        """Return columns as floats, (rows, columns), NaN in gaps."""
         return np.stack(self._read(columns, "float64"), axis=-1)
 
     def texts(self, column: int) -> np.ndarray:
-        """A column as it stands there, (rows,); None in gaps."""
+        """Return a column as text, (rows,); None in gaps."""
         return self._read([column], "string")[0]
 
     def _read(self, columns: Sequence[int], kind: str) -> list[np.ndarray]:
@@ -100,9 +98,7 @@ class Table:
         try:
             table = pa.csv.read_csv(
                 pa.BufferReader("\n".join([*lines, ""]).encode()),
-                pa.csv.ReadOptions(
-                    column_names=names, use_threads=False
-                ),  # threads do not tell rows at fault
+                pa.csv.ReadOptions(column_names=names, use_threads=False),  # with threads errors name no row
                 pa.csv.ParseOptions(delimiter=delimiter, ignore_empty_lines=False),
                 convert,
             )
@@ -113,36 +109,36 @@ class Table:
         return [column.to_numpy() for column in table.columns]
 
     def _unread(self, reason: str) -> ValueError:
-        """The fault that pyarrow tells so."""
-        told = re.search(
+        """Return the error for a message of pyarrow."""
+        found = re.search(
             r"Row #(\d+): (?:Expected (\d+) columns, got (\d+)|.*invalid value '(.*?)'?$)", reason
         )
-        if not told:
+        if not found:
             return self.file.fault(f"{self.file.path}: cannot be read: {plain(reason)}")
-        row = int(told[1]) - 1
+        row = int(found[1]) - 1
         if self.form:
             return self.wrong(row, f"must be {self.form}, got {self.shown(row)}")
-        if told[2]:
-            return self.wrong(row, f"has {told[3]} columns, not {told[2]}; is the file whole?")
-        return self.wrong(row, f"{shown(told[4])} is no number")
+        if found[2]:
+            return self.wrong(row, f"has {found[3]} columns, not {found[2]}; is the file whole?")
+        return self.wrong(row, f"{shown(found[4])} is no number")
 
     def wrong(self, row: int, what: str) -> ValueError:
-        """The fault of a row, counted from 0."""
+        """Return the error of a row, counted from 0."""
         return self.file.wrong(self.rows[row] + 1, what)
 
     def shown(self, row: int) -> str:
-        """A row as it is shown in a message."""
+        """Return a row for a message."""
         return shown(self.file.lines[self.rows[row]])
 
     def refuse(self, faulty: ArrayLike, what: Callable[[int], str]) -> None:
-        """Raise the fault of the first row that is faulty, (rows,), if there is one; what: said of the row."""
+        """Raise the error of the first faulty row, if any; faulty: (rows,); what: message of a row."""
         if np.any(faulty):
             first = int(np.argmax(faulty))
             raise self.wrong(first, what(first))
 
 
 def cells_of(line: str, delimiter: str | None) -> list[str]:
-    """The cells of a line, without quotation marks and blanks around them; delimiter: None: blanks."""
+    """Return the cells of a line, without quotation marks and blanks around; delimiter: None for blanks."""
     if delimiter is None:
         line, delimiter = " ".join(line.split()), " "
     reader = csv.reader([line[:LONGEST_HEADER]], delimiter=delimiter, skipinitialspace=True)
@@ -150,12 +146,12 @@ def cells_of(line: str, delimiter: str | None) -> list[str]:
 
 
 def delimiter_of(line: str) -> str | None:
-    """What parts the cells of a line; None: blanks."""
+    """Return the delimiter of a line: comma, semicolon or tab; None for blanks."""
     return max((mark for mark in ",;\t" if mark in line), key=line.count, default=None)
 
 
 def is_number(text: str) -> bool:
-    """Whether a cell is one, finite or not."""
+    """Return whether a text is a number, finite or not."""
     try:
         float(text)
     except ValueError:
@@ -164,18 +160,17 @@ def is_number(text: str) -> bool:
 
 
 def plain(reason: str) -> str:
-    """The first line of what a library says, no longer than a message may be."""
+    """Return the first line of a library's message, cut to LONGEST_REASON."""
     line = reason.strip().partition("\n")[0]
     return line if len(line) <= LONGEST_REASON else f"{line[: LONGEST_REASON - 3]}..."
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names of columns as they are shown in a message."""
-    return textwrap.shorten(
-        ", ".join(name[:LONGEST_TEXT] for name in names), LONGEST_LIST, placeholder=" ..."
-    )
+    """Join names for a message."""
+    text = ", ".join(name[:LONGEST_TEXT] for name in names)
+    return textwrap.shorten(text, LONGEST_LIST, placeholder=" ...")
 
 
 def shown(text: str) -> str:
-    """A text as it is shown in a message."""
+    """Quote and cut a text for a message."""
     return repr(text if len(text) <= LONGEST_TEXT else text[: LONGEST_TEXT - 3] + "...")

@@ -1,33 +1,33 @@
-"""VTKHDF files of ImageData over time, for ParaView and pyvista, written by h5py after VTK's documented layout.
+"""VTKHDF files of ImageData over time, for ParaView and pyvista, written by h5py in VTK's documented layout.
 
-Values belong to cells: each array over (time, z, y, x), vectors with three components last. What does not change is
-there once, and each step's offset leads to it. A flat grid becomes one layer, as thick as the slab that it stands for.
-The mass of a species is the sum of gas_NAME x air x the cell's volume, over all cells.
+Values belong to cells: each array over (time, z, y, x), vectors with three components last. Constant arrays are stored
+once, and the offsets of all steps refer to them. A flat grid becomes one layer of the thickness `depth`. The mass of a
+species is the sum of gas_NAME x air x volume of the cell over all cells.
 
 Layout: VTK file formats, "VTKHDF", version 2.0 and later.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from taichi_plume.files.netcdf import PACKED, Reading
+
 if TYPE_CHECKING:
+    import h5py
     import xarray
 
 VERSION = (2, 0)
 WIND = ("u", "v", "w")
-PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
-Reading = Callable[[str, int], np.ndarray]
-"""The values (z, y, x), or (y, x), of a variable at the frame of that number."""
 
 
 def write(path: Path, data: "xarray.Dataset", read: Reading) -> Iterator[int]:
-    """Write a new file, frame by frame; yields the number of bytes that come next, before each frame.
+    """Write a file frame by frame; yields the number of bytes before each frame.
 
-    data: a film's variables at the cells' middles, `depth` among its attributes; read: how to get their values. Raises
-    OSError.
+    data: variables of a film at the cell centres, with the attribute `depth`; read: returns their values (z, y, x) or
+    (y, x). Raises OSError.
     """
     import h5py
 
@@ -45,11 +45,10 @@ def write(path: Path, data: "xarray.Dataset", read: Reading) -> Iterator[int]:
             offsets[name] = np.arange(steps) if moving else np.zeros(steps, int)
             count = steps if moving else 1
             array = cells.create_dataset(name, (count, *size), np.float32, chunks=(1, *size), **PACKED)
-            told = data["u" if name == "wind" else name].attrs
-            array.attrs["units"] = told.get("units", "1")
-            array.attrs["long_name"] = (
-                "velocity of the air" if name == "wind" else told.get("long_name", name)
-            )
+            about = data["u" if name == "wind" else name].attrs
+            array.attrs["units"] = about.get("units", "1")
+            meaning = "velocity of the air" if name == "wind" else about.get("long_name", name)
+            array.attrs["long_name"] = meaning
             if not moving:
                 array[0] = read(name, 0).reshape(size)
         _steps(root, data["time"].values, offsets)
@@ -65,8 +64,8 @@ def write(path: Path, data: "xarray.Dataset", read: Reading) -> Iterator[int]:
                 cells["wind"][n] = vector
 
 
-def _grid(root: Any, data: "xarray.Dataset", shape: list[int]) -> None:
-    """What is said of the grid; shape: cells along z, y, x."""
+def _grid(root: "h5py.Group", data: "xarray.Dataset", shape: list[int]) -> None:
+    """Write the attributes of the grid; shape: cells along z, y, x."""
     import h5py
 
     dx = float(data.attrs["spacing"])
@@ -81,7 +80,7 @@ def _grid(root: Any, data: "xarray.Dataset", shape: list[int]) -> None:
         root.attrs[name] = str(data.attrs.get(name, ""))
 
 
-def _steps(root: Any, times: np.ndarray, offsets: dict[str, np.ndarray]) -> None:
+def _steps(root: "h5py.Group", times: np.ndarray, offsets: dict[str, np.ndarray]) -> None:
     group = root.create_group("Steps")
     group.attrs["NSteps"] = len(times)
     group["Values"] = np.asarray(times, float)

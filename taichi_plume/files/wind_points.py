@@ -1,14 +1,14 @@
-"""Air flow as other programs write it: points in any order, one a line, each with its velocity.
+"""Imported air flow (CFD) as a table of points, one a line, in any order, each with its velocity.
 
-What is accepted, told apart by its content:
+Accepted forms, recognised by the content:
 
-    CSV         a first line that names the columns, in any order: ParaView's "U:0", "Points:0" or U_0, Points_0 (as
-                in GADEN's wind_at_cell_centers_N.csv), Fluent's x-velocity, x-coordinate, or plain x, y, z, u, v, w
-    OpenFOAM    the sampled sets of its `raw` format: columns between blanks, named in a comment, # x y z Ux Uy Uz, or,
-                with none, six in this order
+    CSV         the first line names the columns, in any order: ParaView's "U:0", "Points:0" or U_0, Points_0 (as in
+                GADEN's wind_at_cell_centers_N.csv), Fluent's x-velocity, x-coordinate, or plain x, y, z, u, v, w
+    OpenFOAM    sampled sets in `raw` format: columns between blanks, named in a comment, # x y z Ux Uy Uz, or six
+                columns in this order without a comment
 
-Metres and metres per second; `nut` [m²/s] is the eddy viscosity. Other columns are left alone. Files of a 2-D flow may
-leave out z and w.
+Units are m and m/s; `nut` [m²/s] is the eddy viscosity. Other columns are ignored. Files of a 2-D flow may leave out z
+and w.
 """
 
 import re
@@ -28,19 +28,19 @@ SPEEDS = ("u:{n}", "u_{n}", "u{a}", "u_{a}", "{u}", "velocity:{n}", "velocity_{n
           "{a}-velocity", "umean:{n}", "umean_{n}", "umean_{a}")  # fmt: skip
 EDDIES = ("nut",)
 FARTHEST = 1e8  # m: room for coordinates of the Earth
-FASTEST = 340.0  # m/s: faster air would be compressible; rather a mark for "no value"
-MOST_NUMBER = 1e12  # in names of files: seconds, or numbers that doubles can tell apart
+FASTEST = 340.0  # m/s: a larger value usually means "no value"
+MOST_NUMBER = 1e12  # in names of files: seconds, or a counter
 NUMBERED = re.compile(r"%0?\d*d")
 TIMED = "%g"
 
 
 class WindFileError(ValueError):
-    """A file that cannot be taken; the message begins with its path."""
+    """A file that cannot be used; the message begins with the path."""
 
 
 @dataclass(frozen=True)
 class Points:
-    """What a file holds: places [m] and velocities [m/s], (n, 2 or 3), and the eddy viscosity [m²/s], (n,) or None."""
+    """Points of a file: place [m] and velocity [m/s], (n, 2 or 3), and eddy viscosity [m²/s], (n,) or None."""
 
     path: Path
     place: np.ndarray
@@ -49,12 +49,12 @@ class Points:
 
     @property
     def kind(self) -> tuple[int, bool]:
-        """Of what these are: number of dimensions, and whether there is an eddy viscosity."""
+        """Number of dimensions, and whether there is an eddy viscosity."""
         return self.place.shape[1], self.eddy_viscosity is not None
 
 
 def find(folder: Path, pattern: str, interval: float) -> list[tuple[float, Path]]:
-    """The files that a pattern means, with their times [s], in order. Raises WindFileError."""
+    """Return the files of a pattern with their times [s], in order. Raises WindFileError."""
     marks = [*NUMBERED.findall(pattern), *re.findall(TIMED, pattern)]
     path = folder / pattern
     if not marks:
@@ -63,7 +63,7 @@ def find(folder: Path, pattern: str, interval: float) -> list[tuple[float, Path]
             raise WindFileError(f"{path}: {reason}")
         return [(0.0, path)]
     if len(marks) > 1:
-        raise WindFileError(f"{path}: has {' and '.join(marks)}; one of %d and %g says which files are meant")
+        raise WindFileError(f"{path}: has {' and '.join(marks)}; give only one of %d and %g")
     timed = marks[0] == TIMED
     parts = pattern.split(marks[0])
     parts[0] = join(folder, parts[0])
@@ -92,30 +92,23 @@ def find(folder: Path, pattern: str, interval: float) -> list[tuple[float, Path]
 
 
 def read(path: Path) -> Points:
-    """The points of one file. Raises WindFileError."""
+    """Return the points of a file. Raises WindFileError."""
     file = TextFile(path, WindFileError)
     lines = file.lines
-    told = file.told(0) or [len(lines)]
-    names, first, delimiter = _header(lines, told[0])
+    names, first, delimiter = _header(lines, (file.rows(0) or [len(lines)])[0])
     if names is None:
         if first == len(lines) or delimiter or len(lines[first].split()) != 6:
             raise file.wrong(first + 1, "is no header that names the columns, such as x,y,z,u,v,w")
         names = ["x", "y", "z", "u", "v", "w"]
     columns = [_column(names, forms, n) for forms in (PLACES, SPEEDS) for n in range(3)]
     flat = columns[2] is None and columns[5] is None
-    missing = [
-        what
-        for what, column in zip("xyzuvw", columns, strict=True)
-        if column is None and not (flat and what in "zw")
-    ]
+    needed = zip("xyzuvw", columns, strict=True)
+    missing = ", ".join(what for what, column in needed if column is None and not (flat and what in "zw"))
     if missing:
-        raise file.wrong(
-            first,
-            f"names no column for {', '.join(missing)}, only {listed(names)}; call them x, y, z, u, v, w or "
-            '"Points:0", "U:0" and so on',
-        )
+        hint = 'call them x, y, z, u, v, w or "Points:0", "U:0" and so on'
+        raise file.wrong(first, f"names no column for {missing}, only {listed(names)}; {hint}")
     taken = [column for column in [*columns, _column(names, EDDIES, 0)] if column is not None]
-    rows = file.told(first)
+    rows = file.rows(first)
     if not rows:
         raise WindFileError(f"{path}: has no points")
     width = max(1 + max(taken), len(cells_of(lines[rows[0]], delimiter)))  # some headers end with a comma
@@ -126,9 +119,7 @@ def read(path: Path) -> Points:
     far = np.abs(values[:, :dim]).max(axis=1)
     table.refuse(far > FARTHEST, lambda row: f"{far[row]:.3g} m is no place; at most {FARTHEST:g} m")
     speed = np.abs(values[:, dim : 2 * dim]).max(axis=1)
-    table.refuse(
-        speed >= FASTEST, lambda row: f"{speed[row]:.3g} m/s is no speed of air; leave such points out"
-    )
+    table.refuse(speed >= FASTEST, lambda row: f"{speed[row]:.3g} m/s is no speed of air; leave it out")
     if len(values) < 2**dim:
         raise WindFileError(f"{path}: has {len(values)} points, too few")
     eddies = np.maximum(values[:, 2 * dim], 0.0) if len(taken) > 2 * dim else None
@@ -136,7 +127,7 @@ def read(path: Path) -> Points:
 
 
 def _header(lines: list[str], first: int) -> tuple[list[str] | None, int, str | None]:
-    """Names of the columns, if there are any; index of the first row; what stands between columns, None: blanks.
+    """Return the names of the columns, if any; the index of the first row; the delimiter, None for blanks.
 
     first: index of the first line that is no comment.
     """
@@ -153,12 +144,12 @@ def _header(lines: list[str], first: int) -> tuple[list[str] | None, int, str | 
 
 
 def _plain(name: str) -> str:
-    """A column's name without quotes and unit."""
+    """Return the name of a column without quotes and unit."""
     return re.sub(r"\s*[\[(][^\])]*[a-z][^\])]*[\])]$", "", name.strip("' ").lower()[:LONGEST_TEXT])
 
 
 def _column(names: list[str], forms: tuple[str, ...], n: int) -> int | None:
-    """Index of the column that has the first of these names, of axis n."""
+    """Return the index of the column with the first of these names, of axis n."""
     for form in forms:
         name = form.format(n=n, a="xyz"[n], u="uvw"[n])
         if name in names:

@@ -1,4 +1,4 @@
-"""What a run has left, read back: tables, fields, maps; exports to other programs and bags of ROS 2."""
+"""Results of a run: tables, fields, maps; exports to other programs and ROS 2 bags."""
 
 MAY_IMPORT: tuple[str, ...] = (
     "agents",

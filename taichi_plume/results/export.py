@@ -1,9 +1,9 @@
-"""A run's data for other programs.
+"""Export of a run to other programs.
 
 vtkhdf   the film, frame by frame: gas, wind as vectors, temperature on the cells; for ParaView and pyvista
-netcdf   the same, or a recording's colours, decoded, after CF; for xarray, MATLAB, Panoply ...
-csv      the tables, robots.csv and probes.csv, and columns.csv, which tells their units and meanings
-mcap     a bag of ROS 2 with robots, gas, wind, plume and maps; see `bag_of_run`
+netcdf   the same, or the decoded colours of a recording, after CF; for xarray, MATLAB, Panoply ...
+csv      the tables robots.csv and probes.csv, and columns.csv with their units and meanings
+mcap     a ROS 2 bag with robots, gas, wind, plume and maps; see `bag_of_run`
 gaden    the film as a configuration of GADEN 3, for its player: cells, wind and concentrations
 """
 
@@ -25,11 +25,10 @@ TABLES = ("robots", "probes")
 
 
 def export(run: Run, to: str, out: Path, source: str | None = None, force: bool = False) -> list[Path]:
-    """Write a run's data as `to` says, one of vtkhdf, netcdf, csv and gaden; returns the files, of gaden the first of
-    each sort.
+    """Write a run's data in a format `to` (vtkhdf, netcdf, csv, gaden), and return the files, of gaden one per folder.
 
-    out: the file, of csv and gaden the folder; source: film or recording, by default the film where there is one.
-    Raises RunFolderError where the run has no such data or a file is there, unless by `force`; and OSError.
+    out: the file, of csv and gaden the folder; source: film or recording, by default the film if recorded; force:
+    replace existing files. Raises RunFolderError if the run has no such data or a file exists, and OSError.
     """
     if to == "csv":
         return _tables(run, out, force)
@@ -44,35 +43,34 @@ def export(run: Run, to: str, out: Path, source: str | None = None, force: bool 
         data = run.pictures
     else:
         data = run.fields if (run.folder / "fields.zarr").exists() or to == "vtkhdf" else run.pictures
-    if not data.sizes.get("time"):
-        raise RunFolderError(f"{run.folder}: holds no frame yet; it ended, or is still, before the first")
+    _require_frames(run, data)
+    from taichi_plume.files import netcdf, vtkhdf
+
     with _fresh([out], force) as (part,):
-        _write(data, to, part, run.folder)
+        for coming in (vtkhdf if to == "vtkhdf" else netcdf).write(part, data, frames(data, run.folder)):
+            disk.require_room(part, coming)
     return [out]
 
 
-def _write(data: "xarray.Dataset", to: str, part: Path, folder: Path) -> None:
-    from taichi_plume.files import netcdf, vtkhdf
-
-    for coming in (vtkhdf if to == "vtkhdf" else netcdf).write(part, data, frames(data, folder)):
-        disk.require_room(part, coming)
+def _require_frames(run: Run, data: "xarray.Dataset") -> None:
+    if not data.sizes.get("time"):
+        raise RunFolderError(f"{run.folder}: holds no frame yet; it ended, or is still, before the first")
 
 
 def _gaden(run: Run, out: Path, force: bool) -> list[Path]:
-    """The film as a configuration of GADEN's, in a folder; the first file of each sort."""
+    """Write the film as a configuration of GADEN in a folder."""
     from taichi_plume.files import gaden_results
 
     run.require("fields.zarr")
     data = run.fields
-    if not data.sizes.get("time"):
-        raise RunFolderError(f"{run.folder}: holds no frame yet; it ended, or is still, before the first")
+    _require_frames(run, data)
     if os.path.lexists(out) and not out.is_dir():
         raise RunFolderError(f"{out}: is no folder")
     if out.is_dir() and any(out.iterdir()) and not force:
         raise RunFolderError(f"{out}: is not empty; choose another --out or add --force to write into it")
     link = own_folder.link_in(out)
     if link is not None:
-        raise RunFolderError(f"{out / link}: is a link, to which nothing is written; choose another --out")
+        raise RunFolderError(f"{out / link}: is a link, and links are not written to; choose another --out")
     out.mkdir(parents=True, exist_ok=True)
     first: dict[Path, Path] = {}
     sources = gaden_results.sources_of(run.scenario)
@@ -83,21 +81,19 @@ def _gaden(run: Run, out: Path, force: bool) -> list[Path]:
 
 
 def frames(data: "xarray.Dataset", folder: Path) -> "Callable[[str, int], np.ndarray]":
-    """How to get the values of a variable of a run at a frame; raises RunFolderError where these are damaged."""
-    from taichi_plume.files.zarr_groups import FAULTS, reason
+    """Return a function that reads a variable of a run at a frame; it raises RunFolderError if damaged."""
+    from taichi_plume.files.zarr_groups import errors_as
 
     def read(name: str, n: int) -> "np.ndarray":
-        one = data[name]
-        try:
-            return (one.isel(time=n) if "time" in one.dims and one.ndim > 1 else one).values
-        except FAULTS as error:
-            raise RunFolderError(f"{folder}: frame {n} of {name} is damaged: {reason(error)}") from None
+        values = data[name]
+        with errors_as(RunFolderError, folder, f"frame {n} of {name} is damaged"):
+            return (values.isel(time=n) if "time" in values.dims and values.ndim > 1 else values).values
 
     return read
 
 
 def _tables(run: Run, out: Path, force: bool) -> list[Path]:
-    """The tables that a run has, as CSV in a folder."""
+    """Write the tables of a run as CSV in a folder."""
     import pyarrow as pa
     import pyarrow.csv
 
@@ -108,49 +104,36 @@ def _tables(run: Run, out: Path, force: bool) -> list[Path]:
         raise RunFolderError(f"{run.folder}: has no tables, neither robots nor probes")
     out.mkdir(parents=True, exist_ok=True)
     files = [out / f"{name}.csv" for name in (*there, "columns")]
+    options = pa.csv.WriteOptions(quoting_style="needed")
     with _fresh(files, force) as parts:
         columns = []
         for name, part in zip(there, parts, strict=False):
             rows = table_parts.batches(run.folder / f"{name}.parquet")
             first = next(rows)
-            plain = pa.schema([(one.name, _text_of(one.type)) for one in first.schema])
-            with pa.csv.CSVWriter(
-                part, plain, write_options=pa.csv.WriteOptions(quoting_style="needed")
-            ) as csv:
+            kinds = {c.name: pa.string() if pa.types.is_dictionary(c.type) else c.type for c in first.schema}
+            plain = pa.schema(list(kinds.items()))
+            with pa.csv.CSVWriter(part, plain, write_options=options) as csv:
                 for batch in rows:
                     disk.require_room(part, batch.nbytes)
                     csv.write_batch(batch.cast(plain))
-            for one in first.schema:
-                told = one.metadata or {}
-                columns.append(
-                    [name, one.name, *(told.get(key, b"").decode() for key in (b"unit", b"meaning"))]
-                )
-        about = dict(
-            zip(("table", "column", "unit", "meaning"), map(list, zip(*columns, strict=True)), strict=True)
-        )
-        pa.csv.write_csv(pa.table(about), parts[-1], pa.csv.WriteOptions(quoting_style="needed"))
+            for column in first.schema:
+                about = column.metadata or {}
+                text = {key: about.get(key.encode(), b"").decode() for key in ("unit", "meaning")}
+                columns.append({"table": name, "column": column.name} | text)
+        pa.csv.write_csv(pa.Table.from_pylist(columns), parts[-1], options)
     return files
-
-
-def _text_of(kind: object) -> object:
-    """A column's type in a CSV: names as text."""
-    import pyarrow as pa
-
-    return pa.string() if pa.types.is_dictionary(kind) else kind
 
 
 @contextmanager
 def _fresh(files: Sequence[Path], force: bool) -> Iterator[list[Path]]:
-    """Names to write new files under; the files are there once all of them are whole, or none is.
+    """Yield names to write new files under; the files are renamed once all are complete.
 
-    Raises RunFolderError where one is there, unless by `force`, and where there can be none.
+    force: replace existing files. Raises RunFolderError if a file exists or cannot exist.
     """
     for file in files:
         if not file.parent.is_dir():
             raise RunFolderError(f"{file}: its folder does not exist")
-        if (
-            os.path.lexists(file) and not file.is_file()
-        ):  # nor does --force replace a device, or a link to nowhere
+        if os.path.lexists(file) and not file.is_file():  # --force replaces no device, nor a link to nowhere
             what = "a folder" if file.is_dir() else "no plain file"
             raise RunFolderError(f"{file}: is {what}; give the name of a file")
         if os.path.lexists(file) and not force:

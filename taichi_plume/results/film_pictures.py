@@ -1,11 +1,10 @@
-"""Pictures and wind arrows of a run that has fields.zarr and no recording, as the recording would have them."""
+"""Pictures and wind arrows of a run from fields.zarr, in the form of those of a recording."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from taichi_plume.files.film import Film, FilmError
-from taichi_plume.files.film_moment import velocity
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.grid.grid import Grid
 from taichi_plume.record.drawing import Scale, arrow_places
@@ -21,11 +20,11 @@ def of_film(
     between: tuple[float, float],
     spacing: float,
 ) -> dict[str, Picture]:
-    """The gas of all species, on the planes that a recording would show.
+    """Return the gas of all species on the planes that a recording would show.
 
-    names, between, spacing: as `reading.read` has them. Raises RunFolderError.
+    names, between, spacing: as of `reading.read`. Raises RunFolderError.
     """
-    factor = {f"gas_{one.vapour.name}": one.vapour.ppm_per_density for _, one in scenario.gases}
+    factor = {f"gas_{gas.vapour.name}": gas.vapour.ppm_per_density for _, gas in scenario.gases}
     gases = [name for name in film.gas if name in factor]
     if not gases:
         return {}
@@ -34,11 +33,13 @@ def of_film(
     try:
         grid, solid = Grid.of(scenario.domain), film.still("air") <= 0.0
         if film.shape != grid.shape:
-            raise FilmError(
-                f"{film.path}: has {film.shape} cells, its scenario {grid.shape}: it is of another run"
-            )
-        rasters = {f"gas_{plane.name}": Raster(plane, grid, solid) for plane in planes(scenario, grid.extent)}
-        rasters = {name: one for name, one in rasters.items() if names is None or name in names}
+            raise FilmError(f"{film.path}: has {film.shape} cells, its scenario {grid.shape}: of another run")
+        shown = {f"gas_{plane.name}": plane for plane in planes(scenario, grid.extent)}
+        rasters = {
+            name: Raster(plane, grid, solid)
+            for name, plane in shown.items()
+            if names is None or name in names
+        }
         frames = _frames(film, between, spacing)
         data: dict[str, list[np.ndarray]] = {name: [] for name in rasters}
         for n in frames:
@@ -61,16 +62,16 @@ def of_film(
 def arrows_of_film(
     film: Film, scenario: Scenario, plane: str, between: tuple[float, float], spacing: float
 ) -> Arrows:
-    """The wind in a plane of that name, as long as the air is fast. Raises RunFolderError."""
+    """Return the wind in a named plane, with arrows as long as the air is fast. Raises RunFolderError."""
     extent = scenario.domain.extent
-    here = next((one for one in planes(scenario, extent) if one.name == plane), None)
+    here = next((shown for shown in planes(scenario, extent) if shown.name == plane), None)
     frames = _frames(film, between, spacing) if film.wind and here is not None else []
     if here is None or not frames:
         return Arrows(np.zeros(0), [], [])
     flat, step = arrow_places([extent[d] for d in here.axes])
     points = here.within(flat)
     try:
-        found = [velocity(film, float(film.times[n]))(points) for n in frames]
+        found = [film.velocity(float(film.times[n]))(points) for n in frames]
     except FilmError as error:
         raise RunFolderError(str(error)) from None
     return _drawn(here, points, found, step, film.times[frames])
@@ -79,22 +80,22 @@ def arrows_of_film(
 def _drawn(
     plane: Plane, points: np.ndarray, found: list[np.ndarray], step: float, times: np.ndarray
 ) -> Arrows:
-    """Arrows centred on points (n, dim): the fastest 5 % are longer than the distance between them."""
+    """Return arrows centred on points (n, dim); the fastest 5 % are longer than the distance between points."""
     along = list(plane.axes)
-    speed = np.concatenate([np.linalg.norm(one[:, along], axis=-1) for one in found])
+    speed = np.concatenate([np.linalg.norm(velocity[:, along], axis=-1) for velocity in found])
     top = max(float(np.nanquantile(speed, 0.95)), 1e-3)
     middle = np.zeros((len(points), 3))
     middle[:, : points.shape[1]] = points
-    ways = []
-    for one in found:
-        way = np.zeros((len(points), 3))
-        way[:, along] = one[:, along] * (1.2 * step / top)
-        ways.append(way)
-    return Arrows(times, [middle - way / 2 for way in ways], ways)
+    arrows = []
+    for velocity in found:
+        arrow = np.zeros((len(points), 3))
+        arrow[:, along] = velocity[:, along] * (1.2 * step / top)
+        arrows.append(arrow)
+    return Arrows(times, [middle - arrow / 2 for arrow in arrows], arrows)
 
 
 def _frames(film: Film, between: tuple[float, float], spacing: float) -> list[int]:
-    """Numbers of the frames that are in time, and apart."""
+    """Return the numbers of the frames between two times [s] that are `spacing` [s] apart."""
     found: list[int] = []
     for n, t in enumerate(film.times):
         if between[0] - 1e-9 <= t <= between[1] + 1e-9:

@@ -1,4 +1,4 @@
-"""Shapes of the obstacles of a run, as far as their files may be read and are those of the run."""
+"""Shapes of the obstacles of a run whose files may be read and are those that the run read."""
 
 from pathlib import Path
 
@@ -6,22 +6,24 @@ from taichi_plume.files import manifest
 from taichi_plume.grid.shapes import Shape, ShapeError
 from taichi_plume.guard.opening import gate
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.input_files import files_of, outside
+from taichi_plume.scenario.obstacles import Mesh, WallMap
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.shapes import shape
 
 
 def shapes_of(folder: Path, scenario: Scenario, allow_outside: bool) -> tuple[list[Shape], list[str]]:
-    """Return the shapes, and a sentence on each obstacle that has none.
+    """Return the shapes, and a sentence on each obstacle without a shape.
 
-    allow_outside: read files outside the run's folder even if they are not those that the run has read.
+    allow_outside: read files outside the run's folder also if they have changed since the run.
     """
     found: list[Shape] = []
     lacks: list[str] = []
-    if getattr(scenario.wind, "occupancy", None) is not None:
+    if isinstance(scenario.wind, ImportedWind) and scenario.wind.occupancy is not None:
         lacks.append("What stands in the occupancy grid of the imported wind is not drawn.")
-    for n, one in enumerate(scenario.obstacles):
-        name = getattr(one, "file", None)
+    for n, obstacle in enumerate(scenario.obstacles):
+        name = obstacle.file if isinstance(obstacle, Mesh | WallMap) else None
         if name and not allow_outside and not _may_read(folder, name):
             lacks.append(
                 f"Obstacle {n} is not drawn: its file {visible(name, LONGEST_VALUE)} lies outside the run's folder "
@@ -29,10 +31,10 @@ def shapes_of(folder: Path, scenario: Scenario, allow_outside: bool) -> tuple[li
             )
             continue
         try:
-            # a file outside that came this far is allowed, or the very file that the run read
+            # a file outside is allowed here, or it is the file that the run read
             free = allow_outside or (name and outside(folder, name))
             with gate(None if free else folder):
-                found.append(shape(one, scenario.domain, folder))
+                found.append(shape(obstacle, scenario.domain, folder))
         except ShapeError as error:
             lacks.append(f"Obstacle {n} is not drawn: {error}.")
     return found, lacks

@@ -1,4 +1,4 @@
-"""Pictures and wind arrows of a run in planes, from its recording or, without one, from its recorded fields."""
+"""Pictures and wind arrows of a run in planes, from the recording or, without a recording, from the film."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -53,7 +53,7 @@ class Planes:
         between: tuple[float, float] = ALL_TIMES,
         spacing: float = 0.0,
     ) -> "dict[str, Picture]":
-        """Return pictures by name; none where there is neither a recording nor a film."""
+        """Return pictures by name; none without a recording and a film."""
         if self.has_recording:
             from taichi_plume.record import reading
 
@@ -65,7 +65,7 @@ class Planes:
         return {}
 
     def names(self) -> list[str]:
-        """Return the names of the pictures that there are."""
+        """Return the names of the pictures."""
         if self.has_recording:
             from taichi_plume.record import reading
 
@@ -73,7 +73,7 @@ class Planes:
         return list(self.read(None, (inf, inf)))
 
     def span(self, names: Sequence[str] | None = None) -> tuple[float, float] | None:
-        """Return the first and last time [s] of pictures; None where there are none."""
+        """Return the first and last time [s] of pictures, if any."""
         if self.has_recording:
             from taichi_plume.record import reading
 
@@ -83,7 +83,7 @@ class Planes:
     def arrows(
         self, plane: str, between: tuple[float, float] = ALL_TIMES, spacing: float = 0.0
     ) -> "Arrows | None":
-        """Return the wind in a plane, "slice" or "section"; None where there is neither a recording nor a film."""
+        """Return the wind in a plane, "slice" or "section"; None without a recording and a film."""
         if self.has_recording:
             from taichi_plume.record import reading
 

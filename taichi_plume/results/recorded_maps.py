@@ -1,7 +1,7 @@
-"""Gas maps made of recorded readings, by the very maps that robots make online.
+"""Gas maps from recorded readings, by the same mapping algorithms that robots run online.
 
-Online a map forgets, so that it follows the gas. A map of a log is asked what the log tells: unless the model says one
-of its `times` (window, memory and the like), these are chosen so that nothing of the log is forgotten.
+Online a map forgets, to follow the gas. For a map of a log, the model's `times` (window, memory and the like) are
+chosen so that no reading is forgotten, unless the model sets one of them.
 """
 
 from dataclasses import dataclass
@@ -13,11 +13,12 @@ import numpy as np
 from taichi_plume.files.readings import Readings, ReadingsError
 
 if TYPE_CHECKING:
+    from taichi_plume.agents.gas_map import GasMap as OnlineMap
     from taichi_plume.scenario.maps import Map
 
 MOST_WINDOWS = 100_000  # more, at 5 s six days, is a clock that jumped
 FINEST = 6  # decimals of a time [s] that count: a Unix time has no more
-FORGOTTEN = 1e-3  # share of its weight that a reading has left when it counts as forgotten
+FORGOTTEN = 1e-3  # a reading with less of its weight left counts as forgotten
 
 
 @dataclass(frozen=True)
@@ -26,15 +27,15 @@ class GasMap:
 
     estimate and variance are NaN where nothing is known. scores:
 
-        kind, readings, left_out    of the map; how many went into it, and how many are no number or off the floor
-        forgotten                   of those that went into it: have less than FORGOTTEN of their weight left at the end
-        chosen_for_the_log          parameters, so that nothing is forgotten (see `of_log`)
+        kind, readings, left_out    of the map; readings in the map, and readings that are no number or off the floor
+        forgotten                   readings in the map with less than FORGOTTEN of their weight left at the end
+        chosen_for_the_log          parameters chosen so that nothing is forgotten (see `of_log`)
         known_fraction              share of the cells that have an estimate
         peak                        x_m, y_m and ppm of the largest estimate; to_source_m, if sources are known
         forecast_error_ppm          mean of eq 8 (see agents/snaps), from 30 s after the first reading on; or None
-        forecast                    time_s and error_ppm of each snap that was forecast
-        nlpd, nlpd_median           of the readings of each snap, or PERIOD, by the map before them (see map_scores); or
-                                    None, where the map tells no variance
+        forecast                    time_s and error_ppm of each forecast snapshot
+        nlpd, nlpd_median           negative log predictive density of the readings of each snapshot, or PERIOD, by the
+                                    map before (see scoring/maps); None without a variance
     """
 
     cell: float
@@ -47,11 +48,10 @@ class GasMap:
 def map_of(
     readings: Readings, model: "Map", size: tuple[float, float], sources: np.ndarray | None = None
 ) -> GasMap:
-    """The map of readings on a floor of this size [m]; Taichi must have been started. sources: (m, 2) [m], if known.
+    """Return the map of readings on a floor of this size [m]; Taichi must have been started. sources: (m, 2) [m].
 
-    Snaps are cut at multiples of their window since the time 0, those whose window is chosen from the first reading on;
-    those before the first reading are left out. At the end the running snap goes into the map as well, but its forecast
-    is not judged. Raises ReadingsError.
+    Snapshots end at multiples of the window since t = 0, or since the first reading if the window was chosen for the
+    log. At the end the running snapshot goes into the map too, but its forecast is not scored. Raises ReadingsError.
     """
     from taichi_plume.scoring.trials import PERIOD, forecast_error, peak_distance
     from taichi_plume.simulation import Uncertain
@@ -96,8 +96,9 @@ def map_of(
 
 
 def of_log(model: "Map", readings: Readings, size: tuple[float, float]) -> tuple["Map", dict[str, Any]]:
-    """The model with which a map on a floor of this size [m] forgets none of the readings, and what was chosen for it:
-    nothing where the model says one of its `times`.
+    """Return a model whose map on a floor of this size [m] forgets no reading, and the parameters chosen for it.
+
+    A model that sets one of its `times` stays as it is.
     """
     if model.model_fields_set & set(model.times):
         return model, {}
@@ -107,8 +108,8 @@ def of_log(model: "Map", readings: Readings, size: tuple[float, float]) -> tuple
 
 def _made(
     readings: Readings, t: np.ndarray, model: "Map", size: tuple[float, float]
-) -> tuple[Any, float, np.ndarray]:
-    """The map of readings of times t [s], its tick [s], and how each reading surprised it (see map_scores)."""
+) -> tuple["OnlineMap", float, np.ndarray]:
+    """Return the map of readings of times t [s], the tick [s], and the surprise of each reading (see scoring/maps)."""
     from taichi_plume.agents.gas_map import Floor
     from taichi_plume.agents.mapping import mappers
     from taichi_plume.agents.recorded import RecordedTeam
@@ -143,18 +144,18 @@ def _made(
 
 
 def _number(t: np.ndarray, window: float) -> np.ndarray:
-    """Number, from 0 on, of the window that a time [s] belongs to: the one it ends, if it ends one."""
+    """Return the index of the window of a time [s]; the end of a window belongs to it."""
     return np.maximum(np.ceil(t / window - 1e-9), 1.0).astype(int) - 1
 
 
 def _counted(readings: Readings, size: tuple[float, float]) -> np.ndarray:
-    """Which readings go into a map of this size [m]."""
-    told = np.isfinite(readings.reading)
-    if not told.any():
-        raise ReadingsError(f"none of the {len(told)} readings is a number")
-    counted = ((readings.place >= 0.0) & (readings.place <= size)).all(axis=1) & told
+    """Return which readings go into a map of this size [m]."""
+    known = np.isfinite(readings.reading)
+    if not known.any():
+        raise ReadingsError(f"none of the {len(known)} readings is a number")
+    counted = ((readings.place >= 0.0) & (readings.place <= size)).all(axis=1) & known
     if not counted.any():
-        low, high = readings.place[told].min(axis=0), readings.place[told].max(axis=0)
+        low, high = readings.place[known].min(axis=0), readings.place[known].max(axis=0)
         raise ReadingsError(
             f"no reading lies on the floor of {size[0]:g} x {size[1]:g} m from the origin on; they reach from "
             f"({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) m from there, see --origin"
@@ -174,7 +175,7 @@ def _check_clock(readings: Readings, window: float) -> None:
 
 
 def _peak(estimate: np.ndarray, cell: float) -> dict[str, float | None]:
-    """Where the largest estimate is [m], and how large [ppm]; None where the map knows nothing, or of no gas."""
+    """Return position [m] and value [ppm] of the largest estimate; None if nothing is known, or no gas."""
     known = np.isfinite(estimate).any()
     if not known or np.nanmax(estimate) <= 0.0:
         return {"x_m": None, "y_m": None, "ppm": 0.0 if known else None}

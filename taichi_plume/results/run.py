@@ -1,30 +1,32 @@
-"""What a run has left, for notebooks and plots: ``run = taichi_plume.open_run("runs/casting_room-1")``.
+"""Results of a run for notebooks and plots: ``run = taichi_plume.open_run("runs/casting_room-1")``.
 
     run.fields      xarray.Dataset: wind, gas [ppm] and temperature over time, of a run with `fields` in its scenario;
-                    values are read when they are used
+                    values are read on use
     run.pictures    xarray.Dataset: planes decoded from the colours of the recording; see `Run.pictures`
     run.robots      pandas.DataFrame: a row per robot and tick; units in `run.robots.attrs["units"]`
     run.probes      pandas.DataFrame, of a run with `probes`
     run.forces      pandas.DataFrame: the force of the air on each obstacle
     run.maps        list of xarray.Dataset: each gas map at the end, beside the truth
-    run.beliefs     list of xarray.Dataset: where each group believed the source to be, at the end
-    run.result      dict: what came of the run
+    run.beliefs     list of xarray.Dataset: posterior of the source position of each group at the end
+    run.result      dict: result.json
     run.trials      pandas.DataFrame: a row per trial of each group, of a run that has ended
     run.scenario    Scenario: with every default
 
-Opening is instant, each part is read when it is first asked for. Of a run that still runs, or was killed, there is what
-has come to the disk. What is missing or damaged is told in one line, as a RunFolderError.
+Opening is instant; each part is read on first use. A running or killed run has the parts that reached the disk. Missing
+or damaged parts raise RunFolderError with a message of one line.
 
 Reports, pictures and films also use
 
     run.planes      results.planes.Planes: pictures and wind arrows in planes, of the recording or the fields
     run.tracks      list of results.tracks.Track: robots of the first trial of each group over time
-    run.shapes      shapes of the obstacles, as far as they may be read; `run.lacks` says which may not
+    run.shapes      shapes of the obstacles that may be read; `run.lacks` names the others
 """
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cached_property
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +39,7 @@ from taichi_plume.guard.terminal import visible
 
 if TYPE_CHECKING:
     import pandas
+    import pyarrow
     import xarray
 
     from taichi_plume.grid.shapes import Shape
@@ -53,7 +56,7 @@ FILES = {
     "forces": ("forces.csv",),
     "maps": ("maps.zarr",),
 }
-"""Where each part may be, the best first."""
+"""Names of the file of each part, the preferred name first."""
 WANTED = {
     "fields": "`fields: {rate: 2}` in the scenario records fields (.pictures are the colours of a recording, decoded)",
     "pictures": "run without --no-recording",
@@ -63,20 +66,20 @@ WANTED = {
     "maps": "run with `maps: [{kind: time_series}]` or a group that believes in places of the source, such as of kind "
     "infotaxis; they are written when a run ends",
 }
-"""How to get what is not there."""
+"""How to get a missing part."""
 
 
 def open_run(folder: Path | str) -> "Run":
-    """The run of a folder. Raises RunFolderError, in one line, where it is none or of another version."""
+    """Open the run of a folder. Raises RunFolderError if the folder is no run or of another version."""
     return Run(Path(folder))
 
 
 class Run:
     """The folder of a run, see `open_run`. Every attribute may raise RunFolderError.
 
-    lenient: a result that is missing or damaged is an empty one, and other versions and changed files are read as far
-    as they can be. allow_outside: the files of obstacles may lie outside the folder and be others than the run has
-    read. shapes: of the obstacles, if they are known.
+    lenient: take a missing or damaged result as empty, and read other versions and changed files as far as possible.
+    allow_outside: read obstacles' files outside the folder, also if they have changed. shapes: of the obstacles, if
+    known.
     """
 
     def __init__(
@@ -86,12 +89,8 @@ class Run:
         allow_outside: bool = False,
         shapes: "Sequence[Shape] | None" = None,
     ):
-        self.folder, self.lenient, self.allow_outside, self._known_shapes = (
-            folder,
-            lenient,
-            allow_outside,
-            shapes,
-        )
+        self.folder, self.lenient, self.allow_outside = folder, lenient, allow_outside
+        self._known_shapes = shapes
         fault = unopenable(folder, folder=True)
         if fault:
             raise RunFolderError(f"{folder}: {fault}; give the folder of a run")
@@ -99,54 +98,47 @@ class Run:
             raise RunFolderError(f"{folder}: is not the folder of a run")
         made = told(folder / "result.json").get("version", __version__)
         if not lenient and str(made).split(".")[:2] != __version__.split(".")[:2]:
-            of = visible(made, LONGEST_TEXT)
             raise RunFolderError(
-                f"{folder}: was made by taichi_plume {of}, this is {__version__}; use that one"
+                f"{folder}: was made by taichi_plume {visible(made, LONGEST_TEXT)}, this is {__version__}; use that one"
             )
 
     @cached_property
     def result(self) -> dict[str, Any]:
-        """What came of the run: result.json."""
+        """Content of result.json."""
         path = self.folder / "result.json"
         content = told(path)
         if self.lenient:
             return content
         if not content.keys() >= OURS:
             raise RunFolderError(f"{path}: {'is damaged' if path.exists() else 'does not exist'}")
-        _require_same(path)
+        manifest.require_unchanged(path, RunFolderError)
         return content
 
     @cached_property
     def trials(self) -> "pandas.DataFrame":
-        """A row per trial of each group, named by `group`: what its result tells, with units and meanings."""
+        """A row per trial of each group, named by `group`, with units and meanings, from result.json."""
         import pyarrow as pa
 
         from taichi_plume.files.trials_table import TRIAL
 
         path, groups = self.folder / "result.json", self.result.get("groups")
-        if (
-            not groups or self.result.get("status") == KILLED
-        ):  # a killed run tells how far the robots came, at most
-            raise RunFolderError(
-                f"{path}: tells of no trials: the scenario has no robots, or the run has not ended"
-            )
-        try:
-            told = [{"algorithm": [one["algorithm"]] * one["trials"], **one["per_trial"]} for one in groups]
-            fields = [one for one in TRIAL if one.name in told[0]]
-            values = [[value for one in told for value in one[field.name]] for field in fields]
+        if not groups or self.result.get("status") == KILLED:  # a killed run has no outcomes of trials
+            raise RunFolderError(f"{path}: tells of no trials: no robots, or the run has not ended")
+        with _damage(path):
+            trials = [{"algorithm": [g["algorithm"]] * g["trials"], **g["per_trial"]} for g in groups]
+            fields = [field for field in TRIAL if field.name in trials[0]]
+            values = [[value for group in trials for value in group[field.name]] for field in fields]
             arrays = [pa.array(each, field.type) for each, field in zip(values, fields, strict=True)]
             return _frame(pa.table(arrays, pa.schema(fields)))
-        except (LookupError, TypeError, ValueError) as error:
-            raise RunFolderError(f"{path}: is damaged: {plain(' '.join(str(error).split()))}") from None
 
     @cached_property
     def scenario(self) -> "Scenario":
-        """The scenario with every default; the files that it names are not opened."""
+        """The scenario with every default; files that the scenario names are not opened."""
         from taichi_plume.scenario.loading import ScenarioError, read_scenario
 
         path = self.folder / "scenario.yaml"
         if not self.lenient:
-            _require_same(path)
+            manifest.require_unchanged(path, RunFolderError)
         try:
             return read_scenario(path)
         except ScenarioError as error:
@@ -154,20 +146,17 @@ class Run:
 
     @cached_property
     def fields(self) -> "xarray.Dataset":
-        """Wind, gas and temperature at the cells' middles, over time, as `fields` in the scenario recorded them.
-
-        Raises RunFolderError if the scenario has no `fields`.
-        """
+        """Wind, gas and temperature at the cell centres over time, recorded by `fields` in the scenario."""
         return _film(self._path("fields"))
 
     @cached_property
     def pictures(self) -> "xarray.Dataset":
         """Planes of gas and temperature over time, decoded from the colours of the recording.
 
-        They are to look at, not to measure: a picture has 256 colours between `recorded_from` and `recorded_to`
-        (attributes of each variable). A higher value comes back as `recorded_to`; on a logarithmic scale, a lower value
-        comes back as 0. The variables are planes, such as `gas_slice` and `gas_column` (maximum over the height), and
-        include the times of the warm-up (t < 0). `fields` in the scenario records the values themselves.
+        Values are coarse: a picture has 256 colours between `recorded_from` and `recorded_to` (attributes of each
+        variable). A higher value reads `recorded_to`; on a logarithmic scale, a lower value reads 0. The variables are
+        planes, such as `gas_slice` and `gas_column` (maximum over the height), and include the warm-up (t < 0).
+        `fields` in the scenario records exact values.
         """
         from taichi_plume.record.reading import pictures
 
@@ -186,8 +175,8 @@ class Run:
 
     @cached_property
     def forces(self) -> "pandas.DataFrame":
-        """The force of the air on each obstacle [N]; of a run that was killed up to its last whole row."""
-        return _rows(self._path("forces"))
+        """The force of the air on each obstacle [N], up to the last complete row."""
+        return _forces(self._path("forces"))
 
     @cached_property
     def maps(self) -> "list[xarray.Dataset]":
@@ -198,21 +187,19 @@ class Run:
 
     @cached_property
     def beliefs(self) -> "list[xarray.Dataset]":
-        """What each group that believes in places of the source believed at the end; see files/maps_file.py."""
+        """Posterior of the source position of each group that keeps one; see files/maps_file.py."""
         from taichi_plume.files import maps_file
 
         return maps_file.read_beliefs(self._path("maps"))
 
-    # ------------------------------------------------------------ for reports, pictures and films
-
     @property
     def status(self) -> str:
-        """How the run ended, in a word: "unknown" if result.json does not say."""
+        """Status of the run, "unknown" without result.json."""
         return str(self.result.get("status", "unknown"))
 
     @property
     def unfinished(self) -> bool:
-        """Whether the run still runs or was killed: its files may end anywhere."""
+        """Whether the run still runs or was killed: files may end anywhere."""
         return self.status in ("running", KILLED, "unknown")
 
     @property
@@ -222,16 +209,11 @@ class Run:
 
     @cached_property
     def header(self) -> list[str]:
-        """The lines above scenario.yaml: the command to run the scenario again, then what the run ran with."""
-        lines = []
+        """The comment of scenario.yaml: the command to run the scenario again, then versions and seeds."""
         with (self.folder / "scenario.yaml").open(encoding="utf-8", errors="replace") as file:
-            for line in file:
-                if not line.startswith("#"):
-                    break
-                lines.append(
-                    line.removeprefix(HEADER).removeprefix("#").strip().removeprefix("Again:").strip()
-                )
-        return lines
+            lines = takewhile(lambda line: line.startswith("#"), file)
+            texts = [line.removeprefix(HEADER).removeprefix("#").strip() for line in lines]
+        return [text.removeprefix("Again:").strip() for text in texts]
 
     @cached_property
     def planes(self) -> "Planes":
@@ -242,19 +224,19 @@ class Run:
 
     @cached_property
     def tracks(self) -> "list[Track]":
-        """Robots of the first trial of each group over time, as many as can be told apart."""
+        """Robots of the first trial of each group over time, up to MOST_ROBOTS."""
         from taichi_plume.results.tracks import tracks
 
         return tracks(self.folder / "robots.parquet", self.scenario.robots)
 
     @property
     def shapes(self) -> "Sequence[Shape]":
-        """Shapes of the obstacles, as far as they may be read."""
+        """Shapes of the obstacles that may be read."""
         return self._shapes_and_lacks[0]
 
     @property
     def lacks(self) -> list[str]:
-        """A sentence on each obstacle that is not among the shapes, and on a missing result."""
+        """A sentence on each obstacle that is missing in the shapes, and on a missing result."""
         lacks = [] if self.result else ["result.json is missing or damaged: how the run ended is not known."]
         return lacks + self._shapes_and_lacks[1]
 
@@ -267,13 +249,13 @@ class Run:
         return shapes_of(self.folder, self.scenario, self.allow_outside)
 
     def require(self, name: str) -> None:
-        """Raises RunFolderError where the run has no film or recording, whichever is named."""
+        """Raise RunFolderError if the run lacks the named file, fields.zarr or recording.rrd."""
         if not (self.folder / name).exists():
             how = "`fields: {rate: 2}` in the scenario" if name == "fields.zarr" else "a recording"
             raise RunFolderError(f"{self.folder}: has no {name}; run with {how}")
 
     def _path(self, part: str) -> Path:
-        """The file of a part that there is. Raises RunFolderError."""
+        """Return the existing file of a part. Raises RunFolderError."""
         for name in FILES[part]:
             if (self.folder / name).exists():
                 return self.folder / name
@@ -291,14 +273,17 @@ class Run:
         return "\n".join(visible(line) for line in [*lines, "  result", "  trials", "  scenario"])
 
 
-def _require_same(path: Path) -> None:
-    damage = manifest.changed(path)
-    if damage:
-        raise RunFolderError(damage)
+@contextmanager
+def _damage(path: Path) -> Iterator[None]:
+    """Raise errors of the block as a RunFolderError that the file is damaged."""
+    try:
+        yield
+    except (ValueError, TypeError, LookupError, ArithmeticError) as error:
+        raise RunFolderError(f"{path}: is damaged: {plain(' '.join(str(error).split()))}") from None
 
 
 def _film(path: Path) -> "xarray.Dataset":
-    """What of a film is at the cells' middles."""
+    """Return the variables of a film at the cell centres."""
     from taichi_plume.files import zarr_groups
     from taichi_plume.files.film import Film, FilmError
 
@@ -306,40 +291,33 @@ def _film(path: Path) -> "xarray.Dataset":
         film = Film(path)
     except FilmError as error:
         raise RunFolderError(str(error)) from None
-    try:
-        group = zarr_groups.Group(path, consolidated=True)  # as it was when it was last consolidated, whole
+    with zarr_groups.errors_as(RunFolderError, path):
+        group = zarr_groups.Group(path, consolidated=True)  # state of the last flush, complete
         for name in group.names:
             _ = group[name]
         data = zarr_groups.open_dataset(path, consolidated=True, chunks=None)
         for name in map(str, data.data_vars):
-            stored, wanted = zarr_groups.stored_chunks(film.arrays[name]), data[name].sizes.get("time", 1)
-            if stored < wanted:
-                raise ValueError(f"{name} has {stored} of {wanted} frames")
+            stored, frames = zarr_groups.stored_chunks(film.arrays[name]), data[name].sizes.get("time", 1)
+            if stored < frames:
+                raise ValueError(f"{name} has {stored} of {frames} frames")
         if not {"time", "air"} <= data.variables.keys():
             raise ValueError("time or air is missing")
-    except zarr_groups.GroupError as error:
-        raise RunFolderError(str(error)) from None
-    except zarr_groups.FAULTS as error:
-        raise RunFolderError(f"{path}: is damaged: {zarr_groups.reason(error)}") from None
-    beside = [
-        name for name in data.variables if any(d.endswith(("_face", "_ghost")) for d in data[name].dims)
-    ]
-    return data.drop_vars([*beside, "volume"])
+    ends = ("_face", "_ghost")
+    others = [name for name in data.variables if any(d.endswith(ends) for d in data[name].dims)]
+    return data.drop_vars([*others, "volume"])
 
 
 def _table(path: Path) -> "pandas.DataFrame":
-    """A table of ours as pandas has them, with units and meanings."""
+    """Return a table of the run as a DataFrame with units and meanings."""
     from taichi_plume.files import table_parts
 
     table = table_parts.read(path)
-    try:
+    with _damage(path):
         return _frame(table)
-    except (ValueError, TypeError, LookupError) as error:
-        raise RunFolderError(f"{path}: is damaged: {plain(' '.join(str(error).split()))}") from None
 
 
-def _frame(table: Any) -> "pandas.DataFrame":
-    """Return a table of pyarrow as pandas has them, with units and meanings."""
+def _frame(table: "pyarrow.Table") -> "pandas.DataFrame":
+    """Return a table of pyarrow as a DataFrame with units and meanings."""
     from taichi_plume.files import table_parts
 
     frame = table.to_pandas()
@@ -348,23 +326,21 @@ def _frame(table: Any) -> "pandas.DataFrame":
     return frame
 
 
-def _rows(path: Path) -> "pandas.DataFrame":
-    """The whole rows of a CSV of ours, of which each name ends in its unit."""
+def _forces(path: Path) -> "pandas.DataFrame":
+    """Return the complete rows of forces.csv, whose column names end with the unit."""
     import pandas
 
-    _require_same(path)
+    manifest.require_unchanged(path, RunFolderError)
     try:
         content = read_regular(path, LARGEST_CSV)
     except OSError as error:
         raise RunFolderError(f"{path}: cannot be read: {error.strerror or error}") from None
     if content is None:
         raise RunFolderError(f"{path}: is too large; {LARGEST_CSV >> 20} MiB are read")
-    try:
+    with _damage(path):
         frame = pandas.read_csv(io.BytesIO(content[: content.rfind(b"\n") + 1]))
         frame = frame.astype({name: int if name == "obstacle" else float for name in frame.columns})
         if list(frame.columns[:2]) != ["t_s", "obstacle"]:
-            raise ValueError("its first line names other columns")
-    except (ValueError, TypeError, ArithmeticError) as error:
-        raise RunFolderError(f"{path}: is damaged: {plain(' '.join(str(error).split()))}") from None
+            raise ValueError("the first line names other columns")
     frame.attrs["units"] = {name: name.partition("_")[2] or "1" for name in frame.columns}
     return frame

@@ -1,8 +1,8 @@
-"""Where the robots of a run were and what they smelt, from robots.parquet, or from its parts while the run lasts."""
+"""Trajectories and readings of the robots of a run, from robots.parquet or, during the run, from its parts."""
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -18,10 +18,8 @@ if TYPE_CHECKING:
 
 MOST_ROBOTS = 50
 COLUMNS = ("x", "y", "heading", "reading_ppm", "true_ppm", "believed_x", "believed_y", "found")
-DECLARED = {"declared_x": np.nan, "declared_y": np.nan, "declarations": 0, "false_declarations": 0}
-"""More of them, and what they are in tables that were written before robots could declare."""
-MORE = DECLARED | {"z": 0.0}
-"""And of robots that fly: those of the floor have no altitude."""
+MORE = {"declared_x": np.nan, "declared_y": np.nan, "declarations": 0, "false_declarations": 0, "z": 0.0}
+"""Columns that a table may lack, and their values then: z of ground robots, declarations in older tables."""
 FAULTS = (OSError, ValueError, LookupError, TypeError, pa.ArrowException)
 
 
@@ -45,19 +43,19 @@ class Track(NamedTuple):
         return int(found.argmax()) if found.any() else None
 
     def declared(self, n: int) -> tuple[np.ndarray, bool] | None:
-        """Where it had said by row n that a source is, (2,) [m], and whether rightly; None where it had not."""
-        said, false = (int(self.values[key][n]) for key in ("declarations", "false_declarations"))
-        if n < 0 or not said:  # -1: before the first row
+        """Return the source position declared by row n, (2,) [m], and whether it was right; None if none."""
+        count, false = (int(self.values[key][n]) for key in ("declarations", "false_declarations"))
+        if n < 0 or not count:  # -1: before the first row
             return None
-        return np.array([self.values["declared_x"][n], self.values["declared_y"][n]]), said > false
+        return np.array([self.values["declared_x"][n], self.values["declared_y"][n]]), count > false
 
     def at(self, t: float) -> int:
-        """Index of the last row that is not later than t [s]; -1 before the first."""
+        """Return the index of the last row that is not later than t [s]; -1 before the first."""
         return int(np.searchsorted(self.t, t + 1e-6, side="right")) - 1
 
 
 def tracks(path: Path, groups: "Sequence[Group]") -> list[Track]:
-    """Those of the first trial of each group, in equal shares; none where there is no table. Raises RunFolderError."""
+    """Return robots of the first trial of each group, in equal shares; none without a table. Raises RunFolderError."""
     try:
         share = max(1, MOST_ROBOTS // max(1, len(groups)))
         table = _table(path, {group.name: group.first_trial for group in groups}, share)
@@ -91,7 +89,7 @@ def _track(rows: pa.Table, name: str, number: int, group: "Group") -> Track:
 
 
 def _table(path: Path, first: dict[str, int], share: int) -> pa.Table | None:
-    """The rows of the first `share` robots of each group's first trial."""
+    """Return the rows of the first `share` robots of each group's first trial, None without a table."""
     if path.exists():
         reason = unopenable(path)
         if reason:
@@ -106,7 +104,7 @@ def _table(path: Path, first: dict[str, int], share: int) -> pa.Table | None:
             columns += [key for key in MORE if key in part.schema_arrow.names]
             for n in range(part.num_row_groups):
                 rows = part.read_row_group(n, columns=columns)
-                rows = rows.slice(max(0, done - begin))  # what an earlier part holds, too
+                rows = rows.slice(max(0, done - begin))  # without rows of an earlier part
                 begin += part.metadata.row_group(n).num_rows
                 tables.append(_firsts(rows, first, share))
             done = max(done, begin)
@@ -114,12 +112,12 @@ def _table(path: Path, first: dict[str, int], share: int) -> pa.Table | None:
 
 
 def _firsts(rows: pa.Table, first: dict[str, int], share: int) -> pa.Table:
-    """Those rows that are of the first robots of a group's first trial."""
+    """Return the rows of the first robots of each group's first trial."""
     import pyarrow.compute as pc
 
-    kept: Any = None
+    kept = pa.nulls(len(rows), pa.bool_()).fill_null(False)
     for trial in set(first.values()):
         names = pa.array([name for name, number in first.items() if number == trial])
         mask = pc.and_(pc.equal(rows["trial"], trial), pc.is_in(rows["group"].cast(pa.string()), names))
-        kept = mask if kept is None else pc.or_(kept, mask)
-    return rows.filter(pc.and_(kept, pc.less(rows["robot"], share))) if kept is not None else rows.slice(0, 0)
+        kept = pc.or_(kept, mask)
+    return rows.filter(pc.and_(kept, pc.less(rows["robot"], share)))

@@ -26,7 +26,6 @@ from typing import NamedTuple
 import numpy as np
 
 from taichi_plume.files import ros_messages as ros
-from taichi_plume.files import ros_shapes
 from taichi_plume.files.ros_robots import (
     BASE,
     GAS,
@@ -183,12 +182,12 @@ class View:
     def messages(self) -> list[Message]:
         """Return the messages of this moment."""
         t, dx = self.sim.t, self.sim.grid.dx
-        floor = partial(ros_shapes.grid, self.floor, dx, -dx, t, MAP)
+        floor = partial(ros.grid, self.floor, dx, -dx, t, MAP)
         return [
             Message("tf_static", TRANSFORMS, self._sensors),
-            Message("map", ros_shapes.GRID, floor),
+            Message("map", ros.GRID, floor),
             *(
-                Message(f"plume/{ros.word(species.name)}", ros_shapes.POINTS, partial(self._gas, n, t))
+                Message(f"plume/{ros.word(species.name)}", ros.POINTS, partial(self._gas, n, t))
                 for n, species in enumerate(self.sim.gas.species)
             ),
         ]
@@ -206,4 +205,4 @@ class View:
         there = ppm >= LEAST
         x, y = self.places[there].T
         columns = {"x": x, "y": y, "z": np.full(len(x), self.height), "ppm": ppm[there]}
-        return ros_shapes.cloud(columns, t, MAP)
+        return ros.cloud(columns, t, MAP)

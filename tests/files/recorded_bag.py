@@ -7,6 +7,7 @@ from typing import Any, Literal
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from taichi_plume.files import ros_messages as ros
+from taichi_plume.files.ros_robots import transform
 
 ODOMETRY, POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped"
 TF = "tf2_msgs/msg/TFMessage"
@@ -36,9 +37,8 @@ def pose(t: float, x: float, y: float, heading: float, kind: str = ODOMETRY, fra
 
 def gas(t: float, raw: float, units: str = "ppm", frame: str = "", **more: Any) -> Any:
     """A message of a gas sensor."""
-    return ros.message(
-        ros.GAS_SENSOR, header=ros.header(t, frame), raw=raw, raw_units=ros.UNITS[units], **more
-    )
+    head = ros.header(t, frame)
+    return ros.message(ros.GAS_SENSOR, header=head, raw=raw, raw_units=ros.UNITS[units], **more)
 
 
 def wind(t: float, speed: float, to: float, frame: str = "") -> Any:
@@ -51,11 +51,7 @@ def transforms(t: float, *links: tuple[str, str, float, float, float]) -> Any:
     return ros.message(
         TF,
         transforms=[
-            {
-                "header": ros.header(t, parent),
-                "child_frame_id": child,
-                "transform": {"translation": {"x": x, "y": y}, "rotation": ros.yawed(heading)},
-            }
+            transform(parent, child, {"x": x, "y": y}, ros.yawed(heading), t)
             for parent, child, x, y, heading in links
         ],
     )

@@ -11,9 +11,8 @@ from taichi_plume.grid.grid import Grid
 def test_shares_and_distances_of_cubes():
     rng = np.random.default_rng(4)
     solid = rng.uniform(size=(5, 4)) < 0.4
-    table = Occupancy(
-        Path("o.csv"), np.zeros(3), 0.2, np.repeat(solid[:, :, None], 3, axis=2).astype(np.int8)
-    )
+    cells = np.repeat(solid[:, :, None], 3, axis=2).astype(np.int8)
+    table = Occupancy(Path("o.csv"), np.zeros(3), 0.2, cells)
     cubes = Cubes(table, 2, np.array([0.1, 0.0]), 0.3)
     volume, area = cubes.shares(Grid((4, 4), 0.2))
     np.testing.assert_allclose(volume, 0.5 * (~solid[:-1]).astype(float) + 0.5 * ~solid[1:], atol=1e-9)
@@ -22,9 +21,8 @@ def test_shares_and_distances_of_cubes():
     np.testing.assert_allclose(area[1][:, 1:-1], 0.5 * lower[:-1] + 0.5 * lower[1:], atol=1e-9)
     points = rng.uniform(-0.3, 1.1, (300, 2))
     low = 0.2 * np.argwhere(solid) - [0.1, 0.0]
-    away = np.linalg.norm(
-        np.maximum(np.maximum(low - points[:, None], points[:, None] - low - 0.2), 0), axis=-1
-    )
+    beyond = np.maximum(low - points[:, None], points[:, None] - low - 0.2)
+    away = np.linalg.norm(np.maximum(beyond, 0), axis=-1)
     inside = cubes.inside(points)
     found = cubes.horizontal_distance(points, 0.0, 0.1)
     np.testing.assert_allclose(np.maximum(found, 0.0), away.min(axis=1), atol=1e-12)

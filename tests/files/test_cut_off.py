@@ -1,6 +1,5 @@
 """Tables whose writing, joining or resumption is killed at any call on the disk: no row is lost, none counts twice."""
 
-import os
 import shutil
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import fake_run
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from refusals import cut_off
 
 from taichi_plume.files import run_folder, table_parts
 from taichi_plume.running import robots_table
@@ -84,32 +84,6 @@ def half_written(tmp_path: Path):
             table.flush()
     files = table_parts.part_files(table.parts)
     return sim, table, pa.concat_tables(map(pq.read_table, files))
-
-
-class Killed(BaseException):
-    """The process ends: nothing is tidied up."""
-
-
-def cut_off(monkeypatch, last: int, function) -> bool:
-    """Whether a function was killed before it came to its end, at its call number `last` on the disk."""
-    done = iter(range(last))
-
-    def dying(call):
-        def wrapped(*args, **more):
-            if next(done, None) is None:
-                raise Killed
-            return call(*args, **more)
-
-        return wrapped
-
-    with monkeypatch.context() as patch:
-        for name in ("rename", "replace", "unlink", "rmdir", "mkdir", "fsync"):
-            patch.setattr(os, name, dying(getattr(os, name)))
-        try:
-            function()
-        except Killed:
-            return True
-    return False
 
 
 @pytest.mark.parametrize("left", [None, 40])

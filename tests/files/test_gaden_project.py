@@ -32,13 +32,8 @@ CONFIG = {
     "cell_size": CELL,
     "uniformWind": False,
 }
-OLD = {
-    "source_x": -0.2,
-    "source_y": 3.5,
-    "source_z": 0.5,
-    "gas_type": 0,
-    "wind_sim_path": "1ms/wind_at_cell_centers",
-}
+OLD: dict[str, Any] = {"source_x": -0.2, "source_y": 3.5, "source_z": 0.5, "gas_type": 0}
+OLD["wind_sim_path"] = "1ms/wind_at_cell_centers"
 
 
 def cubes() -> np.ndarray:
@@ -64,12 +59,11 @@ def wind(folder: Path) -> None:
 def grid(path: Path) -> None:
     high, count = LOW + CELL * np.array(SHAPE), " ".join(map(str, SHAPE))
     head = f"#env_min(m) {LOW[0]} {LOW[1]} {LOW[2]}\n#env_max(m) {high[0]} {high[1]} {high[2]}\n"
-    layers = [
-        "\n".join(" ".join(map(str, row)) + " " for row in layer) for layer in cubes().transpose(2, 0, 1)
-    ]
-    path.write_text(
-        f"{head}#num_cells {count}\n#cell_size(m) {CELL}\n" + "".join(f"{one}\n;\n" for one in layers)
+    rows = "".join(
+        "".join(" ".join(map(str, row)) + " \n" for row in layer) + ";\n"
+        for layer in cubes().transpose(2, 0, 1)
     )
+    path.write_text(f"{head}#num_cells {count}\n#cell_size(m) {CELL}\n{rows}")
 
 
 def block(low: tuple[float, ...], high: tuple[float, ...]) -> np.ndarray:
@@ -111,17 +105,12 @@ def test_one_line_is_the_scenario_of_the_project(tmp_path):
     assert scenario.duration == pytest.approx(60.0)
     air: Any = scenario.wind
     gas: Any = scenario.gases[0][1]
-    assert (air.kind, air.interval, air.loop, set(air.walls)) == (
-        "imported",
-        2.0,
-        True,
-        {"y-", "y+", "z-", "z+"},
-    )
+    assert (air.kind, air.interval, air.loop) == ("imported", 2.0, True)
+    assert set(air.walls) == {"y-", "y+", "z-", "z+"}
     assert gas.species == "acetone"
-    source = gas.sources[0]
-    assert source.position == pytest.approx((0.8, 1.5, 0.3))
+    assert gas.sources[0].position == pytest.approx((0.8, 1.5, 0.3))
     moles = 20e-6 * 101325.0 / (8.314462618 * 298.0) * (2 * pi) ** 1.5 * 0.1**3
-    assert source.rate == pytest.approx(10 * moles * 58.08e-3)
+    assert gas.sources[0].rate == pytest.approx(10 * moles * 58.08e-3)
     assert (gas.release_rate, gas.initial_size, gas.growth.rate) == pytest.approx((10.0, 0.1, 12e-4))
     # GADEN 3 moves a filament by a normal number of 10 * 0.02 m/s times 0.1 s in each 0.1 s
     assert gas.fluctuation**2 * gas.fluctuation_time == pytest.approx(0.5 * (10 * 0.02 * 0.1) ** 2 / 0.1)
@@ -162,12 +151,8 @@ def test_it_runs_and_the_scenario_s_own_keys_come_first(tmp_path):
     )
     scenario, _ = load(path)
     gas: Any = scenario.gases[0][1]
-    assert (scenario.seed, scenario.duration, gas.release_rate, gas.initial_size) == (
-        4,
-        3.0,
-        40.0,
-        pytest.approx(0.1),
-    )
+    assert (scenario.seed, scenario.duration, gas.release_rate) == (4, 3.0, 40.0)
+    assert gas.initial_size == pytest.approx(0.1)
     sim = assemble(scenario, tmp_path)
     sim.run()
     budget = sim.gas.gases[0].budget()
@@ -191,9 +176,7 @@ def test_the_form_of_version_2(tmp_path):
     assert gas.species == "ethanol"
     assert gas.fluctuation**2 * gas.fluctuation_time == pytest.approx(0.5 * 0.02**2 / 0.1)
     path.write_text("gaden: scenarios/room\n")
-    with pytest.raises(
-        ScenarioError, match=r"holds several simulations; name one of simulations/sim1\.yaml, sim"
-    ):
+    with pytest.raises(ScenarioError, match=r"several simulations; .* simulations/sim1\.yaml, sim"):
         load(path)
 
 
@@ -256,56 +239,47 @@ def test_inside_of_a_closed_body():
     assert len(gaden_models._bodies(np.concatenate([triangles, triangles + 20.0]))) == 2
 
 
+HUGE = 10**400
+
+
+def source(**keys: Any) -> dict[str, Any]:
+    return {"source": SIM["source"] | keys}
+
+
 @pytest.mark.parametrize(
-    ("sim", "config", "told"),
+    ("sim", "config", "fault"),
     [
-        (
-            {"source": {"position": [0, 3], "gasType": 0}},
-            {},
-            r"its source must be at three numbers, got \[0, 3\]",
-        ),
-        ({"source": {"position": [0, 3, "a"], "gasType": 0}}, {}, "its source must be at three numbers"),
-        ({"source": SIM["source"] | {"gasType": 20}}, {}, "gasType: got 20, must be a number from 0 to 13"),
-        (
-            {"source": SIM["source"] | {"gasType": 13}},
-            {},
-            "its gas is smoke, which has no molar mass of its own here",
-        ),
-        ({"deltaTime": 10**400}, {}, "deltaTime: got 1000"),
-        (
-            {"source": SIM["source"] | {"position": [10**400, 0, 0]}},
-            {},
-            "its source must be at three numbers",
-        ),
-        ({"source": SIM["source"] | {"sourceType": "sphere", "radius": 10**400}}, {}, "radius: got 1000"),
-        ({"source": SIM["source"] | {"gasType": 10**400}}, {}, "gasType: got 1000"),
-        (
-            {"windLooping": 10**400, "expectedNumIterations": float("inf")},
-            {},
-            "expectedNumIterations: got inf",
-        ),
+        (source(position=[0, 3]), {}, r"its source must be at three numbers, got \[0, 3\]"),
+        (source(position=[0, 3, "a"]), {}, "its source must be at three numbers"),
+        (source(position=[HUGE, 0, 0]), {}, "its source must be at three numbers"),
         ({"source": 5, "sourcePosition": None}, {}, "its source must be at three numbers"),
+        (source(gasType=20), {}, "gasType: got 20, must be a number from 0 to 13"),
+        (source(gasType=HUGE), {}, "gasType: got 1000"),
+        (source(gasType=13), {}, "its gas is smoke, which has no molar mass"),
+        (source(sourceType="sphere", radius=HUGE), {}, "radius: got 1000"),
+        ({"deltaTime": HUGE}, {}, "deltaTime: got 1000"),
         ({"deltaTime": "fast"}, {}, "deltaTime: got 'fast', must be a number of 0 or more"),
+        ({"windLooping": HUGE, "expectedNumIterations": float("inf")}, {}, "expectedNumIterations: got inf"),
         ({"filamentInitialSigma": 0}, {}, "its filaments need a size, a rate and a time step above 0"),
         ({}, {"unprocessed_wind_files": "none"}, r"its wind none_0\.csv does not exist"),
         ({}, {"unprocessed_wind_files": 5}, "names no wind files"),
-        ({}, {"models": 5, "outlets_models": "a", "cell_size": "x"}, "cell_size: got 'x'"),
         ({}, {"unprocessed_wind_files": "a" * 5000}, r"_0\.csv cannot be read"),
-        ({}, {"uniformWind": True}, "its wind is uniform"),
         ({}, {"unprocessed_wind_files": "../../../../../outside/wind"}, "does not exist|lies outside"),
+        ({}, {"models": 5, "outlets_models": "a", "cell_size": "x"}, "cell_size: got 'x'"),
+        ({}, {"uniformWind": True}, "its wind is uniform"),
     ],
 )
-def test_faults_are_told_in_a_line(tmp_path, sim, config, told):
+def test_faults_are_told_in_a_line(tmp_path, sim, config, fault):
     path = project(tmp_path, sim, config)
     if "models" in config:
         (tmp_path / "10x6_room/environment_configurations/config1/OccupancyGrid3D.csv").unlink()
-    with pytest.raises(ScenarioError, match=told) as caught:
+    with pytest.raises(ScenarioError, match=fault) as caught:
         load(path)
     assert all("room.yaml: " in line for line in caught.value.faults)
 
 
 @pytest.mark.parametrize(
-    ("line", "told"),
+    ("line", "fault"),
     [
         (f"gaden: {'a' * 5000}", "holds no simulation of GADEN's"),
         ("gaden: none", "gaden: .*none: holds no simulation of GADEN's"),
@@ -315,17 +289,16 @@ def test_faults_are_told_in_a_line(tmp_path, sim, config, told):
         ("gaden: room.yaml", "there is neither an OccupancyGrid3D|names no wind files"),
     ],
 )
-def test_what_is_no_project_is_told(tmp_path, line, told):
+def test_what_is_no_project_is_told(tmp_path, line, fault):
     path = tmp_path / "room.yaml"
     path.write_text(f"{line}\n")
-    with pytest.raises(ScenarioError, match=told):
+    with pytest.raises(ScenarioError, match=fault):
         load(path)
 
 
 def test_a_source_of_another_shape_and_a_later_loop_are_told(tmp_path):
     line = {"sourceType": "line", "position": [-0.2, 3.5, 0.5], "lineEnd": [0, 3.5, 0.5], "gasType": 1}
-    told = load(
-        project(tmp_path, {"source": line, "windLooping": {"loop": True, "from": 1, "to": 1}})
-    ).resources.remarks
-    assert any("a source of type line is released from a point" in one for one in told)
-    assert any("loops from a later file on" in one for one in told)
+    loop = {"loop": True, "from": 1, "to": 1}
+    remarks = "\n".join(load(project(tmp_path, {"source": line, "windLooping": loop})).resources.remarks)
+    assert "a source of type line is released from a point" in remarks
+    assert "loops from a later file on" in remarks

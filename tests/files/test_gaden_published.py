@@ -130,31 +130,29 @@ def wind(folder: Path) -> None:
     )  # fmt: skip
 
 
-def version_2(folder: Path, **keys: bool) -> Path:
-    """Lay out 10x6_empty_room; returns the scenario that names it."""
-    home = folder / "test_env/scenarios/10x6_empty_room"
+def laid_out(folder: Path, room: str, air: str, files: dict[str, str], **keys: bool) -> Path:
+    """Write a project; returns the scenario that names it."""
+    home = folder / f"test_env/scenarios/{room}"
     models(home / "cad_models", **keys)
-    wind(home / "wind_simulations/dynamic")
-    for name, text in {"params/preproc_params.yaml": PREPROCESSING, "simulations/sim1.yaml": SIM_2}.items():
-        (home / name).parent.mkdir(exist_ok=True)
+    wind(home / f"wind_simulations/{air}")
+    for name, text in files.items():
+        (home / name).parent.mkdir(parents=True, exist_ok=True)
         (home / name).write_text(text)
     path = folder / "room.yaml"
-    path.write_text("gaden: test_env/scenarios/10x6_empty_room\nduration: 0.5\n")
+    path.write_text(f"gaden: test_env/scenarios/{room}\nduration: 0.5\n")
     return path
+
+
+def version_2(folder: Path, **keys: bool) -> Path:
+    files = {"params/preproc_params.yaml": PREPROCESSING, "simulations/sim1.yaml": SIM_2}
+    return laid_out(folder, "10x6_empty_room", "dynamic", files, **keys)
 
 
 def version_3(folder: Path, **keys: bool) -> Path:
-    """Lay out 10x6_central_obstacle; returns the scenario that names it."""
-    home = folder / "test_env/scenarios/10x6_central_obstacle"
-    models(home / "cad_models", **keys)
-    wind(home / "wind_simulations/1ms")
-    (home / "environment_configurations/config1/simulations/sim1").mkdir(parents=True)
-    (home / "environment_configurations/config1/config.yaml").write_text(CONFIG)
-    (home / "environment_configurations/config1/simulations/sim1/sim.yaml").write_text(SIM_3)
-    (home / "gaden.gproj").write_text("versionMajor: 3\nversionMinor: 0\n")
-    path = folder / "room.yaml"
-    path.write_text("gaden: test_env/scenarios/10x6_central_obstacle\nduration: 0.5\n")
-    return path
+    config = "environment_configurations/config1"
+    files = {f"{config}/config.yaml": CONFIG, f"{config}/simulations/sim1/sim.yaml": SIM_3}
+    files["gaden.gproj"] = "versionMajor: 3\nversionMinor: 0\n"
+    return laid_out(folder, "10x6_central_obstacle", "1ms", files, **keys)
 
 
 @pytest.mark.parametrize("keys", [{}, {"sheets": True}, {"sealed": True}])
@@ -166,14 +164,12 @@ def test_the_air_is_that_of_the_room(tmp_path, keys):
     room = np.concatenate(centres)
     room = room[(room[:, 0] > 0) & (room[:, 0] < 10)]
     assert len(room) == 100 * 60 * 26 - 10 * 10 * 20
-    np.testing.assert_allclose(
-        [room.min(axis=0), room.max(axis=0)], [[0.05] * 3, [9.95, 5.95, 2.55]], atol=1e-6
-    )
-    doors = centres[1][np.abs(centres[1][:, 0] - 5) > 4.8]
-    assert len(doors) == len(centres[1])
-    np.testing.assert_allclose(
-        [doors.min(axis=0)[1:], doors.max(axis=0)[1:]], [[2.05, 0.05], [3.95, 1.95]], atol=1e-6
-    )
+    ends = [room.min(axis=0), room.max(axis=0)]
+    np.testing.assert_allclose(ends, [[0.05] * 3, [9.95, 5.95, 2.55]], atol=1e-6)
+    doors = centres[1]
+    assert (np.abs(doors[:, 0] - 5) > 4.8).all()
+    ends = [doors.min(axis=0)[1:], doors.max(axis=0)[1:]]
+    np.testing.assert_allclose(ends, [[2.05, 0.05], [3.95, 1.95]], atol=1e-6)
 
 
 @pytest.mark.parametrize("made", [version_2, version_3])
@@ -188,12 +184,12 @@ def test_one_line_loads_a_published_project(tmp_path, made):
 @pytest.mark.usefixtures("taichi")
 @pytest.mark.slow
 @pytest.mark.parametrize("made", [version_2, version_3])
-def test_one_line_runs_a_published_project(tmp_path, made, capsys):
+def test_one_line_runs_a_published_project(tmp_path, made):
     path = made(tmp_path)
-    options = ["--out", str(tmp_path / "out"), "--quiet", "--no-recording", "--no-report"]
-    assert run.main([str(path), *options]) == 0
-    again = ["--out", str(tmp_path / "again"), "--quiet", "--no-recording", "--no-report", "--allow-outside"]
-    assert run.main([str(tmp_path / "out/scenario.yaml"), *again]) == 0
+    options = ["--quiet", "--no-recording", "--no-report", "--out"]
+    assert run.main([str(path), *options, str(tmp_path / "out")]) == 0
+    again = [str(tmp_path / "out/scenario.yaml"), "--allow-outside"]
+    assert run.main([*again, *options, str(tmp_path / "again")]) == 0
 
 
 @pytest.mark.parametrize(
@@ -228,15 +224,11 @@ def test_a_missing_file_is_named_in_a_line(tmp_path, made, name, told):
 def test_names_by_packages_of_ros(tmp_path, name):
     version_2(tmp_path)
     file = tmp_path / "test_env/scenarios/10x6_empty_room/params/preproc_params.yaml"
-    file.write_text(
-        PREPROCESSING.replace("$(var pkg_dir)/scenarios/$(var scenario)/cad_models/10x6_walls.stl", name)
-    )
-    assert (gaden.read(file).cubes == 2).any()
-    old = PREPROCESSING.replace("models:\n      - ", "model_0: ", 1).replace(
-        "model_0: ", f'model_0: "{name}" # ', 1
-    )
-    file.write_text(old)
-    assert (gaden.read(file).cubes == 2).any()
+    walls = "$(var pkg_dir)/scenarios/$(var scenario)/cad_models/10x6_walls.stl"
+    old = PREPROCESSING.replace("models:\n      - ", f'model_0: "{name}" # ', 1)
+    for text in (PREPROCESSING.replace(walls, name), old):
+        file.write_text(text)
+        assert (gaden.read(file).cubes == 2).any()
 
 
 @pytest.mark.parametrize(
@@ -265,15 +257,16 @@ def test_faults_of_a_listing_are_told_in_a_line(tmp_path, old, new, told):
     assert len(caught.value.faults) == 1
 
 
-def test_of_several_winds_one_has_to_be_named(tmp_path):
+def test_a_grid_of_gaden_comes_first_and_of_several_winds_one_has_to_be_named(tmp_path):
     path = version_2(tmp_path)
     home = tmp_path / "test_env/scenarios/10x6_empty_room"
     (home / "simulations/sim1.yaml").write_text(SIM_2.replace("wind_sim_path", "#"))
     assert "dynamic" in load(path).scenario.wind.files
     wind(home / "wind_simulations/1ms")
-    with pytest.raises(
-        ScenarioError, match=r"wind_sim_path: is missing.*1ms/wind_at_cell_centers, dynamic/wind"
-    ):
+    with pytest.raises(ScenarioError, match=r"wind_sim_path: is missing.*1ms/wind.*, dynamic/wind"):
+        load(path)
+    (home / "OccupancyGrid3D.csv").write_text("#env_min(m) 0 0 0\n")
+    with pytest.raises(ScenarioError, match=r"OccupancyGrid3D\.csv"):
         load(path)
 
 
@@ -284,14 +277,6 @@ def test_a_simulation_at_the_root_of_a_path(monkeypatch):
     monkeypatch.setattr(gaden_project.os.path, "isfile", lambda path: True)
     for name in ("/sim.yaml", "/sim1.yaml", "/a/sim.yaml", "/a/sim1.yaml"):
         assert gaden_project._found(Path(name)).home == Path("/")
-
-
-def test_a_grid_that_gaden_made_comes_first(tmp_path):
-    path = version_2(tmp_path)
-    home = tmp_path / "test_env/scenarios/10x6_empty_room"
-    (home / "OccupancyGrid3D.csv").write_text("#env_min(m) 0 0 0\n")
-    with pytest.raises(ScenarioError, match=r"OccupancyGrid3D\.csv"):
-        load(path)
 
 
 @pytest.mark.slow

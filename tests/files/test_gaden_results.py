@@ -91,9 +91,8 @@ def test_a_flat_film_is_a_layer(tmp_path):
     data = film((5, 4), seed=3)
     written(tmp_path, data)
     assert gaden.read(tmp_path / "OccupancyGrid3D.csv").cubes.shape == (5, 4, 1)
-    vectors = np.frombuffer((tmp_path / "wind/wind_iteration_0").read_bytes(), "<f4", offset=8).reshape(
-        4, 5, 3
-    )
+    content = (tmp_path / "wind/wind_iteration_0").read_bytes()
+    vectors = np.frombuffer(content, "<f4", offset=8).reshape(4, 5, 3)
     np.testing.assert_array_equal(vectors[..., 1], data["v"].values[0])
     assert (vectors[..., 2] == 0.0).all()
 

@@ -11,6 +11,7 @@ import fake_run
 import numpy as np
 import pytest
 import xarray
+from refusals import cut, gone, refused, replaced
 
 from taichi_plume.files import maps_file, zarr_groups
 from taichi_plume.files.run_folder import RunFolderError
@@ -72,26 +73,12 @@ def test_it_holds_what_the_maps_say(ended):
     assert sum(part["trials"] for part in held[0].attrs["groups"]) == held[0].sizes["trial"]
 
 
-def test_axes_are_found(ended):
+def test_it_is_read_as_it_was_written_and_axes_are_found(ended):
     import cf_xarray  # noqa: F401
 
-    one = xarray.open_zarr(ended[2], group="0")
-    assert (one.cf["X"].name, one.cf["Y"].name) == ("x", "y")
-
-
-def test_it_is_read_as_it_was_written(ended):
     for n, one in enumerate(maps_file.read(ended[2])):
         assert one.identical(xarray.open_zarr(ended[2], group=str(n)))
-
-
-def cut(file: Path) -> None:
-    file.write_bytes(file.read_bytes()[:-7])
-
-
-def another_version(path: Path) -> None:
-    about = json.loads((path / "zarr.json").read_text())
-    about["attributes"]["format"] = "taichi_plume maps 0"
-    (path / "zarr.json").write_text(json.dumps(about))
+        assert (one.cf["X"].name, one.cf["Y"].name) == ("x", "y")
 
 
 def linked(path: Path) -> None:
@@ -104,31 +91,24 @@ def linked(path: Path) -> None:
     ("damage", "fault"),
     [
         (shutil.rmtree, "does not exist"),
-        (lambda path: cut(path / "zarr.json"), "is damaged"),
-        (lambda path: (path / "zarr.json").unlink(), "is damaged"),
-        (another_version, "was made by another version"),
-        (
-            lambda path: cut(path / "0" / "estimate" / "c" / "0" / "0" / "0"),
-            "is damaged: Stored and computed",
-        ),
-        (lambda path: (path / "0" / "truth" / "c" / "0" / "0" / "0").unlink(), "truth has 0 of 1 chunks"),
-        (lambda path: shutil.rmtree(path / "1"), "is damaged"),
-        (lambda path: shutil.rmtree(path / "0" / "estimate"), "is damaged"),
-        (lambda path: cut(path / "1" / "x" / "zarr.json"), "is damaged"),
+        (cut("zarr.json"), "is damaged"),
+        (gone("zarr.json"), "is damaged"),
+        (replaced("zarr.json", "taichi_plume maps 1", "taichi_plume maps 0"), "was made by another version"),
+        (cut("0/estimate/c/0/0/0", 0.9), "is damaged: Stored and computed"),
+        (gone("0/truth/c/0/0/0"), "truth has 0 of 1 chunks"),
+        (gone("1"), "is damaged"),
+        (gone("0/estimate"), "is damaged"),
+        (cut("1/x/zarr.json"), "is damaged"),
         (linked, "which is no plain file"),
     ],
 )
 def test_damage_is_told_in_a_line(path, damage, fault):
     damage(path)
-    with pytest.raises(RunFolderError) as told:
+    with refused(RunFolderError, path, fault):
         maps_file.read(path)
-    assert str(told.value).startswith(f"{path}: ")
-    assert fault in str(told.value)
-    assert "\n" not in str(told.value)
     if path.exists():
-        with pytest.raises(RunFolderError) as shown:
+        with refused(RunFolderError, path, ""):
             maps_of(path.parent)
-        assert str(shown.value).partition(": ")[0] == str(path)
 
 
 def test_the_report_says_whose_of_rivals_maps_it_shows(path):

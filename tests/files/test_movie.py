@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 import zarr
+from refusals import refused
 
 from taichi_plume.files.film import FilmError
 from taichi_plume.files.movie import Movie
@@ -75,20 +76,13 @@ def test_other_names(tmp_path):
             movie(path, **keys)
 
 
-def faulty(value: float) -> np.ndarray:
-    """A movie whose third frame is at fault."""
+@pytest.mark.parametrize(("value", "said"), [(np.nan, "not all"), (np.inf, "not all"), (-1, "holds -1")])
+def test_frames_that_are_no_concentrations(tmp_path, value, said):
     values = PICTURES.astype("f4")
     values[2, 1, 1] = value
-    return values
-
-
-@pytest.mark.parametrize(
-    ("value", "said"), [(np.nan, "no.*numbers"), (np.inf, "no.*numbers"), (-1, "holds -1")]
-)
-def test_frames_that_are_no_concentrations(tmp_path, value, said):
-    one = movie(npy_of(tmp_path / "m.npy", faulty(value)), frame_rate=1, pixel=1)
+    one = movie(npy_of(tmp_path / "m.npy", values), frame_rate=1, pixel=1)
     one.frame(1)
-    with pytest.raises(FilmError, match=f"frame 2: .*{said}" if value == -1 else "frame 2: not all"):
+    with pytest.raises(FilmError, match=f"frame 2: {said}"):
         one.frame(2)
 
 
@@ -113,16 +107,13 @@ def test_files_that_are_no_movies(tmp_path):
     cases.append((tmp_path / "text.npy", given, "is no movie"))
     (tmp_path / "folder").mkdir()
     cases.append((tmp_path / "folder", given, "neither an array nor a group"))
-    for make in (npy_of, hdf5_of):
-        whole = make(tmp_path / f"whole_{make.__name__}.npy", PICTURES)
-        cut = tmp_path / f"cut_{make.__name__}"
-        cut.write_bytes(whole.read_bytes()[:-40])
-        cases.append((cut, given, "cannot be read"))
+    for make, name in ((npy_of, "cut.npy"), (hdf5_of, "cut.h5")):
+        path = make(tmp_path / name, PICTURES)
+        path.write_bytes(path.read_bytes()[:-40])
+        cases.append((path, given, "cannot be read"))
     for path, keys, said in cases:
-        with pytest.raises(FilmError, match=said) as caught:
+        with refused(FilmError, path, said):
             movie(path, **keys)
-        assert "\n" not in str(caught.value)
-        assert str(caught.value).startswith(str(path))
 
 
 def test_nothing_is_executed_and_no_other_file_read(tmp_path):

@@ -47,9 +47,7 @@ def test_an_endless_loop_is_ended(tmp_path: Path, quick: Any) -> None:
 
 
 def test_loading_ends_too(tmp_path: Path, quick: Any) -> None:
-    with pytest.raises(
-        NetworkError, match=r"x\.onnx: takes more than 0 s of computing time, only to be loaded"
-    ):
+    with pytest.raises(NetworkError, match=r"x\.onnx: takes more than 0 s .*, only to be loaded"):
         Network.read(hostile.save(hostile.nested_functions(), tmp_path / "x.onnx"))
 
 
@@ -60,9 +58,7 @@ def test_memory_is_limited(tmp_path: Path, made: Any) -> None:
 
 
 @pytest.mark.parametrize("location", ["w.bin", "../w.bin", "{}/w.bin", "none.bin"])
-def test_weights_in_other_files_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, location: str
-) -> None:
+def test_weights_in_other_files_are_refused(tmp_path, monkeypatch, location):
     """They would be looked for in the working folder, and be in no manifest."""
     (tmp_path / "below").mkdir()
     for folder in (tmp_path, tmp_path / "below"):

@@ -11,8 +11,9 @@ from foam_case import Cell, Writer, box, decomposed, prism
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import load_scenario
-from taichi_plume.files import openfoam
+from taichi_plume.files import openfoam, openfoam_file
 from taichi_plume.files.openfoam import is_case, is_time, read, times
+from taichi_plume.files.openfoam_file import open_foam
 from taichi_plume.files.wind_points import WindFileError
 
 KINDS = [{}, {"binary": True}, {"packed": True}, {"binary": True, "packed": True}]
@@ -21,16 +22,21 @@ SHEAR = np.array([[2.0, 0.4, 0.1], [0.0, 1.5, 0.3], [0.0, 0.0, 1.0]])
 
 def graded(x: np.ndarray) -> np.ndarray:
     """Cells that widen along each axis."""
-    return np.stack([2.0 * x[..., 0] ** 2, 1.2 * x[..., 1] ** 1.5, 0.8 * x[..., 2] ** 3], axis=-1) - [
-        5.0,
-        1.0,
-        0.0,
-    ]
+    wide = np.stack([2.0 * x[..., 0] ** 2, 1.2 * x[..., 1] ** 1.5, 0.8 * x[..., 2] ** 3], axis=-1)
+    return wide - [5.0, 1.0, 0.0]
 
 
 def sheared(x: np.ndarray) -> np.ndarray:
     """Parallelepipeds: hexahedra of skewed faces, whose centres are the means of their corners."""
     return x @ SHEAR.T
+
+
+def small_case(folder: Path, n: tuple[int, ...] = (4, 3, 2), **keys: bool) -> None:
+    """A case of a graded mesh with a time of 1 s."""
+    points, cells = box(n, graded)
+    writer = Writer(folder, **keys)
+    writer.mesh(points, cells)
+    writer.field("1", "U", speeds(means(points, cells)))
 
 
 def speeds(x: np.ndarray) -> np.ndarray:
@@ -151,10 +157,7 @@ def test_a_decomposed_case_is_all_of_its_parts(tmp_path, keys):
 
 @pytest.mark.parametrize("name", ["points", "points.gz"])
 def test_a_mesh_that_moves_is_refused(tmp_path, name):
-    points, cells = box((4, 3, 2), graded)
-    writer = Writer(tmp_path)
-    writer.mesh(points, cells)
-    writer.field("1", "U", speeds(means(points, cells)))
+    small_case(tmp_path)
     (tmp_path / "1/polyMesh").mkdir()
     (tmp_path / "1/polyMesh" / name).write_bytes(b"")
     with pytest.raises(WindFileError, match="its mesh moves"):
@@ -165,14 +168,9 @@ def test_a_mesh_that_moves_is_refused(tmp_path, name):
 def test_what_the_tests_make_is_a_case_for_another_reader(tmp_path, keys):
     import pyvista
 
-    points, cells = box((4, 3, 2), graded)
-    writer, x = Writer(tmp_path, **keys), means(points, cells)
-    writer.mesh(points, cells)
-    writer.field("1", "U", speeds(x))
-    (tmp_path / "system").mkdir()
-    Writer(tmp_path).write(
-        "system/controlDict", "dictionary", b"startTime 0; endTime 1; deltaT 1; writeInterval 1;"
-    )
+    small_case(tmp_path, **keys)
+    control = b"startTime 0; endTime 1; deltaT 1; writeInterval 1;"
+    Writer(tmp_path).write("system/controlDict", "dictionary", control)
     (tmp_path / "case.foam").touch()
     reader = pyvista.OpenFOAMReader(str(tmp_path / "case.foam"))
     reader.set_active_time_value(1.0)
@@ -201,10 +199,7 @@ def test_what_the_tests_make_is_a_case_for_another_reader(tmp_path, keys):
     ],
 )
 def test_faults_are_told_in_a_line(tmp_path, file, old, new, told):
-    points, cells = box((4, 3, 2), graded)
-    writer = Writer(tmp_path)
-    writer.mesh(points, cells)
-    writer.field("1", "U", speeds(means(points, cells)))
+    small_case(tmp_path)
     content = (tmp_path / file).read_bytes()
     assert old in content
     (tmp_path / file).write_bytes(content.replace(old, new, 1))
@@ -216,10 +211,8 @@ def test_faults_are_told_in_a_line(tmp_path, file, old, new, told):
 
 @pytest.mark.parametrize("keys", KINDS)
 def test_damaged_files_are_told_or_read(tmp_path, keys):
-    points, cells = box((3, 2, 2), graded)
-    writer, rng = Writer(tmp_path, **keys), np.random.default_rng(3)
-    writer.mesh(points, cells)
-    writer.field("1", "U", speeds(means(points, cells)))
+    small_case(tmp_path, (3, 2, 2), **keys)
+    rng = np.random.default_rng(3)
     names = [*(f"constant/polyMesh/{name}" for name in openfoam.PARTS), "1/U"]
     told = 0
     for name in names:
@@ -274,7 +267,7 @@ def test_small_files_take_little_time(tmp_path, content):
         file.write_bytes(packed)
         start = process_time()
         with pytest.raises(WindFileError):
-            openfoam._field(file, 3, 10)
+            open_foam(file).field(3, 10)
         assert process_time() - start < 2.0
 
 
@@ -284,12 +277,9 @@ def test_small_files_take_little_memory(tmp_path, content):
     (tmp_path / "U").write_bytes(BINARY + content + bytes(200))
     tracemalloc.start()
     try:
-        for read_it in (
-            lambda file: openfoam._field(file, 3, 10),
-            lambda file: openfoam._open(file).numbers(3),
-        ):
+        for read_it in (lambda file: file.field(3, 10), lambda file: file.numbers(3)):
             with pytest.raises(WindFileError):
-                read_it(tmp_path / "U")
+                read_it(open_foam(tmp_path / "U"))
         assert tracemalloc.get_traced_memory()[1] < 5_000_000
     finally:
         tracemalloc.stop()
@@ -299,16 +289,15 @@ def test_a_packed_file_may_not_unpack_without_end(tmp_path):
     content = TEXT + b"50000000(" + b"0 " * 50_000_000
     (tmp_path / "U.gz").write_bytes(gzip.compress(content, 1))
     with pytest.raises(WindFileError, match="MiB"):
-        openfoam._open(tmp_path / "U")
+        open_foam(tmp_path / "U")
 
 
 def test_comments_and_quotes_in_a_header(tmp_path):
     header = b'/* FoamFile { } */ FoamFile\n{ // note;\nformat ascii; note "a; b"; arch "LSB;label=32;scalar=64"; }\n'
-    (tmp_path / "U").write_bytes(
-        header + b"// * //\ninternalField /* here */ uniform (1 2 3); boundaryField { }"
-    )
-    np.testing.assert_array_equal(openfoam._field(tmp_path / "U", 3, 2), [[1, 2, 3], [1, 2, 3]])
-    assert openfoam._keys(b'note "a; b"; arch "LSB;label=32"; x; class vol')["arch"] == "LSB;label=32"
+    body = b"// * //\ninternalField /* here */ uniform (1 2 3); boundaryField { }"
+    (tmp_path / "U").write_bytes(header + body)
+    np.testing.assert_array_equal(open_foam(tmp_path / "U").field(3, 2), [[1, 2, 3], [1, 2, 3]])
+    assert openfoam_file._keys(b'note "a; b"; arch "LSB;label=32"; x; class vol')["arch"] == "LSB;label=32"
 
 
 ROOM = """
@@ -335,7 +324,5 @@ def test_a_case_of_one_layer_is_the_wind_of_a_2_d_run(tmp_path):
     u = sim.grid.read(sim.wind.u[0])[1:]
     expected = 0.2 + 0.1 * sim.grid.centers()[1:, :, 1]
     np.testing.assert_allclose(u, expected, atol=1e-5)
-    last = assemble(
-        load_scenario(tmp_path / "room.yaml", ["wind.files=case/2", "wind.start=0"]), Path(tmp_path)
-    )
+    last = assemble(load_scenario(tmp_path / "room.yaml", ["wind.files=case/2", "wind.start=0"]), tmp_path)
     np.testing.assert_allclose(last.grid.read(last.wind.u[0])[1:], 2 * expected, atol=1e-5)

@@ -2,6 +2,7 @@
 
 import errno
 import json
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -51,29 +52,36 @@ def wind_and_gas(sim: Simulation, place: np.ndarray) -> tuple[np.ndarray, np.nda
     return velocity_at(sim.wind, place, sim.t), ppm_at(sim.gas, place, sim.t)[:, 0]
 
 
+def changed(monkeypatch: pytest.MonkeyPatch, change: Callable[[Simulation], None]) -> None:
+    """Change each simulation that a command makes."""
+    live = assembly.build
+
+    def build(*arguments: Any, **more: Any) -> Simulation:
+        sim = live(*arguments, **more)
+        change(sim)
+        return sim
+
+    monkeypatch.setattr(assembly, "build", build)
+
+
 @pytest.mark.slow
 def test_a_run_is_played_back_to_the_printed_digits(tmp_path, monkeypatch):
     """The same wind and gas on the nodes, at the frames' times."""
     (tmp_path / "live.yaml").write_text(LIVE)
     (tmp_path / "play.yaml").write_text(PLAY)
     seen: dict[int, Any] = {}
-    live = assembly.build
 
-    def watched(*arguments: Any, **more: Any) -> Simulation:
-        sim = live(*arguments, **more)
+    def watch(sim: Simulation) -> None:
         grid = 0.08 * (np.stack(np.meshgrid(np.arange(15), np.arange(10), indexing="ij"), -1) + 0.5)
         flat = grid.reshape(-1, 2)
         place = flat[np.linalg.norm(flat - [0.5, 0.35], axis=1) > 0.1]
         sim.observers.append(
             Every(0.1, lambda s: seen.update({s.tick: (place, *wind_and_gas(s, place))}), warm_up=True)
         )
-        return sim
 
-    monkeypatch.setattr(assembly, "build", watched)
-    assert (
-        run.main([str(tmp_path / "live.yaml"), "--out", str(tmp_path / "run"), "--quiet", "--no-recording"])
-        == 0
-    )
+    changed(monkeypatch, watch)
+    command = [str(tmp_path / "live.yaml"), "--out", str(tmp_path / "run"), "--quiet", "--no-recording"]
+    assert run.main(command) == 0
     frames = read_log(tmp_path / "run" / "plume.pslog")
     assert (len(frames), frames.period, frames.cell) == (5, 0.5, 0.08)
     again = assemble(load_scenario(tmp_path / "play.yaml"), tmp_path)
@@ -127,16 +135,8 @@ def test_a_full_disk_is_told_and_the_frames_before_are_kept(tmp_path, monkeypatc
     usage = SimpleNamespace(free=10 * disk.RESERVE)
     monkeypatch.setattr(disk.shutil, "disk_usage", lambda _: usage)
     (tmp_path / "live.yaml").write_text(LIVE)
-    live = assembly.build
-
-    def filling(*arguments: Any, **more: Any) -> Simulation:
-        sim = live(*arguments, **more)
-        sim.observers.append(
-            Every(0.1, lambda s: setattr(usage, "free", disk.RESERVE - 1) if s.tick > 3 else None)
-        )
-        return sim
-
-    monkeypatch.setattr(assembly, "build", filling)
+    fill = Every(0.1, lambda s: setattr(usage, "free", disk.RESERVE - 1) if s.tick > 3 else None)
+    changed(monkeypatch, lambda sim: sim.observers.append(fill))
     out = tmp_path / "run"
     changes = [f"--set={change}" for change in plain("[0.3, 0]", "[0.3, 0.4]")]
     command = [str(tmp_path / "live.yaml"), *changes, "--out", str(out), "--quiet", "--no-recording"]

@@ -2,11 +2,13 @@
 
 import json
 import os
+from functools import partial
 from pathlib import Path
 
 import fake_run
 import pytest
 import yaml
+from refusals import cut_off
 
 from taichi_plume.files import run_folder
 from taichi_plume.files.run_folder import RunFolder, RunFolderError
@@ -69,18 +71,14 @@ def test_what_no_run_has_left_is_not_overwritten(tmp_path, files):
 
 
 @pytest.mark.parametrize("name", ["fields.zarr", "scenario.yaml", "../earlier"])
-def test_a_folder_that_holds_an_input_is_refused(earlier, name):
+def test_a_folder_that_holds_an_input_is_refused(earlier, tmp_path, name):
     file = earlier / name
     file.touch() if not file.exists() else None
-    with pytest.raises(RunFolderError, match="which this run reads; choose another --out"):
-        RunFolder("a", earlier, force=True, inputs=[Path("/somewhere/else"), file])
-    assert (earlier / "result.json").exists()
-
-
-def test_links_do_not_hide_an_input(earlier, tmp_path):
     (tmp_path / "link").symlink_to(earlier)
-    with pytest.raises(RunFolderError, match="which this run reads"):
-        RunFolder("a", tmp_path / "link", force=True, inputs=[earlier / "fields.zarr"])
+    for out in (earlier, tmp_path / "link"):
+        with pytest.raises(RunFolderError, match="which this run reads"):
+            RunFolder("a", out, force=True, inputs=[Path("/somewhere/else"), file])
+    assert (earlier / "result.json").exists()
 
 
 def test_two_runs_do_not_write_into_one_folder(tmp_path):
@@ -96,18 +94,13 @@ def test_two_runs_do_not_write_into_one_folder(tmp_path):
         pass
 
 
-def test_a_folder_that_is_no_run_cannot_be_gone_on_with(tmp_path):
+def test_folders_that_are_refused(tmp_path):
+    (tmp_path / "file").write_text("")
     with pytest.raises(RunFolderError, match="is no folder"):
         RunFolder.again(tmp_path / "nowhere")
-    with pytest.raises(RunFolderError, match="is not the folder of a run"):
-        RunFolder.again(tmp_path)
-
-
-def test_folder_that_cannot_be_made(tmp_path):
-    (tmp_path / "file").write_text("")
     with pytest.raises(RunFolderError, match="cannot be made"):
         RunFolder("a", tmp_path / "file" / "run")
-    with pytest.raises(RunFolderError, match="file: is a file; --out takes a folder"):
+    with pytest.raises(RunFolderError, match="file: is a file"):
         RunFolder("a", tmp_path / "file", force=True)
 
 
@@ -134,17 +127,8 @@ def test_input_files_are_all_that_a_scenario_reads(tmp_path):
     data["task"] = {"films": ["one.zarr", "two.zarr"]}
     scenario = Scenario.model_validate(data)
     found = input_paths(scenario, tmp_path / "a.yaml", {})
-    names = [
-        "a.yaml",
-        "box.stl",
-        "cells.csv",
-        "one.zarr",
-        "two.zarr",
-        "wind_0.csv",
-        "wind_1.csv",
-        "wind_2.csv",
-    ]
-    assert sorted(file.name for file in found) == names
+    names = "a.yaml box.stl cells.csv one.zarr two.zarr wind_0.csv wind_1.csv wind_2.csv"
+    assert sorted(file.name for file in found) == names.split()
     told = yaml.safe_load(run_folder.to_yaml(scenario, tmp_path, tmp_path / "run"))
     assert told["task"]["films"] == ["../one.zarr", "../two.zarr"]
     assert told["obstacles"][0]["file"] == "../box.stl"
@@ -155,10 +139,6 @@ def test_null_is_written_where_it_is_not_what_a_missing_key_means():
     data |= {"maps": [{"kind": "gmrf", "memory": None}], "checkpoint": None}
     scenario = Scenario.model_validate(data)
     assert Scenario.model_validate(yaml.safe_load(run_folder.to_yaml(scenario))) == scenario
-
-
-class Killed(BaseException):
-    """The process ends: nothing is tidied up."""
 
 
 def contents(folder: Path) -> dict[str, str]:
@@ -192,15 +172,7 @@ def test_a_replacement_that_is_killed_anywhere_leaves_one_whole_run(tmp_path, mo
         for name, text in {**old, "notes.txt": "mine"}.items():
             (path / name).write_text(text)
         folder = RunFolder("a", path, force=True)
-        with monkeypatch.context() as patch:
-            done = iter(range(last))
-            for name in ("rename", "unlink", "rmdir", "mkdir"):
-                patch.setattr(os, name, dying(getattr(os, name), done))
-            try:
-                replace(folder)
-                killed = False
-            except Killed:
-                killed = True
+        killed = cut_off(monkeypatch, last, partial(replace, folder))
         folder.close()
         with RunFolder.again(path) if opened == "to go on" else RunFolder("a", path, force=True):
             left.append(contents(path))
@@ -210,17 +182,6 @@ def test_a_replacement_that_is_killed_anywhere_leaves_one_whole_run(tmp_path, mo
     whole = [{**old, "notes.txt": "mine"}, {**new, "notes.txt": "mine", "robots.parts": ""}]
     assert all(content in whole for content in left)
     assert [left[0], left[-1]] == [whole[0], whole[not fails]]
-
-
-def dying(call, done):
-    """A function of `os` that does not come back once `done` is used up."""
-
-    def wrapped(*args, **more):
-        if next(done, None) is None:
-            raise Killed
-        return call(*args, **more)
-
-    return wrapped
 
 
 def test_a_folder_goes_only_while_nobody_else_is_in_it(tmp_path, monkeypatch):
@@ -236,24 +197,9 @@ def test_a_folder_goes_only_while_nobody_else_is_in_it(tmp_path, monkeypatch):
     assert (tmp_path / "out" / "result.json").read_text() == RESULT
 
 
-def linked(path: Path, target: Path, how: str) -> None:
-    """Put a link to a file, or to a folder, in the place of what is there."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.unlink(missing_ok=True)
-    path.symlink_to(target) if how == "link" else path.hardlink_to(target)
-
-
 @pytest.mark.parametrize("how", ["link", "hard link"])
 @pytest.mark.parametrize(
-    "name",
-    [
-        "forces.csv",
-        "result.json",
-        "robots.parts/first.new",
-        "checkpoint.npz",
-        "fields.zarr/zarr.json",
-        ".lock",
-    ],
+    "name", ["forces.csv", "result.json", "robots.parts/first.new", "fields.zarr/zarr.json", ".lock"]
 )
 def test_a_folder_whose_files_are_links_is_refused(tmp_path, name, how):
     """To be completed, resumed or replaced: the links' targets would be cut, or their content overwritten."""
@@ -262,7 +208,9 @@ def test_a_folder_whose_files_are_links_is_refused(tmp_path, name, how):
     (folder / "result.json").write_text(RESULT)
     (folder / "scenario.yaml").write_text(run_folder.HEADER)
     target.write_text(RESULT)
-    linked(folder / name, target, how)
+    (folder / name).parent.mkdir(exist_ok=True)
+    (folder / name).unlink(missing_ok=True)
+    (folder / name).symlink_to(target) if how == "link" else (folder / name).hardlink_to(target)
     before = {file: file.lstat().st_ino for file in folder.rglob("*")}
     for use in (
         RunFolder.again,

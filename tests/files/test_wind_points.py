@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from refusals import refused
 
 from taichi_plume.files import gaden as occupancy
 from taichi_plume.files.wind_points import WindFileError, find, read
@@ -76,15 +77,8 @@ LINES = GOOD.splitlines()
 def test_faults_name_file_and_line(tmp_path, text, fault):
     path = tmp_path / "wind.csv"
     path.write_text(text)
-    with pytest.raises(WindFileError, match=f"wind.csv: {fault}") as raised:
+    with refused(WindFileError, path, f"wind.csv: {fault}"):
         read(path)
-    assert "\n" not in str(raised.value)
-
-
-def test_binary_files_are_no_text(tmp_path):
-    (tmp_path / "wind.csv").write_bytes(b"\x00\xff\xfe\x80" * 9)
-    with pytest.raises(WindFileError, match=r"wind\.csv: line 1: is not plain text"):
-        read(tmp_path / "wind.csv")
 
 
 def test_numbered_and_timed_files(tmp_path):

@@ -1,9 +1,9 @@
 """Stored Zarr groups may come from anyone: nothing in them is executed, and what they claim is bounded."""
 
-import ast
 import gzip
 import json
 import pickle
+import re
 import tracemalloc
 import zlib
 from pathlib import Path
@@ -14,6 +14,7 @@ import numcodecs.pickles
 import numpy as np
 import pytest
 import zarr
+from refusals import refused
 
 import taichi_plume
 from taichi_plume.files import air_film, maps_file, new_film
@@ -95,9 +96,8 @@ def read_by(kind: str, path: Path) -> None:
 
         readers["bank"] = (bank.read,)
     for read in readers[kind]:
-        with pytest.raises(ValueError, match=str(path)) as caught:
+        with refused(ValueError, path, ""):
             read(path)
-        assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("kind", FORMATS)
@@ -196,16 +196,9 @@ def test_a_film_that_claims_more_times_than_it_has_ends_with_those_there_are(tmp
 
 def test_only_the_gate_opens_groups():
     package = Path(taichi_plume.__file__).parent
-    for file in package.rglob("*.py"):
-        text = file.read_text()
-        if "zarr." not in text:
-            continue
-        calls = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)]
-        names = {ast.unparse(call.func) for call in calls}
-        found = {
-            name for name in names if name.startswith(("zarr.open", "zarr.load", "zarr.Group", "zarr.Array"))
-        }
-        assert not found or file.name == "zarr_groups.py", file
+    opening = re.compile(r"\bzarr\.(open|load|Group|Array)\w*\(")
+    found = {file.name for file in package.rglob("*.py") if opening.search(file.read_text())}
+    assert found == {"zarr_groups.py"}
 
 
 def test_a_run_of_others(tmp_path):
@@ -240,17 +233,14 @@ def bomb(path: Path, kind: str, size: int) -> None:
     }[codec]()
     if kind.startswith("2"):
         group = zarr.open_group(path, mode="w", zarr_format=2)
-        array = group.create_array("concentration", shape=(1, 8, 8), chunks=(1, 8, 8), dtype="f4")
+        group.create_array("concentration", shape=(1, 8, 8), chunks=(1, 8, 8), dtype="f4")
         about = path / "concentration/.zarray"
         told = json.loads(about.read_text()) | {"compressor": {"id": codec}}
         about.write_text(json.dumps(told))
         (path / "concentration/0.0.0").write_bytes(packed)
         return
     group = zarr.open_group(path, mode="w", zarr_format=3)
-    array = group.create_array(
-        "concentration", shape=(1, 8, 8), chunks=(1, 8, 8), dtype="f4", compressors=None
-    )
-    array[...] = 1.0
+    group.create_array("concentration", data=np.ones((1, 8, 8), "f4"), chunks=(1, 8, 8), compressors=None)
     codecs = [ENDIAN, {"name": codec, "configuration": SETTINGS[codec]}]
     if kind.startswith("shard"):
         codecs = [{"name": "sharding_indexed", "configuration": SHARDS | {"codecs": codecs}}]

@@ -7,7 +7,7 @@ import pytest
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.files import ros_messages as ros
-from taichi_plume.files.ros_shapes import points_of
+from taichi_plume.files.ros_messages import points_of
 from taichi_plume.grid.fields import ppm_at
 from taichi_plume.running.signals import Ears
 from taichi_plume.scenario.loading import scenario_from
@@ -228,7 +228,7 @@ def test_what_is_told_of_each_robot(served):
 
 def test_what_nobody_wants_is_not_made(served, monkeypatch):
     unwanted = ("map", "plume/ethanol", "tf")
-    for what in ("topics.ros_shapes.grid", "topics.ros_shapes.cloud", "topics._transforms"):
+    for what in ("topics.ros.grid", "topics.ros.cloud", "topics._transforms"):
         monkeypatch.setattr(f"taichi_plume.serve.{what}", lambda *_: pytest.fail("is made"))
     robots, _ = served(Robots.drive, unwanted=unwanted, warm=False)
     assert not {topic for topic, _ in robots.messages} & set(unwanted)

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from taichi_plume import load_scenario
-from taichi_plume.files.fluent import read_fluent
-from taichi_plume.files.point_frames import PointFrames
+from taichi_plume.files.point_frames import PointFrames, read_fluent
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.validation import dapso_cases
 from taichi_plume.validation.plumesim_cases import LAMINAR, PLUME, arena, export, in_airs
