@@ -17,7 +17,7 @@ from taichi_plume.agents.columns import Columns, Rows
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.files.bag_ways import Way
-from taichi_plume.scenario.replay import Replay
+from taichi_plume.scenario.external import Replay
 
 WAITING, REPLAYED, ENDED = range(3)
 SUMS = ("n", "a", "b", "aa", "bb", "ab", "apart")  # of recorded readings a and simulated b

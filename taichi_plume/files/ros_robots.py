@@ -11,8 +11,7 @@ from math import atan2, hypot, pi, radians
 from typing import Any
 
 from taichi_plume.files import ros_messages as ros
-from taichi_plume.scenario.detectors import PidSensor, TdlasSensor
-from taichi_plume.scenario.gas_sensors import GasSensor
+from taichi_plume.scenario.gas_sensors import GasSensor, PidSensor, TdlasSensor
 from taichi_plume.scenario.metal_oxides import MoxSensor
 from taichi_plume.scenario.sensors import Sensors
 

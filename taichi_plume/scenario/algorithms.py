@@ -4,14 +4,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
-from taichi_plume.scenario.belief_algorithms import Infotaxis, SpaceAwareInfotaxis
-from taichi_plume.scenario.external import External
-from taichi_plume.scenario.filter_algorithms import HitMap, ParticleFilter
+from taichi_plume.scenario.belief_algorithms import HitMap, Infotaxis, ParticleFilter, SpaceAwareInfotaxis
+from taichi_plume.scenario.external import External, Replay
 from taichi_plume.scenario.listening import AnyAlgorithm, EColi, Spiral
 from taichi_plume.scenario.plume_tracking import Casting, Casting3D, SurgeCast, SurgeSpiral
 from taichi_plume.scenario.policy import Policy
 from taichi_plume.scenario.quantities import number
-from taichi_plume.scenario.replay import Replay
 from taichi_plume.scenario.team_algorithms import Dapso, LeastKnown, LineUp, Sweep
 from taichi_plume.scenario.vocabulary import (
     INPUT_FILE,

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 from pydantic import model_validator
 
-from taichi_plume.scenario.context import Context
-from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.domain import Context, Domain
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import Color, Delay, Model, Temperature, Time, Velocities, Velocity
 from taichi_plume.scenario.windows import LEAST_OPEN, MOSTLY_OPEN, Region

@@ -1,26 +1,30 @@
-"""Algorithms that keep a map of how probable a source is in each place, and say where it is."""
+"""Search algorithms with a belief (posterior probability) of the source: infotaxis, particle filter, hit map."""
 
 from collections.abc import Iterator
-from math import sqrt
+from math import ceil, sqrt
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
 from taichi_plume.scenario.listening import AnyAlgorithm, Listening
-from taichi_plume.scenario.quantities import fault, ill_sized
+from taichi_plume.scenario.plume_tracking import Casting
+from taichi_plume.scenario.quantities import fault, ill_sized, number
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
+    Distance,
     Duration,
     EddyDiffusivity,
+    Fraction,
     Frequency,
     Length,
+    SomeFraction,
     SomePpm,
     Speed,
     Wait,
 )
 
 if TYPE_CHECKING:
-    from taichi_plume.scenario.arena import Arena
+    from taichi_plume.scenario.domain import Arena
     from taichi_plume.scenario.robots import Group
 
 MOST_BELIEFS = 250_000  # cells of a map of beliefs: a step of a robot looks at all of them five times
@@ -135,3 +139,128 @@ class SpaceAwareInfotaxis(AnyInfotaxis):
     """Infotaxis that also wants to be near the source (Loisy & Eloy 2022). See agents/space_aware_infotaxis.py."""
 
     kind: Literal["space_aware_infotaxis"]  # type: ignore[assignment]
+
+
+MOST_RELEASES = 10_000  # of a particle filter: every particle looks at all of them
+MOST_CELLS = 250_000  # of what a particle filter's beliefs are told in
+MOST_PLACES = 2_500  # cells of a hit map, which keeps the way from each of them to each
+
+
+class ParticleFilter(Casting, Declares):
+    """Casts along the plume while a particle filter follows the gas back along the measured wind (after Li et al.
+    2011). See agents/particle_filter.py.
+    """
+
+    kind: Literal["particle_filter"]  # type: ignore[assignment]
+    particles: Annotated[int, Field(ge=10, le=100_000)] = 500
+    """Number of particles of each robot. More tell the source's place more smoothly, and take longer."""
+    period: Annotated[Wait, COMPILED] = 1.0
+    """Time between two updates of the particles; the wind of each is averaged over it."""
+    memory: Annotated[Wait, COMPILED] = 60.0
+    """How long the measured wind is kept: for so long gas is followed back. As long as it takes from the source."""
+    patch: Length = 0.1
+    """Radius of a patch of gas when it is released: standard deviation of its distribution."""
+    notice: Length = 0.3
+    """Distance from the middle of a patch at which a robot still notices it. More makes the model's plume denser."""
+    diffusivity: Annotated[EddyDiffusivity, Field(ge=1e-9)] = 0.01
+    """How fast the place of a patch grows uncertain: variance per axis over twice the time. About the variance of the
+    wind's speed times the time for which a gust lasts."""
+    detection: SomeFraction = 0.3
+    """Chance of a detection at an update in the midst of patches. Whiffs come in bouts: a low one keeps misses in a
+    row, which are not independent, from ruling out the truth."""
+    false_alarm: Fraction = 0.01
+    """Chance that an update counts as a detection without gas of the source. With it, one misleading whiff does not
+    rule out the truth."""
+    roughening: Fraction = 0.2
+    """Scatter of resampled particles, over their extent and times the square root of their number."""
+    estimates: Annotated[int, Field(ge=2, le=1000)] = 20
+    """The filter has converged when so many estimates in a row, one at each update, lie together."""
+    converged: Length = 0.3
+    """Largest scatter (root mean square) of these estimates, and of the particles, for the robot to go there."""
+    avoidance: Length = 0.1
+    """Air that it keeps to walls and others on the way to the estimate."""
+    cell: Annotated[Length, COMPILED] = 0.1
+    """Edge of the cells in which its beliefs are told; the particles themselves know none."""
+
+    @property
+    def releases(self) -> int:
+        """Periods for which the wind is kept."""
+        return max(1, ceil(self.memory / self.period - 1e-9))
+
+    def unfit(self, where: str, floor: "Arena") -> str | None:
+        return ill_sized(f"{where}.algorithm.cell", self.cell, floor.size, MOST_CELLS)
+
+    def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
+        """Of the particles (twice while they are resampled), the wind, the estimates and the beliefs of every robot."""
+        each = 20.0 * self.particles + 20.0 * (self.releases + 1) + 8.0 * self.estimates
+        told = 2 * 4.0 * floor.size[0] * floor.size[1] / self.cell**2
+        return group.count * group.trials * (each + told)
+
+    @model_validator(mode="after")
+    def _short(self) -> "ParticleFilter":
+        if self.releases > MOST_RELEASES:
+            raise fault(
+                "memory = {memory} s is more than {most} periods of {period} s; lower it, or raise period",
+                {"memory": f"{self.memory:g}", "period": f"{self.period:g}", "most": f"{MOST_RELEASES}"},
+            )
+        return self
+
+
+class HitMap(Listening, Declares):
+    """Measures where it expects to learn most, on a map of the floor with obstacles (after Ojeda et al. 2021).
+
+    See agents/hit_map.py.
+    """
+
+    searches: ClassVar[bool] = True
+    kind: Literal["hit_map"]
+    acquisition: Wait = 3.0
+    threshold_ppm: SomePpm = 5.0
+    """Mean reading of an acquisition that counts as a hit."""
+    cell: Annotated[Length, COMPILED] = 0.2
+    """Edge of the map's cells. Smaller ones tell more finely, and take longer."""
+    calm: Speed = 0.05
+    """Mean wind below which its direction tells nothing, and only the distance counts."""
+    spread_deg: number(1, 180, "deg") = 35.0
+    """Standard deviation of the angle between upwind and the way to the source, where there is gas. Plumes are as wide
+    as the wind's direction scatters, 10 to 20°; as much again is for air that obstacles turn aside on the way."""
+    fading: Length = 5.0
+    """Way along the wind over which the chance of a hit falls by a factor of e."""
+    near: Length = 0.3
+    """Standard deviation of the way to the source, where there is gas in calm air."""
+    hit: SomeFraction = 0.8
+    """Chance of a hit straight downwind of the source, and near it."""
+    false_alarm: Annotated[float, Field(ge=1e-4, lt=0.5)] = 0.05
+    """Chance of a hit anywhere else."""
+    range: Length = 2.0
+    """Longest way to the next place to measure at."""
+    converged: Length = 0.3
+    """Spread of the belief, see declare_spread, at which the next place to measure at is the expected one of the
+    source."""
+    avoidance: Distance = 0.1
+    """Air that it keeps to walls and others."""
+
+    @property
+    def threshold(self) -> float:
+        return self.threshold_ppm
+
+    @property
+    def least_spread(self) -> float:
+        return self.cell / sqrt(6.0)
+
+    def unfit(self, where: str, floor: "Arena") -> str | None:
+        return ill_sized(f"{where}.algorithm.cell", self.cell, floor.size, MOST_PLACES)
+
+    def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
+        """Of the beliefs of every robot, and of the ways between all cells, of gas and of robots."""
+        cells = floor.size[0] * floor.size[1] / self.cell**2
+        return 4.0 * group.count * group.trials * cells + 2 * 6.0 * cells**2
+
+    @model_validator(mode="after")
+    def _telling(self) -> "HitMap":
+        if self.hit <= self.false_alarm:
+            raise fault(
+                "hit = {hit} must be above false_alarm = {false_alarm}",
+                {"hit": f"{self.hit:g}", "false_alarm": f"{self.false_alarm:g}"},
+            )
+        return self

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from taichi_plume.scenario import unlikely
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.size import too_large
 from taichi_plume.scenario.vocabulary import Model, sections

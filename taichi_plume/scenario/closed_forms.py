@@ -7,9 +7,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from taichi_plume.scenario.context import Context
-from taichi_plume.scenario.domain import Domain
-from taichi_plume.scenario.located import Located
+from taichi_plume.scenario.domain import Context, Domain, Located
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.sources import OneGas
 from taichi_plume.scenario.vocabulary import (

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from math import ceil
 
-from taichi_plume.scenario.scales import with_unit
+from taichi_plume.scenario.quantities import with_unit
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.size import estimate
 from taichi_plume.scenario.species import AIR_VISCOSITY

@@ -1,9 +1,27 @@
-"""What gas sensors of all kinds have in a scenario."""
+"""Gas sensors: the dynamics (lag) and noise of all kinds; photo-ionisation detectors, lasers and ideal sensors."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
-from taichi_plume.scenario.vocabulary import COMPILED, Coordinate, Count, Delay, Distance, Model, Wait
+from pydantic import Field
+
+from taichi_plume.scenario.domain import Context
+from taichi_plume.scenario.quantities import number
+from taichi_plume.scenario.vocabulary import (
+    COMPILED,
+    Angle,
+    Coordinate,
+    Count,
+    Delay,
+    Distance,
+    Length,
+    Model,
+    Ppm,
+    SomeCoefficient,
+    TurnRate,
+    Wait,
+)
 
 
 @dataclass(frozen=True)
@@ -78,3 +96,157 @@ class GasSensor(Model):
             rise if self.rise_time is None else self.rise_time,
             decay if self.decay_time is None else self.decay_time,
         )
+
+
+PID_LAG = 0.5  # s: our choice
+# Makers of hand-held lasers for methane state 1 to 50,000 ppm m, 0.1 s and 30 m. Noise: our choice.
+TDLAS_LAG = 0.1 / 2.3026  # s, of which 0.1 s are the time to 90 %
+PpmMetres = number(0, 1e9, "ppm m")
+SomePpmMetres = number(1e-6, 1e12, "ppm m")
+Tilt = number(-90, 90, "deg")
+PanAngle = number(0, 360, "deg")
+ISOBUTYLENE = "isobutylene"
+# Concentration over that of isobutylene which gives a 10.6 eV lamp the same signal: RAE Systems, Technical Note TN-106.
+# What is in `UNSEEN` takes more than 10.6 eV to be ionised.
+PID_FACTORS = {
+    ISOBUTYLENE: 1.0,
+    "ethanol": 10.0,
+    "acetone": 1.1,
+    "1-propanol": 5.0,
+    "2-propanol": 6.0,
+    "ethyl_acetate": 4.6,
+    "hexane": 4.3,
+    "benzene": 0.53,
+    "toluene": 0.5,
+    "butane": 67.0,
+    "isobutane": 100.0,
+    "ethylene": 9.0,
+    "ammonia": 9.7,
+    "hydrogen_sulfide": 3.3,
+    "nitrogen_dioxide": 16.0,
+}
+UNSEEN = frozenset(
+    {
+        "methanol",
+        "methane",
+        "propane",
+        "hydrogen",
+        "carbon_monoxide",
+        "carbon_dioxide",
+        "sulfur_dioxide",
+        "chlorine",
+        "helium",
+        "neon",
+        "sulfur_hexafluoride",
+    }
+)
+
+
+class PidSensor(GasSensor):
+    """A photo-ionisation detector: linear, nearly without lag; its reading is in ppm of `calibrated_for`."""
+
+    kind: Literal["pid"]
+    noise_ppm: Ppm = 0.05
+    """Noise of a sample, as standard deviation."""
+    detection_limit_ppm: Ppm = 0.1
+    """Smallest concentration that it tells: below, the reading is zero."""
+    correction: dict[str, SomeCoefficient] = Field(default_factory=dict)
+    """Concentration of a species over that of isobutylene which gives the same signal, by the species' name. Unless
+    given, from the list of a maker, of a 10.6 eV lamp: ethanol 10, acetone 1.1."""
+    calibrated_for: str = ISOBUTYLENE
+    """Species that it reads rightly; others by the ratio of their corrections."""
+
+    @property
+    def signal(self) -> Signal:
+        """Of its reading [ppm]."""
+        return Signal(*self._lags(PID_LAG, PID_LAG), noise=self.noise_ppm)
+
+    def weight(self, species: str) -> float:
+        if species in UNSEEN and species not in self.correction:
+            return 0.0
+        return self.factors[self.calibrated_for] / self.factors.get(species, 1.0)
+
+    @property
+    def factors(self) -> dict[str, float]:
+        """Of all species that it knows."""
+        return PID_FACTORS | self.correction
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        if self.calibrated_for not in self.factors:
+            yield (
+                f"{where}.calibrated_for: there is no correction for '{self.calibrated_for}'; add one, or use "
+                f"{', '.join(self.factors)}"
+            )
+
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        for name in sorted({gas.vapour.name for _, gas in context.scenario.gases} - set(self.factors)):
+            if name in UNSEEN:
+                yield f"{where}.kind: a lamp of 10.6 eV does not ionise '{name}': it counts as clean air"
+            else:
+                yield f"{where}.correction: has no factor for '{name}', which is taken for {ISOBUTYLENE}"
+
+
+class TdlasSensor(GasSensor):
+    """A tunable diode laser absorption spectrometer: reads the integral of one gas along its beam, in ppm m.
+
+    The beam ends at the first surface: a wall of the domain, an obstacle, or what walks about. It passes robots.
+    """
+
+    kind: Literal["tdlas"]
+    species: Annotated[str, Field(min_length=1)] = "methane"
+    """Gas to whose absorption line the laser is tuned; it sees no other."""
+    gives: Literal["integral", "mean"] = "integral"
+    """What it reads. integral: along the beam, in ppm m; mean: that over the length of the beam, in ppm."""
+    range: Length = 30.0
+    """Longest beam: where nothing reflects it before, it counts as far as this."""
+    bearing_deg: Angle = 0.0
+    """Direction of the beam from the robot's heading, to the left."""
+    tilt_deg: Tilt = 0.0
+    """Angle of the beam over the horizontal; 3-D only."""
+    sweep_deg: PanAngle = 0.0
+    """Angle through which a pan unit sweeps the beam to and fro, half of it on each side of `bearing_deg`."""
+    sweep_rate_deg: TurnRate = 30.0
+    """How fast it does."""
+    step: Length | None = None
+    """Distance of the points along the beam at which the gas is taken. Unless given, an eighth of a cell, or less where
+    the gas has finer features."""
+    noise_ppm_m: PpmMetres = 1.0
+    """Noise of a sample, as standard deviation."""
+    detection_limit_ppm_m: PpmMetres = 1.0
+    """Smallest integral that it tells: below, the reading is zero."""
+    largest_ppm_m: SomePpmMetres = 50_000.0
+    """Largest integral that it tells; above, it reads this."""
+
+    law: ClassVar[Literal["mox", "linear", "line"]] = "line"
+
+    @property
+    def signal(self) -> Signal:
+        """Of its integral [ppm m]."""
+        return Signal(*self._lags(TDLAS_LAG, TDLAS_LAG), noise=self.noise_ppm_m)
+
+    def weight(self, species: str) -> float:
+        return float(species == self.species)
+
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        gases = sorted({gas.vapour.name for _, gas in context.scenario.gases})
+        if self.species not in gases:
+            there = f"the gas is {', '.join(gases)}" if gases else "there is no gas"
+            yield f"{where}.species: '{self.species}' is not in the air of this scenario, {there}: it reads nothing"
+
+
+class IdealGasSensor(GasSensor):
+    """Reads the true concentration of all species together, with an optional lag and noise."""
+
+    kind: Literal["ideal"]
+    noise_ppm: Ppm = 0.0
+    """Noise of a sample, as standard deviation."""
+
+    detection_limit_ppm: ClassVar[float] = 0.0
+
+    @property
+    def signal(self) -> Signal:
+        """Of its reading [ppm]."""
+        return Signal(*self._lags(0.0, 0.0), noise=self.noise_ppm)
+
+    def weight(self, species: str) -> float:
+        return 1.0

@@ -6,7 +6,6 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from taichi_plume.scenario.borders import GasSurfaces, Inflow, inflow_faults
 from taichi_plume.scenario.closed_forms import (
     ContinuousGas,
     GaussianPlumeGas,
@@ -15,14 +14,14 @@ from taichi_plume.scenario.closed_forms import (
     PlumeSource,
     Release,
 )
-from taichi_plume.scenario.context import Context
-from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.domain import Context, Domain
 from taichi_plume.scenario.initial import InitialGas
 from taichi_plume.scenario.movie import MovieGas
 from taichi_plume.scenario.played import Playback
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.scenario.sources import AnySpecies, OneGas, Source, dishes
 from taichi_plume.scenario.species import Species
+from taichi_plume.scenario.surfaces import GasSurfaces, Inflow, inflow_faults
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
     Convection,

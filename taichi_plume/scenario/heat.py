@@ -6,9 +6,8 @@ from typing import Annotated, ClassVar
 
 from pydantic import model_validator
 
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Context, Located
 from taichi_plume.scenario.initial import InitialHeat
-from taichi_plume.scenario.located import Located
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.surfaces import Number, obstacle_faults, wall_faults
 from taichi_plume.scenario.vocabulary import (

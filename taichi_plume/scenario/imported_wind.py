@@ -8,7 +8,7 @@ import numpy as np
 import psutil
 
 from taichi_plume.scenario.any_wind import AnyWind
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.played import Played
 from taichi_plume.scenario.vocabulary import (
     COMPILED,

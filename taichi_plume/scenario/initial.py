@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.formulas import AXES, FormulaError, evaluate, formula
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.species import Species

@@ -14,7 +14,7 @@ from taichi_plume.scenario.changes import changed, path_of, shown, steps_of, yam
 from taichi_plume.scenario.facts import Facts, facts, own_kind
 from taichi_plume.scenario.keys import homes, kinds_at, sections_at
 from taichi_plume.scenario.metal_oxides import MOX_MODELS
-from taichi_plume.scenario.scales import units_like
+from taichi_plume.scenario.quantities import units_like
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.suggestions import advice, hint, meant_key, nearest
 from taichi_plume.scenario.vocabulary import Model

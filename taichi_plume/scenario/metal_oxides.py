@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.gas_sensors import GasSensor, Signal
 from taichi_plume.scenario.quantities import number, quantity
 from taichi_plume.scenario.vocabulary import (

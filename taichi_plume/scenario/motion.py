@@ -9,8 +9,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from taichi_plume.grid.shapes import Shape
-from taichi_plume.scenario.context import span
-from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.domain import Domain, span
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import Coordinate, Model, Time
 

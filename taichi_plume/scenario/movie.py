@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.played import Played
 from taichi_plume.scenario.sources import OneGas, Target
 from taichi_plume.scenario.vocabulary import COMPILED, FileName, Frequency, FullScale, Length, Point2

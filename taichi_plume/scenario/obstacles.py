@@ -9,8 +9,7 @@ from pydantic import Field
 
 from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.missed import SAMPLES, missed
-from taichi_plume.scenario.context import Context, span
-from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.domain import Context, Domain, span
 from taichi_plume.scenario.motion import Motion
 from taichi_plume.scenario.vocabulary import (
     COMPILED,

@@ -9,8 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from taichi_plume.scenario.any_opening import AnyOpening, FaceOpening, Scheduled, SpeedAt, VelocityAt, Vent
-from taichi_plume.scenario.context import Context
-from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.domain import Context, Domain
 from taichi_plume.scenario.profiles import Profile
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (

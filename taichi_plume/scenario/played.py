@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 
 from taichi_plume.scenario.any_wind import AnyWind
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.vocabulary import FileName, Model, Point2, SomeCoefficient, Time
 
 if TYPE_CHECKING:

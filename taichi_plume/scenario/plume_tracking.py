@@ -19,7 +19,7 @@ from taichi_plume.scenario.vocabulary import (
 )
 
 if TYPE_CHECKING:
-    from taichi_plume.scenario.arena import Arena
+    from taichi_plume.scenario.domain import Arena
     from taichi_plume.scenario.robots import Group
 
 

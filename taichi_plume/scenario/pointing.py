@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichi_plume.scenario.arena import Arena
-from taichi_plume.scenario.located import Located
+from taichi_plume.scenario.domain import Arena, Located
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.starts import StartArea

@@ -10,8 +10,7 @@ from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import COMPILED, INPUT_FILE, Length, Wait
 
 if TYPE_CHECKING:
-    from taichi_plume.scenario.arena import Arena
-    from taichi_plume.scenario.context import Context
+    from taichi_plume.scenario.domain import Arena, Context
     from taichi_plume.scenario.robots import Group
 
 Entry = Literal[

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from taichi_plume.scenario.context import Context, span
+from taichi_plume.scenario.domain import Context, span
 from taichi_plume.scenario.vocabulary import PER_AXIS, Count, Duration, Model, Point, Time
 
 if TYPE_CHECKING:

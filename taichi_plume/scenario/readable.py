@@ -6,7 +6,7 @@ from typing import Any
 import yaml
 
 from taichi_plume.scenario.facts import quantity_unit
-from taichi_plume.scenario.scales import with_unit
+from taichi_plume.scenario.quantities import with_unit
 from taichi_plume.scenario.vocabulary import Model
 
 LONGEST = 108  # characters of a line, unless a single value is longer

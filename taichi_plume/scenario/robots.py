@@ -8,9 +8,8 @@ import numpy as np
 from pydantic import Field
 
 from taichi_plume.scenario.algorithms import Algorithm
-from taichi_plume.scenario.arena import Arena
 from taichi_plume.scenario.bodies import Body
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Arena, Context
 from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.sensors import Sensors
 from taichi_plume.scenario.starts import Start

@@ -11,9 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import ConfigDict, Field, field_validator
 
-from taichi_plume.scenario.arena import Arena
-from taichi_plume.scenario.context import Context
-from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.domain import Arena, Context, Domain
 from taichi_plume.scenario.gases import AnySource, Gas, PureGas
 from taichi_plume.scenario.heat import Buoyancy
 from taichi_plume.scenario.maps import Map

@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from taichi_plume.scenario.context import Context, span
+from taichi_plume.scenario.domain import Context, span
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import COMPILED, Coefficient, Color, Coordinate, Distance, Length
 from taichi_plume.scenario.windows import Window

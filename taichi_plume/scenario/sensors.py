@@ -9,8 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from taichi_plume.scenario.detectors import IdealGasSensor, PidSensor, TdlasSensor
-from taichi_plume.scenario.gas_sensors import GasSensor
+from taichi_plume.scenario.gas_sensors import GasSensor, IdealGasSensor, PidSensor, TdlasSensor
 from taichi_plume.scenario.metal_oxides import MoxSensor
 from taichi_plume.scenario.vocabulary import Delay, Distance, Model, Speed
 

@@ -6,9 +6,7 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import BeforeValidator, field_validator, model_validator
 
 from taichi_plume.scenario.changes import shown
-from taichi_plume.scenario.context import Context
-from taichi_plume.scenario.domain import Domain
-from taichi_plume.scenario.located import Located
+from taichi_plume.scenario.domain import Context, Domain, Located
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.species import PRESSURE, SPECIES, TEMPERATURE, Species, SpeciesName
 from taichi_plume.scenario.suggestions import hint

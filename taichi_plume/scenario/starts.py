@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from taichi_plume.grid.shapes import clearance_resolution
-from taichi_plume.scenario.context import Context, span
+from taichi_plume.scenario.domain import Context, span
 from taichi_plume.scenario.vocabulary import COMPILED, Angle, Distance, Model, Point2
 
 if TYPE_CHECKING:

@@ -1,11 +1,13 @@
-"""Walls and obstacles that a section names because they exchange something with the air: checks of their places."""
+"""Boundary conditions of gas and heat: walls, obstacles and openings that exchange them with the air."""
 
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Protocol
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Context
+from taichi_plume.scenario.quantities import fault
+from taichi_plume.scenario.vocabulary import Concentration, Model, SurfaceVelocity, Time
 from taichi_plume.scenario.windows import Region
 
 Number = Annotated[int, Field(ge=0, le=1_000_000)]
@@ -49,3 +51,99 @@ def obstacle_faults(where: str, obstacles: Sequence[Numbered], what: str, contex
             yield f"{path}: there is no obstacles[{obstacle.number}]; {allowed}"
         elif any(obstacle.number == other.number for other in obstacles[:n]):
             yield f"{path}: obstacles[{obstacle.number}] has a {what} already; remove one"
+
+
+class ConcentrationAt(Model):
+    """From `at` on, air comes in with `concentration`."""
+
+    at: Time
+    """When it begins. The robots start at 0, the warm-up is before."""
+    concentration: Concentration
+    """Gas in the air that comes in from then on."""
+
+
+class Inflow(Model):
+    """The gas of the air that comes in through an opening, whether it is blown in or drawn in."""
+
+    opening: Number
+    """Which opening: its place in `wind.openings`, counted from 0."""
+    concentration: Concentration
+    """Gas in the air that comes in through it."""
+    schedule: tuple[ConcentrationAt, ...] = ()
+    """Concentrations from given times on; before the first, `concentration` holds."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "Inflow":
+        times = [step.at for step in self.schedule]
+        if times != sorted(times):
+            raise fault("schedule must be ordered by 'at'")
+        return self
+
+    def at(self, t: float) -> float:
+        """Concentration [ppm] at time t [s]."""
+        return [self.concentration, *(step.concentration for step in self.schedule if step.at <= t)][-1]
+
+
+class GasSurface(Model):
+    """A surface that takes gas up, or at which the concentration is given."""
+
+    uptake: SurfaceVelocity | None = None
+    """How eagerly the surface takes gas up: its deposition velocity. Gas per area and time over the concentration at
+    the surface; it has to come through the film of air at the surface first."""
+    concentration: Concentration | None = None
+    """Concentration at the surface, whatever the air does; instead of `uptake`."""
+    transfer: SurfaceVelocity | None = None
+    """How fast gas comes through the film of air at the surface. Gas per area and time over the difference of
+    concentration; unless given, that of the law of the wall, or of diffusion across half a cell where the wind has no
+    model of eddies."""
+
+    @model_validator(mode="after")
+    def _one(self) -> "GasSurface":
+        if (self.uptake is None) == (self.concentration is None):
+            got = "neither" if self.uptake is None else "both"
+            raise fault("takes an uptake or a concentration, got {got}", {"got": got})
+        return self
+
+
+class GasWall(GasSurface, Region):
+    """A face of the domain, or a region of it; where an opening is, there is no wall."""
+
+
+class GasObstacle(GasSurface):
+    """An obstacle that exchanges gas with the air."""
+
+    number: Number
+    """Which obstacle: its place in `obstacles`, counted from 0."""
+
+
+class GasSurfaces(Model):
+    """Walls and obstacles that gas sticks to or comes from; those that are not named let none through."""
+
+    walls: tuple[GasWall, ...] = ()
+    """Faces of the room, or regions of them, that exchange gas with the air."""
+    obstacles: tuple[GasObstacle, ...] = ()
+    """Obstacles that exchange gas with the air."""
+
+    @model_validator(mode="after")
+    def _some(self) -> "GasSurfaces":
+        if not self.walls and not self.obstacles:
+            raise fault("names no walls and no obstacles")
+        return self
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        yield from wall_faults(f"{where}.walls", self.walls, context)
+        yield from obstacle_faults(f"{where}.obstacles", self.obstacles, "surface", context)
+
+
+def inflow_faults(where: str, inflow: tuple[Inflow, ...], context: Context) -> Iterator[str]:
+    """What is wrong with them: air has to go through the openings, and each be named once."""
+    openings = context.scenario.openings
+    for n, one in enumerate(inflow):
+        path = f"{where}[{n}].opening"
+        if one.opening >= len(openings):
+            allowed = f"use 0 to {len(openings) - 1}" if openings else "there are none"
+            yield f"{path}: there is no wind.openings[{one.opening}]; {allowed}"
+        elif not openings[one.opening].passes:
+            yield f"{path}: no air comes in through wind.openings[{one.opening}] ({openings[one.opening].label})"
+        elif any(one.opening == other.opening for other in inflow[:n]):
+            yield f"{path}: wind.openings[{one.opening}] has a concentration already; remove one"

@@ -10,7 +10,7 @@ from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.vocabulary import Duration, FileName, Model, Wait
 
 if TYPE_CHECKING:
-    from taichi_plume.scenario.context import Context
+    from taichi_plume.scenario.domain import Context
 
 Worth = number(-1e6, 1e6)
 

@@ -30,7 +30,7 @@ from taichi_plume.scenario.vocabulary import (
 )
 
 if TYPE_CHECKING:
-    from taichi_plume.scenario.arena import Arena
+    from taichi_plume.scenario.domain import Arena
     from taichi_plume.scenario.robots import Group
 
 MOST_PAIRS = 20_000_000  # of robots that remember each other's messages: half a gigabyte

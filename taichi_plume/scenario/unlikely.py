@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.gases import AnySource, PureGas
 from taichi_plume.scenario.listening import Listening
 from taichi_plume.scenario.plume_tracking import PlumeTracking

@@ -12,7 +12,7 @@ from taichi_plume.scenario.quantities import fault, number, quantity
 from taichi_plume.scenario.suggestions import meant_key
 
 if TYPE_CHECKING:
-    from taichi_plume.scenario.context import Context
+    from taichi_plume.scenario.domain import Context
 
 Mark = TypeVar("Mark")
 

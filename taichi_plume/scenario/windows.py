@@ -8,8 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from taichi_plume.grid.floor_plans import FloorPlan
-from taichi_plume.scenario.context import Context, span
-from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.domain import Context, Domain, span
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import COMPILED, PER_FACE, Coordinate, Face, Length, Model
 

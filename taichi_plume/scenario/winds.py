@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from taichi_plume.scenario.any_wind import GUST, AnyWind
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.eddies import Eddies, Smagorinsky
 from taichi_plume.scenario.heat import Buoyancy
 from taichi_plume.scenario.imported_wind import ImportedWind

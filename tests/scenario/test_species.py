@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from taichi_plume.assembly.prepare import load
-from taichi_plume.scenario.detectors import PID_FACTORS, UNSEEN, PidSensor
+from taichi_plume.scenario.gas_sensors import PID_FACTORS, UNSEEN, PidSensor
 from taichi_plume.scenario.loading import ScenarioError, read_scenario
 from taichi_plume.scenario.metal_oxides import INERT, MOX_MODELS, OXIDISING, MoxName, MoxSensor
 from taichi_plume.scenario.species import SPECIES, SpeciesName
