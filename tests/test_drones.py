@@ -316,7 +316,7 @@ def test_drones_neither_learn_nor_compete(path):
         ("odometry={}", r"odometry: a crazyflie has no wheels"),
         ("start.altitude=2.39", r"start.altitude: 2.39 m and body.height of 0.029 m reach above the ceiling"),
         ("wake=true", r"robots\[0\].wake: a wind of kind uniform is not disturbed"),
-        ("algorithm.highest=0.1", r"algorithm.lowest: 0.3 m is not below highest"),
+        ("algorithm.highest=0.1", r"algorithm.lowest: 0.3 m must be below highest"),
     ],
 )
 def test_what_drones_are_refused(path, key, told):

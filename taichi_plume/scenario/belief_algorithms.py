@@ -27,18 +27,18 @@ if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Arena
     from taichi_plume.scenario.robots import Group
 
-MOST_BELIEFS = 250_000  # cells of a map of beliefs: a step of a robot looks at all of them five times
+MOST_CELLS = 250_000  # of a belief map: a step of a robot looks at all of them five times
 
 
 class Declares(AnyAlgorithm):
-    """What algorithms share that believe in places of the source. See agents/beliefs.py."""
+    """Algorithms with a belief, the posterior of the source's position. See agents/beliefs.py."""
 
     believes: ClassVar[bool] = True
+    most_cells: ClassVar[int] = MOST_CELLS
     declare_spread: Length | None = 0.2
-    """Spread of its belief below which a robot says that the source is at the belief's mean. It is the root of the mean
-    square distance of the source from there, as it believes: where a belief is normal and right, 0.2 m puts 95 % of
-    these places within the usual reach, 0.35 m, of the source. null: it never says so; that is the default too where
-    a single cell is less sure."""
+    """Spread of the belief below which a robot declares the source at the belief's mean. It is the root mean square
+    distance from this mean: if the belief is normal and right, 0.2 m puts 95 % of the declared positions within the
+    usual reach, 0.35 m, of the source. null: the robot never declares; also the default if a single cell is wider."""
 
     @property
     def may_declare(self) -> bool:
@@ -46,17 +46,18 @@ class Declares(AnyAlgorithm):
 
     @property
     def least_spread(self) -> float:
-        """The least that its belief can have [m]."""
+        """Least possible spread of the belief [m]."""
         return 0.0
 
     @model_validator(mode="after")
-    def _sayable(self) -> Self:
-        """By default it says nothing where it is never sure, and a scenario with all defaults written out is the same
-        one again.
-        """
+    def _never_declares(self) -> Self:
+        """Set the default to null where the belief is never narrow enough; written out, the scenario is the same."""
         if "declare_spread" not in self.model_fields_set and not self._reaches(self.declare_spread):
-            object.__setattr__(self, "declare_spread", None)  # it is not asked for: not by setattr
+            object.__setattr__(self, "declare_spread", None)  # not among the keys that the user set
         return self
+
+    def unfit(self, where: str, floor: "Arena") -> str | None:
+        return ill_sized(f"{where}.algorithm.cell", vars(self)["cell"], floor.size, self.most_cells)
 
     def _reaches(self, spread: float | None) -> bool:
         return spread is None or spread > self.least_spread
@@ -67,14 +68,14 @@ class Declares(AnyAlgorithm):
             spread = type(self).model_fields["declare_spread"].default
         if not self._reaches(spread):
             yield (
-                f"{where}.algorithm.declare_spread: {spread:g} m is never reached, as a single cell has a "
-                f"spread of {self.least_spread:.3g} m; raise it, or lower cell"
+                f"{where}.algorithm.declare_spread: {spread:g} m is never reached, as a single cell has a spread of "
+                f"{self.least_spread:.3g} m; raise it, or lower cell"
             )
         yield from super().in_group(where, group, floor)
 
 
 class AnyInfotaxis(Listening, Declares):
-    """What the kinds of infotaxis share. See agents/infotaxis.py."""
+    """Infotaxis of all kinds. See agents/infotaxis.py."""
 
     searches: ClassVar[bool] = True
     kind: str
@@ -82,9 +83,9 @@ class AnyInfotaxis(Listening, Declares):
     threshold_ppm: SomePpm = 5.0
     """Mean reading of an acquisition that counts as a detection."""
     step: Length = 0.25
-    """Way driven after each acquisition, unless it stays."""
+    """Distance driven after each acquisition, unless the robot stays."""
     cell: Annotated[Length, COMPILED] = 0.1
-    """Edge of the cells of the robot's map of beliefs. Smaller ones take longer."""
+    """Edge of the cells of the belief map. Smaller ones take longer."""
     rate: Frequency = 1.0
     """Detections per second close to the source, in the model that the robot believes in."""
     diffusivity: Annotated[EddyDiffusivity, Field(ge=1e-9)] = 0.05
@@ -97,12 +98,8 @@ class AnyInfotaxis(Listening, Declares):
     """Size of what detects patches, in the model that the robot believes in; small beside the plume."""
 
     @property
-    def threshold(self) -> float:
-        return self.threshold_ppm
-
-    @property
     def reach(self) -> float:
-        """How far patches get across the wind: lambda [m]."""
+        """Length lambda that patches travel across the wind [m]."""
         D, V, tau = self.diffusivity, self.wind_speed, self.lifetime
         return sqrt(D * tau / (1.0 + V**2 * tau / (4.0 * D)))
 
@@ -110,17 +107,14 @@ class AnyInfotaxis(Listening, Declares):
     def least_spread(self) -> float:
         return self.cell / sqrt(6.0)
 
-    def unfit(self, where: str, floor: "Arena") -> str | None:
-        return ill_sized(f"{where}.algorithm.cell", self.cell, floor.size, MOST_BELIEFS)
-
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
-        """Of the beliefs of every robot, and of the chances of a detection on half cells around it."""
+        """Belief of every robot, and probabilities of a detection on half cells around it."""
         cells = floor.size[0] * floor.size[1] / self.cell**2
         chances = 16.0 * (floor.size[0] ** 2 + floor.size[1] ** 2) / self.cell**2
         return 4.0 * (group.count * group.trials * cells + chances)
 
     @model_validator(mode="after")
-    def _small(self) -> "AnyInfotaxis":
+    def _small_detector(self) -> "AnyInfotaxis":
         if self.size >= self.reach:
             raise fault(
                 "size = {size} m must be below lambda = {reach} m; lower it, or raise diffusivity",
@@ -130,20 +124,15 @@ class AnyInfotaxis(Listening, Declares):
 
 
 class Infotaxis(AnyInfotaxis):
-    """The way that is expected to tell most about the source (Vergassola et al. 2007). See agents/infotaxis.py."""
+    """Steps of the largest expected information about the source (Vergassola et al. 2007). See agents/infotaxis.py."""
 
     kind: Literal["infotaxis"]  # type: ignore[assignment]
 
 
 class SpaceAwareInfotaxis(AnyInfotaxis):
-    """Infotaxis that also wants to be near the source (Loisy & Eloy 2022). See agents/space_aware_infotaxis.py."""
+    """Infotaxis that also prefers to be near the source (Loisy & Eloy 2022). See agents/space_aware_infotaxis.py."""
 
     kind: Literal["space_aware_infotaxis"]  # type: ignore[assignment]
-
-
-MOST_RELEASES = 10_000  # of a particle filter: every particle looks at all of them
-MOST_CELLS = 250_000  # of what a particle filter's beliefs are told in
-MOST_PLACES = 2_500  # cells of a hit map, which keeps the way from each of them to each
 
 
 class ParticleFilter(Casting, Declares):
@@ -153,17 +142,17 @@ class ParticleFilter(Casting, Declares):
 
     kind: Literal["particle_filter"]  # type: ignore[assignment]
     particles: Annotated[int, Field(ge=10, le=100_000)] = 500
-    """Number of particles of each robot. More tell the source's place more smoothly, and take longer."""
+    """Number of particles of each robot. More make a smoother posterior, and take longer."""
     period: Annotated[Wait, COMPILED] = 1.0
     """Time between two updates of the particles; the wind of each is averaged over it."""
     memory: Annotated[Wait, COMPILED] = 60.0
-    """How long the measured wind is kept: for so long gas is followed back. As long as it takes from the source."""
+    """How long the measured wind is kept, so how long gas is followed back: as long as gas takes from the source."""
     patch: Length = 0.1
     """Radius of a patch of gas when it is released: standard deviation of its distribution."""
     notice: Length = 0.3
     """Distance from the middle of a patch at which a robot still notices it. More makes the model's plume denser."""
     diffusivity: Annotated[EddyDiffusivity, Field(ge=1e-9)] = 0.01
-    """How fast the place of a patch grows uncertain: variance per axis over twice the time. About the variance of the
+    """Growth of the uncertainty of a patch's position: variance per axis over twice the time. About the variance of the
     wind's speed times the time for which a gust lasts."""
     detection: SomeFraction = 0.3
     """Chance of a detection at an update in the midst of patches. Whiffs come in bouts: a low one keeps misses in a
@@ -178,30 +167,27 @@ class ParticleFilter(Casting, Declares):
     converged: Length = 0.3
     """Largest scatter (root mean square) of these estimates, and of the particles, for the robot to go there."""
     avoidance: Length = 0.1
-    """Air that it keeps to walls and others on the way to the estimate."""
+    """Distance kept to walls and other robots on the way to the estimate."""
     cell: Annotated[Length, COMPILED] = 0.1
-    """Edge of the cells in which its beliefs are told; the particles themselves know none."""
+    """Edge of the cells of the belief map that is written; the particles themselves have no cells."""
 
     @property
     def releases(self) -> int:
-        """Periods for which the wind is kept."""
+        """Number of periods for which the wind is kept."""
         return max(1, ceil(self.memory / self.period - 1e-9))
 
-    def unfit(self, where: str, floor: "Arena") -> str | None:
-        return ill_sized(f"{where}.algorithm.cell", self.cell, floor.size, MOST_CELLS)
-
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
-        """Of the particles (twice while they are resampled), the wind, the estimates and the beliefs of every robot."""
+        """Particles (twice during resampling), wind, estimates and belief of every robot."""
         each = 20.0 * self.particles + 20.0 * (self.releases + 1) + 8.0 * self.estimates
-        told = 2 * 4.0 * floor.size[0] * floor.size[1] / self.cell**2
-        return group.count * group.trials * (each + told)
+        belief = 2 * 4.0 * floor.size[0] * floor.size[1] / self.cell**2
+        return group.count * group.trials * (each + belief)
 
     @model_validator(mode="after")
-    def _short(self) -> "ParticleFilter":
-        if self.releases > MOST_RELEASES:
+    def _few_periods(self) -> "ParticleFilter":
+        if self.releases > 10_000:  # every particle looks at all of them
             raise fault(
-                "memory = {memory} s is more than {most} periods of {period} s; lower it, or raise period",
-                {"memory": f"{self.memory:g}", "period": f"{self.period:g}", "most": f"{MOST_RELEASES}"},
+                "memory = {memory} s is more than 10000 periods of {period} s; lower it, or raise period",
+                {"memory": f"{self.memory:g}", "period": f"{self.period:g}"},
             )
         return self
 
@@ -213,14 +199,15 @@ class HitMap(Listening, Declares):
     """
 
     searches: ClassVar[bool] = True
+    most_cells: ClassVar[int] = 2_500  # the map keeps the path from each cell to each
     kind: Literal["hit_map"]
     acquisition: Wait = 3.0
     threshold_ppm: SomePpm = 5.0
     """Mean reading of an acquisition that counts as a hit."""
     cell: Annotated[Length, COMPILED] = 0.2
-    """Edge of the map's cells. Smaller ones tell more finely, and take longer."""
+    """Edge of the map's cells. Smaller ones locate more finely, and take longer."""
     calm: Speed = 0.05
-    """Mean wind below which its direction tells nothing, and only the distance counts."""
+    """Mean wind speed below which its direction is ignored, and only the distance counts."""
     spread_deg: number(1, 180, "deg") = 35.0
     """Standard deviation of the angle between upwind and the way to the source, where there is gas. Plumes are as wide
     as the wind's direction scatters, 10 to 20°; as much again is for air that obstacles turn aside on the way."""
@@ -233,31 +220,24 @@ class HitMap(Listening, Declares):
     false_alarm: Annotated[float, Field(ge=1e-4, lt=0.5)] = 0.05
     """Chance of a hit anywhere else."""
     range: Length = 2.0
-    """Longest way to the next place to measure at."""
+    """Longest distance to the next place to measure at."""
     converged: Length = 0.3
     """Spread of the belief, see declare_spread, at which the next place to measure at is the expected one of the
     source."""
     avoidance: Distance = 0.1
-    """Air that it keeps to walls and others."""
-
-    @property
-    def threshold(self) -> float:
-        return self.threshold_ppm
+    """Distance kept to walls and other robots."""
 
     @property
     def least_spread(self) -> float:
         return self.cell / sqrt(6.0)
 
-    def unfit(self, where: str, floor: "Arena") -> str | None:
-        return ill_sized(f"{where}.algorithm.cell", self.cell, floor.size, MOST_PLACES)
-
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
-        """Of the beliefs of every robot, and of the ways between all cells, of gas and of robots."""
+        """Belief of every robot, and paths of gas and of robots between all cells."""
         cells = floor.size[0] * floor.size[1] / self.cell**2
         return 4.0 * group.count * group.trials * cells + 2 * 6.0 * cells**2
 
     @model_validator(mode="after")
-    def _telling(self) -> "HitMap":
+    def _hit_above_false_alarm(self) -> "HitMap":
         if self.hit <= self.false_alarm:
             raise fault(
                 "hit = {hit} must be above false_alarm = {false_alarm}",

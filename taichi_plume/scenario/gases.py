@@ -24,6 +24,7 @@ from taichi_plume.scenario.species import Species
 from taichi_plume.scenario.surfaces import GasSurfaces, Inflow, inflow_faults
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
+    SPATIAL,
     Convection,
     Count,
     Dissipation,
@@ -121,7 +122,7 @@ class PuffGas(OneGas):
     which then mix it."""
     convection: Convection = "koren"
     """Scheme that carries what was handed over to the grid, as of an eulerian gas."""
-    buoyancy: bool = False
+    buoyancy: Annotated[bool, SPATIAL] = False
     """Whether puffs of heavy gas sink; 3-D only."""
     cutoff: Annotated[float, Field(ge=2, le=5), COMPILED] = 3.5
     """Where a puff ends, in standard deviations from its middle. More is more exact and takes longer."""
@@ -136,11 +137,6 @@ class PuffGas(OneGas):
     @property
     def by_chance(self) -> bool:
         return True
-
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
-        if self.buoyancy and dim == 2:
-            yield f"{where}.buoyancy: is for 3-D runs; remove it, or give domain.size three numbers"
-        yield from super().misfits(where, dim)
 
     def bytes(self, dim: int) -> float:
         """Of the puffs: twice their places, velocities, sizes and masses, and what orders and sums them."""

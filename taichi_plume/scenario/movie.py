@@ -1,9 +1,9 @@
-"""A gas that is a movie of someone else: pictures of a plume from above, in a file."""
+"""Gas from a movie file: pictures of a plume from above, made by another program."""
 
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
-from taichi_plume.scenario.domain import Context
+from taichi_plume.scenario.domain import Context, span
 from taichi_plume.scenario.played import Played
 from taichi_plume.scenario.sources import OneGas, Target
 from taichi_plume.scenario.vocabulary import COMPILED, FileName, Frequency, FullScale, Length, Point2
@@ -12,8 +12,8 @@ from taichi_plume.scenario.vocabulary import COMPILED, FileName, Frequency, Full
 class MovieGas(OneGas, Played):
     """A plume in pictures, such as of plume-nav-sim, linear in time between them.
 
-    Pixels are squares; a cell takes the mean over what it covers of them, clean air beyond the picture. In 3-D it is
-    the same at every height. The wind is whatever the scenario says.
+    Pixels are squares. A cell takes the mean over its area; beyond the picture the air is clean. In 3-D the gas is the
+    same at every height. The wind is that of the scenario.
     """
 
     kind: Literal["movie"]
@@ -33,9 +33,9 @@ class MovieGas(OneGas, Played):
     rows: Literal["up", "down"] = "up"
     """Which way rows go: up, from the lowest y on, or down, from the highest on as in pictures."""
     ppm_per_unit: FullScale = 1.0
-    """How many ppm the number 1 stands for in the file."""
+    """Concentration in ppm of the value 1 in the file."""
     sources: tuple[Target, ...] = ()
-    """Places that robots search for, which no movie tells; they emit nothing, the plume is given."""
+    """Places that robots search for, as a movie has no sources; they emit nothing, the plume is given."""
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:
         movie, extent = context.resources.movies[where], context.domain.extent
@@ -43,14 +43,10 @@ class MovieGas(OneGas, Played):
         if not (x < extent[0] and y < extent[1] and x + width > 0 and y + height > 0):
             yield (
                 f"{where}: no pixel of {movie.path} is in the domain, {context.domain.box}; they are within "
-                f"x {x:.4g} to {x + width:.4g} m, y {y:.4g} to {y + height:.4g} m; give an origin"
+                f"{span('x', x, x + width)}, {span('y', y, y + height)}; give an origin"
             )
-        if self.start > movie.times[-1] and not self.loop:
-            yield (
-                f"{where}.start: {self.start:g} s is after the last frame of {movie.path}; it has 0 to "
-                f"{movie.times[-1]:g} s"
-            )
+        yield from self.too_late(where, movie.path, movie.times[-1])
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
         if not self.sources and context.scenario.robots:
-            yield f"{where}.sources: none, and a movie tells of none: no robot can find any; give their places"
+            yield f"{where}.sources: none, so robots cannot find any; give their positions"

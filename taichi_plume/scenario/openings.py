@@ -1,4 +1,4 @@
-"""Openings of a scenario: where air comes in and out, and the faces of the domain that are other than still walls."""
+"""Boundary conditions of the flow: inlets, outlets and fans, slip, moving and periodic walls."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -13,6 +13,8 @@ from taichi_plume.scenario.domain import Context, Domain
 from taichi_plume.scenario.profiles import Profile
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (
+    SPATIAL,
+    Axis,
     Coefficient,
     Color,
     Duration,
@@ -26,15 +28,15 @@ from taichi_plume.scenario.vocabulary import (
     Velocity,
 )
 
-CARRIED = 3  # cells: of eddies of shorter integral length convection on them leaves too little
+CARRIED = 3  # cells: convection damps eddies of a shorter integral length too much
 BLUE, YELLOW, GREEN, PURPLE = (79, 195, 247), (255, 213, 79), (129, 199, 132), (206, 147, 216)
 
 
 class Jet(Scheduled, Vent):
-    """What fans, inlets and honeycombs share: a prescribed speed that may follow a schedule."""
+    """Fans, inlets and honeycombs: a prescribed speed that may follow a schedule."""
 
     inward: ClassVar[bool] = True
-    """Whether it is commonly meant to blow air in."""
+    """Whether a negative speed is probably not meant."""
     speed: Velocity | None = None
     """Mean speed of the air into the room; negative draws air out. A honeycomb without it is an outlet."""
     turbulence_intensity: Fraction = 0.0
@@ -47,7 +49,7 @@ class Jet(Scheduled, Vent):
     """Speeds from given times on, for fans that are switched; before the first, `speed` holds."""
 
     @model_validator(mode="after")
-    def _begun(self) -> "Jet":
+    def _starts(self) -> "Jet":
         if self.schedule and self.speed is None:
             raise fault("schedule needs a speed to start with")
         return self
@@ -76,10 +78,8 @@ class Jet(Scheduled, Vent):
         yield from super().problems(where, context)
         most = max(context.domain.extent)
         if self.turbulence_length is not None and self.turbulence_length > most:
-            yield (
-                f"{where}.turbulence_length: {self.turbulence_length:g} m is more than the room is long; use at most "
-                f"{most:g} m"
-            )
+            length = self.turbulence_length
+            yield f"{where}.turbulence_length: {length:g} m is longer than the room; use at most {most:g} m"
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
         yield from super().remarks(where, context)
@@ -93,7 +93,7 @@ class Jet(Scheduled, Vent):
             yield f"{where}.speed: {self.speed:g} m/s draws air out of the room; a positive speed blows it in"
 
     def speed_at(self, t: float) -> float:
-        """Scheduled speed [m/s] at time t [s]: each change takes `ramp` seconds."""
+        """Return the scheduled speed [m/s] at time t [s]; each change takes `ramp` seconds."""
         speed = self.speed or 0.0
         for step in self.schedule:
             speed += self.share(step, t) * (step.speed - speed)
@@ -104,12 +104,12 @@ class Jet(Scheduled, Vent):
 
 
 class FanCurve(Model):
-    """What a fan can do against a pressure: dp = pressure (1 - (Q/flow)²)."""
+    """Characteristic curve of a fan: pressure rise dp = pressure (1 - (Q/flow)²) at a flow rate Q."""
 
     pressure: Pressure
-    """Pressure that the fan builds up when no air gets through, as its data sheet says."""
+    """Pressure rise of the fan at zero flow, from its data sheet."""
     flow: FlowRate
-    """Air that it moves against no pressure, as its data sheet says; in 2-D through the whole `depth` of the slab."""
+    """Flow rate at zero pressure rise, from its data sheet; in 2-D through the whole depth."""
     response: Duration = 0.2
     """Time in which the fan's speed follows the pressure; the inertia of the air adds to it."""
 
@@ -123,11 +123,11 @@ class Fan(Jet):
     color: ClassVar[Color] = BLUE
     inward: ClassVar[bool] = False
     kind: Literal["fan"]
-    swirl: Swirl = 0.0
+    swirl: Annotated[Swirl, SPATIAL] = 0.0
     """How much the jet turns: tangential over axial speed at the rim; 3-D only."""
     curve: FanCurve | None = None
-    """What the fan can do against a pressure. Its speed then follows the pressure behind it, and `speed` is what it
-    starts with, 0 unless given."""
+    """Characteristic curve of the fan. Its speed then follows the pressure behind it, and `speed` is the speed at the
+    start, 0 unless given."""
 
     @model_validator(mode="after")
     def _driven(self) -> "Fan":
@@ -148,14 +148,9 @@ class Fan(Jet):
         return self.curve is not None
 
     def top_speed(self, domain: Domain) -> float:
-        """With a curve, at most that against no pressure."""
+        """With a curve, the speed at zero pressure rise."""
         free = self.curve.flow / self.area(domain.extent, domain.depth) if self.curve else 0.0
         return max(free, super().top_speed(domain))
-
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
-        if dim == 2 and self.swirl != 0:
-            yield f"{where}.swirl: a 2-D run has no swirl; remove it, or give domain.size three numbers"
-        yield from super().misfits(where, dim)
 
 
 class Inlet(Jet):
@@ -222,7 +217,7 @@ class MovingWall(Scheduled, FaceOpening):
         return velocity
 
     def mean_velocity(self, begin: float, end: float) -> np.ndarray:
-        """Mean over times [m/s], per axis of the run; at one time, what it is then."""
+        """Return the mean velocity between two times [m/s], per axis of the run; at a single time, its value."""
         if not begin < end:
             return self._velocity_at(end)
         times = [begin, *sorted(time for time in self.knots if begin < time < end), end]
@@ -233,14 +228,13 @@ class MovingWall(Scheduled, FaceOpening):
         self, where: str, number: int, openings: "Sequence[Opening]", context: Context
     ) -> Iterator[str]:
         yield from super().clashes(where, number, openings, context)
-        told = [(f"{where}.velocity", self.velocity)]
-        told += [(f"{where}.schedule[{n}].velocity", step.velocity) for n, step in enumerate(self.schedule)]
-        for place, velocity in told:
+        given = [(f"{where}.velocity", self.velocity)]
+        given += [(f"{where}.schedule[{n}].velocity", step.velocity) for n, step in enumerate(self.schedule)]
+        for place, velocity in given:
             if velocity[self.axis] != 0:
                 yield (
-                    f"{place}: the wall {self.face} slides in its own plane: "
-                    f"the {'xyz'[self.axis]} component must be 0, got {velocity[self.axis]:g} m/s; "
-                    "to blow air use kind: inlet"
+                    f"{place}: the wall {self.face} slides in its own plane: the {'xyz'[self.axis]} component must be "
+                    f"0, got {velocity[self.axis]:g} m/s; to blow air use kind: inlet"
                 )
 
 
@@ -248,17 +242,12 @@ class Periodic(AnyOpening):
     """An endless room along an axis: what leaves through one face enters through the other."""
 
     kind: Literal["periodic"]
-    axis: Literal["x", "y", "z"]
+    axis: Axis
     """What leaves at one end of this axis enters at the other, as in an endless duct."""
 
     @property
     def wraps(self) -> str:
         return self.axis
-
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
-        if dim == 2 and self.axis == "z":
-            yield f"{where}.axis: 'z' does not exist in a 2-D run; use x or y"
-        yield from super().misfits(where, dim)
 
     def clashes(
         self, where: str, number: int, openings: "Sequence[Opening]", context: Context

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.plumesim import nodes
@@ -17,18 +17,10 @@ from taichi_plume.scenario.vocabulary import (
     SomePpm,
     Temperature,
     Time,
+    one_or_several,
 )
 
 CLOSE = 1e-6  # of a number: as good as whole
-Heights = Annotated[
-    tuple[Distance, ...],
-    Field(min_length=1, max_length=8),
-    BeforeValidator(
-        lambda value: value if isinstance(value, list | tuple) else (value,),
-        json_schema_input_type=Distance | list[Distance],
-    ),
-]
-"""One, or a list of several."""
 
 
 class Section(Model):
@@ -61,7 +53,7 @@ class Recording(Model):
     """Pictures of the wind, as arrows, per simulated second."""
     volume: bool = True
     """In 3-D, the plume as a volume besides the pictures on planes."""
-    slice_height: Heights | None = None
+    slice_height: one_or_several(Distance, 8) | None = None  # type: ignore[valid-type]
     """Height of the horizontal slice in 3-D, or a list of several. Unless given, those of the first source, of
     the gas sensors and of the first heater, as far as they are a cell apart."""
     section: Section | None = Section()

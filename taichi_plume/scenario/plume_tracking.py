@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 
 class PlumeTracking(AnyAlgorithm):
-    """What algorithms share that follow a plume upwind. See agents/tracking.py."""
+    """Algorithms that follow a plume upwind. See agents/tracking.py."""
 
     searches: ClassVar[bool] = True
     kind: str
     speed: Speed | None = None
-    """Speed at which they drive; unless given, the body's largest. With 0 they stand, and keep their heading too."""
+    """Speed at which they drive; unless given, the body's largest. With 0 they stand and keep their heading."""
     threshold_ppm: SomePpm = 5.0
     """Reading that means plume; it is left at 70 % of it. Set it above the sensor's noise and below what the plume
     has where they search."""
@@ -42,10 +42,6 @@ class PlumeTracking(AnyAlgorithm):
     off."""
     wind_memory: Delay = 1.0
     """Time constant of the average of the measured wind's direction. Longer ignores gusts."""
-
-    @property
-    def threshold(self) -> float:
-        return self.threshold_ppm
 
 
 class Casting(PlumeTracking):
@@ -68,7 +64,7 @@ class Casting3D(PlumeTracking):
     cast_rise: Length = 0.2
     """First cast upward or downward, when the plume is lost; later ones are twice, three times as far."""
     turns: Annotated[int, Field(ge=1, le=100), FREE] = 3
-    """How often it goes around the place where the plume was lost before the search starts anew."""
+    """How often it goes around the place where the plume was lost before the search starts again."""
     find_rise: Length = 0.4
     """Rise between crosswind sweeps, while no plume has been found."""
     lowest: Distance = 0.3
@@ -80,9 +76,7 @@ class Casting3D(PlumeTracking):
         if not group.body.flies:
             yield f"{where}.algorithm: casting_3d is for drones; give body.kind: drone, or use casting"
         if self.lowest >= self.highest:
-            yield (
-                f"{where}.algorithm.lowest: {self.lowest:g} m is not below highest = {self.highest:g} m; lower it"
-            )
+            yield f"{where}.algorithm.lowest: {self.lowest:g} m must be below highest = {self.highest:g} m"
 
 
 class SurgeCast(PlumeTracking):
@@ -101,4 +95,4 @@ class SurgeSpiral(PlumeTracking):
     gap: Length = 0.3
     """Distance between two turns of the spiral; less than a plume's width finds it."""
     turns: SomeCoefficient = 4.0
-    """Turns of a spiral before the search starts anew."""
+    """Turns of a spiral before the search starts again."""

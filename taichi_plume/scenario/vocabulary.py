@@ -1,4 +1,4 @@
-"""What every section of a scenario is made of: kinds of numbers with units, and the frozen model."""
+"""Base class of all sections of a scenario, and the types of its numbers with units and limits."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -18,29 +18,35 @@ Mark = TypeVar("Mark")
 
 
 class Compiled:
-    """Marks a number (as ``Annotated[Length, COMPILED]``) that shapes of fields, tables or kernels depend on.
+    """Mark of a number (as ``Annotated[Length, COMPILED]``) on which shapes of fields, tables or kernels depend.
 
-    Kinds, names, counts and lengths of lists do anyhow. All other numbers reach kernels when they run: a reset may
-    change them, see `Simulation.reset`.
+    They depend on kinds, names, counts and lengths of lists anyway. All other numbers reach kernels at run time: a
+    reset may change them, see `Simulation.reset`.
     """
 
 
 class Free:
-    """Marks what a reset may change although it is no float, and all below it: nothing was built from it."""
+    """Mark of a key that a reset may change, with all below it, although its value is no float."""
 
 
 class InputFile:
-    """Marks the path of a file that a run reads, relative to the scenario's folder; of several, with %d or %g in it."""
+    """Mark of the path of an input file, relative to the scenario's folder; with %d or %g, of several files."""
 
 
-COMPILED = Compiled()
-FREE = Free()
-INPUT_FILE = InputFile()
+class Spatial:
+    """Mark of a key that is of 3-D runs alone: in 2-D its value must be zero, false or not given."""
+
+
+class Plane:
+    """Mark of names of faces or axes, whose z does not exist in 2-D runs."""
+
+
+COMPILED, FREE, INPUT_FILE, SPATIAL = Compiled(), Free(), InputFile(), Spatial()
 
 
 @dataclass(frozen=True)
 class Vector:
-    """Marks numbers that are one per axis of the run, or of a plane in it, which has one axis `fewer`."""
+    """Mark of a list with a number per axis of the run, or of a plane in it, which has one axis `fewer`."""
 
     fewer: int
 
@@ -49,20 +55,20 @@ PER_AXIS = Vector(0)
 PER_FACE = Vector(1)
 
 
-def per_axis(number: Any) -> Any:
-    """The annotated type of one `number` for all axes, or of a list of one per axis."""
+def one_or_several(item: Any, most: int) -> Any:
+    """Return the annotated type of a single item, or of a list of up to `most` of them."""
     return Annotated[
-        tuple[number, ...],
-        Field(min_length=1, max_length=3),
+        tuple[item, ...],
+        Field(min_length=1, max_length=most),
         BeforeValidator(
             lambda value: value if isinstance(value, list | tuple) else (value,),
-            json_schema_input_type=number | list[number],
+            json_schema_input_type=item | list[item],
         ),
     ]
 
 
-# Each kind of quantity with what it can sensibly be: from instruments of a micrometre to fields of 100 km, seconds to
-# decades. Wide, but finite: beyond is a slip of the unit or the keyboard. Coordinates may be those of a map.
+# Each kind of quantity with its limits: wide (micrometres to 100 km, seconds to decades) but finite, as a value beyond
+# them is a slip of the unit or the keyboard. Coordinates may be those of a map.
 Coordinate = quantity("m", least=-1e7, most=1e7)
 Length = quantity("m", gt=0, least=1e-6, most=1e5, likely="mm")
 Distance = quantity("m", ge=0, most=1e5, likely="mm")
@@ -122,49 +128,48 @@ Point2 = tuple[Coordinate, Coordinate]
 FileName = Annotated[str, Field(min_length=1), INPUT_FILE]
 Convection = Literal["koren", "weno5"]
 MomentumConvection = Literal["upwind5", "koren", "weno5"]
-Face = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
+Face = Annotated[Literal["x-", "x+", "y-", "y+", "z-", "z+"], Plane()]
+Axis = Annotated[Literal["x", "y", "z"], Plane()]
 Color = tuple[int, int, int]
-Diffusivities = per_axis(EddyDiffusivity)
-Intensities = per_axis(Intensity)
+Diffusivities = one_or_several(EddyDiffusivity, 3)
+Intensities = one_or_several(Intensity, 3)
 
 
 @cache
 def mark_of(model: type["Model"], key: str, kind: type[Mark]) -> Mark | None:
-    """The mark of that class on a key of a model, or on a part of its type."""
+    """Return the mark of this class on a key of a model, or on a part of its type; None if there is none."""
     field = model.model_fields[key]
-    return next((one for one in (*field.metadata, *_marks(field.annotation)) if isinstance(one, kind)), None)
+    return next(
+        (mark for mark in (*field.metadata, *_marks(field.annotation)) if isinstance(mark, kind)), None
+    )
 
 
 def marked(model: type["Model"], key: str, kind: type) -> bool:
-    """Whether there is one."""
+    """Return whether a key of a model, or a part of its type, has a mark of this class."""
     return mark_of(model, key, kind) is not None
 
 
-def _marks(kind: Any) -> Iterator[Any]:
-    """What types are annotated with, outside of models."""
+def _marks(kind: object) -> Iterator[object]:
+    """Yield the annotations within a type, outside of models."""
     if get_origin(kind) is Annotated:
-        yield from kind.__metadata__
+        yield from get_args(kind)[1:]
     for part in get_args(kind):
         yield from _marks(part)
 
 
 class Model(BaseModel):
-    """A frozen section of a scenario that names its keys when one is misspelt."""
+    """A frozen section of a scenario."""
 
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, defer_build=True
-    )  # what no scenario has is not built
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)  # unused sections are not built
 
     @property
     def by_chance(self) -> bool:
-        """Whether something of it is drawn from the seed; unless it says so itself, whether it is of a part of it."""
-        values = [
-            one for value in vars(self).values() for one in (value if type(value) is tuple else (value,))
-        ]
-        return any(one.by_chance for one in values if isinstance(one, Model))
+        """Whether something is drawn from the seed: by default, whether a part of the section does so."""
+        values = (value if isinstance(value, tuple) else (value,) for value in vars(self).values())
+        return any(part.by_chance for parts in values for part in parts if isinstance(part, Model))
 
-    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Copy with other values. Raises ScenarioError, with a line for each unknown key and each bad value."""
+    def model_copy(self, *, update: Mapping[str, object] | None = None, deep: bool = False) -> Self:
+        """Return a copy with other values. Raises ScenarioError, with a line per unknown key and bad value."""
         from taichi_plume.scenario.loading import ScenarioError, explain, of_python  # it imports this module
 
         if not update:
@@ -175,7 +180,7 @@ class Model(BaseModel):
         except ValidationError as error:
             raise ScenarioError(explain(error, data, type(self))) from None
 
-    def __setattr__(self, name: str, value: Any) -> None:
+    def __setattr__(self, name: str, value: object) -> None:
         """Raise AttributeError: sections are frozen. Pydantic's own attributes can be set."""
         if not name.startswith("_"):
             raise AttributeError(
@@ -186,19 +191,18 @@ class Model(BaseModel):
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> Any:
-        from taichi_plume.scenario.facts import facts  # it knows what this file marks
+        from taichi_plume.scenario.facts import facts  # imports this module
 
         schema = handler(core_schema)
-        for key, told in handler.resolve_ref_schema(schema)["properties"].items():
-            its = facts(cls, key)
-            told["description"] = (
-                f"{its.meaning}\n\n{its.figures}" if key != "kind" or its.default else its.meaning
-            )
+        for key, entry in handler.resolve_ref_schema(schema)["properties"].items():
+            fact = facts(cls, key)
+            figures = f"\n\n{fact.figures}" if key != "kind" or fact.default else ""
+            entry["description"] = fact.meaning + figures
         return schema
 
     @model_validator(mode="before")
     @classmethod
-    def _known_keys(cls, data: Any) -> Any:
+    def _known_keys(cls, data: object) -> object:
         if isinstance(data, dict):
             allowed = list(cls.model_fields)
             for key in data:
@@ -212,36 +216,45 @@ class Model(BaseModel):
         return data
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:
-        """What goes with runs of another dimension than `dim`: vectors, and what a section knows besides.
+        """Yield an error for each key that does not fit a run in `dim` dimensions.
 
-        Here and below a line per fault: its path, where `where` is the section's, what is wrong, what would be right.
+        Here and below an error is a line: path of the key (`where` is that of the section), what is wrong, what is
+        allowed.
         """
-        for key in type(self).model_fields:
-            vector, value = mark_of(type(self), key, Vector), vars(self)[key]
+        model = type(self)
+        for key in model.model_fields:
+            vector, value = mark_of(model, key, Vector), vars(self)[key]
             if vector is not None and value is not None and len(value) != dim - vector.fewer:
                 has = f"{len(value)} number{'s' * (len(value) > 1)}"
                 axes = "along the face" if vector.fewer else "x and y" if dim == 2 else "x, y and z"
                 yield f"{where}.{key}: has {has}, a {dim}-D run takes {dim - vector.fewer} here: {axes}"
+            if dim == 2 and value and marked(model, key, Spatial):
+                yield f"{where}.{key}: is for 3-D runs; remove it, or give domain.size three numbers"
+            if dim == 2 and value and marked(model, key, Plane):
+                for n, name in enumerate(value if isinstance(value, tuple) else (value,)):
+                    if name[0] == "z":
+                        place = f"[{n}]" * isinstance(value, tuple)
+                        yield f"{where}.{key}{place}: '{name}' does not exist in a 2-D run; use x or y"
 
     def unusable(self, where: str, context: "Context") -> Iterator[str]:
-        """Yield what is wrong with the content of its files, without which nothing more can be said."""
+        """Yield errors in the content of input files, without which the other checks are impossible."""
         yield from ()
 
     def problems(self, where: str, context: "Context") -> Iterator[str]:
-        """What else is wrong with it."""
+        """Yield the other errors."""
         yield from ()
 
     def remarks(self, where: str, context: "Context") -> Iterator[str]:
-        """What is probably not meant, though it can be run: of a section of which nothing is wrong."""
+        """Yield warnings: values that are allowed but probably not meant, of a section without errors."""
         yield from ()
 
 
-def sections(part: Any, where: str) -> Iterator[tuple[str, Model]]:
-    """A section and all below it, each with its path; `part` may be a list of them."""
+def sections(part: object, where: str) -> Iterator[tuple[str, Model]]:
+    """Yield a section, or those of a list, and all sections below, each with its path."""
     if isinstance(part, Model):
         yield where, part
         for key in type(part).model_fields:
             yield from sections(vars(part)[key], f"{where}.{key}")
     elif isinstance(part, tuple):
-        for n, one in enumerate(part):
-            yield from sections(one, f"{where}[{n}]")
+        for n, item in enumerate(part):
+            yield from sections(item, f"{where}[{n}]")

@@ -121,11 +121,6 @@ class Region(Window):
     def level(self, extent: tuple[float, ...]) -> float:
         return extent[self.axis] if self.side else 0.0
 
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
-        if dim == 2 and self.face[0] == "z":
-            yield f"{where}.face: '{self.face}' does not exist in a 2-D run; use x-, x+, y- or y+"
-        yield from super().misfits(where, dim)
-
     def on_its_face(self, where: str, context: Context) -> Iterator[str]:
         """It must lie on its face and cover cells with air."""
         domain = context.domain

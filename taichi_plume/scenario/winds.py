@@ -19,6 +19,7 @@ from taichi_plume.scenario.played import PlaybackWind, PlumeSimWind
 from taichi_plume.scenario.quantities import fault, number
 from taichi_plume.scenario.screens import AnyScreen
 from taichi_plume.scenario.vocabulary import (
+    SPATIAL,
     Accelerations,
     Coefficient,
     Distance,
@@ -151,7 +152,7 @@ class Gusts(Model):
 
     intensity: Intensity = 0.15
     """Strength of the gusts to the left and right: standard deviation over the mean speed."""
-    vertical: Intensity = 0.0
+    vertical: Annotated[Intensity, SPATIAL] = 0.0
     """Strength of the gusts up and down: standard deviation over the mean speed; 3-D only."""
     time: Duration = 5.0
     """How long a gust lasts (integral time). Long gusts sweep the plume far to the side, short ones shake it."""
@@ -163,11 +164,6 @@ class Gusts(Model):
     def deviations(self, dim: int) -> tuple[float, ...]:
         """Of each crosswind over the mean speed."""
         return (self.intensity, self.vertical)[: dim - 1]
-
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
-        if dim == 2 and self.vertical:
-            yield f"{where}.vertical: a 2-D run has no vertical; remove it, or give domain.size three numbers"
-        yield from super().misfits(where, dim)
 
 
 class UniformWind(AnyWind):
