@@ -43,7 +43,7 @@ class ReplayAlgorithm:
         """Put the robots where they are at the end of the first tick."""
         (group,) = self.members.groups
         model = cast(Replay, group.model.algorithm)
-        self.chosen = cast(list[Way], model.chosen(self.ways, group.count))
+        self.chosen = model.chosen(self.ways, group.count)
         self.zero, self.origin = model.begin_of(self.chosen), np.array(model.origin)
         self.sums = np.zeros((group.size, len(SUMS)))
         self._order(0.0, self.tick)

@@ -308,11 +308,11 @@ def test_drones_neither_learn_nor_compete(path):
 @pytest.mark.parametrize(
     ("key", "told"),
     [
-        ("body={mass: 1}", r"robots\[0\].body.mass: is of drones alone"),
-        ("body={kind: drone, radius: 0.1}", r"body.radius: 0.1 m is less than its rotors reach"),
-        ("body={kind: drone, max_climb: null}", r"body.max_climb: none is given"),
+        ("body={mass: 1}", r"robots\[0\].body.mass: is for drones"),
+        ("body={kind: drone, radius: 0.1}", r"body.radius: 0.1 m is less than arm"),
+        ("body={kind: drone, max_climb: null}", r"body.max_climb: a drone needs a number"),
         ("body={kind: drone, wheel_base: 0.1}", r"body.wheel_base: a drone has no wheels"),
-        ("body={kind: free}", r"start.altitude: is of drones alone"),
+        ("body={kind: free}", r"start.altitude: is for drones"),
         ("odometry={}", r"odometry: a crazyflie has no wheels"),
         ("start.altitude=2.39", r"start.altitude: 2.39 m and body.height of 0.029 m reach above the ceiling"),
         ("wake=true", r"robots\[0\].wake: a wind of kind uniform is not disturbed"),
@@ -339,7 +339,5 @@ def test_drones_need_the_third_dimension(path):
         "gas.sources.0.position=[0.8, 1.6]",
         "obstacles=[]",
     ]
-    with pytest.raises(
-        ScenarioError, match=r"robots\[0\].body.kind: a crazyflie flies, which takes a 3-D run"
-    ):
+    with pytest.raises(ScenarioError, match=r"robots\[0\].body.kind: a crazyflie needs a 3-D run"):
         load_scenario(path, [*flat, "gas.walls=[]"])

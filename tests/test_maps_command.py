@@ -66,7 +66,7 @@ GOOD = "t,x,y,reading\n1,0,0,2\n"
         (
             GOOD,
             ["--map", "{kind: gmrf, cell: 0.02}", "--size", "40", "40"],
-            "--map.cell: 0.02 m is too fine for a Markov field, which takes 400 cells along the shorter side; use",
+            "--map.cell: 0.02 m makes more than 400 cells along the shorter side; use",
         ),
     ],
 )

@@ -17,8 +17,7 @@ from taichi_plume.scenario.external import Replay
 from taichi_plume.scenario.gases import PlaybackGas, PureGas
 from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.initial import InitialGas, InitialWind
-from taichi_plume.scenario.movie import MovieGas
-from taichi_plume.scenario.played import Playback, PlaybackWind, PlumeSimLog, PlumeSimWind
+from taichi_plume.scenario.played import MovieGas, Playback, PlaybackWind, PlumeSimLog, PlumeSimWind
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas
 from taichi_plume.scenario.policy import Policy
 from taichi_plume.scenario.scenario import Scenario

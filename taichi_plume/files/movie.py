@@ -16,7 +16,7 @@ from taichi_plume.files.film import FilmError
 from taichi_plume.files.zarr_groups import FAULTS, LARGEST_CHUNK, MOST_CHUNKS, Group, GroupError, reason
 from taichi_plume.guard.opening import open_regular, unopenable
 from taichi_plume.guard.terminal import visible
-from taichi_plume.scenario.movie import MovieGas
+from taichi_plume.scenario.played import MovieGas
 
 NAMES = ("concentration", "plume")  # of the variable, unless told: plume-nav-sim's, FlyGym's
 NPY, HDF5 = b"\x93NUMPY", b"\x89HDF\r\n\x1a\n"

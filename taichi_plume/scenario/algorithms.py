@@ -4,6 +4,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.belief_algorithms import HitMap, Infotaxis, ParticleFilter, SpaceAwareInfotaxis
 from taichi_plume.scenario.external import External, Replay
 from taichi_plume.scenario.listening import AnyAlgorithm, EColi, Spiral
@@ -11,23 +12,18 @@ from taichi_plume.scenario.plume_tracking import Casting, Casting3D, SurgeCast, 
 from taichi_plume.scenario.policy import Policy
 from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.team_algorithms import Dapso, LeastKnown, LineUp, Sweep
-from taichi_plume.scenario.vocabulary import (
-    INPUT_FILE,
-    Fraction,
-    Length,
-    Speed,
-)
+from taichi_plume.scenario.vocabulary import INPUT_FILE
 
 
 class RandomWalk(AnyAlgorithm):
     """Straight path segments in random directions. See agents/random_walk.py."""
 
     kind: Literal["random_walk"]
-    speed: Speed | None = None
+    speed: si.Speed | None = None
     """Speed at which they drive; unless given, the body's largest. With 0 they stand and keep their heading."""
-    leg: Length = 1.0
+    leg: si.Length = 1.0
     """Mean length of a segment."""
-    leg_spread: Fraction = 0.5
+    leg_spread: si.Fraction = 0.5
     """Randomness of the length: each segment is leg (1 ± leg_spread), drawn uniformly."""
     turn_angle_deg: number(0, 180, "deg") = 180.0
     """Largest turn between segments; after a bump it is 180°."""

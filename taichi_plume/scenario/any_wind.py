@@ -21,15 +21,11 @@ class AnyWind(Model):
     solved: ClassVar[bool] = False
     """Whether a solver advances the wind, which takes time; otherwise it is known in advance."""
 
-    @property
-    def computed(self) -> "CfdWind | None":
-        """The wind itself if it is a computed flow."""
-        return None
+    computed: ClassVar["CfdWind | None"] = None
+    """The wind itself if it is a computed flow."""
 
-    @property
-    def uniform(self) -> "UniformWind | None":
-        """The wind itself if it is uniform."""
-        return None
+    uniform: ClassVar["UniformWind | None"] = None
+    """The wind itself if it is uniform."""
 
     def top_speed(self, scenario: "Scenario") -> float | None:
         """Return the largest prescribed speed [m/s]; None if only files tell."""

@@ -6,22 +6,11 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.listening import AnyAlgorithm, Listening
 from taichi_plume.scenario.plume_tracking import Casting
 from taichi_plume.scenario.quantities import fault, ill_sized, number
-from taichi_plume.scenario.vocabulary import (
-    COMPILED,
-    Distance,
-    Duration,
-    EddyDiffusivity,
-    Fraction,
-    Frequency,
-    Length,
-    SomeFraction,
-    SomePpm,
-    Speed,
-    Wait,
-)
+from taichi_plume.scenario.vocabulary import COMPILED
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Arena
@@ -35,7 +24,7 @@ class Declares(AnyAlgorithm):
 
     believes: ClassVar[bool] = True
     most_cells: ClassVar[int] = MOST_CELLS
-    declare_spread: Length | None = 0.2
+    declare_spread: si.Length | None = 0.2
     """Spread of the belief below which a robot declares the source at the belief's mean. It is the root mean square
     distance from this mean: if the belief is normal and right, 0.2 m puts 95 % of the declared positions within the
     usual reach, 0.35 m, of the source. null: the robot never declares; also the default if a single cell is wider."""
@@ -44,10 +33,8 @@ class Declares(AnyAlgorithm):
     def may_declare(self) -> bool:
         return self.declare_spread is not None
 
-    @property
-    def least_spread(self) -> float:
-        """Least possible spread of the belief [m]."""
-        return 0.0
+    least_spread: ClassVar[float] = 0.0
+    """Least possible spread of the belief [m]."""
 
     @model_validator(mode="after")
     def _never_declares(self) -> Self:
@@ -79,23 +66,23 @@ class AnyInfotaxis(Listening, Declares):
 
     searches: ClassVar[bool] = True
     kind: str
-    acquisition: Wait = 2.0
-    threshold_ppm: SomePpm = 5.0
+    acquisition: si.Wait = 2.0
+    threshold_ppm: si.SomePpm = 5.0
     """Mean reading of an acquisition that counts as a detection."""
-    step: Length = 0.25
+    step: si.Length = 0.25
     """Distance driven after each acquisition, unless the robot stays."""
-    cell: Annotated[Length, COMPILED] = 0.1
+    cell: Annotated[si.Length, COMPILED] = 0.1
     """Edge of the cells of the belief map. Smaller ones take longer."""
-    rate: Frequency = 1.0
-    """Detections per second close to the source, in the model that the robot believes in."""
-    diffusivity: Annotated[EddyDiffusivity, Field(ge=1e-9)] = 0.05
-    """Diffusivity of patches of gas, in the model that the robot believes in. More makes its plume wider."""
-    wind_speed: Speed = 0.5
-    """Mean speed of the wind, in the model that the robot believes in."""
-    lifetime: Duration = 10.0
-    """How long patches of gas last, in the model that the robot believes in."""
-    size: Length = 0.05
-    """Size of what detects patches, in the model that the robot believes in; small beside the plume."""
+    rate: si.Frequency = 1.0
+    """Detections per second close to the source, in the model of the robot."""
+    diffusivity: Annotated[si.EddyDiffusivity, Field(ge=1e-9)] = 0.05
+    """Diffusivity of patches of gas, in the model of the robot. More makes its plume wider."""
+    wind_speed: si.Speed = 0.5
+    """Mean speed of the wind, in the model of the robot."""
+    lifetime: si.Duration = 10.0
+    """Lifetime of patches of gas, in the model of the robot."""
+    size: si.Length = 0.05
+    """Size of what detects patches, in the model of the robot; small beside the plume."""
 
     @property
     def reach(self) -> float:
@@ -117,8 +104,7 @@ class AnyInfotaxis(Listening, Declares):
     def _small_detector(self) -> "AnyInfotaxis":
         if self.size >= self.reach:
             raise fault(
-                "size = {size} m must be below lambda = {reach} m; lower it, or raise diffusivity",
-                {"size": f"{self.size:g}", "reach": f"{self.reach:.3g}"},
+                f"size = {self.size:g} m must be below lambda = {self.reach:.3g} m; or raise diffusivity"
             )
         return self
 
@@ -143,32 +129,32 @@ class ParticleFilter(Casting, Declares):
     kind: Literal["particle_filter"]  # type: ignore[assignment]
     particles: Annotated[int, Field(ge=10, le=100_000)] = 500
     """Number of particles of each robot. More make a smoother posterior, and take longer."""
-    period: Annotated[Wait, COMPILED] = 1.0
+    period: Annotated[si.Wait, COMPILED] = 1.0
     """Time between two updates of the particles; the wind of each is averaged over it."""
-    memory: Annotated[Wait, COMPILED] = 60.0
-    """How long the measured wind is kept, so how long gas is followed back: as long as gas takes from the source."""
-    patch: Length = 0.1
+    memory: Annotated[si.Wait, COMPILED] = 60.0
+    """Time for which the measured wind is kept and gas is followed back: as long as gas takes from the source."""
+    patch: si.Length = 0.1
     """Radius of a patch of gas when it is released: standard deviation of its distribution."""
-    notice: Length = 0.3
+    notice: si.Length = 0.3
     """Distance from the middle of a patch at which a robot still notices it. More makes the model's plume denser."""
-    diffusivity: Annotated[EddyDiffusivity, Field(ge=1e-9)] = 0.01
+    diffusivity: Annotated[si.EddyDiffusivity, Field(ge=1e-9)] = 0.01
     """Growth of the uncertainty of a patch's position: variance per axis over twice the time. About the variance of the
     wind's speed times the time for which a gust lasts."""
-    detection: SomeFraction = 0.3
+    detection: si.SomeFraction = 0.3
     """Chance of a detection at an update in the midst of patches. Whiffs come in bouts: a low one keeps misses in a
     row, which are not independent, from ruling out the truth."""
-    false_alarm: Fraction = 0.01
+    false_alarm: si.Fraction = 0.01
     """Chance that an update counts as a detection without gas of the source. With it, one misleading whiff does not
     rule out the truth."""
-    roughening: Fraction = 0.2
+    roughening: si.Fraction = 0.2
     """Scatter of resampled particles, over their extent and times the square root of their number."""
     estimates: Annotated[int, Field(ge=2, le=1000)] = 20
     """The filter has converged when so many estimates in a row, one at each update, lie together."""
-    converged: Length = 0.3
+    converged: si.Length = 0.3
     """Largest scatter (root mean square) of these estimates, and of the particles, for the robot to go there."""
-    avoidance: Length = 0.1
+    avoidance: si.Length = 0.1
     """Distance kept to walls and other robots on the way to the estimate."""
-    cell: Annotated[Length, COMPILED] = 0.1
+    cell: Annotated[si.Length, COMPILED] = 0.1
     """Edge of the cells of the belief map that is written; the particles themselves have no cells."""
 
     @property
@@ -186,8 +172,7 @@ class ParticleFilter(Casting, Declares):
     def _few_periods(self) -> "ParticleFilter":
         if self.releases > 10_000:  # every particle looks at all of them
             raise fault(
-                "memory = {memory} s is more than 10000 periods of {period} s; lower it, or raise period",
-                {"memory": f"{self.memory:g}", "period": f"{self.period:g}"},
+                f"memory = {self.memory:g} s is more than 10000 periods of {self.period:g} s; lower it"
             )
         return self
 
@@ -201,30 +186,30 @@ class HitMap(Listening, Declares):
     searches: ClassVar[bool] = True
     most_cells: ClassVar[int] = 2_500  # the map keeps the path from each cell to each
     kind: Literal["hit_map"]
-    acquisition: Wait = 3.0
-    threshold_ppm: SomePpm = 5.0
+    acquisition: si.Wait = 3.0
+    threshold_ppm: si.SomePpm = 5.0
     """Mean reading of an acquisition that counts as a hit."""
-    cell: Annotated[Length, COMPILED] = 0.2
+    cell: Annotated[si.Length, COMPILED] = 0.2
     """Edge of the map's cells. Smaller ones locate more finely, and take longer."""
-    calm: Speed = 0.05
+    calm: si.Speed = 0.05
     """Mean wind speed below which its direction is ignored, and only the distance counts."""
     spread_deg: number(1, 180, "deg") = 35.0
     """Standard deviation of the angle between upwind and the way to the source, where there is gas. Plumes are as wide
     as the wind's direction scatters, 10 to 20°; as much again is for air that obstacles turn aside on the way."""
-    fading: Length = 5.0
+    fading: si.Length = 5.0
     """Way along the wind over which the chance of a hit falls by a factor of e."""
-    near: Length = 0.3
+    near: si.Length = 0.3
     """Standard deviation of the way to the source, where there is gas in calm air."""
-    hit: SomeFraction = 0.8
+    hit: si.SomeFraction = 0.8
     """Chance of a hit straight downwind of the source, and near it."""
     false_alarm: Annotated[float, Field(ge=1e-4, lt=0.5)] = 0.05
     """Chance of a hit anywhere else."""
-    range: Length = 2.0
+    range: si.Length = 2.0
     """Longest distance to the next place to measure at."""
-    converged: Length = 0.3
+    converged: si.Length = 0.3
     """Spread of the belief, see declare_spread, at which the next place to measure at is the expected one of the
     source."""
-    avoidance: Distance = 0.1
+    avoidance: si.Distance = 0.1
     """Distance kept to walls and other robots."""
 
     @property
@@ -239,8 +224,5 @@ class HitMap(Listening, Declares):
     @model_validator(mode="after")
     def _hit_above_false_alarm(self) -> "HitMap":
         if self.hit <= self.false_alarm:
-            raise fault(
-                "hit = {hit} must be above false_alarm = {false_alarm}",
-                {"hit": f"{self.hit:g}", "false_alarm": f"{self.false_alarm:g}"},
-            )
+            raise fault(f"hit = {self.hit:g} must be above false_alarm = {self.false_alarm:g}")
         return self

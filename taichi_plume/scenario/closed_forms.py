@@ -5,21 +5,12 @@ from math import pi, sqrt
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain, Located
-from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.sources import OneGas
-from taichi_plume.scenario.vocabulary import (
-    Diffusivities,
-    Face,
-    Intensities,
-    Intensity,
-    Length,
-    Mass,
-    Rate,
-    Time,
-)
+from taichi_plume.scenario.vocabulary import Face, exactly_one, stop_after_start
 from taichi_plume.scenario.winds import UniformWind
 
 PARALLEL = 1e-9  # fraction of the wind through a wall that counts as zero
@@ -83,11 +74,11 @@ class ClosedForm(OneGas):
 class Release(Located):
     """A puff, at first a Gaussian of standard deviation `radius`."""
 
-    mass: Mass
+    mass: si.Mass
     """Mass of gas in the puff."""
-    time: Time = 0.0
+    time: si.Time = 0.0
     """Time of the release; the robots start at 0."""
-    radius: Length = 0.05
+    radius: si.Length = 0.05
     """Size of the new puff, as standard deviation."""
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
@@ -103,8 +94,8 @@ class GaussianPuffGas(ClosedForm):
     sources_key: ClassVar[str] = "releases"
     releases: Annotated[tuple[Release, ...], Field(min_length=1)]
     """The puffs, each with its place, time and mass; robots search for these places."""
-    diffusivity: Diffusivities | None = None
-    """How fast puffs spread: one number for all axes or one per axis. Unless given, the species' in still air."""
+    diffusivity: si.Diffusivities | None = None
+    """Diffusivity of the puffs: one number for all axes or one per axis. Unless given, the species' in still air."""
 
     @property
     def sources(self) -> tuple[Release, ...]:
@@ -126,25 +117,21 @@ class GaussianPuffGas(ClosedForm):
 class PlumeSource(Located):
     """A steady source: at its position a Gaussian of standard deviation `radius`."""
 
-    rate: Rate
+    rate: si.Rate
     """Mass that it emits per time."""
-    radius: Length = 0.05
+    radius: si.Length = 0.05
     """Size of the plume at the source, as standard deviation."""
 
 
 class ContinuousSource(PlumeSource):
     """A source that emits evenly from `start` to `stop`; by default for ever."""
 
-    start: Time | None = None
+    start: si.Time | None = None
     """Time when the emission starts; unless given, it has lasted for ever."""
-    stop: Time | None = None
+    stop: si.Time | None = None
     """Time when the emission ends; unless given, never."""
 
-    @model_validator(mode="after")
-    def _ordered(self) -> "ContinuousSource":
-        if self.start is not None and self.stop is not None and self.stop <= self.start:
-            raise fault("stop must be later than start")
-        return self
+    _order = stop_after_start()
 
 
 class ContinuousGas(ClosedForm):
@@ -153,8 +140,8 @@ class ContinuousGas(ClosedForm):
     kind: Literal["continuous"]
     sources: Annotated[tuple[ContinuousSource, ...], Field(min_length=1)]
     """Where gas is emitted evenly, at least one place; robots search for these."""
-    diffusivity: Diffusivities | None = None
-    """How fast the plume spreads: one number for all axes or one per axis. Unless given, the species' in still air.
+    diffusivity: si.Diffusivities | None = None
+    """Diffusivity of the plume: one number for all axes or one per axis. Unless given, the species' in still air.
     """
 
     def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
@@ -178,18 +165,14 @@ class GaussianPlumeGas(ClosedForm):
     width_fluctuation: ClassVar[float] = 0.0
     sources: Annotated[tuple[PlumeSource, ...], Field(min_length=1)]
     """Where gas is emitted evenly, at least one place; robots search for these."""
-    intensity: Intensities | None = None
+    intensity: si.Intensities | None = None
     """Widening with the distance x: standard deviation = radius + intensity x. One number, or two: horizontal and
     vertical. Turbulence makes about 0.05 to 0.15."""
-    diffusivity: Diffusivities | None = None
+    diffusivity: si.Diffusivities | None = None
     """Widening by diffusion, instead of `intensity`: variance = radius² + 2 diffusivity x/U. One number, or two:
     horizontal and vertical."""
 
-    @model_validator(mode="after")
-    def _one_law(self) -> "GaussianPlumeGas":
-        if (self.intensity is None) == (self.diffusivity is None):
-            raise fault("takes either intensity or diffusivity, which widen the plume")
-        return self
+    _one_law = exactly_one("intensity", "diffusivity")
 
     def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
         if not wind.speed:
@@ -225,11 +208,11 @@ class MeanderingGas(ClosedForm):
     kind: Literal["meandering"]
     sources: Annotated[tuple[PlumeSource, ...], Field(min_length=1)]
     """Where gas is emitted evenly, at least one place; robots search for these."""
-    width_slope: Intensity = 0.08
+    width_slope: si.Intensity = 0.08
     """Growth of the horizontal standard deviation with the distance from the source."""
-    height_slope: Intensity = 0.06
+    height_slope: si.Intensity = 0.06
     """Growth of the vertical standard deviation with the distance from the source."""
-    width_fluctuation: Intensity = 0.0
+    width_fluctuation: si.Intensity = 0.0
     """Variation of the width over time, as of the gusts: standard deviation of its logarithm."""
 
     @property

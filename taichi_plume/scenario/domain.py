@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import numpy as np
 from pydantic import Field
 
-from taichi_plume.scenario.vocabulary import COMPILED, Length, Model, Point, Point2
+from taichi_plume.scenario import si
+from taichi_plume.scenario.vocabulary import COMPILED, Model
 
 if TYPE_CHECKING:
     from taichi_plume.assembly.resources import Resources
@@ -42,16 +43,23 @@ def span(axis: str, low: float, high: float) -> str:
     return f"{axis} {low:.4g} to {high:.4g} m"
 
 
+def starts_late(where: str, start: float, context: Context) -> Iterator[str]:
+    """Yield an error if a recording starts [s] after the end of the run."""
+    end = context.scenario.duration
+    if start > end:
+        yield f"{where}.start: {start:g} s is after the end at {end:g} s; start it earlier"
+
+
 class Domain(Model):
     """The box that is simulated, with its lower corner at the origin."""
 
-    size: Annotated[tuple[Length, ...], Field(min_length=2, max_length=3), COMPILED]
+    size: Annotated[tuple[si.Length, ...], Field(min_length=2, max_length=3), COMPILED]
     """Lengths of the room along x and y, and in 3-D along z. Two numbers make a 2-D run, seen from above; three a 3-D
     one."""
-    spacing: Annotated[Length, COMPILED]
+    spacing: Annotated[si.Length, COMPILED]
     """Edge of the square or cubic cells of the grid. Half of it shows finer eddies and smaller objects, and takes
     about 8 times as long in 2-D and 16 times in 3-D. The size is rounded to whole cells."""
-    depth: Annotated[Length, COMPILED] = 1.0
+    depth: Annotated[si.Length, COMPILED] = 1.0
     """Thickness of the layer of air that a 2-D run stands for. It decides how many ppm a source of so many mg/s
     makes: twice the depth halves them. Without effect in 3-D."""
 
@@ -94,9 +102,9 @@ class Domain(Model):
 class Arena(Model):
     """Part of the floor that the robots do not leave: its edges stop them as walls do, air passes them."""
 
-    low: Annotated[Point2, COMPILED]
+    low: Annotated[si.Point2, COMPILED]
     """Lower corner of the part of the floor, x and y."""
-    high: Annotated[Point2, COMPILED]
+    high: Annotated[si.Point2, COMPILED]
     """Upper corner of the part of the floor, x and y."""
 
     @property
@@ -125,7 +133,7 @@ class Located(Model):
 
     what: ClassVar[str] = "source"
     """Noun for the section in messages."""
-    position: Point
+    position: si.Point
     """Where its middle is, per axis. It has to be in the air: in the room and outside of all obstacles."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:

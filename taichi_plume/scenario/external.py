@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Arena, Context, span
 from taichi_plume.scenario.listening import AnyAlgorithm
-from taichi_plume.scenario.vocabulary import COMPILED, Delay, Duration, FileName, Point2
+from taichi_plume.scenario.vocabulary import COMPILED, FileName
 
 if TYPE_CHECKING:
     from taichi_plume.files.bag_ways import Way
@@ -24,7 +25,7 @@ class External(AnyAlgorithm):
     takes: Annotated[Literal["velocity", "pose"], COMPILED] = "velocity"
     """What the program sends. velocity: speed and turn rate, which the simulated body carries out; pose: where real
     robots are, which measure the simulated plume there."""
-    timeout: Duration = 1.0
+    timeout: si.Duration = 1.0
     """Time without a message after which a robot counts as lost and stands still; it may come back."""
 
     @property
@@ -57,9 +58,9 @@ class Replay(AnyAlgorithm):
     frames, the topic of poses with the most similar name."""
     frame: str = "map"
     """Frame of a bag to which the robots' positions refer."""
-    origin: Point2 = (0.0, 0.0)
+    origin: si.Point2 = (0.0, 0.0)
     """Where that frame's origin lies in the domain, x and y."""
-    start: Delay = 0.0
+    start: si.Delay = 0.0
     """Time of the recording, since the first pose of these robots, at which the run starts."""
 
     placed: ClassVar[bool] = True
@@ -106,7 +107,7 @@ class Replay(AnyAlgorithm):
         size = np.array(context.domain.extent[:2])
         for path in self.chosen(context.resources.ways[where], _group(where, context).count):
             position = path.place[:, :2] + self.origin
-            yield path.name, position, ((position > 0.0) & (position < size)).all(axis=1)
+            yield path.name, position, np.asarray(((position > 0.0) & (position < size)).all(axis=1))
 
     def chosen(self, recorded: "Sequence[Way]", count: int) -> "list[Way]":
         """Return the recorded paths of the robots of the team."""

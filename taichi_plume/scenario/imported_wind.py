@@ -7,20 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 import psutil
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.any_wind import AnyWind
 from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.played import Played
-from taichi_plume.scenario.vocabulary import (
-    COMPILED,
-    Coordinate,
-    Duration,
-    EddyDiffusivity,
-    Face,
-    FileName,
-    Point,
-    Prandtl,
-    Viscosity,
-)
+from taichi_plume.scenario.vocabulary import COMPILED, Face, FileName
 
 if TYPE_CHECKING:
     from taichi_plume.files.gaden import Cubes
@@ -41,24 +32,24 @@ class ImportedWind(AnyWind, Played):
     """Path of a file, or of several, relative to the scenario's folder. %d stands for numbers that count up by one,
     such as in wind_at_cell_centers_%d.csv, %g for times in s, such as in postProcessing/cloud/%g/points_U.xy. A case
     folder of OpenFOAM stands for all of its times, whole or decomposed, CASE/TIME for one of them."""
-    interval: Annotated[Duration, COMPILED] = 1.0
+    interval: Annotated[si.Duration, COMPILED] = 1.0
     """Time from one numbered file to the next; the first is of time 0."""
-    origin: Annotated[Point, COMPILED] | None = None
+    origin: Annotated[si.Point, COMPILED] | None = None
     """Where the domain's lower corner lies in the files. Unless given, the lower corner of the occupancy grid, or
     without one that of the points."""
-    height: Annotated[Coordinate, COMPILED] | None = None
+    height: Annotated[si.Coordinate, COMPILED] | None = None
     """Height z in the files at which a 2-D run cuts them; unless given, the middle of the points."""
     occupancy: FileName | None = None
     """Path of an OccupancyGrid3D.csv of GADEN's: obstacles besides the scenario's own. A config.yaml or
     preproc_params.yaml of GADEN's stands for the grid of the STL models that it lists."""
     walls: tuple[Face, ...] = ()
     """Faces of the domain that let no air through; through the others air goes as in the files."""
-    viscosity: Viscosity = 1.56e-5
+    viscosity: si.Viscosity = 1.56e-5
     """Kinematic viscosity: the default is air at 25 °C."""
-    eddy_viscosity: EddyDiffusivity | None = None
+    eddy_viscosity: si.EddyDiffusivity | None = None
     """Viscosity of the turbulence that the files do not resolve, which mixes the gas. Unless given, the column nut of
     the files, or none."""
-    schmidt: Prandtl = 0.7
+    schmidt: si.Prandtl = 0.7
     """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas. A smaller one mixes gas more."""
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:

@@ -5,18 +5,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.quantities import number
-from taichi_plume.scenario.vocabulary import (
-    COMPILED,
-    Coefficient,
-    Fraction,
-    Length,
-    Model,
-    Pause,
-    SomePpm,
-    Speed,
-    Wait,
-)
+from taichi_plume.scenario.vocabulary import COMPILED, Model
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Arena
@@ -67,13 +58,13 @@ class AnyAlgorithm(Model):
 class Listening(AnyAlgorithm):
     """Algorithms that stand still to measure: an acquisition is a series of samples."""
 
-    speed: Speed | None = None
+    speed: si.Speed | None = None
     """Speed at which they drive; unless given, the body's largest."""
-    acquisition: Wait = 30.0
+    acquisition: si.Wait = 30.0
     """Time for which a robot stands still and samples. Longer averages over more whiffs, and slows the search."""
-    sample_period: Wait = 0.5
+    sample_period: si.Wait = 0.5
     """Time between the samples of an acquisition."""
-    settle: Pause = 1.0
+    settle: si.Pause = 1.0
     """Time of standing still before the samples, for a slow sensor to catch up."""
 
 
@@ -85,22 +76,22 @@ class Spiral(Listening):
 
     searches: ClassVar[bool] = True
     kind: Literal["spiral"]
-    acquisition: Annotated[Wait, COMPILED] = 30.0
-    sample_period: Annotated[Wait, COMPILED] = 0.5
-    minimum_ppm: SomePpm = 0.2
+    acquisition: Annotated[si.Wait, COMPILED] = 30.0
+    sample_period: Annotated[si.Wait, COMPILED] = 0.5
+    minimum_ppm: si.SomePpm = 0.2
     """Threshold of the proximity index at the start, and after an escape: a mean index far from the source."""
     delta: Annotated[float, Field(ge=1e-6, lt=1)] = 0.2
-    """By how much misses lower the threshold below the minimum, over the minimum."""
-    mean_weight: Coefficient = 1.0
+    """Decrease of the threshold below the minimum by misses, over the minimum."""
+    mean_weight: si.Coefficient = 1.0
     """Weight of the mean of an acquisition in its proximity index."""
-    peak_weight: Coefficient = 0.5
+    peak_weight: si.Coefficient = 0.5
     """Weight of the sum of its peaks in the proximity index. Peaks are higher near the source."""
-    peak_window: Wait = 5.0
+    peak_window: si.Wait = 5.0
     """Only the largest peak within so long a time counts."""
     peak_height: Literal["above_mean", "absolute"] = "above_mean"
-    """What of a peak counts: what of it is above the mean, or its whole concentration. The paper says neither, but
-    that the mean is there for low peaks: a whole peak is never lower than the mean."""
-    arms: Annotated[tuple[Length, ...], Field(min_length=1, max_length=100)] = (
+    """Height of a peak that counts: above the mean, or the whole concentration. The paper states neither, but that the
+    mean covers low peaks: a whole peak is never lower than the mean."""
+    arms: Annotated[tuple[si.Length, ...], Field(min_length=1, max_length=100)] = (
         0.4,
         0.4,
         0.8,
@@ -110,7 +101,7 @@ class Spiral(Listening):
     )
     """Lengths of a spiral's arms, in their order. The paper does not give them, but that they suit the area: these make
     random SPIRAL take as many acquisitions as published, in an arena of 3 x 2.1 m."""
-    escape_length: Length = 0.75
+    escape_length: si.Length = 0.75
     """Distance to the start of a new spiral after all arms failed."""
     bump_side: Literal["spiral", "gradient"] = "spiral"
     """Where it turns at a bump: as the spiral does, or to the side of the best of the last 10 acquisitions."""
@@ -128,10 +119,10 @@ class EColi(Listening):
 
     searches: ClassVar[bool] = True
     kind: Literal["ecoli"]
-    acquisition: Wait = 3.0
-    step: Length = 0.25
+    acquisition: si.Wait = 3.0
+    step: si.Length = 0.25
     """Way driven after each acquisition."""
-    step_spread: Fraction = 0.05
+    step_spread: si.Fraction = 0.05
     """Randomness of the way: each step is step (1 ± step_spread), drawn uniformly."""
     run_angle_deg: number(0, 180, "deg") = 5.0
     """Largest turn before a run, that is after a rise; a tumble turns by any angle."""

@@ -9,9 +9,10 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from taichi_plume.grid.shapes import Shape
+from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Domain, span
 from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.vocabulary import Coordinate, Model, Time
+from taichi_plume.scenario.vocabulary import Model
 
 FASTEST_BODY = 20.0  # m/s: the air does not count as incompressible much beyond
 
@@ -22,7 +23,9 @@ class Motion(Model):
     The centre is at the obstacle's `center` at t = 0, and before; after the last way point it stands still.
     """
 
-    path: Annotated[tuple[tuple[Time, Coordinate, Coordinate], ...], Field(min_length=1, max_length=10_000)]
+    path: Annotated[
+        tuple[tuple[si.Time, si.Coordinate, si.Coordinate], ...], Field(min_length=1, max_length=10_000)
+    ]
     """Way points of the centre after t = 0, each [time, x, y] in s and m. Straight and uniform motion from
     point to point."""
     loop: bool = False
@@ -33,10 +36,7 @@ class Motion(Model):
         times = [0.0, *(point[0] for point in self.path)]
         for n, (a, b) in enumerate(pairwise(times)):
             if not b > a:
-                raise fault(
-                    "times must ascend from above 0: path[{n}] has {b} s after {a} s",
-                    {"n": n, "a": f"{a:g}", "b": f"{b:g}"},
-                )
+                raise fault(f"times must ascend from above 0: path[{n}] has {b:g} s after {a:g} s")
         return self
 
     def place(self, center: tuple[float, ...], t: float) -> tuple[float, float]:

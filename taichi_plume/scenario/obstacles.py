@@ -9,21 +9,10 @@ from pydantic import Field
 
 from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.missed import SAMPLES, missed
+from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain, span
 from taichi_plume.scenario.motion import Motion
-from taichi_plume.scenario.vocabulary import (
-    COMPILED,
-    Angle,
-    Coordinate,
-    Distance,
-    Edges,
-    FileName,
-    Length,
-    Model,
-    Point,
-    Point2,
-    SomeCoefficient,
-)
+from taichi_plume.scenario.vocabulary import COMPILED, FileName, Model
 
 TOO_LARGE = 10  # times the domain: a larger body is probably in another unit
 MOSTLY_OUTSIDE = 0.4  # fraction of a body's base in the domain; a wall may stand on an edge
@@ -81,15 +70,11 @@ class AnyObstacle(Model):
                 f"{domain.spacing:g} m fall between nodes; {self._finer(shape.high - shape.low, domain)}"
             )
 
-    @property
-    def width(self) -> float:
-        """Largest horizontal width [m]; infinite if unknown."""
-        return inf
+    width: ClassVar[float] = inf
+    """Largest horizontal width [m]; infinite if unknown."""
 
-    @property
-    def thinnest(self) -> float:
-        """Smallest thickness [m]; 0 if unknown."""
-        return 0.0
+    thinnest: ClassVar[float] = 0.0
+    """Smallest thickness [m]; 0 if unknown."""
 
     def _finer(self, size: np.ndarray, domain: Domain) -> str:
         """Return advice about parts that are too thin."""
@@ -121,11 +106,11 @@ class Box(AnyObstacle):
     """An upright box, which may be turned about the vertical: a table, a cupboard, a wall."""
 
     kind: Literal["box"]
-    center: Annotated[Point, COMPILED]
+    center: Annotated[si.Point, COMPILED]
     """Middle of the box, per axis."""
-    size: Annotated[Edges, COMPILED]
+    size: Annotated[si.Edges, COMPILED]
     """Edges of the box along its own x, y and z, before it is turned."""
-    yaw_deg: Annotated[Angle, COMPILED] = 0.0
+    yaw_deg: Annotated[si.Angle, COMPILED] = 0.0
     """Angle by which it is turned about the vertical, to the left seen from above."""
     motion: Motion | None = None
     """Motion over the floor, which stirs the air of a computed wind; unless given, it stands."""
@@ -170,13 +155,13 @@ class Cylinder(Round):
     """An upright cylinder: a pillar, a bin, or with a `motion` a person who walks."""
 
     kind: Literal["cylinder"]
-    center: Annotated[Point2, COMPILED]
+    center: Annotated[si.Point2, COMPILED]
     """Where its axis stands on the floor, x and y."""
-    radius: Annotated[Length, COMPILED]
+    radius: Annotated[si.Length, COMPILED]
     """Radius of its round footprint."""
-    base: Annotated[Distance, COMPILED] = 0.0
+    base: Annotated[si.Distance, COMPILED] = 0.0
     """Height of its lower end over the floor; 3-D only."""
-    height: Annotated[Length, COMPILED] | None = None
+    height: Annotated[si.Length, COMPILED] | None = None
     """Length from its base upward; unless given, it reaches the ceiling. 3-D only."""
     motion: Motion | None = None
     """Motion over the floor, which stirs the air of a computed wind; unless given, it stands."""
@@ -199,9 +184,9 @@ class Sphere(Round):
     """A sphere (in 2-D a disc)."""
 
     kind: Literal["sphere"]
-    center: Annotated[Point, COMPILED]
+    center: Annotated[si.Point, COMPILED]
     """Middle of the sphere, per axis."""
-    radius: Annotated[Length, COMPILED]
+    radius: Annotated[si.Length, COMPILED]
     """Radius of the sphere, in 2-D of the disc."""
     motion: Motion | None = None
     """Motion over the floor, which stirs the air of a computed wind; unless given, it stands."""
@@ -223,11 +208,11 @@ class Prism(Standing):
     """An upright body over any polygon: walls with corners, furniture."""
 
     kind: Literal["prism"]
-    vertices: Annotated[tuple[Point2, ...], Field(min_length=3, max_length=10_000), COMPILED]
+    vertices: Annotated[tuple[si.Point2, ...], Field(min_length=3, max_length=10_000), COMPILED]
     """Corners of the outline, each [x, y], in order along the outline, which must not cross itself."""
-    base: Annotated[Distance, COMPILED] = 0.0
+    base: Annotated[si.Distance, COMPILED] = 0.0
     """Height of its lower end over the floor; 3-D only."""
-    height: Annotated[Length, COMPILED] | None = None
+    height: Annotated[si.Length, COMPILED] | None = None
     """Length from its base upward; unless given, it reaches the ceiling. 3-D only."""
 
     def surface(self, domain: Domain) -> float:
@@ -246,13 +231,13 @@ class Mesh(Standing):
     kind: Literal["mesh"]
     file: FileName
     """Path of an STL, OBJ or PLY file of closed bodies, relative to the scenario's folder."""
-    scale: Annotated[SomeCoefficient, COMPILED] = 1.0
+    scale: Annotated[si.SomeCoefficient, COMPILED] = 1.0
     """Factor from the file's unit to metres: 0.001 for a file in millimetres."""
-    yaw_deg: Annotated[Angle, COMPILED] = 0.0
+    yaw_deg: Annotated[si.Angle, COMPILED] = 0.0
     """Angle by which it is turned about the file's z axis, after scaling, to the left seen from above."""
-    translate: Annotated[tuple[Coordinate, Coordinate, Coordinate], COMPILED] = (0.0, 0.0, 0.0)
-    """How far it is moved after scaling and turning, per axis."""
-    section: Annotated[Coordinate, COMPILED] = 0.0
+    translate: Annotated[tuple[si.Coordinate, si.Coordinate, si.Coordinate], COMPILED] = (0.0, 0.0, 0.0)
+    """Shift of the mesh after scaling and turning, per axis."""
+    section: Annotated[si.Coordinate, COMPILED] = 0.0
     """Height at which a 2-D run cuts the mesh, once it has been moved."""
 
     def _another_scale(self, size: np.ndarray, domain: Domain) -> str:
@@ -272,12 +257,12 @@ class WallMap(Standing):
     """Path of the map's YAML file, relative to the scenario's folder; its picture (PGM, PNG or BMP) lies beside it."""
     unknown: Literal["wall", "free"] = "wall"
     """Meaning of unknown pixels: most lie behind the walls, where no air is needed."""
-    origin: Annotated[Point2, COMPILED] | None = None
+    origin: Annotated[si.Point2, COMPILED] | None = None
     """Where the domain's lower corner lies in the map's frame, x and y. Unless given, it is the lower corner of the box
     around the map."""
-    base: Annotated[Distance, COMPILED] = 0.0
+    base: Annotated[si.Distance, COMPILED] = 0.0
     """Height of the walls' lower end over the floor; 3-D only."""
-    height: Annotated[Length, COMPILED] | None = None
+    height: Annotated[si.Length, COMPILED] | None = None
     """Length from their base upward; unless given, they reach the ceiling. 3-D only."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:

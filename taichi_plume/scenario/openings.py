@@ -1,6 +1,6 @@
 """Boundary conditions of the flow: inlets, outlets and fans, slip, moving and periodic walls."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import pairwise
 from math import hypot
 from typing import Annotated, ClassVar, Literal
@@ -8,25 +8,12 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.any_opening import AnyOpening, FaceOpening, Scheduled, SpeedAt, VelocityAt, Vent
 from taichi_plume.scenario.domain import Context, Domain
 from taichi_plume.scenario.profiles import Profile
 from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.vocabulary import (
-    SPATIAL,
-    Axis,
-    Coefficient,
-    Color,
-    Duration,
-    FlowRate,
-    Fraction,
-    Length,
-    Model,
-    Pressure,
-    Swirl,
-    Velocities,
-    Velocity,
-)
+from taichi_plume.scenario.vocabulary import SPATIAL, Axis, Color, Model
 
 CARRIED = 3  # cells: convection damps eddies of a shorter integral length too much
 BLUE, YELLOW, GREEN, PURPLE = (79, 195, 247), (255, 213, 79), (129, 199, 132), (206, 147, 216)
@@ -37,12 +24,12 @@ class Jet(Scheduled, Vent):
 
     inward: ClassVar[bool] = True
     """Whether a negative speed is probably not meant."""
-    speed: Velocity | None = None
+    speed: si.Velocity | None = None
     """Mean speed of the air into the room; negative draws air out. A honeycomb without it is an outlet."""
-    turbulence_intensity: Fraction = 0.0
+    turbulence_intensity: si.Fraction = 0.0
     """Standard deviation of each velocity component over the mean speed. It is that of the eddies that the cells
     carry; 0 blows perfectly smooth air, which keeps plumes narrow."""
-    turbulence_length: Length | None = None
+    turbulence_length: si.Length | None = None
     """Size of the eddies that are blown in: integral length along the wind. Unless given a fifth of the opening's
     width, and about four cells at least."""
     schedule: tuple[SpeedAt, ...] = ()
@@ -96,7 +83,7 @@ class Jet(Scheduled, Vent):
         """Return the scheduled speed [m/s] at time t [s]; each change takes `ramp` seconds."""
         speed = self.speed or 0.0
         for step in self.schedule:
-            speed += self.share(step, t) * (step.speed - speed)
+            speed += self.progress(step, t) * (step.speed - speed)
         return speed
 
     def inflow(self, t: float, domain: Domain) -> float:
@@ -106,11 +93,11 @@ class Jet(Scheduled, Vent):
 class FanCurve(Model):
     """Characteristic curve of a fan: pressure rise dp = pressure (1 - (Q/flow)²) at a flow rate Q."""
 
-    pressure: Pressure
+    pressure: si.Pressure
     """Pressure rise of the fan at zero flow, from its data sheet."""
-    flow: FlowRate
+    flow: si.FlowRate
     """Flow rate at zero pressure rise, from its data sheet; in 2-D through the whole depth."""
-    response: Duration = 0.2
+    response: si.Duration = 0.2
     """Time in which the fan's speed follows the pressure; the inertia of the air adds to it."""
 
 
@@ -123,8 +110,8 @@ class Fan(Jet):
     color: ClassVar[Color] = BLUE
     inward: ClassVar[bool] = False
     kind: Literal["fan"]
-    swirl: Annotated[Swirl, SPATIAL] = 0.0
-    """How much the jet turns: tangential over axial speed at the rim; 3-D only."""
+    swirl: Annotated[si.Swirl, SPATIAL] = 0.0
+    """Swirl of the jet: tangential over axial speed at the rim; 3-D only."""
     curve: FanCurve | None = None
     """Characteristic curve of the fan. Its speed then follows the pressure behind it, and `speed` is the speed at the
     start, 0 unless given."""
@@ -139,9 +126,7 @@ class Fan(Jet):
             raise fault("with a curve it blows into the domain: speed must not be negative")
         return self
 
-    @property
-    def blows(self) -> bool:
-        return True
+    blows: ClassVar[bool] = True
 
     @property
     def follows_pressure(self) -> bool:
@@ -158,10 +143,10 @@ class Inlet(Jet):
 
     color: ClassVar[Color] = BLUE
     kind: Literal["inlet"]
-    speed: Velocity  # type: ignore[assignment]
+    speed: si.Velocity  # type: ignore[assignment]
     """Mean speed of the air into the room; negative draws air out."""
     profile: Literal["uniform", "parabolic"] | Profile = "uniform"
-    """How the speed varies over the opening. uniform, parabolic, or by the height over walls: {kind: log}, power or
+    """Velocity profile over the opening. uniform, parabolic, or by the height over walls: {kind: log}, power or
     table."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
@@ -176,7 +161,7 @@ class Honeycomb(Jet):
     color: ClassVar[Color] = YELLOW
     straight: ClassVar[bool] = True
     kind: Literal["honeycomb"]
-    loss_coefficient: Coefficient = 2.0
+    loss_coefficient: si.Coefficient = 2.0
     """Pressure loss over the dynamic pressure, where it is an outlet. More spreads the outflow more evenly."""
 
 
@@ -184,11 +169,8 @@ class Outlet(Vent):
     """An opening to still air outside, through which air goes in or out as the pressure wants."""
 
     color: ClassVar[Color] = GREEN
+    lets_out: ClassVar[bool] = True
     kind: Literal["outlet"]
-
-    @property
-    def lets_out(self) -> bool:
-        return True
 
 
 class Slip(FaceOpening):
@@ -202,7 +184,7 @@ class MovingWall(Scheduled, FaceOpening):
 
     color: ClassVar[Color] = PURPLE
     kind: Literal["wall"]
-    velocity: Velocities
+    velocity: si.Velocities
     """Velocity with which the wall slides, per axis; 0 along the axis through it. It drags the air along."""
     schedule: tuple[VelocityAt, ...] = ()
     """Velocities from given times on; before the first, `velocity` holds."""
@@ -213,7 +195,7 @@ class MovingWall(Scheduled, FaceOpening):
     def _velocity_at(self, t: float) -> np.ndarray:
         velocity = np.array(self.velocity)
         for step in self.schedule:
-            velocity += self.share(step, t) * (np.array(step.velocity) - velocity)
+            velocity += self.progress(step, t) * (np.array(step.velocity) - velocity)
         return velocity
 
     def mean_velocity(self, begin: float, end: float) -> np.ndarray:
@@ -224,10 +206,8 @@ class MovingWall(Scheduled, FaceOpening):
         parts = [(b - a) * self._velocity_at(0.5 * (a + b)) for a, b in pairwise(times)]  # linear in between
         return np.sum(parts, axis=0) / (end - begin)
 
-    def clashes(
-        self, where: str, number: int, openings: "Sequence[Opening]", context: Context
-    ) -> Iterator[str]:
-        yield from super().clashes(where, number, openings, context)
+    def clashes(self, where: str, number: int, context: Context) -> Iterator[str]:
+        yield from super().clashes(where, number, context)
         given = [(f"{where}.velocity", self.velocity)]
         given += [(f"{where}.schedule[{n}].velocity", step.velocity) for n, step in enumerate(self.schedule)]
         for place, velocity in given:
@@ -243,18 +223,16 @@ class Periodic(AnyOpening):
 
     kind: Literal["periodic"]
     axis: Axis
-    """What leaves at one end of this axis enters at the other, as in an endless duct."""
+    """Axis of periodicity: air that leaves at one end enters at the other, as in an endless duct."""
 
     @property
     def wraps(self) -> str:
         return self.axis
 
-    def clashes(
-        self, where: str, number: int, openings: "Sequence[Opening]", context: Context
-    ) -> Iterator[str]:
-        if any(other.wraps == self.axis for other in openings[:number]):
+    def clashes(self, where: str, number: int, context: Context) -> Iterator[str]:
+        if any(other.wraps == self.axis for other in context.scenario.openings[:number]):
             yield f"{where}: axis {self.axis} is periodic already; remove one"
-        for m, other in enumerate(openings):
+        for m, other in enumerate(context.scenario.openings):
             if other.region is not None and other.region.face[0] == self.axis:
                 yield (
                     f"{where}: axis {self.axis} cannot be periodic while wind.openings[{m}] "

@@ -9,23 +9,12 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain
 from taichi_plume.scenario.played import PlumeSimLog, PointPlayback
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.sources import OneGas, Target
-from taichi_plume.scenario.vocabulary import (
-    COMPILED,
-    Coefficient,
-    Count,
-    Duration,
-    FileName,
-    FullScale,
-    Length,
-    Magnitude,
-    Point2,
-    SomeCoefficient,
-    Time,
-)
+from taichi_plume.scenario.vocabulary import COMPILED, FileName
 
 MOST_NODES = 1_000_000  # of a lattice on the domain
 
@@ -33,7 +22,7 @@ MOST_NODES = 1_000_000  # of a lattice on the domain
 class PercentGas(OneGas):
     """A plume in percent of a full scale, as in PlumeSim; in 3-D the same at every height."""
 
-    full_scale_ppm: FullScale = 100.0
+    full_scale_ppm: si.FullScale = 100.0
     """Concentration in ppm of 100 percent."""
     sources: tuple[Target, ...] = ()
     """Places that robots search for; they emit nothing, the plume is given."""
@@ -59,13 +48,13 @@ class FluentGas(PercentGas, PointPlayback):
     files: FileName
     """Path of the files, relative to the scenario's folder. Such as plume%03d.txt for plume001.txt, plume002.txt and
     so on."""
-    frames: Count | None = None
+    frames: si.Count | None = None
     """Number of files to take; unless given, all there are."""
-    period: Annotated[Duration, COMPILED] = 1.0
+    period: Annotated[si.Duration, COMPILED] = 1.0
     """Time from one file to the next."""
-    cell: Annotated[Length, COMPILED] = 0.1
+    cell: Annotated[si.Length, COMPILED] = 0.1
     """Distance up to which a point counts."""
-    largest: Annotated[Magnitude, COMPILED] | None = None
+    largest: Annotated[si.Magnitude, COMPILED] | None = None
     """Concentration that counts as 100 percent, in the files' unit; unless given, the largest in them."""
 
     @field_validator("files")
@@ -86,23 +75,23 @@ class PlumeSimPuff(PercentGas):
     """
 
     kind: Literal["plumesim_gaussian"]
-    release_point: Point2
+    release_point: si.Point2
     """Where the puff is released, x and y."""
-    diffusion: tuple[SomeCoefficient, SomeCoefficient] = (0.2, 0.005)
+    diffusion: tuple[si.SomeCoefficient, si.SomeCoefficient] = (0.2, 0.005)
     """Spread per frame along x and y, Dx and Dy, in m² per frame."""
-    amount: SomeCoefficient = 100.0
+    amount: si.SomeCoefficient = 100.0
     """Released amount, in percent times m². Concentrations are proportional to it."""
-    cell: Length = 0.1
+    cell: si.Length = 0.1
     """Distance of the nodes; a reading is the value of the nearest one."""
     all_around: bool = False
     """Put nodes to the left of and below the release too, unlike PlumeSim."""
-    period: Duration = 1.0
+    period: si.Duration = 1.0
     """Time from one frame to the next."""
-    last: Count = 25
+    last: si.Count = 25
     """Number of the last frame; then frames start again from `repeat_from`."""
-    repeat_from: Count = 20
+    repeat_from: si.Count = 20
     """Number of the frame that follows the last one."""
-    start: Time = 0.0
+    start: si.Time = 0.0
     """Time since the release when the robots start."""
 
     @model_validator(mode="after")
@@ -124,20 +113,18 @@ class PlumeSimMeander(PercentGas):
     """
 
     kind: Literal["plumesim_meandering"]
-    release_point: Point2
+    release_point: si.Point2
     """Where the plume starts, x and y."""
     points: Annotated[int, Field(ge=20, le=1_000_000)] = 200
     """Approximate number of points. More make a smoother plume."""
-    release_rate: Coefficient = 10.0
+    release_rate: si.Coefficient = 10.0
     """Factor of `dispersion` that widens the plume; PlumeSim's name."""
-    dispersion: Coefficient = 0.1
+    dispersion: si.Coefficient = 0.1
     """Widening: points lie across with a standard deviation of dispersion release_rate (x - x0)."""
-    radius: Annotated[Length, COMPILED] = 0.1
+    radius: Annotated[si.Length, COMPILED] = 0.1
     """Points within this distance of a sensor count for its reading."""
 
-    @property
-    def by_chance(self) -> bool:
-        return True
+    by_chance: ClassVar[bool] = True
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         lines = list(_release(where, self.release_point, context))

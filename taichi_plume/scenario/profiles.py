@@ -7,19 +7,10 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.vocabulary import (
-    COMPILED,
-    Distance,
-    Exponent,
-    Face,
-    Length,
-    Model,
-    SomeFraction,
-    Speed,
-    one_or_several,
-)
+from taichi_plume.scenario.vocabulary import COMPILED, Face, Model, exactly_one, one_or_several
 from taichi_plume.scenario.windows import Region
 
 KARMAN = 0.41
@@ -71,17 +62,13 @@ class LogProfile(HeightProfile):
     """Speed that grows with the logarithm of the height, as over a wall far from the other side: u ~ ln(h/z0)."""
 
     kind: Literal["log"]
-    roughness: Annotated[Length, COMPILED] | None = None
+    roughness: Annotated[si.Length, COMPILED] | None = None
     """Roughness length z0, the height at which the speed is 0. Of a smooth wall about 2e-6 m²/s over the friction
     velocity."""
-    friction: Annotated[SomeFraction, COMPILED] | None = None
+    friction: Annotated[si.SomeFraction, COMPILED] | None = None
     """Friction velocity over the mean speed, instead of the roughness."""
 
-    @model_validator(mode="after")
-    def _one_parameter(self) -> "LogProfile":
-        if (self.roughness is None) == (self.friction is None):
-            raise fault("takes either roughness or friction")
-        return self
+    _one_parameter = exactly_one("roughness", "friction")
 
     def _speeds(self, heights: np.ndarray, of_opening: np.ndarray) -> np.ndarray:
         """With a friction velocity u*, the mean of u*/0.41 ln(h/z0) over the opening is the mean speed."""
@@ -95,7 +82,7 @@ class PowerProfile(HeightProfile):
     """Speed that grows with a power of the height: u ~ h^exponent."""
 
     kind: Literal["power"]
-    exponent: Annotated[Exponent, COMPILED] = 1 / 7
+    exponent: Annotated[si.Exponent, COMPILED] = 1 / 7
     """Exponent of the height: 1/7 is usual over smooth ground, more makes a slower layer below."""
 
     def _speeds(self, heights: np.ndarray, of_opening: np.ndarray) -> np.ndarray:
@@ -106,17 +93,16 @@ class TableProfile(HeightProfile):
     """Speeds at heights, linear in between."""
 
     kind: Literal["table"]
-    heights: Annotated[tuple[Distance, ...], ENTRIES, COMPILED]
+    heights: Annotated[tuple[si.Distance, ...], ENTRIES, COMPILED]
     """Heights over the walls at which speeds are given, ascending; they have to cover the opening."""
-    speeds: Annotated[tuple[Speed, ...], ENTRIES, COMPILED]
+    speeds: Annotated[tuple[si.Speed, ...], ENTRIES, COMPILED]
     """Speed at each height, linear in between. Only their ratios count, the opening's `speed` stays the mean."""
 
     @model_validator(mode="after")
     def _equal_lengths(self) -> "TableProfile":
         if len(self.heights) != len(self.speeds):
             raise fault(
-                "has {heights} heights and {speeds} speeds; give one speed per height",
-                {"heights": len(self.heights), "speeds": len(self.speeds)},
+                f"has {len(self.heights)} heights and {len(self.speeds)} speeds; give one speed per height"
             )
         if any(a >= b for a, b in pairwise(self.heights)):
             raise fault("heights must grow from each to the next")

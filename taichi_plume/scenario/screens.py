@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, span
-from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.vocabulary import COMPILED, Axis, Coefficient, Color, Coordinate, Distance, Length
+from taichi_plume.scenario.vocabulary import COMPILED, Axis, Color, not_both
 from taichi_plume.scenario.windows import Window
 
 
@@ -17,11 +17,11 @@ class Screen(Window):
     color: ClassVar[Color] = (255, 213, 79)
     axis: Axis
     """Axis through the screen, across which it stands."""
-    at: Annotated[Coordinate, COMPILED]
+    at: Annotated[si.Coordinate, COMPILED]
     """Where along that axis the middle of the screen is."""
-    thickness: Annotated[Distance, COMPILED] = 0.05
+    thickness: Annotated[si.Distance, COMPILED] = 0.05
     """Thickness along the axis, in whole cells and at least one."""
-    transverse: Coefficient = 1000.0
+    transverse: si.Coefficient = 1000.0
     """Resistance along the screen over the one through it. Large values straighten the flow, 1 is for thin sheets."""
 
     @property
@@ -60,18 +60,14 @@ class Straightener(Screen):
     """A honeycomb flow straightener: friction in its channels, and pressure losses at their ends."""
 
     kind: Literal["honeycomb"]
-    loss_coefficient: Coefficient | None = None
+    loss_coefficient: si.Coefficient | None = None
     """Pressure drop over the dynamic pressure: more evens the flow out more. 2 unless `cell` is given."""
-    cell: Length | None = None
+    cell: si.Length | None = None
     """Width of a channel, in place of the loss coefficient. The drop is then that of laminar friction in hexagons, f
     Re = 60.2 (Shah & London 1978, Laminar Flow Forced Convection in Ducts), and 1.2 dynamic pressures at both ends.
     """
 
-    @model_validator(mode="after")
-    def _one_loss(self) -> "Straightener":
-        if self.loss_coefficient is not None and self.cell is not None:
-            raise fault("takes loss_coefficient or cell, not both")
-        return self
+    _one_loss = not_both("loss_coefficient", "cell")
 
     def losses(self, viscosity: float) -> tuple[float, float]:
         if self.cell is None:
@@ -83,10 +79,10 @@ class Perforated(Screen):
     """A thin sheet with holes or a wire gauze."""
 
     kind: Literal["perforated"]
-    loss_coefficient: Coefficient = 2.0
+    loss_coefficient: si.Coefficient = 2.0
     """Pressure drop over the dynamic pressure: more evens the flow out more."""
-    thickness: Annotated[Distance, COMPILED] = 0.0
-    transverse: Coefficient = 1.0
+    thickness: Annotated[si.Distance, COMPILED] = 0.0
+    transverse: si.Coefficient = 1.0
 
     def losses(self, viscosity: float) -> tuple[float, float]:
         return 0.0, self.loss_coefficient / 2.0

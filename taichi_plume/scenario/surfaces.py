@@ -5,9 +5,10 @@ from typing import Annotated, Protocol
 
 from pydantic import Field, model_validator
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.vocabulary import Concentration, Model, SurfaceVelocity, Time
+from taichi_plume.scenario.vocabulary import Model, exactly_one
 from taichi_plume.scenario.windows import Region
 
 Number = Annotated[int, Field(ge=0, le=1_000_000)]
@@ -15,16 +16,16 @@ Number = Annotated[int, Field(ge=0, le=1_000_000)]
 
 
 class Numbered(Protocol):
-    """Names an obstacle by its number."""
+    """A section that names an obstacle by its number."""
 
     @property
     def number(self) -> int:
-        """Its place in `obstacles`."""
+        """Index in `obstacles`."""
         ...
 
 
 def wall_faults(where: str, walls: Sequence[Region], context: Context) -> Iterator[str]:
-    """What is wrong with walls: they have to lie on their faces, where these are walls, and apart."""
+    """Yield errors of wall regions: they have to lie on faces that are walls, and must not overlap."""
     for n, wall in enumerate(walls):
         yield from wall.on_its_face(f"{where}[{n}]", context)
         for m, opening in enumerate(context.scenario.openings):
@@ -42,7 +43,7 @@ def wall_faults(where: str, walls: Sequence[Region], context: Context) -> Iterat
 
 
 def obstacle_faults(where: str, obstacles: Sequence[Numbered], what: str, context: Context) -> Iterator[str]:
-    """What is wrong with obstacles: there have to be such, and each be named once; what: it is given."""
+    """Yield errors about unknown obstacles, and obstacles with two entries; what: noun of an entry."""
     count = len(context.scenario.obstacles)
     for n, obstacle in enumerate(obstacles):
         path = f"{where}[{n}].number"
@@ -56,18 +57,18 @@ def obstacle_faults(where: str, obstacles: Sequence[Numbered], what: str, contex
 class ConcentrationAt(Model):
     """From `at` on, air comes in with `concentration`."""
 
-    at: Time
-    """When it begins. The robots start at 0, the warm-up is before."""
-    concentration: Concentration
+    at: si.Time
+    """When the change starts. The robots start at 0, the warm-up is before."""
+    concentration: si.Concentration
     """Gas in the air that comes in from then on."""
 
 
 class Inflow(Model):
-    """The gas of the air that comes in through an opening, whether it is blown in or drawn in."""
+    """Gas in the air that flows in through an opening."""
 
     opening: Number
     """Which opening: its place in `wind.openings`, counted from 0."""
-    concentration: Concentration
+    concentration: si.Concentration
     """Gas in the air that comes in through it."""
     schedule: tuple[ConcentrationAt, ...] = ()
     """Concentrations from given times on; before the first, `concentration` holds."""
@@ -80,29 +81,23 @@ class Inflow(Model):
         return self
 
     def at(self, t: float) -> float:
-        """Concentration [ppm] at time t [s]."""
+        """Return the concentration [ppm] at time t [s]."""
         return [self.concentration, *(step.concentration for step in self.schedule if step.at <= t)][-1]
 
 
 class GasSurface(Model):
-    """A surface that takes gas up, or at which the concentration is given."""
+    """A surface with an uptake of gas, or a given concentration (Dirichlet)."""
 
-    uptake: SurfaceVelocity | None = None
-    """How eagerly the surface takes gas up: its deposition velocity. Gas per area and time over the concentration at
-    the surface; it has to come through the film of air at the surface first."""
-    concentration: Concentration | None = None
-    """Concentration at the surface, whatever the air does; instead of `uptake`."""
-    transfer: SurfaceVelocity | None = None
-    """How fast gas comes through the film of air at the surface. Gas per area and time over the difference of
-    concentration; unless given, that of the law of the wall, or of diffusion across half a cell where the wind has no
-    model of eddies."""
+    uptake: si.SurfaceVelocity | None = None
+    """Deposition velocity: gas per area and time over the concentration at the surface. The film of air at the surface
+    acts in series."""
+    concentration: si.Concentration | None = None
+    """Constant concentration at the surface; instead of `uptake`."""
+    transfer: si.SurfaceVelocity | None = None
+    """Mass transfer coefficient of the film of air at the surface, per difference of concentration. Unless given, that
+    of the law of the wall or, without a model of eddies, of diffusion across half a cell."""
 
-    @model_validator(mode="after")
-    def _one(self) -> "GasSurface":
-        if (self.uptake is None) == (self.concentration is None):
-            got = "neither" if self.uptake is None else "both"
-            raise fault("takes an uptake or a concentration, got {got}", {"got": got})
-        return self
+    _one_condition = exactly_one("uptake", "concentration")
 
 
 class GasWall(GasSurface, Region):
@@ -117,7 +112,7 @@ class GasObstacle(GasSurface):
 
 
 class GasSurfaces(Model):
-    """Walls and obstacles that gas sticks to or comes from; those that are not named let none through."""
+    """Walls and obstacles that exchange gas with the air; unnamed ones are impermeable."""
 
     walls: tuple[GasWall, ...] = ()
     """Faces of the room, or regions of them, that exchange gas with the air."""
@@ -125,7 +120,7 @@ class GasSurfaces(Model):
     """Obstacles that exchange gas with the air."""
 
     @model_validator(mode="after")
-    def _some(self) -> "GasSurfaces":
+    def _not_empty(self) -> "GasSurfaces":
         if not self.walls and not self.obstacles:
             raise fault("names no walls and no obstacles")
         return self
@@ -136,7 +131,7 @@ class GasSurfaces(Model):
 
 
 def inflow_faults(where: str, inflow: tuple[Inflow, ...], context: Context) -> Iterator[str]:
-    """What is wrong with them: air has to go through the openings, and each be named once."""
+    """Yield errors about unknown or closed openings, and openings with two entries."""
     openings = context.scenario.openings
     for n, one in enumerate(inflow):
         path = f"{where}[{n}].opening"
@@ -144,6 +139,6 @@ def inflow_faults(where: str, inflow: tuple[Inflow, ...], context: Context) -> I
             allowed = f"use 0 to {len(openings) - 1}" if openings else "there are none"
             yield f"{path}: there is no wind.openings[{one.opening}]; {allowed}"
         elif not openings[one.opening].passes:
-            yield f"{path}: no air comes in through wind.openings[{one.opening}] ({openings[one.opening].label})"
+            yield f"{path}: no air flows through wind.openings[{one.opening}] ({openings[one.opening].label})"
         elif any(one.opening == other.opening for other in inflow[:n]):
             yield f"{path}: wind.openings[{one.opening}] has a concentration already; remove one"

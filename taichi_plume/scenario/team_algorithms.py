@@ -7,27 +7,12 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.listening import AnyAlgorithm, Listening
 from taichi_plume.scenario.maps import MOST_CELLS, TimeSeriesMap
 from taichi_plume.scenario.quantities import round_up
 from taichi_plume.scenario.starts import GAP
-from taichi_plume.scenario.vocabulary import (
-    COMPILED,
-    Angle,
-    Coefficient,
-    Count,
-    Delay,
-    Distance,
-    Duration,
-    Fraction,
-    Length,
-    Model,
-    Ppm,
-    SomeFraction,
-    Speed,
-    TopSpeed,
-    Wait,
-)
+from taichi_plume.scenario.vocabulary import COMPILED, Model
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Arena
@@ -41,7 +26,7 @@ class SearchSpace(Model):
     """Robots that were near when they sent their message."""
 
     kind: Literal["search_space"]
-    distance: Length = 1.5
+    distance: si.Length = 1.5
     """Largest distance of a neighbour when it sent its message."""
 
     @property
@@ -54,7 +39,7 @@ class FunctionValue(Model):
     """Robots whose best readings are most like the robot's own."""
 
     kind: Literal["function_value"]
-    number: Count = 2
+    number: si.Count = 2
     """Number of neighbours of each robot."""
 
     @property
@@ -67,7 +52,7 @@ class RandomMates(Model):
     """Robots that are drawn at random at each way point."""
 
     kind: Literal["random"]
-    probability: Fraction = 0.5
+    probability: si.Fraction = 0.5
     """Probability that another robot becomes a neighbour."""
 
     @property
@@ -81,32 +66,32 @@ class Dapso(Listening):
 
     talks: ClassVar[bool] = True
     kind: Literal["dapso"]
-    acquisition: Wait = 2.0
-    threshold_ppm: Ppm = 1.0
+    acquisition: si.Wait = 2.0
+    threshold_ppm: si.Ppm = 1.0
     """Smallest best reading that the swarm follows: below, robots explore at random places. 0: they never explore."""
-    phi1: Coefficient = 2.05
+    phi1: si.Coefficient = 2.05
     """Strength of the pull to the best place of the robot itself."""
-    phi2: Coefficient = 2.05
+    phi2: si.Coefficient = 2.05
     """Strength of the pull to the best place of its neighbours."""
-    kappa: SomeFraction = 1.0
+    kappa: si.SomeFraction = 1.0
     """Convergence of the steps: kappa of the constriction chi. Less lets steps shorten sooner."""
-    longest_step: Length = 0.5
+    longest_step: si.Length = 0.5
     """Longest distance from way point to way point."""
-    memory: Delay = 60.0
+    memory: si.Delay = 60.0
     """Time constant with which a best reading fades, as gas comes and goes; 0: it does not."""
     neighbourhood: Annotated[SearchSpace | FunctionValue | RandomMates, Field(discriminator="kind")] = (
         SearchSpace(kind="search_space")
     )
     """Which team mates in range (see `communication`) are neighbours, whose best places count."""
-    way_point_tolerance: Length = 0.05
+    way_point_tolerance: si.Length = 0.05
     """Distance from a way point that counts as there."""
-    way_point_timeout: Duration = 15.0
+    way_point_timeout: si.Duration = 15.0
     """Time after which it gives up a way point and measures where it is."""
     restart_after: Annotated[int, Field(ge=0, le=1_000_000)] = 3
     """After so many short steps in a row it forgets all and drives to a random place; 0: never."""
-    restart_step: Length = 0.05
+    restart_step: si.Length = 0.05
     """Length below which a step counts as short."""
-    avoidance: Length = 0.2
+    avoidance: si.Length = 0.2
     """Distance to walls and other robots below which they push the robot away."""
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
@@ -123,27 +108,27 @@ class LineUp(AnyAlgorithm):
     """A diagonal line of robots that sweeps across the wind (Marjovi & Marques 2014). See agents/lineup.py."""
 
     kind: Literal["lineup"]
-    speed: Speed | None = None
+    speed: si.Speed | None = None
     """Speed of a robot that takes its place; unless given, the body's largest."""
-    line_speed: TopSpeed = 0.1
+    line_speed: si.TopSpeed = 0.1
     """Speed of the line across the wind. Below that of the robots, so that they can keep up."""
-    wind_direction_deg: Angle | None = None
+    wind_direction_deg: si.Angle | None = None
     """Where the air goes, from the x axis to the left; unless given, the team measures it at the start."""
-    listen: Wait = 5.0
+    listen: si.Wait = 5.0
     """Time for which the team measures the wind at the start."""
-    spacing: Length | None = None
+    spacing: si.Length | None = None
     """Distance between neighbours along the wind; unless given, the line reaches from margin to margin."""
-    stagger: Distance = 0.3
+    stagger: si.Distance = 0.3
     """Distance between neighbours across the wind; of a lone robot, its step along the wind after each sweep."""
     mirror: bool = False
     """Form the line again before it goes back, so that the same end leads."""
-    margin: Length = 0.3
+    margin: si.Length = 0.3
     """Distance from the walls to the line."""
-    tolerance: Length = 0.15
+    tolerance: si.Length = 0.15
     """The line waits for robots that are farther than this from their places."""
-    patience: Delay = 10.0
+    patience: si.Delay = 10.0
     """Time without progress after which the line no longer waits for a robot."""
-    avoidance: Length = 0.1
+    avoidance: si.Length = 0.1
     """Distance to walls and other robots below which they push the robot away."""
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
@@ -177,15 +162,15 @@ class Sweep(AnyAlgorithm):
     """Parallel lanes to and fro, shared out between the robots of a team. See agents/sweep.py."""
 
     kind: Literal["sweep"]
-    speed: Speed | None = None
+    speed: si.Speed | None = None
     """Speed at which they drive; unless given, the body's largest."""
-    lane: Annotated[Length, COMPILED] = 0.3
+    lane: Annotated[si.Length, COMPILED] = 0.3
     """Largest width of a lane: narrower ones cover the floor more closely, and take longer."""
     along: Literal["x", "y"] | None = None
     """Axis along which the lanes run; unless given, the longer side of the floor."""
     repeat: bool = True
     """Go back the way they came at the end, again and again; otherwise the robots stay there."""
-    avoidance: Length = 0.05
+    avoidance: si.Length = 0.05
     """Distance to walls and other robots below which they push the robot away."""
 
     def lanes(self, size: Sequence[float] | np.ndarray, robots: int) -> tuple[int, int]:
@@ -224,15 +209,15 @@ class LeastKnown(AnyAlgorithm):
     """Drive to the least known places of a map of the readings (Marjovi & Marques 2014). See agents/least_known.py."""
 
     kind: Literal["least_known"]
-    speed: Speed | None = None
+    speed: si.Speed | None = None
     """Speed at which they drive; unless given, the body's largest."""
     map: TimeSeriesMap = TimeSeriesMap(kind="time_series")
     """Map of the team's readings whose weights count; a forgotten place is unknown again."""
-    share: SomeFraction = 0.1
+    share: si.SomeFraction = 0.1
     """Share of all cells that count as the least known; the robot goes to the nearest of them."""
-    apart: Length = 0.5
+    apart: si.Length = 0.5
     """Least distance of a way point from the robot and from those of its team mates."""
-    avoidance: Length = 0.1
+    avoidance: si.Length = 0.1
     """Distance to walls and other robots below which they push the robot away."""
 
     def unfit(self, where: str, floor: "Arena") -> str | None:

@@ -8,9 +8,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from taichi_plume.grid.floor_plans import FloorPlan
+from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain, span
 from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.vocabulary import COMPILED, PER_FACE, Coordinate, Face, Length, Model
+from taichi_plume.scenario.vocabulary import COMPILED, PER_FACE, Face, Model, not_both
 
 LEAST_OPEN = 0.05  # open area fraction of an opening; less is closed
 MOSTLY_OPEN = 0.9  # open area fraction; more is open, as walls that meet the face cover some of it
@@ -25,19 +26,21 @@ class Window(Model):
     """
 
     center: (
-        Annotated[tuple[Coordinate, ...], Field(min_length=1, max_length=2), PER_FACE, COMPILED] | None
+        Annotated[tuple[si.Coordinate, ...], Field(min_length=1, max_length=2), PER_FACE, COMPILED] | None
     ) = None
     """Middle of the region in its plane: one number in 2-D, two in 3-D, in x, y, z order. It goes with `size` or
-    `diameter`; without them the region is the whole face, or cross-section."""
-    size: Annotated[tuple[Length, ...], Field(min_length=1, max_length=2), PER_FACE, COMPILED] | None = None
+    `diameter`; without them the region is the whole face or cross-section."""
+    size: Annotated[tuple[si.Length, ...], Field(min_length=1, max_length=2), PER_FACE, COMPILED] | None = (
+        None
+    )
     """Edges of a rectangular region in its plane: one number in 2-D, two in 3-D."""
-    diameter: Annotated[Length, COMPILED] | None = None
+    diameter: Annotated[si.Length, COMPILED] | None = None
     """Diameter of a round region; in 2-D, width of a slot. Instead of `size`."""
 
+    _one_form = not_both("size", "diameter")
+
     @model_validator(mode="after")
-    def _one_form(self) -> Self:
-        if self.size is not None and self.diameter is not None:
-            raise fault("takes size or diameter, not both")
+    def _whole_form(self) -> Self:
         if (self.size is None and self.diameter is None) != (self.center is None):
             raise fault("center goes with size (rectangle) or diameter (disc)")
         return self

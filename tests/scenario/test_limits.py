@@ -7,8 +7,9 @@ from annotated_types import MaxLen
 from pydantic import TypeAdapter, ValidationError
 from test_reset import vocabulary
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.facts import _numbers, _whole
-from taichi_plume.scenario.vocabulary import PER_AXIS, PER_FACE, Delay, Vector, mark_of
+from taichi_plume.scenario.vocabulary import PER_AXIS, PER_FACE, Vector, mark_of
 
 NUMBERS = [
     (f"{model.__name__}.{key}", Annotated[(kind, *marks)] if marks else kind)
@@ -44,7 +45,7 @@ def test_every_number_has_limits_on_both_sides(far):
 
 
 def test_a_delay_is_zero_or_can_be_a_divisor():
-    read = TypeAdapter(Delay).validate_python
+    read = TypeAdapter(si.Delay).validate_python
     assert read(0) == 0.0
     assert read("1 ms") == 0.001
     with pytest.raises(ValidationError, match="got 1e-100 s; 0, or at least 1e-06 s"):

@@ -159,7 +159,7 @@ def test_what_is_written_out_can_be_read_again(tmp_path):
     again = tmp_path / "again.yaml"
     again.write_text(to_yaml(load(tmp_path, few)))
     assert len(load_scenario(again).obstacles) == 2001
-    assert "values once every default is written out, 100,000 are taken" in fault(tmp_path, many)
+    assert "values with all defaults written out, at most 100,000 are allowed" in fault(tmp_path, many)
 
 
 def test_missing_files_and_folders(tmp_path):

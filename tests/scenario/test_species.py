@@ -133,7 +133,7 @@ def test_every_model_reads_its_own_gas_rightly_and_tells_of_all_others(model):
     own = MOX_MODELS[model].gas
     assert (sensor.weight(own), sensor.bend(own), sensor.reads(own, 33.0)) == (1.0, None, 33.0)
     for gas in SPECIES:
-        felt = gas in MOX_MODELS[model].others or gas not in INERT | OXIDISING | MOX_MODELS[model].deaf
+        felt = gas in MOX_MODELS[model].others or gas not in INERT | OXIDISING | MOX_MODELS[model].filtered
         assert (sensor.weight(gas) > 0) == (sensor.reads(gas, 10.0) > 0) == felt
 
 
