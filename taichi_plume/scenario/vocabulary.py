@@ -110,7 +110,9 @@ class Model(BaseModel):
 
     def model_copy(self, *, update: Mapping[str, object] | None = None, deep: bool = False) -> Self:
         """Return a copy with other values. Raises ScenarioError, with a line per unknown key and bad value."""
-        from taichi_plume.scenario.loading import ScenarioError, explain, of_python  # it imports this module
+        # these import this module
+        from taichi_plume.scenario.error_messages import explain
+        from taichi_plume.scenario.loading import ScenarioError, of_python
 
         if not update:
             return super().model_copy(deep=deep)
