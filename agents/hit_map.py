@@ -38,7 +38,7 @@ from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.ways import FAR, Ways
 from taichi_plume.grid.elementary import direction, exp, log
 from taichi_plume.grid.transfer import reader
-from taichi_plume.scenario.filter_algorithms import HitMap as Model
+from taichi_plume.scenario.belief_algorithms import HitMap as Model
 
 ACQUIRE, MOVE = range(2)
 

@@ -33,7 +33,7 @@ from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.releases import Releases
 from taichi_plume.grid.rng import normal4, uniform4
 from taichi_plume.grid.transfer import reader
-from taichi_plume.scenario.filter_algorithms import ParticleFilter as Model
+from taichi_plume.scenario.belief_algorithms import ParticleFilter as Model
 
 GO = 5  # after the states of casting
 ENOUGH = 0.5  # of the particles; a lower effective number asks for resampling

@@ -21,7 +21,7 @@ import taichi as ti
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.grid.elementary import exp
-from taichi_plume.scenario.filter_algorithms import ParticleFilter as Model
+from taichi_plume.scenario.belief_algorithms import ParticleFilter as Model
 
 
 @ti.data_oriented

@@ -17,7 +17,7 @@ from taichi_plume.agents.columns import Columns, Rows
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.files.bag_ways import Way
-from taichi_plume.scenario.replay import Replay
+from taichi_plume.scenario.external import Replay
 
 WAITING, REPLAYED, ENDED = range(3)
 SUMS = ("n", "a", "b", "aa", "bb", "ab", "apart")  # of recorded readings a and simulated b
@@ -43,7 +43,7 @@ class ReplayAlgorithm:
         """Put the robots where they are at the end of the first tick."""
         (group,) = self.members.groups
         model = cast(Replay, group.model.algorithm)
-        self.chosen = cast(list[Way], model.chosen(self.ways, group.count))
+        self.chosen = model.chosen(self.ways, group.count)
         self.zero, self.origin = model.begin_of(self.chosen), np.array(model.origin)
         self.sums = np.zeros((group.size, len(SUMS)))
         self._order(0.0, self.tick)

@@ -5,7 +5,7 @@ import taichi as ti
 
 from taichi_plume.files.movie import Movie
 from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.movie import MovieGas
+from taichi_plume.scenario.played import MovieGas
 from taichi_plume.solvers.playback import PlayedGas
 
 NAME = "concentration"

@@ -20,8 +20,7 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.gases import PlaybackGas
 from taichi_plume.scenario.imported_wind import ImportedWind
-from taichi_plume.scenario.movie import MovieGas
-from taichi_plume.scenario.played import PlaybackWind, Played
+from taichi_plume.scenario.played import MovieGas, PlaybackWind, Played
 
 CLOSE = 1e-12  # of a time: as good as equal
 

@@ -306,15 +306,15 @@ def test_drones_neither_learn_nor_compete(path):
 @pytest.mark.parametrize(
     ("key", "told"),
     [
-        ("body={mass: 1}", "body.mass: is of drones"),
-        ("body={kind: drone, radius: 0.1}", "body.radius: 0.1 m is less than its rotors"),
-        ("body={kind: drone, max_climb: null}", "body.max_climb: none"),
-        ("body={kind: drone, wheel_base: 0.1}", "body.wheel_base: a drone has no"),
-        ("body={kind: free}", "start.altitude: is of drones"),
-        ("odometry={}", "odometry: a crazyflie has no"),
-        ("start.altitude=2.39", "start.altitude: 2.39 m and body.height of 0.029 m"),
-        ("wake=true", "wake: a wind of kind uniform"),
-        ("algorithm.highest=0.1", "algorithm.lowest: 0.3 m is not below highest"),
+        ("body={mass: 1}", r"robots\[0\].body.mass: is for drones"),
+        ("body={kind: drone, radius: 0.1}", r"body.radius: 0.1 m is less than arm"),
+        ("body={kind: drone, max_climb: null}", r"body.max_climb: a drone needs a number"),
+        ("body={kind: drone, wheel_base: 0.1}", r"body.wheel_base: a drone has no wheels"),
+        ("body={kind: free}", r"start.altitude: is for drones"),
+        ("odometry={}", r"odometry: a crazyflie has no wheels"),
+        ("start.altitude=2.39", r"start.altitude: 2.39 m and body.height of 0.029 m reach above the ceiling"),
+        ("wake=true", r"robots\[0\].wake: a wind of kind uniform is not disturbed"),
+        ("algorithm.highest=0.1", r"algorithm.lowest: 0.3 m must be below highest"),
     ],
 )
 def test_what_drones_are_refused(path, key, told):
@@ -332,7 +332,5 @@ def test_a_drone_starts_above_a_box_but_not_in_it(tmp_path):
 
 def test_drones_need_the_third_dimension(path):
     flat = ["domain.size=[5, 3]", "wind.velocity=[0.5, 0]", "gas.sources.0.position=[0.8, 1.6]"]
-    with pytest.raises(
-        ScenarioError, match=r"robots\[0\].body.kind: a crazyflie flies, which takes a 3-D run"
-    ):
+    with pytest.raises(ScenarioError, match=r"robots\[0\].body.kind: a crazyflie needs a 3-D run"):
         load_scenario(path, [*flat, "obstacles=[]", "gas.walls=[]"])

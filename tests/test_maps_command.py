@@ -45,7 +45,7 @@ GOOD = "t,x,y,reading\n1,0,0,2\n"
         (GOOD, ["--size", "nan", "2"], "--size: got 'nan': must be a finite number"),
         (GOOD, ["--source", "nan", "1"], "--source: got 'nan': must be a finite number"),
         (GOOD, ["--map={kind: time_series, cell: 1e-5}"], "--map.cell: 1e-05 m makes more than 4000000 map cells"),
-        (GOOD, ["--map={kind: gmrf, cell: 0.02}", "--size", "40", "40"], "--map.cell: 0.02 m is too fine"),
+        (GOOD, ["--map={kind: gmrf, cell: 0.02}", "--size", "40", "40"], "--map.cell: 0.02 m makes more than 400"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_told_in_one_line(text, options, told, tmp_path, capsys):

@@ -1,15 +1,15 @@
-"""The reference of every key of scenarios and studies, written from the models before Sphinx reads its sources.
+"""Reference of all keys of scenarios and studies, written from the models before Sphinx reads its sources.
 
 Pages are reStructuredText under ``reference/`` of the sources: one per part of a scenario, with the kinds of its
-sections, an example of each, and every key with its type, unit, limits, default and meaning. A key is an object
-of its own (role ``key``), so that the index and the search lead to it.
+sections, an example of each, and every key with its type, unit, limits, default and meaning. A key is a Sphinx object
+(role ``key``), so that the index and the search lead to it.
 """
 
 import inspect
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import yaml
 from docutils import nodes
@@ -17,6 +17,9 @@ from docutils import nodes
 from taichi_plume.scenario.keys import Key, Place, places
 from taichi_plume.scenario.vocabulary import Model
 from taichi_plume.study.model import Study
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
 
 EXAMPLES = Path(__file__).with_name("scenario_examples.yaml")
 STUDY = Path(__file__).parents[2] / "configs" / "studies" / "wind_speeds.yaml"
@@ -39,11 +42,11 @@ PAGES = {
         ["recording", "forces", "probes", "fields", "plumesim_log", "checkpoint"],
     ),
 }
-"""Of each page its title and the places that it tells of, with all below them that no other page names."""
+"""Title of each page, and its places, with all below them that no other page names."""
 
 
 def page_of(path: str) -> str:
-    """The page that tells of a place."""
+    """Return the page that describes a place."""
     fits = [
         (len(prefix), page)
         for page, (_, prefixes) in PAGES.items()
@@ -54,7 +57,7 @@ def page_of(path: str) -> str:
 
 
 def pages() -> dict[str, str]:
-    """The text of every page, by its name."""
+    """Return the text of every page, by its name."""
     examples = yaml.safe_load(EXAMPLES.read_text(encoding="utf-8"))
     found = {name: [*_title(title, "=")] for name, (title, _) in PAGES.items()}
     for path, place in places().items():
@@ -65,9 +68,9 @@ def pages() -> dict[str, str]:
 
 
 def _study() -> Iterator[str]:
-    """The page of a study's keys, which are no objects: some have the names of a scenario's."""
+    """Yield the page of a study's keys, which are no Sphinx objects, as some have names of scenario keys."""
     yield from _title("Study keys", "=")
-    yield from _told(Study)
+    yield from _purpose(Study)
     yield from (
         "Such as ``configs/studies/wind_speeds.yaml``:",
         "",
@@ -77,7 +80,7 @@ def _study() -> Iterator[str]:
         if place.path:
             yield from _title(place.path.replace("[]", ".NAME"), "-")
             for model in place.models:
-                yield from _told(model)
+                yield from _purpose(model)
         for key in place.keys:
             name = key.path.replace("[]", ".NAME")
             yield from (f".. index:: single: {key.name}; {name} (study)", "", f"``{name}``")
@@ -85,11 +88,12 @@ def _study() -> Iterator[str]:
 
 
 def _introduction(base: str) -> Iterator[str]:
+    """Yield the index page."""
     yield from (
-        "A scenario is a YAML file of these parts. All units are SI; a *quantity* is a number in the unit that is told "
+        "A scenario is a YAML file of these parts. All units are SI; a *quantity* is a number in the unit given "
         "here, or a text with another one, such as ``20 cm``, ``10 mg/s`` or ``2 min``. A key with *list* in its type "
         "takes several values in brackets, ``[]`` in a path stands for any of a list, and ``--set robots.0.count=6`` "
-        "changes one. ``python -m taichi_plume.scenario --explain KEY`` tells the same in a terminal, "
+        "changes one. ``python -m taichi_plume.scenario --explain KEY`` prints the same in a terminal, "
         "``--check`` explains a whole scenario, and ``--schema`` gives it to editors.",
         "",
         "Examples replace or add parts of this scenario:",
@@ -104,41 +108,35 @@ def _introduction(base: str) -> Iterator[str]:
 
 
 def _place(place: Place, examples: dict[str, str]) -> Iterator[str]:
-    """A section of a scenario, or all kinds of it."""
-    where = f"``{place.path}``"
+    """Yield the description of a section, or of all its kinds."""
     if place.path:
         yield from _title(place.path, "-")
     if place.within:
-        section = place.path.rpartition(".")[0]
-        yield f"In a section ``{section}`` of kind {_names(place.within)}."
-        yield ""
+        yield from (f"In a section ``{place.path.rpartition('.')[0]}`` of kind {_names(place.within)}.", "")
     if place.same_as:
-        other = page_of(place.same_as)
-        yield f"Takes all keys of ``{place.same_as}``, see :doc:`{other}`. Its kinds: {_names(place.kinds)}."
-        yield ""
+        kinds, page = _names(place.kinds), page_of(place.same_as)
+        yield from (f"Takes all keys of ``{place.same_as}``, see :doc:`{page}`. Its kinds: {kinds}.", "")
         return
     for model in place.models:
         if not place.kinds:
-            yield from _told(model)
+            yield from _purpose(model)
     for kind, model in place.kinds.items():
         yield from _title(f"{kind}", "~")
-        yield from _told(model)
+        yield from _purpose(model)
         yield from _code(examples[f"{place.path} {kind}"])
         keys = [key for key in place.keys if not key.kinds or kind in key.kinds]
         if keys:
-            yield f"Keys: {', '.join(f':key:`{key.name} <{title_of(key)}>`' for key in keys)}"
-            yield ""
+            yield from (f"Keys: {', '.join(f':key:`{key.name} <{title_of(key)}>`' for key in keys)}", "")
     if place.keys and place.kinds:
         yield from _title(f"Keys of {place.path}", "~")
     elif not place.keys:
-        yield f"{where} has no keys."
-        yield ""
+        yield from (f"``{place.path}`` has no keys.", "")
     for key in place.keys:
         yield from _key(key)
 
 
 def title_of(key: Key) -> str:
-    """What a key is called: its path, and its kinds where others have it otherwise."""
+    """Return the title of a key: its path, and its kinds if other kinds have a different key."""
     alike = [
         one for one in places()[key.path.removesuffix(key.name).rstrip(".")].keys if one.name == key.name
     ]
@@ -146,59 +144,53 @@ def title_of(key: Key) -> str:
 
 
 def _key(key: Key) -> Iterator[str]:
-    yield f".. index:: single: {key.name}; {key.path}"
-    yield ""
-    yield f".. key:: {title_of(key)}"
-    yield ""
-    yield f"   {escaped(key.facts.meaning)}"
-    yield ""
-    yield f"   {_figures(key)}"
-    yield ""
+    """Yield the description of a key."""
+    yield from (f".. index:: single: {key.name}; {key.path}", "", f".. key:: {title_of(key)}", "")
+    yield from (f"   {escaped(key.facts.meaning)}", "", f"   {_figures(key)}", "")
 
 
 def _figures(key: Key) -> str:
-    """Type, unit, limits, default and kinds in a line."""
-    its = key.facts
-    told = [f"*{escaped(its.type)}*" + (f" in {escaped(its.unit)}" if its.unit else ""), its.limits]
-    told += [f"default: ``{its.default}``" if its.default else "has to be given"]
-    told += [f"of kind {_names(key.kinds)}"] if key.kinds else []
-    return " · ".join(filter(None, told))
+    """Return type, unit, limits, default and kinds in a line."""
+    fact = key.facts
+    parts = [f"*{escaped(fact.type)}*" + (f" in {escaped(fact.unit)}" if fact.unit else ""), fact.limits]
+    parts += [f"default: ``{fact.default}``" if fact.default else "has to be given"]
+    parts += [f"of kind {_names(key.kinds)}"] if key.kinds else []
+    return " · ".join(filter(None, parts))
 
 
-def _told(model: type[Model]) -> Iterator[str]:
-    """What a section is, as its class says."""
+def _purpose(model: type[Model]) -> Iterator[str]:
+    """Yield the docstring of a section."""
     for paragraph in inspect.cleandoc(model.__doc__ or "").split("\n\n"):
-        yield escaped(" ".join(paragraph.split()))
-        yield ""
+        yield from (escaped(" ".join(paragraph.split())), "")
 
 
 def _title(text: str, under: str) -> Iterator[str]:
+    """Yield an underlined title."""
     text = escaped(text)
     yield from ("", text, under * (len(text) + 2), "")
 
 
 def _code(text: str) -> Iterator[str]:
-    yield from (".. code-block:: yaml", "")
-    for line in text.rstrip().splitlines():
-        yield f"   {line}"
-    yield ""
+    """Yield a block of YAML."""
+    yield from (".. code-block:: yaml", "", *(f"   {line}" for line in text.rstrip().splitlines()), "")
 
 
-def _names(kinds: Any) -> str:
+def _names(kinds: Iterable[str]) -> str:
+    """Return names of kinds as code."""
     return ", ".join(f"``{kind}``" for kind in kinds)
 
 
 def escaped(text: str) -> str:
-    """A text in which nothing but pairs of backticks, which mark code, means something to reStructuredText."""
+    """Return a text for reStructuredText in which only pairs of backticks, which mark code, have a meaning."""
     parts = text.split("`")
     if len(parts) % 2 == 0:
         parts = [text]
     plain = [re.sub(r"([\\*_|<>`])", r"\\\1", part) for part in parts[::2]]
     code = [f"``{part}``" for part in parts[1::2]]
-    return plain[0] + "".join(one + other for one, other in zip(code, plain[1:], strict=True))
+    return plain[0] + "".join(a + b for a, b in zip(code, plain[1:], strict=True))
 
 
-def _signature(env: Any, text: str, node: Any) -> str:
+def _signature(env: object, text: str, node: nodes.Element) -> str:
     """Show a key by its name, after the path to it."""
     path, _, kinds = text.partition(" (")
     before, dot, name = path.rpartition(".")
@@ -209,8 +201,8 @@ def _signature(env: Any, text: str, node: Any) -> str:
     return text
 
 
-def write(app: Any) -> None:
-    """Write the pages, where they have changed: Sphinx reads again what is newer."""
+def write(app: "Sphinx") -> None:
+    """Write the pages that have changed: Sphinx reads newer files again."""
     folder = Path(app.srcdir) / "reference"
     folder.mkdir(exist_ok=True)
     new = {f"{name}.rst": text for name, text in pages().items()}
@@ -223,8 +215,8 @@ def write(app: Any) -> None:
             file.write_text(text, encoding="utf-8")
 
 
-def setup(app: Any) -> dict[str, Any]:
-    """Enter it in Sphinx."""
+def setup(app: "Sphinx") -> dict[str, bool]:
+    """Register the extension in Sphinx."""
     app.add_object_type("key", "key", "single: %s", parse_node=_signature, objname="scenario key")
     app.connect("builder-inited", write)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -13,14 +13,13 @@ from taichi_plume.files.own_class import OwnAlgorithmError, OwnFile
 from taichi_plume.files.point_frames import PointFileError, PointFrames, frames_of
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario.algorithms import Own
+from taichi_plume.scenario.external import Replay
 from taichi_plume.scenario.gases import PlaybackGas, PureGas
 from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.initial import InitialGas, InitialWind
-from taichi_plume.scenario.movie import MovieGas
-from taichi_plume.scenario.played import Playback, PlaybackWind, PlumeSimLog, PlumeSimWind
+from taichi_plume.scenario.played import MovieGas, Playback, PlaybackWind, PlumeSimLog, PlumeSimWind
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas
 from taichi_plume.scenario.policy import Policy
-from taichi_plume.scenario.replay import Replay
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Model
 

@@ -15,11 +15,10 @@ from taichi_plume.assembly.prepare import Prepared
 from taichi_plume.files.disk import written_whole
 from taichi_plume.files.run_folder import CHECK
 from taichi_plume.guard.terminal import say
-from taichi_plume.scenario.derived import derived
 from taichi_plume.scenario.facts import facts
 from taichi_plume.scenario.readable import all_keys, own_keys
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.scenario.size import estimate, memory
+from taichi_plume.scenario.size import derived, estimate, memory
 from taichi_plume.scenario.vocabulary import Model
 
 COLUMN = 34  # of explanations, unless the line is longer

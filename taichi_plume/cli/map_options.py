@@ -108,7 +108,9 @@ def _of_bags(group: argparse._ArgumentGroup) -> None:
 def wanted(args: argparse.Namespace) -> BagOptions:
     """Return the selection of a bag's topics and units."""
     topics, poses, wind = tuple(args.topic), tuple(args.pose), tuple(args.wind)
-    return BagOptions(topics, poses, wind, args.frame, args.sensor, args.units, args.model, args.air, args.upwind)
+    return BagOptions(
+        topics, poses, wind, args.frame, args.sensor, args.units, args.model, args.air, args.upwind
+    )
 
 
 def _kinds() -> str:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from taichi_plume.cli.exit_codes import exit_code
 from taichi_plume.guard.terminal import Parser
-from taichi_plume.scenario.explaining import print_key, print_schema
+from taichi_plume.scenario.keys import print_key, print_schema
 from taichi_plume.scenario.scenario import Scenario
 
 

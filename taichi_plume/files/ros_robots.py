@@ -10,8 +10,7 @@ from collections.abc import Iterator
 from math import atan2, hypot, pi, radians
 
 from taichi_plume.files import ros_messages as ros
-from taichi_plume.scenario.detectors import PidSensor, TdlasSensor
-from taichi_plume.scenario.gas_sensors import GasSensor
+from taichi_plume.scenario.gas_sensors import GasSensor, PidSensor, TdlasSensor
 from taichi_plume.scenario.metal_oxides import MoxSensor
 from taichi_plume.scenario.sensors import Sensors
 

@@ -17,10 +17,11 @@ from taichi_plume.grid.shapes import Shape
 from taichi_plume.record import drawing
 from taichi_plume.record.planes import Plane, Raster
 from taichi_plume.record.stage import Stage, label, mesh, picture, placed
+from taichi_plume.scenario import si
 from taichi_plume.scenario.gases import AnySource
 from taichi_plume.scenario.heat import Heat
 from taichi_plume.scenario.obstacles import Cylinder, Prism, WallMap
-from taichi_plume.scenario.vocabulary import Color, Point2
+from taichi_plume.scenario.vocabulary import Color
 from taichi_plume.scenario.windows import Window
 from taichi_plume.simulation import Simulation
 
@@ -54,7 +55,7 @@ def arena(sim: Simulation, stage: Stage) -> Entities:
     """Yield floor, edges, the robots' part of the floor, obstacles, sources, openings and screens."""
     (lx, ly), h = stage.extent[:2], stage.height
 
-    def ring(z: float, low: Point2 = (0, 0), high: Point2 = (lx, ly)) -> list[list[float]]:
+    def ring(z: float, low: si.Point2 = (0, 0), high: si.Point2 = (lx, ly)) -> list[list[float]]:
         (x0, y0), (x1, y1) = low, high
         return [[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z], [x0, y0, z]]
 

@@ -16,8 +16,8 @@ from matplotlib.patches import Circle, Rectangle
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.report import look, openings, solids
 from taichi_plume.report.look import ABOVE, SIDE
+from taichi_plume.scenario.checks import numbered
 from taichi_plume.scenario.gases import AnySource
-from taichi_plume.scenario.pointing import numbered
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.shapes import shape
 from taichi_plume.scenario.sources import Source

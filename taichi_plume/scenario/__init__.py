@@ -1,7 +1,8 @@
-"""The vocabulary of a scenario, each section with its checks: pydantic and NumPy, never Taichi."""
+"""Sections of a scenario with their keys and checks: pydantic and NumPy, never Taichi."""
 
 MAY_IMPORT: tuple[str, ...] = (
-    "assembly.resources",  # this and files for types alone: what the checks of a section are given to look at
+    "assembly.resources",  # this and `files` for types alone
+    "files.bag_ways",
     "files.film",
     "files.gaden",
     "files.site",

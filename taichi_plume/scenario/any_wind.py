@@ -1,4 +1,4 @@
-"""What is asked of every wind."""
+"""Base class of the winds: speeds and step sizes that a wind will have."""
 
 from math import inf
 from typing import TYPE_CHECKING, ClassVar
@@ -13,37 +13,33 @@ GUST = 3.5  # largest sum of |u| over the axes, over the largest prescribed spee
 
 
 class AnyWind(Model):
-    """What every wind answers."""
+    """Base class of the winds: their properties."""
 
     on_grid: ClassVar[bool] = True
-    """Whether it is known everywhere on the grid, to carry gas and to be recorded."""
+    """Whether the wind is known everywhere on the grid, to carry gas and to be recorded."""
 
     solved: ClassVar[bool] = False
-    """Whether it is computed from step to step, which takes time; else it is known beforehand."""
+    """Whether a solver advances the wind, which takes time; otherwise it is known in advance."""
 
-    @property
-    def computed(self) -> "CfdWind | None":
-        """Itself where it is a computed flow."""
-        return None
+    computed: ClassVar["CfdWind | None"] = None
+    """The wind itself if it is a computed flow."""
 
-    @property
-    def uniform(self) -> "UniformWind | None":
-        """Itself where it is the same everywhere."""
-        return None
+    uniform: ClassVar["UniformWind | None"] = None
+    """The wind itself if it is uniform."""
 
     def top_speed(self, scenario: "Scenario") -> float | None:
-        """Largest prescribed speed [m/s]; None where only its files tell."""
+        """Return the largest prescribed speed [m/s]; None if only files tell."""
         return None
 
     def axes_speed(self, scenario: "Scenario") -> float:
-        """Largest sum of |u| over the axes [m/s] that is to be expected; 0 where steps do not depend on it."""
+        """Return the expected largest sum of |u| over the axes [m/s]; 0 if steps do not depend on it."""
         return GUST * (self.top_speed(scenario) or 0.0)
 
     def longest_step(self, scenario: "Scenario") -> float:
-        """How long a step [s] it will allow, about."""
+        """Return about the longest step [s] that the CFL condition allows."""
         speed = self.axes_speed(scenario)
         return scenario.domain.spacing / speed if speed else inf
 
     def moving(self, whole: float) -> float:
-        """For how long of the `whole` time [s] it changes."""
+        """Return for how much of the `whole` time [s] the wind changes."""
         return whole

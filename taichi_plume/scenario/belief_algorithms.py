@@ -1,58 +1,50 @@
-"""Algorithms that keep a map of how probable a source is in each place, and say where it is."""
+"""Search algorithms with a belief (posterior probability) of the source: infotaxis, particle filter, hit map."""
 
 from collections.abc import Iterator
-from math import sqrt
+from math import ceil, sqrt
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.listening import AnyAlgorithm, Listening
-from taichi_plume.scenario.quantities import fault, ill_sized
-from taichi_plume.scenario.vocabulary import (
-    COMPILED,
-    Duration,
-    EddyDiffusivity,
-    Frequency,
-    Length,
-    SomePpm,
-    Speed,
-    Wait,
-)
+from taichi_plume.scenario.plume_tracking import Casting
+from taichi_plume.scenario.quantities import fault, ill_sized, number
+from taichi_plume.scenario.vocabulary import COMPILED
 
 if TYPE_CHECKING:
-    from taichi_plume.scenario.arena import Arena
+    from taichi_plume.scenario.domain import Arena
     from taichi_plume.scenario.robots import Group
 
-MOST_BELIEFS = 250_000  # cells of a map of beliefs: a step of a robot looks at all of them five times
+MOST_CELLS = 250_000  # of a belief map: a step of a robot looks at all of them five times
 
 
 class Declares(AnyAlgorithm):
-    """What algorithms share that believe in places of the source. See agents/beliefs.py."""
+    """Algorithms with a belief, the posterior of the source's position. See agents/beliefs.py."""
 
     believes: ClassVar[bool] = True
-    declare_spread: Length | None = 0.2
-    """Spread of its belief below which a robot says that the source is at the belief's mean. It is the root of the mean
-    square distance of the source from there, as it believes: where a belief is normal and right, 0.2 m puts 95 % of
-    these places within the usual reach, 0.35 m, of the source. null: it never says so; that is the default too where
-    a single cell is less sure."""
+    most_cells: ClassVar[int] = MOST_CELLS
+    declare_spread: si.Length | None = 0.2
+    """Spread of the belief below which a robot declares the source at the belief's mean. It is the root mean square
+    distance from this mean: if the belief is normal and right, 0.2 m puts 95 % of the declared positions within the
+    usual reach, 0.35 m, of the source. null: the robot never declares; also the default if a single cell is wider."""
 
     @property
     def may_declare(self) -> bool:
         return self.declare_spread is not None
 
-    @property
-    def least_spread(self) -> float:
-        """The least that its belief can have [m]."""
-        return 0.0
+    least_spread: ClassVar[float] = 0.0
+    """Least possible spread of the belief [m]."""
 
     @model_validator(mode="after")
-    def _sayable(self) -> Self:
-        """By default it says nothing where it is never sure, and a scenario with all defaults written out is the same
-        one again.
-        """
+    def _never_declares(self) -> Self:
+        """Set the default to null where the belief is never narrow enough; written out, the scenario is the same."""
         if "declare_spread" not in self.model_fields_set and not self._reaches(self.declare_spread):
-            object.__setattr__(self, "declare_spread", None)  # it is not asked for: not by setattr
+            object.__setattr__(self, "declare_spread", None)  # not among the keys that the user set
         return self
+
+    def unfit(self, where: str, floor: "Arena") -> str | None:
+        return ill_sized(f"{where}.algorithm.cell", vars(self)["cell"], floor.size, self.most_cells)
 
     def _reaches(self, spread: float | None) -> bool:
         return spread is None or spread > self.least_spread
@@ -63,42 +55,38 @@ class Declares(AnyAlgorithm):
             spread = type(self).model_fields["declare_spread"].default
         if not self._reaches(spread):
             yield (
-                f"{where}.algorithm.declare_spread: {spread:g} m is never reached, as a single cell has a "
-                f"spread of {self.least_spread:.3g} m; raise it, or lower cell"
+                f"{where}.algorithm.declare_spread: {spread:g} m is never reached, as a single cell has a spread of "
+                f"{self.least_spread:.3g} m; raise it, or lower cell"
             )
         yield from super().in_group(where, group, floor)
 
 
 class AnyInfotaxis(Listening, Declares):
-    """What the kinds of infotaxis share. See agents/infotaxis.py."""
+    """Infotaxis of all kinds. See agents/infotaxis.py."""
 
     searches: ClassVar[bool] = True
     kind: str
-    acquisition: Wait = 2.0
-    threshold_ppm: SomePpm = 5.0
+    acquisition: si.Wait = 2.0
+    threshold_ppm: si.SomePpm = 5.0
     """Mean reading of an acquisition that counts as a detection."""
-    step: Length = 0.25
-    """Way driven after each acquisition, unless it stays."""
-    cell: Annotated[Length, COMPILED] = 0.1
-    """Edge of the cells of the robot's map of beliefs. Smaller ones take longer."""
-    rate: Frequency = 1.0
-    """Detections per second close to the source, in the model that the robot believes in."""
-    diffusivity: Annotated[EddyDiffusivity, Field(ge=1e-9)] = 0.05
-    """Diffusivity of patches of gas, in the model that the robot believes in. More makes its plume wider."""
-    wind_speed: Speed = 0.5
-    """Mean speed of the wind, in the model that the robot believes in."""
-    lifetime: Duration = 10.0
-    """How long patches of gas last, in the model that the robot believes in."""
-    size: Length = 0.05
-    """Size of what detects patches, in the model that the robot believes in; small beside the plume."""
-
-    @property
-    def threshold(self) -> float:
-        return self.threshold_ppm
+    step: si.Length = 0.25
+    """Distance driven after each acquisition, unless the robot stays."""
+    cell: Annotated[si.Length, COMPILED] = 0.1
+    """Edge of the cells of the belief map. Smaller ones take longer."""
+    rate: si.Frequency = 1.0
+    """Detections per second close to the source, in the model of the robot."""
+    diffusivity: Annotated[si.EddyDiffusivity, Field(ge=1e-9)] = 0.05
+    """Diffusivity of patches of gas, in the model of the robot. More makes its plume wider."""
+    wind_speed: si.Speed = 0.5
+    """Mean speed of the wind, in the model of the robot."""
+    lifetime: si.Duration = 10.0
+    """Lifetime of patches of gas, in the model of the robot."""
+    size: si.Length = 0.05
+    """Size of what detects patches, in the model of the robot; small beside the plume."""
 
     @property
     def reach(self) -> float:
-        """How far patches get across the wind: lambda [m]."""
+        """Length lambda that patches travel across the wind [m]."""
         D, V, tau = self.diffusivity, self.wind_speed, self.lifetime
         return sqrt(D * tau / (1.0 + V**2 * tau / (4.0 * D)))
 
@@ -106,32 +94,135 @@ class AnyInfotaxis(Listening, Declares):
     def least_spread(self) -> float:
         return self.cell / sqrt(6.0)
 
-    def unfit(self, where: str, floor: "Arena") -> str | None:
-        return ill_sized(f"{where}.algorithm.cell", self.cell, floor.size, MOST_BELIEFS)
-
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
-        """Of the beliefs of every robot, and of the chances of a detection on half cells around it."""
+        """Belief of every robot, and probabilities of a detection on half cells around it."""
         cells = floor.size[0] * floor.size[1] / self.cell**2
         chances = 16.0 * (floor.size[0] ** 2 + floor.size[1] ** 2) / self.cell**2
         return 4.0 * (group.count * group.trials * cells + chances)
 
     @model_validator(mode="after")
-    def _small(self) -> "AnyInfotaxis":
+    def _small_detector(self) -> "AnyInfotaxis":
         if self.size >= self.reach:
             raise fault(
-                "size = {size} m must be below lambda = {reach} m; lower it, or raise diffusivity",
-                {"size": f"{self.size:g}", "reach": f"{self.reach:.3g}"},
+                f"size = {self.size:g} m must be below lambda = {self.reach:.3g} m; or raise diffusivity"
             )
         return self
 
 
 class Infotaxis(AnyInfotaxis):
-    """The way that is expected to tell most about the source (Vergassola et al. 2007). See agents/infotaxis.py."""
+    """Steps of the largest expected information about the source (Vergassola et al. 2007). See agents/infotaxis.py."""
 
     kind: Literal["infotaxis"]  # type: ignore[assignment]
 
 
 class SpaceAwareInfotaxis(AnyInfotaxis):
-    """Infotaxis that also wants to be near the source (Loisy & Eloy 2022). See agents/space_aware_infotaxis.py."""
+    """Infotaxis that also prefers to be near the source (Loisy & Eloy 2022). See agents/space_aware_infotaxis.py."""
 
     kind: Literal["space_aware_infotaxis"]  # type: ignore[assignment]
+
+
+class ParticleFilter(Casting, Declares):
+    """Casts along the plume while a particle filter follows the gas back along the measured wind (after Li et al.
+    2011). See agents/particle_filter.py.
+    """
+
+    kind: Literal["particle_filter"]  # type: ignore[assignment]
+    particles: Annotated[int, Field(ge=10, le=100_000)] = 500
+    """Number of particles of each robot. More make a smoother posterior, and take longer."""
+    period: Annotated[si.Wait, COMPILED] = 1.0
+    """Time between two updates of the particles; the wind of each is averaged over it."""
+    memory: Annotated[si.Wait, COMPILED] = 60.0
+    """Time for which the measured wind is kept and gas is followed back: as long as gas takes from the source."""
+    patch: si.Length = 0.1
+    """Radius of a patch of gas when it is released: standard deviation of its distribution."""
+    notice: si.Length = 0.3
+    """Distance from the middle of a patch at which a robot still notices it. More makes the model's plume denser."""
+    diffusivity: Annotated[si.EddyDiffusivity, Field(ge=1e-9)] = 0.01
+    """Growth of the uncertainty of a patch's position: variance per axis over twice the time. About the variance of the
+    wind's speed times the time for which a gust lasts."""
+    detection: si.SomeFraction = 0.3
+    """Chance of a detection at an update in the midst of patches. Whiffs come in bouts: a low one keeps misses in a
+    row, which are not independent, from ruling out the truth."""
+    false_alarm: si.Fraction = 0.01
+    """Chance that an update counts as a detection without gas of the source. With it, one misleading whiff does not
+    rule out the truth."""
+    roughening: si.Fraction = 0.2
+    """Scatter of resampled particles, over their extent and times the square root of their number."""
+    estimates: Annotated[int, Field(ge=2, le=1000)] = 20
+    """The filter has converged when so many estimates in a row, one at each update, lie together."""
+    converged: si.Length = 0.3
+    """Largest scatter (root mean square) of these estimates, and of the particles, for the robot to go there."""
+    avoidance: si.Length = 0.1
+    """Distance kept to walls and other robots on the way to the estimate."""
+    cell: Annotated[si.Length, COMPILED] = 0.1
+    """Edge of the cells of the belief map that is written; the particles themselves have no cells."""
+
+    @property
+    def releases(self) -> int:
+        """Number of periods for which the wind is kept."""
+        return max(1, ceil(self.memory / self.period - 1e-9))
+
+    def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
+        """Particles (twice during resampling), wind, estimates and belief of every robot."""
+        each = 20.0 * self.particles + 20.0 * (self.releases + 1) + 8.0 * self.estimates
+        belief = 2 * 4.0 * floor.size[0] * floor.size[1] / self.cell**2
+        return group.count * group.trials * (each + belief)
+
+    @model_validator(mode="after")
+    def _few_periods(self) -> "ParticleFilter":
+        if self.releases > 10_000:  # every particle looks at all of them
+            raise fault(
+                f"memory = {self.memory:g} s is more than 10000 periods of {self.period:g} s; lower it"
+            )
+        return self
+
+
+class HitMap(Listening, Declares):
+    """Measures where it expects to learn most, on a map of the floor with obstacles (after Ojeda et al. 2021).
+
+    See agents/hit_map.py.
+    """
+
+    searches: ClassVar[bool] = True
+    most_cells: ClassVar[int] = 2_500  # the map keeps the path from each cell to each
+    kind: Literal["hit_map"]
+    acquisition: si.Wait = 3.0
+    threshold_ppm: si.SomePpm = 5.0
+    """Mean reading of an acquisition that counts as a hit."""
+    cell: Annotated[si.Length, COMPILED] = 0.2
+    """Edge of the map's cells. Smaller ones locate more finely, and take longer."""
+    calm: si.Speed = 0.05
+    """Mean wind speed below which its direction is ignored, and only the distance counts."""
+    spread_deg: number(1, 180, "deg") = 35.0
+    """Standard deviation of the angle between upwind and the way to the source, where there is gas. Plumes are as wide
+    as the wind's direction scatters, 10 to 20°; as much again is for air that obstacles turn aside on the way."""
+    fading: si.Length = 5.0
+    """Way along the wind over which the chance of a hit falls by a factor of e."""
+    near: si.Length = 0.3
+    """Standard deviation of the way to the source, where there is gas in calm air."""
+    hit: si.SomeFraction = 0.8
+    """Chance of a hit straight downwind of the source, and near it."""
+    false_alarm: Annotated[float, Field(ge=1e-4, lt=0.5)] = 0.05
+    """Chance of a hit anywhere else."""
+    range: si.Length = 2.0
+    """Longest distance to the next place to measure at."""
+    converged: si.Length = 0.3
+    """Spread of the belief, see declare_spread, at which the next place to measure at is the expected one of the
+    source."""
+    avoidance: si.Distance = 0.1
+    """Distance kept to walls and other robots."""
+
+    @property
+    def least_spread(self) -> float:
+        return self.cell / sqrt(6.0)
+
+    def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
+        """Belief of every robot, and paths of gas and of robots between all cells."""
+        cells = floor.size[0] * floor.size[1] / self.cell**2
+        return 4.0 * group.count * group.trials * cells + 2 * 6.0 * cells**2
+
+    @model_validator(mode="after")
+    def _hit_above_false_alarm(self) -> "HitMap":
+        if self.hit <= self.false_alarm:
+            raise fault(f"hit = {self.hit:g} must be above false_alarm = {self.false_alarm:g}")
+        return self

@@ -1,20 +1,12 @@
-"""The bodies of robots: what drives on the floor, and what flies."""
+"""Bodies of robots that drive on the floor, and of drones."""
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from taichi_plume.scenario.vocabulary import (
-    COMPILED,
-    BodyLength,
-    BodyMass,
-    Distance,
-    Model,
-    Thrust,
-    TopSpeed,
-    TurnRate,
-)
+from taichi_plume.scenario import si
+from taichi_plume.scenario.vocabulary import COMPILED, Model
 
 GRAVITY = 9.81  # m/s²
 # Footprints, speeds and wheel bases from the makers' sheets and from the papers that used the robots: MOMO in Ferri et
@@ -45,7 +37,7 @@ DRONES: dict[str, dict[str, float]] = {
     },
 }  # fmt: skip
 WINGED = ("max_climb", "max_descent", "mass", "rotors", "rotor_radius", "arm")
-"""Keys of bodies that fly, and of no others."""
+"""Keys of drones alone."""
 
 
 class Body(Model):
@@ -54,62 +46,59 @@ class Body(Model):
     kind: Literal["free", "momo", "roomba_560", "miniq", "khepera_3", "drone", "crazyflie", "matrice_100"] = (
         "free"
     )
-    """A real robot, whose figures are the defaults of the other keys; free: a small indoor robot. A drone, a crazyflie
+    """A real robot, whose data are the defaults of the other keys; free: a small indoor robot. A drone, a crazyflie
     (2.1) and a matrice_100 fly, in 3-D runs: they move in any direction."""
-    radius: BodyLength = 0.08
+    radius: si.BodyLength = 0.08
     """Radius of the disc that the robot is, for contact with walls, obstacles and others."""
-    height: Annotated[BodyLength, COMPILED] = 0.15
-    """Height of the body: what hangs higher it can pass under. With `wake`, so tall is what disturbs the air."""
-    max_speed: TopSpeed = 0.2
+    height: Annotated[si.BodyLength, COMPILED] = 0.15
+    """Height of the body: it passes under higher obstacles. With `wake`, the height that disturbs the air."""
+    max_speed: si.TopSpeed = 0.2
     """Largest speed; with a `wheel_base`, of each wheel."""
-    max_turn_rate_deg: TurnRate = 180.0
+    max_turn_rate_deg: si.TurnRate = 180.0
     """Largest angle per second by which it turns."""
-    wheel_base: BodyLength | None = None
-    """Distance between its two wheels, of which none goes faster than max_speed: in a bend the robot is slower.
-    Unless given, it turns at any speed."""
-    max_acceleration: Thrust | None = None
+    wheel_base: si.BodyLength | None = None
+    """Distance between its two wheels, each of at most max_speed: the robot is slower in a bend. Unless given, it turns
+    at any speed."""
+    max_acceleration: si.Thrust | None = None
     """Largest change of speed per time; unless given, it changes at once. Of a drone, in any direction."""
-    max_climb: TopSpeed | None = None
+    max_climb: si.TopSpeed | None = None
     """Largest speed upward, of a drone."""
-    max_descent: TopSpeed | None = None
+    max_descent: si.TopSpeed | None = None
     """Largest speed downward, of a drone."""
-    mass: BodyMass | None = None
+    mass: si.BodyMass | None = None
     """Mass at take-off, of a drone: with `wake` its rotors push the air down by its weight."""
     rotors: Annotated[int, Field(ge=1, le=16)] | None = None
     """Number of its rotors, of a drone; the first one is ahead on the left."""
-    rotor_radius: BodyLength | None = None
+    rotor_radius: si.BodyLength | None = None
     """Radius of each rotor, of a drone."""
-    arm: Distance | None = None
+    arm: si.Distance | None = None
     """Distance of the rotors from its middle, of a drone."""
 
     @model_validator(mode="before")
     @classmethod
-    def _figures(cls, data: Any) -> Any:
+    def _data_of_kind(cls, data: object) -> object:
         if isinstance(data, dict) and isinstance(data.get("kind"), str):
-            return (BODIES | DRONES).get(data["kind"], {}) | data
+            return {**(BODIES | DRONES).get(data["kind"], {}), **data}
         return data
 
     @property
     def flies(self) -> bool:
-        """Whether it is a drone."""
+        """Whether the body is a drone."""
         return self.kind in DRONES
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:
         yield from super().misfits(where, dim)
         if not self.flies:
-            for key in [key for key in WINGED if getattr(self, key) is not None][:1]:
-                yield f"{where}.{key}: is of drones alone; give body.kind: drone, or remove it"
+            for key in [key for key in WINGED if vars(self)[key] is not None][:1]:
+                yield f"{where}.{key}: is for drones; give body.kind: drone, or remove it"
             return
         if dim == 2:
-            yield f"{where}.kind: a {self.kind} flies, which takes a 3-D run; give domain.size three numbers"
+            yield f"{where}.kind: a {self.kind} needs a 3-D run; give domain.size three numbers"
         if self.wheel_base is not None:
             yield f"{where}.wheel_base: a {self.kind} has no wheels; remove it"
-        missing = [key for key in (*WINGED, "max_acceleration") if getattr(self, key) is None]
+        missing = [key for key in (*WINGED, "max_acceleration") if vars(self)[key] is None]
         for key in missing:
-            yield f"{where}.{key}: none is given, and a {self.kind} needs one; remove the key or give a number"
+            yield f"{where}.{key}: a {self.kind} needs a number; remove the key or give one"
         reach = (self.arm or 0.0) + (self.rotor_radius or 0.0)
         if not missing and reach > self.radius + 1e-3:
-            yield (
-                f"{where}.radius: {self.radius:g} m is less than its rotors reach, arm + rotor_radius = {reach:g} m; "
-                "make it larger"
-            )
+            yield f"{where}.radius: {self.radius:g} m is less than arm + rotor_radius = {reach:g} m; make it larger"

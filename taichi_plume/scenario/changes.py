@@ -1,4 +1,4 @@
-"""Changes of a scenario's data by the paths of its keys, as overrides and studies make them."""
+"""Changes of the data of a scenario by paths of keys, for overrides and studies."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -10,16 +10,18 @@ import numpy as np
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.guard.yaml_text import DEEPEST, LineError
 
-LONGEST_GOT = 48  # characters shown of what was got
+LONGEST_GOT = 48  # characters of a value in a message
+Data = dict[str, Any]
+"""Keys and values as YAML has them: texts, numbers, lists and mappings."""
 
 
 def steps_of(path: str) -> list[str]:
-    """The keys of a path; ``robots.0.count`` and ``robots[0].count`` are the same."""
+    """Return the keys of a path; ``robots.0.count`` and ``robots[0].count`` are the same."""
     return re.sub(r"\[(\d+)\]", r".\1", str(path).strip()).split(".")
 
 
 def path_of(steps: Sequence[int | str]) -> str:
-    """``wind.openings[0].speed`` for ["wind", "openings", 0, "speed"]."""
+    """Return the path of some keys: ``wind.openings[0].speed`` for ["wind", "openings", 0, "speed"]."""
     text = ""
     for step in steps:
         if isinstance(step, int) or step.isdecimal():
@@ -29,13 +31,13 @@ def path_of(steps: Sequence[int | str]) -> str:
     return text
 
 
-def shown(value: Any) -> str:
-    """A value as it was got, in a few characters."""
+def shown(value: object) -> str:
+    """Return a value in a few characters."""
     text = "nothing" if value is None else repr(value)
     return text if len(text) <= LONGEST_GOT else text[: LONGEST_GOT - 3] + "..."
 
 
-def yaml_value(value: Any, depth: int = 0) -> Any:
+def yaml_value(value: object, depth: int = 0) -> Any:
     """Return a value of Python in the types that YAML has: tuples and arrays become lists, paths become texts.
 
     Raises LineError if the value is nested too deeply.
@@ -51,24 +53,24 @@ def yaml_value(value: Any, depth: int = 0) -> Any:
     return str(value) if isinstance(value, PurePath) else value
 
 
-def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """The data with other values at those paths. `data` stays as it is, and what both have in common is shared.
+def changed(data: Mapping[str, Any], changes: Mapping[str, object]) -> Data:
+    """Return the data with other values at some paths. `data` is not changed; equal parts are shared.
 
     Raises LineError.
     """
-    new: dict[str, Any] = dict(data)
-    ours = {id(new): new}  # what was made here, and may be changed
+    new: Data = dict(data)
+    ours: dict[int, object] = {id(new): new}  # copies, which may be changed; kept alive, so that ids stay
     for path, value in changes.items():
         _put(new, steps_of(path), value, ours)
     return new
 
 
-def _put(data: dict[str, Any], parts: Sequence[str], value: Any, ours: dict[int, Any]) -> None:
-    """Put a value into data; what lies on the way is copied unless it is `ours`, as aliases may share it."""
+def _put(data: Data, parts: Sequence[str], value: object, ours: dict[int, object]) -> None:
+    """Put a value into data. Sections on the path are copied unless they are `ours`, as aliases may share them."""
     if not all(parts):
         raise LineError("must be the path of a key, such as robots.0.count")
     if len(parts) > DEEPEST:
-        raise LineError(f"has {len(parts)} levels; at most {DEEPEST} are taken")
+        raise LineError(f"has {len(parts)} levels; at most {DEEPEST} are allowed")
     place: Any = data
     for n, part in enumerate(parts):
         key: Any = part
@@ -76,7 +78,7 @@ def _put(data: dict[str, Any], parts: Sequence[str], value: Any, ours: dict[int,
         if isinstance(place, list):
             key = _index(place, part, above)
         elif not isinstance(place, dict):
-            raise LineError(f"{above} is {shown(place)}: it has no '{part}' in it")
+            raise LineError(f"{above} is {shown(place)}: it has no key '{part}'")
         elif part.isdecimal() and part not in place:
             raise LineError(f"{above} is no list: it has no item {part}")
         if n == len(parts) - 1:
@@ -95,19 +97,19 @@ def _put(data: dict[str, Any], parts: Sequence[str], value: Any, ours: dict[int,
 
 
 def _no_list(parts: Sequence[str], empty: bool) -> str:
-    """Message about an item of a list that the data do not have; empty: whether its key is there without a value."""
-    from taichi_plume.scenario.keys import misspelt  # the whole vocabulary: only where something is wrong
+    """Return a message about an item of a missing list; empty: whether its key has no value."""
+    from taichi_plume.scenario.keys import misspelt  # all sections: slow, only for errors
 
-    path = path_of(parts)
-    lacks = "is empty" if empty else "is not in the file"
-    return misspelt(parts) or f"{path} {lacks}: give it whole, such as {path}=[...]"
+    path, state = path_of(parts), "is empty" if empty else "is not in the file"
+    return misspelt(parts) or f"{path} {state}: give all of it, such as {path}=[...]"
 
 
 def _index(items: list, part: str, above: str) -> int:
+    """Return the index of an item of a list. Raises LineError."""
     if not part.isdecimal():
         last = f"from 0 to {len(items) - 1}" if len(items) > 1 else "0"
         raise LineError(f"{above} is a list: '{part}' must be the index of an item, {last}")
-    if len(part) > len(str(len(items))) or int(part) >= len(items):  # of thousands of digits none is made
+    if len(part) > len(str(len(items))) or int(part) >= len(items):  # thousands of digits are no int
         has = f"{len(items)} item{'s' * (len(items) != 1)}"
         raise LineError(f"{above} has {has}, the first is 0: there is no {visible(part, LONGEST_VALUE)}")
     return int(part)

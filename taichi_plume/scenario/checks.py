@@ -1,22 +1,27 @@
-"""What is wrong with a scenario beyond single keys: each section tells it of itself, see `vocabulary.Model`."""
+"""Errors and warnings of all sections of a scenario, beyond single keys, and their positions in the room."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from taichi_plume.scenario import unlikely
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Arena, Context, Located
+from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.size import too_large
+from taichi_plume.scenario.starts import StartArea
 from taichi_plume.scenario.vocabulary import Model, sections
+from taichi_plume.scenario.windows import Window
 
 if TYPE_CHECKING:
     from taichi_plume.assembly.resources import Resources
 
-FIRST = ("obstacles", "gas", "arena", "robots", "wind")  # what lies in the room, before the air in it
+FIRST = ("obstacles", "gas", "arena", "robots", "wind")  # these come first in messages
 
 
 def every(scenario: Scenario) -> Iterator[tuple[str, Model]]:
-    """Every section with its path, in the order in which they are told of; the scenario itself comes last."""
+    """Yield every section with its path, in the order of messages; the scenario itself comes last."""
     for key in sorted(
         Scenario.model_fields, key=lambda key: FIRST.index(key) if key in FIRST else len(FIRST)
     ):
@@ -25,29 +30,65 @@ def every(scenario: Scenario) -> Iterator[tuple[str, Model]]:
 
 
 def misfits(scenario: Scenario) -> list[str]:
-    """What goes with another dimension, or does not fit in memory; nothing has been opened yet.
-
-    All faults are lines ``path: message``.
-    """
+    """Return errors ``path: message`` of the dimension and the memory, before files are opened."""
     dim = scenario.domain.dim
     lines = [line for where, section in every(scenario) for line in section.misfits(where, dim)]
     return lines or list(too_large(scenario))
 
 
 def remarks(scenario: Scenario, resources: "Resources") -> list[str]:
-    """What of a scenario, of which nothing is wrong, is probably not meant: lines ``path: message``."""
+    """Return warnings ``path: message`` of a scenario without errors."""
     context = Context(scenario, resources)
     lines = [line for where, section in every(scenario) for line in section.remarks(where, context)]
     return [*lines, *unlikely.remarks(context)]
 
 
 def problems(scenario: Scenario, resources: "Resources") -> list[str]:
-    """Return what else is wrong with a scenario whose files have been opened.
+    """Return the other errors of a scenario whose files have been opened.
 
-    Files that cannot be used are reported alone: the other checks need all files and shapes.
+    Errors of files are reported alone: the other checks need all files and shapes.
     """
     context = Context(scenario, resources)
     if resources.faults:
         return [f"{path}: {fault}" for path, fault in resources.faults.items()]
     lines = [line for where, section in every(scenario) for line in section.unusable(where, context)]
     return lines or [line for where, section in every(scenario) for line in section.problems(where, context)]
+
+
+def numbered(
+    remarks: Sequence[str], scenario: Scenario, resources: "Resources"
+) -> list[tuple[int, tuple[float, ...]]]:
+    """Return number, counted from 1, and position [m] (2 or 3 coordinates) of each warning that has a position."""
+    places: dict[str, tuple[float, ...]] = {}
+    for key in Scenario.model_fields:
+        for where, section in sections(vars(scenario)[key], key):
+            place = _place(where, section, scenario, resources)
+            if place is not None:
+                places[where] = tuple(float(x) for x in place)
+    found = []
+    for n, remark in enumerate(remarks, 1):
+        path = remark.partition(": ")[0]
+        fits = [where for where in places if path == where or path.startswith((f"{where}.", f"{where}["))]
+        if fits:
+            found.append((n, places[max(fits, key=len)]))
+    return found
+
+
+def _place(
+    where: str, section: Model, scenario: Scenario, resources: "Resources"
+) -> Sequence[float] | np.ndarray | None:
+    """Return the position [m] of a section; None if it has none."""
+    extent = scenario.domain.extent
+    if isinstance(section, Located):
+        return section.position
+    if isinstance(section, Window):
+        return np.insert(section.rectangle(extent)[0], section.normal, section.level(extent))
+    if where in resources.shapes:
+        shape = resources.shapes[where]
+        return (shape.low + shape.high) / 2
+    if isinstance(section, Group):
+        places = section.places(scenario.floor)
+        if isinstance(section.start, StartArea):
+            return np.mean([section.start.low, section.start.high], axis=0)
+        return None if places is None else places[0]
+    return np.mean([section.low, section.high], axis=0) if isinstance(section, Arena) else None

@@ -1,55 +1,44 @@
-"""Gases of a scenario that a formula tells: puffs and plumes in a uniform wind."""
+"""Gases with closed-form solutions: Gaussian puffs and plumes in a uniform wind."""
 
 from collections.abc import Iterator
 from math import pi, sqrt
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from taichi_plume.scenario.context import Context
-from taichi_plume.scenario.domain import Domain
-from taichi_plume.scenario.located import Located
-from taichi_plume.scenario.quantities import fault
+from taichi_plume.scenario import si
+from taichi_plume.scenario.domain import Context, Domain, Located
 from taichi_plume.scenario.sources import OneGas
-from taichi_plume.scenario.vocabulary import (
-    Diffusivities,
-    Face,
-    Intensities,
-    Intensity,
-    Length,
-    Mass,
-    Rate,
-    Time,
-)
+from taichi_plume.scenario.vocabulary import Face, exactly_one, stop_after_start
 from taichi_plume.scenario.winds import UniformWind
 
-PARALLEL = 1e-9  # share of the wind through a wall that is none
+PARALLEL = 1e-9  # fraction of the wind through a wall that counts as zero
 
 
 class ClosedForm(OneGas):
-    """A gas that a formula tells at any place and time: in a uniform wind, without obstacles, reflected by walls."""
+    """A gas with a closed-form solution: in a uniform wind, without obstacles, reflected by walls."""
 
     swept: ClassVar[bool] = False
-    """Whether gusts carry it along as a whole; of a plume they may sweep the centre to and fro."""
+    """Whether gusts carry the gas along as a whole; they may move the centre line of a plume to and fro."""
     walls: tuple[Face, ...] | None = None
     """Faces of the room that reflect the gas. Unless given the ground, z-, in 3-D and none in 2-D: gas leaves through
     the others."""
 
     jumps: ClassVar[bool] = False
-    """Whether there is none upwind of the source, and at once all of it downwind."""
+    """Whether the gas jumps from none upwind of the source to its peak downwind."""
 
     @property
     def finest(self) -> float:
-        least = min(source.radius for source in getattr(self, self.sources_key))
+        least = min(source.radius for source in self.sources)
         return least / 16.0 if self.jumps else least
 
     def reflecting(self, dim: int) -> tuple[Face, ...]:
-        """The faces that let no gas through, in `dim` dimensions."""
+        """Return the faces that let no gas through, in `dim` dimensions."""
         return (("z-",) if dim == 3 else ()) if self.walls is None else self.walls
 
     def begins_in(self, radius: float, domain: Domain) -> float:
-        """Its rate over speed and peak concentration, of a Gaussian of that standard deviation."""
+        """Return rate/(speed x peak concentration) of a Gaussian with this standard deviation."""
         return sqrt(2.0 * pi) * radius * domain.depth if domain.dim == 2 else 2.0 * pi * radius**2
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
@@ -63,35 +52,33 @@ class ClosedForm(OneGas):
             yield from self.in_wind(where, wind.uniform, context)
 
     def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
-        """What is wrong with it in that wind. Reflection is right where air moves along a wall."""
+        """Yield errors of the gas in this wind. Reflection is exact where air moves along a wall."""
         dim = context.domain.dim
         for face in self.reflecting(dim):
             d = "xyz".index(face[0])
-            default = " (z- is one unless walls says otherwise)" if self.walls is None else ""
-            if d >= dim:
-                yield f"{where}.walls: '{face}' does not exist in a 2-D run; use x-, x+, y- or y+"
-            elif abs(wind.velocity[d]) > PARALLEL * wind.speed:
+            default = " (the default of walls)" if self.walls is None else ""
+            if abs(wind.velocity[d]) > PARALLEL * wind.speed:
                 yield (
-                    f"{where}.walls: the wind blows through {face}{default}, with {wind.velocity[d]:g} m/s along "
-                    f"{face[0]}; take {face} out of walls or turn the wind"
+                    f"{where}.walls: the wind blows through {face}{default} with {wind.velocity[d]:g} m/s; "
+                    f"take {face} out of walls or turn the wind"
                 )
             elif wind.gusts is not None and self.swept:
                 deviations = np.array(wind.gusts.deviations(dim)) @ np.abs(wind.frame[1:])
                 if deviations[d] > PARALLEL:
                     yield (
-                        f"{where}.walls: gusts blow through {face}{default}, across the wind; take {face} out of "
-                        "walls, or calm that part of wind.gusts"
+                        f"{where}.walls: gusts blow through {face}{default}; take {face} out of walls, or set this "
+                        "component of wind.gusts to 0"
                     )
 
 
 class Release(Located):
     """A puff, at first a Gaussian of standard deviation `radius`."""
 
-    mass: Mass
+    mass: si.Mass
     """Mass of gas in the puff."""
-    time: Time = 0.0
-    """When it is released; the robots start at 0."""
-    radius: Length = 0.05
+    time: si.Time = 0.0
+    """Time of the release; the robots start at 0."""
+    radius: si.Length = 0.05
     """Size of the new puff, as standard deviation."""
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
@@ -107,12 +94,12 @@ class GaussianPuffGas(ClosedForm):
     sources_key: ClassVar[str] = "releases"
     releases: Annotated[tuple[Release, ...], Field(min_length=1)]
     """The puffs, each with its place, time and mass; robots search for these places."""
-    diffusivity: Diffusivities | None = None
-    """How fast puffs spread: one number for all axes or one per axis. Unless given, the species' in still air."""
+    diffusivity: si.Diffusivities | None = None
+    """Diffusivity of the puffs: one number for all axes or one per axis. Unless given, the species' in still air."""
 
     @property
     def sources(self) -> tuple[Release, ...]:
-        """What the robots search for."""
+        """Positions that the robots search for."""
         return self.releases
 
     def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
@@ -122,33 +109,29 @@ class GaussianPuffGas(ClosedForm):
         for n, release in enumerate(self.releases):
             if wind.gusts is not None and release.time < begin:
                 yield (
-                    f"{where}.releases[{n}].time: {release.time:g} s is before the gusts begin, at {begin:g} s; "
+                    f"{where}.releases[{n}].time: {release.time:g} s is before the start of the gusts at {begin:g} s; "
                     "release it later or raise warm_up"
                 )
 
 
 class PlumeSource(Located):
-    """A steady source, at its place a Gaussian of standard deviation `radius`."""
+    """A steady source: at its position a Gaussian of standard deviation `radius`."""
 
-    rate: Rate
+    rate: si.Rate
     """Mass that it emits per time."""
-    radius: Length = 0.05
-    """Size of the plume at its begin, as standard deviation."""
+    radius: si.Length = 0.05
+    """Size of the plume at the source, as standard deviation."""
 
 
 class ContinuousSource(PlumeSource):
-    """A source that emits evenly from `start` to `stop`, from and for ever unless they are given."""
+    """A source that emits evenly from `start` to `stop`; by default for ever."""
 
-    start: Time | None = None
-    """When it begins to emit; unless given, it has done so for ever."""
-    stop: Time | None = None
-    """When it ends; unless given, it emits for ever."""
+    start: si.Time | None = None
+    """Time when the emission starts; unless given, it has lasted for ever."""
+    stop: si.Time | None = None
+    """Time when the emission ends; unless given, never."""
 
-    @model_validator(mode="after")
-    def _ordered(self) -> "ContinuousSource":
-        if self.start is not None and self.stop is not None and self.stop <= self.start:
-            raise fault("stop must be later than start")
-        return self
+    _order = stop_after_start()
 
 
 class ContinuousGas(ClosedForm):
@@ -157,48 +140,39 @@ class ContinuousGas(ClosedForm):
     kind: Literal["continuous"]
     sources: Annotated[tuple[ContinuousSource, ...], Field(min_length=1)]
     """Where gas is emitted evenly, at least one place; robots search for these."""
-    diffusivity: Diffusivities | None = None
-    """How fast the plume spreads: one number for all axes or one per axis. Unless given, the species' in still air.
+    diffusivity: si.Diffusivities | None = None
+    """Diffusivity of the plume: one number for all axes or one per axis. Unless given, the species' in still air.
     """
 
     def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
         if wind.gusts is not None:
-            yield (
-                f"{where}.kind: continuous has no solution in a gusty wind; remove wind.gusts, or use kind: meandering "
-                "or gaussian_puff"
-            )
+            yield f"{where}.kind: continuous takes no wind.gusts; remove them, or use meandering or gaussian_puff"
         yield from super().in_wind(where, wind, context)
         yield from _numbers(f"{where}.diffusivity", self.diffusivity, context.domain.dim, "")
         if self.diffusivity is not None and not all(self.diffusivity):
-            yield f"{where}.diffusivity: must be above 0, or the plume is infinitely thin; or use kind: gaussian_plume"
+            yield f"{where}.diffusivity: must be above 0; a plume of no width is kind: gaussian_plume"
         for n, source in enumerate(self.sources):
             if source.start is None and not wind.speed:
-                yield (
-                    f"{where}.sources[{n}].start: is missing: in still air, gas that has been emitted for ever is "
-                    f"everywhere; give it, such as {-context.scenario.warm_up:g} s"
-                )
+                start = -context.scenario.warm_up
+                yield f"{where}.sources[{n}].start: must be given in still air, such as {start:g} s"
 
 
 class GaussianPlumeGas(ClosedForm):
-    """The mean plume of the textbooks: a Gaussian across a uniform wind that widens with the distance."""
+    """The mean Gaussian plume of textbooks, which widens with the distance in a uniform wind."""
 
     jumps: ClassVar[bool] = True
     kind: Literal["gaussian_plume"]
     width_fluctuation: ClassVar[float] = 0.0
     sources: Annotated[tuple[PlumeSource, ...], Field(min_length=1)]
     """Where gas is emitted evenly, at least one place; robots search for these."""
-    intensity: Intensities | None = None
+    intensity: si.Intensities | None = None
     """Widening with the distance x: standard deviation = radius + intensity x. One number, or two: horizontal and
     vertical. Turbulence makes about 0.05 to 0.15."""
-    diffusivity: Diffusivities | None = None
+    diffusivity: si.Diffusivities | None = None
     """Widening by diffusion, instead of `intensity`: variance = radius² + 2 diffusivity x/U. One number, or two:
     horizontal and vertical."""
 
-    @model_validator(mode="after")
-    def _one_law(self) -> "GaussianPlumeGas":
-        if (self.intensity is None) == (self.diffusivity is None):
-            raise fault("takes either intensity or diffusivity, which widen the plume")
-        return self
+    _one_law = exactly_one("intensity", "diffusivity")
 
     def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
         if not wind.speed:
@@ -206,8 +180,8 @@ class GaussianPlumeGas(ClosedForm):
             return
         if wind.gusts is not None:
             yield (
-                f"{where}.kind: gaussian_plume is a mean over gusts, which the robots would feel without any effect on "
-                "the gas; remove wind.gusts, or use kind: meandering"
+                f"{where}.kind: gaussian_plume is a mean over gusts and does not follow them; remove wind.gusts, or "
+                "use kind: meandering"
             )
         yield from super().in_wind(where, wind, context)
         across = context.domain.dim - 1
@@ -215,9 +189,7 @@ class GaussianPlumeGas(ClosedForm):
         yield from _numbers(f"{where}.diffusivity", self.diffusivity, across, " across the wind")
 
     def growth(self, axes: int, speed: float) -> np.ndarray:
-        """b, c and d of so many axes across a wind of that speed [m/s], (axes, 3): sigma² = radius² + (b radius + c) x
-        + d x².
-        """
+        """Return b, c and d (axes, 3) of the variance radius² + (b radius + c) x + d x² across a wind of this speed."""
         zero = np.zeros(axes)
         if self.intensity is not None:  # (radius + intensity x)²
             intensity = np.broadcast_to(self.intensity, axes)
@@ -227,7 +199,7 @@ class GaussianPlumeGas(ClosedForm):
 
 
 class MeanderingGas(ClosedForm):
-    """A plume that the gusts of the wind sweep to and fro: it is thin in every moment, and wide in the mean.
+    """A plume that gusts sweep to and fro: thin at every moment, wide in the mean.
 
     Across, Q/(U w h) exp(-(y - y_c)²/(2 s_y²)), w = sqrt(2 pi) s_y, h = sqrt(2 pi) s_z; s² = radius² + (slope x)².
     """
@@ -236,12 +208,12 @@ class MeanderingGas(ClosedForm):
     kind: Literal["meandering"]
     sources: Annotated[tuple[PlumeSource, ...], Field(min_length=1)]
     """Where gas is emitted evenly, at least one place; robots search for these."""
-    width_slope: Intensity = 0.08
+    width_slope: si.Intensity = 0.08
     """Growth of the horizontal standard deviation with the distance from the source."""
-    height_slope: Intensity = 0.06
+    height_slope: si.Intensity = 0.06
     """Growth of the vertical standard deviation with the distance from the source."""
-    width_fluctuation: Intensity = 0.0
-    """How much the width varies, as the gusts do: standard deviation of its logarithm."""
+    width_fluctuation: si.Intensity = 0.0
+    """Variation of the width over time, as of the gusts: standard deviation of its logarithm."""
 
     @property
     def by_chance(self) -> bool:
@@ -252,22 +224,22 @@ class MeanderingGas(ClosedForm):
             yield _calm(where, self.kind)
             return
         if wind.gusts is None:
-            yield (
-                f"wind.gusts: are missing, and {where}.kind: meandering follows them; add gusts: {{intensity: 0.15}}"
-            )
+            yield f"wind.gusts: must be given for {where}.kind: meandering, such as gusts: {{intensity: 0.15}}"
         yield from super().in_wind(where, wind, context)
 
     def growth(self, axes: int, speed: float) -> np.ndarray:
-        """As of `GaussianPlumeGas.growth`."""
+        """See `GaussianPlumeGas.growth`."""
         zero, slope = np.zeros(axes), np.array([self.width_slope, self.height_slope])[:axes]
         return np.stack([zero, zero, slope**2], axis=1)
 
 
 def _calm(where: str, kind: str) -> str:
+    """Return an error about a plume in still air."""
     return f"wind.velocity: is 0, but {where}.kind: {kind} is a plume; give it a speed"
 
 
 def _numbers(path: str, given: tuple[float, ...] | None, most: int, where: str) -> Iterator[str]:
+    """Yield an error if a list has neither one number nor one for each of `most` axes."""
     if given is not None and len(given) not in (1, most):
         each = f", or one for each of the {most} axes{where}" if most > 1 else ""
         yield f"{path}: has {len(given)} numbers; give one{each}"

@@ -1,25 +1,65 @@
-"""The box that is simulated."""
+"""The simulated box, the arena of the robots, positions in the box, and the context of checks."""
 
 from collections.abc import Iterator
-from typing import Annotated
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
+import numpy as np
 from pydantic import Field
 
-from taichi_plume.scenario.vocabulary import COMPILED, Length, Model
+from taichi_plume.scenario import si
+from taichi_plume.scenario.vocabulary import COMPILED, Model
 
-ROUNDING = 0.1  # of an extent: more is a scenario for another domain than the one written
+if TYPE_CHECKING:
+    from taichi_plume.assembly.resources import Resources
+    from taichi_plume.scenario.scenario import Scenario
+
+ROUNDING = 0.1  # of an extent: a larger change by whole cells makes another domain than the user wrote
+
+
+@dataclass(frozen=True)
+class Context:
+    """A scenario and its opened files, which checks may look at."""
+
+    scenario: "Scenario"
+    resources: "Resources"
+
+    @property
+    def domain(self) -> "Domain":
+        """The simulated box."""
+        return self.scenario.domain
+
+    def outside(self, points: np.ndarray) -> str | None:
+        """Return where the first of some points (n, dim) [m] outside the domain lies; None if all are inside."""
+        for axis, length, along in zip("xyz", self.domain.extent, points.T, strict=False):
+            beyond = along[(along < 0) | (along > length)]
+            if len(beyond):
+                return f"{axis} = {beyond[0]:g} m is outside the domain, {span(axis, 0, length)}"
+        return None
+
+
+def span(axis: str, low: float, high: float) -> str:
+    """Return a range along an axis in words."""
+    return f"{axis} {low:.4g} to {high:.4g} m"
+
+
+def starts_late(where: str, start: float, context: Context) -> Iterator[str]:
+    """Yield an error if a recording starts [s] after the end of the run."""
+    end = context.scenario.duration
+    if start > end:
+        yield f"{where}.start: {start:g} s is after the end at {end:g} s; start it earlier"
 
 
 class Domain(Model):
     """The box that is simulated, with its lower corner at the origin."""
 
-    size: Annotated[tuple[Length, ...], Field(min_length=2, max_length=3), COMPILED]
+    size: Annotated[tuple[si.Length, ...], Field(min_length=2, max_length=3), COMPILED]
     """Lengths of the room along x and y, and in 3-D along z. Two numbers make a 2-D run, seen from above; three a 3-D
     one."""
-    spacing: Annotated[Length, COMPILED]
+    spacing: Annotated[si.Length, COMPILED]
     """Edge of the square or cubic cells of the grid. Half of it shows finer eddies and smaller objects, and takes
     about 8 times as long in 2-D and 16 times in 3-D. The size is rounded to whole cells."""
-    depth: Annotated[Length, COMPILED] = 1.0
+    depth: Annotated[si.Length, COMPILED] = 1.0
     """Thickness of the layer of air that a 2-D run stands for. It decides how many ppm a source of so many mg/s
     makes: twice the depth halves them. Without effect in 3-D."""
 
@@ -40,12 +80,11 @@ class Domain(Model):
 
     @property
     def box(self) -> str:
-        """Where its floor is, in words."""
-        width, length = self.extent[:2]
-        return f"x 0 to {width:.4g} m, y 0 to {length:.4g} m"
+        """Extent of the floor in words."""
+        return f"{span('x', 0, self.extent[0])}, {span('y', 0, self.extent[1])}"
 
     def rounded(self, where: str) -> Iterator[str]:
-        """What becomes of its size in whole cells, where that is another domain."""
+        """Yield a line for each axis whose size differs too much from whole cells."""
         for axis, (extent, n) in enumerate(zip(self.size, self.shape, strict=True)):
             if n < 2:
                 advice = "; two numbers in domain.size make a 2-D run" if axis == 2 else ""
@@ -58,3 +97,59 @@ class Domain(Model):
                     f"{where}.size[{axis}]: {extent:g} m in cells of {self.spacing:g} m becomes "
                     f"{n * self.spacing:g} m; choose a spacing that divides it, such as {extent / n:.4g} m"
                 )
+
+
+class Arena(Model):
+    """Part of the floor that the robots do not leave: its edges stop them as walls do, air passes them."""
+
+    low: Annotated[si.Point2, COMPILED]
+    """Lower corner of the part of the floor, x and y."""
+    high: Annotated[si.Point2, COMPILED]
+    """Upper corner of the part of the floor, x and y."""
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Edges [m]."""
+        return self.high[0] - self.low[0], self.high[1] - self.low[1]
+
+    def fault(self, extent: tuple[float, ...]) -> str | None:
+        """Return an error if the arena does not fit a floor of this extent [m]."""
+        for axis, low, high, length in zip("xy", self.low, self.high, extent, strict=False):
+            if not 0 <= low < high <= length + 1e-9:
+                return (
+                    f"along {axis} low must be below high, both on the floor from 0 to {length:g} m, "
+                    f"got {low:g} and {high:g} m"
+                )
+        return None
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        fault = self.fault(context.domain.extent)
+        if fault:
+            yield f"{where}: {fault}"
+
+
+class Located(Model):
+    """A section with a position in the air."""
+
+    what: ClassVar[str] = "source"
+    """Noun for the section in messages."""
+    position: si.Point
+    """Where its middle is, per axis. It has to be in the air: in the room and outside of all obstacles."""
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        position = np.array([self.position])
+        radius, longest = vars(self).get("radius", 0.0), max(context.domain.extent)
+        if outside := context.outside(position):
+            yield f"{where}.position: {outside}; move the {self.what} in"
+        elif radius > longest:
+            yield f"{where}.radius: {radius:g} m is larger than the domain, {longest:g} m; make it smaller"
+        else:
+            place = ", ".join(f"{x:g}" for x in self.position)
+            for obstacle, shape in context.resources.shapes.items():
+                if shape.inside(position)[0]:
+                    depth = -float(shape.signed_distance(position)[0])
+                    yield (
+                        f"{where}.position: ({place}) m is inside {obstacle} ({shape.model.kind}), "
+                        f"{depth:.3g} m below its surface; move the {self.what} or the obstacle"
+                    )
+                    return

@@ -1,36 +1,126 @@
-"""Robots that something outside drives: real ones, or programs in any language."""
+"""Robots that are driven from outside, by other programs, and robots that replay recorded paths."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
+import numpy as np
+from pydantic import Field
+
+from taichi_plume.scenario import si
+from taichi_plume.scenario.domain import Arena, Context, span
 from taichi_plume.scenario.listening import AnyAlgorithm
-from taichi_plume.scenario.vocabulary import COMPILED, Duration
+from taichi_plume.scenario.vocabulary import COMPILED, FileName
 
 if TYPE_CHECKING:
-    from taichi_plume.scenario.arena import Arena
+    from taichi_plume.files.bag_ways import Way
     from taichi_plume.scenario.robots import Group
 
 
 class External(AnyAlgorithm):
-    """Robots that are driven from outside, while `taichi_plume.serve` runs the scenario. See agents/external.py."""
+    """Robots that another program drives, while `taichi_plume.serve` runs the scenario. See agents/external.py."""
 
     outside: ClassVar[bool] = True
+    may_declare: ClassVar[bool] = True  # unknown: the program decides
     kind: Literal["external"]
     takes: Annotated[Literal["velocity", "pose"], COMPILED] = "velocity"
-    """What comes from outside. velocity: speed and turn rate, which the simulated body carries out; pose: where real
-    robots are, which smell the simulated plume there."""
-    timeout: Duration = 1.0
-    """Time of the clock without a word after which a robot counts as lost and stands still; it may come back."""
+    """What the program sends. velocity: speed and turn rate, which the simulated body carries out; pose: where real
+    robots are, which measure the simulated plume there."""
+    timeout: si.Duration = 1.0
+    """Time without a message after which a robot counts as lost and stands still; it may come back."""
 
     @property
     def placed(self) -> bool:
         return self.takes == "pose"
 
-    @property
-    def may_declare(self) -> bool:
-        """Whether its robots may say where a source is: what the outside does is not known before."""
-        return True
-
-    def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
+    def in_group(self, where: str, group: "Group", floor: Arena) -> Iterator[str]:
         if self.placed and group.odometry is not None:
-            yield f"{where}.odometry: its robots are told where they are from outside (takes: pose); remove it"
+            yield f"{where}.odometry: the poses of these robots come from outside (takes: pose); remove odometry"
+
+
+MOST_LISTED = 10
+
+
+class Replay(AnyAlgorithm):
+    """Robots that follow recorded paths and measure the simulated plume there. See agents/replay.py."""
+
+    kind: Literal["replay"]
+    file: FileName
+    """Path of a bag of ROS or of a run's robots.parquet, relative to the scenario's folder. A bag is a folder or a
+    file .mcap, .db3 or .bag; of a run the first trial is taken."""
+    robots: Annotated[tuple[str, ...], Field(max_length=1000)] = ()
+    """Names of the recorded robots, one for each of the team; unless given, the first ones. In a bag a robot is
+    named by what stands before its topic of gas, or of poses where it has no gas; in a table by group and number,
+    such as `pair 0`."""
+    topics: Annotated[tuple[str, ...], Field(max_length=1000)] = ()
+    """Topics of gas in a bag, each of a robot; unless given, all of the first type that there is."""
+    poses: Annotated[tuple[str, ...], Field(max_length=1000)] = ()
+    """Topics of poses in a bag, one for each topic of gas. Unless given, frames of the bag give the poses or, without
+    frames, the topic of poses with the most similar name."""
+    frame: str = "map"
+    """Frame of a bag to which the robots' positions refer."""
+    origin: si.Point2 = (0.0, 0.0)
+    """Where that frame's origin lies in the domain, x and y."""
+    start: si.Delay = 0.0
+    """Time of the recording, since the first pose of these robots, at which the run starts."""
+
+    placed: ClassVar[bool] = True
+
+    def in_group(self, where: str, group: "Group", floor: Arena) -> Iterator[str]:
+        if group.odometry is not None:
+            yield f"{where}.odometry: the poses of these robots are recorded (kind: replay); remove odometry"
+        if self.robots and len(self.robots) != group.count:
+            yield (
+                f"{where}.algorithm.robots: {len(self.robots)} names for {group.count} robots; give one for each "
+                "or none"
+            )
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        names = [path.name for path in context.resources.ways[where]]
+        count = _group(where, context).count
+        listed = ", ".join(names[:MOST_LISTED]) + (" ..." if len(names) > MOST_LISTED else "")
+        missing = [name for name in self.robots if name not in names]
+        if missing:
+            yield f"{where}.robots: there is no '{missing[0]}' in {self.file}; it has {listed}"
+        elif len(names) < count:
+            yield f"{where}.file: {self.file} has {len(names)} robots, {listed}; the team has {count}"
+        else:
+            for name, position, inside in self._positions(where, context):
+                if not inside.any():
+                    low, high = position.min(axis=0), position.max(axis=0)
+                    yield (
+                        f"{where}.origin: {name} is never in the domain, {context.domain.box}; it is within "
+                        f"{span('x', low[0], high[0])}, {span('y', low[1], high[1])}"
+                    )
+
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        for name, _, inside in self._positions(where, context):
+            if not inside.all():
+                share = 100 * (1.0 - inside.mean())
+                yield f"{where}.file: {name} is not in the domain for {share:.0f} % of its poses"
+        chosen = self.chosen(context.resources.ways[where], _group(where, context).count)
+        last = max(path.t[-1] for path in chosen) - self.begin_of(chosen)
+        if last < context.scenario.duration:
+            yield f"{where}.file: its last pose is at {last:.4g} s of the run; from then on the robots stand there"
+
+    def _positions(self, where: str, context: Context) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+        """Yield name, positions (n, 2) [m] and whether each is inside the domain, for each robot of the team."""
+        size = np.array(context.domain.extent[:2])
+        for path in self.chosen(context.resources.ways[where], _group(where, context).count):
+            position = path.place[:, :2] + self.origin
+            yield path.name, position, np.asarray(((position > 0.0) & (position < size)).all(axis=1))
+
+    def chosen(self, recorded: "Sequence[Way]", count: int) -> "list[Way]":
+        """Return the recorded paths of the robots of the team."""
+        if not self.robots:
+            return list(recorded[:count])
+        by_name = {path.name: path for path in recorded}
+        return [by_name[name] for name in self.robots]
+
+    def begin_of(self, chosen: "Sequence[Way]") -> float:
+        """Return the time of the recording at which the run starts [s]."""
+        return float(min(path.t[0] for path in chosen)) + self.start
+
+
+def _group(where: str, context: Context) -> "Group":
+    """Return the group whose algorithm has this path."""
+    return next(group for n, group in enumerate(context.scenario.robots) if where == f"robots[{n}].algorithm")

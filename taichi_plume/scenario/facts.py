@@ -1,4 +1,4 @@
-"""What a key of a section is: meaning, type, unit, range and default, all from the models themselves."""
+"""Facts about a key of a section, read from its model: meaning, type, unit, limits and default."""
 
 import ast
 import inspect
@@ -25,9 +25,9 @@ UNIONS = (Union, types.UnionType)
 
 @dataclass(frozen=True)
 class Facts:
-    """What is told of a key. A quantity is a number in `unit`, or a text with another one such as "20 cm".
+    """Facts about a key. A quantity is a number in `unit`, or a text with another unit such as "20 cm".
 
-    limits: from where to where its numbers may lie; default: empty where the key has to be given.
+    limits: smallest and largest number; default: empty if the key has to be given.
     """
 
     meaning: str
@@ -38,7 +38,7 @@ class Facts:
 
     @property
     def brief(self) -> str:
-        """The meaning's first sentence, and the unit."""
+        """First sentence of the meaning, and the unit."""
         return first_sentence(self.meaning) + (f" [{self.unit}]" if self.unit else "")
 
     @property
@@ -51,10 +51,10 @@ class Facts:
 
 @cache
 def facts(model: type[Model], key: str) -> Facts:
-    """What a key of a section is."""
+    """Return the facts about a key of a section."""
     field = model.model_fields[key]
     whole = _whole(field)
-    found = {_limits(kind, marks) for kind, marks in _numbers(whole)}
+    found = {_limits(marks) for _, marks in _numbers(whole)}
     unit, limits = found.pop() if len(found) == 1 else ("", "")
     meaning = meanings(model).get(key, "").replace(f" [{unit}]", "")
     return Facts(meaning, _type(whole), unit, limits, _default(field))
@@ -62,9 +62,9 @@ def facts(model: type[Model], key: str) -> Facts:
 
 @cache
 def quantity_unit(model: type[Model], key: str) -> str:
-    """Unit in which a key takes numbers, and texts such as "20 cm"; "" if it takes no texts or several units."""
+    """Return the unit of the numbers and texts of a key; "" if it takes no texts or several units."""
     whole = _whole(model.model_fields[key])
-    units = {_limits(kind, marks)[0] for kind, marks in _numbers(whole)}
+    units = {_limits(marks)[0] for _, marks in _numbers(whole)}
     return units.pop() if len(units) == 1 and "quantit" in _type(whole) else ""
 
 
@@ -95,12 +95,12 @@ def purpose(model: type[BaseModel]) -> str:
 
 
 def first_sentence(text: str) -> str:
-    """Without the full stop."""
+    """Return the first sentence of a text, without the full stop."""
     return re.split(r"(?<!\bal)\. ", text, maxsplit=1)[0].removesuffix(".")
 
 
-def models_in(kind: Any) -> Iterator[tuple[type[Model], int]]:
-    """The sections in a type, each with in how many lists, or mappings by names, it lies."""
+def models_in(kind: object) -> Iterator[tuple[type[Model], int]]:
+    """Yield the sections in a type, each with the number of lists and mappings around it."""
     if isinstance(kind, FieldInfo):
         kind = _whole(kind)
     if get_origin(kind) is Annotated:
@@ -109,25 +109,25 @@ def models_in(kind: Any) -> Iterator[tuple[type[Model], int]]:
         several = get_origin(kind) in (tuple, dict)
         for part in get_args(kind):
             if part is not Ellipsis:
-                yield from ((one, depth + several) for one, depth in models_in(part))
+                yield from ((model, depth + several) for model, depth in models_in(part))
     elif isinstance(kind, type) and issubclass(kind, Model):
         yield kind, 0
 
 
 def own_kind(model: type[Model]) -> str:
-    """The kind that a section is, where it says so; else nothing."""
+    """Return the kind of a section; "" if it has none or several."""
     field = model.model_fields.get("kind")
     names = get_args(field.annotation) if field and get_origin(field.annotation) is Literal else ()
     return names[0] if len(names) == 1 else ""
 
 
-def _whole(field: FieldInfo) -> Any:
-    """The annotated type of a field."""
+def _whole(field: FieldInfo) -> object:
+    """Return the annotated type of a field."""
     return Annotated[(field.annotation, *field.metadata)] if field.metadata else field.annotation
 
 
-def _numbers(kind: Any, marks: tuple = ()) -> Iterator[tuple[Any, tuple]]:
-    """The numbers in a type outside of sections, each with what it is annotated with; formulas are ones."""
+def _numbers(kind: object, marks: tuple = ()) -> Iterator[tuple[object, tuple]]:
+    """Yield the types of numbers and formulas in a type outside of sections, each with its annotations."""
     bare, more = (get_args(kind)[0], get_args(kind)[1:]) if get_origin(kind) is Annotated else (kind, ())
     formula = bare is str and any(isinstance(one, Quantity) for one in more)
     if bare in (float, int) or formula:
@@ -142,10 +142,9 @@ def _numbers(kind: Any, marks: tuple = ()) -> Iterator[tuple[Any, tuple]]:
             yield from _numbers(part)
 
 
-def _limits(kind: Any, marks: tuple) -> tuple[str, str]:
-    """Unit and limits of a number."""
-    unit, zero, lows, highs = "", False, [-inf], [inf]
-    below = ""
+def _limits(marks: tuple) -> tuple[str, str]:
+    """Return unit and limits of a number with these annotations."""
+    unit, zero, below, lows, highs = "", False, "", [-inf], [inf]
     for mark in marks:
         if isinstance(mark, Quantity):
             unit, zero = mark.unit, mark.or_zero
@@ -164,14 +163,14 @@ def _limits(kind: Any, marks: tuple) -> tuple[str, str]:
 
 
 def _shown(value: float) -> str:
-    """A number as one would write it."""
+    """Return a number in its usual form."""
     if value == int(value) and abs(value) < 1e7:
         return str(int(value))
     return re.sub(r"e\+?(-?)0*(?=\d)", r"e\1", f"{value:g}")
 
 
-def _type(kind: Any, marks: tuple = ()) -> str:
-    """A type in words."""
+def _type(kind: object, marks: tuple = ()) -> str:
+    """Return a type in words."""
     if get_origin(kind) is Annotated:
         return _type(get_args(kind)[0], (*get_args(kind)[1:], *marks))
     units = any(isinstance(mark, Quantity) and mark.unit for mark in marks)
@@ -199,8 +198,8 @@ def _type(kind: Any, marks: tuple = ()) -> str:
     return "section"
 
 
-def _list(parts: tuple[Any, ...], marks: tuple) -> str:
-    """A list in words."""
+def _list(parts: tuple, marks: tuple) -> str:
+    """Return a type of lists in words."""
     item = _type(parts[0])
     first, _, rest = item.partition(" of ")
     plural = "quantities" if first == "quantity" else item if first == "one" else f"{first}s"
@@ -215,14 +214,15 @@ def _list(parts: tuple[Any, ...], marks: tuple) -> str:
 
 
 def _default(field: FieldInfo) -> str:
-    """A default in words; empty where there is none."""
+    """Return the default of a key in words; "" if the key has to be given."""
     if field.is_required():
         return ""
     value = field.default_factory() if field.default is PydanticUndefined else field.default  # type: ignore[call-arg]
     return _value(value)
 
 
-def _value(value: Any) -> str:
+def _value(value: object) -> str:
+    """Return a default value in words."""
     if value is None:
         return "not given"
     if isinstance(value, Model):

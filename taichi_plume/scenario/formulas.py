@@ -1,7 +1,7 @@
-"""Formulas of the place, such as ``-cos(pi*x)*sin(pi*y)``: Python's arithmetic over a white list, and nothing else.
+"""Formulas of the position, such as ``-cos(pi*x)*sin(pi*y)``: Python's arithmetic with a list of allowed functions.
 
 A formula is parsed, never executed: each node of its syntax tree is looked up here. All numbers are f64, so that no
-power takes long, and what has no value becomes nan or inf, which whoever asked has to refuse.
+power takes long. An undefined value becomes nan or inf, which the caller has to refuse.
 """
 
 import ast
@@ -20,18 +20,19 @@ from taichi_plume.scenario.quantities import Quantity, fault, parse
 LONGEST = 1000  # characters
 DEEPEST = 100  # levels of a syntax tree
 AXES: tuple[str, ...] = ("x", "y", "z")
-FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
-    **{name: (1, getattr(np, name)) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
-    **{name: (1, getattr(np, f"arc{name[1:]}")) for name in ("asin", "acos", "atan")},
-    **{name: (1, getattr(np, name)) for name in ("exp", "log", "sqrt", "abs", "sign", "floor")},
+FUNCTIONS: dict[str, tuple[int, Callable[..., np.ndarray]]] = {
+    **{f.__name__: (1, f) for f in (np.sin, np.cos, np.tan, np.sinh, np.cosh, np.tanh)},
+    **{f"a{f.__name__[3:]}": (1, f) for f in (np.arcsin, np.arccos, np.arctan)},
+    **{f.__name__: (1, f) for f in (np.exp, np.log, np.sqrt, np.sign, np.floor)},
+    "abs": (1, np.abs),
     "atan2": (2, np.arctan2),
     "min": (2, np.minimum),
     "max": (2, np.maximum),
     "hypot": (2, np.hypot),
     "where": (3, np.where),
 }
-"""By name, with the number of arguments; ``where(x > 1, a, b)`` is a where x > 1, else b."""
-OPERATORS: dict[type, Callable[..., Any]] = {
+"""Number of arguments and function by name; ``where(x > 1, a, b)`` is a where x > 1, else b."""
+OPERATORS: dict[type, Callable[..., np.ndarray]] = {
     ast.Add: np.add,
     ast.Sub: np.subtract,
     ast.Mult: np.multiply,
@@ -48,14 +49,13 @@ ALLOWED = f"allowed: numbers, x, y, z [m], pi, + - * / ** ( ) < <= > >= and {', 
 
 
 class FormulaError(ValueError):
-    """What is wrong with a formula, in a few words."""
+    """An invalid formula; the message is a few words."""
 
 
 def evaluate(text: str, places: dict[str, np.ndarray]) -> np.ndarray:
-    """The formula's values at `places`, coordinates [m] by axis that broadcast; nan and inf where it has none. `places`
-    may hold the sizes of units too.
+    """Return the values of a formula at `places`: broadcastable coordinates [m] by axis, and sizes of units by name.
 
-    Raises FormulaError.
+    Undefined values are nan or inf. Raises FormulaError.
     """
     with np.errstate(all="ignore"):
         return np.asarray(_value(_tree(text), places, 0), float)
@@ -73,8 +73,8 @@ def _tree(text: str) -> ast.expr:
         raise FormulaError("is no formula") from None
 
 
-def _value(node: ast.AST, places: dict[str, np.ndarray], depth: int) -> Any:
-    """Of a node of the tree, and of all below it."""
+def _value(node: ast.AST, places: dict[str, np.ndarray], depth: int) -> np.ndarray | np.float64:
+    """Return the value of a node of the syntax tree."""
     if depth > DEEPEST:
         raise FormulaError(f"is nested deeper than {DEEPEST} levels")
     match node:
@@ -88,7 +88,7 @@ def _value(node: ast.AST, places: dict[str, np.ndarray], depth: int) -> Any:
             if node.id in places:
                 return places[node.id]
             if node.id in AXES:
-                raise FormulaError(f"has {node.id}, a {len(places)}-D run has none")
+                raise FormulaError(f"has {node.id}, which a {len(places)}-D run has not")
             raise FormulaError(f"has the unknown name '{node.id}'")
         case ast.UnaryOp() if type(node.op) in OPERATORS:
             return OPERATORS[type(node.op)](_value(node.operand, places, depth + 1))
@@ -104,10 +104,10 @@ def _value(node: ast.AST, places: dict[str, np.ndarray], depth: int) -> Any:
                 raise FormulaError(f"gives {node.func.id} {len(node.args)} values, it takes {count}")
             return function(*(_value(one, places, depth + 1) for one in node.args))
         case ast.BinOp(op=ast.BitXor()):
-            raise FormulaError("has ^, a power is written **")
+            raise FormulaError("has ^; write a power as **")
         case ast.Call(func=ast.Name(), keywords=[]):
             raise FormulaError(f"has the unknown function '{node.func.id}'")
-    raise FormulaError(f"has what is not arithmetic ({type(node).__name__})")
+    raise FormulaError(f"is not arithmetic ({type(node).__name__})")
 
 
 def _number(value: Any) -> float:
@@ -117,8 +117,8 @@ def _number(value: Any) -> float:
         raise FormulaError("has a number that is too large") from None
 
 
-def _parsed(value: Any, unit: str) -> float | None:
-    """The number in `unit` that a value is; None for a formula."""
+def _parsed(value: object, unit: str) -> float | None:
+    """Return a value as number in `unit`; None for a formula."""
     try:
         return parse(value, unit)
     except PydanticCustomError:
@@ -126,22 +126,19 @@ def _parsed(value: Any, unit: str) -> float | None:
 
 
 def formula(unit: str, **others: float) -> Any:
-    """The annotated type of a formula for a quantity in `unit` [SI]; a plain number or one with a unit is one too.
+    """Return the annotated type of a formula, or a number, for a quantity in `unit` [SI].
 
-    others: units that are names in the formula, as their size in `unit` is known only later ("420 ppm" is "420*ppm"),
-    with the largest number of each.
+    others: units that are names in the formula, as their size is known only later ("420 ppm" is "420*ppm"), with their
+    largest numbers.
     """
 
-    def check(value: Any) -> str:
+    def check(value: object) -> str:
         number = _parsed(value, unit)
         for other in others if number is None else ():
             amount = _parsed(value, other)
             if amount is not None and isfinite(amount):
                 if amount > others[other]:
-                    raise fault(
-                        "got {got} {unit}; at most {most} {unit}",
-                        {"got": f"{amount:g}", "unit": other, "most": f"{others[other]:g}"},
-                    )
+                    raise fault(f"got {amount:g} {other}; at most {others[other]:g} {other}")
                 return f"{amount!r}*{other}"
         if number is not None and isfinite(number):
             return repr(number)
@@ -151,9 +148,7 @@ def formula(unit: str, **others: float) -> Any:
             evaluate(value, dict.fromkeys((*AXES, *others), np.ones(1)))
         except FormulaError as error:
             shown = value if len(value) <= 60 else value[:57] + "..."
-            raise fault(
-                "'{got}' {why}; {allowed}", {"got": shown, "why": str(error), "allowed": allowed}
-            ) from None
+            raise fault(f"'{shown}' {error}; {allowed}") from None
         return value
 
     allowed = ALLOWED.replace("pi,", f"pi, {', '.join(others)},") if others else ALLOWED

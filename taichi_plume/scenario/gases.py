@@ -1,4 +1,4 @@
-"""The gas of a scenario: its kinds, and mixtures of them."""
+"""Kinds of gas: convection-diffusion on the grid (Eulerian), puffs, playback, and mixtures."""
 
 from collections.abc import Iterator, Mapping
 from math import pi
@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from taichi_plume.scenario.borders import GasSurfaces, Inflow, inflow_faults
+from taichi_plume.scenario import si
 from taichi_plume.scenario.closed_forms import (
     ContinuousGas,
     GaussianPlumeGas,
@@ -15,26 +15,14 @@ from taichi_plume.scenario.closed_forms import (
     PlumeSource,
     Release,
 )
-from taichi_plume.scenario.context import Context
-from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.domain import Context, Domain
 from taichi_plume.scenario.initial import InitialGas
-from taichi_plume.scenario.movie import MovieGas
-from taichi_plume.scenario.played import Playback
+from taichi_plume.scenario.played import MovieGas, Playback
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.scenario.sources import AnySpecies, OneGas, Source, dishes
 from taichi_plume.scenario.species import Species
-from taichi_plume.scenario.vocabulary import (
-    COMPILED,
-    Convection,
-    Count,
-    Dissipation,
-    Duration,
-    EddyDiffusivity,
-    Frequency,
-    Length,
-    Model,
-    Speed,
-)
+from taichi_plume.scenario.surfaces import GasSurfaces, Inflow, inflow_faults
+from taichi_plume.scenario.vocabulary import COMPILED, SPATIAL, Convection, Model
 
 
 class EulerianGas(OneGas):
@@ -48,16 +36,16 @@ class EulerianGas(OneGas):
     """Scheme that carries the gas. weno5 is of fifth order: it keeps filaments sharper on the same grid and costs
     more."""
     initial: InitialGas | None = None
-    """Concentration at the begin of the warm-up; unless given, the air is clean."""
+    """Concentration at the start of the warm-up; unless given, the air is clean."""
     sources: Annotated[tuple[Source, ...], Field(min_length=1)]
     """Where gas is emitted, at least one place; robots search for these."""
     inflow: tuple[Inflow, ...] = ()
-    """Gas that the air of openings brings along; unless named, it is clean."""
+    """Gas in the air that flows in through openings; unless named, it is clean."""
     surfaces: GasSurfaces | None = None
-    """Walls and obstacles that take gas up or give it off; unless named, none do."""
+    """Walls and obstacles that take up or emit gas; unless named, none do."""
 
     def begins_in(self, radius: float, domain: Domain) -> float:
-        """Across a ball of a cell at least."""
+        """Return the cross-section of the source, of at least a cell."""
         r = max(radius, 0.5 * domain.spacing)
         return 2.0 * r * domain.depth if domain.dim == 2 else pi * r**2
 
@@ -73,12 +61,12 @@ class DiffusiveGrowth(Model):
     """
 
     kind: Literal["diffusive"]
-    rate: EddyDiffusivity = 1e-4
-    """How fast the square of a puff's size grows."""
+    rate: si.EddyDiffusivity = 1e-4
+    """Growth rate of the square of a puff's size."""
 
 
 class InertialGrowth(Model):
-    """Puffs that grow faster the larger they are, as among the eddies of turbulence.
+    """Puffs that grow faster the larger they are, as in turbulence.
 
     R^(2/3) = R0^(2/3) + (g epsilon/6)^(1/3) t, the law of the inertial range.
 
@@ -87,13 +75,13 @@ class InertialGrowth(Model):
     """
 
     kind: Literal["inertial"]
-    dissipation: Dissipation | None = None
+    dissipation: si.Dissipation | None = None
     """Turbulent kinetic energy lost per time, epsilon: more makes puffs grow faster. Unless given, that of the wind's
     eddies about each puff, or 1e-3 in a wind without."""
 
 
 class PuffGas(OneGas):
-    """Puffs that the wind carries and its eddies scatter: whiffs and peaks finer than the grid.
+    """Puffs that the wind carries and its eddies disperse: whiffs and peaks finer than the grid.
 
     See solvers/puffs.py.
     """
@@ -102,49 +90,42 @@ class PuffGas(OneGas):
     solved: ClassVar[bool] = True
     sources: Annotated[tuple[Source, ...], Field(min_length=1)]
     """Where puffs are released, at least one place; robots search for these."""
-    release_rate: Frequency = 50.0
-    """Puffs per second and source. Each holds what its source has emitted since the one before; more make a smoother
+    release_rate: si.Frequency = 50.0
+    """Puffs per second and source. Each holds the emission of its source since the previous one; more make a smoother
     plume and take longer."""
     poisson: bool = False
     """Release puffs at random times rather than steadily."""
-    initial_size: Length = 0.01
-    """Size of a new puff, as standard deviation. Smaller ones begin with higher peaks."""
-    fluctuation: Speed | None = None
-    """Random velocity of each puff, as standard deviation of a component. It stands for what the wind leaves out:
+    initial_size: si.Length = 0.01
+    """Size of a new puff, as standard deviation. Smaller ones start with higher peaks."""
+    fluctuation: si.Speed | None = None
+    """Random velocity of each puff, as standard deviation of a component. It stands for eddies that the wind lacks:
     unless given 0.05 in a uniform wind, which has no eddies, and 0 in the others, which have their own."""
-    fluctuation_time: Duration = 0.5
+    fluctuation_time: si.Duration = 0.5
     """Time over which that random velocity changes. Longer lets puffs stray farther."""
     growth: Annotated[DiffusiveGrowth | InertialGrowth, Field(discriminator="kind")] | None = None
-    """How eddies smaller than a puff widen it, besides molecules and the wind's eddy viscosity. Unless given,
+    """Growth of a puff by eddies smaller than it, besides molecules and the wind's eddy viscosity. Unless given,
     inertial in a wind with eddies, diffusive in a uniform wind and none in the others."""
     handover: bool | None = None
     """Whether puffs that have become wider than a cell go on as gas on the grid. Unless given, in a wind with eddies,
     which then mix it."""
     convection: Convection = "koren"
-    """Scheme that carries what was handed over to the grid, as of an eulerian gas."""
-    buoyancy: bool = False
+    """Scheme that carries gas on the grid after the handover, as for an eulerian gas."""
+    buoyancy: Annotated[bool, SPATIAL] = False
     """Whether puffs of heavy gas sink; 3-D only."""
     cutoff: Annotated[float, Field(ge=2, le=5), COMPILED] = 3.5
     """Where a puff ends, in standard deviations from its middle. More is more exact and takes longer."""
-    most: Annotated[Count, Field(ge=100)] = 200_000
+    most: Annotated[si.Count, Field(ge=100)] = 200_000
     """Puffs at a time: beyond, neighbours are merged. More keep finer filaments and take more memory."""
 
     @property
     def finest(self) -> float:
-        """Distance [m] of points on a line whose mean tells its integral to a percent: that of a new puff."""
         return self.initial_size
 
-    @property
-    def by_chance(self) -> bool:
-        return True
-
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
-        if self.buoyancy and dim == 2:
-            yield f"{where}.buoyancy: is for 3-D runs; remove it, or give domain.size three numbers"
-        yield from super().misfits(where, dim)
+    by_chance: ClassVar[bool] = True
 
     def bytes(self, dim: int) -> float:
-        """Of the puffs: twice their places, velocities, sizes and masses, and what orders and sums them."""
+        """Return the memory of puffs: twice their positions, velocities, sizes and masses, and arrays to sort and
+        sum."""
         return 4.0 * (5 * dim + 11) * self.most
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
@@ -153,25 +134,25 @@ class PuffGas(OneGas):
         if at_once * tick > self.most:
             yield (
                 f"{where}.release_rate: {at_once:g} puffs per second are {at_once * tick:.3g} in a tick of {tick:g} s, "
-                f"and most: {self.most} can be at a time; lower it"
+                f"more than most: {self.most}; lower it"
             )
         width, buoyancy = min(context.domain.extent), context.scenario.buoyancy
         if self.initial_size > 0.5 * width:
             yield (
-                f"{where}.initial_size: puffs of {self.initial_size:g} m do not fit a domain that is "
-                f"{width:g} m across; make them smaller"
+                f"{where}.initial_size: puffs of {self.initial_size:g} m do not fit a domain {width:g} m wide; "
+                "make them smaller"
             )
         if self.handover and not context.scenario.wind.on_grid:
             yield (
-                f"{where}.handover: a wind of kind {context.scenario.wind.kind} is known at points and cannot carry "
-                "gas on the grid; remove it, or use another wind"
+                f"{where}.handover: a wind of kind {context.scenario.wind.kind} cannot carry gas on the grid; remove "
+                "it, or use another wind"
             )
         if self.handover and self.buoyancy:
             yield f"{where}.handover: gas on the grid does not sink by itself; remove it, or {where}.buoyancy"
         if buoyancy is not None and buoyancy.solutal:
             yield (
-                f"{where}.kind: puffs do not weigh on the air; use eulerian, or wind.buoyancy.solutal: false, and "
-                f"{where}.buoyancy: true to let them sink by themselves"
+                f"{where}.kind: puffs have no buoyancy force on the air; use eulerian, or wind.buoyancy.solutal: false "
+                f"with {where}.buoyancy: true"
             )
 
 
@@ -181,13 +162,13 @@ class PlaybackGas(OneGas, Playback):
     part: ClassVar[Literal["wind", "gas"]] = "gas"
     kind: Literal["playback"]
     species: AnySpecies | None = None  # type: ignore[assignment]
-    """Which vapour is played back; unless given, the recorded one."""
+    """Species of the gas; unless given, the recorded one."""
     sources: tuple[Source, ...] = ()
     """Places that robots search for; unless given, the recorded ones."""
 
 
 AnySource = Source | Release | PlumeSource
-"""What has a position and a radius: what the robots search for."""
+"""Sources with position and radius, which the robots search for."""
 
 
 PureGas = (
@@ -207,20 +188,20 @@ PureGas = (
 
 
 class MixtureGas(Model):
-    """Several gases at once, of any kinds and species; what they have in common adds up."""
+    """Several gases at once, of any kinds and species; equal species add up."""
 
     kind: Literal["mixture"]
     parts: Annotated[
         tuple[Annotated[PureGas, Field(discriminator="kind")], ...], Field(min_length=1, max_length=16)
     ]
-    """The gases, each with all keys of a `gas` section of its own. What they have in common adds up."""
+    """The gases, each with all keys of a `gas` section of its own. Equal species add up."""
 
     def alone(self, where: str) -> "tuple[tuple[str, PureGas], ...]":
-        """Every gas of one species in it, with its path."""
+        """Return every gas of one species, with its path."""
         return tuple((f"{where}.parts[{n}]", part) for n, part in enumerate(self.parts))
 
     def replaced(self, where: str, others: "Mapping[str, PureGas]") -> "MixtureGas":
-        """With other gases in place of those of some paths."""
+        """Return the mixture with other gases at some paths."""
         parts = tuple(others.get(path, part) for path, part in self.alone(where))
         return self.model_copy(update={"parts": parts})
 
@@ -229,9 +210,7 @@ class MixtureGas(Model):
         for path, gas in self.alone(where):
             other = names.setdefault(gas.vapour.name, gas.vapour)
             if other != gas.vapour:
-                yield (
-                    f"{path}.species.name: '{other.name}' is another species of this scenario; give it its own name"
-                )
+                yield f"{path}.species.name: '{other.name}' is another species of this scenario; use another name"
 
 
 Gas = Annotated[PureGas | MixtureGas, Field(discriminator="kind")]

@@ -1,4 +1,4 @@
-"""What makes the air of a scenario rise and sink: heaters, warm surfaces, heavy gas."""
+"""Buoyancy (Boussinesq): heaters, surfaces of given temperature (Dirichlet) and heavy gas."""
 
 from collections.abc import Iterator
 from math import copysign, pi, sqrt
@@ -6,25 +6,12 @@ from typing import Annotated, ClassVar
 
 from pydantic import model_validator
 
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario import si
+from taichi_plume.scenario.domain import Context, Located
 from taichi_plume.scenario.initial import InitialHeat
-from taichi_plume.scenario.located import Located
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.surfaces import Number, obstacle_faults, wall_faults
-from taichi_plume.scenario.vocabulary import (
-    COMPILED,
-    Accelerations,
-    Diffusivity,
-    Expansion,
-    Fraction,
-    HeatCapacity,
-    HeatTransfer,
-    Length,
-    Model,
-    Power,
-    Prandtl,
-    Temperature,
-)
+from taichi_plume.scenario.vocabulary import COMPILED, Model
 from taichi_plume.scenario.windows import Region
 
 
@@ -32,20 +19,20 @@ class Heater(Located):
     """A ball (in 2-D a disc) that warms the air evenly over its volume: a person, a computer, a lamp."""
 
     what: ClassVar[str] = "heater"
-    power: Power
-    """Heat that goes into the air; negative cools. Without what is radiated: half of a person's 100 W."""
-    radius: Annotated[Length, COMPILED] = 0.1
+    power: si.Power
+    """Convective heat into the air; negative cools. Radiated heat does not count: half of a person's 100 W."""
+    radius: Annotated[si.Length, COMPILED] = 0.1
     """Radius of the ball (in 2-D the disc) of air that is warmed evenly."""
 
 
 class TemperedSurface(Model):
-    """A surface that keeps its temperature whatever the air does."""
+    """A surface of constant temperature."""
 
-    temperature: Temperature
-    """Temperature of the surface, which it keeps whatever the air does."""
-    transfer: HeatTransfer | None = None
-    """Heat given to the air per area and kelvin. Unless given, what the wind beside it takes along, and at least
-    conduction across half a cell. Where nothing but warmth moves the air, a wall passes 1 to 4 W/(m² K)."""
+    temperature: si.Temperature
+    """Constant temperature of the surface."""
+    transfer: si.HeatTransfer | None = None
+    """Heat transfer coefficient. Unless given, that of the wind beside the surface, and at least conduction across half
+    a cell. Where only heat moves the air, a wall passes 1 to 4 W/(m² K)."""
 
 
 class TemperedWall(TemperedSurface, Region):
@@ -60,30 +47,30 @@ class TemperedObstacle(TemperedSurface):
 
 
 class Heat(Model):
-    """Temperature of the air. Walls and obstacles that are not named let no heat through."""
+    """Temperature of the air. Unnamed walls and obstacles are adiabatic."""
 
-    reference: Temperature = 298.15
-    """Temperature of the air at the start, of the still air outside and of what comes in."""
-    expansion: Expansion | None = None
+    reference: si.Temperature = 298.15
+    """Temperature of the air at the start, of the still air outside and of inflowing air."""
+    expansion: si.Expansion | None = None
     """Relative change of the volume per kelvin; unless given, an ideal gas's: 1/reference."""
-    diffusivity: Diffusivity = 2.2e-5
+    diffusivity: si.Diffusivity = 2.2e-5
     """Diffusivity of heat in still air."""
-    prandtl_turbulent: Prandtl = 0.85
+    prandtl_turbulent: si.Prandtl = 0.85
     """Turbulent Prandtl number: eddy viscosity over eddy diffusivity of heat. A smaller one mixes heat more."""
-    capacity: HeatCapacity = 1191.0
+    capacity: si.HeatCapacity = 1191.0
     """Heat per volume and kelvin, density times c_p; the default is air at 25 °C."""
     walls: tuple[TemperedWall, ...] = ()
-    """Faces of the room, or regions of them, that keep a temperature. Others let no heat through."""
+    """Faces of the room, or regions of them, that keep a temperature. Others are adiabatic."""
     obstacles: tuple[TemperedObstacle, ...] = ()
-    """Obstacles that keep a temperature. Others let no heat through."""
+    """Obstacles that keep a temperature. Others are adiabatic."""
     heaters: tuple[Heater, ...] = ()
-    """Balls of air that are warmed, such as by a person, a computer or a lamp."""
-    unsteadiness: Fraction = 1.0
-    """Share of each heater's power that leaves in puffs, the rest leaves evenly. A puff warms a part of the ball half
+    """Balls of warmed air, such as around a person, a computer or a lamp."""
+    unsteadiness: si.Fraction = 1.0
+    """Fraction of each heater's power that leaves in puffs, the rest evenly. A puff warms a part of the ball half
     as wide as the ball; the next one, at another random place, follows when air has risen through the ball. This
     disturbance makes the plume above turbulent. It has no effect with `turbulence: {kind: none}`."""
     initial: InitialHeat | None = None
-    """Temperature at the begin of the warm-up; unless given, all of the air has the reference temperature."""
+    """Temperature at the start of the warm-up; unless given, all of the air has the reference temperature."""
 
     @property
     def volume_expansion(self) -> float:
@@ -91,11 +78,11 @@ class Heat(Model):
         return 1.0 / self.reference if self.expansion is None else self.expansion
 
     def rising_speed(self, power: float, length: float) -> float:
-        """Speed [m/s] that air gains over a length [m] above a heater of that power [W]."""
+        """Return the speed [m/s] that air gains over a length [m] above a heater of this power [W]."""
         return (9.81 * self.volume_expansion * abs(power) / (self.capacity * length)) ** (1 / 3)
 
     def top_speed(self, length: float) -> float:
-        """Speed [m/s] that air a few kelvin apart gains over a length [m], or above a heater."""
+        """Return the speed [m/s] that air gains over a length [m] at the surfaces or above a heater."""
         surfaces = [*self.walls, *self.obstacles]
         differences = [abs(surface.temperature - self.reference) for surface in surfaces]
         rise = 9.81 * self.volume_expansion
@@ -107,8 +94,9 @@ class Heat(Model):
 
     @property
     def likely(self) -> list[float]:
-        """Temperatures [K] that the air is likely to have: those given, and about that over each heater, whose heat
-        rises through its own width with the speed it gains over its radius; twice that, as it is not even.
+        """Expected temperatures of the air [K]: the given ones, and about that over each heater.
+
+        Heat rises through the width of the heater with the speed of its radius; twice the mean, as it is uneven.
         """
         found = [self.reference, *(surface.temperature for surface in (*self.walls, *self.obstacles))]
         for heater in self.heaters:
@@ -124,28 +112,25 @@ class Heat(Model):
 
 
 class Buoyancy(Model):
-    """Weight of what makes air lighter or heavier (Boussinesq): rho/rho0 = 1 - (T - T0)/T0 + (M/M_air - 1) x."""
+    """Buoyancy by heat and gas (Boussinesq): rho/rho0 = 1 - (T - T0)/T0 + (M/M_air - 1) x."""
 
-    gravity: Accelerations | None = None
+    gravity: si.Accelerations | None = None
     """Acceleration of gravity per axis; in 3-D (0, 0, -9.81) unless given. A 2-D run is seen from above, [0, -9.81]
     makes it an upright section."""
     solutal: bool = True
     """Whether the weight of the gas counts: most vapours are heavier than air, and sink."""
     heat: Heat | None = None
-    """Temperature of the air and what warms it; unless given, it is not computed and nothing rises by warmth."""
+    """Temperature of the air and its heat sources; unless given, it is not computed and has no effect."""
 
     def pull(self, dim: int) -> tuple[float, ...]:
-        """Gravity [m/s²] in `dim` dimensions."""
+        """Return gravity [m/s²] in `dim` dimensions."""
         return self.gravity or (0.0,) * (dim - 1) + (-9.81,)
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:
         if dim == 2 and self.gravity is None:
-            yield (
-                f"{where}.gravity: is missing; a 2-D run is a view from above, give [0, -9.81] to make it an "
-                "upright section"
-            )
+            yield f"{where}.gravity: is missing; give [0, -9.81], which makes a 2-D run an upright section"
         if self.gravity is not None and not any(self.gravity):
-            yield f"{where}.gravity: is zero, so nothing rises or sinks; give it a size or remove {where}"
+            yield f"{where}.gravity: is zero, without any effect; remove {where}, or give a gravity"
         yield from super().misfits(where, dim)
 
     @model_validator(mode="after")

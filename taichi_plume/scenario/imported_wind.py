@@ -1,4 +1,4 @@
-"""Air flow from elsewhere: files of other programs, and how they lie in the domain."""
+"""Imported wind: flow files of other programs, and checks of their position in the domain."""
 
 from collections.abc import Iterator
 from math import prod
@@ -7,34 +7,24 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 import psutil
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.any_wind import AnyWind
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.played import Played
-from taichi_plume.scenario.vocabulary import (
-    COMPILED,
-    Coordinate,
-    Duration,
-    EddyDiffusivity,
-    Face,
-    FileName,
-    Point,
-    Prandtl,
-    Viscosity,
-)
+from taichi_plume.scenario.vocabulary import COMPILED, Face, FileName
 
 if TYPE_CHECKING:
     from taichi_plume.files.gaden import Cubes
     from taichi_plume.files.site import Site
 
-ROUNDING = 0.01  # cells that the domain may reach beyond the points
+ROUNDING = 0.01  # cells by which the domain may exceed the points
 
 
 class ImportedWind(AnyWind, Played):
-    """Air flow from elsewhere, such as OpenFOAM, ParaView, Fluent or GADEN. See files/wind_points.py
-    and files/openfoam.py.
+    """Air flow from files of OpenFOAM, ParaView, Fluent or GADEN. See files/wind_points.py and files/openfoam.py.
 
-    Between its points it is linear, between its files linear in time. It is made divergence-free; through the faces of
-    the domain air goes as in the files, but for an even share that balances what comes in and what goes out.
+    The flow is linear between points and between the times of files, and made divergence-free. Air goes through the
+    faces of the domain as in the files, except for an even part that balances inflow and outflow.
     """
 
     kind: Literal["imported"]
@@ -42,50 +32,40 @@ class ImportedWind(AnyWind, Played):
     """Path of a file, or of several, relative to the scenario's folder. %d stands for numbers that count up by one,
     such as in wind_at_cell_centers_%d.csv, %g for times in s, such as in postProcessing/cloud/%g/points_U.xy. A case
     folder of OpenFOAM stands for all of its times, whole or decomposed, CASE/TIME for one of them."""
-    interval: Annotated[Duration, COMPILED] = 1.0
-    """Time from one numbered file to the next; the first shows the time 0."""
-    origin: Annotated[Point, COMPILED] | None = None
+    interval: Annotated[si.Duration, COMPILED] = 1.0
+    """Time from one numbered file to the next; the first is of time 0."""
+    origin: Annotated[si.Point, COMPILED] | None = None
     """Where the domain's lower corner lies in the files. Unless given, the lower corner of the occupancy grid, or
     without one that of the points."""
-    height: Annotated[Coordinate, COMPILED] | None = None
+    height: Annotated[si.Coordinate, COMPILED] | None = None
     """Height z in the files at which a 2-D run cuts them; unless given, the middle of the points."""
     occupancy: FileName | None = None
     """Path of an OccupancyGrid3D.csv of GADEN's: obstacles besides the scenario's own. A config.yaml or
     preproc_params.yaml of GADEN's stands for the grid of the STL models that it lists."""
     walls: tuple[Face, ...] = ()
-    """Faces of the domain that let no air through; through the others it goes as in the files."""
-    viscosity: Viscosity = 1.56e-5
+    """Faces of the domain that let no air through; through the others air goes as in the files."""
+    viscosity: si.Viscosity = 1.56e-5
     """Kinematic viscosity: the default is air at 25 °C."""
-    eddy_viscosity: EddyDiffusivity | None = None
-    """Viscosity of the turbulence that the files do not resolve: it mixes the gas. Unless given, their column nut, or
-    none."""
-    schmidt: Prandtl = 0.7
+    eddy_viscosity: si.EddyDiffusivity | None = None
+    """Viscosity of the turbulence that the files do not resolve, which mixes the gas. Unless given, the column nut of
+    the files, or none."""
+    schmidt: si.Prandtl = 0.7
     """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas. A smaller one mixes gas more."""
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:
         yield from super().misfits(where, dim)
-        for n, face in enumerate(self.walls):
-            if "xyz".index(face[0]) >= dim:
-                yield f"{where}.walls[{n}]: '{face}' does not exist in a 2-D run; use x-, x+, y- or y+"
         if dim == 3 and self.height is not None:
             yield f"{where}.height: is for 2-D runs; remove it, or give domain.size two numbers"
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:
-        """The first and the last file have been read; those between are, when the run begins."""
+        """Check the first and the last file; the others are read at the start of the run."""
         site = context.resources.site
         assert site is not None
         low, high = site.levels
         if self.height is not None and not low <= self.height <= high:
-            yield (
-                f"{where}.height: {self.height:g} m is outside of the points of {site.first.path}, "
-                f"z {low:g} to {high:g} m"
-            )
+            yield f"{where}.height: {self.height:g} m is outside of {site.first.path}, z {low:g} to {high:g} m"
             return
-        if self.start > site.files[-1][0] and not self.loop:
-            yield (
-                f"{where}.start: {self.start:g} s is after the last file, {site.files[-1][1]}, which shows "
-                f"{site.files[-1][0]:g} s"
-            )
+        yield from self.too_late(where, site.files[-1][1], site.files[-1][0])
         domain = context.domain
         needed = 4.0 * len(site.files) * prod(n + 2 for n in domain.shape) * (domain.dim + 1)
         free = psutil.virtual_memory().available
@@ -94,16 +74,15 @@ class ImportedWind(AnyWind, Played):
                 f"{where}.files: {len(site.files)} files on this grid need {needed / 1e9:.2g} GB of memory, "
                 f"{free / 1e9:.2g} GB are free; use fewer, or raise domain.spacing"
             )
-        faults = list(self._beyond_cubes(site, context))
-        if faults:
-            yield from faults
-            return
-        yield from self._without_wind(site, context)
-        if site.cubes is not None:
-            yield from self._in_cubes(site, site.cubes, context)
+        errors = list(self._beyond_cubes(site, context))
+        yield from errors
+        if not errors:
+            yield from self._without_wind(site, context)
+            if site.cubes is not None:
+                yield from self._in_cubes(site, site.cubes, context)
 
     def _beyond_cubes(self, site: "Site", context: Context) -> Iterator[str]:
-        """A domain that is larger than the occupancy grid."""
+        """Yield an error for each axis along which the domain exceeds the occupancy grid."""
         if site.cubes is None:
             return
         slack = ROUNDING * context.domain.spacing
@@ -113,7 +92,7 @@ class ImportedWind(AnyWind, Played):
                 yield _outside(site, a, (0.0, extent), (low, high), f"{self.occupancy} has cells")
 
     def _without_wind(self, site: "Site", context: Context) -> Iterator[str]:
-        """Air beyond the points."""
+        """Yield an error for each axis along which air lies beyond the points."""
         cells = np.argwhere(~context.resources.solid())
         if not len(cells):
             yield f"wind.occupancy: {self.occupancy}: leaves no air in the domain"
@@ -123,19 +102,19 @@ class ImportedWind(AnyWind, Played):
         for a in range(context.domain.dim):
             low, high = cells[:, a].min() * dx, (cells[:, a].max() + 1) * dx
             if low < site.low[a] - slack or high > site.high[a] + slack:
-                have = f"the points of {site.first.path} stand for air"
+                have = f"{site.first.path} has points"
                 yield _outside(site, a, (low, high), (site.low[a], site.high[a]), have)
 
     def _in_cubes(self, site: "Site", cubes: "Cubes", context: Context) -> Iterator[str]:
-        """Sources and robots inside the obstacles of the occupancy grid."""
+        """Yield errors for sources and robots inside the occupancy grid's obstacles."""
         file = self.occupancy
         if context.scenario.robots and context.scenario.domain.dim == 3:
             floor = int((~cubes.solid).any(axis=(0, 1)).argmax())  # the lowest layer with air
             low = cubes.low[2] + floor * cubes.size
             if low > ROUNDING * context.scenario.domain.spacing:
                 yield (
-                    f"wind.origin: the floor of {file} is {low:.4g} m above the domain's, where robots drive; give it "
-                    f"{low + site.origin[2]:.6g} as its third number"
+                    f"wind.origin: the floor of {file} is {low:.4g} m above the floor of the domain; use "
+                    f"{low + site.origin[2]:.6g} as third number"
                 )
                 return
         for path, source in context.scenario.sources:
@@ -152,12 +131,12 @@ class ImportedWind(AnyWind, Played):
 
 
 def _outside(site: "Site", axis: int, air: tuple[float, float], known: tuple[float, float], have: str) -> str:
-    """A line about the domain along an axis; air, known: from where to where [m], in the domain."""
+    """Return an error about the domain along an axis; air, known: ranges [m] in coordinates of the domain."""
     x, origin = "xyz"[axis], site.origin[axis]
     (a, b), (low, high) = air, known
     places = [f"{round(origin + place, 6) + 0.0:g}" for place in (a, b, low, high)]
     return (
-        f"domain.size[{axis}]: in the files its air reaches from {x} = {places[0]} to {places[1]} m, but {have} only "
-        f"from {places[2]} to {places[3]} m; use at most {high - low:.6g} m, and {places[2]} as number {axis + 1} of "
-        "wind.origin, written into the scenario's file (places of sources, robots and obstacles count from there)"
+        f"domain.size[{axis}]: the domain's air is at {x} = {places[0]} to {places[1]} m of the files, but {have} only "
+        f"at {places[2]} to {places[3]} m; use at most {high - low:.6g} m, and {places[2]} as number {axis + 1} of "
+        "wind.origin, written into the scenario's file (positions of sources, robots and obstacles count from there)"
     )

@@ -1,4 +1,4 @@
-"""What the air of a scenario is like at the begin of the warm-up: formulas of the place, or a moment of a film."""
+"""Initial conditions of wind, gas and temperature: formulas of the position, or a moment of a film."""
 
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
@@ -6,16 +6,17 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario import si
+from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.formulas import AXES, FormulaError, evaluate, formula
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.species import Species
-from taichi_plume.scenario.vocabulary import FREE, PER_AXIS, FileName, Model, Time
+from taichi_plume.scenario.vocabulary import FREE, PER_AXIS, FileName, Model
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Domain
 
-FASTEST, COLDEST, WARMEST = 100.0, 200.0, 500.0  # as of the keys for speeds and temperatures
+FASTEST, COLDEST, WARMEST = 100.0, 200.0, 500.0  # limits as in si.Speed and si.Temperature
 
 
 Units = dict[str, np.ndarray]
@@ -23,24 +24,30 @@ NO_UNITS: Units = {}
 
 
 def units_of(species: Species) -> Units:
-    """Units that formulas of a concentration know by name [kg/m³]."""
+    """Return the units that are names in formulas of a concentration [kg/m³]."""
     return {"ppm": np.array(1.0 / species.ppm_per_density)}
 
 
 class Initial(Model):
-    """A quantity at the begin of the warm-up."""
+    """Initial condition of a quantity at the start of the warm-up."""
 
     unit: ClassVar[str]
     least: ClassVar[float]
     most: ClassVar[float]
 
+    key: ClassVar[str]
+    """Key of the formula or formulas."""
+
     @property
     def formulas(self) -> tuple[tuple[str, str], ...]:
-        """Key and text of each formula, one per axis of a vector; none where a film is shown."""
-        raise NotImplementedError
+        """Key and text of each formula, one per axis of a vector; none for a film."""
+        given = vars(self)[self.key]
+        if isinstance(given, tuple):
+            return tuple((f"{self.key}[{d}]", text) for d, text in enumerate(given))
+        return () if given is None else ((self.key, given),)
 
     def values(self, points: np.ndarray, units: Units = NO_UNITS) -> np.ndarray:
-        """What the formulas are at points (..., dim) [m], (formulas, ...); nan and inf where they have no value."""
+        """Return the values of the formulas (formulas, ...) at points (..., dim) [m]; nan and inf if undefined."""
         places = dict(zip(AXES, np.moveaxis(points, -1, 0), strict=False)) | units
         found = [evaluate(text, places) for _, text in self.formulas]
         return np.array([np.broadcast_to(one, points.shape[:-1]) for one in found])
@@ -48,18 +55,18 @@ class Initial(Model):
     def on_grid(
         self, domain: "Domain", units: Units = NO_UNITS
     ) -> Iterator[tuple[str, list[np.ndarray], np.ndarray]]:
-        """Key, coordinates and values of each formula, where the grid has them. Raises FormulaError."""
+        """Yield key, coordinates and values of each formula on the grid. Raises FormulaError."""
         for d, (key, text) in enumerate(self.formulas):
             places = self._places(domain, d)
             found = evaluate(text, dict(zip(AXES, places, strict=False)) | units)
             yield key, places, np.broadcast_to(found, np.broadcast_shapes(*(one.shape for one in places)))
 
     def _units(self, where: str, context: Context) -> Units:
-        """Sizes of units that are names in the formulas; `where` is the path of the section."""
+        """Return the sizes of units that are names in formulas; `where` is the path of the section."""
         return NO_UNITS
 
     def _places(self, domain: "Domain", d: int) -> list[np.ndarray]:
-        """Of the cells' centres."""
+        """Return the centres of the cells."""
         return _lattice([(np.arange(n) + 0.5) * domain.spacing for n in domain.shape])
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
@@ -76,28 +83,22 @@ class Initial(Model):
 
 
 class FilmedInitial(Initial):
-    """One that a film may tell as well."""
+    """Initial condition that a film may give as well."""
 
     part: ClassVar[Literal["wind", "gas"]]
     film: FileName | None = None
-    """Path of a fields.zarr to begin with, instead of a formula; its grid may be another one."""
-    at: Time | None = None
-    """Which moment of the film, linear in time between its frames; unless given, the last one."""
+    """Path of a fields.zarr with the initial state, instead of a formula; its grid may differ."""
+    at: si.Time | None = None
+    """Time in the film, with linear interpolation between frames; unless given, the last frame."""
 
     @model_validator(mode="after")
     def _either(self) -> "FilmedInitial":
         given = [key for key, _ in self.formulas][:1]
         if (self.film is None) == (not given):
-            raise fault(
-                "takes a {part} or a film, got {got}",
-                {"part": self.key, "got": "both" if given else "neither"},
-            )
+            raise fault(f"takes {self.key} or film, got {'both' if given else 'neither'}")
         if self.film is None and self.at is not None:
-            raise fault("at: is the moment of a film; remove it, or give a film")
+            raise fault("at: is a time of a film; remove it, or give a film")
         return self
-
-    key: ClassVar[str]
-    """Of its formulas."""
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:
         if self.film is None:
@@ -131,17 +132,13 @@ class InitialWind(FilmedInitial):
     """Components per axis, each a number or a formula of x, y and z. Such as "0.2*sin(pi*x)"; the solver makes the
     whole free of divergence."""
 
-    @property
-    def formulas(self) -> tuple[tuple[str, str], ...]:
-        return tuple((f"velocity[{d}]", text) for d, text in enumerate(self.velocity or ()))
-
     def _places(self, domain: "Domain", d: int) -> list[np.ndarray]:
-        """Of the faces across axis d."""
+        """Return the faces across axis d."""
         shape = [n + (a == d) for a, n in enumerate(domain.shape)]
         return _lattice([(np.arange(n) + 0.5 * (a != d)) * domain.spacing for a, n in enumerate(shape)])
 
     def top_speed(self, domain: "Domain") -> float:
-        """Largest component [m/s] of the formulas."""
+        """Return the largest component [m/s] of the formulas."""
         try:
             found = [np.abs(values) for _, _, values in self.on_grid(domain)]
         except FormulaError:
@@ -158,34 +155,26 @@ class InitialGas(FilmedInitial):
     """A number or a formula of x, y and z, such as "420 ppm" or "1e-5*exp(-((x-1)**2 + (y-1)**2)/0.02)". In a formula
     ppm is the density of one, so that "420*ppm + 1e-5*x" adds both."""
 
-    @property
-    def formulas(self) -> tuple[tuple[str, str], ...]:
-        return () if self.concentration is None else (("concentration", self.concentration),)
-
     def _units(self, where: str, context: Context) -> Units:
-        """One ppm of the gas whose section it is."""
+        """Return the size of one ppm of the gas of the section."""
         return units_of(dict(context.scenario.gases)[where.removesuffix(".initial")].vapour)
 
 
 class InitialHeat(Initial):
     """Temperature of the air."""
 
-    unit, least, most = "K", COLDEST, WARMEST
+    key, unit, least, most = "temperature", "K", COLDEST, WARMEST
     temperature: Annotated[formula("K"), FREE]  # type: ignore[valid-type]
     """A number or a formula of x, y and z, such as "295 + 2*z" for air that is warmer above."""
 
-    @property
-    def formulas(self) -> tuple[tuple[str, str], ...]:
-        return (("temperature", self.temperature),)
-
 
 def _lattice(axes: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Coordinates along each axis, so that they broadcast."""
+    """Return broadcastable coordinates along each axis."""
     return [axis.reshape([-1 if a == b else 1 for b in range(len(axes))]) for a, axis in enumerate(axes)]
 
 
 def _first(bad: np.ndarray, places: list[np.ndarray], values: np.ndarray, context: Context) -> str | None:
-    """Value and place of the first that is bad and outside of all obstacles."""
+    """Return value and position of the first bad point outside of all obstacles; None if there is none."""
     where = np.argwhere(bad)
     points = np.stack([axis.ravel()[where[:, a]] for a, axis in enumerate(places)], axis=-1)
     free = np.ones(len(points), bool)

@@ -1,4 +1,4 @@
-"""The files that a scenario names, and which of them lie outside its folder."""
+"""Input files of a scenario, and checks that they lie inside its folder."""
 
 import os
 import re
@@ -17,9 +17,9 @@ NUMBER = re.compile(r"%[0-9]*[dg]")  # stands for a number in the name of severa
 
 
 def input_files(scenario: Scenario) -> Iterator[tuple[str, str]]:
-    """Every file that is named: the path of its key, such as ``obstacles[0].file``, and its name there.
+    """Yield the path of the key, such as ``obstacles[0].file``, and the name of each input file.
 
-    A key that takes several names has a path for each, such as ``task.films[0]``.
+    A key with several names has a path for each, such as ``task.films[0]``.
     """
     for where, section in every(scenario):
         for key in type(section).model_fields:
@@ -31,7 +31,7 @@ def input_files(scenario: Scenario) -> Iterator[tuple[str, str]]:
 
 
 def input_paths(scenario: Scenario, file: Path, opened: Mapping[str, Sequence[Path]]) -> list[Path]:
-    """List a scenario's own `file` first, then all files that the scenario reads; a film is a folder.
+    """Return the scenario's own `file`, then all input files; a film is a folder.
 
     opened: `files` of the scenario's resources.
     """
@@ -42,7 +42,7 @@ def input_paths(scenario: Scenario, file: Path, opened: Mapping[str, Sequence[Pa
 
 
 def read_for(where: str, name: str, folder: Path, opened: Mapping[str, Sequence[Path]]) -> list[Path]:
-    """List the files that are read for a key with this name; `opened` as in `input_paths`.
+    """Return the files that are read for a key with this name; `opened` as in `input_paths`.
 
     A folder of which single files were opened, such as a case of OpenFOAM, stands for these files.
     """
@@ -53,32 +53,30 @@ def read_for(where: str, name: str, folder: Path, opened: Mapping[str, Sequence[
 
 
 def files_of(folder: Path, name: str) -> list[Path]:
-    """What a name of a scenario in `folder` stands for: a file or a film, or all files with a number in their names.
-
-    The picture of a map is one too.
-    """
+    """Return the files of a name in `folder`: a file, a film or all files with numbers in their names; pictures of
+    maps."""
     files = [Path(path) for path in _written(os.path.join(folder, name))]
     pictures = [image_of(file) for file in files if file.suffix in SUFFIXES]
     return [*files, *(picture for picture in pictures if picture is not None)]
 
 
 def _written(path: str) -> list[str]:
-    """The files that a path stands for, if it stands for several; else itself."""
+    """Return the files of a path with a number in it, or the path itself."""
     if not NUMBER.search(path):
         return [path]
     return sorted(glob("*".join(map(escape, NUMBER.split(path)))))
 
 
 def outside(folder: Path, name: str) -> bool:
-    """Whether a file of that name lies outside `folder`, once links are followed; or one of several, with %d or %g."""
+    """Return whether a file of this name, or of several with %d or %g, lies outside `folder` after following links."""
     path = os.path.join(folder, name)
-    return not all(inside(one, folder) for one in (path, *_written(path)))
+    return not all(inside(file, folder) for file in (path, *_written(path)))
 
 
 def strangers(scenario: Scenario, folder: Path, named: Collection[str] = ()) -> list[str]:
-    """A line for each named file outside of `folder`; files that those name are up to the gate of guard/opening.py.
+    """Return an error for each input file outside `folder`; guard/opening.py checks the files that those name.
 
-    named: paths of keys that the user gave himself, with all below them; they are not told.
+    named: paths of keys that the user gave explicitly; these and the keys below them are allowed.
     """
     return [
         f"{where}: {visible(name, LONGEST_VALUE)} {OUTSIDE}"
@@ -89,4 +87,4 @@ def strangers(scenario: Scenario, folder: Path, named: Collection[str] = ()) -> 
 
 def given(where: str, named: Collection[str]) -> bool:
     """Return whether a path of a key, such as ``wind.files``, is one of `named` or lies below one."""
-    return any(where == one or where.startswith((f"{one}.", f"{one}[")) for one in named)
+    return any(where == path or where.startswith((f"{path}.", f"{path}[")) for path in named)

@@ -1,17 +1,23 @@
-"""Every key of the vocabulary by its path, such as ``wind.openings[].speed``, for the reference and `--explain`.
+"""All keys by path, such as ``wind.openings[].speed``: for the reference, hints in messages, and printed help.
 
-In all functions `top` is the section that the paths begin in: a scenario, unless it is of another kind of file.
+In all functions `top` is the section at the root of the paths: a scenario, or a study.
 """
 
 import difflib
+import json
+import os
 import re
+import shutil
+import sys
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import takewhile
 
-from taichi_plume.guard.terminal import LONGEST_VALUE, visible
-from taichi_plume.scenario.facts import Facts, facts, models_in, own_kind
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.terminal import LONGEST_VALUE, say, visible
+from taichi_plume.scenario.facts import Facts, facts, models_in, own_kind, purpose
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.suggestions import nearest
 from taichi_plume.scenario.vocabulary import Model
@@ -19,7 +25,7 @@ from taichi_plume.scenario.vocabulary import Model
 
 @dataclass(frozen=True)
 class Key:
-    """A key at its place. kinds: of the sections there that have it so; empty where all have."""
+    """A key at its place. kinds: kinds of sections with this key; empty if all have it."""
 
     path: str
     name: str
@@ -29,11 +35,10 @@ class Key:
 
 @dataclass
 class Place:
-    """Where a section, or one of several kinds of sections, may be; `path` is empty for the scenario itself.
+    """Place of a section, or of several kinds of sections; `path` is empty for the scenario itself.
 
-    models: what may be there, each with its kinds or, where it is of none, those of the sections around it. within:
-    the kinds of the section around it that have it; empty where all have. same_as: the path at which the same
-    sections are told of already.
+    models: possible sections, each with its kinds or, without any, those of the enclosing section. within: kinds of the
+    enclosing section that have this place; empty if all have it. same_as: path where the same sections are documented.
     """
 
     path: str
@@ -43,12 +48,12 @@ class Place:
 
     @property
     def kinds(self) -> dict[str, type[Model]]:
-        """The kinds that a section there may be of, by their names."""
+        """Possible sections by the names of their kinds."""
         return {own_kind(model): model for model in self.models if own_kind(model)}
 
     @property
     def keys(self) -> list[Key]:
-        """Those of all kinds; a key that differs between them is there more than once. Kinds themselves are none."""
+        """Keys of all kinds, several times if they differ; without the key `kind`."""
         found: dict[tuple[str, Facts], list[str]] = {}
         for model, kinds in self.models.items():
             for name in model.model_fields:
@@ -69,15 +74,15 @@ class Place:
 
 @cache
 def places(top: type[Model] = Scenario) -> Mapping[str, Place]:
-    """All places by their paths, from the top inward; of the same sections only the outermost are gone into."""
+    """Return all places by path, from the top inward; of equal sections only the outermost are entered."""
     whole = Place("", {top: []})
-    found, told, level = {"": whole}, {top}, [whole]
+    found, seen, level = {"": whole}, {top}, [whole]
     while level:
         below: dict[str, Place] = {}
         for place in level:
             _add_below(place, below)
         for place in below.values():
-            if place.models.keys() <= told:
+            if place.models.keys() <= seen:
                 place.same_as = next(
                     other.path for other in found.values() if place.models.keys() <= other.models.keys()
                 )
@@ -86,12 +91,12 @@ def places(top: type[Model] = Scenario) -> Mapping[str, Place]:
                     place.same_as = one.path
         found |= below
         level = [place for place in below.values() if not place.same_as]
-        told |= {model for place in level for model in place.models}
+        seen |= {model for place in level for model in place.models}
     return found
 
 
 def _add_below(place: Place, below: dict[str, Place]) -> None:
-    """Enter the places of the sections in those of `place`."""
+    """Add the places of the sections inside those of `place`."""
     for model, kinds in place.models.items():
         for name, key in model.model_fields.items():
             for part, depth in models_in(key):
@@ -104,22 +109,20 @@ def _add_below(place: Place, below: dict[str, Place]) -> None:
 
 
 def flat(path: str) -> str:
-    """A path without places in lists: ``wind.openings.0.speed`` and ``wind.openings[].speed`` are the same."""
+    """Return a path without positions in lists: ``wind.openings.0.speed`` and ``wind.openings[].speed`` are the
+    same."""
     return re.sub(r"\[\d*\]|\.\d+(?=\.|$)", "", path.strip())
 
 
 def all_keys(top: type[Model] = Scenario) -> Iterator[Key]:
-    """Every key of every place, once."""
+    """Yield every key of every place, once."""
     for place in places(top).values():
         if not place.same_as:
             yield from place.keys
 
 
 def look_up(text: str, top: type[Model] = Scenario) -> tuple[list[Place], list[Key]]:
-    """The sections and keys of that path, or of those that end with it; a kind's name stands for the sections it is in.
-
-    Where there are none both are empty.
-    """
+    """Return the sections and keys of a path, or of those that end with it; or the sections that have such a kind."""
     path = flat(text)
     for place in places(top).values():
         if place.same_as and f"{path}.".startswith(f"{flat(place.path)}."):
@@ -134,7 +137,7 @@ def look_up(text: str, top: type[Model] = Scenario) -> tuple[list[Place], list[K
 
 
 def sections_at(steps: Sequence[int | str], top: type[Model] = Scenario) -> list[type[Model]]:
-    """Sections of all kinds that may be at a path, alone or in a list; empty if no section can be there."""
+    """Return the possible sections at a path, single or in a list."""
     found = [top]
     for step in steps:
         if isinstance(step, str) and not step.isdecimal():
@@ -144,7 +147,7 @@ def sections_at(steps: Sequence[int | str], top: type[Model] = Scenario) -> list
 
 
 def misspelt(steps: Sequence[str], top: type[Model] = Scenario) -> str | None:
-    """Message about the first step of a path that is a key of no section there; None if there is no such step."""
+    """Return a message about the first unknown key of a path; None if all are known."""
     for n, step in enumerate(steps):
         models = sections_at(steps[:n], top)
         known = dict.fromkeys(key for model in models for key in model.model_fields)
@@ -157,7 +160,7 @@ def misspelt(steps: Sequence[str], top: type[Model] = Scenario) -> str | None:
 
 
 def homes(name: str, of: Sequence[int | str] = (), top: type[Model] = Scenario) -> list[str]:
-    """Sections that have a key of that name, by their paths and kinds: those nearest to the path `of` first."""
+    """Return the paths and kinds of sections with a key of this name: those nearest to the path `of` first."""
     found = []
     for place in places(top).values():
         models = [model for model in place.models if name in model.model_fields]
@@ -166,22 +169,22 @@ def homes(name: str, of: Sequence[int | str] = (), top: type[Model] = Scenario) 
             few = ", ".join([*kinds[:4], *["..."][: len(kinds) > 4]])
             some = f" (kind: {few})" if kinds and len(models) < len(place.models) else ""
             found.append(((place.path or "the top of the file") + some, _shared(place.path, of)))
-    return [path for path, _ in sorted(found, key=lambda one: -one[1])]
+    return [path for path, _ in sorted(found, key=lambda item: -item[1])]
 
 
 def kinds_at(name: str, top: type[Model] = Scenario) -> list[str]:
-    """Paths of the sections that may be of the kind of that name."""
+    """Return the paths of the sections that have a kind of this name."""
     return [place.path for place in places(top).values() if name in place.kinds and not place.same_as]
 
 
 def _shared(path: str, steps: Sequence[int | str]) -> int:
-    """Number of steps that two paths share from the start."""
+    """Return the number of common first steps of two paths."""
     pairs = zip(flat(path).split("."), [step for step in steps if isinstance(step, str)], strict=False)
     return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
 
 
 def near(text: str, top: type[Model] = Scenario) -> list[str]:
-    """Paths, names and kinds that are written much like it."""
+    """Return paths, names and kinds with a similar spelling."""
     known = [flat(key.path) for key in all_keys(top)]
     kinds = [kind for place in places(top).values() for kind in place.kinds]
     path = flat(text)
@@ -189,3 +192,62 @@ def near(text: str, top: type[Model] = Scenario) -> list[str]:
     close = difflib.get_close_matches(path, known, n=3, cutoff=0.75)
     last = path.rpartition(".")[2]
     return close or difflib.get_close_matches(last, names, n=3)
+
+
+WIDEST = 100  # columns of a text that is read
+
+
+def print_schema(top: type[Model]) -> int:
+    """Print the JSON schema of files with this section at the top. Return the exit code."""
+    return _print(json.dumps(top.model_json_schema(), indent=2))
+
+
+def print_key(text: str, top: type[Model]) -> int:
+    """Print the meaning of keys or sections of this path, name or kind. Return the exit code.
+
+    Raises InputError if there is no such key.
+    """
+    sections, keys = look_up(text, top)
+    if not sections and not keys:
+        close = near(text, top)
+        meant = f"did you mean {' or '.join(close)}? " if close else ""
+        raise InputError(f"no key '{visible(text, LONGEST_VALUE)}'; {meant}--schema prints all")
+    wide = min(WIDEST, shutil.get_terminal_size((WIDEST, 24)).columns)
+    kind = text if all(text in one.kinds for one in sections) else ""
+    blocks = [_of_section(one, kind, wide) for one in sections] + [_of_key(one, wide) for one in keys]
+    return _print("\n\n".join("\n".join(block) for block in blocks))
+
+
+def _print(text: str) -> int:
+    try:
+        say(*text.splitlines(), longest=None, flush=True)
+    except BrokenPipeError:  # a reader such as `head` may leave early; Python flushes again at its end
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
+
+
+def _of_key(key: Key, wide: int) -> Iterator[str]:
+    """Yield lines about a key."""
+    yield key.path + (f"   (kind: {', '.join(key.kinds)})" if key.kinds else "")
+    yield from _filled(key.facts.meaning, wide, 2)
+    yield from _filled(key.facts.figures, wide, 2)
+    if "quantit" in key.facts.type:
+        yield f"  (a quantity is a number in {key.facts.unit or 'SI units'}, or a text with another unit)"
+
+
+def _of_section(place: Place, kind: str, wide: int) -> Iterator[str]:
+    """Yield lines about a section, or only one kind of it: purpose; meaning, unit and default of each key."""
+    yield place.path + (f"   (in a section of kind {', '.join(place.within)})" if place.within else "")
+    models = [model for name, model in place.kinds.items() if kind in ("", name)]
+    for model in models or list(place.models):
+        its = next((name for name, one in place.kinds.items() if one is model), "")
+        yield from _filled((f"kind: {its} - " if its else "") + purpose(model), wide, 2)
+    for key in place.keys:
+        if not kind or not key.kinds or kind in key.kinds:
+            of = f" ({', '.join(key.kinds)})" if key.kinds and not kind else ""
+            default = f"default: {key.facts.default}" if key.facts.default else "has to be given"
+            yield from _filled(f"{key.name}{of}: {key.facts.brief}; {default}", wide, 4)
+
+
+def _filled(text: str, wide: int, indent: int) -> list[str]:
+    return textwrap.wrap(text, wide, initial_indent=" " * indent, subsequent_indent=" " * (indent + 2))

@@ -1,107 +1,97 @@
-"""What every algorithm is asked, and those that stand still to listen."""
+"""Base class of the search algorithms, and those that stand still to sample the gas (acquisitions)."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.quantities import number
-from taichi_plume.scenario.vocabulary import (
-    COMPILED,
-    Coefficient,
-    Fraction,
-    Length,
-    Model,
-    Pause,
-    SomePpm,
-    Speed,
-    Wait,
-)
+from taichi_plume.scenario.vocabulary import COMPILED, Model
 
 if TYPE_CHECKING:
-    from taichi_plume.scenario.arena import Arena
+    from taichi_plume.scenario.domain import Arena
     from taichi_plume.scenario.robots import Group
 
 
 class AnyAlgorithm(Model):
-    """What is asked of every algorithm."""
+    """Base class of the algorithms: their properties and checks."""
 
     talks: ClassVar[bool] = False
-    """Whether its robots keep the messages of each other."""
+    """Whether robots keep the messages of each other."""
     searches: ClassVar[bool] = False
-    """Whether all that its robots do is to go for a source."""
+    """Whether robots do nothing but look for a source."""
     believes: ClassVar[bool] = False
-    """Whether its robots keep a map of where the source may be."""
+    """Whether robots keep a posterior of the source's position."""
     in_space: ClassVar[bool] = False
-    """Whether its robots have to fly."""
+    """Whether robots have to fly."""
     outside: ClassVar[bool] = False
-    """Whether its robots are driven from outside."""
+    """Whether another program drives the robots."""
+    placed: ClassVar[bool] = False
+    """Whether poses of the robots come from outside."""
+    may_declare: ClassVar[bool] = False
+    """Whether robots may declare a source."""
 
     @property
-    def placed(self) -> bool:
-        """Whether its robots are put to poses from outside."""
-        return False
-
-    @property
-    def may_declare(self) -> bool:
-        """Whether its robots may say where a source is."""
-        return False
+    def own_speed(self) -> float | None:
+        """Value of the key `speed` [m/s]; None: not given, or no such key."""
+        return vars(self).get("speed")
 
     @property
     def threshold(self) -> float | None:
-        """Reading [ppm] at which it does something else, None where there is none."""
-        return None
+        """Reading [ppm] at which the behaviour changes; None if there is none."""
+        return vars(self).get("threshold_ppm")
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        """What is wrong with it for these robots on that floor; `where` is the group."""
+        """Yield errors of the algorithm for these robots on this floor; `where` is the group."""
         yield from ()
 
     def unfit(self, where: str, floor: "Arena") -> str | None:
-        """A line about a grid of its own that has too many or too few cells on that floor; `where` is the group."""
+        """Return an error if a grid of the algorithm has too many or too few cells; `where` is the group."""
         return None
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
-        """About what it needs of memory for the robots of all trials; tick: control period [s]."""
+        """Return about the memory that the robots of all trials need; tick: control period [s]."""
         return 0.0
 
 
 class Listening(AnyAlgorithm):
-    """What algorithms share that stand still to listen: an acquisition is a series of samples."""
+    """Algorithms that stand still to measure: an acquisition is a series of samples."""
 
-    speed: Speed | None = None
+    speed: si.Speed | None = None
     """Speed at which they drive; unless given, the body's largest."""
-    acquisition: Wait = 30.0
-    """Time for which a robot stands still and listens. Longer averages over more whiffs, and slows the search."""
-    sample_period: Wait = 0.5
+    acquisition: si.Wait = 30.0
+    """Time for which a robot stands still and samples. Longer averages over more whiffs, and slows the search."""
+    sample_period: si.Wait = 0.5
     """Time between the samples of an acquisition."""
-    settle: Pause = 1.0
-    """Time of standing still before it listens, for a slow sensor to catch up."""
+    settle: si.Pause = 1.0
+    """Time of standing still before the samples, for a slow sensor to catch up."""
 
 
 class Spiral(Listening):
-    """Spirals of straight arms around places that smell more and more, for rooms without strong wind.
+    """Spirals of straight arms around places of ever more gas, for rooms without strong wind.
 
     Ferri et al. 2009. See agents/spiral.py.
     """
 
     searches: ClassVar[bool] = True
     kind: Literal["spiral"]
-    acquisition: Annotated[Wait, COMPILED] = 30.0
-    sample_period: Annotated[Wait, COMPILED] = 0.5
-    minimum_ppm: SomePpm = 0.2
+    acquisition: Annotated[si.Wait, COMPILED] = 30.0
+    sample_period: Annotated[si.Wait, COMPILED] = 0.5
+    minimum_ppm: si.SomePpm = 0.2
     """Threshold of the proximity index at the start, and after an escape: a mean index far from the source."""
     delta: Annotated[float, Field(ge=1e-6, lt=1)] = 0.2
-    """By how much misses lower the threshold below the minimum, over the minimum."""
-    mean_weight: Coefficient = 1.0
+    """Decrease of the threshold below the minimum by misses, over the minimum."""
+    mean_weight: si.Coefficient = 1.0
     """Weight of the mean of an acquisition in its proximity index."""
-    peak_weight: Coefficient = 0.5
+    peak_weight: si.Coefficient = 0.5
     """Weight of the sum of its peaks in the proximity index. Peaks are higher near the source."""
-    peak_window: Wait = 5.0
+    peak_window: si.Wait = 5.0
     """Only the largest peak within so long a time counts."""
     peak_height: Literal["above_mean", "absolute"] = "above_mean"
-    """What of a peak counts: what of it is above the mean, or its whole concentration. The paper says neither, but
-    that the mean is there for low peaks: a whole peak is never lower than the mean."""
-    arms: Annotated[tuple[Length, ...], Field(min_length=1, max_length=100)] = (
+    """Height of a peak that counts: above the mean, or the whole concentration. The paper states neither, but that the
+    mean covers low peaks: a whole peak is never lower than the mean."""
+    arms: Annotated[tuple[si.Length, ...], Field(min_length=1, max_length=100)] = (
         0.4,
         0.4,
         0.8,
@@ -111,14 +101,14 @@ class Spiral(Listening):
     )
     """Lengths of a spiral's arms, in their order. The paper does not give them, but that they suit the area: these make
     random SPIRAL take as many acquisitions as published, in an arena of 3 x 2.1 m."""
-    escape_length: Length = 0.75
-    """Way to the place of a new spiral when all arms were in vain."""
+    escape_length: si.Length = 0.75
+    """Distance to the start of a new spiral after all arms failed."""
     bump_side: Literal["spiral", "gradient"] = "spiral"
     """Where it turns at a bump: as the spiral does, or to the side of the best of the last 10 acquisitions."""
     strict_minimum: bool = False
     """Take no index below the minimum for a hit, even with a lowered threshold."""
     random: bool = False
-    """Random SPIRAL, to compare with: the index is drawn between 0 and 1, and nothing is smelt."""
+    """Random SPIRAL, as a reference: the index is drawn between 0 and 1, whatever the sensor reads."""
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
         return 4.0 * group.count * group.trials * self.acquisition / max(self.sample_period, tick)
@@ -129,10 +119,10 @@ class EColi(Listening):
 
     searches: ClassVar[bool] = True
     kind: Literal["ecoli"]
-    acquisition: Wait = 3.0
-    step: Length = 0.25
+    acquisition: si.Wait = 3.0
+    step: si.Length = 0.25
     """Way driven after each acquisition."""
-    step_spread: Fraction = 0.05
+    step_spread: si.Fraction = 0.05
     """Randomness of the way: each step is step (1 ± step_spread), drawn uniformly."""
     run_angle_deg: number(0, 180, "deg") = 5.0
     """Largest turn before a run, that is after a rise; a tumble turns by any angle."""

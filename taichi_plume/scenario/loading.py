@@ -1,6 +1,5 @@
-"""Loading a scenario from a YAML file, with an error message of one line for each fault of the file."""
+"""Loading of scenarios from YAML, with an error message of one line for each fault."""
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,25 +9,17 @@ from pydantic import TypeAdapter, ValidationError
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.guard.yaml_text import MOST_VALUES, LineError, parse, read_text, weight
-from taichi_plume.scenario.changes import changed, path_of, shown, steps_of, yaml_value
-from taichi_plume.scenario.facts import Facts, facts, own_kind
-from taichi_plume.scenario.keys import homes, kinds_at, sections_at
-from taichi_plume.scenario.metal_oxides import MOX_MODELS
-from taichi_plume.scenario.scales import units_like
+from taichi_plume.scenario.changes import Data, changed, path_of, shown, steps_of, yaml_value
+from taichi_plume.scenario.error_messages import explain
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.scenario.suggestions import advice, hint, meant_key, nearest
-from taichi_plume.scenario.vocabulary import Model
 
 MOST_LINES = 20
 NEEDS = "a scenario needs at least duration, domain, wind and gas"
 
-_NO_KIND = "\0"  # stands for a missing kind, so that pydantic lists the known ones
-
 
 class ScenarioError(InputError):
-    """A scenario that cannot be run. `faults`: all that is wrong, a line each with the YAML path first; `lines`: those
-    that are shown.
-    """
+    """A scenario that cannot be run. `faults`: all errors, each a line with the YAML path first; `lines`: shown
+    ones."""
 
     def __init__(self, lines: Sequence[str]):
         self.faults = [visible(line) for line in lines]
@@ -37,8 +28,8 @@ class ScenarioError(InputError):
         super().__init__(*shown)
 
 
-def read_mapping(path: Path, needs: str) -> dict[str, Any]:
-    """The keys and values of a YAML file. needs: what such a file has at least, in words. Raises ScenarioError."""
+def read_mapping(path: Path, needs: str) -> Data:
+    """Return the data of a YAML file. needs: the required keys in words. Raises ScenarioError."""
     try:
         data = parse(read_text(path))
     except LineError as fault:
@@ -51,11 +42,11 @@ def read_mapping(path: Path, needs: str) -> dict[str, Any]:
 
 
 def read_scenario(
-    source: Path | Mapping[str, Any],
+    source: Path | Mapping[str, object],
     overrides: Sequence[str] = (),
-    expand: Callable[[dict[str, Any]], dict[str, Any]] | None = None,
+    expand: Callable[[Data], Data] | None = None,
 ) -> Scenario:
-    """Scenario of a YAML file, or of such data, with overrides such as ``robots.0.count=3``; no file of it is opened.
+    """Return the scenario of a YAML file or of data, with overrides such as ``robots.0.count=3``; opens no other file.
 
     expand: applied to the data before the overrides. Raises ScenarioError.
     """
@@ -78,8 +69,8 @@ def read_scenario(
         raise ScenarioError([f"{where}{line}" for line in error.faults]) from None
 
 
-def of_python(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Keys and values from Python, in the types that YAML has. Raises ScenarioError."""
+def of_python(values: Mapping[str, object]) -> Data:
+    """Return values from Python in the types that YAML has. Raises ScenarioError."""
     if not isinstance(values, Mapping):
         raise ScenarioError([f"got {shown(values)}; give a dict of keys and values"])
     try:
@@ -88,8 +79,8 @@ def of_python(values: Mapping[str, Any]) -> dict[str, Any]:
         raise ScenarioError([f"scenario: {fault}"]) from None
 
 
-def scenario_of(data: Mapping[str, Any], changes: Mapping[str, Any]) -> Scenario:
-    """Scenario of these data with other values at the paths of keys such as ``robots[0].count``.
+def scenario_of(data: Mapping[str, Any], changes: Mapping[str, object]) -> Scenario:
+    """Return the scenario of these data with other values at paths of keys such as ``robots[0].count``.
 
     Values may be sections and lists. Raises ScenarioError.
     """
@@ -99,32 +90,28 @@ def scenario_of(data: Mapping[str, Any], changes: Mapping[str, Any]) -> Scenario
         raise ScenarioError([str(fault)]) from None
 
 
-def scenario_from(data: dict[str, Any]) -> Scenario:
-    """The scenario of these data, as YAML has them. Raises ScenarioError."""
+def scenario_from(data: Data) -> Scenario:
+    """Return the scenario of these data, as YAML has them. Raises ScenarioError."""
     try:
         scenario = Scenario.model_validate(data)
     except ValidationError as error:
         raise ScenarioError(explain(error, data)) from None
     values = _values(scenario.model_dump(mode="json", exclude_none=True))
     if values > MOST_VALUES:
-        raise ScenarioError(
-            [
-                f"has {values:,} values once every default is written out, {MOST_VALUES:,} are taken; use "
-                "fewer obstacles, groups of robots, or way points"
-            ]
-        )
+        line = f"has {values:,} values with all defaults written out, at most {MOST_VALUES:,} are allowed; use fewer "
+        raise ScenarioError([line + "obstacles, groups of robots, or way points"])
     return scenario
 
 
-def _values(data: Any) -> int:
-    """How many values and keys the YAML of `data` has."""
+def _values(data: object) -> int:
+    """Return the number of values and keys in the YAML of `data`."""
     if isinstance(data, dict):
         return 1 + sum(1 + _values(part) for part in data.values())
     return 1 + sum(map(_values, data)) if isinstance(data, list) else weight(data)
 
 
 def load_part(text: str, where: str, kind: Any) -> Any:
-    """A part of a scenario of this type, told in YAML such as ``{kind: gmrf, cell: 0.1}``; where: its name in messages.
+    """Return a section of this type from YAML such as ``{kind: gmrf, cell: 0.1}``; where: its name in messages.
 
     Raises ScenarioError.
     """
@@ -143,236 +130,13 @@ def load_part(text: str, where: str, kind: Any) -> Any:
 
 
 def overridden(overrides: Sequence[str]) -> list[str]:
-    """The paths of the keys that overrides give, such as ``robots[0].count``."""
+    """Return the paths of the keys in overrides, such as ``robots[0].count``."""
     return [path_of(steps_of(override.partition("=")[0])) for override in overrides]
 
 
-def _overridden(data: dict[str, Any], override: str) -> dict[str, Any]:
-    """The data with ``path.to.key=value`` in it."""
+def _overridden(data: Data, override: str) -> Data:
+    """Return the data with an override ``path.to.key=value``."""
     path, equals, text = override.partition("=")
     if not equals or not all(steps_of(path)):
         raise LineError("must be path.to.key=value, such as robots.0.count=3")
     return changed(data, {path: parse(text)})
-
-
-# ---------------------------------------------------------------- messages about pydantic's errors
-
-
-def explain(error: ValidationError, data: dict, top: type[Model] | TypeAdapter = Scenario) -> list[str]:
-    """Messages about all that is wrong with `data`, a line per fault; top: the type that `data` should be of."""
-    faults = error.errors(include_url=False)
-    nameless = [
-        _walk(fault["loc"], data)
-        for fault in faults
-        if fault["type"] == "union_tag_not_found"
-        or (fault["type"] == "union_tag_invalid" and fault.get("ctx", {}).get("tag") == "None")
-        or (fault["type"] == "missing" and fault["loc"][-1] == "kind")
-    ]
-    if nameless:
-        kinds = {path_of([*steps, "kind"]): _NO_KIND for steps in nameless}
-        data = changed(data, kinds)
-        try:
-            top.validate_python(data) if isinstance(top, TypeAdapter) else top.model_validate(data)
-        except ValidationError as again:
-            faults = again.errors(include_url=False)
-    section = Model if isinstance(top, TypeAdapter) else top
-    lines = dict.fromkeys(_line(fault, data, section) for fault in faults)
-    return [line for line in lines if line]
-
-
-def _line(fault: Any, data: dict, top: type[Model]) -> str | None:
-    """`path: what is wrong` for one pydantic error; None where another error says it better."""
-    kind, got, context = fault["type"], fault["input"], fault.get("ctx", {})
-    steps = _walk(fault["loc"], data, absent=kind == "missing")
-    member = fault["loc"][-1] if fault["loc"] else ""
-    if kind == "missing" and isinstance(steps[-1], int):
-        steps, kind, got = steps[:-1], "too_short", _at(data, steps[:-1])
-    if kind == "missing":
-        parent = path_of(steps[:-1])
-        return f"{parent}: missing key '{steps[-1]}'" if parent else f"missing key '{steps[-1]}'"
-    where = f"{path_of(steps)}: " if steps else ""
-    union = isinstance(member, str) and (member[:1].isupper() or member.startswith("tagged-union["))
-    if kind in ("model_type", "model_attributes_type") and union:
-        return None  # a section where there may also be a name: the list of names says it
-    if kind == "literal_error":
-        if isinstance(got, dict) and str(member).startswith("literal["):
-            return None  # a section where there may also be a name
-        names = re.findall(r"'((?:[^'\\]|\\.)*)'", context["expected"])
-        if got == _NO_KIND:
-            parent = f"{path_of(steps[:-1])}: " if steps[:-1] else ""
-            return f"{parent}missing key 'kind'; {_lost_kind(got, steps[:-1], data)}known kinds: {', '.join(names)}"
-        return f"{where}got {shown(got)}; {hint(got, names)}allowed: {', '.join(names)}"
-    if kind == "union_tag_invalid":
-        names = re.findall(r"'([^']*)'", context["expected_tags"])
-        if context["tag"] == _NO_KIND:
-            return f"{where}missing key 'kind'; {_lost_kind(got, steps, data)}known kinds: {', '.join(names)}"
-        tag = visible(context["tag"], LONGEST_VALUE)
-        meant = _meant_kind(tag, names, top)
-        return f"{where}unknown kind '{tag}'; {meant}known kinds: {', '.join(names)}"
-    if kind in ("model_type", "model_attributes_type", "dict_type"):
-        return f"{where}must be a mapping (key: value), got {shown(got)}{_keys_there(steps, got, top)}"
-    if kind == "tuple_type":
-        return f"{where}must be a list, got {shown(got)}{_as_list(got, _facts(steps, data, top))}"
-    if kind == "string_pattern_mismatch":
-        letters = "at most 64 letters, digits, '_', '.' or '-', the first a letter or digit"
-        return f"{where}got {shown(got)}: must be {letters}"
-    if kind in ("too_long", "too_short"):
-        bound = "at most" if kind == "too_long" else "at least"
-        limit = context.get("max_length", context.get("min_length"))
-        if kind == "too_short" and limit is not None and len(got) >= limit:
-            return None  # pydantic leaves out items that have faults of their own
-        its = _facts(steps, data, top)
-        if its is not None and (_axes(its) or re.match(r"(list of )+(lists of )?\d|.*in 3-D", its.type)):
-            start = ".start." in where
-            form = its.type.replace("list of lists", "list") if isinstance(steps[-1], int) else its.type
-            axes = _axes(its) or ": x and y" * start
-            height = "; the height of drones is start.altitude" * (start and len(got) == 3)
-            return f"{where}has {len(got)} number{'s' * (len(got) != 1)}, must be a {form}{axes}{height}"
-        items = f"{limit} item{'s' * (limit > 1)}" if limit is not None else f"{len(got) + 1} items"
-        return f"{where}must have {bound} {items}, got {len(got)}"
-    its = _facts(steps, data, top)
-    unit = its.unit if its is not None else ""
-    if kind in ("float_parsing", "float_type"):
-        key = next((step for step in reversed(steps) if isinstance(step, str)), "")
-        such = (
-            " of degrees, such as 90"
-            if key.endswith("_deg")
-            else f"{f' of {unit}' * bool(unit)}, such as 0.08"
-        )
-        return f"{where}got {shown(got)}: must be a plain number{such}{_comma(got)}"
-    if kind == "quantity":
-        message = f"{where}got {shown(got)}: {fault['msg']}"
-        comma = _comma(got)
-        fits = f"; units that fit: {units_like(context['unit'])}" if "unit" in context and not comma else ""
-        return f"{message}{comma or fits}"
-    if kind == "fault" and {"key", "allowed"} <= context.keys():
-        return where + _unknown_key(fault["msg"], context, steps, top)
-    if kind == "fault":
-        return where + fault["msg"]
-    if kind.startswith(("int_", "bool_")):
-        what = "a whole number" if kind.startswith("int") else "true or false"
-        return f"{where}got {shown(got)}: must be {what}{_comma(got)}"
-    message = re.sub(r"^(Input|String|Value) should", "must", fault["msg"]).replace("valid string", "text")
-    message = message.replace("greater than or equal to", "at least").replace(
-        "less than or equal to", "at most"
-    )
-    return f"{where}got {shown(got)}: {message}"
-
-
-def _meant_kind(tag: str, names: Sequence[str], top: type[Model]) -> str:
-    """Hint about an unknown kind: a kind that is spelled alike, a sensor's model, or a kind of another section."""
-    if "mox" in names and (model := nearest(tag, MOX_MODELS, cutoff=0.8)):
-        return f"did you mean kind: mox, model: {model}? "
-    text = hint(tag, names)
-    there = [] if text or top is Model else kinds_at(tag.casefold(), top)
-    return f"{tag.casefold()} is a kind of {' or '.join(there)}; " if there else text
-
-
-def _lost_kind(got: Any, steps: Sequence[int | str], data: dict) -> str:
-    """Hint about a section without a kind: where its kind may have been written."""
-    section = _at(data, steps)
-    for key, value in section.items() if isinstance(section, dict) else ():
-        if key.startswith("kind:"):
-            return f"put a space after the colon of '{visible(key, LONGEST_VALUE)}'; "
-        if key in ("type", "name", "class") and isinstance(value, str):
-            return f"write kind: {visible(value, LONGEST_VALUE)}, not {key}; "
-    return ""
-
-
-def _unknown_key(message: str, context: dict, steps: Sequence[int | str], top: type[Model]) -> str:
-    """Message about an unknown key, with the sections that have a key of that name."""
-    key, allowed = context["key"], context["allowed"].split(", ")
-    close = meant_key(key, allowed, cutoff=0.8)
-    there = [] if close or top is Model else homes(key, steps, top)
-    if there:
-        text = f"it is a key of {' or '.join(there[:2])}"
-    elif ":" in key:
-        text = "put a space after the colon"
-    elif key[-1:] in ")]":
-        text = "write lists in brackets, such as [1, 2]"
-    else:
-        text = "" if meant_key(key, allowed) else advice(key, allowed)
-    return f"unknown key '{key}'; {text}; allowed: {', '.join(allowed)}" if text else message
-
-
-def _keys_there(steps: Sequence[int | str], got: Any, top: type[Model]) -> str:
-    """Hint about the kinds, or the keys that have to be given, of a section that is no mapping."""
-    models = sections_at(steps, top)
-    kinds = [own_kind(model) for model in models if own_kind(model)]
-    if kinds:
-        meant = nearest(got, kinds) if isinstance(got, str) else ""
-        if meant:
-            return f"; did you mean {{kind: {meant}}}?"
-        return f"; begin with kind: {', '.join(kinds)}" + (
-            f" ({advice(got, kinds)})" if advice(got, kinds) else ""
-        )
-    if len(models) != 1 or models[0] is top:
-        return ""
-    return f"; its keys are {', '.join(models[0].model_fields)}"
-
-
-def _as_list(got: Any, its: Facts | None) -> str:
-    """Hint about a value where a list has to be."""
-    if isinstance(got, str | dict) and its is not None and "quantit" in its.type:
-        return f"; write it in brackets, such as [1, 2]: a {its.type}{_axes(its)}"
-    if isinstance(got, dict):
-        return "; begin each item with '- '"
-    return "; write [] for none" if got is None else "; write it in brackets: [...]"
-
-
-def _axes(its: Facts) -> str:
-    """The axes of a list of coordinates, where its type or meaning names them."""
-    if its.type.endswith("one per axis") or "in 3-D along z" in its.meaning:
-        return ": x, y and in 3-D z"
-    return ": x and y" if re.search(r"\bx and y\b", its.meaning) else ""
-
-
-def _comma(got: Any) -> str:
-    """Hint about a number that is written with a comma."""
-    match = re.match(r"\s*([-+]?\d+),(\d+)", got) if isinstance(got, str) else None
-    return f"; write decimals with a point, thousands without a comma: {match[1]}.{match[2]}" if match else ""
-
-
-def _at(data: Any, steps: Sequence[int | str]) -> Any:
-    """The value at a path of data."""
-    for step in steps:
-        data = data[step]
-    return data
-
-
-def _facts(steps: Sequence[int | str], data: dict, top: type[Model]) -> Facts | None:
-    """Facts about the key at a path, by the kind that the data have there; None where they are not certain."""
-    path = list(steps)
-    while path and isinstance(path[-1], int):
-        path.pop()
-    if not path:
-        return None
-    section, key = _at(data, path[:-1]), str(path[-1])
-    kind = section.get("kind") if isinstance(section, dict) else None
-    models = [model for model in sections_at(path[:-1], top) if key in model.model_fields]
-    found = {facts(model, key) for model in models if own_kind(model) in ("", kind)}
-    return found.pop() if len(found) == 1 else None
-
-
-def _walk(location: tuple[int | str, ...], data: Any, absent: bool = False) -> list[int | str]:
-    """The YAML path of an error: pydantic's location without the names of union members in it.
-
-    absent: the last step is a key that is missing.
-    """
-    steps: list[int | str] = []
-    place = data
-    known = None  # the section whose kind was the step before
-    for n, step in enumerate(location):
-        if isinstance(place, dict):
-            if place.get("kind") == step and place is not known:
-                known = place  # a section may have a key of the same name
-                continue
-            if step not in place and not (absent and n == len(location) - 1):
-                continue  # the model's name
-            place = place.get(step)
-        elif isinstance(place, (list, tuple)) and isinstance(step, int):
-            place = place[step] if step < len(place) else None
-        else:
-            continue
-        steps.append(step)
-    return steps

@@ -1,50 +1,41 @@
-"""The maps of a scenario: what is told of each kind of online gas map."""
+"""Online gas maps: time series, inverse distance, Kernel DM+V and Gaussian Markov random field."""
 
 from collections.abc import Iterator
 from math import ceil, prod
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario import si
+from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.quantities import fault, ill_sized, round_up
-from taichi_plume.scenario.vocabulary import (
-    COMPILED,
-    Count,
-    Delay,
-    Duration,
-    Exponent,
-    Length,
-    Model,
-    SomeCoefficient,
-)
+from taichi_plume.scenario.vocabulary import COMPILED, Model
 
 MOST_CELLS = 4_000_000
-LOG_SNAPS = 120  # of a whole log, at most; a log of ten minutes has so many of 5 s
-LOG_BYTES = 1e9  # of the snaps of a whole log, at most
-LOG_WORK = 3e10  # of a whole log: terms of sums, at most; some seconds
-MOST_NEIGHBOURS = 1_000_000  # members of a neighbourhood in space and time, made and gone through one by one
-BORDER = 1e-9  # a distance this close to beta is outside, whatever the rounding
+LOG_SNAPS = 120  # most snaps of a whole log, such as ten minutes of 5 s each
+LOG_BYTES = 1e9  # most memory of the snaps of a whole log
+LOG_WORK = 3e10  # most terms of sums of a whole log; some seconds
+MOST_NEIGHBOURS = 1_000_000  # members of a neighbourhood in space and time
+BORDER = 1e-9  # tolerance of rounding at the distance beta
 MOST_FIELD_COLUMN = 400  # cells: its third power is the work of an update
 
 
 class AnyMap(Model):
-    """What is asked of every map."""
+    """Base class of the maps: their sizes and checks."""
 
     times: ClassVar[tuple[str, ...]] = ()
-    """Keys that say for how long readings count. A map of a log chooses them, unless one of them is given."""
+    """Keys that set how long readings count. A map of a log chooses them, unless one of them is given."""
     kind: str
-    cell: Length
+    cell: si.Length
     """Edge of the square cells of the map."""
 
-    def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, Any]:
-        """What `times` have to be for a map of a log, on a floor of that size [m], that forgets nothing of its
-        `duration` [s]; nothing where it does not forget anyway.
-        """
+    def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, float | None]:
+        """Return the `times` with which a map of a log of this `duration` [s] forgets nothing; size: of the floor
+        [m]."""
         return {}
 
     def bytes(self, size: tuple[float, ...], readings: float) -> float:
-        """About what it needs of memory on a floor of that size [m], and trial: its fields, and what solves it.
+        """Return about the memory per trial on a floor of this size [m]: fields and solver.
 
         readings: of the robots of a trial, per second.
         """
@@ -53,26 +44,23 @@ class AnyMap(Model):
     def remarks(self, where: str, context: Context) -> Iterator[str]:
         window = vars(self).get("window") or 0.0
         if window > context.scenario.duration:
-            yield (
-                f"{where}.window: {window:g} s is longer than duration: {context.scenario.duration:g} s; the map "
-                "will know nothing"
-            )
+            yield f"{where}.window: {window:g} s is longer than duration: {context.scenario.duration:g} s; lower it"
 
     def unfit(self, where: str, size: tuple[float, ...]) -> str | None:
-        """A line about cells that are too many or too few for it on a floor of that size [m]."""
+        """Return an error about too many or too few cells on a floor of this size [m]."""
         return ill_sized(f"{where}.cell", self.cell, size, MOST_CELLS)
 
 
 class Snaps(AnyMap):
-    """Readings of a window each, and what they tell of the cells of a map."""
+    """Maps of snaps: the readings of a window each."""
 
-    cell: Annotated[Length, COMPILED] = 0.25
-    window: Annotated[Duration, COMPILED] = 5.0
+    cell: Annotated[si.Length, COMPILED] = 0.25
+    window: Annotated[si.Duration, COMPILED] = 5.0
     """Length of a snap: readings within it count as taken at once."""
-    power: Annotated[Exponent, COMPILED] = 2.0
+    power: Annotated[si.Exponent, COMPILED] = 2.0
     """Exponent of the inverse distance: more lets the nearest reading count more."""
-    min_distance: Annotated[Length, COMPILED] | None = None
-    """Distances below it count as it; unless given, half a cell."""
+    min_distance: Annotated[si.Length, COMPILED] | None = None
+    """Smallest distance that counts; unless given, half a cell."""
 
     def bytes(self, size: tuple[float, ...], readings: float) -> float:
         return super().bytes(size, readings) + 12.0 * readings * self.window
@@ -87,9 +75,9 @@ class TimeSeriesMap(Snaps):
     kind: Literal["time_series"]  # type: ignore[assignment]
     alpha: Annotated[float, Field(ge=1e-6, lt=1), COMPILED] = 0.9
     """Weight of distance against age in the neighbourhood: near 1, old readings still count."""
-    beta: Annotated[SomeCoefficient, COMPILED] = 0.5
+    beta: Annotated[si.SomeCoefficient, COMPILED] = 0.5
     """Size of the neighbourhood. A reading counts where alpha distance + (1 - alpha) time_scale age is below it."""
-    time_scale: Annotated[SomeCoefficient, COMPILED] = 0.1
+    time_scale: Annotated[si.SomeCoefficient, COMPILED] = 0.1
     """Distance that a second of age counts as. More forgets faster."""
     raw_samples: bool = False
     """Take the samples themselves as neighbours, rather than the cells interpolated from them."""
@@ -100,14 +88,14 @@ class TimeSeriesMap(Snaps):
         age = (1.0 - self.alpha) * self.time_scale * self.window
         if age >= self.beta - BORDER:
             raise fault(
-                "sees no past snap: (1 - alpha) time_scale window = {age} must be below beta = {beta}",
-                {"age": f"{age:g}", "beta": f"{self.beta:g}"},
+                f"sees no past snap: (1 - alpha) time_scale window = {age:g} must be below beta {self.beta:g}"
             )
         return self
 
-    def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, Any]:
-        """Age may take half of the neighbourhood. What is oldest still counts half as far around as what is new, and
-        there what is new counts most. Of a long log, or a large floor, the snaps are longer.
+    def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, float | None]:
+        """Choose ages up to half of the neighbourhood: the oldest reading counts half as far as a new one.
+
+        The snaps of a long log, or on a large floor, are longer.
         """
         snaps = min(LOG_SNAPS, ceil(duration / self.window) or 1)
         terms = prod(extent / self.cell for extent in size) * (
@@ -131,17 +119,17 @@ class TimeSeriesMap(Snaps):
         if line is None and members > MOST_NEIGHBOURS:
             return (
                 f"{where}.beta: {self.beta:g} makes a neighbourhood of {members:.2g} cells of past snaps, at most "
-                f"{MOST_NEIGHBOURS:.2g} are looked at; lower it, or raise cell, window or time_scale"
+                f"{MOST_NEIGHBOURS:.2g} are allowed; lower it, or raise cell, window or time_scale"
             )
         return line
 
     @property
     def lags(self) -> float:
-        """How many past snaps are near enough in time."""
+        """Number of past snaps that are near enough in time."""
         return self.beta / ((1.0 - self.alpha) * self.time_scale * self.window)
 
     def bytes(self, size: tuple[float, ...], readings: float) -> float:
-        """With the samples or the cells of the snaps that are near enough in time, these with cells around."""
+        """Add the samples or the cells of the snaps that are near enough in time."""
         if self.raw_samples:
             return super().bytes(size, readings) * (1.0 + self.lags)
         long, short = sorted((extent / self.cell for extent in size[:2]), reverse=True)
@@ -158,8 +146,7 @@ class InverseDistanceMap(Snaps):
     times: ClassVar[tuple[str, ...]] = ("window",)
     kind: Literal["inverse_distance"]  # type: ignore[assignment]
 
-    def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, Any]:
-        """All readings are of one snap."""
+    def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, float | None]:
         return {"window": max(self.window, duration)}
 
 
@@ -168,25 +155,20 @@ class KernelMap(AnyMap):
 
     times: ClassVar[tuple[str, ...]] = ("memory",)
     kind: Literal["kernel_dmv"]  # type: ignore[assignment]
-    cell: Annotated[Length, COMPILED] = 0.1
+    cell: Annotated[si.Length, COMPILED] = 0.1
     window: ClassVar[None] = None
-    """It has none: each reading counts at once."""
-    sigma: Length = 0.25
-    """Width of the kernel: how far a reading tells of the gas around it."""
-    sigma_omega: SomeCoefficient = 5.0
+    sigma: si.Length = 0.25
+    """Width of the kernel: how far around it a reading counts."""
+    sigma_omega: si.SomeCoefficient = 5.0
     """Readings in the middle of a cell that make its confidence 1 - 1/e; with few, the mean of all counts."""
-    memory: Duration | None = None
+    memory: si.Duration | None = None
     """Age at which a reading counts 1/e of a fresh one (TD Kernel DM+V: Asadi et al. 2011). Unless given, all count
-    alike. One minute is a good begin."""
-    wind_stretch: Delay = 0.0
-    """Widening of the kernel along the wind that a robot feels, per wind speed. 0.25 s suits winds of 0.7 m/s (Kernel
+    alike. One minute is a good start."""
+    wind_stretch: si.Delay = 0.0
+    """Widening of the kernel along the measured wind, per wind speed. 0.25 s suits winds of 0.7 m/s (Kernel
     DM+V/W: Reggente & Lilienthal 2009); 0 keeps it round."""
-    exact: Count = 2000
-    """Latest readings of a trial for which the variance is reckoned anew as the mean changes."""
-
-    def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, Any]:
-        """All readings count alike."""
-        return {}
+    exact: si.Count = 2000
+    """Latest readings of a trial for which the variance is recomputed as the mean changes."""
 
     def bytes(self, size: tuple[float, ...], readings: float) -> float:
         return super().bytes(size, readings) + 70.0 * self.exact
@@ -197,18 +179,17 @@ class MarkovMap(AnyMap):
 
     times: ClassVar[tuple[str, ...]] = ("memory",)
     kind: Literal["gmrf"]  # type: ignore[assignment]
-    cell: Annotated[Length, COMPILED] = 0.1
-    lambda_prior: SomeCoefficient = 0.01
+    cell: Annotated[si.Length, COMPILED] = 0.1
+    lambda_prior: si.SomeCoefficient = 0.01
     """Precision of the difference of neighbouring cells, in 1/ppm²: less lets the map vary more."""
-    lambda_observation: SomeCoefficient = 10.0
+    lambda_observation: si.SomeCoefficient = 10.0
     """Precision of a fresh reading, in 1/ppm². The mean depends on the two by their ratio alone."""
-    memory: Duration | None = 60.0
-    """Age at which a reading counts no more, after steady loss; null: readings count for ever."""
-    window: Duration = 1.0
+    memory: si.Duration | None = 60.0
+    """Age at which a reading no longer counts, after a steady decrease; null: readings count for ever."""
+    window: si.Duration = 1.0
     """Time between updates; readings within it are of the same age."""
 
-    def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, Any]:
-        """All readings count alike."""
+    def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, float | None]:
         return {"memory": None}
 
     def bytes(self, size: tuple[float, ...], readings: float) -> float:
@@ -220,8 +201,8 @@ class MarkovMap(AnyMap):
         line = super().unfit(where, size)
         if line is None and width / self.cell > MOST_FIELD_COLUMN:
             return (
-                f"{where}.cell: {self.cell:g} m is too fine for a Markov field, which takes {MOST_FIELD_COLUMN} "
-                f"cells along the shorter side; use {round_up(width / MOST_FIELD_COLUMN):g} m or more"
+                f"{where}.cell: {self.cell:g} m makes more than {MOST_FIELD_COLUMN} cells along the shorter side; use "
+                f"{round_up(width / MOST_FIELD_COLUMN):g} m or more"
             )
         return line
 

@@ -1,4 +1,4 @@
-"""The obstacles of a scenario: shapes that stand in the air or walk through it."""
+"""Obstacles: boxes, cylinders, spheres, prisms, meshes and walls of maps, which stand or move."""
 
 from collections.abc import Iterator
 from math import hypot, inf, pi
@@ -9,25 +9,13 @@ from pydantic import Field
 
 from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.missed import SAMPLES, missed
-from taichi_plume.scenario.context import Context, span
-from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario import si
+from taichi_plume.scenario.domain import Context, Domain, span
 from taichi_plume.scenario.motion import Motion
-from taichi_plume.scenario.vocabulary import (
-    COMPILED,
-    Angle,
-    Coordinate,
-    Distance,
-    Edges,
-    FileName,
-    Length,
-    Model,
-    Point,
-    Point2,
-    SomeCoefficient,
-)
+from taichi_plume.scenario.vocabulary import COMPILED, FileName, Model
 
-TOO_LARGE = 10  # times the domain: a body that is larger has another unit
-MOSTLY_OUTSIDE = 0.4  # share of a body's base in the domain; a wall may stand astride of an edge
+TOO_LARGE = 10  # times the domain: a larger body is probably in another unit
+MOSTLY_OUTSIDE = 0.4  # fraction of a body's base in the domain; a wall may stand on an edge
 UNITS = {0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches", 1000.0: "metres, not millimetres"}
 MOST_EDGES = 500  # of a polygon whose edges are tested against one another
 SLIVER = 1e-6  # of the square of a polygon's width: less area is none
@@ -35,23 +23,22 @@ TOUCHING = 1e-9  # of the same: a corner this close to an edge lies on it
 
 
 class AnyObstacle(Model):
-    """What every obstacle has to be."""
+    """Base class of the obstacles: their checks and sizes."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         shape, domain = context.resources.shapes[where], context.domain
         extent, size = np.array(domain.extent), shape.high - shape.low
         beyond = (shape.high <= 0) | (shape.low >= extent)
         axis = int(beyond.argmax()) if beyond.any() else int(size.argmax())
+        reach, room = span("xyz"[axis], shape.low[axis], shape.high[axis]), span("xyz"[axis], 0, extent[axis])
         if size.max() > TOO_LARGE * extent.max():
             yield (
-                f"{where}: reaches over {span('xyz'[axis], shape.low[axis], shape.high[axis])}, far more than the "
-                f"domain, {span('xyz'[axis], 0, extent[axis])}; {self._another_scale(size, domain)}make it smaller"
+                f"{where}: is at {reach}, far larger than the domain, {room}; {self._another_scale(size, domain)}make "
+                "it smaller"
             )
         elif beyond.any():
             yield (
-                f"{where}: lies outside the domain: "
-                f"{span('xyz'[axis], shape.low[axis], shape.high[axis])}, "
-                f"the domain has {span('xyz'[axis], 0, extent[axis])}; {self._another_scale(size, domain)}"
+                f"{where}: lies outside the domain: {reach}, the domain has {room}; {self._another_scale(size, domain)}"
                 "move it in or remove it"
             )
         elif isinstance(self, Box | Cylinder | Sphere) and self.motion is not None:
@@ -62,13 +49,13 @@ class AnyObstacle(Model):
         if vars(self).get("motion") is not None:
             if context.scenario.wind.computed is None:
                 kind = context.scenario.wind.kind
-                yield f"{where}.motion: robots meet it, but a wind of kind {kind} does not feel it"
+                yield f"{where}.motion: moves for the robots, but does not move the air of a wind of kind {kind}"
             return
         low, high, extent = shape.low[:2], shape.high[:2], np.array(domain.extent[:2])
         share = float(np.prod((np.minimum(high, extent) - np.maximum(low, 0.0)) / (high - low)))
         if share < MOSTLY_OUTSIDE:
             yield (
-                f"{where}: only {100 * share:.0f} % of it are in the domain: it reaches over "
+                f"{where}: only {100 * share:.0f} % of its base are in the domain: it is at "
                 f"{span('x', low[0], high[0])}, {span('y', low[1], high[1])}, the domain has {domain.box}"
             )
         if self.thinnest >= domain.spacing:
@@ -76,40 +63,36 @@ class AnyObstacle(Model):
         samples = max(500, SAMPLES // len(context.scenario.obstacles))
         lost = missed(shape, domain.extent, domain.spacing, samples)
         if lost is not None:
-            what = "it" if lost.share > 0.99 else f"{100 * lost.share:.0f} % of it"
+            part = "all of it" if lost.share > 0.99 else f"{100 * lost.share:.0f} % of it"
             near = ", ".join(f"{x:.3g}" for x in lost.place)
             yield (
-                f"{where}: the air does not see {what}, about ({near}) m: parts thinner than half a cell of "
+                f"{where}: the grid misses {part}, about ({near}) m: parts thinner than half a cell of "
                 f"{domain.spacing:g} m fall between nodes; {self._finer(shape.high - shape.low, domain)}"
             )
 
-    @property
-    def width(self) -> float:
-        """Largest horizontal width [m]; infinite for shapes whose width is not known."""
-        return inf
+    width: ClassVar[float] = inf
+    """Largest horizontal width [m]; infinite if unknown."""
 
-    @property
-    def thinnest(self) -> float:
-        """How thin it is at its thinnest [m]; 0 where that is not known."""
-        return 0.0
+    thinnest: ClassVar[float] = 0.0
+    """Smallest thickness [m]; 0 if unknown."""
 
     def _finer(self, size: np.ndarray, domain: Domain) -> str:
-        """What to do about what is too thin."""
+        """Return advice about parts that are too thin."""
         if self.thinnest:
             return f"use a domain.spacing of {2 * self.thinnest:.3g} m or less, or make it thicker"
         return f"{self._another_scale(size, domain)}lower domain.spacing, or make it thicker"
 
     def _another_scale(self, size: np.ndarray, domain: Domain) -> str:
-        """A hint at the unit of a file, in which it would fit; size: that it has now [m]."""
+        """Return a hint at the unit of the file in which the obstacle would fit; size: the present one [m]."""
         return ""
 
     def surface(self, domain: Domain) -> float:
-        """About its area [m²], in 2-D the length of its outline [m]; infinite where only a file tells."""
+        """Return about the surface area [m²], in 2-D the length of the outline [m]; infinite if only a file tells."""
         return inf
 
 
 def _upright(around: float, area: float, height: float, domain: Domain) -> float:
-    """The surface of a body that is the same at all heights; around: its outline [m]; area: of its footprint [m²]."""
+    """Return the surface of an upright body; around: length of its outline [m]; area: of its footprint [m²]."""
     return around if domain.dim == 2 else around * min(height, domain.size[2]) + 2.0 * area
 
 
@@ -123,14 +106,14 @@ class Box(AnyObstacle):
     """An upright box, which may be turned about the vertical: a table, a cupboard, a wall."""
 
     kind: Literal["box"]
-    center: Annotated[Point, COMPILED]
+    center: Annotated[si.Point, COMPILED]
     """Middle of the box, per axis."""
-    size: Annotated[Edges, COMPILED]
+    size: Annotated[si.Edges, COMPILED]
     """Edges of the box along its own x, y and z, before it is turned."""
-    yaw_deg: Annotated[Angle, COMPILED] = 0.0
+    yaw_deg: Annotated[si.Angle, COMPILED] = 0.0
     """Angle by which it is turned about the vertical, to the left seen from above."""
     motion: Motion | None = None
-    """A walk over the floor, which stirs the air of a computed wind; unless given, it stands."""
+    """Motion over the floor, which stirs the air of a computed wind; unless given, it stands."""
 
     def surface(self, domain: Domain) -> float:
         x, y = self.size[:2]
@@ -138,17 +121,16 @@ class Box(AnyObstacle):
 
     @property
     def width(self) -> float:
-        """Longer horizontal edge [m]."""
         return max(self.size[:2])
 
     @property
     def disc(self) -> float:
-        """Radius of the disc around its base, which robots feel of it where it moves [m]."""
+        """Radius of the disc around its base, by which robots perceive it while it moves [m]."""
         return hypot(*self.size[:2]) / 2
 
     @property
     def span(self) -> tuple[float, float]:
-        """From where to where it reaches [m], in 3-D."""
+        """Lowest and highest point [m], in 3-D."""
         return self.center[-1] - self.size[-1] / 2, self.center[-1] + self.size[-1] / 2
 
     @property
@@ -156,38 +138,41 @@ class Box(AnyObstacle):
         return min(self.size)
 
 
-class Cylinder(AnyObstacle):
+class Round(AnyObstacle):
+    """An obstacle with a round footprint."""
+
+    @property
+    def disc(self) -> float:
+        """Radius [m] of the disc by which robots perceive it while it moves."""
+        return vars(self)["radius"]
+
+    @property
+    def width(self) -> float:
+        return 2.0 * self.disc
+
+
+class Cylinder(Round):
     """An upright cylinder: a pillar, a bin, or with a `motion` a person who walks."""
 
     kind: Literal["cylinder"]
-    center: Annotated[Point2, COMPILED]
+    center: Annotated[si.Point2, COMPILED]
     """Where its axis stands on the floor, x and y."""
-    radius: Annotated[Length, COMPILED]
+    radius: Annotated[si.Length, COMPILED]
     """Radius of its round footprint."""
-    base: Annotated[Distance, COMPILED] = 0.0
+    base: Annotated[si.Distance, COMPILED] = 0.0
     """Height of its lower end over the floor; 3-D only."""
-    height: Annotated[Length, COMPILED] | None = None
+    height: Annotated[si.Length, COMPILED] | None = None
     """Length from its base upward; unless given, it reaches the ceiling. 3-D only."""
     motion: Motion | None = None
-    """A walk over the floor, which stirs the air of a computed wind; unless given, it stands."""
+    """Motion over the floor, which stirs the air of a computed wind; unless given, it stands."""
 
     def surface(self, domain: Domain) -> float:
         r = self.radius
         return _upright(2.0 * pi * r, pi * r**2, self.height or inf, domain)
 
     @property
-    def width(self) -> float:
-        """Diameter [m]."""
-        return 2.0 * self.radius
-
-    @property
-    def disc(self) -> float:
-        """Its radius [m]."""
-        return self.radius
-
-    @property
     def span(self) -> tuple[float, float]:
-        """From where to where it reaches [m], in 3-D."""
+        """Lowest and highest point [m], in 3-D."""
         return self.base, inf if self.height is None else self.base + self.height
 
     @property
@@ -195,33 +180,23 @@ class Cylinder(AnyObstacle):
         return min(2.0 * self.radius, self.height or inf)
 
 
-class Sphere(AnyObstacle):
+class Sphere(Round):
     """A sphere (in 2-D a disc)."""
 
     kind: Literal["sphere"]
-    center: Annotated[Point, COMPILED]
+    center: Annotated[si.Point, COMPILED]
     """Middle of the sphere, per axis."""
-    radius: Annotated[Length, COMPILED]
+    radius: Annotated[si.Length, COMPILED]
     """Radius of the sphere, in 2-D of the disc."""
     motion: Motion | None = None
-    """A walk over the floor, which stirs the air of a computed wind; unless given, it stands."""
+    """Motion over the floor, which stirs the air of a computed wind; unless given, it stands."""
 
     def surface(self, domain: Domain) -> float:
         return 2.0 * pi * self.radius if domain.dim == 2 else 4.0 * pi * self.radius**2
 
     @property
-    def width(self) -> float:
-        """Diameter [m]."""
-        return 2.0 * self.radius
-
-    @property
-    def disc(self) -> float:
-        """Its radius [m]."""
-        return self.radius
-
-    @property
     def span(self) -> tuple[float, float]:
-        """From where to where it reaches [m], in 3-D."""
+        """Lowest and highest point [m], in 3-D."""
         return self.center[-1] - self.radius, self.center[-1] + self.radius
 
     @property
@@ -233,11 +208,11 @@ class Prism(Standing):
     """An upright body over any polygon: walls with corners, furniture."""
 
     kind: Literal["prism"]
-    vertices: Annotated[tuple[Point2, ...], Field(min_length=3, max_length=10_000), COMPILED]
-    """Corners of the outline, each [x, y], in the order in which it meets them; it must not cross itself."""
-    base: Annotated[Distance, COMPILED] = 0.0
+    vertices: Annotated[tuple[si.Point2, ...], Field(min_length=3, max_length=10_000), COMPILED]
+    """Corners of the outline, each [x, y], in order along the outline, which must not cross itself."""
+    base: Annotated[si.Distance, COMPILED] = 0.0
     """Height of its lower end over the floor; 3-D only."""
-    height: Annotated[Length, COMPILED] | None = None
+    height: Annotated[si.Length, COMPILED] | None = None
     """Length from its base upward; unless given, it reaches the ceiling. 3-D only."""
 
     def surface(self, domain: Domain) -> float:
@@ -256,17 +231,17 @@ class Mesh(Standing):
     kind: Literal["mesh"]
     file: FileName
     """Path of an STL, OBJ or PLY file of closed bodies, relative to the scenario's folder."""
-    scale: Annotated[SomeCoefficient, COMPILED] = 1.0
+    scale: Annotated[si.SomeCoefficient, COMPILED] = 1.0
     """Factor from the file's unit to metres: 0.001 for a file in millimetres."""
-    yaw_deg: Annotated[Angle, COMPILED] = 0.0
+    yaw_deg: Annotated[si.Angle, COMPILED] = 0.0
     """Angle by which it is turned about the file's z axis, after scaling, to the left seen from above."""
-    translate: Annotated[tuple[Coordinate, Coordinate, Coordinate], COMPILED] = (0.0, 0.0, 0.0)
-    """How far it is moved after scaling and turning, per axis."""
-    section: Annotated[Coordinate, COMPILED] = 0.0
+    translate: Annotated[tuple[si.Coordinate, si.Coordinate, si.Coordinate], COMPILED] = (0.0, 0.0, 0.0)
+    """Shift of the mesh after scaling and turning, per axis."""
+    section: Annotated[si.Coordinate, COMPILED] = 0.0
     """Height at which a 2-D run cuts the mesh, once it has been moved."""
 
     def _another_scale(self, size: np.ndarray, domain: Domain) -> str:
-        """Where it would be a tenth to all of the domain, in a common unit."""
+        """Return the scale of a common unit in which the mesh fits the domain."""
         most = max(domain.extent)
         for factor, unit in UNITS.items():
             if 0.03 * most <= factor * size.max() <= most:
@@ -275,30 +250,30 @@ class Mesh(Standing):
 
 
 class WallMap(Standing):
-    """Walls of an occupancy map, as ROS's map_server has it (YAML and picture); in 3-D drawn out to a height."""
+    """Walls of an occupancy map of ROS's map_server (YAML and picture); in 3-D extruded to a height."""
 
     kind: Literal["map"]
     file: FileName
     """Path of the map's YAML file, relative to the scenario's folder; its picture (PGM, PNG or BMP) lies beside it."""
     unknown: Literal["wall", "free"] = "wall"
-    """What pixels count as of which the map does not know: most lie behind the walls, where no air is needed."""
-    origin: Annotated[Point2, COMPILED] | None = None
+    """Meaning of unknown pixels: most lie behind the walls, where no air is needed."""
+    origin: Annotated[si.Point2, COMPILED] | None = None
     """Where the domain's lower corner lies in the map's frame, x and y. Unless given, it is the lower corner of the box
     around the map."""
-    base: Annotated[Distance, COMPILED] = 0.0
+    base: Annotated[si.Distance, COMPILED] = 0.0
     """Height of the walls' lower end over the floor; 3-D only."""
-    height: Annotated[Length, COMPILED] | None = None
+    height: Annotated[si.Length, COMPILED] | None = None
     """Length from their base upward; unless given, they reach the ceiling. 3-D only."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         plan, extent = self._shape(where, context), np.array(context.domain.extent[:2])
         if (plan.high[:2] <= 0).any() or (plan.low[:2] >= extent).any():
             (low, high), at = plan.reach, np.array(self.origin or (0, 0))
-            yield (
-                f"{where}.origin: the map lies outside the domain: it has {span('x', low[0], high[0])} and "
-                f"{span('y', low[1], high[1])}, the domain {span('x', at[0], at[0] + extent[0])} and "
-                f"{span('y', at[1], at[1] + extent[1])}"
+            have, need = (
+                f"{span('x', a[0], b[0])} and {span('y', a[1], b[1])}"
+                for a, b in ((low, high), (at, at + extent))
             )
+            yield f"{where}.origin: the map lies outside the domain: it has {have}, the domain {need}"
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
         plan, domain = self._shape(where, context), context.domain
@@ -306,8 +281,8 @@ class WallMap(Standing):
         if (low > domain.spacing).any() or (high < np.array(domain.extent[:2]) - domain.spacing).any():
             left, (x, y) = plan.reach[0], plan.reach[1] - plan.reach[0]
             yield (
-                f"{where}: the domain reaches beyond the map, where no walls are; all of the map is a domain.size of "
-                f"{x:.6g} x {y:.6g} m with an origin of [{left[0]:.6g}, {left[1]:.6g}]"
+                f"{where}: the domain reaches beyond the map, where no walls are; for all of the map use a domain.size "
+                f"of {x:.6g} x {y:.6g} m with an origin of [{left[0]:.6g}, {left[1]:.6g}]"
             )
         if not plan.solid.any():
             yield f"{where}: has no walls in the domain"
@@ -322,37 +297,34 @@ Obstacle = Annotated[Box | Cylinder | Sphere | Prism | Mesh | WallMap, Field(dis
 
 
 def _outline(path: str, corners: np.ndarray) -> Iterator[str]:
-    """A polygon, corners (n, 2) [m], has to have an inside and must not cross itself."""
+    """Yield an error if a polygon, corners (n, 2) [m], has no area or crosses itself."""
     area = abs(_twice_area(corners)) / 2
     width = float(np.ptp(corners, axis=0).max())
     crossing = _crossing(corners, TOUCHING * width**2) if len(corners) <= MOST_EDGES else None
     if crossing:
         first, second = crossing
-        yield (
-            f"{path}: the edge after vertex {first} crosses the edge after vertex {second}; "
-            "list the corners in the order in which the outline meets them"
-        )
+        yield f"{path}: the edge after vertex {first} crosses the edge after vertex {second}; reorder the corners"
     elif area <= SLIVER * width**2:
-        yield f"{path}: the polygon has no area: its corners lie on a line or are out of order"
+        yield f"{path}: the polygon has no area; its corners lie on a line or are out of order"
 
 
 def _twice_area(corners: np.ndarray) -> float:
-    """That of a polygon, corners (n, 2); negative where they go clockwise."""
+    """Return twice the area of a polygon, corners (n, 2); negative if clockwise."""
     x, y = (corners - corners[0]).T
     return float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
 
 
 def _crossing(corners: np.ndarray, least: float) -> tuple[int, int] | None:
-    """The first two edges of a polygon that cross. A corner and an edge that span less than `least` [m²] touch."""
+    """Return the first two edges of a polygon that cross. A corner and an edge with less area than `least` touch."""
     ends = np.roll(corners, -1, axis=0)
     along = (ends - corners)[:, None]
 
     def left(points: np.ndarray) -> np.ndarray:
-        """On which side of each edge (row) each point (column) lies: 1, 0 or -1."""
+        """Return the side (1, 0, -1) of each edge (row) on which each point (column) lies."""
         arm = points[None] - corners[:, None]
         twice_area = along[..., 0] * arm[..., 1] - along[..., 1] * arm[..., 0]
         return np.sign(np.where(np.abs(twice_area) > least, twice_area, 0.0))
 
-    parted = left(corners) * left(ends) < 0  # the row's line runs between the ends of the column's edge
-    pairs = np.argwhere(parted & parted.T)
+    divided = left(corners) * left(ends) < 0  # the row's line runs between the ends of the column's edge
+    pairs = np.argwhere(divided & divided.T)
     return (int(pairs[0, 0]), int(pairs[0, 1])) if len(pairs) else None

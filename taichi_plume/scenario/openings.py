@@ -1,6 +1,6 @@
-"""Openings of a scenario: where air comes in and out, and the faces of the domain that are other than still walls."""
+"""Boundary conditions of the flow: inlets, outlets and fans, slip, moving and periodic walls."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import pairwise
 from math import hypot
 from typing import Annotated, ClassVar, Literal
@@ -8,47 +8,35 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.any_opening import AnyOpening, FaceOpening, Scheduled, SpeedAt, VelocityAt, Vent
-from taichi_plume.scenario.context import Context
-from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.domain import Context, Domain
 from taichi_plume.scenario.profiles import Profile
 from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.vocabulary import (
-    Coefficient,
-    Color,
-    Duration,
-    FlowRate,
-    Fraction,
-    Length,
-    Model,
-    Pressure,
-    Swirl,
-    Velocities,
-    Velocity,
-)
+from taichi_plume.scenario.vocabulary import SPATIAL, Axis, Color, Model
 
-CARRIED = 3  # cells: of eddies of shorter integral length convection on them leaves too little
+CARRIED = 3  # cells: convection damps eddies of a shorter integral length too much
 BLUE, YELLOW, GREEN, PURPLE = (79, 195, 247), (255, 213, 79), (129, 199, 132), (206, 147, 216)
 
 
 class Jet(Scheduled, Vent):
-    """What fans, inlets and honeycombs share: a prescribed speed that may follow a schedule."""
+    """Fans, inlets and honeycombs: a prescribed speed that may follow a schedule."""
 
     inward: ClassVar[bool] = True
-    """Whether it is commonly meant to blow air in."""
-    speed: Velocity | None = None
+    """Whether a negative speed is probably not meant."""
+    speed: si.Velocity | None = None
     """Mean speed of the air into the room; negative draws air out. A honeycomb without it is an outlet."""
-    turbulence_intensity: Fraction = 0.0
+    turbulence_intensity: si.Fraction = 0.0
     """Standard deviation of each velocity component over the mean speed. It is that of the eddies that the cells
     carry; 0 blows perfectly smooth air, which keeps plumes narrow."""
-    turbulence_length: Length | None = None
+    turbulence_length: si.Length | None = None
     """Size of the eddies that are blown in: integral length along the wind. Unless given a fifth of the opening's
     width, and about four cells at least."""
     schedule: tuple[SpeedAt, ...] = ()
     """Speeds from given times on, for fans that are switched; before the first, `speed` holds."""
 
     @model_validator(mode="after")
-    def _begun(self) -> "Jet":
+    def _starts(self) -> "Jet":
         if self.schedule and self.speed is None:
             raise fault("schedule needs a speed to start with")
         return self
@@ -77,10 +65,8 @@ class Jet(Scheduled, Vent):
         yield from super().problems(where, context)
         most = max(context.domain.extent)
         if self.turbulence_length is not None and self.turbulence_length > most:
-            yield (
-                f"{where}.turbulence_length: {self.turbulence_length:g} m is more than the room is long; use at most "
-                f"{most:g} m"
-            )
+            length = self.turbulence_length
+            yield f"{where}.turbulence_length: {length:g} m is longer than the room; use at most {most:g} m"
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
         yield from super().remarks(where, context)
@@ -94,10 +80,10 @@ class Jet(Scheduled, Vent):
             yield f"{where}.speed: {self.speed:g} m/s draws air out of the room; a positive speed blows it in"
 
     def speed_at(self, t: float) -> float:
-        """Scheduled speed [m/s] at time t [s]: each change takes `ramp` seconds."""
+        """Return the scheduled speed [m/s] at time t [s]; each change takes `ramp` seconds."""
         speed = self.speed or 0.0
         for step in self.schedule:
-            speed += self.share(step, t) * (step.speed - speed)
+            speed += self.progress(step, t) * (step.speed - speed)
         return speed
 
     def inflow(self, t: float, domain: Domain) -> float:
@@ -105,13 +91,13 @@ class Jet(Scheduled, Vent):
 
 
 class FanCurve(Model):
-    """What a fan can do against a pressure: dp = pressure (1 - (Q/flow)²)."""
+    """Characteristic curve of a fan: pressure rise dp = pressure (1 - (Q/flow)²) at a flow rate Q."""
 
-    pressure: Pressure
-    """Pressure that the fan builds up when no air gets through, as its data sheet says."""
-    flow: FlowRate
-    """Air that it moves against no pressure, as its data sheet says; in 2-D through the whole `depth` of the slab."""
-    response: Duration = 0.2
+    pressure: si.Pressure
+    """Pressure rise of the fan at zero flow, from its data sheet."""
+    flow: si.FlowRate
+    """Flow rate at zero pressure rise, from its data sheet; in 2-D through the whole depth."""
+    response: si.Duration = 0.2
     """Time in which the fan's speed follows the pressure; the inertia of the air adds to it."""
 
 
@@ -124,11 +110,11 @@ class Fan(Jet):
     color: ClassVar[Color] = BLUE
     inward: ClassVar[bool] = False
     kind: Literal["fan"]
-    swirl: Swirl = 0.0
-    """How much the jet turns: tangential over axial speed at the rim; 3-D only."""
+    swirl: Annotated[si.Swirl, SPATIAL] = 0.0
+    """Swirl of the jet: tangential over axial speed at the rim; 3-D only."""
     curve: FanCurve | None = None
-    """What the fan can do against a pressure. Its speed then follows the pressure behind it, and `speed` is what it
-    starts with, 0 unless given."""
+    """Characteristic curve of the fan. Its speed then follows the pressure behind it, and `speed` is the speed at the
+    start, 0 unless given."""
 
     @model_validator(mode="after")
     def _driven(self) -> "Fan":
@@ -140,23 +126,16 @@ class Fan(Jet):
             raise fault("with a curve it blows into the domain: speed must not be negative")
         return self
 
-    @property
-    def blows(self) -> bool:
-        return True
+    blows: ClassVar[bool] = True
 
     @property
     def follows_pressure(self) -> bool:
         return self.curve is not None
 
     def top_speed(self, domain: Domain) -> float:
-        """With a curve, at most that against no pressure."""
+        """With a curve, the speed at zero pressure rise."""
         free = self.curve.flow / self.area(domain.extent, domain.depth) if self.curve else 0.0
         return max(free, super().top_speed(domain))
-
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
-        if dim == 2 and self.swirl != 0:
-            yield f"{where}.swirl: a 2-D run has no swirl; remove it, or give domain.size three numbers"
-        yield from super().misfits(where, dim)
 
 
 class Inlet(Jet):
@@ -164,10 +143,10 @@ class Inlet(Jet):
 
     color: ClassVar[Color] = BLUE
     kind: Literal["inlet"]
-    speed: Velocity  # type: ignore[assignment]
+    speed: si.Velocity  # type: ignore[assignment]
     """Mean speed of the air into the room; negative draws air out."""
     profile: Literal["uniform", "parabolic"] | Profile = "uniform"
-    """How the speed varies over the opening. uniform, parabolic, or by the height over walls: {kind: log}, power or
+    """Velocity profile over the opening. uniform, parabolic, or by the height over walls: {kind: log}, power or
     table."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
@@ -182,7 +161,7 @@ class Honeycomb(Jet):
     color: ClassVar[Color] = YELLOW
     straight: ClassVar[bool] = True
     kind: Literal["honeycomb"]
-    loss_coefficient: Coefficient = 2.0
+    loss_coefficient: si.Coefficient = 2.0
     """Pressure loss over the dynamic pressure, where it is an outlet. More spreads the outflow more evenly."""
 
 
@@ -190,11 +169,8 @@ class Outlet(Vent):
     """An opening to still air outside, through which air goes in or out as the pressure wants."""
 
     color: ClassVar[Color] = GREEN
+    lets_out: ClassVar[bool] = True
     kind: Literal["outlet"]
-
-    @property
-    def lets_out(self) -> bool:
-        return True
 
 
 class Slip(FaceOpening):
@@ -208,7 +184,7 @@ class MovingWall(Scheduled, FaceOpening):
 
     color: ClassVar[Color] = PURPLE
     kind: Literal["wall"]
-    velocity: Velocities
+    velocity: si.Velocities
     """Velocity with which the wall slides, per axis; 0 along the axis through it. It drags the air along."""
     schedule: tuple[VelocityAt, ...] = ()
     """Velocities from given times on; before the first, `velocity` holds."""
@@ -219,29 +195,26 @@ class MovingWall(Scheduled, FaceOpening):
     def _velocity_at(self, t: float) -> np.ndarray:
         velocity = np.array(self.velocity)
         for step in self.schedule:
-            velocity += self.share(step, t) * (np.array(step.velocity) - velocity)
+            velocity += self.progress(step, t) * (np.array(step.velocity) - velocity)
         return velocity
 
     def mean_velocity(self, begin: float, end: float) -> np.ndarray:
-        """Mean over times [m/s], per axis of the run; at one time, what it is then."""
+        """Return the mean velocity between two times [m/s], per axis of the run; at a single time, its value."""
         if not begin < end:
             return self._velocity_at(end)
         times = [begin, *sorted(time for time in self.knots if begin < time < end), end]
         parts = [(b - a) * self._velocity_at(0.5 * (a + b)) for a, b in pairwise(times)]  # linear in between
         return np.sum(parts, axis=0) / (end - begin)
 
-    def clashes(
-        self, where: str, number: int, openings: "Sequence[Opening]", context: Context
-    ) -> Iterator[str]:
-        yield from super().clashes(where, number, openings, context)
-        told = [(f"{where}.velocity", self.velocity)]
-        told += [(f"{where}.schedule[{n}].velocity", step.velocity) for n, step in enumerate(self.schedule)]
-        for place, velocity in told:
+    def clashes(self, where: str, number: int, context: Context) -> Iterator[str]:
+        yield from super().clashes(where, number, context)
+        given = [(f"{where}.velocity", self.velocity)]
+        given += [(f"{where}.schedule[{n}].velocity", step.velocity) for n, step in enumerate(self.schedule)]
+        for place, velocity in given:
             if velocity[self.axis] != 0:
                 yield (
-                    f"{place}: the wall {self.face} slides in its own plane: "
-                    f"the {'xyz'[self.axis]} component must be 0, got {velocity[self.axis]:g} m/s; "
-                    "to blow air use kind: inlet"
+                    f"{place}: the wall {self.face} slides in its own plane: the {'xyz'[self.axis]} component must be "
+                    f"0, got {velocity[self.axis]:g} m/s; to blow air use kind: inlet"
                 )
 
 
@@ -249,24 +222,17 @@ class Periodic(AnyOpening):
     """An endless room along an axis: what leaves through one face enters through the other."""
 
     kind: Literal["periodic"]
-    axis: Literal["x", "y", "z"]
-    """What leaves at one end of this axis enters at the other, as in an endless duct."""
+    axis: Axis
+    """Axis of periodicity: air that leaves at one end enters at the other, as in an endless duct."""
 
     @property
     def wraps(self) -> str:
         return self.axis
 
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
-        if dim == 2 and self.axis == "z":
-            yield f"{where}.axis: 'z' does not exist in a 2-D run; use x or y"
-        yield from super().misfits(where, dim)
-
-    def clashes(
-        self, where: str, number: int, openings: "Sequence[Opening]", context: Context
-    ) -> Iterator[str]:
-        if any(other.wraps == self.axis for other in openings[:number]):
+    def clashes(self, where: str, number: int, context: Context) -> Iterator[str]:
+        if any(other.wraps == self.axis for other in context.scenario.openings[:number]):
             yield f"{where}: axis {self.axis} is periodic already; remove one"
-        for m, other in enumerate(openings):
+        for m, other in enumerate(context.scenario.openings):
             if other.region is not None and other.region.face[0] == self.axis:
                 yield (
                     f"{where}: axis {self.axis} cannot be periodic while wind.openings[{m}] "

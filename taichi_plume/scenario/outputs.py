@@ -1,47 +1,29 @@
-"""What a run writes: the recording, forces, films and PlumeSim logs."""
+"""Outputs of a run: recording, checkpoints, forces, films and PlumeSim logs."""
 
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario import si
+from taichi_plume.scenario.domain import Context, starts_late
 from taichi_plume.scenario.plumesim import nodes
-from taichi_plume.scenario.vocabulary import (
-    Distance,
-    Duration,
-    Frequency,
-    FullScale,
-    Length,
-    Model,
-    SomePpm,
-    Temperature,
-    Time,
-)
+from taichi_plume.scenario.vocabulary import Model, not_both, one_or_several
 
-CLOSE = 1e-6  # of a number: as good as whole
-Heights = Annotated[
-    tuple[Distance, ...],
-    Field(min_length=1, max_length=8),
-    BeforeValidator(
-        lambda value: value if isinstance(value, list | tuple) else (value,),
-        json_schema_input_type=Distance | list[Distance],
-    ),
-]
-"""One, or a list of several."""
+CLOSE = 1e-6  # relative tolerance of whole numbers
 
 
 class Section(Model):
     """A vertical slice through a 3-D arena, seen from the side."""
 
     plane: Literal["xz", "yz"] | None = None
-    """The axes that it shows; unless given, z and the longer side of the arena."""
-    at: Distance | None = None
-    """Where it cuts the other axis. Unless given, at the first source and another one at the first heater, and
-    without either in the middle."""
+    """Axes of the slice; unless given, z and the longer side of the arena."""
+    at: si.Distance | None = None
+    """Position on the other axis. Unless given, at the first source and another slice at the first heater; without
+    either, in the middle."""
 
     def normal(self, extent: Sequence[float]) -> int:
-        """The axis that it cuts, in a domain of `extent`."""
+        """Return the axis normal to the slice, in a domain of this extent."""
         along_x = extent[0] >= extent[1] if self.plane is None else self.plane == "xz"
         return 1 if along_x else 0
 
@@ -53,27 +35,27 @@ class Section(Model):
 
 
 class Recording(Model):
-    """What goes into recording.rrd."""
+    """Content of recording.rrd."""
 
-    rate: Frequency = 5.0
+    rate: si.Frequency = 5.0
     """Pictures of the gas, and of the temperature, per simulated second."""
-    wind_rate: Frequency = 1.0
+    wind_rate: si.Frequency = 1.0
     """Pictures of the wind, as arrows, per simulated second."""
     volume: bool = True
     """In 3-D, the plume as a volume besides the pictures on planes."""
-    slice_height: Heights | None = None
+    slice_height: one_or_several(si.Distance, 8) | None = None  # type: ignore[valid-type]
     """Height of the horizontal slice in 3-D, or a list of several. Unless given, those of the first source, of
     the gas sensors and of the first heater, as far as they are a cell apart."""
     section: Section | None = Section()
     """In 3-D, the vertical slice; null for none."""
-    range_ppm: tuple[SomePpm, SomePpm] = (0.1, 1000.0)
+    range_ppm: tuple[si.SomePpm, si.SomePpm] = (0.1, 1000.0)
     """Ends of the logarithmic colour scale of the gas: less is shown as the lower, more as the upper end."""
-    range_kelvin: tuple[Temperature, Temperature] | None = None
-    """Ends of the colour scale of the temperature, where it is computed. Unless given, the coldest and the warmest that
-    walls, openings and the air at the begin have, and about what the air over heaters gets."""
-    trail: Duration | None = None
-    """How long the trail behind a robot lasts. Unless given, as long as a robot takes for twice the longer side of
-    the arena, and all of its way where there are but one or two robots."""
+    range_kelvin: tuple[si.Temperature, si.Temperature] | None = None
+    """Ends of the colour scale of the temperature, where it is computed. Unless given, the extremes of
+    walls, openings, air at the start and, about, the air over heaters."""
+    trail: si.Duration | None = None
+    """Duration of the trail behind a robot. Unless given, the time for twice the longer side of the arena; with
+    one or two robots, all of the run."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         extent = context.domain.extent
@@ -87,23 +69,21 @@ class Recording(Model):
 
 
 class Checkpoint(Model):
-    """How often all that a run needs to be resumed is written to checkpoint.npz."""
+    """Interval of checkpoints, from which a run can be resumed, in checkpoint.npz."""
 
-    wall: Duration | None = None
-    """Time of the clock on the wall between checkpoints; 300 s where neither is given."""
-    every: Duration | None = None
+    wall: si.Duration | None = None
+    """Wall-clock time between checkpoints; 300 s if neither is given."""
+    every: si.Duration | None = None
     """Simulated time between checkpoints, in whole ticks; instead of `wall`."""
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
-        if self.wall is not None and self.every is not None:
-            yield f"{where}: has wall and every; give one of them"
+    _one_interval = not_both("wall", "every")
 
 
 class Forces(Model):
-    """What goes into forces.csv: the force of the air on each obstacle."""
+    """Content of forces.csv: the force of the air on each obstacle."""
 
-    every: Literal["step"] | Duration = 1.0
-    """Time between its rows, in whole ticks; step: rows after each step of the air."""
+    every: Literal["step"] | si.Duration = 1.0
+    """Time between rows, in whole ticks; step: rows after each step of the air."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         tick = context.scenario.tick
@@ -112,18 +92,18 @@ class Forces(Model):
 
 
 class Fields(Model):
-    """What goes into fields.zarr: wind, gas and temperature on the whole grid, to be looked at or played back."""
+    """Content of fields.zarr: wind, gas and temperature on the whole grid, to view or play back."""
 
-    rate: Frequency = 2.0
+    rate: si.Frequency = 2.0
     """Frames per simulated second."""
-    start: Time = 0.0
+    start: si.Time = 0.0
     """Time of the first frame [s]; negative in the warm-up."""
     quantities: Annotated[tuple[Literal["wind", "gas", "temperature"], ...], Field(min_length=1)] = (
         "wind",
         "gas",
         "temperature",
     )
-    """What to film; temperature only where it is solved for (`buoyancy: {heat: ...}` of the wind)."""
+    """Quantities to film; temperature only if it is computed (`buoyancy: {heat: ...}` of the wind)."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         tick = context.scenario.tick
@@ -132,24 +112,24 @@ class Fields(Model):
                 f"{where}.rate: {self.rate:g} frames per second are more than one per tick of {tick:g} s; "
                 f"use at most {1 / tick:g}, or lower tick"
             )
-        buoyancy = getattr(context.scenario.wind, "buoyancy", None)
+        buoyancy = context.scenario.buoyancy
         if set(self.quantities) == {"temperature"} and (buoyancy is None or buoyancy.heat is None):
-            yield f"{where}.quantities: this run solves for no temperature; give wind.buoyancy.heat, or add wind or gas"
-        yield from _begins(where, self.start, context)
+            yield f"{where}.quantities: no temperature is computed; give wind.buoyancy.heat, or add wind or gas"
+        yield from starts_late(where, self.start, context)
 
 
 class PlumeLog(Model):
-    """What goes into plume.pslog: gas and wind on the nodes of a lattice, as a log of PlumeSim."""
+    """Content of plume.pslog: gas and wind on the nodes of a lattice, as a log of PlumeSim."""
 
-    rate: Frequency = 1.0
+    rate: si.Frequency = 1.0
     """Frames per simulated second; each has to last whole ticks and whole milliseconds."""
-    start: Time = 0.0
+    start: si.Time = 0.0
     """Time of the first frame; negative in the warm-up."""
-    cell: Length = 0.1
+    cell: si.Length = 0.1
     """Distance of the nodes."""
-    full_scale_ppm: FullScale = 100.0
-    """How many ppm are written as 100 percent; more gas is written as more."""
-    height: Distance = 0.1
+    full_scale_ppm: si.FullScale = 100.0
+    """Concentration in ppm that is written as 100 percent; more gas is written as more."""
+    height: si.Distance = 0.1
     """Height of the nodes over the floor, in 3-D; the log itself is flat."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
@@ -162,13 +142,7 @@ class PlumeLog(Model):
                 f"whole milliseconds and whole ticks of {1000 * tick:g} ms; use "
                 f"{1 / (whole * tick):.6g}, or change tick"
             )
-        yield from _begins(where, self.start, context)
+        yield from starts_late(where, self.start, context)
         yield from nodes(where, self.cell, domain)
         if domain.dim == 3 and self.height > domain.extent[2]:
             yield f"{where}.height: {self.height:g} m is above the ceiling; use at most {domain.extent[2]:g} m"
-
-
-def _begins(where: str, start: float, context: Context) -> Iterator[str]:
-    end = context.scenario.duration
-    if start > end:
-        yield f"{where}.start: {start:g} s is after the end at {end:g} s; start it earlier"

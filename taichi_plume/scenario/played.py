@@ -1,59 +1,63 @@
-"""Winds and gases that are played back: frames of an earlier run, or of points as PlumeSim has them."""
+"""Playback of recorded winds and gases: frames of an earlier run, pictures of a movie, points of PlumeSim."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.any_wind import AnyWind
-from taichi_plume.scenario.context import Context
-from taichi_plume.scenario.vocabulary import FileName, Model, Point2, SomeCoefficient, Time
+from taichi_plume.scenario.domain import Context, span
+from taichi_plume.scenario.sources import OneGas, Target
+from taichi_plume.scenario.vocabulary import COMPILED, FileName, Model
 
 if TYPE_CHECKING:
     from taichi_plume.files.film import Film
 
 
 class Played(Model):
-    """Frames that were made before; at the end the last one holds."""
+    """Recorded frames; after the end the last one holds."""
 
     loop: bool = False
     """Start again at the end of the frames; otherwise the last one holds."""
-    rate: SomeCoefficient = 1.0
+    rate: si.SomeCoefficient = 1.0
     """Seconds of the frames per simulated second; their velocities stay as they are."""
-    start: Time = 0.0
+    start: si.Time = 0.0
     """Time of the frames that is shown when the robots start."""
+
+    def too_late(self, where: str, file: object, last: float) -> Iterator[str]:
+        """Yield an error if the playback starts after the last time [s] of its file."""
+        if self.start > last and not self.loop:
+            yield f"{where}.start: {self.start:g} s is after the end of {file} at {last:g} s"
 
 
 class Playback(Played):
     """A recorded run (see `fields`), linear in time between its frames, also from the last one to the first."""
 
     part: ClassVar[Literal["wind", "gas"]]
-    """What of the run is played."""
+    """Recorded quantity that is played back."""
     file: FileName
     """Path of a fields.zarr that an earlier run wrote, relative to the scenario's folder."""
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:
         film = context.resources.films[where]
-        held = [name for name, variables in (("wind", film.wind), ("gas", film.gas)) if variables]
-        if self.part not in held:
+        recorded = [name for name, variables in (("wind", film.wind), ("gas", film.gas)) if variables]
+        if self.part not in recorded:
             yield (
-                f"{where}.file: {film.path}: holds no {self.part}, only {', '.join(held) or 'nothing'}; record it "
+                f"{where}.file: {film.path}: holds no {self.part}, only {', '.join(recorded) or 'nothing'}; record "
                 f"with fields.quantities: [{self.part}]"
             )
-        elif faults := list(self._another_domain(film, context)):
-            yield from faults
+        elif errors := list(self._another_domain(film, context)):
+            yield from errors
         elif differing := context.resources.unlike(where):
             yield (
                 f"obstacles: {differing} cells are not as in {film.path}, which {self.part} plays back; "
                 "give the obstacles of the recorded run"
             )
-        if self.start > film.times[-1] and not self.loop:
-            yield (
-                f"{where}.start: {self.start:g} s is after the last frame of {film.path}; "
-                f"it has {film.times[0]:g} to {film.times[-1]:g} s"
-            )
+        yield from self.too_late(where, film.path, film.times[-1])
 
     def _another_domain(self, film: "Film", context: Context) -> Iterator[str]:
+        """Yield an error if the domain is not that of the film."""
         domain = context.domain
         if domain.shape != film.shape or abs(domain.spacing - film.dx) > 1e-6 * film.dx:
             size = ", ".join(f"{n * film.dx:.6g}" for n in film.shape)
@@ -76,16 +80,16 @@ class PlaybackWind(AnyWind, Playback):
 
 
 class PointPlayback(Played):
-    """Frames of points, played back as PlumeSim does: each holds until the next one, and the last for good.
+    """Frames of points, played back as PlumeSim does: each holds until the next one.
 
     Points lie in a plane; in 3-D they are the same at every height. What is read at a place is the value of the nearest
     point that is closer than the cell, else zero.
     """
 
     key: ClassVar[str] = "file"
-    """What names its frames."""
-    offset: Point2 = (0.0, 0.0)
-    """Added to the points' places, x and y, to move them into the room."""
+    """Key of the file with the frames."""
+    offset: si.Point2 = (0.0, 0.0)
+    """Added to the positions of the points, x and y, to move them into the room."""
     interpolate: bool = False
     """Read between points, bilinear on a lattice as wide as the cell; zero at a cell from the last of them. Otherwise
     the nearest point counts, as in PlumeSim."""
@@ -97,24 +101,22 @@ class PointPlayback(Played):
         if not ((place > -frames.cell) & (place < np.array(extent[:2]) + frames.cell)).all(axis=1).any():
             yield (
                 f"{where}: no point of {frames.path} is in the domain, {context.domain.box}; they are within "
-                f"x {low[0]:.4g} to {high[0]:.4g} m, y {low[1]:.4g} to {high[1]:.4g} m; give an offset"
+                f"{span('x', low[0], high[0])}, {span('y', low[1], high[1])}; give an offset"
             )
         end = len(frames) * frames.period
         if self.start >= end and not self.loop and len(frames) > 1:
-            yield (
-                f"{where}.start: {self.start:g} s is after the last frame of {frames.path}, which ends at {end:g} s"
-            )
+            yield f"{where}.start: {self.start:g} s is after the end of {frames.path} at {end:g} s"
 
 
 class PlumeSimLog(PointPlayback):
-    """A log of PlumeSim: text; see point_frames.py. `plumesim_log` makes a run write one."""
+    """A text log of PlumeSim; see point_frames.py. `plumesim_log` makes a run write one."""
 
     file: FileName
     """Path of a log of PlumeSim, relative to the scenario's folder."""
 
 
 class PlumeSimWind(AnyWind, PlumeSimLog):
-    """The wind of a log, as sensors feel it; no gas on the grid can be carried by it."""
+    """The wind of a log at points, for sensors; it cannot carry gas on the grid."""
 
     on_grid: ClassVar[bool] = False
     kind: Literal["plumesim_log"]
@@ -125,14 +127,56 @@ class PlumeSimWind(AnyWind, PlumeSimLog):
         for path, gas in scenario.gases:
             if gas.on_grid:
                 yield (
-                    f"{path}.kind: a wind of kind plumesim_log is known at points and cannot carry an eulerian gas; "
-                    "play the log's plume, or use another wind"
+                    f"{path}.kind: a wind of kind plumesim_log is known only at points and cannot carry eulerian gas; "
+                    "use gas of kind plumesim_log, or another wind"
                 )
         if scenario.fields is not None and "wind" in scenario.fields.quantities:
-            yield (
-                "fields.quantities: a wind of kind plumesim_log has no velocities on the grid; use quantities: [gas]"
-            )
+            yield "fields.quantities: a wind of kind plumesim_log is not on the grid; use quantities: [gas]"
 
 
 def _cells(shape: tuple[int, ...], dx: float) -> str:
+    """Return the size of a grid in words."""
     return f"{' x '.join(map(str, shape))} cells of {dx:g} m"
+
+
+class MovieGas(OneGas, Played):
+    """A plume in pictures, such as of plume-nav-sim, linear in time between them.
+
+    Pixels are squares. A cell takes the mean over its area; beyond the picture the air is clean. In 3-D the gas is the
+    same at every height. The wind is that of the scenario.
+    """
+
+    kind: Literal["movie"]
+    file: FileName
+    """Path of the movie, relative to the scenario's folder. It is a Zarr array or group, a .npy or an HDF5 file, with
+    the axes (time, y, x)."""
+    variable: str | None = None
+    """Name of the variable in a group or an HDF5 file. Unless given it is `concentration`, else `plume`, else the only
+    one there is."""
+    frame_rate: Annotated[si.Frequency, COMPILED] | None = None
+    """Frames per second; unless given, the file's attribute `fps`."""
+    pixel: Annotated[si.Length, COMPILED] | None = None
+    """Width of a pixel; unless given, the file's attribute `pixel_to_grid`, in metres."""
+    origin: Annotated[si.Point2, COMPILED] | None = None
+    """Where the picture's lower left corner lies in the domain, x and y. Unless given, it is the file's attribute
+    `origin` (there y, x), else 0, 0."""
+    rows: Literal["up", "down"] = "up"
+    """Which way rows go: up, from the lowest y on, or down, from the highest on as in pictures."""
+    ppm_per_unit: si.FullScale = 1.0
+    """Concentration in ppm of the value 1 in the file."""
+    sources: tuple[Target, ...] = ()
+    """Places that robots search for, as a movie has no sources; they emit nothing, the plume is given."""
+
+    def unusable(self, where: str, context: Context) -> Iterator[str]:
+        movie, extent = context.resources.movies[where], context.domain.extent
+        (x, y), (width, height) = movie.origin, movie.size
+        if not (x < extent[0] and y < extent[1] and x + width > 0 and y + height > 0):
+            yield (
+                f"{where}: no pixel of {movie.path} is in the domain, {context.domain.box}; they are within "
+                f"{span('x', x, x + width)}, {span('y', y, y + height)}; give an origin"
+            )
+        yield from self.too_late(where, movie.path, movie.times[-1])
+
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        if not self.sources and context.scenario.robots:
+            yield f"{where}.sources: none, so robots cannot find any; give their positions"

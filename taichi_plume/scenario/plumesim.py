@@ -1,4 +1,4 @@
-"""The plumes of PlumeSim and Fluent in a scenario: known in percent of a full scale."""
+"""Plumes of PlumeSim and Fluent, in percent of a full scale."""
 
 import re
 from collections.abc import Iterator
@@ -6,43 +6,32 @@ from math import prod
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
+import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from taichi_plume.scenario.context import Context
-from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario import si
+from taichi_plume.scenario.domain import Context, Domain
 from taichi_plume.scenario.played import PlumeSimLog, PointPlayback
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.sources import OneGas, Target
-from taichi_plume.scenario.vocabulary import (
-    COMPILED,
-    Coefficient,
-    Count,
-    Duration,
-    FileName,
-    FullScale,
-    Length,
-    Magnitude,
-    Point2,
-    SomeCoefficient,
-    Time,
-)
+from taichi_plume.scenario.vocabulary import COMPILED, FileName
 
-MOST_NODES = 1_000_000  # of a lattice over the domain
+MOST_NODES = 1_000_000  # of a lattice on the domain
 
 
 class PercentGas(OneGas):
-    """A plume that is known in percent of a full scale, as PlumeSim's are; in 3-D it is the same at every height."""
+    """A plume in percent of a full scale, as in PlumeSim; in 3-D the same at every height."""
 
-    full_scale_ppm: FullScale = 100.0
-    """How many ppm 100 percent stand for."""
+    full_scale_ppm: si.FullScale = 100.0
+    """Concentration in ppm of 100 percent."""
     sources: tuple[Target, ...] = ()
     """Places that robots search for; they emit nothing, the plume is given."""
 
     @property
     def finest(self) -> float | None:
-        """Distance [m] of points on a line whose mean tells its integral to a percent: its nodes' are full of jumps."""
-        wide = getattr(self, "cell", None) or getattr(self, "radius", None)
-        return wide / 8.0 if wide else None
+        """See `OneGas.finest`; readings jump from node to node."""
+        width = vars(self).get("cell") or vars(self).get("radius")
+        return width / 8.0 if width else None
 
 
 class PlumeSimGas(PercentGas, PlumeSimLog):
@@ -59,13 +48,13 @@ class FluentGas(PercentGas, PointPlayback):
     files: FileName
     """Path of the files, relative to the scenario's folder. Such as plume%03d.txt for plume001.txt, plume002.txt and
     so on."""
-    frames: Count | None = None
+    frames: si.Count | None = None
     """Number of files to take; unless given, all there are."""
-    period: Annotated[Duration, COMPILED] = 1.0
+    period: Annotated[si.Duration, COMPILED] = 1.0
     """Time from one file to the next."""
-    cell: Annotated[Length, COMPILED] = 0.1
+    cell: Annotated[si.Length, COMPILED] = 0.1
     """Distance up to which a point counts."""
-    largest: Annotated[Magnitude, COMPILED] | None = None
+    largest: Annotated[si.Magnitude, COMPILED] | None = None
     """Concentration that counts as 100 percent, in the files' unit; unless given, the largest in them."""
 
     @field_validator("files")
@@ -79,30 +68,30 @@ class FluentGas(PercentGas, PointPlayback):
 class PlumeSimPuff(PercentGas):
     """PlumeSim's Gaussian plume: a puff that spreads, frame by frame.
 
-    It is known on nodes to the right of and above its release:
+    It is defined on nodes to the right of and above its release:
     Percent = amount/(4 pi sqrt(Dx Dy) n) exp(-(dx²/Dx + dy²/Dy)/(4 n)) with the number n of the frame: 1, 2, ... last,
-    then again from `repeat_from`. A reading is that of the nearest node that is closer than the cell, else zero. The
-    program has a wind of 0.5 m/s along x with it.
+    then again from `repeat_from`. A reading is the value of the nearest node that is closer than the cell, else zero.
+    PlumeSim combines it with a wind of 0.5 m/s along x.
     """
 
     kind: Literal["plumesim_gaussian"]
-    release_point: Point2
+    release_point: si.Point2
     """Where the puff is released, x and y."""
-    diffusion: tuple[SomeCoefficient, SomeCoefficient] = (0.2, 0.005)
+    diffusion: tuple[si.SomeCoefficient, si.SomeCoefficient] = (0.2, 0.005)
     """Spread per frame along x and y, Dx and Dy, in m² per frame."""
-    amount: SomeCoefficient = 100.0
-    """How much is released, in percent times m². Concentrations are proportional to it."""
-    cell: Length = 0.1
-    """Distance of the nodes; a reading is that of the nearest one."""
+    amount: si.SomeCoefficient = 100.0
+    """Released amount, in percent times m². Concentrations are proportional to it."""
+    cell: si.Length = 0.1
+    """Distance of the nodes; a reading is the value of the nearest one."""
     all_around: bool = False
-    """Put nodes to the left of and below the release too, which the program has not."""
-    period: Duration = 1.0
+    """Put nodes to the left of and below the release too, unlike PlumeSim."""
+    period: si.Duration = 1.0
     """Time from one frame to the next."""
-    last: Count = 25
-    """Number of the last frame; after it, frames begin again from `repeat_from`."""
-    repeat_from: Count = 20
+    last: si.Count = 25
+    """Number of the last frame; then frames start again from `repeat_from`."""
+    repeat_from: si.Count = 20
     """Number of the frame that follows the last one."""
-    start: Time = 0.0
+    start: si.Time = 0.0
     """Time since the release when the robots start."""
 
     @model_validator(mode="after")
@@ -112,54 +101,47 @@ class PlumeSimPuff(PercentGas):
         return self
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        yield from _release(where, self.release_point, context.domain)
+        yield from _release(where, self.release_point, context)
         yield from nodes(where, self.cell, context.domain)
 
 
 class PlumeSimMeander(PercentGas):
-    """PlumeSim's meandering plume: points strewn about a random line along x, once for the whole run.
+    """PlumeSim's meandering plume: random points about a random line along x, drawn once per run.
 
     A reading is the number of points within the radius, as a share of that one radius downwind of the release, 100
-    percent at most. The program has a wind of 0.5 m/s along x with it.
+    percent at most. PlumeSim combines it with a wind of 0.5 m/s along x.
     """
 
     kind: Literal["plumesim_meandering"]
-    release_point: Point2
-    """Where the plume begins, x and y."""
+    release_point: si.Point2
+    """Where the plume starts, x and y."""
     points: Annotated[int, Field(ge=20, le=1_000_000)] = 200
-    """How many points are strewn, about. More make a smoother plume."""
-    release_rate: Coefficient = 10.0
-    """Widens the plume, times `dispersion`; as PlumeSim names it."""
-    dispersion: Coefficient = 0.1
-    """Widening: points stray across by a standard deviation of dispersion release_rate (x - x0)."""
-    radius: Annotated[Length, COMPILED] = 0.1
+    """Approximate number of points. More make a smoother plume."""
+    release_rate: si.Coefficient = 10.0
+    """Factor of `dispersion` that widens the plume; PlumeSim's name."""
+    dispersion: si.Coefficient = 0.1
+    """Widening: points lie across with a standard deviation of dispersion release_rate (x - x0)."""
+    radius: Annotated[si.Length, COMPILED] = 0.1
     """Points within this distance of a sensor count for its reading."""
 
-    @property
-    def by_chance(self) -> bool:
-        return True
+    by_chance: ClassVar[bool] = True
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        lines = list(_release(where, self.release_point, context.domain))
+        lines = list(_release(where, self.release_point, context))
         yield from lines
         x, width = self.release_point[0], context.domain.extent[0]
         if not lines and x + self.radius > width:
-            yield (
-                f"{where}.release_point: x = {x:g} m is at the domain's end, {width:g} m, and the plume goes on "
-                "from there; move it back"
-            )
+            yield f"{where}.release_point: x = {x:g} m is at the end of the domain, {width:g} m; move it upwind"
 
 
-def _release(where: str, point: tuple[float, float], domain: Domain) -> Iterator[str]:
-    x, y = point
-    if not (0 <= x <= domain.extent[0] and 0 <= y <= domain.extent[1]):
-        yield (
-            f"{where}.release_point: ({x:g}, {y:g}) m is outside the domain, {domain.box}; move the release in"
-        )
+def _release(where: str, point: tuple[float, float], context: Context) -> Iterator[str]:
+    """Yield an error if a release is outside the domain."""
+    if outside := context.outside(np.array([point])):
+        yield f"{where}.release_point: {outside}; move the release in"
 
 
 def nodes(where: str, cell: float, domain: Domain) -> Iterator[str]:
-    """Nodes on the domain `cell` [m] apart: some, and not too many."""
+    """Yield errors about nodes `cell` [m] apart: too many or none on the domain."""
     number = prod(width / cell for width in domain.extent[:2])
     if number > MOST_NODES:
         yield f"{where}.cell: {cell:g} m makes {number:.3g} nodes, at most {MOST_NODES} are allowed; raise it"

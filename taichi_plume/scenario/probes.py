@@ -1,4 +1,4 @@
-"""Points at which a run notes what the air does, as instruments that disturb nothing."""
+"""Probes: points at which a run records the air, without disturbing it."""
 
 from collections.abc import Iterator
 from math import prod
@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from taichi_plume.scenario.context import Context, span
-from taichi_plume.scenario.vocabulary import PER_AXIS, Count, Duration, Model, Point, Time
+from taichi_plume.scenario import si
+from taichi_plume.scenario.domain import Context, starts_late
+from taichi_plume.scenario.vocabulary import PER_AXIS, Model
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.scenario import Scenario
 
 MOST_POINTS = 100_000
-MANY_BYTES = 2e9  # of probes.parquet, beyond which it is noted
+MANY_BYTES = 2e9  # of probes.parquet: more causes a warning
 BYTES_PER_NUMBER = 3.5  # measured: f32 of turbulent air, compressed
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 
@@ -23,42 +24,32 @@ class Probe(Model):
     """One point, or several in their order."""
 
     what: ClassVar[tuple[str, ...]]
-    """The keys that say where."""
+    """Keys of the position."""
     name: Name
-    """What the probe is called in the table; each needs its own."""
+    """Name of the probe in the table; each needs its own."""
 
     @property
     def places(self) -> np.ndarray:
-        """Of its points, (n, dim) [m]."""
+        """Positions of the points, (n, dim) [m]."""
         raise NotImplementedError
 
     @property
     def size(self) -> int:
-        """Number of its points."""
+        """Number of points."""
         return 1
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         if self.size > MOST_POINTS:
-            return  # all probes together are told
-        places, extent = self.places, context.domain.extent
-        keys = " and ".join(self.what)
-        for axis, length in zip("xyz", extent, strict=False):
-            along = places[:, "xyz".index(axis)]
-            beyond = along[(along < 0) | (along > length)]
-            if len(beyond):
-                yield (
-                    f"{where}.{keys}: {axis} = {beyond[0]:g} m is outside the domain, {span(axis, 0, length)}; "
-                    "move the probe in"
-                )
-                return
+            return  # reported for all probes together
+        places, keys = self.places, " and ".join(self.what)
+        if outside := context.outside(places):
+            yield f"{where}.{keys}: {outside}; move the probe in"
+            return
         for obstacle, one in context.resources.shapes.items():
             inside = np.flatnonzero(one.inside(places) & (one.model.motion is None))
             if len(inside):
                 place = ", ".join(f"{x:g}" for x in places[inside[0]])
-                yield (
-                    f"{where}.{keys}: ({place}) m is inside {obstacle} ({one.model.kind}); move the probe or the "
-                    "obstacle"
-                )
+                yield f"{where}.{keys}: ({place}) m is inside {obstacle} ({one.model.kind}); move one of them"
                 return
 
 
@@ -67,7 +58,7 @@ class ProbePoint(Probe):
 
     kind: Literal["point"]
     what = ("at",)
-    at: Point
+    at: si.Point
     """Where the point is, per axis."""
 
     @property
@@ -76,15 +67,15 @@ class ProbePoint(Probe):
 
 
 class ProbeLine(Probe):
-    """Points at even distances, both ends among them."""
+    """Points at even distances, with both ends."""
 
     kind: Literal["line"]
     what = ("start", "end")
-    start: Point
+    start: si.Point
     """First point of the line, per axis."""
-    end: Point
+    end: si.Point
     """Last point of the line, per axis."""
-    count: Annotated[Count, Field(ge=2)]
+    count: Annotated[si.Count, Field(ge=2)]
     """Number of points, both ends among them."""
 
     @property
@@ -97,15 +88,15 @@ class ProbeLine(Probe):
 
 
 class ProbeGrid(Probe):
-    """Points on a lattice that fills a box, its corners among them; the last axis changes first."""
+    """Points on a lattice in a box, with its corners; the last axis changes first."""
 
     kind: Literal["grid"]
     what = ("low", "high")
-    low: Point
+    low: si.Point
     """Lower corner of the box, per axis."""
-    high: Point
+    high: si.Point
     """Upper corner of the box, per axis."""
-    counts: Annotated[tuple[Count, ...], Field(min_length=2, max_length=3), PER_AXIS]
+    counts: Annotated[tuple[si.Count, ...], Field(min_length=2, max_length=3), PER_AXIS]
     """Points along each axis; a single one lies in the middle."""
 
     @property
@@ -114,7 +105,6 @@ class ProbeGrid(Probe):
 
     @property
     def places(self) -> np.ndarray:
-        """In the order of an array of shape `counts`."""
         axes = [
             np.linspace(a, b, n) if n > 1 else np.array([(a + b) / 2])
             for a, b, n in zip(self.low, self.high, self.counts, strict=True)
@@ -123,16 +113,16 @@ class ProbeGrid(Probe):
 
 
 class Probes(Model):
-    """What goes into probes.parquet: wind, pressure, gas and temperature at points, up to every step of the air."""
+    """Content of probes.parquet: wind, pressure, gas and temperature at points, up to every step of the air."""
 
     points: Annotated[
         tuple[Annotated[ProbePoint | ProbeLine | ProbeGrid, Field(discriminator="kind")], ...],
         Field(min_length=1),
     ]
     """The points, lines and grids of points, each with a name."""
-    every: Literal["step"] | Duration = 0.1
+    every: Literal["step"] | si.Duration = 0.1
     """Time between samples, linear between the steps of the air; step: one after each of them."""
-    start: Time = 0.0
+    start: si.Time = 0.0
     """Time of the first sample; negative in the warm-up."""
 
     @property
@@ -141,12 +131,12 @@ class Probes(Model):
         return sum(one.size for one in self.points)
 
     def samples(self, scenario: "Scenario") -> float:
-        """How often they are sampled, about."""
+        """Return about the number of samples."""
         step = min(scenario.tick, scenario.wind.longest_step(scenario))
         return (scenario.duration - self.start) / (step if self.every == "step" else self.every)
 
     def bytes(self, scenario: "Scenario") -> float:
-        """Size of probes.parquet, about."""
+        """Return about the size of probes.parquet [bytes]."""
         numbers = scenario.domain.dim + 1 + len(scenario.gases)
         return self.samples(scenario) * self.size * numbers * BYTES_PER_NUMBER
 
@@ -155,15 +145,9 @@ class Probes(Model):
             yield f"{where}.points: are {self.size:,} points, at most {MOST_POINTS:,} are taken; use fewer"
         first: dict[str, int] = {}
         for n, one in enumerate(self.points):
-            if first.setdefault(one.name, n) != n:
-                yield (
-                    f"{where}.points[{n}].name: '{one.name}' is the name of points[{first[one.name]}] too; "
-                    "give each its own"
-                )
-        if self.start > context.scenario.duration:
-            yield (
-                f"{where}.start: {self.start:g} s is after the end at {context.scenario.duration:g} s; start earlier"
-            )
+            if (m := first.setdefault(one.name, n)) != n:
+                yield f"{where}.points[{n}].name: '{one.name}' is the name of points[{m}] too; give each its own"
+        yield from starts_late(where, self.start, context)
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
         scenario = context.scenario
@@ -171,7 +155,7 @@ class Probes(Model):
         if self.every != "step" and self.every < 0.5 * step:
             yield (
                 f"{where}.every: {self.every:g} s is shorter than the air's steps of about {step:.2g} s, between which "
-                "rows are linear in time; lower tick for more"
+                "samples are interpolated; lower tick for more"
             )
         size = self.bytes(scenario)
         if size > MANY_BYTES:

@@ -1,79 +1,58 @@
-"""How the speed of an inlet grows with the height over the walls that it stands on."""
+"""Velocity profiles of an inlet (log law, power law, table) by the height over walls."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.vocabulary import (
-    COMPILED,
-    Distance,
-    Exponent,
-    Face,
-    Length,
-    Model,
-    SomeFraction,
-    Speed,
-)
+from taichi_plume.scenario.vocabulary import COMPILED, Face, Model, exactly_one, one_or_several
 from taichi_plume.scenario.windows import Region
 
 KARMAN = 0.41
-FEW = Field(min_length=2, max_length=10_000)
-ROWS = 65  # along each axis of an opening, where heights are looked at
+ENTRIES = Field(min_length=2, max_length=10_000)
+ROWS = 65  # sample points along each axis of an opening
 
 
 class HeightProfile(Model):
     """Speed by height; the opening's `speed` stays the mean, so only ratios count."""
 
-    walls: Annotated[
-        tuple[Face, ...],
-        Field(min_length=1, max_length=4),
-        BeforeValidator(
-            lambda value: (value,) if isinstance(value, str) else value,
-            json_schema_input_type=Face | list[Face],
-        ),
-    ]
-    """Faces that heights are measured from, such as z- for the floor; of several, from the nearest."""
+    walls: one_or_several(Face, 4)  # type: ignore[valid-type]
+    """Faces from which heights are measured, such as z- for the floor; with several, from the nearest."""
 
     def height_at(self, points: Sequence[np.ndarray], extent: Sequence[float]) -> np.ndarray:
-        """Height [m] at points, given by their coordinates along each axis, in a domain of `extent`."""
+        """Return the height [m] of points, given by coordinates along each axis, in a domain of this extent."""
         faces = [("xyz".index(face[0]), face[1] == "+") for face in self.walls]
         return np.min([extent[a] - points[a] if far else points[a] for a, far in faces], axis=0)
 
     def shape(self, heights: np.ndarray, inside: np.ndarray) -> np.ndarray:
-        """Speed at places over the largest there, where they are inside of the opening."""
+        """Return the speed at points over their largest speed; 0 for points outside the opening."""
         speeds = np.where(inside, np.maximum(self._speeds(heights, heights[inside]), 0.0), 0.0)
         return speeds / max(float(speeds.max(initial=0.0)), 1e-30)
 
     def _speeds(self, heights: np.ndarray, of_opening: np.ndarray) -> np.ndarray:
-        """Speed at places in any unit; of_opening: heights all over the opening."""
+        """Return the speed at points in any unit; of_opening: heights of points all over the opening."""
         raise NotImplementedError
 
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
-        yield from super().misfits(where, dim)
-        for face in self.walls:
-            if "xyz".index(face[0]) >= dim:
-                yield f"{where}.walls: '{face}' does not exist in a 2-D run; use x-, x+, y- or y+"
-
     def unfit(self, where: str, region: Region, domain: Domain) -> Iterator[str]:
-        """Why it is not that of an opening there."""
+        """Yield errors of the profile for an opening of this region."""
         if any(wall[0] == region.face[0] for wall in self.walls):
-            yield f"{where}.walls: the inlet is on face {region.face} itself; name a face that it stands on"
+            yield f"{where}.walls: the inlet is on face {region.face} itself; name an adjacent face"
             return
         center, half = region.rectangle(domain.extent)
         axes = [np.linspace(c - h, c + h, ROWS) for c, h in zip(center, half, strict=True)]
         points = list(np.meshgrid(*axes, indexing="ij"))
         points.insert(region.axis, np.zeros_like(points[0]))
-        yield from self._lacks(where, self.height_at(points, domain.extent), domain)
+        yield from self._mismatches(where, self.height_at(points, domain.extent), domain)
 
-    def _lacks(self, where: str, heights: np.ndarray, domain: Domain) -> Iterator[str]:
-        """What is wrong with it over an opening with these heights."""
+    def _mismatches(self, where: str, heights: np.ndarray, domain: Domain) -> Iterator[str]:
+        """Yield errors of the profile over an opening with these heights."""
         if not self.shape(heights, np.ones(heights.shape, bool)).any():
-            yield f"{where}: no air comes in, {self._over(heights)} it is 0"
+            yield f"{where}: is zero {self._over(heights)}: no air comes in"
 
     def _over(self, heights: np.ndarray) -> str:
         return f"at {max(0.0, heights.min()):.4g} to {heights.max():.4g} m over {', '.join(self.walls)}"
@@ -83,20 +62,16 @@ class LogProfile(HeightProfile):
     """Speed that grows with the logarithm of the height, as over a wall far from the other side: u ~ ln(h/z0)."""
 
     kind: Literal["log"]
-    roughness: Annotated[Length, COMPILED] | None = None
+    roughness: Annotated[si.Length, COMPILED] | None = None
     """Roughness length z0, the height at which the speed is 0. Of a smooth wall about 2e-6 m²/s over the friction
     velocity."""
-    friction: Annotated[SomeFraction, COMPILED] | None = None
+    friction: Annotated[si.SomeFraction, COMPILED] | None = None
     """Friction velocity over the mean speed, instead of the roughness."""
 
-    @model_validator(mode="after")
-    def _one_of_both(self) -> "LogProfile":
-        if (self.roughness is None) == (self.friction is None):
-            raise fault("takes either roughness or friction")
-        return self
+    _one_parameter = exactly_one("roughness", "friction")
 
     def _speeds(self, heights: np.ndarray, of_opening: np.ndarray) -> np.ndarray:
-        """With u*: the mean of u*/0.41 ln(h/z0) over the opening is the mean speed."""
+        """With a friction velocity u*, the mean of u*/0.41 ln(h/z0) over the opening is the mean speed."""
         logs = np.log(np.maximum(heights, 1e-12))
         if self.roughness is not None:
             return logs - np.log(self.roughness)
@@ -107,7 +82,7 @@ class PowerProfile(HeightProfile):
     """Speed that grows with a power of the height: u ~ h^exponent."""
 
     kind: Literal["power"]
-    exponent: Annotated[Exponent, COMPILED] = 1 / 7
+    exponent: Annotated[si.Exponent, COMPILED] = 1 / 7
     """Exponent of the height: 1/7 is usual over smooth ground, more makes a slower layer below."""
 
     def _speeds(self, heights: np.ndarray, of_opening: np.ndarray) -> np.ndarray:
@@ -118,17 +93,16 @@ class TableProfile(HeightProfile):
     """Speeds at heights, linear in between."""
 
     kind: Literal["table"]
-    heights: Annotated[tuple[Distance, ...], FEW, COMPILED]
+    heights: Annotated[tuple[si.Distance, ...], ENTRIES, COMPILED]
     """Heights over the walls at which speeds are given, ascending; they have to cover the opening."""
-    speeds: Annotated[tuple[Speed, ...], FEW, COMPILED]
+    speeds: Annotated[tuple[si.Speed, ...], ENTRIES, COMPILED]
     """Speed at each height, linear in between. Only their ratios count, the opening's `speed` stays the mean."""
 
     @model_validator(mode="after")
-    def _of_one_length(self) -> "TableProfile":
+    def _equal_lengths(self) -> "TableProfile":
         if len(self.heights) != len(self.speeds):
             raise fault(
-                "has {heights} heights and {speeds} speeds; give one speed per height",
-                {"heights": len(self.heights), "speeds": len(self.speeds)},
+                f"has {len(self.heights)} heights and {len(self.speeds)} speeds; give one speed per height"
             )
         if any(a >= b for a, b in pairwise(self.heights)):
             raise fault("heights must grow from each to the next")
@@ -137,15 +111,15 @@ class TableProfile(HeightProfile):
     def _speeds(self, heights: np.ndarray, of_opening: np.ndarray) -> np.ndarray:
         return np.interp(heights, self.heights, self.speeds)
 
-    def _lacks(self, where: str, heights: np.ndarray, domain: Domain) -> Iterator[str]:
+    def _mismatches(self, where: str, heights: np.ndarray, domain: Domain) -> Iterator[str]:
         rounded = 0.5 * domain.spacing + 1e-6  # of the domain to whole cells
         if self.heights[0] > heights.min() + 1e-6 or self.heights[-1] < heights.max() - rounded:
             yield (
                 f"{where}.heights: {self.heights[0]:g} to {self.heights[-1]:g} m do not cover the inlet, "
-                f"{self._over(heights)}; add what is missing"
+                f"{self._over(heights)}; add the missing heights"
             )
         else:
-            yield from super()._lacks(where, heights, domain)
+            yield from super()._mismatches(where, heights, domain)
 
 
 Profile = Annotated[LogProfile | PowerProfile | TableProfile, Field(discriminator="kind")]

@@ -1,4 +1,4 @@
-"""Physical quantities in a scenario: a number in SI units, or a text with a unit such as ``"20 cm"``."""
+"""Physical quantities: numbers in SI units or texts with a unit such as ``"20 cm"``, and how they are printed."""
 
 import re
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 _NUMBER_AND_UNIT = re.compile(
     r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµμ%°][\w/*^ µμ%°().-]{0,40})\s*"
 )
-# pint works powers out: m**9**9**9 never ends
+# pint computes powers: m**9**9**9 never ends
 _TOWER = re.compile(r"(\^|\*\*)[^A-Za-zµμ]*(\^|\*\*)|\d\d")
 # Units in nearly every scenario. The values equal those of pint, whose import takes 0.2 s.
 USUAL = {
@@ -30,7 +30,7 @@ USUAL = {
 
 @dataclass(frozen=True)
 class Quantity:
-    """Marks numbers that have a unit: which, and from where to where they may lie; or_zero: 0 is allowed besides."""
+    """Mark of numbers: unit, smallest and largest value; or_zero: 0 is allowed besides."""
 
     unit: str
     least: float
@@ -48,20 +48,21 @@ def _registry():
     return registry
 
 
-def fault(message: str, context: dict[str, Any] | None = None) -> PydanticCustomError:
-    """An error whose message says all, without what was got; `context` fills its braces."""
+def fault(message: str, context: dict[str, object] | None = None) -> PydanticCustomError:
+    """Return an error with a complete message, whose braces `context` fills."""
     return PydanticCustomError("fault", message, context)  # type: ignore[arg-type]
 
 
-def parse(value: Any, unit: str) -> float:
-    """`value` as a float in `unit`: numbers pass, ``"1e-5"`` and ``"10 mg/s"`` are converted.
+def parse(value: object, unit: str) -> float:
+    """Return `value` as a float in `unit`: numbers pass, ``"1e-5"`` and ``"10 mg/s"`` are converted.
 
-    Raises PydanticCustomError where the text is no quantity or its unit is of another kind.
+    Raises PydanticCustomError if the text is no quantity or its unit is of another kind.
     """
+    no_quantity = PydanticCustomError(
+        "quantity", "must be a number or a text with a unit of {unit}", {"unit": unit}
+    )
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-        raise PydanticCustomError(
-            "quantity", "must be a number or a text with a unit of {unit}", {"unit": unit}
-        )
+        raise no_quantity
     try:
         return float(value)  # PyYAML reads 1e-5 as a text
     except OverflowError:
@@ -70,9 +71,7 @@ def parse(value: Any, unit: str) -> float:
         pass
     match = _NUMBER_AND_UNIT.fullmatch(str(value))
     if not match or _TOWER.search(match[2]):
-        raise PydanticCustomError(
-            "quantity", "must be a number or a text with a unit of {unit}", {"unit": unit}
-        )
+        raise no_quantity
     factor = 1.0 if match[2] == unit else USUAL.get((match[2], unit))
     if factor is not None:
         return _as_written(float(match[1]) * factor)
@@ -88,31 +87,29 @@ def parse(value: Any, unit: str) -> float:
 
 
 def _as_written(value: float) -> float:
-    """A converted number without the rounding error of its factor: 20 mg/s is 2e-05 kg/s, to the last digit."""
+    """Return a converted number without the rounding error of its factor: 20 mg/s is 2e-05 kg/s, to the last digit."""
     return float(f"{value:.15g}")
 
 
 def quantity(
-    unit: str, least: float = -inf, most: float = inf, likely: str = "", or_zero: bool = False, **limits: Any
+    unit: str,
+    least: float = -inf,
+    most: float = inf,
+    likely: str = "",
+    or_zero: bool = False,
+    **limits: Any,
 ) -> Any:
-    """The annotated type of a quantity in `unit` [SI], with pydantic's limits (gt, ge, lt, le).
+    """Return the annotated type of a quantity in `unit` [SI], with pydantic's limits (gt, ge, lt, le).
 
-    A number below `least` or above `most` is refused: perhaps it was meant in the unit `likely`. or_zero: 0 is not.
+    A number below `least` or above `most` is an error, perhaps meant in the unit `likely`. or_zero: 0 is allowed.
     """
 
     def plausible(value: float) -> float:
         if not (least <= value <= most or (or_zero and value == 0.0)):
             meant = likely and least <= parse(f"{value!r} {likely}", unit) <= most
-            raise fault(
-                "got {value} {unit}; {hint}{bound} {limit} {unit}",
-                {
-                    "value": f"{value:g}",
-                    "unit": unit,
-                    "hint": f"did you mean '{value:g} {likely}'? " if meant else "",
-                    "bound": "at most" if value > most else "0, or at least" if or_zero else "at least",
-                    "limit": f"{most if value > most else least:g}",
-                },
-            )
+            hint = f"did you mean '{value:g} {likely}'? " if meant else ""
+            bound = "at most" if value > most else "0, or at least" if or_zero else "at least"
+            raise fault(f"got {value:g} {unit}; {hint}{bound} {most if value > most else least:g} {unit}")
         return value
 
     low, high = max(least, limits.get("ge", -inf)), min(most, limits.get("le", inf))
@@ -127,19 +124,19 @@ def quantity(
 
 
 def number(least: float, most: float, unit: str = "") -> Any:
-    """The annotated type of a plain number between these, without texts; unit: the one that it is in."""
+    """Return the annotated type of a plain number between two limits, without texts; unit: its unit."""
     return Annotated[float, Field(ge=least, le=most, allow_inf_nan=False), Quantity(unit, least, most)]
 
 
 def round_up(value: float) -> float:
-    """`value` rounded up to two digits."""
+    """Return `value` rounded up to two digits."""
     unit = 10.0 ** (floor(log10(value)) - 1)
     return ceil(value / unit - 1e-9) * unit
 
 
 def ill_sized(key: str, cell: float, size: Sequence[float], most: int) -> str | None:
-    """A line about square cells of that edge [m] on a floor of that size [m], where they are more than `most` or wider
-    than the floor; key: what sets the edge.
+    """Return an error about square cells of this edge [m] that are more than `most`, or wider than a floor of this
+    size [m]; key: path of the edge.
     """
     area = size[0] * size[1]
     if area / cell > most * cell:
@@ -147,3 +144,59 @@ def ill_sized(key: str, cell: float, size: Sequence[float], most: int) -> str | 
     if cell > min(size[:2]):
         return f"{key}: {cell:g} m is wider than the floor, {min(size[:2]):g} m; use less"
     return None
+
+
+# Units for messages by the SI unit of a key, each with its size in that unit; ascending.
+SCALES: dict[str, dict[str, float]] = {
+    "m": {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3},
+    "s": {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0},
+    "m/s": {"um/s": 1e-6, "mm/s": 1e-3, "cm/s": 1e-2, "m/s": 1.0, "km/h": 1 / 3.6},
+    "m/s^2": {"mm/s^2": 1e-3, "m/s^2": 1.0},
+    "m^2/s": {"mm^2/s": 1e-6, "cm^2/s": 1e-4, "m^2/s": 1.0},
+    "m^3/s": {"mL/s": 1e-6, "L/s": 1e-3, "m^3/h": 1 / 3600.0, "m^3/s": 1.0},
+    "kg/s": {"ug/s": 1e-9, "mg/s": 1e-6, "g/s": 1e-3, "kg/s": 1.0, "g/h": 1e-3 / 3600.0},
+    "kg": {"ug": 1e-9, "mg": 1e-6, "g": 1e-3, "kg": 1.0},
+    "kg/mol": {"g/mol": 1e-3, "kg/mol": 1.0},
+    "kg/m^3": {"mg/m^3": 1e-6, "g/m^3": 1e-3, "kg/m^3": 1.0},
+    "Pa": {"mPa": 1e-3, "Pa": 1.0, "hPa": 1e2, "kPa": 1e3},
+    "K": {"K": 1.0, "degC": 1.0},
+    "W": {"mW": 1e-3, "W": 1.0, "kW": 1e3},
+    "J/kg": {"J/kg": 1.0, "kJ/kg": 1e3, "MJ/kg": 1e6},
+    "1/s": {"mHz": 1e-3, "Hz": 1.0, "kHz": 1e3},
+    "ohm": {"ohm": 1.0, "kohm": 1e3, "Mohm": 1e6},
+    "ppm": {"ppb": 1e-3, "ppm": 1.0, "%": 1e4},
+}
+_READ_ONLY = {"km/h", "m^3/h", "g/h", "degC", "km", "hPa", "cm^2/s", "%"}  # in messages, but never printed
+
+
+def short(value: float) -> str:
+    """Return the shortest text of a number to 15 digits, such as 2e-5 for 1.9999999999999998e-05."""
+    text = f"{value:.15g}"
+    return (
+        repr(float(text)).removesuffix(".0")
+        if "e" not in text
+        else text.replace("e-0", "e-").replace("e+", "e")
+    )
+
+
+def with_unit(value: float, unit: str) -> str:
+    """Return a number with its unit in a sensible scale, such as "20 mg/s" for 2e-5 kg/s; without a unit the number.
+
+    The text reads back as the same value to 15 digits.
+    """
+    name = {"1/s": "Hz"}.get(unit, unit)
+    if not name[:1].isalpha():  # such as 1/K, which no text can name
+        return short(value)
+    found = f"{short(value)} {name}"
+    if value == 0 or 0.1 <= abs(value) < 1e4:
+        return found
+    scales = [(name, size) for name, size in SCALES.get(unit, {}).items() if name not in _READ_ONLY]
+    texts = [
+        f"{short(value / size)} {name}" for name, size in scales if abs(value) >= 0.1 * size * (1 - 1e-9)
+    ]
+    return min([*texts[-1:], found], key=len)
+
+
+def units_like(unit: str) -> str:
+    """Return the units that a key in `unit` takes, for messages."""
+    return ", ".join(SCALES.get(unit, [unit]))

@@ -1,45 +1,45 @@
-"""A scenario as YAML for people: numbers with units of a sensible scale, all keys or those that the user wrote."""
+"""Readable YAML of a scenario: numbers with sensible units, all keys or those of the user."""
 
 import io
-from typing import Any
 
 import yaml
 
 from taichi_plume.scenario.facts import quantity_unit
-from taichi_plume.scenario.scales import with_unit
+from taichi_plume.scenario.quantities import with_unit
 from taichi_plume.scenario.vocabulary import Model
 
 LONGEST = 108  # characters of a line, unless a single value is longer
 FOLDED = 200  # characters that an item of a list may take and still be written in flow style, in two lines
 
 
-def readable(part: Model, own: bool = False) -> dict[str, Any]:
-    """Keys and values of a section as YAML has them; own: only the keys that were set in the file or by an override.
+def readable(part: Model, own: bool = False) -> dict[str, object]:
+    """Return keys and values of a section as YAML has them; own: only the keys set in the file or by an override.
 
-    A null is written where it was set, or where the default is another value.
+    An explicit null is written if the user set the key to null, or the default is another value.
     """
-    found = {}
-    for key, field in sorted(type(part).model_fields.items(), key=lambda one: one[0] != "kind"):
+    found: dict[str, object] = {}
+    for key, field in sorted(type(part).model_fields.items(), key=lambda item: item[0] != "kind"):
         value = vars(part)[key]
         if key in part.model_fields_set if own else value is not None or field.default is not None:
             found[key] = _plain(value, quantity_unit(type(part), key), own)
     return found
 
 
-def _plain(value: Any, unit: str, own: bool) -> Any:
+def _plain(value: object, unit: str, own: bool) -> object:
+    """Return a value as YAML has it."""
     if isinstance(value, Model):
         return readable(value, own)
     if isinstance(value, tuple | list):
-        return [_plain(one, unit, own) for one in value]
+        return [_plain(item, unit, own) for item in value]
     if isinstance(value, dict):
-        return {key: _plain(one, unit, own) for key, one in value.items()}
+        return {key: _plain(item, unit, own) for key, item in value.items()}
     if isinstance(value, float):
         return with_unit(value, unit) if unit else float(f"{value:.15g}")
     return value
 
 
 def own_keys(scenario: Model) -> str:
-    """The keys that the user wrote, as YAML in which a collection takes a line or two where it fits."""
+    """Return the keys that the user wrote as YAML; short collections take a line or two."""
     node = _Dumper(io.StringIO(), sort_keys=False).represent_data(readable(scenario, own=True))
     _fold(node, 0)
     node.flow_style = False
@@ -47,14 +47,14 @@ def own_keys(scenario: Model) -> str:
 
 
 def all_keys(scenario: Model) -> str:
-    """All keys with their values, as YAML with a key in each line."""
+    """Return all keys with their values as YAML, a key in each line."""
     node = _Dumper(io.StringIO(), sort_keys=False).represent_data(readable(scenario))
     _unfold(node)
     return yaml.serialize(node, Dumper=_Dumper, allow_unicode=True, width=LONGEST)
 
 
 def _unfold(node: yaml.Node) -> None:
-    """Set lists of numbers and names to be written in one line, and all else in several."""
+    """Write lists of numbers and names in one line, and all else in several."""
     if isinstance(node, yaml.CollectionNode):
         parts = (
             [one for pair in node.value for one in pair] if isinstance(node, yaml.MappingNode) else node.value
@@ -66,17 +66,17 @@ def _unfold(node: yaml.Node) -> None:
 
 
 class _Dumper(yaml.SafeDumper):
-    def ignore_aliases(self, data: Any) -> bool:
-        """Write a value that is there twice out twice."""
+    def ignore_aliases(self, data: object) -> bool:
+        """Write equal values without aliases."""
         return True
 
     def write_plain(self, text: str, split: bool = True) -> None:
-        """Break no line within a number and its unit."""
+        """Write a number and its unit in one line."""
         super().write_plain(text, False)
 
 
 def _fold(node: yaml.Node, column: int, most: int = LONGEST) -> int:
-    """Choose the collections that fit in one line from a column on. Return the width of the node in characters."""
+    """Set collections that fit into one line from a column on to flow style. Return the width in characters."""
     if isinstance(node, yaml.ScalarNode):
         return len(node.value) + 2
     assert isinstance(node, yaml.CollectionNode)

@@ -1,7 +1,7 @@
-"""The whole scenario vocabulary as frozen pydantic models. SI units; see `quantities` for texts with units.
+"""The scenario: all sections of an experiment as frozen pydantic models, in SI units.
 
-``python -m taichi_plume.scenario --schema`` prints the JSON schema for editors. What is wrong with a section beyond
-single keys the section tells itself, see `checks`; `loading` reads YAML.
+``python -m taichi_plume.scenario --schema`` prints the JSON schema for editors. `loading` reads YAML; `checks` collects
+the errors and warnings of all sections.
 """
 
 from collections.abc import Iterator, Mapping
@@ -11,9 +11,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import ConfigDict, Field, field_validator
 
-from taichi_plume.scenario.arena import Arena
-from taichi_plume.scenario.context import Context
-from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario import si
+from taichi_plume.scenario.domain import Arena, Context, Domain
 from taichi_plume.scenario.gases import AnySource, Gas, PureGas
 from taichi_plume.scenario.heat import Buoyancy
 from taichi_plume.scenario.maps import Map
@@ -28,22 +27,14 @@ from taichi_plume.scenario.screens import AnyScreen
 from taichi_plume.scenario.starts import too_close
 from taichi_plume.scenario.task import Task
 from taichi_plume.scenario.team_algorithms import too_many_messages
-from taichi_plume.scenario.vocabulary import (
-    COMPILED,
-    FREE,
-    Delay,
-    Duration,
-    FileName,
-    Model,
-    Tick,
-)
+from taichi_plume.scenario.vocabulary import COMPILED, FREE, FileName, Model
 from taichi_plume.scenario.winds import Wind
 
 MOST_TICKS = 2e9  # kernels count them in 32 bits
 
 
 def _or_a_project(schema: dict[str, Any]) -> None:
-    """What a file must have, unless it names a project of GADEN's."""
+    """Make the required keys optional for a file that names a project of GADEN."""
     schema["anyOf"] = [{"required": schema.pop("required")}, {"required": ["gaden"]}]
 
 
@@ -55,67 +46,66 @@ class Scenario(Model):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"), FREE] = "run"
     """Name of the experiment, and of the folders of its runs. Letters, digits, dot, underscore and dash."""
     seed: Annotated[int, Field(ge=0, lt=2**32), FREE] = 0
-    """Begin of all random numbers: the same seed makes the same run. Another one draws other eddies, noise and start
-    places."""
+    """Seed of all random numbers: the same seed makes the same run. Another one draws other eddies, noise and start
+    positions."""
     air_seed: Annotated[int, Field(ge=0, lt=2**32), FREE] | None = None
-    """Begin of the random numbers of wind and gas alone; unless given, the seed. With the same one, robots of another
-    seed, with other starts and noise, search in the same air."""
+    """Seed of wind and gas alone; unless given, `seed`. With the same air_seed and another seed, robots with other
+    starts and noise search in the same air."""
     gaden: Annotated[FileName, FREE] | None = None
-    """Path of a project of GADEN's, or of one of its simulations, in a scenario's file. Room, wind, source and gas are
-    taken from it; keys that stand beside come before."""
-    duration: Duration
-    """Time for which robots move and sensors measure, after the warm-up. The air should get through the room several
-    times."""
-    warm_up: Delay = 0.0
-    """Time before the robots start, for flow and gas to develop. The clock then shows negative times, up to 0; long
-    enough is when the air has gone through the room a few times."""
-    tick: Annotated[Tick, COMPILED] = 0.1
-    """Control period: once per tick sensors measure and robots decide. The air takes as many shorter steps in it as
-    it needs."""
+    """Path of a project of GADEN, or of one of its simulations, in a scenario's file. Room, wind, source and gas are
+    taken from it; keys of the scenario take precedence."""
+    duration: si.Duration
+    """Time for which robots move and sensors measure, after the warm-up. The air should pass the room several times."""
+    warm_up: si.Delay = 0.0
+    """Time before the robots start, for flow and gas to develop. The clock then shows negative times, up to 0; the
+    air should pass the room a few times."""
+    tick: Annotated[si.Tick, COMPILED] = 0.1
+    """Control period: once per tick sensors measure and robots decide. The air takes as many shorter steps as it
+    needs."""
     stop_early: Annotated[bool, FREE] = True
-    """End the run once no robot of any group searches any more. Each has found a source then or, where its search ends
-    so, has declared one. With false it lasts the whole duration, as for maps and measurements."""
+    """End the run once no robot of any group searches any more. Each has then found a source or, if that ends the
+    search, declared one. With false the run lasts the whole duration, as for maps and measurements."""
     domain: Domain
     """The box of air that is simulated, with its lower corner at the origin, and its grid."""
     wind: Wind
-    """How the air moves: computed, the same everywhere, random eddies, or from files."""
+    """Motion of the air: computed, uniform, random eddies, or from files."""
     obstacles: tuple[Obstacle, ...] = ()
     """Bodies that air and gas go around and robots cannot pass: boxes, cylinders, spheres, prisms, meshes."""
     gas: Gas
-    """What the air carries: which gas, how it disperses and where it comes from."""
+    """Gas in the air: its species, its dispersion model and its sources."""
     arena: Arena | None = None
     """Part of the floor that the robots may use; unless given, all of it."""
     robots: tuple[Group, ...] = ()
     """Groups of robots, each with its body, sensors and search algorithm. Without any, air and gas alone are
     simulated."""
     rivals: bool = False
-    """Whether each group searches as if the others were not there. So algorithms are compared in the same air;
-    otherwise the groups share the floor."""
+    """Whether each group searches as if the others were absent, which compares algorithms in the same air. Otherwise
+    the groups share the floor."""
     maps: tuple[Map, ...] = ()
     """Gas maps made online from the robots' readings, and scored against the mean of the true gas."""
     recording: Annotated[Recording, FREE] = Recording()
-    """What is recorded for the viewer, in recording.rrd."""
+    """Recording for the viewer, in recording.rrd."""
     forces: Annotated[Forces, FREE] = Forces()
-    """How often the force of the air on each obstacle is noted, in forces.csv."""
+    """Interval at which the force of the air on each obstacle is written to forces.csv."""
     probes: Annotated[Probes | None, FREE] = None
-    """Points at which wind, pressure, gas and temperature are noted, in probes.parquet; unless given, none."""
+    """Points at which wind, pressure, gas and temperature are written to probes.parquet; unless given, none."""
     fields: Annotated[Fields | None, FREE] = None
     """Whole wind and gas fields over time, in fields.zarr: to look at or to play back; unless given, none."""
     plumesim_log: Annotated[PlumeLog | None, FREE] = None
     """Wind and gas as a log of PlumeSim, in plume.pslog; unless given, none is written."""
     task: Annotated[Task, FREE] = Task()
-    """What the scenario is as a task to learn: episodes, airs, rewards. Runs do not look at it."""
+    """The scenario as a task to learn: episodes, airs, rewards. Runs ignore it."""
     checkpoint: Annotated[Checkpoint | None, FREE] = Checkpoint()
-    """How often the state of the run is saved, from which it can be resumed when cut off. null: never."""
+    """Interval of checkpoints, from which an interrupted run can be resumed. null: never."""
 
     @field_validator("gaden")
     @classmethod
-    def _is_carried_out(cls, value: str | None) -> str | None:
+    def _only_in_files(cls, value: str | None) -> str | None:
         if value is not None:
-            raise fault("is carried out of a scenario's file alone; in Python by load_scenario")
+            raise fault("works in the file of a scenario alone; in Python use load_scenario")
         return value
 
-    def changed(self, changes: Mapping[str, Any]) -> "Scenario":
+    def changed(self, changes: Mapping[str, object]) -> "Scenario":
         """Return the scenario with other values at the paths of keys, such as ``{"robots.0.count": 3}``.
 
         Values are as in YAML: numbers, texts such as "5 cm", lists, dicts. Raises ScenarioError, a line for each fault.
@@ -126,7 +116,7 @@ class Scenario(Model):
 
     @property
     def floor(self) -> Arena:
-        """Where robots may be."""
+        """Part of the floor for the robots."""
         width, length = self.domain.extent[:2]
         return self.arena or Arena(low=(0.0, 0.0), high=(width, length))
 
@@ -136,42 +126,42 @@ class Scenario(Model):
         return self.gas.alone("gas")
 
     def with_gases(self, others: Mapping[str, PureGas]) -> "Scenario":
-        """With other gases in place of those of some paths."""
+        """Return the scenario with other gases at some paths."""
         return self.model_copy(update={"gas": self.gas.replaced("gas", others)}) if others else self
 
     @property
     def believers(self) -> tuple[Group, ...]:
-        """Groups whose robots believe in places of the source."""
+        """Groups whose robots keep a belief about the source."""
         return tuple(group for group in self.robots if group.algorithm.believes)
 
     @property
     def seed_of_air(self) -> int:
-        """That of wind and gas."""
+        """Seed of wind and gas."""
         return self.seed if self.air_seed is None else self.air_seed
 
     @property
     def seeds(self) -> dict[str, int]:
-        """As runs tell them: the seed, and that of the air where it is given."""
+        """Seeds as runs report them: `seed` and, if given, `air_seed`."""
         return {"seed": self.seed} | ({} if self.air_seed is None else {"air_seed": self.air_seed})
 
     @property
     def air_by_chance(self) -> bool:
-        """Whether another seed makes other wind or gas."""
+        """Whether wind or gas depend on the seed."""
         return self.wind.by_chance or self.gas.by_chance or any(group.wake for group in self.robots)
 
     @property
     def openings(self) -> tuple[Opening, ...]:
-        """Those of a computed flow."""
+        """Openings of a computed flow."""
         return self.wind.computed.openings if self.wind.computed else ()
 
     @property
     def screens(self) -> tuple[AnyScreen, ...]:
-        """Those of a computed flow."""
+        """Screens of a computed flow."""
         return self.wind.computed.screens if self.wind.computed else ()
 
     @property
     def buoyancy(self) -> Buoyancy | None:
-        """That of a computed flow."""
+        """Buoyancy of a computed flow."""
         return self.wind.computed.buoyancy if self.wind.computed else None
 
     @property
@@ -198,12 +188,12 @@ class Scenario(Model):
 
     @property
     def first_tick(self) -> int:
-        """Tick at which the run begins: the warm-up in whole ticks, negative."""
+        """First tick of the run: the warm-up in whole ticks, negative."""
         return -ceil(self.warm_up / self.tick - 1e-9)
 
     @property
     def last_tick(self) -> int:
-        """Tick at which the run ends: the duration in whole ticks."""
+        """Last tick of the run: the duration in whole ticks."""
         return ceil(self.duration / self.tick - 1e-9)
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:
@@ -218,12 +208,8 @@ class Scenario(Model):
         discs: list[tuple[np.ndarray, float]] = []
         sound = self.arena is None or self.arena.fault(self.domain.extent) is None
         for n, group in enumerate(self.robots):
-            if group.name in first:
-                yield (
-                    f"robots[{n}].name: '{group.name}' is the name of robots[{first[group.name]}] too; "
-                    "give each group its own"
-                )
-            first.setdefault(group.name, n)
+            if (m := first.setdefault(group.name, n)) != n:
+                yield f"robots[{n}].name: '{group.name}' is the name of robots[{m}] too; give each group its own"
             places = group.places(self.floor) if sound else None
             if places is not None:
                 names += [(f"robots[{n}]", k) for k in range(group.count)]
@@ -231,10 +217,10 @@ class Scenario(Model):
             if discs and (self.rivals or n == len(self.robots) - 1):
                 yield from too_close(names, discs)
                 names, discs = [], []
-        yield from self._messages()
+        yield from self._too_many_messages()
 
-    def _messages(self) -> Iterator[str]:
-        """Groups that tell each other too much together, though none does alone."""
+    def _too_many_messages(self) -> Iterator[str]:
+        """Yield an error if the messages of all groups together are too many, though those of each group are not."""
         talking = [(f"robots[{n}]", group) for n, group in enumerate(self.robots) if group.algorithm.talks]
         alone = any(line for where, group in talking for line in too_many_messages(where, [group]))
         if len(talking) > 1 and not alone:

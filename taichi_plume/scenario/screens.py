@@ -1,27 +1,27 @@
-"""Screens of a scenario: what stands across the domain and lets air through, against a resistance."""
+"""Screens across the domain that let air through against a resistance (pressure drop)."""
 
 from collections.abc import Iterator
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from taichi_plume.scenario.context import Context, span
-from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.vocabulary import COMPILED, Coefficient, Color, Coordinate, Distance, Length
+from taichi_plume.scenario import si
+from taichi_plume.scenario.domain import Context, span
+from taichi_plume.scenario.vocabulary import COMPILED, Axis, Color, not_both
 from taichi_plume.scenario.windows import Window
 
 
 class Screen(Window):
-    """Something in the way of the air that it goes through: a slab across `axis` with its middle at `at`."""
+    """A permeable slab across `axis` with its middle at `at`."""
 
     color: ClassVar[Color] = (255, 213, 79)
-    axis: Literal["x", "y", "z"]
+    axis: Axis
     """Axis through the screen, across which it stands."""
-    at: Annotated[Coordinate, COMPILED]
+    at: Annotated[si.Coordinate, COMPILED]
     """Where along that axis the middle of the screen is."""
-    thickness: Annotated[Distance, COMPILED] = 0.05
+    thickness: Annotated[si.Distance, COMPILED] = 0.05
     """Thickness along the axis, in whole cells and at least one."""
-    transverse: Coefficient = 1000.0
+    transverse: si.Coefficient = 1000.0
     """Resistance along the screen over the one through it. Large values straighten the flow, 1 is for thin sheets."""
 
     @property
@@ -32,13 +32,8 @@ class Screen(Window):
         return self.at
 
     def losses(self, viscosity: float) -> tuple[float, float]:
-        """(a, b) of the pressure drop (a + b |u|) u over the density, u [m/s] through it: [m/s] and a number."""
+        """Return a [m/s] and b [-] of the pressure drop over the density, (a + b |u|) u at a velocity u [m/s]."""
         raise NotImplementedError
-
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
-        if dim == 2 and self.axis == "z":
-            yield f"{where}.axis: 'z' does not exist in a 2-D run; use x or y"
-        yield from super().misfits(where, dim)
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         domain = context.domain
@@ -46,8 +41,8 @@ class Screen(Window):
         low, high = half + domain.spacing, domain.extent[self.normal] - half - domain.spacing
         if not low - 1e-6 <= self.at <= high + 1e-6:
             yield (
-                f"{where}.at: {self.axis} = {self.at:g} m leaves less than a cell of air on each side of "
-                f"it; use {span(self.axis, low, high)}"
+                f"{where}.at: {self.axis} = {self.at:g} m leaves less than a cell of air on each side; use "
+                f"{span(self.axis, low, high)}"
                 if low <= high
                 else f"{where}.thickness: {2 * half:g} m does not fit in the domain; make it thinner"
             )
@@ -62,21 +57,17 @@ class Screen(Window):
 
 
 class Straightener(Screen):
-    """A honeycomb flow straightener: friction in its channels, and what is lost at their ends."""
+    """A honeycomb flow straightener: friction in its channels, and pressure losses at their ends."""
 
     kind: Literal["honeycomb"]
-    loss_coefficient: Coefficient | None = None
+    loss_coefficient: si.Coefficient | None = None
     """Pressure drop over the dynamic pressure: more evens the flow out more. 2 unless `cell` is given."""
-    cell: Length | None = None
+    cell: si.Length | None = None
     """Width of a channel, in place of the loss coefficient. The drop is then that of laminar friction in hexagons, f
     Re = 60.2 (Shah & London 1978, Laminar Flow Forced Convection in Ducts), and 1.2 dynamic pressures at both ends.
     """
 
-    @model_validator(mode="after")
-    def _one_loss(self) -> "Straightener":
-        if self.loss_coefficient is not None and self.cell is not None:
-            raise fault("takes loss_coefficient or cell, not both")
-        return self
+    _one_loss = not_both("loss_coefficient", "cell")
 
     def losses(self, viscosity: float) -> tuple[float, float]:
         if self.cell is None:
@@ -88,10 +79,10 @@ class Perforated(Screen):
     """A thin sheet with holes or a wire gauze."""
 
     kind: Literal["perforated"]
-    loss_coefficient: Coefficient = 2.0
+    loss_coefficient: si.Coefficient = 2.0
     """Pressure drop over the dynamic pressure: more evens the flow out more."""
-    thickness: Annotated[Distance, COMPILED] = 0.0
-    transverse: Coefficient = 1.0
+    thickness: Annotated[si.Distance, COMPILED] = 0.0
+    transverse: si.Coefficient = 1.0
 
     def losses(self, viscosity: float) -> tuple[float, float]:
         return 0.0, self.loss_coefficient / 2.0

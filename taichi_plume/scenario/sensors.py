@@ -1,18 +1,18 @@
-"""The sensors of a scenario: what each robot carries, and what is known of anemometers.
+"""Sensors of the robots: gas sensors, and anemometers with their threshold, lag and noise.
 
-To add a gas sensor: write a `GasSensor` in detectors.py (a metal oxide: an entry in metal_oxides.py) and enter it in
+To add a gas sensor: write a `GasSensor` in gas_sensors.py (a metal oxide: an entry in metal_oxides.py) and enter it in
 `Sensors`; name one of the laws of agents/gas_laws.py, or write another there.
 """
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from taichi_plume.scenario.detectors import IdealGasSensor, PidSensor, TdlasSensor
-from taichi_plume.scenario.gas_sensors import GasSensor
+from taichi_plume.scenario import si
+from taichi_plume.scenario.gas_sensors import GasSensor, IdealGasSensor, PidSensor, TdlasSensor
 from taichi_plume.scenario.metal_oxides import MoxSensor
-from taichi_plume.scenario.vocabulary import Delay, Distance, Model, Speed
+from taichi_plume.scenario.vocabulary import Model
 
 __all__ = ["Anemometer", "GasSensor", "IdealGasSensor", "MoxSensor", "PidSensor", "Sensors", "TdlasSensor"]
 
@@ -28,33 +28,33 @@ class Anemometer(Model):
     """Wind relative to the ground (own motion removed). Below its threshold it reads no wind."""
 
     kind: Literal["ultrasonic", "thermal", "ideal"]
-    """What kind of anemometer it is. A thermal one, with a hot wire, has a larger threshold and lag than an ultrasonic
-    one; an ideal one errs in nothing."""
-    threshold: Speed | None = None
-    """Smallest speed that it sees: below, it reads no wind. Unless given 0.01 (ultrasonic), 0.05 (thermal), 0
+    """Kind of anemometer. A thermal one, with a hot wire, has a larger threshold and lag than an ultrasonic
+    one; an ideal one is exact."""
+    threshold: si.Speed | None = None
+    """Smallest measured speed: below, it reads no wind. Unless given 0.01 (ultrasonic), 0.05 (thermal), 0
     (ideal)."""
-    noise: Speed | None = None
+    noise: si.Speed | None = None
     """Noise of each component, as standard deviation. Unless given 0.01 m/s + 2 % of the speed (ideal: 0)."""
-    lag: Delay | None = None
-    """Time constant with which it follows the wind. Unless given 0.1 (ultrasonic), 0.5 (thermal), 0 (ideal)."""
+    lag: si.Delay | None = None
+    """Time constant of the lag behind the wind. Unless given 0.1 (ultrasonic), 0.5 (thermal), 0 (ideal)."""
     compensated: bool = True
-    """Whether the robot's own motion is taken out; otherwise it is felt as wind from ahead."""
-    height: Distance = 0.1
+    """Whether the robot's own motion is taken out; otherwise it adds a wind from ahead."""
+    height: si.Distance = 0.1
     """Height over the floor; 3-D only."""
 
     @property
     def least(self) -> float:
-        """Smallest speed it sees [m/s]."""
+        """Smallest measured speed [m/s]."""
         return WIND_THRESHOLD[self.kind] if self.threshold is None else self.threshold
 
     @property
     def time_constant(self) -> float:
-        """Of its lag [s]."""
+        """Time constant of the lag [s]."""
         return WIND_LAG[self.kind] if self.lag is None else self.lag
 
     @property
     def scatter(self) -> tuple[float, float]:
-        """Standard deviation per component [m/s] in calm air, and by how much it grows per speed."""
+        """Standard deviation per component [m/s] in calm air, and its growth per speed."""
         if self.noise is not None or self.kind == "ideal":
             return self.noise or 0.0, 0.0
         return WIND_NOISE, WIND_NOISE_RELATIVE
@@ -64,37 +64,37 @@ OneGasSensor = Annotated[MoxSensor | PidSensor | TdlasSensor | IdealGasSensor, F
 MOST_NOSES = 8
 
 
-def _how_many(value: Any) -> str:
+def _one_or_several(value: object) -> str:
+    """Return the tag of a gas sensor or of a list of them."""
     return "several" if isinstance(value, list | tuple) else "one"
 
 
 class Sensors(Model):
-    """What a robot carries."""
+    """Sensors of a robot."""
 
     gas: Annotated[
         Annotated[OneGasSensor, Tag("one")]
         | Annotated[tuple[OneGasSensor, ...], Field(min_length=1, max_length=MOST_NOSES), Tag("several")],
-        Discriminator(_how_many),
+        Discriminator(_one_or_several),
     ] = MoxSensor(kind="mox")
-    """Which gas sensor each robot carries, or a list of several, such as one to the left and one to the right. The
-    first is the one that algorithms, maps and policies go by unless they take several."""
+    """Gas sensor of each robot, or a list of several, such as one to the left and one to the right. Algorithms, maps
+    and policies use the first, unless they take several."""
     wind: Anemometer = Anemometer(kind="ultrasonic")
-    """Which anemometer each robot carries."""
+    """Anemometer of each robot."""
 
     @property
-    def noses(self) -> tuple[GasSensor, ...]:
-        """Its gas sensors."""
+    def noses(self) -> "tuple[MoxSensor | PidSensor | TdlasSensor | IdealGasSensor, ...]":
+        """The gas sensors."""
         return self.gas if isinstance(self.gas, tuple) else (self.gas,)
 
     @property
-    def nose(self) -> Any:
-        """The first of them."""
+    def nose(self) -> "MoxSensor | PidSensor | TdlasSensor | IdealGasSensor":
+        """The first gas sensor."""
         return self.noses[0]
 
     def placed(self) -> Iterator[tuple[str, GasSensor | Anemometer]]:
-        """All of them with their paths."""
+        """Yield all sensors with their paths."""
         several = isinstance(self.gas, tuple)
-        yield from (
-            (f"sensors.gas[{n}]" if several else "sensors.gas", one) for n, one in enumerate(self.noses)
-        )
+        for n, sensor in enumerate(self.noses):
+            yield f"sensors.gas[{n}]" if several else "sensors.gas", sensor
         yield "sensors.wind", self.wind

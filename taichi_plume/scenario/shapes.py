@@ -1,4 +1,4 @@
-"""The shapes that obstacles have."""
+"""Geometric shapes of the obstacles."""
 
 from collections.abc import Callable
 from math import inf
@@ -11,7 +11,7 @@ from taichi_plume.grid.shapes import Ball, Shape, UprightBox, UprightCylinder, U
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Obstacle
 
-# Of each kind: how its shape is made of the model, the domain's extent [m] and the folder of files
+# Shape of each kind by its model, the extent of the domain [m] and the folder of input files
 SHAPES: dict[str, Callable[[Any, tuple[float, ...], Path], Shape]] = {
     "box": lambda box, extent, folder: UprightBox(box, len(extent)),
     "cylinder": lambda cylinder, extent, folder: UprightCylinder(cylinder, len(extent), _ceiling(extent)),
@@ -23,10 +23,10 @@ SHAPES: dict[str, Callable[[Any, tuple[float, ...], Path], Shape]] = {
 
 
 def shape(obstacle: Obstacle, domain: Domain, folder: Path) -> Shape:
-    """The shape of one obstacle; its file, if it has one, lies in `folder`. Raises ShapeError."""
+    """Return the shape of an obstacle; its input file lies in `folder`. Raises ShapeError."""
     return SHAPES[obstacle.kind](obstacle, domain.extent, folder)
 
 
 def _ceiling(extent: tuple[float, ...]) -> float:
-    """Its height [m]."""
+    """Return the height of the ceiling [m]; infinite in 2-D."""
     return extent[2] if len(extent) == 3 else inf

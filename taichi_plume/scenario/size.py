@@ -1,7 +1,4 @@
-"""Size of a scenario: cells, memory, disk space, steps of the flow, and roughly how long a run takes.
-
-Nothing here allocates.
-"""
+"""Size of a scenario: cells, memory, disk space, steps and time of a run, and other derived quantities."""
 
 from collections.abc import Iterator
 from math import ceil, prod
@@ -9,17 +6,18 @@ from math import ceil, prod
 import psutil
 
 from taichi_plume.scenario.probes import BYTES_PER_NUMBER
-from taichi_plume.scenario.quantities import round_up
+from taichi_plume.scenario.quantities import round_up, with_unit
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.species import AIR_VISCOSITY
 
 BYTES_PER_CELL = {2: 280, 3: 520}  # of a CFD run with one gas, at its peak while it is set up
 BYTES_PER_GAS = 16  # and cell, of every further gas
 BYTES_OF_FACTORS = 700  # per cell of a 2-D flow solved by sparse factors, at 10⁵ cells; it grows slowly
-BYTES_OF_CHANGES = 120  # per cell of a 2-D flow solved by a capacitance matrix, while that is made
+BYTES_OF_CHANGES = 120  # per cell of a 2-D flow solved by a capacitance matrix, while the matrix is built
 BYTES_PER_ENTRY = 12  # of a capacitance matrix, in double precision and its inverse
-MOST_BESIDE = 5000  # cells beside obstacles whose matrix solvers/pressure.py makes: in 6 s, 100 MB
-ENTRIES_PER_CELL = 150  # of that matrix per cell of the grid, beyond which other solvers are faster
-BESIDE = 1.15  # cells beside an obstacle per square of the grid that its surface has room for
+MOST_BESIDE = 5000  # cells beside obstacles in a matrix of solvers/pressure.py: 6 s, 100 MB
+ENTRIES_PER_CELL = 150  # of that matrix per cell of the grid; with more, other solvers are faster
+BESIDE = 1.15  # cells beside an obstacle over its surface in squares of the grid
 BYTES_PER_ROBOT = 2000  # state, readings and a few minutes of track
 BYTES_PER_PIXEL = 1.7  # and picture, of recording.rrd: measured, with arrows and tracks
 MOST_PIXELS = 400  # per axis of a recorded plane
@@ -30,7 +28,7 @@ CELL_STEPS_PER_SECOND = {2: 3e6, 3: 5e6}  # rough: wind and gas on a few CPU cor
 
 
 def estimate(scenario: Scenario) -> dict[str, float]:
-    """Rough size of a run: cells, bytes of memory and disk, steps of the flow, and seconds on a few CPU cores."""
+    """Return about the cells, memory and disk [bytes], flow steps and seconds on a few CPU cores of a run."""
     domain, wind, tick = scenario.domain, scenario.wind, scenario.tick
     cells = prod(domain.shape)
     whole = scenario.warm_up + scenario.duration
@@ -47,6 +45,7 @@ def estimate(scenario: Scenario) -> dict[str, float]:
 
 
 def _bytes(scenario: Scenario, cells: float) -> float:
+    """Return the memory [bytes] of a scenario with this number of cells."""
     domain = scenario.domain
     per_cell = BYTES_PER_CELL[domain.dim] + BYTES_PER_GAS * (len(scenario.gases) - 1)
     spacing = (prod(domain.size) / cells) ** (1.0 / domain.dim) if cells else domain.spacing
@@ -54,7 +53,7 @@ def _bytes(scenario: Scenario, cells: float) -> float:
 
 
 def _files(scenario: Scenario) -> dict[str, float]:
-    """Bytes of the large files of a run, by their names; without checkpoints."""
+    """Return the bytes of the large files of a run, by their names; without checkpoints."""
     domain, whole = scenario.domain, scenario.warm_up + scenario.duration
     films, log = scenario.fields, scenario.plumesim_log
     pixels = [min(n, MOST_PIXELS) for n in domain.shape]
@@ -70,10 +69,9 @@ def _files(scenario: Scenario) -> dict[str, float]:
     if scenario.probes is not None:
         found["probes.parquet"] = scenario.probes.bytes(scenario)
     if films is not None:
+        # at the cells, and on their faces for a playback
         of_wind, of_gas = (2 * domain.dim + 1) * ("wind" in films.quantities), 2 * ("gas" in films.quantities)
-        numbers = of_wind + of_gas * len(
-            scenario.gases
-        )  # at the cells, and on their faces for playing it again
+        numbers = of_wind + of_gas * len(scenario.gases)
         frames = films.rate * (scenario.duration - films.start)
         found["fields.zarr"] = BYTES_PER_NUMBER * numbers * frames * prod(domain.shape)
     if log is not None:
@@ -83,23 +81,25 @@ def _files(scenario: Scenario) -> dict[str, float]:
 
 
 def _others(scenario: Scenario) -> dict[str, float]:
-    """Bytes that do not depend on the grid, by what of a scenario takes them."""
+    """Return the bytes that do not depend on the grid, by the path of the section."""
     floor, tick = scenario.floor, scenario.tick
-    told = {"robots": _robots(scenario) * float(BYTES_PER_ROBOT)}
+    found = {"robots": _robots(scenario) * float(BYTES_PER_ROBOT)}
     for n, group in enumerate(scenario.robots):
-        told[f"robots[{n}].algorithm"] = group.algorithm.bytes(group, floor, tick)
+        found[f"robots[{n}].algorithm"] = group.algorithm.bytes(group, floor, tick)
     for path, gas in scenario.gases:
-        told[path] = gas.bytes(scenario.domain.dim)
-    return told
+        found[path] = gas.bytes(scenario.domain.dim)
+    return found
 
 
 def _robots(scenario: Scenario) -> int:
+    """Return the number of robots in all trials."""
     return sum(group.count * group.trials for group in scenario.robots)
 
 
 def _of_solver(scenario: Scenario, cells: float, spacing: float) -> float:
-    """Bytes of what solves for the pressure, beyond fast transforms and multigrid: where obstacles stand, or faces of
-    the domain are open in part, a capacitance matrix; if that is too large, sparse factors in 2-D.
+    """Return the bytes of the pressure solver beyond fast transforms and multigrid.
+
+    Obstacles and partly open faces need a capacitance matrix or, if that is too large in 2-D, sparse factors.
     """
     domain, dim = scenario.domain, scenario.domain.dim
     if scenario.wind.computed is None or not cells:
@@ -116,12 +116,11 @@ def _of_solver(scenario: Scenario, cells: float, spacing: float) -> float:
 
 
 def too_large(scenario: Scenario) -> Iterator[str]:
-    """Cells and memory that are too many or too few."""
+    """Yield errors about too many or too few cells, and too much memory."""
     domain = scenario.domain
     cells = prod(max(1.0, extent / domain.spacing) for extent in domain.size)
-    grids = list(_unfit(scenario))
-    yield from grids
-    if grids:
+    if grids := list(_unfit(scenario)):
+        yield from grids
         return
     needed, free = _bytes(scenario, cells), psutil.virtual_memory().available
     if needed > free:
@@ -135,8 +134,8 @@ def too_large(scenario: Scenario) -> Iterator[str]:
                 )
             else:
                 yield (
-                    f"{most}: needs {memory(others[most])} of memory, {memory(free)} are free; make what it keeps "
-                    "smaller, or use fewer robots or trials"
+                    f"{most}: needs {memory(others[most])} of memory, {memory(free)} are free; use fewer robots "
+                    "or trials"
                 )
         else:
             fits = max(domain.spacing, 1e-9 * max(domain.size))
@@ -161,7 +160,7 @@ def too_large(scenario: Scenario) -> Iterator[str]:
 
 
 def _unfit(scenario: Scenario) -> Iterator[str]:
-    """Grids of algorithms and maps that have too many or too few cells."""
+    """Yield errors about grids of algorithms and maps with too many or too few cells."""
     domain, floor = scenario.domain, scenario.floor
     lines = [gas_map.unfit(f"maps[{n}]", domain.size) for n, gas_map in enumerate(scenario.maps)]
     if floor.fault(domain.extent) is None:
@@ -170,7 +169,108 @@ def _unfit(scenario: Scenario) -> Iterator[str]:
 
 
 def memory(amount: float) -> str:
-    """Bytes in words."""
+    """Return an amount of bytes in words."""
     if amount < 9.95e8:
         return f"{max(amount / 1e6, 1.0):.2g} MB" if amount < 9.95e7 else f"{amount / 1e6:.0f} MB"
     return f"{amount / 1e9:,.0f} GB" if amount >= 1e11 else f"{amount / 1e9:.2g} GB"
+
+
+def derived(scenario: Scenario) -> Iterator[tuple[str, str]]:
+    """Yield the name and the text of each derived quantity."""
+    domain, size = scenario.domain, estimate(scenario)
+    edges = " x ".join(with_unit(extent, "m") for extent in domain.extent)
+    slab = "" if domain.dim == 3 else f", a layer of {with_unit(domain.depth, 'm')}"
+    cells = " x ".join(map(str, domain.shape))
+    yield "room", f"{edges}{slab}; {cells} = {size['cells']:,} cells of {with_unit(domain.spacing, 'm')}"
+    whole = scenario.warm_up + scenario.duration
+    ticks = scenario.last_tick - scenario.first_tick
+    before = f" after a warm-up of {with_unit(scenario.warm_up, 's')}" if scenario.warm_up else ""
+    yield (
+        "time",
+        f"{with_unit(scenario.duration, 's')}{before}: {ticks:,} ticks of {with_unit(scenario.tick, 's')}, about "
+        f"{size['steps']:,} steps of the flow of {_about(size['step'], 's')}",
+    )
+    yield from _air(scenario, whole)
+    yield from _gas(scenario)
+    if scenario.robots:
+        robots = [
+            f"{group.name}: {group.count} {group.algorithm.kind}"
+            + f" x {group.trials} trials" * (group.trials > 1)
+            for group in scenario.robots
+        ]
+        yield "robots", "; ".join(robots)
+    if scenario.maps:
+        width, length = domain.extent[:2]
+        maps = [
+            f"{one.kind} {ceil(width / one.cell - 1e-9)} x {ceil(length / one.cell - 1e-9)} cells"
+            for one in scenario.maps
+        ]
+        yield "maps", "; ".join(maps)
+
+
+def _air(scenario: Scenario, whole: float) -> Iterator[tuple[str, str]]:
+    """Yield the inflow of air, and Reynolds numbers of the room, of jets and of a cell."""
+    domain, speed = scenario.domain, scenario.wind.top_speed(scenario)
+    inflow = _inflow(scenario)
+    if inflow > 0:
+        volume = _volume(scenario)
+        yield (
+            "air",
+            f"{_about(inflow, 'm^3/s')} flows in at the start: one air change every "
+            f"{_about(volume / inflow, 's')}, {whole * inflow / volume:.3g} in the run",
+        )
+    if not speed:
+        return
+    nu = scenario.wind.computed.viscosity if scenario.wind.computed else AIR_VISCOSITY
+    jets = [
+        (
+            f"wind.openings[{n}]",
+            opening.top_speed(domain) * 2 * min(opening.region.rectangle(domain.extent)[1]),
+        )
+        for n, opening in enumerate(scenario.openings)
+        if opening.blows and opening.region is not None and opening.region.center is not None
+    ]
+    numbers = [("the room", speed * min(domain.extent)), *jets[:2], ("a cell", speed * domain.spacing)]
+    if nu:
+        shown = ", ".join(f"{_rounded(value / nu)} of {name}" for name, value in numbers if value)
+        yield "Reynolds", f"at the highest speed expected, {_about(speed, 'm/s')}: {shown}"
+
+
+def _gas(scenario: Scenario) -> Iterator[tuple[str, str]]:
+    """Yield the emission rate of each gas, and its concentration in well-mixed air."""
+    inflow, texts = _inflow(scenario), []
+    for _, gas in scenario.gases:
+        rates = [vars(source).get("rate") for source in gas.sources]
+        rate = sum(one for one in rates if one)
+        text = f"{gas.vapour.name}, {len(rates)} source{'s' * (len(rates) != 1)}"
+        if rate:
+            text += f", {_about(rate, 'kg/s')} while on"
+            if inflow > 0:
+                text += f": {rate / inflow * gas.vapour.ppm_per_density:.2g} ppm if all air is well mixed"
+        texts.append(text)
+    if len(texts) > 1 and len(set(texts)) == 1:
+        yield "gas", f"{len(texts)} parts, each {texts[0]}"
+    else:
+        yield from zip((path for path, _ in scenario.gases), texts, strict=True)
+
+
+def _inflow(scenario: Scenario) -> float:
+    """Return the flow rate into the room at the start [m³/s]."""
+    rates = [one.inflow(0.0, scenario.domain) for one in scenario.openings if not one.follows_pressure]
+    return sum(rate for rate in rates if rate > 0)
+
+
+def _volume(scenario: Scenario) -> float:
+    """Return the volume of the room with obstacles [m³]."""
+    return prod(scenario.domain.extent, start=1.0 if scenario.domain.dim == 3 else scenario.domain.depth)
+
+
+def _rounded(value: float) -> str:
+    """Return a number to two digits."""
+    value = float(f"{value:.2g}")
+    return f"{value:,.0f}" if value >= 10 else f"{value:g}"
+
+
+def _about(value: float, unit: str) -> str:
+    """Return a value to three digits, with a unit."""
+    return with_unit(float(f"{value:.3g}"), unit)

@@ -1,4 +1,4 @@
-"""Gases the simulator knows: what a vapour needs to disperse and to be read in ppm."""
+"""Properties of gases: molar mass, diffusivity, vapour pressure (Antoine equation) and latent heat."""
 
 from dataclasses import dataclass, field
 from math import exp
@@ -14,44 +14,13 @@ AIR_HEAT_DIFFUSIVITY = 2.2e-5  # m²/s
 AIR_HEAT_CAPACITY = 1006.0 * AIR_DENSITY  # J/(m³ K)
 
 
-SpeciesName = Literal[
-    "ethanol",
-    "acetone",
-    "methanol",
-    "1-propanol",
-    "2-propanol",
-    "ethyl_acetate",
-    "hexane",
-    "benzene",
-    "toluene",
-    "methane",
-    "propane",
-    "butane",
-    "isobutane",
-    "ethylene",
-    "isobutylene",
-    "hydrogen",
-    "ammonia",
-    "carbon_monoxide",
-    "carbon_dioxide",
-    "hydrogen_sulfide",
-    "sulfur_dioxide",
-    "nitrogen_dioxide",
-    "chlorine",
-    "helium",
-    "neon",
-    "sulfur_hexafluoride",
-]
-"""What a scenario can name; the figures are those of `SPECIES`."""
-
-
 @dataclass(frozen=True)
 class Species:
     """A vapour in air at 25 °C and 1 atm.
 
     name: as written in scenarios; molar_mass [kg/mol]; diffusivity [m²/s] in air.
-    What only matters where its liquid evaporates: antoine, (A, B, C) of log10(p/Pa) = A - B/(T/K + C);
-    vapour_pressure [Pa] at the liquid's temperature, where there is no Antoine equation; latent_heat [J/kg].
+    Only for evaporation from a liquid: antoine, (A, B, C) of log10(p/Pa) = A - B/(T/K + C);
+    vapour_pressure [Pa] at the liquid's temperature, if there is no Antoine equation; latent_heat [J/kg].
     """
 
     name: str
@@ -72,9 +41,9 @@ class Species:
         return (self.molar_mass / AIR_MOLAR_MASS - 1.0) * 1e-6 * self.ppm_per_density
 
     def saturation(self, temperature: float, liquid: float) -> float:
-        """Pressure [Pa] of the vapour over its liquid at `temperature` [K]; liquid: where `vapour_pressure` holds [K].
+        """Return the vapour pressure [Pa] at `temperature` [K] by the Antoine or the Clausius-Clapeyron equation.
 
-        By Antoine's equation, or that of Clausius and Clapeyron.
+        liquid: temperature [K] of `vapour_pressure`.
         """
         if self.antoine is not None:
             a, b, c = self.antoine
@@ -101,7 +70,7 @@ _A, _C = 2.124903, -273.15  # log10 of Pa per mmHg; K of 0 °C
 def _liquid(
     name: str, molar_mass: float, diffusivity: float, antoine: tuple[float, float, float], latent_heat: float
 ) -> Species:
-    """With Antoine's constants for mmHg and °C."""
+    """Return a liquid species by Antoine's constants for mmHg and °C."""
     a, b, c = antoine
     return Species(name, molar_mass, diffusivity, (a + _A, b, c + _C), latent_heat=latent_heat)
 
@@ -134,4 +103,6 @@ _KNOWN = (
     Species("neon", 20.180e-3, 3.04e-5),  # V
     Species("sulfur_hexafluoride", 146.06e-3, 1.013e-5),  # R, from 100 °C
 )
-SPECIES = {one.name: one for one in _KNOWN}
+SPECIES = {species.name: species for species in _KNOWN}
+SpeciesName = Literal[tuple(SPECIES)]  # type: ignore[valid-type]
+"""Species that a scenario can name."""

@@ -1,4 +1,4 @@
-"""Where robots start, and whether they fit there."""
+"""Start positions of robots, and checks of their distances from walls, obstacles and each other."""
 
 from collections.abc import Iterator
 from math import inf, pi, sqrt
@@ -8,13 +8,14 @@ import numpy as np
 from pydantic import Field
 
 from taichi_plume.grid.shapes import clearance_resolution
-from taichi_plume.scenario.context import Context, span
-from taichi_plume.scenario.vocabulary import COMPILED, Angle, Distance, Model, Point2
+from taichi_plume.scenario import si
+from taichi_plume.scenario.domain import Context, span
+from taichi_plume.scenario.vocabulary import COMPILED, Model
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.bodies import Body
 
-# Share that discs put down at random can cover (Feder 1980, doi:10.1016/0022-5193(80)90358-6)
+# Area fraction that randomly placed discs can cover (Feder 1980, doi:10.1016/0022-5193(80)90358-6)
 RANDOM_PACKING = 0.547
 GAP = 2e-3  # m, least air around a body at the start
 ALTITUDE = 1.0  # m, of drones
@@ -23,13 +24,13 @@ FREE_AREA_NODES = 200  # per axis, to measure the free area of a start rectangle
 
 
 class AnyStart(Model):
-    """What is asked of every start."""
+    """Base class of the starts: positions, headings and altitudes of the robots."""
 
-    heading_deg: Angle | None = None
-    """Direction in which each robot looks at the start, from the x axis to the left; unless given, drawn at random."""
-    altitude: Annotated[Distance, COMPILED] | None = None
-    """Altitude at which drones begin, of the lower end of the body over the floor; unless given, 1 m. Search algorithms
-    of the floor stay there."""
+    heading_deg: si.Angle | None = None
+    """Heading of each robot at the start, from the x axis to the left; unless given, drawn at random."""
+    altitude: Annotated[si.Distance, COMPILED] | None = None
+    """Altitude of drones at the start, of the lower end of the body over the floor; unless given, 1 m. Search
+    algorithms of the floor stay there."""
 
     @property
     def listed(self) -> np.ndarray:
@@ -37,17 +38,17 @@ class AnyStart(Model):
         return np.empty((0, 2))
 
     def places(self, count: int) -> np.ndarray | None:
-        """Where so many robots start, (count, 2) [m]; None where that is drawn, or cannot be."""
+        """Return the start positions (count, 2) [m]; None if they are drawn, or do not match the count."""
         return None
 
     def low_end(self, body: "Body") -> float:
-        """Height over the floor at which a body begins [m]."""
+        """Return the height of the lower end of a body over the floor at the start [m]."""
         if not body.flies:
             return 0.0
         return ALTITUDE if self.altitude is None else self.altitude
 
     def clashes(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
-        """What is in the way of so many robots there."""
+        """Yield errors of the start positions of so many robots."""
         raise NotImplementedError
 
 
@@ -55,7 +56,7 @@ class StartAt(AnyStart):
     """Robots at given places."""
 
     kind: Literal["positions"]
-    positions: Annotated[tuple[Point2, ...], Field(min_length=1)]
+    positions: Annotated[tuple[si.Point2, ...], Field(min_length=1)]
     """Places, each [x, y], one per robot."""
 
     @property
@@ -67,9 +68,7 @@ class StartAt(AnyStart):
 
     def clashes(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
         if len(self.positions) != count:
-            yield (
-                f"{where}.positions: {len(self.positions)} given for {count} robots; give one position per robot"
-            )
+            yield f"{where}.positions: {len(self.positions)} given for {count} robots; give one position per robot"
         else:
             yield from touching(where, body, self.listed, context, self.low_end(body))
 
@@ -78,9 +77,9 @@ class StartLine(AnyStart):
     """Robots at equal distances from `begin` to `end`."""
 
     kind: Literal["line"]
-    begin: Point2
+    begin: si.Point2
     """Place of the first robot, x and y."""
-    end: Point2
+    end: si.Point2
     """Place of the last robot, x and y; the others are at equal distances between."""
 
     def places(self, count: int) -> np.ndarray:
@@ -94,9 +93,9 @@ class StartArea(AnyStart):
     """Robots at random free places of a rectangle."""
 
     kind: Literal["area"]
-    low: Point2
+    low: si.Point2
     """Lower corner of the rectangle in which the centres are drawn, x and y."""
-    high: Point2
+    high: si.Point2
     """Upper corner of the rectangle in which the centres are drawn, x and y."""
 
     def clashes(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
@@ -106,18 +105,14 @@ class StartArea(AnyStart):
             return
         floor = context.scenario.floor
         for key, corner in (("low", low), ("high", high)):
-            for axis in range(2):
-                if not floor.low[axis] - 1e-9 <= corner[axis] <= floor.high[axis] + 1e-9:
-                    name = "xy"[axis]
-                    yield (
-                        f"{where}.{key}: {name} = {corner[axis]:g} m is not on the floor of the robots, "
-                        f"{span(name, floor.low[axis], floor.high[axis])}; move it in"
-                    )
+            for axis, x, least, most in zip("xy", corner, floor.low, floor.high, strict=True):
+                if not least - 1e-9 <= x <= most + 1e-9:
+                    yield f"{where}.{key}: {axis} = {x:g} m is not on the floor, {span(axis, least, most)}; move it in"
                     return
-        from scipy import ndimage  # here and below: a misspelt key need not wait for it
+        from scipy import ndimage  # slow to import: only for this check
 
         radius = body.radius
-        low, high = low - radius, high + radius  # where the discs may reach
+        low, high = low - radius, high + radius  # extent of the discs
         steps = (high - low) / FREE_AREA_NODES
         axes = [low[a] + (np.arange(FREE_AREA_NODES) + 0.5) * steps[a] for a in range(2)]
         nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
@@ -134,8 +129,8 @@ class StartArea(AnyStart):
         if count > most:
             group = where.removesuffix(".start")
             yield (
-                f"{group}.count: {count} robots of radius {radius:g} m do not fit at random places "
-                f"of the start area, there is room for about {most}; lower the count or enlarge {where}"
+                f"{group}.count: {count} robots of radius {radius:g} m do not fit at random into the start area, about "
+                f"{most} do; lower it or enlarge {where}"
             )
 
 
@@ -145,10 +140,10 @@ Start = Annotated[StartAt | StartLine | StartArea, Field(discriminator="kind")]
 def clearances(
     places: np.ndarray, height: float, context: Context, base: float = 0.0
 ) -> Iterator[tuple[str, str, np.ndarray, float]]:
-    """What a body of this height that begins at `base` [m] may touch: its surface, what is beyond, distance [m] from
-    places (..., 2), negative beyond, and air to leave [m].
+    """Yield each wall and obstacle that a body of this height with its lower end at `base` [m] may touch.
 
-    Robots know obstacles by their clearance map, which gives away a little more.
+    Each with the names of its surface and its inside, the distance [m] from places (..., 2), negative inside, and the
+    least gap [m], which is larger for obstacles because of the resolution of the clearance map.
     """
     floor = context.scenario.floor
     low, high = np.array(floor.low), np.array(floor.high)
@@ -160,7 +155,9 @@ def clearances(
     spare = GAP + sqrt(2) * clearance_resolution(floor.size)
     for path, one in context.resources.shapes.items():
         distance, air = one.horizontal_distance(places, base, base + height), spare
-        if one.model.motion is not None and np.isfinite(distance).any():  # of what walks they feel a disc
+        if (
+            one.model.motion is not None and np.isfinite(distance).any()
+        ):  # robots perceive moving ones as discs
             distance, air = np.linalg.norm(places - one.model.center[:2], axis=-1) - one.model.disc, GAP
         obstacle = f"{path} ({one.model.kind})"
         yield f"the surface of {obstacle}", f"inside {obstacle}", distance, air
@@ -169,22 +166,22 @@ def clearances(
 def touching(
     where: str, body: "Body", places: np.ndarray, context: Context, base: float = 0.0
 ) -> Iterator[str]:
-    """Robots that start in a wall or an obstacle, their lower ends at `base` [m]: the worst one of each."""
+    """Yield an error about the worst start in each wall or obstacle; base: height of the lower ends [m]."""
     for surface, beyond, distance, gap in clearances(places, body.height, context, base):
-        wanted = body.radius + gap - 1e-9
+        least = body.radius + gap - 1e-9
         k = int(distance.argmin())
-        if distance[k] < wanted:
-            more = int((distance < wanted).sum()) - 1
+        if distance[k] < least:
+            more = int((distance < least).sum()) - 1
             others = f" and {more} more touch it" if more else ""
             place = f"{abs(distance[k]):.3g} m from {surface}" if distance[k] >= 0 else beyond
             yield (
                 f"{where}: robot {k} at ({places[k, 0]:g}, {places[k, 1]:g}) m is {place}"
-                f"{others}; its centre must be {wanted:.3g} m or more away"
+                f"{others}; its centre must be {least:.3g} m or more away"
             )
 
 
 def too_close(names: list[tuple[str, int]], discs: list[tuple[np.ndarray, float]]) -> Iterator[str]:
-    """The two robots that overlap most, or all but touch.
+    """Yield an error about the two robots that overlap most, or nearly touch.
 
     names: path of the group and number in it, per robot. discs: places (n, 2) and radius [m], per group.
     """
@@ -194,12 +191,12 @@ def too_close(names: list[tuple[str, int]], discs: list[tuple[np.ndarray, float]
     radii = np.concatenate([np.full(len(p), r) for p, r in discs])
     _, first, same = np.unique(places, axis=0, return_index=True, return_inverse=True)
     twins = np.flatnonzero(first[same] != np.arange(len(places)))
-    if len(twins):  # a tree is slow where many places are one
+    if len(twins):  # a tree is slow with many equal positions
         i, j = first[same[twins[0]]], twins[0]
     else:
         reach = 2 * radii.max() + GAP
         distance, near = cKDTree(places).query(places, k=NEIGHBOURS, distance_upper_bound=reach)
-        near = np.minimum(near, len(places) - 1)  # where there are fewer, the distance is infinite
+        near = np.minimum(near, len(places) - 1)  # missing neighbours have infinite distance
         overlap = radii[:, None] + radii[near] - distance
         overlap[near == np.arange(len(places))[:, None]] = -inf
         i, k = np.unravel_index(np.round(overlap, 9).argmax(), overlap.shape)
@@ -209,6 +206,6 @@ def too_close(names: list[tuple[str, int]], discs: list[tuple[np.ndarray, float]
         (path, one), (other_path, other) = names[i], names[j]
         second = f"robot {other}" if other_path == path else f"{other_path} robot {other}"
         yield (
-            f"{path}.start: robot {one} and {second} are {apart:.3g} m apart, too close; "
-            f"their centres must be {least:g} m apart or more"
+            f"{path}.start: robot {one} and {second} are {apart:.3g} m apart, too close; their centres must be "
+            f"{least:g} m apart or more"
         )

@@ -1,74 +1,73 @@
-"""What a scenario is as a task to learn: episodes, the airs they are in, and rewards. See taichi_plume.envs."""
+"""A scenario as a task to learn: episodes, flow realisations (airs) and rewards. See taichi_plume.envs."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.played import Played
 from taichi_plume.scenario.quantities import number
-from taichi_plume.scenario.vocabulary import Duration, FileName, Model, Wait
+from taichi_plume.scenario.vocabulary import FileName, Model
 
 if TYPE_CHECKING:
-    from taichi_plume.scenario.context import Context
+    from taichi_plume.scenario.domain import Context
 
 Worth = number(-1e6, 1e6)
 
 
 class Reward(Model):
-    """What a robot's step is worth: the sum of these."""
+    """Reward of a robot's step: the sum of these terms."""
 
     found: Worth = 1.0
     """For finding a source: by reaching it or declaring it, as the group's `found` says."""
     time: Worth = -0.01
-    """For each second that goes by."""
+    """For each second of time."""
     path: Worth = 0.0
     """For each metre that it drives."""
     bump: Worth = -0.02
-    """Each time it meets something."""
+    """For each collision of the robot."""
     gas: Worth = 0.0
-    """Per second, times the gas entry of its observation: what it smells."""
+    """Per second, times the gas entry of its observation."""
     progress: Worth = 0.0
-    """Per metre by which it came nearer to the nearest source. It takes the true place, which no observation tells."""
+    """Per metre by which it came nearer to the nearest source. It uses the true position, which is in no
+    observation."""
     false_declaration: Worth = -0.5
     """For declaring a source where none is."""
 
 
 class Task(Model):
-    """A task to learn. Only environments look at it."""
+    """A task to learn, for environments."""
 
-    episode: Duration = 60.0
+    episode: si.Duration = 60.0
     """Longest time of an episode."""
     airs: Annotated[int, Field(ge=1, le=1000)] = 1
-    """How many airs are recorded before learning, the first with the seed of the air, the others with the next ones."""
-    film: Duration | None = None
-    """Length of each recording; unless given, twice an episode. Episodes begin at any time of it that leaves room for
-    them."""
-    frame: Wait = 0.5
+    """Number of flow realisations (airs) to record before learning. The first has the seed of the air, the others the
+    next seeds."""
+    film: si.Duration | None = None
+    """Length of each recording; unless given, twice an episode. Episodes start at any time that leaves enough of it."""
+    frame: si.Wait = 0.5
     """Time between the frames of recordings, rounded to whole ticks; in between, the air is linear in time."""
     films: tuple[FileName, ...] = ()
-    """Films to play instead, each in place of the file of what the scenario has of kind playback."""
+    """Films to play instead, each in place of the file of a wind or gas of kind playback."""
     sources: Literal["all", "one"] = "all"
-    """Whether the gases of the scenario are there together, or each episode has one of them alone, drawn."""
+    """Whether all gases of the scenario are present, or in each episode a single one, drawn at random."""
     mirror: bool = True
-    """Whether half of the episodes, drawn, are seen in a mirror: left is right, for observations and actions."""
+    """Whether a random half of the episodes is mirrored: left is right, for observations and actions."""
     units: bool = True
-    """Whether each episode draws which unit of its model a gas sensor is; otherwise each environment keeps one."""
+    """Whether each episode draws another unit of the model of a gas sensor; otherwise each environment keeps one."""
     reward: Reward = Reward()
-    """What a step is worth."""
+    """Reward of a step."""
 
     @property
     def length(self) -> float:
-        """Of each recording [s]."""
+        """Length of each recording [s]."""
         return 2.0 * self.episode if self.film is None else self.film
 
     def problems(self, where: str, context: "Context") -> Iterator[str]:
         if self.film is not None and self.film < self.episode:
-            yield (
-                f"{where}.film: {self.film:g} s is shorter than an episode of {self.episode:g} s; make it longer, or "
-                "the episode shorter"
-            )
+            yield f"{where}.film: {self.film:g} s is shorter than an episode of {self.episode:g} s; raise it"
         scenario = context.scenario
         played = [scenario.wind, *(gas for _, gas in scenario.gases)]
         if self.films and not any(isinstance(one, Played) and one.kind == "playback" for one in played):
-            yield f"{where}.films: neither wind nor gas is of kind playback, nothing plays them; make one so"
+            yield f"{where}.films: neither wind nor gas is of kind playback; use that kind for one of them"

@@ -1,4 +1,4 @@
-"""Search algorithms whose robots work as a team: they share what they know, a line, lanes or a map."""
+"""Search algorithms of teams, whose robots share messages, a line, lanes or a map."""
 
 from collections.abc import Iterator, Sequence
 from math import ceil, sqrt
@@ -7,72 +7,57 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.listening import AnyAlgorithm, Listening
 from taichi_plume.scenario.maps import MOST_CELLS, TimeSeriesMap
 from taichi_plume.scenario.quantities import round_up
 from taichi_plume.scenario.starts import GAP
-from taichi_plume.scenario.vocabulary import (
-    COMPILED,
-    Angle,
-    Coefficient,
-    Count,
-    Delay,
-    Distance,
-    Duration,
-    Fraction,
-    Length,
-    Model,
-    Ppm,
-    SomeFraction,
-    Speed,
-    TopSpeed,
-    Wait,
-)
+from taichi_plume.scenario.vocabulary import COMPILED, Model
 
 if TYPE_CHECKING:
-    from taichi_plume.scenario.arena import Arena
+    from taichi_plume.scenario.domain import Arena
     from taichi_plume.scenario.robots import Group
 
-MOST_PAIRS = 20_000_000  # of robots that remember each other's messages: half a gigabyte
+MOST_PAIRS = 20_000_000  # of robots that keep each other's messages: half a gigabyte
 MOST_LANES = 10_000
 
 
 class SearchSpace(Model):
-    """A robot listens to those that were near it when it heard them."""
+    """Robots that were near when they sent their message."""
 
     kind: Literal["search_space"]
-    distance: Length = 1.5
-    """Largest distance to those that it listens to, when it heard them."""
+    distance: si.Length = 1.5
+    """Largest distance of a neighbour when it sent its message."""
 
     @property
     def limit(self) -> float:
-        """Largest distance [m] of those it listens to."""
+        """Largest distance [m] of a neighbour."""
         return self.distance
 
 
 class FunctionValue(Model):
-    """A robot listens to those whose best readings are most like its own."""
+    """Robots whose best readings are most like the robot's own."""
 
     kind: Literal["function_value"]
-    number: Count = 2
-    """To how many it listens."""
+    number: si.Count = 2
+    """Number of neighbours of each robot."""
 
     @property
     def limit(self) -> float:
-        """How many it listens to."""
+        """Number of neighbours."""
         return float(self.number)
 
 
 class RandomMates(Model):
-    """At each way point a robot listens to others at random."""
+    """Robots that are drawn at random at each way point."""
 
     kind: Literal["random"]
-    probability: Fraction = 0.5
-    """Probability that it listens to each of the others."""
+    probability: si.Fraction = 0.5
+    """Probability that another robot becomes a neighbour."""
 
     @property
     def limit(self) -> float:
-        """Probability that it listens to one."""
+        """Probability that another robot becomes a neighbour."""
         return self.probability
 
 
@@ -81,42 +66,37 @@ class Dapso(Listening):
 
     talks: ClassVar[bool] = True
     kind: Literal["dapso"]
-    acquisition: Wait = 2.0
-    threshold_ppm: Ppm = 1.0
+    acquisition: si.Wait = 2.0
+    threshold_ppm: si.Ppm = 1.0
     """Smallest best reading that the swarm follows: below, robots explore at random places. 0: they never explore."""
-    phi1: Coefficient = 2.05
+    phi1: si.Coefficient = 2.05
     """Strength of the pull to the best place of the robot itself."""
-    phi2: Coefficient = 2.05
-    """Strength of the pull to the best place that its neighbours told of."""
-    kappa: SomeFraction = 1.0
-    """How far steps may go on: kappa of the constriction chi. Less lets steps shorten sooner."""
-    longest_step: Length = 0.5
-    """Longest way from way point to way point."""
-    memory: Delay = 60.0
+    phi2: si.Coefficient = 2.05
+    """Strength of the pull to the best place of its neighbours."""
+    kappa: si.SomeFraction = 1.0
+    """Convergence of the steps: kappa of the constriction chi. Less lets steps shorten sooner."""
+    longest_step: si.Length = 0.5
+    """Longest distance from way point to way point."""
+    memory: si.Delay = 60.0
     """Time constant with which a best reading fades, as gas comes and goes; 0: it does not."""
     neighbourhood: Annotated[SearchSpace | FunctionValue | RandomMates, Field(discriminator="kind")] = (
         SearchSpace(kind="search_space")
     )
-    """Whose best places count, of the team mates that were in range (see `communication`)."""
-    way_point_tolerance: Length = 0.05
+    """Which team mates in range (see `communication`) are neighbours, whose best places count."""
+    way_point_tolerance: si.Length = 0.05
     """Distance from a way point that counts as there."""
-    way_point_timeout: Duration = 15.0
-    """Time after which it gives a way point up and measures where it is."""
+    way_point_timeout: si.Duration = 15.0
+    """Time after which it gives up a way point and measures where it is."""
     restart_after: Annotated[int, Field(ge=0, le=1_000_000)] = 3
     """After so many short steps in a row it forgets all and drives to a random place; 0: never."""
-    restart_step: Length = 0.05
+    restart_step: si.Length = 0.05
     """Length below which a step counts as short."""
-    avoidance: Length = 0.2
-    """Air to others and to walls below which they push the robot away."""
-
-    @property
-    def threshold(self) -> float:
-        return self.threshold_ppm
+    avoidance: si.Length = 0.2
+    """Distance to walls and other robots below which they push the robot away."""
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        crowded = list(_crowded(where, self.avoidance, group, floor))
-        yield from crowded
-        if crowded:
+        if crowded := _crowded(where, self.avoidance, group, floor):
+            yield crowded
             return
         yield from too_many_messages(where, [group])
 
@@ -128,55 +108,53 @@ class LineUp(AnyAlgorithm):
     """A diagonal line of robots that sweeps across the wind (Marjovi & Marques 2014). See agents/lineup.py."""
 
     kind: Literal["lineup"]
-    speed: Speed | None = None
+    speed: si.Speed | None = None
     """Speed of a robot that takes its place; unless given, the body's largest."""
-    line_speed: TopSpeed = 0.1
+    line_speed: si.TopSpeed = 0.1
     """Speed of the line across the wind. Below that of the robots, so that they can keep up."""
-    wind_direction_deg: Angle | None = None
+    wind_direction_deg: si.Angle | None = None
     """Where the air goes, from the x axis to the left; unless given, the team measures it at the start."""
-    listen: Wait = 5.0
+    listen: si.Wait = 5.0
     """Time for which the team measures the wind at the start."""
-    spacing: Length | None = None
+    spacing: si.Length | None = None
     """Distance between neighbours along the wind; unless given, the line reaches from margin to margin."""
-    stagger: Distance = 0.3
+    stagger: si.Distance = 0.3
     """Distance between neighbours across the wind; of a lone robot, its step along the wind after each sweep."""
     mirror: bool = False
-    """Form the line anew before it goes back, so that the same end leads."""
-    margin: Length = 0.3
+    """Form the line again before it goes back, so that the same end leads."""
+    margin: si.Length = 0.3
     """Distance from the walls to the line."""
-    tolerance: Length = 0.15
+    tolerance: si.Length = 0.15
     """The line waits for robots that are farther than this from their places."""
-    patience: Delay = 10.0
+    patience: si.Delay = 10.0
     """Time without progress after which the line no longer waits for a robot."""
-    avoidance: Length = 0.1
-    """Air to others and to walls below which they push the robot away."""
+    avoidance: si.Length = 0.1
+    """Distance to walls and other robots below which they push the robot away."""
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        crowded = list(_crowded(where, self.avoidance, group, floor))
-        yield from crowded
-        if crowded:
+        if crowded := _crowded(where, self.avoidance, group, floor):
+            yield crowded
             return
         if 2 * self.margin >= min(floor.size):
-            yield f"{where}.algorithm.margin: {self.margin:g} m from all walls nothing is left of the floor; lower it"
+            yield f"{where}.algorithm.margin: {self.margin:g} m to all walls leaves no floor; lower it"
             return
         if group.count == 1:
             return
-        # Whatever the wind, the line is no longer than the diagonal; along an axis, than that side
+        # The line is at most as long as the diagonal; along an axis, as that side
         longest = sum((length - 2 * self.margin) ** 2 for length in floor.size) ** 0.5
         if self.wind_direction_deg is not None and self.wind_direction_deg % 90 == 0:
             longest = floor.size[int(self.wind_direction_deg % 180 == 90)] - 2 * self.margin
-        least = 2 * group.body.radius + GAP
+        even = longest / (group.count - 1)
         if self.spacing is not None and self.spacing * (group.count - 1) > longest + 1e-9:
             yield (
                 f"{where}.algorithm.spacing: a line of {group.count} robots {self.spacing:g} m apart does not fit "
-                f"between the margins, {longest:.3g} m; use at most {longest / (group.count - 1):.3g} m, or fewer "
-                "robots"
+                f"between the margins, {longest:.3g} m; use at most {even:.3g} m, or fewer robots"
             )
-        elif (self.spacing or longest / (group.count - 1)) < least:
+        elif (self.spacing or even) < 2 * group.body.radius + GAP:
             key = "count" if self.spacing is None else "algorithm.spacing"
             yield (
                 f"{where}.{key}: {group.count} robots {2 * group.body.radius:g} m wide would touch in a line with "
-                f"{self.spacing or longest / (group.count - 1):.3g} m from one to the next; use fewer or smaller robots"
+                f"{self.spacing or even:.3g} m from robot to robot; use fewer or smaller robots"
             )
 
 
@@ -184,19 +162,19 @@ class Sweep(AnyAlgorithm):
     """Parallel lanes to and fro, shared out between the robots of a team. See agents/sweep.py."""
 
     kind: Literal["sweep"]
-    speed: Speed | None = None
+    speed: si.Speed | None = None
     """Speed at which they drive; unless given, the body's largest."""
-    lane: Annotated[Length, COMPILED] = 0.3
-    """Largest width of a lane: narrower ones leave less of the floor out, and take longer."""
+    lane: Annotated[si.Length, COMPILED] = 0.3
+    """Largest width of a lane: narrower ones cover the floor more closely, and take longer."""
     along: Literal["x", "y"] | None = None
     """Axis along which the lanes run; unless given, the longer side of the floor."""
     repeat: bool = True
     """Go back the way they came at the end, again and again; otherwise the robots stay there."""
-    avoidance: Length = 0.05
-    """Air to others and to walls below which they push the robot away."""
+    avoidance: si.Length = 0.05
+    """Distance to walls and other robots below which they push the robot away."""
 
     def lanes(self, size: Sequence[float] | np.ndarray, robots: int) -> tuple[int, int]:
-        """The axis along which they run, and how many cover a floor of this size [m]: at least one per robot."""
+        """Return the axis of the lanes and their number on a floor of this size [m]: at least one per robot."""
         axis = int(size[1] > size[0]) if self.along is None else "xy".index(self.along)
         return axis, max(ceil(size[1 - axis] / self.lane - 1e-9), robots)
 
@@ -211,17 +189,13 @@ class Sweep(AnyAlgorithm):
         return 16.0 * group.trials * (self.lanes(floor.size, group.count)[1] + group.count)
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        crowded = list(_crowded(where, self.avoidance, group, floor))
-        yield from crowded
-        if crowded:
+        if crowded := _crowded(where, self.avoidance, group, floor):
+            yield crowded
             return
         axis, number = self.lanes(floor.size, group.count)
         width = floor.size[1 - axis]
         if self.lane > width:
-            yield (
-                f"{where}.algorithm.lane: {self.lane:g} m is wider than the floor across the lanes, {width:g} m; "
-                "use narrower lanes"
-            )
+            yield f"{where}.algorithm.lane: {self.lane:g} m is wider than the floor, {width:g} m; use narrower lanes"
         least = 2 * group.body.radius + GAP
         if group.count > 1 and width / number < least:
             key = "count" if number == group.count else "algorithm.lane"
@@ -232,21 +206,19 @@ class Sweep(AnyAlgorithm):
 
 
 class LeastKnown(AnyAlgorithm):
-    """To the places that a map of the team's readings knows least (after Marjovi & Marques, ICRA 2014). See
-    agents/least_known.py.
-    """
+    """Drive to the least known places of a map of the readings (Marjovi & Marques 2014). See agents/least_known.py."""
 
     kind: Literal["least_known"]
-    speed: Speed | None = None
+    speed: si.Speed | None = None
     """Speed at which they drive; unless given, the body's largest."""
     map: TimeSeriesMap = TimeSeriesMap(kind="time_series")
-    """The map whose weights count, of the team's readings; what it has forgotten is not known."""
-    share: SomeFraction = 0.1
+    """Map of the team's readings whose weights count; a forgotten place is unknown again."""
+    share: si.SomeFraction = 0.1
     """Share of all cells that count as the least known; the robot goes to the nearest of them."""
-    apart: Length = 0.5
+    apart: si.Length = 0.5
     """Least distance of a way point from the robot and from those of its team mates."""
-    avoidance: Length = 0.1
-    """Air to others and to walls below which they push the robot away."""
+    avoidance: si.Length = 0.1
+    """Distance to walls and other robots below which they push the robot away."""
 
     def unfit(self, where: str, floor: "Arena") -> str | None:
         return self.map.unfit(f"{where}.algorithm.map", floor.high)
@@ -255,32 +227,31 @@ class LeastKnown(AnyAlgorithm):
         return group.trials * self.map.bytes(floor.high, group.count / tick)
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        yield from _crowded(where, self.avoidance, group, floor)
+        yield from filter(None, [_crowded(where, self.avoidance, group, floor)])
         room = group.body.radius + self.avoidance
         least = 2.0 * sqrt(floor.size[0] * floor.size[1] / MOST_CELLS)
         if room < least:
             yield (
-                f"{where}.algorithm.avoidance: radius and avoidance together, {room:g} m, are too little to tell how "
-                f"so large a floor is parted; raise it to {round_up(least - group.body.radius):g} m or more"
+                f"{where}.algorithm.avoidance: radius + avoidance = {room:g} m is too little for so large a floor; "
+                f"raise it to {round_up(least - group.body.radius):g} m or more"
             )
 
 
 def too_many_messages(where: str, groups: "Sequence[Group]") -> Iterator[str]:
-    """Robots of groups keep what they heard in one table, as wide as the largest team; `where` is the last group."""
+    """Yield an error if the messages of these groups, in one table as wide as the largest team, are too many."""
     last = groups[-1]
     pairs = sum(group.count * group.trials for group in groups) * max(group.count for group in groups)
     if pairs > MOST_PAIRS:
         others = ", with those of the groups before," if len(groups) > 1 else ""
         yield (
-            f"{where}.count: {last.count} robots in {last.trials} trials{others} would keep {pairs:.2g} messages of "
-            f"each other; use fewer robots or trials, for at most {MOST_PAIRS:.2g}"
+            f"{where}.count: {last.count} robots in {last.trials} trials{others} would keep {pairs:.2g} messages; "
+            f"use fewer robots or trials, for at most {MOST_PAIRS:.2g}"
         )
 
 
-def _crowded(where: str, avoidance: float, group: "Group", floor: "Arena") -> Iterator[str]:
+def _crowded(where: str, avoidance: float, group: "Group", floor: "Arena") -> str | None:
+    """Return an error if no place on the floor is far enough from the walls."""
     gap = group.body.radius + avoidance
-    if 2 * gap >= min(floor.size):
-        yield (
-            f"{where}.algorithm.avoidance: nowhere is {gap:g} m to all walls, radius and avoidance together; "
-            "lower it"
-        )
+    if 2 * gap < min(floor.size):
+        return None
+    return f"{where}.algorithm.avoidance: no place is {gap:g} m (radius + avoidance) from all walls; lower it"

@@ -1,6 +1,6 @@
-"""What several sections of a scenario, each of which is sound, probably do not mean together.
+"""Warnings about combinations of sections that are allowed but probably not meant.
 
-Each remark is one line and cheap to know; where it is not certain it keeps a wide margin, so that it is seldom wrong.
+A warning is a line and cheap to compute; uncertain ones keep a wide margin, so that they are seldom wrong.
 """
 
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.gases import AnySource, PureGas
 from taichi_plume.scenario.listening import Listening
 from taichi_plume.scenario.plume_tracking import PlumeTracking
@@ -20,27 +20,27 @@ from taichi_plume.scenario.starts import StartArea
 from taichi_plume.scenario.windows import Region
 from taichi_plume.scenario.winds import FrozenWind
 
-SLOW = 0.1  # of the fastest air of a computed flow: it is seldom slower where a source stands
-PEAK = 3.0  # standard deviations of noise that are taken for gas every few minutes
-AT_THE_END = 0.05  # of the room: a source as near to where the air leaves makes next to no plume
+SLOW = 0.1  # of the fastest air of a computed flow: seldom slower at a source
+PEAK = 3.0  # standard deviations of noise: exceeded every few minutes
+AT_THE_END = 0.05  # of the room: a source this near to the outlet makes hardly a plume
 MISSED_MEAN = 20
 """Cells downwind of a small source within which the grid's mean is too low, in a wind of 10 % intensity (air.md)."""
 FEWEST_ACROSS = 3  # cells of an opening that blows, and of a heater
-FEWEST_ACROSS_BODY = 3  # cells of an obstacle: with 3 hardly any air flows back behind a cylinder
-TRUSTED_ACROSS_BODY = 8  # cells from which on the drag of a cylinder is within 20 % of that with 32
+FEWEST_ACROSS_BODY = 3  # cells of an obstacle: with 3 there is hardly a recirculation behind a cylinder
+TRUSTED_ACROSS_BODY = 8  # cells: with more, the drag of a cylinder is within 20 % of that with 32
 FEWEST = 6  # cells across a room whose flow is computed
-JET = 0.25  # growth of a jet's half width with the distance: beyond, its air goes round in circles
+JET = 0.25  # growth of a jet's half width with the distance: beyond, the air recirculates
 
 
 class Course(NamedTuple):
-    """Where all air of a room goes, as a unit vector, and its largest speed [m/s]."""
+    """Direction of all air of a room, as a unit vector, and its largest speed [m/s]."""
 
     along: np.ndarray
     speed: float
 
 
 def course(context: Context) -> Course | None:
-    """Known in a uniform wind, and where all that blows is on one face and all that lets air out on the opposite."""
+    """Return the course in a uniform wind, or from inlets on one face to outlets on the opposite one; else None."""
     scenario, dim = context.scenario, context.domain.dim
     uniform, speed = scenario.wind.uniform, scenario.wind.top_speed(scenario)
     if not speed:
@@ -57,7 +57,7 @@ def course(context: Context) -> Course | None:
         if region is None or opening.changes:
             return None
         if opening.passes:
-            comes_in = inward if opening.blows else not any(blown)  # what lets air through follows the others
+            comes_in = inward if opening.blows else not any(blown)  # an outlet follows the others
             ways.add((region.axis, 1 if comes_in == (region.side == 0) else -1))
     if len(ways) != 1:
         return None
@@ -66,7 +66,7 @@ def course(context: Context) -> Course | None:
 
 
 def remarks(context: Context) -> Iterator[str]:
-    """Of a scenario of which nothing is wrong."""
+    """Yield the warnings of a scenario without errors."""
     where = course(context)
     yield from _air(context, where)
     yield from _openings(context)
@@ -88,15 +88,11 @@ def _air(context: Context, where: Course | None) -> Iterator[str]:
     if computed is not None:
         driven = computed.top_speed(scenario) or any(computed.acceleration or ()) or computed.buoyancy
         if not (driven or computed.initial or any(group.wake for group in scenario.robots)):
-            yield (
-                "wind: nothing moves the air; add a fan or inlet and an outlet to wind.openings, or use kind: synthetic"
-            )
+            yield "wind: nothing moves the air; add an inlet and an outlet to wind.openings, or use kind: synthetic"
         if min(domain.shape) < FEWEST:
             across = "xyz"[domain.shape.index(min(domain.shape))]
-            yield (
-                f"domain.spacing: makes only {min(domain.shape)} cells along {across}, too few for a flow; use "
-                f"{min(domain.extent) / 10:.2g} m or less"
-            )
+            cells, most = min(domain.shape), min(domain.extent) / 10
+            yield f"domain.spacing: makes only {cells} cells along {across}, too few; use at most {most:.2g} m"
     if where is None:
         return
     crossing = float(np.abs(where.along) @ domain.extent) / where.speed
@@ -104,17 +100,17 @@ def _air(context: Context, where: Course | None) -> Iterator[str]:
     if whole < crossing:
         yield (
             f"duration: with the warm-up it is {whole:g} s, but the air takes at least {crossing:.3g} s through the "
-            "room; make one of them longer"
+            "room; raise one of them"
         )
     if isinstance(wind, FrozenWind) and wind.after < crossing <= whole:
         yield (
             f"wind.after: {wind.after:g} s is less than the {crossing:.3g} s or more that the air takes through the "
-            "room: it would be kept before it has got there"
+            "room; raise it"
         )
 
 
 def _openings(context: Context) -> Iterator[str]:
-    """What blows through too few cells."""
+    """Yield warnings of openings that blow through too few cells."""
     domain = context.domain
     for n, opening in enumerate(context.scenario.openings):
         if opening.region is None or not opening.blows:
@@ -128,7 +124,7 @@ def _openings(context: Context) -> Iterator[str]:
 
 
 def _heaters(context: Context) -> Iterator[str]:
-    """Warnings of heaters that span too few cells for the plume above them."""
+    """Yield warnings of heaters that span too few cells for the plume above them."""
     buoyancy, spacing = context.scenario.buoyancy, context.domain.spacing
     if context.scenario.wind.computed is None or buoyancy is None or buoyancy.heat is None:
         return
@@ -137,13 +133,12 @@ def _heaters(context: Context) -> Iterator[str]:
         if width < FEWEST_ACROSS * spacing * (1 - 1e-6):
             yield (
                 f"wind.buoyancy.heat.heaters[{n}].radius: the heater is {width:g} m wide, {width / spacing:.2g} cells, "
-                f"so its plume starts about {FEWEST_ACROSS * spacing:g} m wide; use a domain.spacing of "
-                f"{width / FEWEST_ACROSS:.2g} m or less, or a wider heater"
+                f"too few; use a domain.spacing of {width / FEWEST_ACROSS:.2g} m or less, or a wider heater"
             )
 
 
 def _obstacles(context: Context) -> Iterator[str]:
-    """Obstacles with too few cells across for the drag and the wake of a computed wind; one line for all."""
+    """Yield a warning of all obstacles with too few cells across for drag and wake in a computed wind."""
     if context.scenario.wind.computed is None:
         return
     dx = context.domain.spacing
@@ -156,8 +151,8 @@ def _obstacles(context: Context) -> Iterator[str]:
         n, width = min(widths.items(), key=lambda item: item[1])
         others = f" ({len(widths) - 1} more are narrow too)" if len(widths) > 1 else ""
         yield (
-            f"obstacles[{n}]: the obstacle is {width:g} m wide, {width / dx:.2g} cells{others}: do not trust the drag "
-            f"and the wake; use a domain.spacing of {width / TRUSTED_ACROSS_BODY:.2g} m or less where they matter"
+            f"obstacles[{n}]: the obstacle is {width:g} m wide, {width / dx:.2g} cells{others}, too few for drag and "
+            f"wake; use a domain.spacing of {width / TRUSTED_ACROSS_BODY:.2g} m or less where they matter"
         )
 
 
@@ -165,50 +160,43 @@ def _obstacles(context: Context) -> Iterator[str]:
 
 
 def _source(path: str, source: AnySource, context: Context, where: Course | None) -> Iterator[str]:
-    """One that is where the air does not carry gas to anyone, or smaller than the grid sees."""
+    """Yield warnings of a source that is too small for the grid, or whose gas reaches nobody."""
     scenario, domain = context.scenario, context.domain
     gas = dict(scenario.gases)[path.rpartition(".")[0]]
     if gas.on_grid and source.radius < 0.5 * domain.spacing * (1 - 1e-6):
         yield (
-            f"{path}.radius: {source.radius:g} m is less than half a cell of {domain.spacing:g} m: the plume is too "
-            f"wide and its mean too low within about {MISSED_MEAN * domain.spacing:.2g} m; lower domain.spacing or use "
-            "kind: puffs where gas near the source counts"
+            f"{path}.radius: {source.radius:g} m is less than half a cell of {domain.spacing:g} m, so the mean is too "
+            f"low within about {MISSED_MEAN * domain.spacing:.2g} m; lower domain.spacing, or use kind: puffs"
         )
     if where is None:
         return
     corner = np.where(where.along > 0, domain.extent, 0.0)  # where the air leaves
     left = float(where.along @ (corner - source.position))
     if left < AT_THE_END * float(np.abs(where.along) @ domain.extent):
-        yield (
-            f"{path}.position: is {left:.2g} m from where the air leaves the room: its gas is blown out at once; move "
-            "the source upwind"
-        )
+        yield f"{path}.position: is {left:.2g} m from the outlet of the air; move the source upwind"
     elif scenario.openings and not any(
         _in_jet(opening.region, np.array(source.position), context)
         for opening in scenario.openings
         if opening.blows and opening.region is not None
     ):
-        yield (
-            f"{path}.position: lies beside the jets of all openings that blow, where the air goes round in circles; "
-            "put it in front of one where a plume is wanted"
-        )
+        yield f"{path}.position: lies beside the jets of all openings; put it into a jet for a plume"
 
 
-def _in_jet(region: Region, place: np.ndarray, context: Context) -> bool:
-    """Whether a place is within what may become of the jet of an opening."""
+def _in_jet(region: Region, point: np.ndarray, context: Context) -> bool:
+    """Return whether a point lies inside the expected jet of an opening."""
     center, half = map(np.array, region.rectangle(context.domain.extent))
-    away = abs(place[region.axis] - region.level(context.domain.extent))
-    apart = np.abs(place[region.along(context.domain.dim)] - center)
+    away = abs(point[region.axis] - region.level(context.domain.extent))
+    apart = np.abs(point[region.along(context.domain.dim)] - center)
     return bool((apart <= 1.2 * half + JET * away).all())
 
 
 def peak(gas: PureGas, source: AnySource, context: Context, slow: bool = True) -> float | None:
-    """About the largest concentration [ppm] at a source; None where that cannot be told.
+    """Return about the largest concentration [ppm] at a source; None if unknown.
 
-    slow: in the slowest air that is to be expected there; otherwise in the fastest.
+    slow: in the slowest expected air; otherwise in the fastest.
     """
     scenario = context.scenario
-    dish, rate = getattr(source, "dish", None), getattr(source, "rate", None)
+    dish, rate = vars(source).get("dish"), vars(source).get("rate")
     if dish is not None:
         liquid = gas.vapour.antoine or gas.vapour.vapour_pressure
         if not (slow and liquid):
@@ -225,34 +213,32 @@ def peak(gas: PureGas, source: AnySource, context: Context, slow: bool = True) -
 
 
 def _peaks(context: Context) -> list[float] | None:
-    """Of all sources, each as its own; None where one cannot be told."""
+    """Return the peak concentration [ppm] of each source; None if one is unknown."""
     gases = dict(context.scenario.gases)
     found = [peak(gases[path.rpartition(".")[0]], one, context) for path, one in context.scenario.sources]
-    told = [one for one in found if one is not None]
-    return told if told and len(told) == len(found) else None
+    known = [one for one in found if one is not None]
+    return known if known and len(known) == len(found) else None
 
 
 def _concentrations(context: Context) -> Iterator[str]:
-    """More gas than there can be, and a scale of colours that shows none."""
+    """Yield warnings of concentrations above pure gas, and of a colour scale that shows none."""
     gases, recording = dict(context.scenario.gases), context.scenario.recording
     for path, source in context.scenario.sources:
         least = peak(gases[path.rpartition(".")[0]], source, context, slow=False)
         if least is not None and least > 1e6:
-            yield (
-                f"{path}.rate: makes about {least:.2g} ppm at the source, more than pure gas; is its unit right?"
-            )
+            yield f"{path}.rate: makes about {least:.2g} ppm at the source, more than pure gas; check its unit"
     peaks = _peaks(context)
     if peaks and recording.range_ppm[0] > sum(peaks):
         yield (
-            f"recording.range_ppm: begins at {recording.range_ppm[0]:g} ppm, more than the gas has at its source, "
-            f"about {sum(peaks):.2g} ppm: no plume will be seen"
+            f"recording.range_ppm: starts at {recording.range_ppm[0]:g} ppm, more than at the source, about "
+            f"{sum(peaks):.2g} ppm; lower it"
         )
     followers = [one.algorithm for one in context.scenario.robots if isinstance(one.algorithm, PlumeTracking)]
     least = min((one.threshold_ppm for one in followers), default=None)
     if least is not None and recording.range_ppm[0] > least:
         yield (
-            f"recording.range_ppm: begins at {recording.range_ppm[0]:g} ppm, but robots follow gas from {least:g} ppm "
-            "on: they will seem to follow nothing"
+            f"recording.range_ppm: starts at {recording.range_ppm[0]:g} ppm, but robots follow gas from {least:g} ppm "
+            "on; lower it"
         )
 
 
@@ -260,11 +246,9 @@ def _concentrations(context: Context) -> Iterator[str]:
 
 
 def _group(path: str, group: Group, context: Context, where: Course | None) -> Iterator[str]:
+    """Yield warnings of a group of robots."""
     if group.begin >= context.scenario.duration:
-        yield (
-            f"{path}.begin: {group.begin:g} s is not before the end at {context.scenario.duration:g} s: its robots "
-            "never set off"
-        )
+        yield f"{path}.begin: {group.begin:g} s is not before the end at {context.scenario.duration:g} s; lower it"
         return
     yield from _smells(path, group, context)
     yield from _starts(path, group, context, where)
@@ -272,39 +256,39 @@ def _group(path: str, group: Group, context: Context, where: Course | None) -> I
     step = group.body.max_speed * scenario.tick
     if 0 < group.reach < step:
         yield (
-            f"{path}.reach: {group.reach:g} m is less than the {step:g} m that a robot drives in a tick: it may pass a "
+            f"{path}.reach: {group.reach:g} m is less than the {step:g} m that a robot drives in a tick: it may miss a "
             "source; lower tick"
         )
     if isinstance(algorithm, Listening) and algorithm.settle + algorithm.acquisition >= group.time(
         scenario.duration
     ):
         yield (
-            f"{path}.algorithm.acquisition: {algorithm.acquisition:g} s and {algorithm.settle:g} s to settle are not "
-            f"over within {_time(group, context)}: they will stand still"
+            f"{path}.algorithm.acquisition: {algorithm.acquisition:g} s and {algorithm.settle:g} s to settle are "
+            f"longer than {_time(group, context)}; lower them"
         )
     fastest, least = scenario.wind.top_speed(scenario), group.sensors.wind.least
     if isinstance(algorithm, PlumeTracking) and fastest and least >= fastest:
         yield (
-            f"{path}.sensors.wind: sees no wind below {least:g} m/s, and the air moves with {fastest:.2g} m/s at most: "
-            f"{algorithm.kind} will not know where upwind is; use another kind or a lower threshold"
+            f"{path}.sensors.wind: measures no wind below {least:g} m/s, but the air moves with {fastest:.2g} m/s at "
+            f"most, and {algorithm.kind} needs its direction; use another kind or a lower threshold"
         )
 
 
 def _time(group: Group, context: Context) -> str:
-    """The time that a group has, in words."""
+    """Return the time of the search of a group in words."""
     duration = context.scenario.duration
     return f"the {group.time(duration):g} s after begin" if group.begin else f"the duration of {duration:g} s"
 
 
 def _smells(path: str, group: Group, context: Context) -> Iterator[str]:
-    """Thresholds that noise crosses, or nothing."""
+    """Yield warnings of thresholds that noise crosses, or that no reading reaches."""
     sensor, threshold = group.sensors.nose, group.algorithm.threshold
     if not threshold:
         return
     key = f"{path}.algorithm.threshold_ppm"
     if isinstance(sensor, TdlasSensor):
         if sensor.gives == "integral":
-            yield f"{key}: {threshold:g} is taken in ppm m, in which the laser reads; or let it give the mean"
+            yield f"{key}: {threshold:g} counts in ppm m, the unit of the laser; or use sensors.gas.gives: mean"
         return
     if isinstance(sensor, MoxSensor):
         c0, b = sensor.reading_curve
@@ -313,10 +297,8 @@ def _smells(path: str, group: Group, context: Context) -> Iterator[str]:
     else:
         noise = sensor.noise_ppm / sqrt(sensor.averaged)
         if threshold < sensor.detection_limit_ppm:
-            yield (
-                f"{key}: {threshold:g} ppm is below what the sensor tells, sensors.gas.detection_limit_ppm: "
-                f"{sensor.detection_limit_ppm:g} ppm"
-            )
+            limit = sensor.detection_limit_ppm
+            yield f"{key}: {threshold:g} ppm is below sensors.gas.detection_limit_ppm: {limit:g} ppm; raise it"
     if threshold < PEAK * noise:
         yield (
             f"{key}: {threshold:g} ppm is crossed by the sensor's noise alone, {noise:.2g} ppm; raise it above "
@@ -326,14 +308,11 @@ def _smells(path: str, group: Group, context: Context) -> Iterator[str]:
     if peaks:
         most = max(sensor.reads(gas.vapour.name, sum(peaks)) for _, gas in context.scenario.gases)
         if threshold > most:
-            yield (
-                f"{key}: {threshold:g} ppm is more than the sensor reads at the source itself, about {most:.2g} ppm; "
-                "lower it, or raise the source's rate"
-            )
+            yield f"{key}: {threshold:g} ppm is more than a reading at the source, about {most:.2g} ppm; lower it"
 
 
 def _starts(path: str, group: Group, context: Context, where: Course | None) -> Iterator[str]:
-    """Robots that cannot come to a source, or search away from it."""
+    """Yield warnings of robots that cannot reach a source, or start upwind of all."""
     scenario, floor = context.scenario, context.scenario.floor
     sources = np.array([source.position[:2] for _, source in scenario.sources])
     if not len(sources) or not group.reach:
@@ -342,8 +321,8 @@ def _starts(path: str, group: Group, context: Context, where: Course | None) -> 
     away = np.linalg.norm(outside, axis=1).min()
     if away > group.reach:
         yield (
-            f"{path}.reach: no source is within {group.reach:g} m of where robots may go, the nearest is {away:.3g} m "
-            "outside of the arena; enlarge one of them"
+            f"{path}.reach: {group.reach:g} m is too little for the nearest source, {away:.3g} m outside the arena; "
+            "enlarge one of them"
         )
         return
     places = group.places(floor)
@@ -356,18 +335,15 @@ def _starts(path: str, group: Group, context: Context, where: Course | None) -> 
     else:
         apart = np.linalg.norm(places[:, None] - sources, axis=-1)
     way = float(apart.min()) - group.reach
-    speed = getattr(group.algorithm, "speed", None)
+    speed = group.algorithm.own_speed
     speed = group.body.max_speed if speed is None else min(speed, group.body.max_speed)
     most = speed * group.time(scenario.duration)
     if speed and way > most and (group.algorithm.searches or not scenario.maps):
         yield (
-            f"{path}: start {way:.3g} m or more from where a source counts as found, and drive at most "
-            f"{most:.3g} m in {_time(group, context)}; start them nearer, or make it longer"
+            f"{path}: the robots start {way:.3g} m or more from where a source counts as found, but drive at most "
+            f"{most:.3g} m in {_time(group, context)}; start them nearer, or raise duration"
         )
     if where is not None and isinstance(group.algorithm, PlumeTracking):
         along = where.along[:2]
         if (places @ along).max() < (sources @ along).min() - group.reach:
-            yield (
-                f"{path}.start: all robots start upwind of every source, where none of its gas comes, and "
-                f"{group.algorithm.kind} searches upwind first; start them downwind"
-            )
+            yield f"{path}.start: all robots start upwind of every source; start them downwind"

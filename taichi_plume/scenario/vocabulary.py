@@ -1,4 +1,4 @@
-"""What every section of a scenario is made of: kinds of numbers with units, and the frozen model."""
+"""Base class of all sections of a scenario, and the types of its numbers with units and limits."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -8,39 +8,45 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar, get_ar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
-from taichi_plume.scenario.quantities import fault, number, quantity
+from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.suggestions import meant_key
 
 if TYPE_CHECKING:
-    from taichi_plume.scenario.context import Context
+    from taichi_plume.scenario.domain import Context
 
 Mark = TypeVar("Mark")
 
 
 class Compiled:
-    """Marks a number (as ``Annotated[Length, COMPILED]``) that shapes of fields, tables or kernels depend on.
+    """Mark of a number (as ``Annotated[Length, COMPILED]``) on which shapes of fields, tables or kernels depend.
 
-    Kinds, names, counts and lengths of lists do anyhow. All other numbers reach kernels when they run: a reset may
-    change them, see `Simulation.reset`.
+    They depend on kinds, names, counts and lengths of lists anyway. All other numbers reach kernels at run time: a
+    reset may change them, see `Simulation.reset`.
     """
 
 
 class Free:
-    """Marks what a reset may change although it is no float, and all below it: nothing was built from it."""
+    """Mark of a key that a reset may change, with all below it, although its value is no float."""
 
 
 class InputFile:
-    """Marks the path of a file that a run reads, relative to the scenario's folder; of several, with %d or %g in it."""
+    """Mark of the path of an input file, relative to the scenario's folder; with %d or %g, of several files."""
 
 
-COMPILED = Compiled()
-FREE = Free()
-INPUT_FILE = InputFile()
+class Spatial:
+    """Mark of a key that is of 3-D runs alone: in 2-D its value must be zero, false or not given."""
+
+
+class Plane:
+    """Mark of names of faces or axes, whose z does not exist in 2-D runs."""
+
+
+COMPILED, FREE, INPUT_FILE, SPATIAL = Compiled(), Free(), InputFile(), Spatial()
 
 
 @dataclass(frozen=True)
 class Vector:
-    """Marks numbers that are one per axis of the run, or of a plane in it, which has one axis `fewer`."""
+    """Mark of a list with a number per axis of the run, or of a plane in it, which has one axis `fewer`."""
 
     fewer: int
 
@@ -49,123 +55,64 @@ PER_AXIS = Vector(0)
 PER_FACE = Vector(1)
 
 
-def per_axis(number: Any) -> Any:
-    """The annotated type of one `number` for all axes, or of a list of one per axis."""
+def one_or_several(item: Any, most: int) -> Any:
+    """Return the annotated type of a single item, or of a list of up to `most` of them."""
     return Annotated[
-        tuple[number, ...],
-        Field(min_length=1, max_length=3),
+        tuple[item, ...],
+        Field(min_length=1, max_length=most),
         BeforeValidator(
             lambda value: value if isinstance(value, list | tuple) else (value,),
-            json_schema_input_type=number | list[number],
+            json_schema_input_type=item | list[item],
         ),
     ]
 
 
-# Each kind of quantity with what it can sensibly be: from instruments of a micrometre to fields of 100 km, seconds to
-# decades. Wide, but finite: beyond is a slip of the unit or the keyboard. Coordinates may be those of a map.
-Coordinate = quantity("m", least=-1e7, most=1e7)
-Length = quantity("m", gt=0, least=1e-6, most=1e5, likely="mm")
-Distance = quantity("m", ge=0, most=1e5, likely="mm")
-BodyLength = quantity("m", gt=0, least=1e-3, most=100, likely="mm")  # of robots: contact is 0.1 mm
-Duration = quantity("s", gt=0, least=1e-6, most=1e9)
-Time = quantity("s", least=-1e9, most=1e9)
-Delay = quantity("s", ge=0, least=1e-6, most=1e9, or_zero=True)
-Wait = quantity("s", gt=0, least=1e-6, most=1e5)  # robots count it in ticks, in 32 bits
-Pause = quantity("s", ge=0, most=1e5)  # likewise
-Speed = quantity("m/s", ge=0, most=100, likely="mm/s")  # air is incompressible up to about there
-Velocity = quantity("m/s", least=-100, most=100, likely="mm/s")
-Acceleration = quantity("m/s^2", least=-1000, most=1000)
-Thrust = quantity("m/s^2", gt=0, least=1e-6, most=1e4)
-Rate = quantity("kg/s", ge=0, most=1, likely="mg/s")
-Mass = quantity("kg", ge=0, most=1, likely="mg")
-BodyMass = quantity("kg", gt=0, least=1e-4, most=1000, likely="g")
-Frequency = quantity("1/s", gt=0, least=1e-9, most=1e6)
-MolarMass = quantity("kg/mol", gt=0, least=1e-3, most=1, likely="g/mol")
-Pressure = quantity("Pa", gt=0, least=1e-9, most=1e6)
-FlowRate = quantity("m^3/s", gt=0, least=1e-9, most=1000, likely="m^3/h")
-TopSpeed = quantity("m/s", gt=0, least=1e-6, most=100, likely="mm/s")
-Tick = quantity("s", gt=0, le=1, least=1e-4)
-Viscosity = quantity("m^2/s", ge=0, most=1, likely="mm^2/s")  # as much as an exact solution may ask for
-Diffusivity = quantity("m^2/s", ge=0, most=1, likely="mm^2/s")  # of molecules
-EddyDiffusivity = quantity("m^2/s", ge=0, most=1e4)
-Dissipation = quantity("m^2/s^3", gt=0, least=1e-12, most=1e3)
-Temperature = quantity("K", least=200, likely="degC", most=500)
-Power = quantity("W", least=-1e7, most=1e7)
-SurfaceVelocity = quantity("m/s", gt=0, least=1e-9, most=1, likely="mm/s")  # of gas that reaches a surface
-Concentration = quantity("ppm", ge=0, most=1e6)
-HeatTransfer = quantity("W/m^2/K", gt=0, least=1e-6, most=1e6)
-HeatCapacity = quantity("J/m^3/K", gt=0, least=1, most=1e8)
-Resistance = quantity("ohm", gt=0, least=1, most=1e9)
-LatentHeat = quantity("J/kg", gt=0, least=1e4, most=1e8, likely="MJ/kg")
-Expansion = quantity("1/K", ge=0, most=1)
-Fraction = number(0, 1)
-SomeFraction = number(1e-6, 1)
-Angle = number(-1e4, 1e4, "deg")
-AngleNoise = number(0, 1e4, "deg")
-TurnRate = number(1e-3, 1e6, "deg/s")
-Ppm = Concentration
-SomePpm = quantity("ppm", gt=0, least=1e-9, most=1e6)
-FullScale = quantity("ppm", gt=0, least=1e-6, most=1e6)
-Intensity = number(0, 10)
-Coefficient = number(0, 1e6)
-SomeCoefficient = number(1e-6, 1e6)
-Prandtl = number(0.01, 100)
-Exponent = number(0.01, 10)
-Swirl = number(-100, 100)
-Magnitude = number(1e-12, 1e12)  # in a unit of someone else's
-Count = Annotated[int, Field(ge=1, le=1_000_000)]
-Point = Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=3), PER_AXIS]
-Edges = Annotated[tuple[Length, ...], Field(min_length=2, max_length=3), PER_AXIS]
-Velocities = Annotated[tuple[Velocity, ...], Field(min_length=2, max_length=3), PER_AXIS]
-Accelerations = Annotated[tuple[Acceleration, ...], Field(min_length=2, max_length=3), PER_AXIS]
-Point2 = tuple[Coordinate, Coordinate]
 FileName = Annotated[str, Field(min_length=1), INPUT_FILE]
 Convection = Literal["koren", "weno5"]
 MomentumConvection = Literal["upwind5", "koren", "weno5"]
-Face = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
+Face = Annotated[Literal["x-", "x+", "y-", "y+", "z-", "z+"], Plane()]
+Axis = Annotated[Literal["x", "y", "z"], Plane()]
 Color = tuple[int, int, int]
-Diffusivities = per_axis(EddyDiffusivity)
-Intensities = per_axis(Intensity)
 
 
 @cache
 def mark_of(model: type["Model"], key: str, kind: type[Mark]) -> Mark | None:
-    """The mark of that class on a key of a model, or on a part of its type."""
+    """Return the mark of this class on a key of a model, or on a part of its type; None if there is none."""
     field = model.model_fields[key]
-    return next((one for one in (*field.metadata, *_marks(field.annotation)) if isinstance(one, kind)), None)
+    return next(
+        (mark for mark in (*field.metadata, *_marks(field.annotation)) if isinstance(mark, kind)), None
+    )
 
 
 def marked(model: type["Model"], key: str, kind: type) -> bool:
-    """Whether there is one."""
+    """Return whether a key of a model, or a part of its type, has a mark of this class."""
     return mark_of(model, key, kind) is not None
 
 
-def _marks(kind: Any) -> Iterator[Any]:
-    """What types are annotated with, outside of models."""
+def _marks(kind: object) -> Iterator[object]:
+    """Yield the annotations within a type, outside of models."""
     if get_origin(kind) is Annotated:
-        yield from kind.__metadata__
+        yield from get_args(kind)[1:]
     for part in get_args(kind):
         yield from _marks(part)
 
 
 class Model(BaseModel):
-    """A frozen section of a scenario that names its keys when one is misspelt."""
+    """A frozen section of a scenario."""
 
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, defer_build=True
-    )  # what no scenario has is not built
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)  # unused sections are not built
 
     @property
     def by_chance(self) -> bool:
-        """Whether something of it is drawn from the seed; unless it says so itself, whether it is of a part of it."""
-        values = [
-            one for value in vars(self).values() for one in (value if type(value) is tuple else (value,))
-        ]
-        return any(one.by_chance for one in values if isinstance(one, Model))
+        """Whether something is drawn from the seed: by default, whether a part of the section does so."""
+        values = (value if isinstance(value, tuple) else (value,) for value in vars(self).values())
+        return any(part.by_chance for parts in values for part in parts if isinstance(part, Model))
 
-    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Copy with other values. Raises ScenarioError, with a line for each unknown key and each bad value."""
-        from taichi_plume.scenario.loading import ScenarioError, explain, of_python  # it imports this module
+    def model_copy(self, *, update: Mapping[str, object] | None = None, deep: bool = False) -> Self:
+        """Return a copy with other values. Raises ScenarioError, with a line per unknown key and bad value."""
+        # these import this module
+        from taichi_plume.scenario.error_messages import explain
+        from taichi_plume.scenario.loading import ScenarioError, of_python
 
         if not update:
             return super().model_copy(deep=deep)
@@ -175,7 +122,7 @@ class Model(BaseModel):
         except ValidationError as error:
             raise ScenarioError(explain(error, data, type(self))) from None
 
-    def __setattr__(self, name: str, value: Any) -> None:
+    def __setattr__(self, name: str, value: object) -> None:
         """Raise AttributeError: sections are frozen. Pydantic's own attributes can be set."""
         if not name.startswith("_"):
             raise AttributeError(
@@ -186,19 +133,18 @@ class Model(BaseModel):
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> Any:
-        from taichi_plume.scenario.facts import facts  # it knows what this file marks
+        from taichi_plume.scenario.facts import facts  # imports this module
 
         schema = handler(core_schema)
-        for key, told in handler.resolve_ref_schema(schema)["properties"].items():
-            its = facts(cls, key)
-            told["description"] = (
-                f"{its.meaning}\n\n{its.figures}" if key != "kind" or its.default else its.meaning
-            )
+        for key, entry in handler.resolve_ref_schema(schema)["properties"].items():
+            fact = facts(cls, key)
+            figures = f"\n\n{fact.figures}" if key != "kind" or fact.default else ""
+            entry["description"] = fact.meaning + figures
         return schema
 
     @model_validator(mode="before")
     @classmethod
-    def _known_keys(cls, data: Any) -> Any:
+    def _known_keys(cls, data: object) -> object:
         if isinstance(data, dict):
             allowed = list(cls.model_fields)
             for key in data:
@@ -212,36 +158,80 @@ class Model(BaseModel):
         return data
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:
-        """What goes with runs of another dimension than `dim`: vectors, and what a section knows besides.
+        """Yield an error for each key that does not fit a run in `dim` dimensions.
 
-        Here and below a line per fault: its path, where `where` is the section's, what is wrong, what would be right.
+        Here and below an error is a line: path of the key (`where` is that of the section), what is wrong, what is
+        allowed.
         """
-        for key in type(self).model_fields:
-            vector, value = mark_of(type(self), key, Vector), vars(self)[key]
+        model = type(self)
+        for key in model.model_fields:
+            vector, value = mark_of(model, key, Vector), vars(self)[key]
             if vector is not None and value is not None and len(value) != dim - vector.fewer:
                 has = f"{len(value)} number{'s' * (len(value) > 1)}"
                 axes = "along the face" if vector.fewer else "x and y" if dim == 2 else "x, y and z"
                 yield f"{where}.{key}: has {has}, a {dim}-D run takes {dim - vector.fewer} here: {axes}"
+            if dim == 2 and value and marked(model, key, Spatial):
+                yield f"{where}.{key}: is for 3-D runs; remove it, or give domain.size three numbers"
+            if dim == 2 and value and marked(model, key, Plane):
+                for n, name in enumerate(value if isinstance(value, tuple) else (value,)):
+                    if name[0] == "z":
+                        place = f"[{n}]" * isinstance(value, tuple)
+                        yield f"{where}.{key}{place}: '{name}' does not exist in a 2-D run; use x or y"
 
     def unusable(self, where: str, context: "Context") -> Iterator[str]:
-        """Yield what is wrong with the content of its files, without which nothing more can be said."""
+        """Yield errors in the content of input files, without which the other checks are impossible."""
         yield from ()
 
     def problems(self, where: str, context: "Context") -> Iterator[str]:
-        """What else is wrong with it."""
+        """Yield the other errors."""
         yield from ()
 
     def remarks(self, where: str, context: "Context") -> Iterator[str]:
-        """What is probably not meant, though it can be run: of a section of which nothing is wrong."""
+        """Yield warnings: values that are allowed but probably not meant, of a section without errors."""
         yield from ()
 
 
-def sections(part: Any, where: str) -> Iterator[tuple[str, Model]]:
-    """A section and all below it, each with its path; `part` may be a list of them."""
+def exactly_one(*keys: str) -> Any:
+    """Return a validator of sections in which exactly one of two keys has to be given."""
+
+    def check(section: Model) -> Model:
+        given = [key for key in keys if vars(section)[key] is not None]
+        if len(given) != 1:
+            raise fault(f"takes {' or '.join(keys)}, got {'both' if given else 'neither'}")
+        return section
+
+    return model_validator(mode="after")(check)
+
+
+def not_both(*keys: str) -> Any:
+    """Return a validator of sections in which at most one of two keys may be given."""
+
+    def check(section: Model) -> Model:
+        if all(vars(section)[key] is not None for key in keys):
+            raise fault(f"takes {' or '.join(keys)}, not both")
+        return section
+
+    return model_validator(mode="after")(check)
+
+
+def stop_after_start() -> Any:
+    """Return a validator of sections with the optional times `start` and `stop`."""
+
+    def check(section: Model) -> Model:
+        start, stop = vars(section)["start"], vars(section)["stop"]
+        if start is not None and stop is not None and stop <= start:
+            raise fault("stop must be later than start")
+        return section
+
+    return model_validator(mode="after")(check)
+
+
+def sections(part: object, where: str) -> Iterator[tuple[str, Model]]:
+    """Yield a section, or those of a list, and all sections below, each with its path."""
     if isinstance(part, Model):
         yield where, part
         for key in type(part).model_fields:
             yield from sections(vars(part)[key], f"{where}.{key}")
     elif isinstance(part, tuple):
-        for n, one in enumerate(part):
-            yield from sections(one, f"{where}[{n}]")
+        for n, item in enumerate(part):
+            yield from sections(item, f"{where}[{n}]")

@@ -1,4 +1,4 @@
-"""Windows: parts of a plane, on the faces of the domain or across it."""
+"""Parts of a plane, on the faces of the domain or across it: rectangles and discs."""
 
 from collections.abc import Iterator
 from math import pi, prod
@@ -8,13 +8,13 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from taichi_plume.grid.floor_plans import FloorPlan
-from taichi_plume.scenario.context import Context, span
-from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario import si
+from taichi_plume.scenario.domain import Context, Domain, span
 from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.vocabulary import COMPILED, PER_FACE, Coordinate, Face, Length, Model
+from taichi_plume.scenario.vocabulary import COMPILED, PER_FACE, Face, Model, not_both
 
-LEAST_OPEN = 0.05  # share of an opening; less is closed
-MOSTLY_OPEN = 0.9  # share of an opening; more is open: walls that meet the face cover some of it
+LEAST_OPEN = 0.05  # open area fraction of an opening; less is closed
+MOSTLY_OPEN = 0.9  # open area fraction; more is open, as walls that meet the face cover some of it
 SAMPLES = 4  # points per axis of a cell behind an opening
 FACE = 1e-3  # cells: depth at which the face itself is sampled
 
@@ -26,38 +26,40 @@ class Window(Model):
     """
 
     center: (
-        Annotated[tuple[Coordinate, ...], Field(min_length=1, max_length=2), PER_FACE, COMPILED] | None
+        Annotated[tuple[si.Coordinate, ...], Field(min_length=1, max_length=2), PER_FACE, COMPILED] | None
     ) = None
     """Middle of the region in its plane: one number in 2-D, two in 3-D, in x, y, z order. It goes with `size` or
-    `diameter`; without them the region is the whole face, or cross-section."""
-    size: Annotated[tuple[Length, ...], Field(min_length=1, max_length=2), PER_FACE, COMPILED] | None = None
+    `diameter`; without them the region is the whole face or cross-section."""
+    size: Annotated[tuple[si.Length, ...], Field(min_length=1, max_length=2), PER_FACE, COMPILED] | None = (
+        None
+    )
     """Edges of a rectangular region in its plane: one number in 2-D, two in 3-D."""
-    diameter: Annotated[Length, COMPILED] | None = None
+    diameter: Annotated[si.Length, COMPILED] | None = None
     """Diameter of a round region; in 2-D, width of a slot. Instead of `size`."""
 
+    _one_form = not_both("size", "diameter")
+
     @model_validator(mode="after")
-    def _one_form(self) -> Self:
-        if self.size is not None and self.diameter is not None:
-            raise fault("takes size or diameter, not both")
+    def _whole_form(self) -> Self:
         if (self.size is None and self.diameter is None) != (self.center is None):
             raise fault("center goes with size (rectangle) or diameter (disc)")
         return self
 
     @property
     def normal(self) -> int:
-        """The axis through the plane."""
+        """Axis normal to the plane."""
         raise NotImplementedError
 
     def level(self, extent: tuple[float, ...]) -> float:
-        """Where the plane cuts that axis [m], in a domain of `extent`."""
+        """Return the coordinate of the plane along its normal [m], in a domain of this extent."""
         raise NotImplementedError
 
     def along(self, dim: int) -> list[int]:
-        """The axes of the plane, in x, y, z order."""
+        """Return the axes of the plane, in x, y, z order."""
         return [a for a in range(dim) if a != self.normal]
 
     def rectangle(self, extent: tuple[float, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Centre and half widths [m] of the window, or of the square around the disc, in a domain of `extent`."""
+        """Return centre and half widths [m] of the window, or of the square around the disc."""
         whole = tuple(extent[a] for a in self.along(len(extent)))
         if self.center is None:
             return tuple(w / 2 for w in whole), tuple(w / 2 for w in whole)
@@ -65,18 +67,18 @@ class Window(Model):
         return self.center, tuple(w / 2 for w in size)
 
     def is_disc(self, dim: int) -> bool:
-        """Whether the window is round: in 2-D a disc is a slot."""
+        """Return whether the window is round: in 2-D a disc is a slot."""
         return self.diameter is not None and dim == 3
 
     def area(self, extent: tuple[float, ...], depth: float) -> float:
-        """Area of the window [m²]; in 2-D, its width times the slab's `depth`."""
+        """Return the area of the window [m²]; in 2-D, its width times `depth` [m]."""
         _, half = self.rectangle(extent)
         if self.is_disc(len(extent)):
             return pi * half[0] ** 2
         return prod(2 * h for h in half) * (depth if len(extent) == 2 else 1.0)
 
     def beyond(self, domain: Domain) -> str:
-        """Where it reaches beyond the domain, if it does, and what to do."""
+        """Return in which range the window exceeds the domain, and advice; empty if inside."""
         center, half = self.rectangle(domain.extent)
         for a, c, h in zip(self.along(domain.dim), center, half, strict=True):
             axis, length = "xyz"[a], domain.extent[a]
@@ -89,7 +91,7 @@ class Window(Model):
         return ""
 
     def covered(self, domain: Domain) -> np.ndarray:
-        """Centres (n, dim - 1) [m] of the cells that it covers, in the plane's own axes."""
+        """Return the centres (n, dim - 1) [m] of the covered cells, in the plane's own axes."""
         center, half = map(np.array, self.rectangle(domain.extent))
         axes = self.along(domain.dim)
         ranges = [(np.arange(domain.shape[a]) + 0.5) * domain.spacing for a in axes]
@@ -100,14 +102,14 @@ class Window(Model):
 
 
 class Region(Window):
-    """Where an opening lies on a face of the domain."""
+    """A window on a face of the domain."""
 
     face: Face
     """Side of the room that it lies on: x- is at x = 0, x+ at the other end, likewise y, and in 3-D z."""
 
     @property
     def axis(self) -> int:
-        """The axis through the face."""
+        """Axis normal to the face."""
         return "xyz".index(self.face[0])
 
     @property
@@ -122,13 +124,8 @@ class Region(Window):
     def level(self, extent: tuple[float, ...]) -> float:
         return extent[self.axis] if self.side else 0.0
 
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
-        if dim == 2 and self.face[0] == "z":
-            yield f"{where}.face: '{self.face}' does not exist in a 2-D run; use x-, x+, y- or y+"
-        yield from super().misfits(where, dim)
-
     def on_its_face(self, where: str, context: Context) -> Iterator[str]:
-        """It must lie on its face and cover cells with air."""
+        """Yield an error if the region exceeds its face or covers no cells with air."""
         domain = context.domain
         beyond = self.beyond(domain)
         if beyond:
@@ -146,16 +143,16 @@ class Region(Window):
         if share < LEAST_OPEN:
             area = self.area(domain.extent, domain.depth)
             yield (
-                f"{where}: there is no air behind it, obstacles cover it: {share * area:.2g} of {area:.3g} m² "
-                f"are open on cells of {domain.spacing:g} m; move one of them or lower domain.spacing"
+                f"{where}: obstacles cover it: {share * area:.2g} of {area:.3g} m² are open on cells of "
+                f"{domain.spacing:g} m; move one of them or lower domain.spacing"
             )
 
     def open_share(self, context: Context, with_plates: bool = True) -> float:
-        """Share of its faces of cells that standing obstacles leave open; 1 where there are none.
+        """Return the open area fraction: faces of cells that no standing obstacle closes; 1 without obstacles.
 
         A face is closed if obstacles cover more than half of the face or of the cell behind, at sampled points.
-        with_plates: whether an obstacle closes a face that fills less than half of the cell. The flow solver sees only
-        walls of maps so thin.
+        with_plates: whether obstacles thinner than half a cell close a face. The flow solver resolves only walls of
+        maps that are so thin.
         """
         domain = context.domain
         centers = self.covered(domain)
@@ -180,7 +177,7 @@ class Region(Window):
                     continue
                 if depth == FACE:
                     filled = one.inside(here[near])
-                else:  # the part of the sample's own volume, exact for a plane along the cells
+                else:  # part of the volume of the sample, exact for a plane along the cells
                     filled = np.clip(0.5 - one.signed_distance(here[near]) / step, 0.0, 1.0)
                 flat = level.reshape(-1)
                 flat[near] = np.maximum(flat[near], filled)
@@ -188,7 +185,7 @@ class Region(Window):
         return float(((face <= 0.5) & (cell <= 0.5 + 1e-6)).mean())
 
     def overlaps(self, other: "Region", domain: Domain) -> bool:
-        """Whether two regions are on one face and share more than their rims."""
+        """Return whether two regions are on the same face and share more than their rims."""
         if self.face != other.face:
             return False
         rim = 1e-6 * domain.spacing

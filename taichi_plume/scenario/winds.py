@@ -1,4 +1,4 @@
-"""The air flow of a scenario: its kinds."""
+"""Kinds of wind: computed (Navier-Stokes), uniform with gusts, frozen and synthetic."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from taichi_plume.scenario import si
 from taichi_plume.scenario.any_wind import GUST, AnyWind
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.eddies import Eddies, Smagorinsky
 from taichi_plume.scenario.heat import Buoyancy
 from taichi_plume.scenario.imported_wind import ImportedWind
@@ -18,25 +19,12 @@ from taichi_plume.scenario.openings import Opening
 from taichi_plume.scenario.played import PlaybackWind, PlumeSimWind
 from taichi_plume.scenario.quantities import fault, number
 from taichi_plume.scenario.screens import AnyScreen
-from taichi_plume.scenario.vocabulary import (
-    Accelerations,
-    Coefficient,
-    Distance,
-    Duration,
-    Intensity,
-    Length,
-    Model,
-    MomentumConvection,
-    Prandtl,
-    Speed,
-    Velocities,
-    Viscosity,
-)
+from taichi_plume.scenario.vocabulary import SPATIAL, Model, MomentumConvection
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.scenario import Scenario
 
-MOST_KNOTS = 1_000_000  # of the gusts; they are drawn at the start
+MOST_KNOTS = 1_000_000  # of the gusts, which are drawn at the start
 
 
 class CfdWind(AnyWind):
@@ -44,35 +32,34 @@ class CfdWind(AnyWind):
 
     kind: Literal["cfd"]
     solved: ClassVar[bool] = True
-    viscosity: Viscosity = 1.56e-5
+    viscosity: si.Viscosity = 1.56e-5
     """Kinematic viscosity: the default is air at 25 °C."""
     turbulence: Eddies = Smagorinsky(kind="smagorinsky")
     """Model of the eddies that are too small for the cells. Use none where the cells resolve all of them, as in slow
     air."""
-    roughness: Distance | None = None
-    """Roughness of walls and obstacles: size of the grains of sand that are as rough. It slows the air beside them;
+    roughness: si.Distance | None = None
+    """Roughness of walls and obstacles: equivalent sand grain size. It slows the air beside them;
     smooth unless given. Without effect with `turbulence: {kind: none}`."""
     openings: tuple[Opening, ...] = ()
-    """Where air comes in and goes out, and which walls slip, slide or are periodic. What no opening covers is a wall
-    at rest."""
+    """Boundary conditions: inlets and outlets, and walls that slip, slide or are periodic. The rest are walls at
+    rest."""
     screens: tuple[AnyScreen, ...] = ()
-    """Flow straighteners and perforated sheets inside the room, which let air through against a resistance."""
-    acceleration: Accelerations | None = None
-    """Force per mass on all of the air, per axis: it drives the flow along a periodic duct. Unless given there is
-    none."""
+    """Flow straighteners and perforated sheets inside the room, with a pressure drop."""
+    acceleration: si.Accelerations | None = None
+    """Body force per mass, per axis, which drives the flow along a periodic duct. Unless given there is none."""
     convection: MomentumConvection = "upwind5"
     """Scheme that carries momentum. weno5 is more accurate on the same grid and costs more; koren is of lower order.
     """
     buoyancy: Buoyancy | None = None
     """Lets warm air rise and heavy gas sink; unless given, neither does."""
     courant: number(0.01, 1.4) = 1.2
-    """Largest sum over the axes of |u| dt/dx in one step. Less makes shorter steps: more exact in time, and slower.
-    """
+    """Courant number (CFL): largest sum over the axes of |u| dt/dx in a step. Less makes shorter steps: more exact in
+    time, and slower. """
     tolerance: number(1e-7, 1e-2) = 2e-5
-    """Divergence that the pressure solver may leave, over the largest |u|/dx. Less is more exact and, where the
-    solver iterates, slower."""
+    """Tolerance of the pressure solver: divergence over the largest |u|/dx. Less is more exact and, with an iterative
+    solver, slower."""
     initial: InitialWind | None = None
-    """Velocity of the air at the begin of the warm-up; unless given, it rests but for what the openings force."""
+    """Velocity of the air at the start of the warm-up; unless given, zero except for the flow of the openings."""
 
     @property
     def by_chance(self) -> bool:
@@ -100,11 +87,11 @@ class CfdWind(AnyWind):
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
         if self.roughness and self.turbulence.kind == "none":
-            yield f"{where}.roughness: is felt only with a model of eddies; use turbulence: {{kind: smagorinsky}}"
+            yield f"{where}.roughness: needs a model of eddies; use turbulence: {{kind: smagorinsky}}"
         elif (self.roughness or 0.0) > 0.5 * context.domain.spacing:
             yield (
                 f"{where}.roughness: {self.roughness:g} m is more than half a cell of {context.domain.spacing:g} m, "
-                "too much for the law of the wall; lower it, or make obstacles of what is as large"
+                "too much for the law of the wall; lower it, or use obstacles"
             )
         yield from super().remarks(where, context)
 
@@ -112,25 +99,22 @@ class CfdWind(AnyWind):
         lines = [
             line
             for n, opening in enumerate(self.openings)
-            for line in opening.clashes(f"{where}.openings[{n}]", n, self.openings, context)
+            for line in opening.clashes(f"{where}.openings[{n}]", n, context)
         ]
         yield from lines or self._net_inflow(where, context)
 
     def _net_inflow(self, where: str, context: Context) -> Iterator[str]:
-        """Air cannot be compressed: without an outlet, what is blown in must be drawn out at every moment."""
+        """Yield an error if inflow and outflow of incompressible air do not balance without an outlet."""
         if any(opening.lets_out for opening in self.openings):
             return
         for n, opening in enumerate(self.openings):
             if opening.follows_pressure:
-                yield (
-                    f"{where}.openings[{n}].curve: needs an outlet: what a fan blows along its curve nothing balances; "
-                    "add {kind: outlet, face: ...} or use speed"
-                )
+                yield f"{where}.openings[{n}].curve: needs an outlet; add {{kind: outlet, face: ...}} or use speed"
                 return
         scenario, domain = context.scenario, context.domain
-        begin = 0.0 - scenario.warm_up
-        ends = {begin, scenario.duration, *(time for opening in self.openings for time in opening.knots)}
-        times = sorted(t for t in ends if begin <= t <= scenario.duration)
+        start = 0.0 - scenario.warm_up
+        ends = {start, scenario.duration, *(time for opening in self.openings for time in opening.knots)}
+        times = sorted(t for t in ends if start <= t <= scenario.duration)
         times = sorted([*times, *((a + b) / 2 for a, b in pairwise(times))])
         for t in times:
             flows = [opening.inflow(t, domain) for opening in self.openings]
@@ -138,7 +122,7 @@ class CfdWind(AnyWind):
                 change = "blown in" if sum(flows) > 0 else "drawn out"
                 yield (
                     f"{where}.openings: an outlet is missing: at t = {t:g} s a net {abs(sum(flows)):.4g} m³/s is "
-                    f"{change} and all else is closed; add {{kind: outlet, face: ...}} or balance the speeds"
+                    f"{change}; add {{kind: outlet, face: ...}} or balance the speeds"
                 )
                 return
 
@@ -149,39 +133,34 @@ class Gusts(Model):
     See solvers/gusts.py.
     """
 
-    intensity: Intensity = 0.15
+    intensity: si.Intensity = 0.15
     """Strength of the gusts to the left and right: standard deviation over the mean speed."""
-    vertical: Intensity = 0.0
+    vertical: Annotated[si.Intensity, SPATIAL] = 0.0
     """Strength of the gusts up and down: standard deviation over the mean speed; 3-D only."""
-    time: Duration = 5.0
-    """How long a gust lasts (integral time). Long gusts sweep the plume far to the side, short ones shake it."""
+    time: si.Duration = 5.0
+    """Duration of a gust (integral time scale). Long gusts sweep the plume far to the side, short ones shake it."""
 
     @property
     def by_chance(self) -> bool:
         return self.intensity > 0 or self.vertical > 0
 
     def deviations(self, dim: int) -> tuple[float, ...]:
-        """Of each crosswind over the mean speed."""
+        """Return the standard deviation of each crosswind over the mean speed."""
         return (self.intensity, self.vertical)[: dim - 1]
-
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
-        if dim == 2 and self.vertical:
-            yield f"{where}.vertical: a 2-D run has no vertical; remove it, or give domain.size three numbers"
-        yield from super().misfits(where, dim)
 
 
 class UniformWind(AnyWind):
-    """The same velocity everywhere, constant but for gusts; obstacles do not deflect it."""
+    """The same velocity everywhere, constant except for gusts; obstacles do not deflect it."""
 
     kind: Literal["uniform"]
-    velocity: Velocities
-    """Mean velocity of the air, per axis: where it goes to."""
+    velocity: si.Velocities
+    """Mean velocity of the air, per axis: the direction of motion."""
     gusts: Gusts | None = None
     """Gusts across the wind, which sweep plumes to and fro; unless given, the wind is steady."""
 
     @property
     def speed(self) -> float:
-        """Of the mean velocity [m/s]."""
+        """Magnitude of the mean velocity [m/s]."""
         return hypot(*self.velocity)
 
     @property
@@ -207,16 +186,11 @@ class UniformWind(AnyWind):
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         if context.scenario.obstacles:
-            yield (
-                f"{where}.kind: a uniform wind blows through obstacles; use kind: cfd or synthetic, or remove the "
-                "obstacles"
-            )
+            yield f"{where}.kind: a uniform wind blows through obstacles; remove them, or use kind: cfd or synthetic"
         if self.gusts is None:
             return
         if not self.speed:
-            yield (
-                f"{where}.gusts: are a share of the wind's speed, which is 0; give {where}.velocity or remove the gusts"
-            )
+            yield f"{where}.gusts: are relative to the wind speed, which is 0; give {where}.velocity or remove gusts"
             return
         crossing = float(np.abs(self.frame[0]) @ context.domain.extent) / self.speed
         if crossing > self.gusts.time * MOST_KNOTS / 20:
@@ -230,11 +204,11 @@ class FrozenWind(CfdWind):
     """The mean of a computed flow, kept for ever: `cfd` at first, then at no cost. The flow's fluctuations are lost."""
 
     kind: Literal["frozen"]  # type: ignore[assignment]
-    after: Duration = 60.0
-    """Time from the start of the warm-up until the flow stands still. Until then it is computed, then its mean is
-    kept at no cost."""
-    average: Duration | None = None
-    """The flow is averaged over so long before it stands still; unless given, half of `after`."""
+    after: si.Duration = 60.0
+    """Time from the start of the warm-up until the flow is frozen. Until then it is computed, then its mean is kept at
+    no cost."""
+    average: si.Duration | None = None
+    """Averaging time before the flow is frozen; unless given, half of `after`."""
 
     def moving(self, whole: float) -> float:
         return min(whole, self.after)
@@ -244,19 +218,17 @@ class FrozenWind(CfdWind):
         whole = context.scenario.warm_up + context.scenario.duration
         if self.after > whole:
             yield (
-                f"{where}.after: {self.after:g} s is longer than warm_up + duration = {whole:g} s, so the flow would "
-                "never stand still; lower it, raise warm_up, or use kind: cfd"
+                f"{where}.after: {self.after:g} s is longer than warm_up + duration = {whole:g} s; lower it, raise "
+                "warm_up, or use kind: cfd"
             )
         if self.average is not None and self.average > self.after:
-            yield (
-                f"{where}.average: {self.average:g} s is longer than after: {self.after:g} s; use at most that"
-            )
+            yield f"{where}.average: {self.average:g} s is longer than after: {self.after:g} s; lower it"
 
 
 class SyntheticWind(AnyWind):
     """Weak convection of a closed room: random eddies and a slowly turning circulation. Nothing is solved.
 
-    All faces of the domain are walls. It costs little; see solvers/synthetic.py. Runs tell how fast the air mixes gas,
+    All faces of the domain are walls. It costs little; see solvers/synthetic.py. Runs report the mixing of gas,
     as an eddy diffusivity K: 0.004 m²/s with the defaults in 50 m³, half of it with half of the speeds. In homes 0.001
     to 0.013 m²/s were measured with less than 0.2 to more than 5 air changes per hour n, by
     K = V^(2/3) (0.52 n + 0.31) per hour in a room of volume V (Cheng et al. 2011, doi:10.1021/es103080p): 0.0012 m²/s
@@ -264,29 +236,29 @@ class SyntheticWind(AnyWind):
     """
 
     kind: Literal["synthetic"]
-    speed: Speed = 0.03
+    speed: si.Speed = 0.03
     """Root mean square of the eddies' speed over the room."""
-    longest: Length = 1.4
-    """Wavelength of the largest eddies: about as large as what drives them, or the room. Eddies of twice the length
+    longest: si.Length = 1.4
+    """Wavelength of the largest eddies: about the size of their cause, or of the room. Eddies of twice the length
     mix about twice as fast."""
-    shortest: Length | None = None
-    """Wavelength of the smallest eddies. Unless given 0.1 m, or four cells where that is more. Shorter ones mix gas as
+    shortest: si.Length | None = None
+    """Wavelength of the smallest eddies. Unless given 0.1 m, or four cells if larger. Shorter ones mix gas as
     an eddy viscosity."""
-    schmidt: Prandtl = 0.7
+    schmidt: si.Prandtl = 0.7
     """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas. A smaller one mixes gas more."""
     modes: Annotated[int, Field(ge=1, le=10_000)] = 64
     """Number of random waves that make up the eddies, spread evenly over the logarithm of the wavelength. More waves
-    repeat themselves less and take longer."""
-    unsteadiness: Coefficient = 0.5
-    """How fast the eddies change: frequency of each wave over that of eddies of its size, sqrt(k³ E(k)). 0 keeps them
-    as they are."""
-    circulation: Speed = 0.0075
+    are less repetitive and take longer."""
+    unsteadiness: si.Coefficient = 0.5
+    """Rate of change of the eddies: frequency of each wave over that of eddies of its size, sqrt(k³ E(k)). 0 keeps them
+    constant."""
+    circulation: si.Speed = 0.0075
     """Root mean square speed of the rolls that fill the room, over room and time. They carry gas from one end to the
     other."""
-    circulation_time: Duration = 60.0
-    """Time over which the rolls change their strength and sense."""
-    wall_layer: Length = 0.3
-    """How far from walls and obstacles the eddies have about three quarters of their strength."""
+    circulation_time: si.Duration = 60.0
+    """Time over which the rolls change their strength and direction."""
+    wall_layer: si.Length = 0.3
+    """Distance from walls and obstacles at which the eddies have about three quarters of their strength."""
 
     @model_validator(mode="after")
     def _ordered(self) -> "SyntheticWind":
@@ -294,16 +266,14 @@ class SyntheticWind(AnyWind):
             raise fault("shortest must be below longest")
         return self
 
-    @property
-    def by_chance(self) -> bool:
-        return True
+    by_chance: ClassVar[bool] = True
 
     def shortest_on(self, spacing: float) -> float:
-        """Wavelength of the smallest eddies [m] on cells of `spacing` [m]."""
+        """Return the wavelength of the smallest eddies [m] on cells of `spacing` [m]."""
         return self.shortest or max(0.1, 4 * spacing)
 
     def top_speed(self, scenario: "Scenario") -> float:
-        """The wind is faster in one place of ten thousand only [m/s]."""
+        """Return a speed [m/s] that the wind exceeds in one of ten thousand places."""
         return 2.0 * hypot(self.speed, self.circulation)
 
     def axes_speed(self, scenario: "Scenario") -> float:

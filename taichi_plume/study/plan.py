@@ -11,8 +11,9 @@ from pydantic import TypeAdapter, ValidationError
 
 from taichi_plume.assembly.prepare import expanded
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.scenario.error_messages import explain
 from taichi_plume.scenario.input_files import outside
-from taichi_plume.scenario.loading import NEEDS, ScenarioError, explain, read_mapping, scenario_of
+from taichi_plume.scenario.loading import NEEDS, ScenarioError, read_mapping, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study.axes import Levels, Point, Range, count_of, points
 from taichi_plume.study.checking import Checks

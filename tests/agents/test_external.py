@@ -165,5 +165,5 @@ def test_what_is_wrong_is_told():
     with pytest.raises(ScenarioError, match=r"robots\[0\].algorithm: external: nothing drives"):
         assemble(scenario_from(SCENARIO))
     group = SCENARIO["robots"][0] | {"odometry": {}}
-    with pytest.raises(ScenarioError, match=r"robots\[0\].odometry: its robots are told where they are"):
+    with pytest.raises(ScenarioError, match=r"robots\[0\].odometry: the poses of these robots come"):
         checked(scenario_from(SCENARIO | {"robots": [group]}), Path())

@@ -138,7 +138,7 @@ def test_phases_are_right_after_a_million_ticks():
     [
         (
             {"hot": 300.0},
-            "robots[0].sensors.gas.heater.hot: 300 K is not above cold: 423.15 K; make it hotter",
+            "robots[0].sensors.gas.heater.hot: 300 K must be above cold: 423.15 K",
         ),
         ({"period": 0}, "robots[0].sensors.gas.heater.period: got 0"),
         (

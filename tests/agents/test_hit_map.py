@@ -12,8 +12,8 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import uploader
+from taichi_plume.scenario.belief_algorithms import HitMap
 from taichi_plume.scenario.domain import Domain
-from taichi_plume.scenario.filter_algorithms import HitMap
 from taichi_plume.scenario.obstacles import Box
 from taichi_plume.scenario.shapes import shape
 

@@ -263,7 +263,7 @@ def test_a_pan_unit_sweeps_to_and_fro():
             {},
             ".sensors.gas.species: 'ethane' is not in the air of this scenario, the gas is",
         ),
-        ({}, {"threshold_ppm": 8}, ".algorithm.threshold_ppm: 8 is taken in ppm m, in which the laser reads"),
+        ({}, {"threshold_ppm": 8}, ".algorithm.threshold_ppm: 8 counts in ppm m"),
         ({"gives": "mean"}, {"threshold_ppm": 8}, ""),
     ],
 )

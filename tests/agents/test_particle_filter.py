@@ -10,7 +10,7 @@ from taichi_plume.agents.casting import IN_PLUME, SIDESTEP
 from taichi_plume.agents.particle_filter import GO
 from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import uploader
-from taichi_plume.scenario.filter_algorithms import ParticleFilter
+from taichi_plume.scenario.belief_algorithms import ParticleFilter
 from taichi_plume.scenario.sensors import IdealGasSensor
 
 pytestmark = pytest.mark.usefixtures("taichi")

@@ -148,7 +148,7 @@ def test_it_goes_on_where_it_was_saved(sim):
         ({"file": "none.mcap"}, "robots[0].algorithm.file: {folder}/none.mcap: does not exist"),
         ({"file": "../bag"}, "lies outside the scenario's folder"),
         ({"robots": ["a", "c"]}, "robots[0].algorithm.robots: there is no 'c' in bag; it has a, b"),
-        ({"robots": ["a"]}, "robots[0].algorithm.robots: 1 names for 2 robots of the team"),
+        ({"robots": ["a"]}, "robots[0].algorithm.robots: 1 names for 2 robots"),
         (
             {"file": "robots.parquet", "robots": []},
             "robots[0].algorithm.file: robots.parquet has 1 robots, one 0; the",
@@ -194,7 +194,7 @@ def test_gas_that_cannot_be_read_does_not_stop_a_replay(tmp_path):
 
 def test_its_robots_do_not_err(folder):
     robots = [{**SCENARIO["robots"][1], "odometry": {}}]
-    with pytest.raises(ScenarioError, match="its robots are where they were recorded to be"):
+    with pytest.raises(ScenarioError, match="the poses of these robots are recorded"):
         checked(scenario_from({**SCENARIO, "robots": robots}), folder)
 
 

@@ -244,7 +244,7 @@ def test_faults_of_a_list_tell_its_place(sensors, told):
         (
             [EXACT, {**EXACT, "left": 7.0}],
             {},
-            "robots[0].sensors.gas[1].left: 7 m is more than the room is long",
+            "robots[0].sensors.gas[1].left: 7 m is longer than the room",
         ),
         (
             EXACT,

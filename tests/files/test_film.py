@@ -209,7 +209,7 @@ def test_damage_in_the_middle_is_found_when_it_is_read(path):
     [
         ("domain.spacing=0.05", "use size: [0.6, 0.5, 0.4], spacing: 0.1"),
         ("domain.size=[0.5, 0.5, 0.4]", "5 x 5 x 4 cells of 0.1 m, but"),
-        ("gas.start=1.1", "gas.start: 1.1 s is after the last frame"),
+        ("gas.start=1.1", "gas.start: 1.1 s is after"),
         ("gas.species=argon", "gas.species"),
         ("wind.rate=0", "wind.rate"),
         ("obstacles=[{kind: sphere, center: [0.3, 0.3, 0.2], radius: 0.1}]", "cells are not as in"),

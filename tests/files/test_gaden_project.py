@@ -133,7 +133,7 @@ def test_a_study_of_a_project(tmp_path):
 
 
 def test_the_key_stands_in_files_alone():
-    with pytest.raises(ScenarioError, match="gaden: is carried out of a scenario's file alone"):
+    with pytest.raises(ScenarioError, match="gaden: works in the file of a scenario alone"):
         scenario_from({"gaden": "room"})
     schema = Scenario.model_json_schema()
     assert {"required": ["gaden"]} in schema["anyOf"]

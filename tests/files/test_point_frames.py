@@ -175,7 +175,7 @@ def test_fluent_frames_are_numbered_files_in_percent_of_the_largest(folder):
         ("files: plume%s%d.txt", "gas.files: must hold one number"),
         ("files: plume%9999999999d.txt", "gas.files: must hold one number"),
         ("files: plume%03d.txt, offset: [3, 0]", "no point of"),
-        ("files: plume%03d.txt, start: 2", "gas.start: 2 s is after the last frame"),
+        ("files: plume%03d.txt, start: 2", "gas.start: 2 s is after"),
     ],
 )
 def test_bad_exports_are_told(folder, keys, fault):
@@ -196,7 +196,7 @@ GAUSSIAN = "gas={kind: plumesim_gaussian, release_point: "
     ("overrides", "fault"),
     [
         (["gas={kind: eulerian, sources: [{position: [0.3, 0.2], rate: 1e-6}]}"], "gas.kind: a wind of kind"),
-        (["fields={}"], "fields.quantities: a wind of kind plumesim_log has no velocities"),
+        (["fields={}"], "fields.quantities: a wind of kind plumesim_log"),
         (["plumesim_log={rate: 3}"], "plumesim_log.rate: 3 frames per second"),
         (["tick=0.0125", "plumesim_log={rate: 80}"], "must be whole milliseconds"),
         (["plumesim_log={cell: 0.0001}"], "plumesim_log.cell: 0.0001 m makes"),
@@ -204,9 +204,9 @@ GAUSSIAN = "gas={kind: plumesim_gaussian, release_point: "
         ([GAUSSIAN + "[0, 0], cell: 1e-5}"], "gas.cell: 1e-05 m makes"),
         ([GAUSSIAN + "[0, 0], cell: 1e4}"], "gas.cell: 10000 m is wider"),
         (["plumesim_log={start: 5}"], "plumesim_log.start: 5 s is after the end"),
-        (["gas.start=1.5"], "gas.start: 1.5 s is after the last frame"),
+        (["gas.start=1.5"], "gas.start: 1.5 s is after"),
         (["gas.offset=[-2, 0]"], "no point of"),
-        ([GAUSSIAN + "[1, 0.2]}"], "gas.release_point: (1, 0.2) m is outside"),
+        ([GAUSSIAN + "[1, 0.2]}"], "gas.release_point: x = 1 m is outside"),
         (["gas={kind: plumesim_meandering, release_point: [0.55, 0.2]}"], "gas.release_point: x = 0.55 m"),
         ([GAUSSIAN + "[0, 0], last: 3}"], "gas: repeat_from must not be"),
     ],

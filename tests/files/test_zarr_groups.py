@@ -31,7 +31,7 @@ from taichi_plume.files.zarr_groups import (
     stored_chunks,
 )
 from taichi_plume.results.run import open_run
-from taichi_plume.scenario.movie import MovieGas
+from taichi_plume.scenario.played import MovieGas
 
 FORMATS = {
     "film": {

@@ -4,19 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from test_loading import load as scenario
 from test_meshes import box_triangles, write_stl
 from test_messages import FLOOR, ROOM, said
 
-from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.files.run_folder import to_yaml
 from taichi_plume.scenario import size as checks_size
 from taichi_plume.scenario.size import estimate
-
-
-def scenario(tmp_path, text, *overrides):
-    path = tmp_path / "s.yaml"
-    path.write_text(text)
-    return load_scenario(path, overrides)
 
 
 def test_an_open_mesh_is_told_with_a_place(tmp_path):

@@ -54,7 +54,7 @@ def remarks(prepared):
 @pytest.mark.parametrize("spacing", [0.1, 0.05, 0.2])
 def test_walls_of_a_map_seal_an_opening_on_any_grid(tmp_path, kind, spacing):
     with pytest.raises(
-        ScenarioError, match=r"wind.openings\[0\]: there is no air behind it.* 0 of 0?\.?\d* m² are open"
+        ScenarioError, match=r"wind.openings\[0\]: obstacles cover it.* 0 of 0?\.?\d* m² are open"
     ):
         prepared(tmp_path, plan(tmp_path), spacing, kind)
 
@@ -108,5 +108,5 @@ def test_the_share_is_that_of_the_faces_through_which_the_run_blows(tmp_path, do
 @pytest.mark.parametrize("thickness", [0.02, 0.2])
 def test_a_box_over_all_of_an_opening_is_refused(tmp_path, thickness):
     box = {"kind": "box", "center": [thickness / 2, 0.5], "size": [thickness, 1.0]}
-    with pytest.raises(ScenarioError, match=r"wind.openings\[0\]: there is no air behind it"):
+    with pytest.raises(ScenarioError, match=r"wind.openings\[0\]: obstacles cover it"):
         prepared(tmp_path, box)

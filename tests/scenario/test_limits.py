@@ -1,44 +1,22 @@
-"""Every number of a scenario has limits, wide but finite: nonsense is refused where it is written."""
+"""Limits of the numbers of a scenario, wide but finite, and marks of lists with a number per axis."""
 
-import types
-from collections.abc import Iterator
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Annotated, Any, get_args, get_origin
 
 import pytest
+from annotated_types import MaxLen
 from pydantic import TypeAdapter, ValidationError
+from test_reset import vocabulary
 
-from taichi_plume.scenario import scenario  # noqa: F401  # all sections
-from taichi_plume.scenario.vocabulary import Delay, Model
-from taichi_plume.scenario.winds import Wind
+from taichi_plume.scenario import si
+from taichi_plume.scenario.facts import _numbers, _whole
+from taichi_plume.scenario.vocabulary import PER_AXIS, PER_FACE, Vector, mark_of
 
-
-def sections(model: type[Model] = Model) -> Iterator[type[Model]]:
-    for one in model.__subclasses__():
-        if one.__module__.startswith("taichi_plume.scenario"):
-            yield one
-        yield from sections(one)
-
-
-def numbers(kind: Any, marks: tuple = ()) -> Iterator[Any]:
-    """The floats and integers that a type holds, each with what it is annotated with on the way."""
-    if get_origin(kind) is Annotated:
-        bare, *more = get_args(kind)
-        inner = tuple if get_origin(bare) in (tuple, dict) else object
-        yield from numbers(bare, () if inner is tuple else (*marks, *more))
-    elif kind in (float, int):
-        yield Annotated[(kind, *marks)] if marks else kind
-    elif get_origin(kind) in (Union, types.UnionType, tuple, dict):
-        for part in get_args(kind):
-            yield from numbers(part, marks if get_origin(kind) in (Union, types.UnionType) else ())
-
-
-KEYS = [
-    (f"{section.__name__}.{key}", kind)
-    for section in sorted(set(sections()), key=lambda one: one.__name__)
-    for key, field in section.model_fields.items()
-    for kind in numbers(
-        Annotated[(field.annotation, *field.metadata)] if field.metadata else field.annotation
-    )
+NUMBERS = [
+    (f"{model.__name__}.{key}", Annotated[(kind, *marks)] if marks else kind)
+    for model in vocabulary()
+    for key, field in model.model_fields.items()
+    for kind, marks in _numbers(_whole(field))
+    if kind is not str
 ]
 
 
@@ -50,8 +28,8 @@ def refused(kind: Any, value: float) -> bool:
     return False
 
 
-def test_the_walk_finds_numbers_of_all_sorts():
-    names = {name for name, _ in KEYS}
+def test_numbers_of_all_sorts_are_found():
+    names = {name for name, _ in NUMBERS}
     assert len(names) > 300
     assert {
         "Domain.size", "Domain.depth", "CfdWind.courant", "Gusts.intensity", "GaussianPlumeGas.diffusivity",
@@ -61,12 +39,13 @@ def test_the_walk_finds_numbers_of_all_sorts():
 
 @pytest.mark.parametrize("far", [1e30, -1e30])
 def test_every_number_has_limits_on_both_sides(far):
-    boundless = {name for name, kind in KEYS if not refused(kind, int(far) if kind is int else far)}
-    assert not boundless
+    assert not {
+        name for name, kind in NUMBERS if not refused(kind, int(far) if get_args(kind)[:1] == (int,) else far)
+    }
 
 
-def test_a_time_is_none_at_all_or_one_that_can_be_divided_by():
-    read = TypeAdapter(Delay).validate_python
+def test_a_delay_is_zero_or_can_be_a_divisor():
+    read = TypeAdapter(si.Delay).validate_python
     assert read(0) == 0.0
     assert read("1 ms") == 0.001
     with pytest.raises(ValidationError, match="got 1e-100 s; 0, or at least 1e-06 s"):
@@ -75,25 +54,64 @@ def test_a_time_is_none_at_all_or_one_that_can_be_divided_by():
 
 def test_what_cannot_be_zero_cannot_be_all_but_zero():
     """It would be zero in single precision, or make more cells and ticks than there are."""
-    tiny = {name for name, kind in KEYS if refused(kind, 0.0) and not refused(kind, 1e-30)}
-    assert not tiny
+    assert not {name for name, kind in NUMBERS if refused(kind, 0.0) and not refused(kind, 1e-30)}
 
 
-@pytest.mark.parametrize(
-    ("section", "told"),
-    [
-        (
-            {"kind": "cfd", "viscosity": 15.6},
-            "got 15.6 m^2/s; did you mean '15.6 mm^2/s'? at most 1 m^2/s",
-        ),
-        ({"kind": "uniform", "velocity": [1e30, 0]}, "got 1e+30 m/s; at most 100 m/s"),
-        (
-            {"kind": "uniform", "velocity": [-700, 0]},
-            "got -700 m/s; did you mean '-700 mm/s'? at least -100 m/s",
-        ),
-    ],
-)
-def test_a_unit_is_guessed_where_it_makes_sense(section, told):
-    with pytest.raises(ValidationError) as error:
-        TypeAdapter(Wind).validate_python(section)
-    assert told in [one["msg"] for one in error.value.errors()]
+# ---------------------------------------------------------------- a number per axis
+
+OTHERS = {
+    "Domain.size": "which sets the dimension",
+    "ClosedForm.diffusivity": "of which one may stand for all axes",
+    "ClosedForm.intensity": "the same",
+    "Recording.slice_height": "of one slice or several",
+    "Policy.memory": "one per average",
+    "Spiral.arms": "a list of any length",
+    "TableProfile.heights": "a list of any length",
+    "TableProfile.speeds": "one per height",
+    "Prism.vertices": "of two each, in any run",
+    "Motion.path": "of three each, in any run",
+    "StartAt.positions": "of two each, in any run",
+}
+"""Lists of numbers that are no vectors, though none has a fixed length."""
+
+
+def is_list(kind: Any) -> bool:
+    """Whether a type is, or contains, a list of numbers of no fixed length."""
+    if get_origin(kind) is tuple:
+        items = get_args(kind)
+        return len(items) == 2 and items[1] is Ellipsis and has_floats(items[0])
+    return any(is_list(part) for part in get_args(kind)) if get_origin(kind) is not dict else False
+
+
+def has_floats(kind: Any) -> bool:
+    return kind is float or any(has_floats(part) for part in get_args(kind))
+
+
+def annotations(kind: Any) -> list[Any]:
+    own = get_args(kind)[1:] if get_origin(kind) is Annotated else ()
+    return [one for meta in own for one in getattr(meta, "metadata", [meta])] + [
+        one for part in get_args(kind) for one in annotations(part)
+    ]
+
+
+def test_every_list_of_numbers_says_whether_it_is_a_vector():
+    marked = {}
+    for model in vocabulary():
+        for key, field in model.model_fields.items():
+            if is_list(field.annotation):
+                mark = mark_of(model, key, Vector)
+                names = {f"{base.__name__}.{key}" for base in model.__mro__}
+                assert (mark is None) == bool(names & OTHERS.keys()), (
+                    f"{model.__name__}.{key}: {field.annotation}"
+                )
+                marked[f"{model.__name__}.{key}"] = mark
+            if (mark := mark_of(model, key, Vector)) is not None:
+                limits = [
+                    one
+                    for one in (*field.metadata, *annotations(field.annotation))
+                    if isinstance(one, MaxLen)
+                ]
+                assert [one.max_length for one in limits] == [3 - mark.fewer], f"{model.__name__}.{key}"
+    assert marked["Source.position"] is marked["Box.size"] is marked["UniformWind.velocity"] is PER_AXIS
+    assert marked["Fan.center"] is marked["Straightener.size"] is marked["TemperedWall.center"] is PER_FACE
+    assert len([mark for mark in marked.values() if mark]) > 20

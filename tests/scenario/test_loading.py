@@ -45,22 +45,10 @@ def fault(tmp_path, text, *overrides):
     return str(caught.value).removeprefix(f"{tmp_path / 's.yaml'}: ")
 
 
-def test_a_good_file_loads(tmp_path):
-    scenario = load(tmp_path, GOOD)
-    assert scenario.domain.spacing == pytest.approx(0.05)
-    assert scenario.gas.sources[0].rate == 1e-5
-    assert isinstance(scenario.wind, CfdWind)
-    assert isinstance(scenario.wind.openings[0], Fan)
-
-
-def test_the_line_begins_with_the_file(tmp_path):
-    with pytest.raises(ScenarioError, match=r"^\S*s\.yaml: seed: got -1: "):
-        load(tmp_path, GOOD, "seed=-1")
-
-
 def test_several_faults_make_several_lines(tmp_path):
     with pytest.raises(ScenarioError) as caught:
         load(tmp_path, GOOD, "seed=-1", "tick=0", "wind.openings.0.speed=fast")
+    assert all(line.startswith(f"{tmp_path / 's.yaml'}: ") for line in caught.value.lines)
     assert [line.split(": ")[1] for line in caught.value.lines] == ["seed", "tick", "wind.openings[0].speed"]
     many = "[" + "{kind: outlet, face: up}, " * 100 + "]"
     with pytest.raises(ScenarioError) as caught:
@@ -171,7 +159,7 @@ def test_what_is_written_out_can_be_read_again(tmp_path):
     again = tmp_path / "again.yaml"
     again.write_text(to_yaml(load(tmp_path, few)))
     assert len(load_scenario(again).obstacles) == 2001
-    assert "values once every default is written out, 100,000 are taken" in fault(tmp_path, many)
+    assert "values with all defaults written out, at most 100,000 are allowed" in fault(tmp_path, many)
 
 
 def test_missing_files_and_folders(tmp_path):
@@ -192,6 +180,10 @@ def test_anchors_and_merges_work(tmp_path):
 
 
 def test_overrides_set_values(tmp_path):
+    scenario = load(tmp_path, GOOD)
+    assert isinstance(scenario.wind, CfdWind)
+    assert isinstance(scenario.wind.openings[0], Fan)
+    assert (scenario.domain.spacing, scenario.gas.sources[0].rate) == (0.05, 1e-5)
     scenario = load(tmp_path, GOOD, "duration=20 s", "robots.0.trials=3", "obstacles[0].yaw_deg=45")
     assert (scenario.duration, scenario.robots[0].trials) == (20.0, 3)
     assert isinstance(scenario.obstacles[0], Box)

@@ -1,23 +1,17 @@
 """Remarks point at what they are about, where that has a place."""
 
 import pytest
+from test_messages import ROOM
 
 from taichi_plume.assembly.prepare import load
-from taichi_plume.scenario.pointing import numbered
+from taichi_plume.scenario.checks import numbered
 
-TEXT = """\
-duration: 60
-domain: {size: [4, 3, 0.5], spacing: 0.05}
-wind:
-  kind: cfd
-  openings: [{kind: fan, face: x-, center: [1.5, 0.25], diameter: 0.4, speed: 0.5}, {kind: outlet, face: x+}]
-  screens: [{kind: honeycomb, axis: x, at: 0.4}]
-obstacles: [{kind: box, center: [2, 1, 0.15], size: [0.4, 0.3, 0.3]}]
-gas: {kind: eulerian, sources: [{position: [1, 1.5, 0.1], rate: 1e-5}]}
-robots:
-  - {name: a, count: 2, start: {kind: positions, positions: [[1, 1], [1, 2]]}, algorithm: {kind: casting}}
-  - {name: b, count: 2, start: {kind: area, low: [3, 1], high: [3.5, 2]}, algorithm: {kind: casting}}
-"""
+GROUPS = (
+    "robots=[{name: a, count: 2, start: {kind: positions, positions: [[1, 1], [1, 2]]}, algorithm: {kind: casting}}, "
+    "{name: b, count: 2, start: {kind: area, low: [3, 1], high: [3.5, 2]}, algorithm: {kind: casting}}]"
+)
+BOX = "obstacles=[{kind: box, center: [2, 1, 0.15], size: [0.4, 0.3, 0.3]}]"
+SCREEN = "wind.screens=[{kind: honeycomb, axis: x, at: 0.4}]"
 
 
 @pytest.mark.parametrize(
@@ -36,8 +30,11 @@ robots:
     ],
 )
 def test_a_remark_points_at_its_place(path, place, tmp_path):
-    (tmp_path / "s.yaml").write_text(TEXT)
-    scenario, resources = load(tmp_path / "s.yaml")
+    (tmp_path / "s.yaml").write_text(ROOM)
+    scenario, resources = load(
+        tmp_path / "s.yaml",
+        [GROUPS, SCREEN, "obstacles=[{kind: box, center: [2, 1, 0.15], size: [0.4, 0.3, 0.3]}]"],
+    )
     found = numbered(["duration: is short", f"{path}: is: odd"], scenario, resources)
     if place is None:
         assert found == []

@@ -32,6 +32,10 @@ from taichi_plume.scenario.quantities import USUAL, parse, quantity
         ("21 degC", "K", 294.15),
         ("-3.5 °C", "K", 269.65),
         ("2 W/(m^2 K)", "W/m^2/K", 2.0),
+        ("420 ppm", "ppm", 420.0),
+        ("5 ppb", "ppm", 5e-3),
+        ("5 ppt", "ppm", 5e-6),
+        ("2 %", "ppm", 2e4),
     ],
 )
 def test_numbers_and_texts_with_units(value, unit, expected):
@@ -39,28 +43,19 @@ def test_numbers_and_texts_with_units(value, unit, expected):
 
 
 @pytest.mark.parametrize(
-    "value", ["", "fast", "cm", "3 m m m/", "1,5 m", "3 m; 4", "__import__('os')", None, True, [1], {"m": 1}]
+    ("value", "told"),
+    [
+        *((value, r"must .*unit .*\bm$") for value in ("", "fast", "cm", "3 m m m/", "1,5 m", "3 m; 4")),
+        *((value, r"must .*unit .*\bm$") for value in ("__import__('os')", None, True, [1], {"m": 1})),
+        *((f"3 {unit}", "must have a unit that converts to m") for unit in ("kg", "m/s", "m^2", "parrots")),
+        # powers that pint would compute for ever
+        *((f"1 m{power}", "") for power in ("**9**9**9", "^(9^(9^9))", "*9**9**9**9", "**999999999")),
+        (10**400, "finite"),
+    ],
 )
-def test_what_is_no_quantity_is_refused(value):
-    with pytest.raises(PydanticCustomError, match=r"must .*unit .*\bm$"):
+def test_what_is_no_quantity_is_refused(value, told):
+    with pytest.raises(PydanticCustomError, match=told):
         parse(value, "m")
-
-
-@pytest.mark.parametrize("value", ["3 kg", "3 m/s", "3 m^2", "3 parrots"])
-def test_units_of_another_kind_are_refused(value):
-    with pytest.raises(PydanticCustomError, match="must have a unit that converts to m"):
-        parse(value, "m")
-
-
-@pytest.mark.parametrize("value", ["1 m**9**9**9", "1 m^(9^(9^9))", "1 m*9**9**9**9", "1 m**999999999"])
-def test_powers_that_would_take_for_ever_are_refused(value):
-    with pytest.raises(PydanticCustomError):
-        parse(value, "m")
-
-
-def test_integers_beyond_all_floats_are_refused():
-    with pytest.raises(PydanticCustomError, match="finite"):
-        parse(10**400, "m")
 
 
 @settings(max_examples=100, deadline=None)
@@ -78,11 +73,6 @@ def test_limits_hold_in_si_units():
             tick.validate_python(value)
 
 
-def test_the_schema_tells_editors_that_both_forms_are_right():
-    schema = TypeAdapter(quantity("m", gt=0)).json_schema()
-    assert {part["type"] for part in schema["anyOf"]} == {"number", "string"}
-
-
 def test_usual_units_are_converted_as_pint_does():
     """To 15 digits, to which both are rounded."""
     registry = pint.UnitRegistry()
@@ -96,8 +86,3 @@ def test_a_converted_number_is_the_decimal_that_was_written():
     assert parse("20 mg/s", "kg/s") == 2e-5
     assert parse("7 ms", "s") == 0.007
     assert parse("35 ug/s", "kg/s") == 3.5e-8  # by pint
-
-
-@pytest.mark.parametrize(("text", "ppm"), [("420 ppm", 420), ("5 ppb", 5e-3), ("5 ppt", 5e-6), ("2 %", 2e4)])
-def test_concentrations_by_volume(text, ppm):
-    assert parse(text, "ppm") == pytest.approx(ppm, rel=1e-12)

@@ -4,9 +4,10 @@ from typing import Any, get_args
 
 import pytest
 
+from taichi_plume.scenario.facts import models_in
+from taichi_plume.scenario.keys import places
 from taichi_plume.scenario.loading import read_scenario
 from taichi_plume.scenario.reset import differences, structure
-from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Compiled, Free, Model, marked
 
 ROOM = """\
@@ -193,25 +194,11 @@ STILL = {
 """Floats that a reset cannot change, by the class that has them first."""
 
 
-def models_in(kind: Any) -> set[type[Model]]:
-    """The sections that a type is made of."""
-    if isinstance(kind, type) and issubclass(kind, Model):
-        return {kind}
-    return {one for part in get_args(kind) for one in models_in(part)}
-
-
 def vocabulary() -> list[type[Model]]:
-    found: set[type[Model]] = set()
-    new = {Scenario}
-    while new:
-        found |= new
-        new = {
-            one
-            for model in new
-            for field in model.model_fields.values()
-            for one in models_in(field.annotation)
-        } - found
-    return sorted(found, key=lambda model: model.__name__)
+    """All sections, by their names."""
+    return sorted(
+        {model for place in places().values() for model in place.models}, key=lambda model: model.__name__
+    )
 
 
 def other_floats(kind: Any) -> tuple[Any, Any] | None:
@@ -219,7 +206,7 @@ def other_floats(kind: Any) -> tuple[Any, Any] | None:
     if kind is float:
         return 1.0, 2.0
     parts = [pair for pair in map(other_floats, get_args(kind)) if pair]
-    return ((parts[0][0],), (parts[0][1],)) if parts and not models_in(kind) else None
+    return ((parts[0][0],), (parts[0][1],)) if parts and not list(models_in(kind)) else None
 
 
 @pytest.mark.parametrize("model", vocabulary(), ids=lambda model: model.__name__)

@@ -6,9 +6,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from taichi_plume.assembly.prepare import load
-from taichi_plume.scenario.detectors import PID_FACTORS, UNSEEN, PidSensor
-from taichi_plume.scenario.loading import ScenarioError, read_scenario
+from taichi_plume.scenario.gas_sensors import PID_FACTORS, UNSEEN, PidSensor
 from taichi_plume.scenario.metal_oxides import INERT, MOX_MODELS, OXIDISING, MoxName, MoxSensor
 from taichi_plume.scenario.species import SPECIES, SpeciesName
 
@@ -135,7 +133,7 @@ def test_every_model_reads_its_own_gas_rightly_and_tells_of_all_others(model):
     own = MOX_MODELS[model].gas
     assert (sensor.weight(own), sensor.bend(own), sensor.reads(own, 33.0)) == (1.0, None, 33.0)
     for gas in SPECIES:
-        felt = gas in MOX_MODELS[model].others or gas not in INERT | OXIDISING | MOX_MODELS[model].deaf
+        felt = gas in MOX_MODELS[model].others or gas not in INERT | OXIDISING | MOX_MODELS[model].filtered
         assert (sensor.weight(gas) > 0) == (sensor.reads(gas, 10.0) > 0) == felt
 
 
@@ -160,62 +158,3 @@ def test_detectors_have_a_factor_of_all_gases_or_do_not_see_them():
     assert pid.weight("methane") == 0.0
     assert pid.weight("xylene") == 1.0
     assert PidSensor(kind="pid", correction={"methane": 50.0}).weight("methane") == 0.02
-
-
-ROOM = """\
-duration: 10
-domain: {size: [4, 3], spacing: 0.1}
-wind: {kind: uniform, velocity: [0.5, 0]}
-gas: {kind: gaussian_plume, intensity: 0.1, sources: [{position: [0.5, 1.5], rate: 10 mg/s}]}
-robots:
-  - count: 1
-    start: {kind: positions, positions: [[3.5, 1]]}
-    algorithm: {kind: casting}
-"""
-XYLENE = "gas.species={name: xylene, molar_mass: 0.106, diffusivity: 7e-6}"
-
-
-def scenario(tmp_path, *changes):
-    path = tmp_path / "s.yaml"
-    path.write_text(ROOM)
-    return read_scenario(path, changes)
-
-
-@pytest.mark.parametrize("got", ["methan", "[1]", "3", "''", "ETHANOL"])
-def test_an_unknown_name_is_told_what_there_is_and_how_others_are_told(tmp_path, got):
-    with pytest.raises(ScenarioError) as error:
-        scenario(tmp_path, f"gas.species={got}")
-    (line,) = error.value.faults
-    assert "gas.species: got " in line
-    assert line.endswith("sulfur_hexafluoride; any other needs {molar_mass: ..., diffusivity: ...}")
-    assert ("did you mean 'methane'?" in line) == (got == "methan")
-
-
-SMELLS = "robots.0.sensors.gas={kind: "
-
-
-@pytest.mark.parametrize(
-    ("changes", "told"),
-    [
-        (
-            (XYLENE, SMELLS + "pid}"),
-            ".correction: has no factor for 'xylene', which is taken for isobutylene",
-        ),
-        (("gas.species=methane", SMELLS + "pid}"), ".kind: a lamp of 10.6 eV does not ionise 'methane'"),
-        (("gas.species=helium",), ".kind: a metal oxide does not feel 'helium': it counts as clean air"),
-        (
-            ("gas.species=hydrogen", SMELLS + "mox, model: tgs2612}"),
-            ".kind: a metal oxide does not feel 'hydrogen'",
-        ),
-        (("gas.species=toluene",), ".sensitivity: nothing is known of 'toluene', which is taken for ethanol"),
-        (("gas.species=toluene", SMELLS + "mox, sensitivity: {toluene: 2}}"), ""),
-        (("gas.species=methane",), ""),
-        (("gas.species=acetone",), ""),
-        ((), ""),
-    ],
-)
-def test_what_sensors_do_not_know_is_remarked(tmp_path, changes, told):
-    (tmp_path / "s.yaml").write_text(ROOM)
-    lines = [one for one in load(tmp_path / "s.yaml", changes).resources.remarks if "sensors.gas" in one]
-    assert len(lines) == bool(told)
-    assert all(line.startswith(f"robots[0].sensors.gas{told}") for line in lines)

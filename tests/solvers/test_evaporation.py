@@ -135,10 +135,10 @@ def with_source(**source) -> dict:
 @pytest.mark.parametrize(
     ("data", "lines"),
     [
-        (with_source(), ["gas.sources[0]: takes a rate or a dish, got neither"]),
+        (with_source(), ["gas.sources[0]: takes rate or dish, got neither"]),
         (
             with_source(rate=1e-6, dish={"diameter": 0.1}),
-            ["gas.sources[0]: takes a rate or a dish, got both"],
+            ["gas.sources[0]: takes rate or dish, got both"],
         ),
         (with_source(dish={}), ["gas.sources[0].dish: missing key 'diameter'"]),
         (
@@ -147,12 +147,12 @@ def with_source(**source) -> dict:
         ),
         (
             with_source(dish={"diameter": 0.1, "temperature": 360}),
-            ["gas.sources[0].dish.temperature: at 360 K ethanol boils, its vapour pressure is 140.9 kPa"],
+            ["gas.sources[0].dish.temperature: at 360 K ethanol boils, with a vapour pressure of 140.9 kPa"],
         ),
         *(
             (
                 with_source(dish={"diameter": "20 cm"}, radius=radius),
-                [f"gas.sources[0]: radius = {radius} m and dish.diameter = 0.2 m disagree"],
+                [f"gas.sources[0]: radius = {radius} m is not half of dish.diameter = 0.2 m"],
             )
             for radius in (0.05, 0.2)
         ),

@@ -77,7 +77,7 @@ def test_time_between_frames_and_the_loop(simulation):
     ("override", "said"),
     [
         ("gas.origin=[3, 3]", "no pixel of .*m.npy is in the domain"),
-        ("gas.start=5 s", "after the last frame"),
+        ("gas.start=5 s", "gas.start: 5 s is after"),
         ("gas.file=n.npy", "does not exist"),
         ("gas.file=../m.npy", "does not exist"),
     ],

@@ -22,7 +22,7 @@ COUNT = {"key": "robots.0.count", "low": 1, "high": 8}
             ["axes.a: unknown key 'opening' in wind; did you mean 'wind.openings'?"],
         ),
         ({"key": "wind.openings.9.speed", "values": [1, 2]}, ["axes.a: wind.openings has 2 items"]),
-        ({"key": "duration.x", "values": [1]}, ["axes.a.values[0]: duration is 4.0: it has no 'x'"]),
+        ({"key": "duration.x", "values": [1]}, ["axes.a.values[0]: duration is 4.0: it has no key 'x'"]),
         ({"key": ".", "values": [1]}, ["axes.a.values[0]: must be the path of a key"]),
         (
             {"key": "wind.openings.0.turbulence_intensity", "values": [0.2, "x", 2, None]},

@@ -38,7 +38,7 @@ def test_what_aliases_share_changes_in_one_place_alone():
     [
         ("wind.openings.7.speed", "wind.openings has 2 items, the first is 0: there is no 7"),
         ("wind.openings.x", "wind.openings is a list: 'x' must be the index of an item"),
-        ("duration.x", "duration is 4.0: it has no 'x' in it"),
+        ("duration.x", "duration is 4.0: it has no key 'x'"),
         ("wind.spede", "wind: unknown key 'spede'"),
         ("", "must be the path of a key"),
         ("wind..x", "must be the path of a key"),

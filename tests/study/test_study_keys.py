@@ -5,9 +5,8 @@ import json
 import pytest
 
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.scenario.explaining import print_key, print_schema
 from taichi_plume.scenario.facts import first_sentence
-from taichi_plume.scenario.keys import all_keys, look_up
+from taichi_plume.scenario.keys import all_keys, look_up, print_key, print_schema
 from taichi_plume.study.model import Study
 
 
