@@ -54,7 +54,6 @@ def _conclude(args: argparse.Namespace, contest, command: Sequence[str]) -> None
     from taichi_plume.contest import page, standings
 
     rows = standings.rows(contest)
-    standings.require(rows)
     standings.write(contest, rows)
     path = page.write(contest, rows, command)
     for row in rows:

@@ -1,4 +1,4 @@
-"""How the table and the figures of a contest are read."""
+"""Captions of a contest's tables and figures."""
 
 MEASURED = (
     "A search is a success where a robot comes within 0.25 m of a source before the scenario's time is over; the robot "

@@ -12,10 +12,9 @@ from taichi_plume.guard.terminal import visible
 from taichi_plume.running.signals import Ears
 from taichi_plume.scenario.loading import scenario_of
 from taichi_plume.study.agenda import Agenda, Job
-from taichi_plume.study.failures import leave_failed
 from taichi_plume.study.messages import AirRecord, Cost, Options, Record, Request, Task
 from taichi_plume.study.progress import Totals
-from taichi_plume.study.store import Store
+from taichi_plume.study.store import Store, leave_failed
 from taichi_plume.study.workers import LOG, Workers, WorkersError, work
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from taichi_plume.assembly.prepare import prepare
-from taichi_plume.contest import plume
+from taichi_plume.contest import plots
 from taichi_plume.contest.entrants import (
     FILES,
     FLOOR,
@@ -185,12 +185,12 @@ def test_no_file_is_called_as_a_shipped_one_at_its_word(tmp_path):
 
 def test_a_picture_that_was_cut_off_is_made_again(tmp_path, monkeypatch):
     made = []
-    monkeypatch.setattr(plume, "_computed", lambda scenario: made.append(1) or np.ones((2, 3), np.float32))
+    monkeypatch.setattr(plots, "_computed", lambda scenario: made.append(1) or np.ones((2, 3), np.float32))
     one = fixed("meandering")
     for content in (None, b"", b"PK\x03\x04 and no more"):
         if content is not None:
             (tmp_path / "meandering.plume.npz").write_bytes(content)
-        assert plume.mean_plume(one, tmp_path).shape == (2, 3)
-        assert plume.mean_plume(one, tmp_path).shape == (2, 3)
+        assert plots.mean_plume(one, tmp_path).shape == (2, 3)
+        assert plots.mean_plume(one, tmp_path).shape == (2, 3)
     assert len(made) == 3
     assert [file.name for file in tmp_path.iterdir()] == ["meandering.plume.npz"]

@@ -15,8 +15,8 @@ from small_study import ROOM, SPEED, write
 
 from taichi_plume.scenario.loading import scenario_of
 from taichi_plume.scenario.reset import differences
-from taichi_plume.study.axes import saltelli
 from taichi_plume.study.ids import Digests
+from taichi_plume.study.indices import numbers
 from taichi_plume.study.plan import SEARCH_STEP, load_plan
 from taichi_plume.study.sharing import shared_airs
 
@@ -85,16 +85,11 @@ def test_a_sensitivity_study_has_the_matrices_of_saltelli(tmp_path):
     axes = {"height": {**HEIGHT, "high": 0.25}, "speed": speed, "depth": depth}
     plan = load_plan(write(tmp_path, kind="sensitivity", samples=512, axes=axes, airs=1))
     assert len(plan.requests) == 512 * 5
-    f: dict[str, Any] = {
-        "f_A": np.empty((1, 512)),
-        "f_B": np.empty((1, 512)),
-        "f_AB": np.empty((3, 1, 512)),
-    }
+    y = np.empty(len(plan.requests))
     for one in plan.requests:
-        values = one.values
-        y = values["height"] + 2 * values["speed"] + 0.1 * values["depth"]  # type: ignore[operator]
-        matrix, k, row = saltelli(one.point, 512)
-        (f["f_AB"][k] if matrix == "AB" else f[f"f_{matrix}"])[0, row] = y
+        y[one.point] = np.dot([1, 2, 0.1], list(one.values.values()))  # type: ignore[arg-type]
+    a, b, ab = (y[points] for points in numbers(512, 3))
+    f = {"f_A": a[None], "f_B": b[None], "f_AB": ab[:, None]}
     indices = sobol_indices(func=f, n=512)
     variances = np.array([0.2, 2 * 0.2, 0.1]) ** 2
     assert indices.first_order.ravel() == pytest.approx(variances / variances.sum(), abs=0.02)
@@ -299,7 +294,6 @@ def test_a_plan_is_the_same_in_another_process_and_ids_with_axes_in_another_orde
     code = f"""
 import sys
 from pathlib import Path
-from taichi_plume.study.axes import saltelli
 from taichi_plume.study.ids import Digests
 from taichi_plume.study.plan import load_plan
 for one in load_plan(Path({str(tmp_path / "study.yaml")!r})).requests:

@@ -10,11 +10,11 @@ import small_study
 
 from taichi_plume.cli.study import main
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.study import costs, page, tables
+from taichi_plume.study import page, tables
 from taichi_plume.study.messages import Axis
 from taichi_plume.study.plan import load_plan
-from taichi_plume.study.table_rows import planned
-from taichi_plume.study.table_rows import tables as made_tables
+from taichi_plume.study.results import cost_words
+from taichi_plume.study.tables import make_tables, planned
 
 WICKED = "<script>alert(1)</script>\x1b[31m & {{ name }}"
 
@@ -38,13 +38,11 @@ class Read(HTMLParser):
 
 
 @pytest.fixture
-def write(tmp_path, monkeypatch):
+def write(tmp_path):
     """The page of a plan and its records, read."""
-    made_study.stand_in(monkeypatch)
 
     def make(plan, records) -> Read:
-        tables.write_plan(tmp_path, plan)
-        tables.publish(tmp_path, records)
+        made_study.published(tmp_path, plan, records)
         return Read(page.write(tmp_path).read_text(encoding="utf-8"))
 
     return make
@@ -207,7 +205,7 @@ def test_costs_leave_out_pauses(sweep):
         records.append(
             record._replace(cost=record.cost._replace(begun=begun, worker=f"w{later}{turn % 2}", compiled=1))
         )
-    told = dict(costs.told(made_tables(planned(sweep), records).costs))
+    told = dict(cost_words(make_tables(planned(sweep), records).costs))
     assert told["wall time"] == "89 s, in 2 stretches, pauses between them left out"
     assert told["runs"] == "72; 2 s each, of which 500 ms beyond the simulation itself"
     assert told["workers"] == "2; at work 81 % of the time"  # 36 s of 44.5 s
