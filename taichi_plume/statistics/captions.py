@@ -1,4 +1,4 @@
-"""What the page says beside its plots and tables."""
+"""Captions of the plots and tables of a page of statistics."""
 
 MEASURED = (
     "{gas} at {points}: {where}. From t = {begin:.4g} to {end:.4g} s, {samples} samples, {every}. A sample counts for "
