@@ -5,7 +5,7 @@ import shutil
 import time
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from taichi_plume import __version__
 from taichi_plume.guard.terminal import visible
@@ -53,7 +53,7 @@ class Campaign:
         self.largest = max((one.bytes for one in store.air_records()), default=0)  # film so far
         films = FILMS + max(1, len(self.there))
         self.agenda = Agenda(requests, shared, store.film, films, self._room)
-        self.given: dict[Future[Any], tuple[str, Job]] = {}  # worker and job of each task under way
+        self.given: dict[Future[list[Record] | AirRecord], tuple[str, Job]] = {}  # worker and job
         self.structures: dict[str, str] = {}  # last structure of each worker
         self.failed = 0
 

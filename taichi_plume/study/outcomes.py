@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from taichi_plume.files.run_folder import FILES
+from taichi_plume.files.trials_table import TRIAL
 from taichi_plume.scenario.changes import steps_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.declarations import OF_BELIEFS
@@ -14,35 +15,30 @@ ANY = None
 """Any names below, which solvers choose."""
 NUMBERS = [0]
 MEANS = (
-    "success_rate",
-    "time_s",
-    "path_m",
-    "overhead",
-    "acquisitions",
-    "hits",
-    "bumps",
-    "time_with_failures_s",
+    *(
+        "success_rate",
+        "time_s",
+        "path_m",
+        "overhead",
+        "acquisitions",
+        "hits",
+        "bumps",
+        "time_with_failures_s",
+    ),
     *("declared_rate", "reached_rate", "neither_rate", "declared_time_s", "localisation_error_m"),
     "false_declarations",
 )
 PUSHING = frozenset(("pushes", "pinned_s"))  # of runs with moving obstacles
-OF_TRIALS = (
-    *(
-        "trial",
-        "success",
-        "found",
-        "time_s",
-        "path_m",
-        "overhead",
-        "team_path_m",
-        "acquisitions",
-        "hits",
-        "bumps",
-    ),
-    *("final_distance_m", "declared_time_s", "localisation_error_m", "declarations", "false_declarations"),
-    "reached_time_s",
-    *sorted(PUSHING),
+TABLES_ALONE = (
+    "group",
+    "algorithm",
+    "searched",
+    "shortest_m",
+    "time_with_failures_s",
+    "outcome",
+    "shares_arena",
 )
+OF_TRIALS = [column.name for column in TRIAL if column.name not in TABLES_ALONE]
 GROUP = {
     **dict.fromkeys(("robots", "trials", "airs", "success_rate", "median_time_s", "median_path_m"), 0),
     "summary": dict.fromkeys(MEANS, dict.fromkeys(("mean", "low", "high", "n", "airs"), 0)),
