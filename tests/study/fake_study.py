@@ -36,7 +36,7 @@ def plan_of(folder: Path, told: dict[str, Any]) -> Any:
         "base": "base.yaml",
         "kind": "sweep",
         "keep": (),
-        "outcomes": {"number": "number"},
+        "outcomes": {"value": "number"},
     }
     study = SimpleNamespace(**about, share_air="exact", model_dump=lambda mode: about)
     return SimpleNamespace(

@@ -1,5 +1,6 @@
 """`python -m taichi_plume.study`: what is wrong is told in a line, before anything heavy is imported."""
 
+import json
 import os
 import subprocess
 import sys
@@ -8,7 +9,12 @@ from pathlib import Path
 import pytest
 
 from taichi_plume.cli.study import main
+from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import say
+from taichi_plume.scenario.explaining import print_key, print_schema
+from taichi_plume.scenario.facts import first_sentence
+from taichi_plume.scenario.keys import all_keys, look_up
+from taichi_plume.study.model import Study
 
 SCENARIO = """
 duration: 1
@@ -82,15 +88,11 @@ def test_bad_input_is_one_line(case, capsys, line, told):
 
 
 def test_code_needs_leave(case, capsys):
-    (case / "own.py").write_text(
-        "class Mine:\n    def act(self, t, sensors):\n        pass\nraise SystemExit('executed')"
-    )
-    (case / "base.yaml").write_text(
-        SCENARIO.replace("{kind: casting, threshold_ppm: 5}", "{kind: own, file: own.py}")
-    )
-    (case / "study.yaml").write_text(
-        STUDY.replace("robots.0.algorithm.threshold_ppm, values: [1, 2, 3]", "duration, values: [1, 2]")
-    )
+    code = "class Mine:\n    def act(self, t, sensors):\n        pass\nraise SystemExit('executed')"
+    base = SCENARIO.replace("{kind: casting, threshold_ppm: 5}", "{kind: own, file: own.py}")
+    study = STUDY.replace("robots.0.algorithm.threshold_ppm, values: [1, 2, 3]", "duration, values: [1, 2]")
+    for name, text in (("own.py", code), ("base.yaml", base), ("study.yaml", study)):
+        (case / name).write_text(text)
     assert main(["study.yaml"]) == 2
     said = capsys.readouterr().err
     assert "own.py: holds Python code" in said
@@ -104,13 +106,32 @@ def test_bad_input_is_told_before_anything_heavy_is_imported(case):
         "import sys; from taichi_plume.cli.study import main; code = main(['study.yaml']); "
         "sys.exit(code + 10 * bool({'taichi', 'dask', 'distributed', 'matplotlib', 'zarr'} & sys.modules.keys()))"
     )
-    path = os.pathsep.join([str(Path(say.__code__.co_filename).parents[2])])
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=case,
-        capture_output=True,
-        text=True,
-        env=os.environ | {"PYTHONPATH": path},
-    )
+    env = os.environ | {"PYTHONPATH": str(Path(say.__code__.co_filename).parents[2])}
+    line = [sys.executable, "-c", code]
+    done = subprocess.run(line, cwd=case, capture_output=True, text=True, env=env)
     assert done.returncode == 2, done.stderr
     assert "treshold" in done.stderr
+
+
+# ---------------------------------------------------------------- keys
+
+
+def test_the_schema_describes_every_key(capsys):
+    assert print_schema(Study) == 0
+    schema = json.loads(capsys.readouterr().out)
+    sections = [schema, *schema["$defs"].values()]
+    told = [one["description"] for section in sections for one in section["properties"].values()]
+    assert len(told) == len(list(all_keys(Study))) >= 20
+    for text in told:
+        meaning = text.split("\n\n")[0]
+        assert len(meaning.split()) >= 4
+        assert len(first_sentence(meaning)) <= 115, meaning
+        assert meaning[0].isupper()
+
+
+def test_a_key_is_found_by_its_name_and_what_is_near_is_told(capsys):
+    assert print_key("axes.values", Study) == 0
+    assert capsys.readouterr().out.startswith("axes[].values\n  The values that the key takes")
+    with pytest.raises(InputError, match="share_air"):
+        print_key("shareair", Study)
+    assert look_up("wind.openings.speed", Study) == ([], [])
