@@ -1,7 +1,7 @@
 """Standings of a contest: a row per algorithm and scenario, from the records in the studies' folders."""
 
 from collections.abc import Hashable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -66,7 +66,7 @@ def rows(contest: Contest) -> list[Row]:
 
 def _of_study(contest: Contest, name: str) -> Iterator[Row]:
     study = open_study(contest.out / name)
-    runs = study.runs()
+    runs: Any = study.runs()
     found = _estimates(study)
     for one in contest.entrants:
         mine = runs[runs[AXIS] == one.name]
@@ -81,7 +81,8 @@ def _of_study(contest: Contest, name: str) -> Iterator[Row]:
 
 def _estimates(study: Results) -> dict[str, dict[Hashable, Estimate]]:
     """Estimate each measure and the number of searches, by algorithm."""
-    trials, runs = study.trials(), study.runs()
+    trials: Any = study.trials()
+    runs: Any = study.runs()
     chance = trials["run"].map(dict(zip(runs["run"], runs["air_by_chance"], strict=True)))
     ratio = trials["path_m"] / trials["shortest_m"]
     trials = trials.assign(searches=1.0, path_ratio=ratio, air_by_chance=chance)

@@ -1,6 +1,7 @@
 """`statistics.html`: statistics of a plume on one self-contained page; words first."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,7 @@ def write(found: Statistics, folder: Path) -> Path:
     )  # fmt: skip
 
 
-def _number(value: float) -> str:
+def _number(value: Any) -> str:
     return f"{value:.3g}" if np.isfinite(value) else "-"
 
 

@@ -68,13 +68,15 @@ def within(one: OfProbe) -> bytes:
     with look.styled():
         figure, (axis,) = _axes()
         most = float(np.quantile(one.within, 0.999))
-        axis.hist(one.within, np.linspace(0.0, most, 61), density=True, color="#c9d6e2", label="samples")
+        axis.hist(
+            one.within, np.linspace(0.0, most, 61).tolist(), density=True, color="#c9d6e2", label="samples"
+        )
         c = np.linspace(most / 400, most, 400)
         for fit, line, color in zip(one.fits, ("-", "--"), (FIRST, SECOND), strict=True):
             name = {"gamma": "gamma", "lognorm": "lognormal"}[fit.kind]
             axis.plot(c, fit.density(c), line, color=color, label=f"{name}, distance {fit.distance:.3f}")
         top = axis.get_ylim()[1]
-        heights = axis.patches and max(float(patch.get_height()) for patch in axis.patches)
+        heights = max((float(patch.get_height()) for patch in axis.patches), default=0.0)
         axis.set_ylim(0.0, min(top, 1.6 * heights) if heights else top)
         axis.set_xlabel("concentration over its mean while there is gas")
         axis.set_ylabel("density")

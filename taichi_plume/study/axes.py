@@ -8,11 +8,11 @@ changes faster still. A sensitivity study has the points A, B, AB_1, AB_2 ... of
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from taichi_plume.study.messages import Value
+from taichi_plume.study.messages import Data, Value
 from taichi_plume.study.model import Study, StudyAxis
 
 DIGITS = 12  # of numbers in ranges
@@ -22,7 +22,7 @@ class Level(NamedTuple):
     """A value of a grid axis: as written in the tables, and its changes to the scenario."""
 
     value: Value
-    changes: Mapping[str, Any]
+    changes: Mapping[str, object]
 
 
 class Levels(NamedTuple):
@@ -49,7 +49,7 @@ class Point(NamedTuple):
 
     which: tuple[int, ...]
     values: dict[str, Value]
-    changes: dict[str, Any]
+    changes: Data
 
 
 def points(study: Study, axes: Sequence[Levels | Range]) -> Iterator[Point]:

@@ -11,10 +11,12 @@ tests/study/test_intervals.py measures how often the intervals cover the true va
 """
 
 import warnings
+from collections.abc import Hashable, Iterable
 from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import ndtr, stdtrit
 
 from taichi_plume.scoring.trials import mean_with_interval, share_with_interval
@@ -58,7 +60,9 @@ class Estimate(NamedTuple):
     over: str
 
 
-def estimates(values: Any, keys: Any, airs: Any, by_chance: Any, share: bool) -> dict[Any, Estimate]:
+def estimates(
+    values: ArrayLike, keys: Iterable[Hashable], airs: ArrayLike, by_chance: ArrayLike, share: bool
+) -> dict[Hashable, Estimate]:
     """Estimate the mean of the values of each key, from searches given as columns (n,).
 
     values: NaN if there is nothing to count; 0 or 1 for a share; airs: seed of each search's air; by_chance: whether
@@ -73,7 +77,7 @@ def estimates(values: Any, keys: Any, airs: Any, by_chance: Any, share: bool) ->
         for key, part in table[~table["chance"].astype(bool)].groupby("key", sort=False)
     }
     cells = _cells(table[table["chance"].astype(bool)])
-    waiting: dict[int, list[tuple[Any, np.ndarray, np.ndarray]]] = {}
+    waiting: dict[int, list[tuple[Hashable, np.ndarray, np.ndarray]]] = {}
     for key, sums, counts in cells:
         known = _without_resampling(sums, counts, share)
         if known is None:
@@ -81,14 +85,15 @@ def estimates(values: Any, keys: Any, airs: Any, by_chance: Any, share: bool) ->
         else:
             made[key] = known
     for count, alike in waiting.items():
-        sums, counts = (np.stack([cell[n] for cell in alike]) for n in (1, 2))
+        sums = np.stack([cell[1] for cell in alike])
+        counts = np.stack([cell[2] for cell in alike])
         low, high = resampled(sums, counts)
         for (key, s, c), l, h in zip(alike, low, high, strict=True):
             made[key] = Estimate(float(s.sum() / c.sum()), float(l), float(h), int(c.sum()), count, "airs")
     return made
 
 
-def _cells(table: Any) -> list[tuple[Any, np.ndarray, np.ndarray]]:
+def _cells(table: Any) -> list[tuple[Hashable, np.ndarray, np.ndarray]]:
     """Sums and counts per air for each key."""
     if not len(table):
         return []

@@ -5,7 +5,6 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from taichi_plume.files import run_folder
 from taichi_plume.running.job import End, report, whole
@@ -13,7 +12,7 @@ from taichi_plume.running.outputs import About, Outputs
 from taichi_plume.running.result import result, write_result
 from taichi_plume.running.signals import Ears
 from taichi_plume.scenario.input_files import input_paths
-from taichi_plume.study.messages import Request, Task
+from taichi_plume.study.messages import Data, Request, Task
 from taichi_plume.study.rows import probed
 from taichi_plume.study.store import KEPT
 from taichi_plume.study.warm import Kept
@@ -21,7 +20,7 @@ from taichi_plume.study.warm import Kept
 UNFINISHED = "unfinished"  # beside KEPT, so that paths relative to a run folder stay valid
 ALWAYS = ("scenario.yaml", "result.json")  # files that are kept of every kept run
 PLAYED = "wind and gas were played from a film of the study: nothing is told of flow, gas budget and forces"
-Ended = tuple[End, dict[str, Any], Path | None]
+Ended = tuple[End, Data, Path | None]
 """End of a run, its result, and the path of its table of probes."""
 
 

@@ -4,6 +4,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 Value = float | int | str | bool
+Data = dict[str, Any]
+"""Nested data as in YAML or JSON."""
 Row = dict[str, Any]
 """A row of a table, by column."""
 
@@ -35,7 +37,7 @@ class Request(NamedTuple):
     air_seed: int
     air: str
     air_by_chance: bool
-    changes: dict[str, Any]
+    changes: Data
     structure: str
 
 
@@ -60,7 +62,7 @@ class Task(NamedTuple):
     one.
     """
 
-    base: dict[str, Any]
+    base: Data
     folder: Path
     requests: tuple[Request, ...]
     options: Options

@@ -4,13 +4,13 @@ import shlex
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from taichi_plume.report import html
 from taichi_plume.report.html import Image, Section, Table
 from taichi_plume.study import captions, columns, indices, intervals, plots, refine
+from taichi_plume.study.messages import Value
 from taichi_plume.study.points import SUCCESS, TIME, Points, Quantity
 from taichi_plume.study.results import Results, cost_words, open_study
 
@@ -52,7 +52,7 @@ class Page:
         self.others = [one for one in self.known if one.what == "runs"]
         self.varying = [one for one in self.others if np.ptp(self._means(one)) > 0]
 
-    def _values(self, axis: str) -> list[Any]:
+    def _values(self, axis: str) -> list[Value]:
         return plots.values_of(self.points, axis)
 
     def _means(self, one: Quantity) -> np.ndarray:
@@ -210,7 +210,8 @@ class Page:
         axes = [axis for axis in (*self.points.axes, "group") if axis in self.numeric or axis in self.named]
         order, caption = np.arange(len(table)), captions.POINTS
         if len(table) > MOST_POINTS and shown:
-            means = [[each.mean if each else np.nan for each in estimates[one.name]] for one in shown[:2]]
+            columns_of = [estimates[one.name] for one in shown[:2]]
+            means = np.array([[each.mean if each else np.nan for each in column] for column in columns_of])
             order = np.lexsort([*means[1:], -np.nan_to_num(means[0], nan=-np.inf)])
             order = np.concatenate([order[:BEST], order[-WORST:]])
             ends = {"best": BEST, "worst": WORST, "all": len(table), "first": shown[0].title}

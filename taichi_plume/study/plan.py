@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from math import prod
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from urllib.parse import quote
 
 from pydantic import TypeAdapter, ValidationError
@@ -17,7 +17,7 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study.axes import Levels, Point, Range, count_of, points
 from taichi_plume.study.checking import Checks
 from taichi_plume.study.ids import Digests, Ids
-from taichi_plume.study.messages import Axis, Request
+from taichi_plume.study.messages import Axis, Data, Request
 from taichi_plume.study.model import SEEDS, Study
 from taichi_plume.study.outcomes import Wanted
 from taichi_plume.study.resolving import resolve
@@ -41,7 +41,7 @@ class Plan(NamedTuple):
     study: Study
     file: Path
     folder: Path
-    base: dict[str, Any]
+    base: Data
     axes: tuple[Axis, ...]
     requests: tuple[Request, ...]
 
@@ -111,7 +111,7 @@ class _Planning:
         """Return all valid points and the errors; points that differ in seeds alone are checked once."""
         study = self.study
         wanted, refused, found = Wanted(study.outcomes, study.keep), _Refused(axes), []
-        seen: dict[tuple[Any, ...], tuple[int, Ids] | None] = {}
+        seen: dict[tuple[int, ...], tuple[int, Ids] | None] = {}
         grid = [axis for axis in axes if isinstance(axis, Levels)]
         seeds = [n for n, axis in enumerate(grid) if set(study.axes[axis.name].paths) <= set(SEEDS)]
         scenario = None
@@ -158,7 +158,7 @@ class _Planning:
                 )
                 number += 1
 
-    def _seeds(self, changes: Mapping[str, Any]) -> Iterator[tuple[int, int, dict[str, int]]]:
+    def _seeds(self, changes: Mapping[str, object]) -> Iterator[tuple[int, int, dict[str, int]]]:
         """Yield seed and seed of the air of each run, and the changes to its scenario that set them."""
         given = {key: changes.get(key, self.base.get(key)) for key in SEEDS}
         seed = WHOLE(Scenario.model_fields["seed"].default if given["seed"] is None else given["seed"])

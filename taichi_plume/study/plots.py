@@ -9,6 +9,7 @@ from taichi_plume.report import look
 from taichi_plume.study.columns import is_number
 from taichi_plume.study.indices import Index
 from taichi_plume.study.intervals import Estimate
+from taichi_plume.study.messages import Row, Value
 from taichi_plume.study.points import Points, Quantity
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ MOST_DOTS = 3000
 WINDOW = 0.15  # of the range of an axis: window of a running mean
 
 Estimates = Mapping[Hashable, Estimate]
+Names = Sequence[Value | None]
 
 
 def values_of(points: Points, axis: str) -> list[Any]:
@@ -132,7 +134,13 @@ def along(points: Points, axis: str, by: str | None, some: Sequence[Quantity]) -
 
 
 def _means(
-    axes: "Axes", points: Points, axis: str, by: str | None, part: list[Any], one: Quantity, found: Estimates
+    axes: "Axes",
+    points: Points,
+    axis: str,
+    by: str | None,
+    part: Names,
+    one: Quantity,
+    found: Estimates,
 ) -> None:
     """Draw the mean at each value, with its interval."""
     places = values_of(points, axis)
@@ -155,7 +163,13 @@ def _means(
 
 
 def _running(
-    axes: "Axes", points: Points, axis: str, by: str | None, part: list[Any], one: Quantity, _: Estimates
+    axes: "Axes",
+    points: Points,
+    axis: str,
+    by: str | None,
+    part: Names,
+    one: Quantity,
+    _: Estimates,
 ) -> None:
     """Draw the mean of each point as a dot, and their running mean."""
     log = logarithmic(points, axis)
@@ -253,7 +267,7 @@ def sensitivity(title: str, indices: dict[str, Index]) -> bytes:
     return _panels(1, panel, 1, 1.1 + 0.5 * len(indices))
 
 
-def refinement(rows: Sequence[dict[str, Any]], names: Sequence[str], title: str, unit: str) -> bytes:
+def refinement(rows: Sequence[Row], names: Sequence[str], title: str, unit: str) -> bytes:
     """Draw values over the spacing, and their extrapolation to zero spacing."""
 
     def panel(axes: "Axes", _: int) -> None:

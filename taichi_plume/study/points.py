@@ -1,13 +1,14 @@
 """Points of a study: means with intervals over airs for each combination of the axes' values and each group."""
 
 from collections.abc import Hashable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from taichi_plume.files import table_parts
 from taichi_plume.scoring.declarations import DECLARED, REACHED
 from taichi_plume.study import intervals
+from taichi_plume.study.messages import Row
 from taichi_plume.study.tables import Planned, Tables
 
 if TYPE_CHECKING:
@@ -136,7 +137,7 @@ class Points:
         """Return the table that a quantity is a column of, and the columns that identify a row of points."""
         return (self.runs, ["point"]) if one.what == "runs" else (self.trials, ["point", "group"])
 
-    def estimated(self, one: Quantity, keys: Sequence[str]) -> dict[Any, intervals.Estimate]:
+    def estimated(self, one: Quantity, keys: Sequence[str]) -> dict[Hashable, intervals.Estimate]:
         """Estimate a quantity for each value of some columns of the trials, or of the runs."""
         return estimated(self._rows(one)[0], one, keys)
 
@@ -146,7 +147,7 @@ class Points:
         rows = zip(*(self.table[key] for key in keys), strict=True)
         return [found.get(row if len(keys) > 1 else row[0]) for row in rows]
 
-    def between_airs(self, one: Quantity) -> dict[Any, float]:
+    def between_airs(self, one: Quantity) -> dict[Hashable, float]:
         """Variance of the mean of each point and group (whole runs: of each point), from the means of its airs.
 
         NaN if there is a single air.
@@ -161,7 +162,7 @@ class Points:
         """Return the table with the mean, both ends and the words of each quantity; units in `attrs`."""
         import pandas as pd
 
-        made: dict[str, Any] = {name: self.table[name] for name in self.table.columns}
+        made: Row = {name: self.table[name] for name in self.table.columns}
         units = table_parts.units(self.plan.table.schema)
         for one in self.quantities:
             found = self.estimates[one.name]
@@ -175,7 +176,7 @@ class Points:
         frame.attrs["units"] = {name: units.get(name, "1") for name in frame.columns}
         return frame
 
-    def differences(self, axis: str, one: Quantity = SUCCESS) -> Iterator[dict[str, Any]]:
+    def differences(self, axis: str, one: Quantity = SUCCESS) -> Iterator[Row]:
         """Compare each value of an axis with the first one, in the same airs and at the same values of other axes.
 
         A row has the other axes' values, group, the `first` and `second` value, and the Estimate `apart` of the second

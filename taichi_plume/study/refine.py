@@ -7,11 +7,13 @@ smaller than the one before; their order follows from the same rule with alterna
 
 from collections.abc import Iterator, Sequence
 from math import nan
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import root_scalar
+
+from taichi_plume.study.messages import Data, Row
 
 if TYPE_CHECKING:
     from taichi_plume.study.intervals import Estimate
@@ -71,7 +73,7 @@ def order(spacings: ArrayLike, values: ArrayLike) -> Order:
     )
 
 
-def axis_of(about: dict[str, Any]) -> str | None:
+def axis_of(about: Data) -> str | None:
     """Return the name of the axis that varies the spacing; about: of a plan's table."""
     axes = about["study"].get("axes") or {}
     for name, axis in axes.items():
@@ -80,7 +82,7 @@ def axis_of(about: dict[str, Any]) -> str | None:
     return None
 
 
-def orders(points: "Points", axis: str) -> Iterator[dict[str, Any]]:
+def orders(points: "Points", axis: str) -> Iterator[Row]:
     """Yield the order of each quantity, for each combination of the other axes' values and group.
 
     A row has these, `quantity`, `unit`, `spacings` (finest first), `values` there, the Order's fields, and `chance`:
@@ -116,7 +118,7 @@ def _chance(estimates: "Sequence[Estimate | None]") -> bool | None:
     return bool(a.low <= b.mean <= a.high or b.low <= a.mean <= b.high)
 
 
-def words(row: dict[str, Any]) -> str:
+def words(row: Row) -> str:
     """Return the sentence of a row of `orders`."""
     if row["behaviour"] not in ("converges", "oscillates"):
         return SAID[row["behaviour"]]

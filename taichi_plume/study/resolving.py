@@ -13,13 +13,13 @@ from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Model
 from taichi_plume.study.axes import DIGITS, Level, Levels, Range
-from taichi_plume.study.messages import Value
+from taichi_plume.study.messages import Data, Value
 from taichi_plume.study.model import Study, StudyAxis, canonical
 
-Changes = Mapping[str, Any]
+Changes = Mapping[str, object]
 
 
-def resolve(study: Study, base: Mapping[str, Any], name: str) -> list[Levels | Range]:
+def resolve(study: Study, base: Changes, name: str) -> list[Levels | Range]:
     """Resolve the axes of a study. base: data of the base scenario; name: of the base. Raises ScenarioError."""
     return _Resolving(study, base, name).axes()
 
@@ -27,7 +27,7 @@ def resolve(study: Study, base: Mapping[str, Any], name: str) -> list[Levels | R
 class _Resolving:
     """Tries each value of an axis while the other axes have their first value, as a value need not be valid alone."""
 
-    def __init__(self, study: Study, base: Mapping[str, Any], name: str):
+    def __init__(self, study: Study, base: Changes, name: str):
         self.study, self.base, self.name = study, base, name
         self.trials = {name: list(_trials(axis)) for name, axis in study.axes.items()}
         self.faults: list[str] = []
@@ -45,7 +45,7 @@ class _Resolving:
             raise ScenarioError(self.faults)
         return [axis for axis in axes if axis is not None]
 
-    def _first(self, without: str = "") -> dict[str, Any]:
+    def _first(self, without: str = "") -> Data:
         """Changes that the first value of every axis makes."""
         firsts = [trials[0][1] for name, trials in self.trials.items() if name != without]
         return {key: value for changes in firsts for key, value in changes.items()}
@@ -154,7 +154,7 @@ class _Resolving:
         return None
 
 
-def _trials(axis: StudyAxis) -> Iterable[tuple[str, dict[str, Any]]]:
+def _trials(axis: StudyAxis) -> Iterable[tuple[str, Data]]:
     """Yield each value to try: its place in the file, for messages, and its changes to the scenario."""
     if axis.variants is not None:
         for name, changes in axis.variants.items():
@@ -190,6 +190,6 @@ def value_at(scenario: Scenario, path: str) -> tuple[Any, str]:
     return place, unit
 
 
-def _too_large(value: Any) -> bool:
+def _too_large(value: object) -> bool:
     """Whether an integer exceeds the 64 bits of a table's column."""
     return isinstance(value, int) and not -(1 << 63) <= value < 1 << 63

@@ -69,7 +69,7 @@ def _shortest(sim: Simulation, group: Any, now: dict[str, np.ndarray], sources: 
     )
 
 
-def _number(value: Any) -> Any:
+def _number(value: object) -> object:
     return value if not isinstance(value, float) or isfinite(value) else None
 
 

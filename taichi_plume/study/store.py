@@ -10,7 +10,7 @@ import re
 import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -19,7 +19,7 @@ from taichi_plume.files import disk, own_folder, run_folder
 from taichi_plume.files.tables import plain
 from taichi_plume.guard.opening import read_regular, unopenable
 from taichi_plume.study import columns
-from taichi_plume.study.messages import AirRecord, Cost, Record, Request, Task
+from taichi_plume.study.messages import AirRecord, Cost, Record, Request, Row, Task
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.scenario import Scenario
@@ -71,7 +71,7 @@ class Store:
     def __init__(self, folder: Path):
         self.folder, self.parts, self.airs = folder, folder / PARTS, folder / AIRS
         self._next = 0
-        self._lock: Any = None
+        self._lock: own_folder.FolderLock | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -274,7 +274,7 @@ def _read(part: Path, columns: list[str] | None = None) -> pa.Table:
         ) from None
 
 
-def _row(record: Record) -> dict[str, Any]:
+def _row(record: Record) -> Row:
     told = {name: value for row in record.trials[:1] for name, value in row.items() if name not in _NAMES}
     for row in record.trials:
         if any(row.get(name) != value for name, value in told.items()) or row.keys() - told.keys() - _NAMES:
@@ -288,7 +288,7 @@ def _row(record: Record) -> dict[str, Any]:
     }
 
 
-def _record(part: Path, row: dict[str, Any]) -> Record:
+def _record(part: Path, row: Row) -> Record:
     try:
         told = json.loads(row["told"])
         trials = [told | scores for scores in row["trials"]]

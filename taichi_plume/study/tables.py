@@ -22,7 +22,7 @@ import pyarrow.parquet as pq
 from taichi_plume import __version__
 from taichi_plume.files import disk
 from taichi_plume.study import columns
-from taichi_plume.study.messages import Axis, Record, Row
+from taichi_plume.study.messages import Axis, Data, Record, Row
 
 if TYPE_CHECKING:
     from taichi_plume.study.plan import Plan
@@ -47,7 +47,7 @@ class Planned(NamedTuple):
     """Table of a plan. about: name, kind, outcomes (path by column) and more of the study."""
 
     table: pa.Table
-    about: dict[str, Any]
+    about: Data
 
     @property
     def axes(self) -> tuple[Axis, ...]:
@@ -87,7 +87,7 @@ def planned(plan: "Plan") -> Planned:
         "study": study,
     }
     schema = columns.plan_schema(columns.axis_columns(plan.axes, kinds), about)
-    made: dict[str, list[Any]] = {field.name: [] for field in schema}
+    made: dict[str, list[object]] = {field.name: [] for field in schema}
     for request in requests:
         row = dict(request.values) | request._asdict()
         for field in schema:
@@ -112,7 +112,7 @@ def make_tables(plan: Planned, records: Iterable[Record], made_of: str = "") -> 
 def _runs(plan: Planned, latest: Mapping[str, Record]) -> pa.Table:
     schema = columns.runs_schema(plan.fields, plan.outcomes)
     records = [latest.get(run) for run in plan.table["run"].to_pylist()]
-    made: dict[str, Any] = {name: plan.table[name] for name in plan.table.column_names}
+    made: Row = {name: plan.table[name] for name in plan.table.column_names}
     made["status"] = [record.status if record else "missing" for record in records]
     made["message"] = [record.message if record else "" for record in records]
     for name, path in plan.outcomes.items():
@@ -148,7 +148,7 @@ def _number(value: object) -> float | int | None:
     return value if isinstance(value, int | float) and isfinite(value) else None
 
 
-def _table(made: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
+def _table(made: Mapping[str, Sequence[object] | pa.ChunkedArray], schema: pa.Schema) -> pa.Table:
     """Make a table of one chunk per column, so that equal tables have equal bytes."""
     arrays = []
     for field in schema:

@@ -22,7 +22,7 @@ from math import ceil
 from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from taichi_plume import __version__
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
@@ -194,7 +194,7 @@ class DaskWorkers:
         _require_scheduler(address)
         ears.running = True
         try:
-            self.client = Client(address, timeout=CONNECT_S, set_as_default=False)
+            self.client: Any = Client(address, timeout=CONNECT_S, set_as_default=False)
         except OSError:
             raise WorkersError(f"--scheduler {address}: the scheduler does not answer", 2) from None
         self.death: type[BaseException] = KilledWorker
@@ -298,7 +298,7 @@ async def _kind(address: str) -> str:
     from distributed.security import Security
 
     async with rpc(address, connection_args=Security().get_connection_args("client")) as there:
-        identity = await there.identity()
+        identity: Any = await there.identity()
         return str(identity["type"])
 
 
