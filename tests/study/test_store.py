@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
+import made_study
 import pytest
 
 from taichi_plume.files import own_folder
@@ -22,15 +23,9 @@ COST = Cost(1.5, 0.25, 0.125, 3, "tcp://127.0.0.1:1")
 
 def record(run="a" * 16, status="completed", message="", success=True, **values) -> Record:
     who = {"run": run, "point": 3, "air": "f0", "air_seed": 7, "seed": 7, **values}
-    scores = {
-        "group": "robots", "algorithm": "casting", "searched": True, "found": 1, "path_m": 2.0, "overhead": 1.1,
-        "team_path_m": 2.5, "acquisitions": 4, "hits": 2, "bumps": 0, "pushes": 1, "pinned_s": 0.5,
-        "final_distance_m": 0.1 + 0.2,
-        "time_with_failures_s": 12.25, "outcome": "declared", "declared_time_s": 0.1, "localisation_error_m": 1e-3,
-        "declarations": 2, "false_declarations": 1, "reached_time_s": None, "shares_arena": False, "shortest_m": 1.8,
-    }  # fmt: skip
+    floats = {"final_distance_m": 0.1 + 0.2, "pinned_s": 0.5, "declared_time_s": 0.1, "shortest_m": 1.8}
     trials = [
-        who | scores | {"trial": k, "success": success, "time_s": 1 / 3 if k else None} for k in range(2)
+        made_study.trial(k, success, **who, **floats, pushes=1, time_s=1 / 3 if k else None) for k in range(2)
     ]
     return Record(run, status, message, trials, {"correlation": 0.1, "none": None}, COST)
 

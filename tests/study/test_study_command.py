@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from small_study import ROOM, write
 
 from taichi_plume.cli.study import main
 from taichi_plume.guard.input_error import InputError
@@ -16,26 +17,13 @@ from taichi_plume.scenario.facts import first_sentence
 from taichi_plume.scenario.keys import all_keys, look_up
 from taichi_plume.study.model import Study
 
-SCENARIO = """
-duration: 1
-domain: {size: [4, 3], spacing: 0.1}
-wind: {kind: uniform, velocity: [0.5, 0]}
-gas: {kind: eulerian, sources: [{position: [0.5, 1.5], rate: 1 mg/s}]}
-robots: [{count: 1, start: {kind: positions, positions: [[3, 1]]}, algorithm: {kind: casting, threshold_ppm: 5}}]
-"""
-STUDY = """
-name: quick
-base: base.yaml
-axes: {threshold: {key: robots.0.algorithm.threshold_ppm, values: [1, 2, 3]}}
-airs: 2
-"""
+THRESHOLD = {"key": "robots.0.algorithm.threshold_ppm", "values": [1, 2, 3]}
 
 
 @pytest.fixture
 def case(tmp_path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "base.yaml").write_text(SCENARIO)
-    (tmp_path / "study.yaml").write_text(STUDY)
+    write(tmp_path, axes={"threshold": THRESHOLD}, airs=2)
     return tmp_path
 
 
@@ -49,7 +37,7 @@ def test_check_tells_what_it_makes(case, capsys):
     assert main(["study.yaml", "--check"]) == 0
     told = capsys.readouterr().out
     assert "runs: 6, at 3 points" in told
-    assert "airs: 1; 6 runs share theirs with others" in told
+    assert "airs: 2; 6 runs share theirs with others" in told
     assert "threshold [ppm]" in told
     assert not (case / "studies").exists()
 
@@ -71,10 +59,10 @@ def test_command_lines(case, capsys, line, told):
 @pytest.mark.parametrize(
     ("line", "told"),
     [
-        (["study.yaml", "--out", "base.yaml"], "base.yaml: cannot be written to"),
+        (["study.yaml", "--out", "room.yaml"], "room.yaml: cannot be written to"),
         (
             ["study.yaml", "--out", "."],
-            ".: is not empty, and holds no study (base.yaml); choose another --out",
+            ".: is not empty, and holds no study (room.yaml); choose another --out",
         ),
         (["study.yaml", "--out", ".", "--force"], "holds no study"),
         (["report", "nowhere"], "nowhere: is not the folder of a study"),
@@ -89,10 +77,9 @@ def test_bad_input_is_one_line(case, capsys, line, told):
 
 def test_code_needs_leave(case, capsys):
     code = "class Mine:\n    def act(self, t, sensors):\n        pass\nraise SystemExit('executed')"
-    base = SCENARIO.replace("{kind: casting, threshold_ppm: 5}", "{kind: own, file: own.py}")
-    study = STUDY.replace("robots.0.algorithm.threshold_ppm, values: [1, 2, 3]", "duration, values: [1, 2]")
-    for name, text in (("own.py", code), ("base.yaml", base), ("study.yaml", study)):
-        (case / name).write_text(text)
+    (case / "own.py").write_text(code)
+    robot = ROOM["robots"][0] | {"algorithm": {"kind": "own", "file": "own.py"}}
+    write(case, ROOM | {"robots": [robot]})
     assert main(["study.yaml"]) == 2
     said = capsys.readouterr().err
     assert "own.py: holds Python code" in said
@@ -101,7 +88,7 @@ def test_code_needs_leave(case, capsys):
 
 
 def test_bad_input_is_told_before_anything_heavy_is_imported(case):
-    (case / "study.yaml").write_text(STUDY.replace("threshold_ppm", "treshold"))
+    write(case, axes={"threshold": THRESHOLD | {"key": "robots.0.algorithm.treshold"}})
     code = (
         "import sys; from taichi_plume.cli.study import main; code = main(['study.yaml']); "
         "sys.exit(code + 10 * bool({'taichi', 'dask', 'distributed', 'matplotlib', 'zarr'} & sys.modules.keys()))"
