@@ -1,9 +1,9 @@
 """Entrants of a contest: every search algorithm of scenario/algorithms.py, and the user's own.
 
 All have the robot, sensors, starts and airs of the scenario, and their own defaults. Of the facts of the plume in the
-scenario's file (`Fixed.told`) each algorithm is given those that it has a key for. One robot searches, or `TEAM` robots
-of an algorithm for teams. Algorithms that can declare where the source is take part twice: as all others, where a
-search succeeds when a robot reaches the source, and as NAME_declares, where the first declaration must be right.
+scenario's file (`Fixed.facts`) each algorithm is given those that it has a key for. One robot searches, or `TEAM`
+robots of an algorithm for teams. Algorithms that can declare where the source is take part twice: as all others, where
+a search succeeds when a robot reaches the source, and as NAME_declares, where the first declaration must be right.
 """
 
 import difflib
@@ -43,7 +43,7 @@ class Entrant(NamedTuple):
     def changes(self, scenario: Fixed) -> dict[str, Any]:
         """Return the changes to a scenario of the contest, by path."""
         return {
-            "robots.0.algorithm": self.section | _facts(kinds()[self.section["kind"]], scenario.told),
+            "robots.0.algorithm": self.section | _facts(kinds()[self.section["kind"]], scenario.facts),
             "robots.0.count": self.robots,
             "robots.0.found": self.found,
             "stop_early": self.found == "reached",  # if all have declared wrongly, the whole time counts

@@ -33,7 +33,7 @@ class Fixed(NamedTuple):
         return scenario_from(self.data)
 
     @property
-    def told(self) -> dict[str, float]:
+    def facts(self) -> dict[str, float]:
         """Facts of the plume that algorithms are given, by key."""
         algorithm = self.data["robots"][0]["algorithm"]
         return {key: value for key, value in algorithm.items() if key != "kind"}

@@ -73,8 +73,8 @@ def _whole(contest: Contest, rows: Sequence[Row]) -> Section:
 
 def _scenario(contest: Contest, one: Fixed, rows: Sequence[Row]) -> Section:
     section = Section(one.name, one.name, lines=list(one.about))
-    facts = ", ".join(f"{key} {value:g}" for key, value in one.told.items())
-    section.lines.append(f"{captions.TOLD} {facts}.")
+    facts = ", ".join(f"{key} {value:g}" for key, value in one.facts.items())
+    section.lines.append(f"{captions.FACTS} {facts}.")
     image = plots.arena(one, plots.mean_plume(one, contest.out / SCENARIOS))
     section.images.append(Image(image, f"{one.name} from above", captions.ARENA))
     image = plots.compared(rows, one.scenario.duration)

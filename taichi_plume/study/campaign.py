@@ -1,4 +1,4 @@
-"""From a plan to its runs: workers execute the runs that are not done yet; whatever happens, finished runs are kept."""
+"""Scheduler of a study: give the missing runs of a plan to workers and keep the finished runs, whatever happens."""
 
 import errno
 import shutil

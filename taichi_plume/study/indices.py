@@ -140,7 +140,7 @@ def words(one: Found) -> list[str]:
         lines.append("how much is chance is unknown: at least two airs at each point are needed")
     else:
         share = one.noise / one.variance if one.variance else nan
-        more = ": more airs would tell more than more points" if share > 0.5 else ""
+        more = ": more airs would help more than more points" if share > 0.5 else ""
         lines.append(
             f"of the variance over the points, {100 * min(share, 1):.0f} % is chance from air to air{more}"
         )

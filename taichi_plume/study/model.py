@@ -86,7 +86,7 @@ class Sampling(Model):
     count: Annotated[int, Field(ge=1, le=MOST_SAMPLES)] = 64
     """How many points are drawn; of a Sobol sequence a power of two."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
-    """Begin of the random numbers that points are drawn with; it has nothing to do with the runs' own."""
+    """Seed of the random numbers that points are drawn with, independent of the runs' own seeds."""
 
     @model_validator(mode="after")
     def _even(self) -> "Sampling":
@@ -114,8 +114,8 @@ class Study(Model):
     samples: Annotated[int, Field(ge=2, le=MOST_SAMPLES)] = 64
     """Base samples of a sensitivity study, a power of two: with d axes, (d + 2) times as many points are run."""
     airs: Annotated[int, Field(ge=1, le=100_000)] = 5
-    """In how many airs each point is run: other eddies, gusts and puffs. Intervals are over airs; one tells nothing of
-    chance."""
+    """In how many airs each point is run: other eddies, gusts and puffs. Intervals are over airs; one air
+    says nothing about chance."""
     searches: Annotated[int, Field(ge=1, le=100_000)] = 1
     """How many runs there are in each air, with other starts and noise of the robots."""
     outcomes: Annotated[dict[str, Annotated[str, Field(min_length=1)]], Field(default_factory=dict)]

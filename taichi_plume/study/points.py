@@ -128,10 +128,10 @@ class Points:
         table["runs"] = of_point.size()
         for name in ("failed", "missing"):
             table[name] = (runs["status"] == name).groupby(runs["point"]).sum()
-        told = [name for name in ("group", "algorithm") if name not in self.axes]
-        groups = self.trials[["point", *told]].drop_duplicates(["point", "group"])
+        who = [name for name in ("group", "algorithm") if name not in self.axes]
+        groups = self.trials[["point", *who]].drop_duplicates(["point", "group"])
         table = table.reset_index().merge(groups, on="point", how="left", sort=False)
-        return table[["point", *self.axes, *told, "runs", "failed", "missing"]]
+        return table[["point", *self.axes, *who, "runs", "failed", "missing"]]
 
     def _rows(self, one: Quantity) -> tuple["pd.DataFrame", list[str]]:
         """Return the table that a quantity is a column of, and the columns that identify a row of points."""

@@ -275,13 +275,16 @@ def _read(part: Path, columns: list[str] | None = None) -> pa.Table:
 
 
 def _row(record: Record) -> Row:
-    told = {name: value for row in record.trials[:1] for name, value in row.items() if name not in _NAMES}
+    common = {name: value for row in record.trials[:1] for name, value in row.items() if name not in _NAMES}
     for row in record.trials:
-        if any(row.get(name) != value for name, value in told.items()) or row.keys() - told.keys() - _NAMES:
+        if (
+            any(row.get(name) != value for name, value in common.items())
+            or row.keys() - common.keys() - _NAMES
+        ):
             raise ValueError(f"run {record.run}: its trials differ in more than scores")
     trials = [{name: row.get(name) for name in _NAMES} for row in record.trials]
     return record._asdict() | {
-        "told": json.dumps(told),
+        "told": json.dumps(common),
         "trials": trials,
         "outcomes": list(record.outcomes.items()),
         "cost": record.cost._asdict(),
@@ -290,8 +293,8 @@ def _row(record: Record) -> Row:
 
 def _record(part: Path, row: Row) -> Record:
     try:
-        told = json.loads(row["told"])
-        trials = [told | scores for scores in row["trials"]]
+        common = json.loads(row["told"])
+        trials = [common | scores for scores in row["trials"]]
         cost = Cost(**row["cost"])
         return Record(row["run"], row["status"], row["message"], trials, dict(row["outcomes"]), cost)
     except (ValueError, TypeError, LookupError, RecursionError):

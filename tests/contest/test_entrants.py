@@ -47,7 +47,7 @@ def test_a_fixed_scenario_is_sound(name):
     assert one.scenario.robots[0].trials == 5
     assert one.about[1].startswith("The question: ")
     assert one.about[1].rstrip().endswith((".", "?"))
-    assert set(one.told) == {"threshold_ppm", "wind_speed"}
+    assert set(one.facts) == {"threshold_ppm", "wind_speed"}
     for each in shipped():
         scenario = scenario_from(changed(one.data, each.changes(one)))
         group = scenario.robots[0]
@@ -69,9 +69,9 @@ def test_all_scenarios_have_the_same_robot_and_chances():
 def test_each_is_told_what_it_has_a_key_for():
     one, there = fixed("closed_room"), {each.name: each for each in shipped()}
     told = {name: each.changes(one)["robots.0.algorithm"] for name, each in there.items()}
-    assert told["casting"] == {"kind": "casting", "threshold_ppm": one.told["threshold_ppm"]}
-    assert told["infotaxis"]["wind_speed"] == one.told["wind_speed"]
-    assert told["spiral"] == {"kind": "spiral", "minimum_ppm": one.told["threshold_ppm"]}
+    assert told["casting"] == {"kind": "casting", "threshold_ppm": one.facts["threshold_ppm"]}
+    assert told["infotaxis"]["wind_speed"] == one.facts["wind_speed"]
+    assert told["spiral"] == {"kind": "spiral", "minimum_ppm": one.facts["threshold_ppm"]}
     assert told["random_walk"] == {"kind": "random_walk"}
 
 
