@@ -31,7 +31,7 @@ def _study(args: argparse.Namespace) -> int:
     plan = load_plan(args.study, args.allow_outside)
     out = args.out or Path("studies") / plan.study.name
     if args.check:
-        from taichi_plume.study.preview import print_check
+        from taichi_plume.study.study_run import print_check
 
         with reader_may_leave():
             print_check(plan, out)

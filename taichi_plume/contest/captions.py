@@ -1,4 +1,4 @@
-"""How the table and the figures of a contest are read."""
+"""Captions of a contest's tables and figures."""
 
 MEASURED = (
     "A search is a success where a robot comes within 0.25 m of a source before the scenario's time is over; the robot "
@@ -18,18 +18,18 @@ MEASURED = (
     "Where chance does not change the air, it is Wilson's over the searches.",
     "All algorithms have the same robot, sensors, time, airs and starts: start k of air n is the same place for all of "
     "them. They search alone, DAPSO with five robots, as a swarm of one is none; its time is that of the first. "
-    "All have their shipped defaults, but for what they are told of the plume: threshold_ppm, a tenth of the highest "
-    "mean concentration where robots start, at least 2 ppm, and the mean speed of the wind.",
+    "All have their shipped defaults, but for the facts of the plume that they get: threshold_ppm, a tenth of the "
+    "highest mean concentration where robots start, at least 2 ppm, and the mean speed of the wind.",
 )
 WHOLE = (
     "In brackets the 95 % interval over airs. The last column is the plain mean over the scenarios; random_walk is the "
     "floor: who does no better learns nothing from the gas."
 )
-TOLD = "What all are told of the plume:"
+FACTS = "Facts of the plume that all are given:"
 ARENA = (
     "Mean gas at the sensors' height in the first minute of the first air, logarithmic; stars are sources."
 )
-COMPARED = "Means with intervals of 95 % confidence over airs. A time of few successes tells little."
-TABLE = "In brackets the intervals of 95 % confidence over airs; none where there is nothing to tell."
+COMPARED = "Means with intervals of 95 % confidence over airs. A time of few successes is uncertain."
+TABLE = "In brackets the intervals of 95 % confidence over airs; none where there is nothing to count."
 WORDS = "Of algorithms that have declared a place: how far it was from the nearest source, and how searches ended."
 FAILED = "Failed runs count as nothing, neither as found nor as not found."

@@ -1,10 +1,9 @@
-"""Who takes part: every search algorithm of scenario/algorithms.py, and the user's own.
+"""Entrants of a contest: every search algorithm of scenario/algorithms.py, and the user's own.
 
-All of them have the robot, sensors, starts and airs of the scenario, and their own defaults. The one thing that they
-are told is what its file says of the plume (`Fixed.told`): each gets those of the keys that it has. One robot searches,
-of algorithms for teams `TEAM` of them. Those that can say where the source is take part twice: once as all others,
-where it is found when a robot comes to it, and as NAME_declares, where it is found when a robot says so rightly with
-its first word.
+All have the robot, sensors, starts and airs of the scenario, and their own defaults. Of the facts of the plume in the
+scenario's file (`Fixed.facts`) each algorithm is given those that it has a key for. One robot searches, or `TEAM`
+robots of an algorithm for teams. Algorithms that can declare where the source is take part twice: as all others, where
+a search succeeds when a robot reaches the source, and as NAME_declares, where the first declaration must be right.
 """
 
 import difflib
@@ -21,19 +20,19 @@ from taichi_plume.scenario.listening import AnyAlgorithm
 from taichi_plume.scenario.loading import ScenarioError, read_mapping
 
 FLOOR = "random_walk"
-"""Whoever does no better has learnt nothing from the gas."""
+"""An algorithm that is not better has learnt nothing from the gas."""
 BESIDE = (FLOOR, "dapso")
-"""Kinds that search though they are of use for more than that."""
+"""Kinds that take part although they do more than search."""
 TEAM = 5  # robots of a swarm, as in Marjovi & Marques, ICRA 2014
 TOLD_AS = {"minimum_ppm": "threshold_ppm"}
-"""Keys of algorithms that mean what the contest tells under another name: SPIRAL's least index is a reading."""
+"""Keys of algorithms, and the fact of the plume that they mean: the least index of SPIRAL is a reading."""
 FILES = ("own", "policy")
-"""Kinds that need a file of the user's."""
+"""Kinds that need a file of the user."""
 
 
 class Entrant(NamedTuple):
-    """One who takes part. section: its algorithm as a scenario has it, without what it is told; robots: of its team;
-    found: when they have found a source, reached or declared.
+    """An entrant. section: its algorithm in a scenario, without facts of the plume; robots: number; found: "reached" or
+    "declared", the event that ends a search.
     """
 
     name: str
@@ -42,37 +41,37 @@ class Entrant(NamedTuple):
     found: str = "reached"
 
     def changes(self, scenario: Fixed) -> dict[str, Any]:
-        """What it changes in a scenario of the contest, by paths."""
+        """Return the changes to a scenario of the contest, by path."""
         return {
-            "robots.0.algorithm": self.section | _told(kinds()[self.section["kind"]], scenario.told),
+            "robots.0.algorithm": self.section | _facts(kinds()[self.section["kind"]], scenario.facts),
             "robots.0.count": self.robots,
             "robots.0.found": self.found,
-            "stop_early": self.found == "reached",  # where all have said wrongly, the time counts as a whole
+            "stop_early": self.found == "reached",  # if all have declared wrongly, the whole time counts
         }
 
 
 def kinds() -> dict[str, type[AnyAlgorithm]]:
-    """All kinds of algorithms that there are."""
+    """Return the sections of all kinds of algorithms, by kind."""
     union, *_ = get_args(Algorithm)
     return {get_args(one.model_fields["kind"].annotation)[0]: one for one in get_args(union)}
 
 
 def shipped() -> tuple[Entrant, ...]:
-    """Those that take part by themselves, the floor last."""
+    """Return the entrants that ship with the package, the floor last."""
     fit = {kind for kind, one in kinds().items() if (one.searches or kind in BESIDE) and not one.in_space}
     some = [kind for kind in kinds() if kind in fit and kind not in FILES]
     some.sort(key=lambda kind: kind == FLOOR)
     return tuple(Entrant(kind, {"kind": kind}, TEAM if kinds()[kind].talks else 1) for kind in some)
 
 
-def _told(model: type[AnyAlgorithm], told: Mapping[str, float]) -> dict[str, float]:
-    """Of what the contest tells, what an algorithm has a key for."""
+def _facts(model: type[AnyAlgorithm], facts: Mapping[str, float]) -> dict[str, float]:
+    """Return the facts of the plume that an algorithm has keys for."""
     wanted = {key: TOLD_AS.get(key, key) for key in model.model_fields}
-    return {key: told[name] for key, name in wanted.items() if name in told}
+    return {key: facts[name] for key, name in wanted.items() if name in facts}
 
 
 def own(path: Path) -> Entrant:
-    """The algorithm in a Python file, which is looked at and not executed. Raises ScenarioError, in a line."""
+    """Return the algorithm in a Python file, which is read and not executed. Raises ScenarioError."""
     _require_open(path)
     try:
         OwnFile.read(path, None)
@@ -82,9 +81,9 @@ def own(path: Path) -> Entrant:
 
 
 def learnt(path: Path) -> Entrant:
-    """A learnt policy: an ONNX file of the default observations and actions, or a scenario that has one.
+    """Return a learnt policy: an ONNX file of the default observations and actions, or the first one in a scenario.
 
-    Of a scenario it is that of the first group of robots with a policy from a file. Raises ScenarioError, in a line.
+    Raises ScenarioError.
     """
     _require_open(path)
     if path.suffix.lower() == ".onnx":
@@ -114,34 +113,23 @@ def _require_open(path: Path) -> None:
 def entrants(
     names: Sequence[str] | None, files: Sequence[Path], policies: Sequence[Path] = ()
 ) -> list[Entrant]:
-    """Those who take part: of the shipped ones all, or those of some names; and the user's. Raises ScenarioError."""
+    """Return the shipped entrants, all or those of `names`, and the user's. Raises ScenarioError."""
     there = {one.name: one for one in shipped()}
-    chosen = (
-        [there[name] for name in known("algorithm", names, list(there))] if names else list(there.values())
-    )
-    some = [one for each in chosen for one in _both(each)]
-    taken = {*kinds(), *(one.name for each in there.values() for one in _both(each))}
+    chosen = known("algorithm", names, list(there)) if names else there
+    found = [both for name in chosen for both in _both(there[name])]
+    taken = {*kinds(), *(both.name for one in there.values() for both in _both(one))}
     for path, mine in [*((path, own(path)) for path in files), *((path, learnt(path)) for path in policies)]:
         for one in _both(mine):
             if one.name in taken:
-                raise ScenarioError(
-                    [
-                        f"{visible(path)}: another algorithm of the contest is called {visible(one.name)}; "
-                        "rename the file"
-                    ]
-                )
-            some.append(one)
+                other = f"another algorithm of the contest is called {visible(one.name)}"
+                raise ScenarioError([f"{visible(path)}: {other}; rename the file"])
+            found.append(one)
             taken.add(one.name)
-    return some
+    return found
 
 
-def _both(one: Entrant) -> list[Entrant]:
-    """An entrant, and if it can say where the source is, the same at its word."""
-    return [one, *_by_its_word(one)]
-
-
-def _by_its_word(one: Entrant) -> tuple[Entrant, ...]:
-    """The same, whose word counts; none where it never says where the source is."""
+def _both(one: Entrant) -> tuple[Entrant, ...]:
+    """Return an entrant and, if it can declare where the source is, its variant whose declarations count."""
     section = one.section
     if section["kind"] == "own":
         speaks = b".declare(" in OwnFile.read(Path(section["file"]), None).source
@@ -149,17 +137,17 @@ def _by_its_word(one: Entrant) -> tuple[Entrant, ...]:
         speaks = bool(section.get("declares"))
     else:
         speaks = kinds()[section["kind"]].model_validate(section).may_declare
-    return (one._replace(name=f"{one.name}_declares", found="declared"),) if speaks else ()
+    return (one, one._replace(name=f"{one.name}_declares", found="declared")) if speaks else (one,)
 
 
 def scenarios(names: Sequence[str] | None, unless: Sequence[str]) -> list[str]:
-    """The names of scenarios, in the contest's order; `unless` any are given. Raises ScenarioError."""
+    """Return the names of scenarios in the contest's order, `unless` if none are given. Raises ScenarioError."""
     given = known("scenario", names, list(NAMES)) if names else list(unless)
     return [name for name in NAMES if name in given]
 
 
 def known(what: str, names: Sequence[str], there: Sequence[str]) -> list[str]:
-    """Names of which each is there, once. Raises ScenarioError with the near one."""
+    """Return known names without repetition. Raises ScenarioError, which suggests a similar name."""
     for name in names:
         if name not in there:
             close = difflib.get_close_matches(name, there, n=1)

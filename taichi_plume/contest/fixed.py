@@ -1,9 +1,10 @@
-"""The contest's fixed scenarios: files of this package, each a whole scenario that `taichi_plume.run` takes too.
+"""Fixed scenarios of the contest: files of this package, each a scenario that `taichi_plume.run` executes too.
 
-A file's first lines say what it puts to the test. Its robots' algorithm names what searchers are told of the plume:
-`threshold_ppm`, and `wind_speed` for those that believe in a plume model (see contest/entrants.py).
+The first lines of a file state what the scenario tests. The algorithm of its robots holds the facts of the plume that
+all algorithms are given: `threshold_ppm`, and `wind_speed` for plume models (see contest/entrants.py).
 """
 
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,13 +15,13 @@ from taichi_plume.scenario.scenario import Scenario
 
 FOLDER = Path(__file__).with_name("scenarios")
 NAMES = ("open_2d", "open_3d", "meandering", "closed_room", "obstacles", "two_sources")
-"""In the order in which they are run and told."""
+"""In the order in which they are run and listed."""
 QUICK = ("open_2d",)
-"""Of `--quick`."""
+"""Scenarios of `--quick`."""
 
 
 class Fixed(NamedTuple):
-    """A scenario of the contest. about: paragraphs of the file's head; data: as YAML has them."""
+    """A scenario of the contest. about: paragraphs of the file's head; data: as parsed from YAML."""
 
     name: str
     about: tuple[str, ...]
@@ -28,18 +29,18 @@ class Fixed(NamedTuple):
 
     @property
     def scenario(self) -> Scenario:
-        """The scenario, checked by itself alone."""
+        """The scenario, checked without its files."""
         return scenario_from(self.data)
 
     @property
-    def told(self) -> dict[str, float]:
-        """What searchers are told of the plume, by the names of their keys."""
+    def facts(self) -> dict[str, float]:
+        """Facts of the plume that algorithms are given, by key."""
         algorithm = self.data["robots"][0]["algorithm"]
         return {key: value for key, value in algorithm.items() if key != "kind"}
 
 
 def fixed(name: str, seed: int | None = None, searches: int | None = None) -> Fixed:
-    """One of NAMES, with another seed and number of searches in each air where they are given."""
+    """Read a scenario of NAMES; seed, searches (in each air): replace those of the file."""
     text = (FOLDER / f"{name}.yaml").read_text(encoding="utf-8")
     data = yaml.safe_load(text)
     if seed is not None:
@@ -50,11 +51,8 @@ def fixed(name: str, seed: int | None = None, searches: int | None = None) -> Fi
 
 
 def _about(text: str) -> tuple[str, ...]:
-    """The comment at the head of a file, whose question is a paragraph of its own."""
-    lines = []
-    for line in text.splitlines():
-        if not line.startswith("#"):
-            break
-        lines.append(line.removeprefix("#").strip())
+    """Return the comment at the head of a file; its question is a paragraph of its own."""
+    head = takewhile(lambda line: line.startswith("#"), text.splitlines())
+    lines = [line.removeprefix("#").strip() for line in head]
     setting, _, question = " ".join(lines).partition("The question: ")
     return (setting.strip(), f"The question: {question.strip()}")

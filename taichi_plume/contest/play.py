@@ -1,7 +1,7 @@
-"""A contest from its begin to its end: a study for each scenario, then the table and the page.
+"""Run a contest: a study for each scenario.
 
-The folder has `scenarios/NAME.yaml` and `NAME.study.yaml`, which are what is asked for, a study's folder `NAME` for
-each of them, `contest.csv`, `contest.parquet` and `contest.html`. Runs, airs, workers and resuming are the study's.
+The folder holds `scenarios/NAME.yaml` and `NAME.study.yaml`, the folder `NAME` of each study, `contest.csv`,
+`contest.parquet` and `contest.html`. Runs, airs, workers and resuming are those of studies.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ AXIS = "algorithm"
 
 
 class Contest(NamedTuple):
-    """What is played: by whom, in which scenarios, in how many airs each; out: the folder."""
+    """Settings of a contest. out: the folder; airs: their number in each scenario."""
 
     out: Path
     scenarios: tuple[Fixed, ...]
@@ -38,7 +38,7 @@ class Contest(NamedTuple):
 
     @property
     def searches(self) -> int:
-        """In each air."""
+        """Number of searches in each air."""
         return self.scenarios[0].data["robots"][0]["trials"]
 
     def study(self, scenario: Fixed) -> Path:
@@ -47,7 +47,7 @@ class Contest(NamedTuple):
 
 
 def plans(contest: Contest) -> list["Plan"]:
-    """The studies, written into the folder and checked. Raises ScenarioError, RunFolderError, OSError."""
+    """Write and check the studies of a contest. Raises ScenarioError, RunFolderError, OSError."""
     _require_ours(contest.out)
     folder = contest.out / SCENARIOS
     contest.out.mkdir(parents=True, exist_ok=True)
@@ -70,9 +70,9 @@ def plans(contest: Contest) -> list["Plan"]:
 
 
 def play(contest: Contest, wishes: Wishes) -> int:
-    """Make all runs that are not done; returns the exit code of the worst study. Raises as `plans`.
+    """Execute the missing runs; return the exit code of the worst study. Raises the errors of `plans`.
 
-    wishes: of the studies; `out` is each study's own.
+    wishes: options of the studies, but for `out`.
     """
     code = 0
     for plan, scenario in zip(plans(contest), contest.scenarios, strict=True):
@@ -85,7 +85,7 @@ def play(contest: Contest, wishes: Wishes) -> int:
 
 
 def _require_ours(out: Path) -> None:
-    """Refuse a folder with files that no contest has left."""
+    """Raise RunFolderError if the folder holds links or files that no contest wrote."""
     if not out.exists():
         return
     fault = unopenable(out, folder=True)
@@ -105,7 +105,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def chosen(names: str | None) -> Sequence[str] | None:
-    """The names of a list with commas, None where none are given. Raises ScenarioError of an empty one."""
+    """Split names at commas; None stays None. Raises ScenarioError for an empty name."""
     if names is None:
         return None
     some = [name.strip() for name in names.split(",")]

@@ -1,20 +1,31 @@
-"""The figures of a contest's page."""
+"""Figures of a contest's page: the mean plume from above, success and time of the algorithms."""
 
 from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
 from taichi_plume.contest.fixed import Fixed
-from taichi_plume.contest.standings import SUCCESS, TIME, Measure, Row
+from taichi_plume.contest.standings import ERROR, FALSE, LATE, SUCCESS, TIME, WAY, Row
+from taichi_plume.files.disk import written_whole
 from taichi_plume.report import look, scene
+from taichi_plume.study.plots import interval_bar
+from taichi_plume.study.points import Quantity
 
 WIDE = 7.2  # inches
 DECADES = 3.0  # of gas that are shown
 LOW = 0.5  # ppm, the least that counts as gas
+SHOWN = 60.0  # s over which the mean is taken
+EVERY = 1.0  # s
+POINTS = 120  # along the longer side
+BRIEF = {LATE: "with fails", WAY: "way", ERROR: "error", FALSE: "false"}
+"""Titles in a terminal."""
 
 
 def arena(scenario: Fixed, ppm: np.ndarray) -> bytes:
-    """The scene from above with its mean plume (nx, ny) [ppm]."""
+    """Draw the scene from above with its mean plume (nx, ny) [ppm]."""
     whole = scenario.scenario
     width, length = whole.domain.extent[:2]
     with look.styled():
@@ -36,38 +47,75 @@ def arena(scenario: Fixed, ppm: np.ndarray) -> bytes:
 
 
 def compared(rows: Sequence[Row], most: float) -> bytes:
-    """Success and time of each algorithm with their intervals, each in a line; most: time of a search [s]."""
+    """Draw success and time of each algorithm with their intervals, a line each; most: duration of a search [s]."""
     with look.styled({"text.parse_math": False}):
         figure = look.figure(WIDE, 0.9 + 0.25 * len(rows), 100)
-        for n, (axes, measure) in enumerate(
-            zip(figure.subplots(1, 2, sharey=True), (SUCCESS, TIME), strict=True)
-        ):
+        for axes, one in zip(figure.subplots(1, 2, sharey=True), (SUCCESS, TIME), strict=True):
             look.plain(axes)
-            by = 100.0 if measure.share else 1.0
             for place, row in enumerate(rows):
-                each = row.estimates[measure.name]
-                if each is None or not each.n:
-                    continue
-                reach = np.nan_to_num(
-                    by * np.clip([[each.mean - each.low], [each.high - each.mean]], 0, None)
-                )
-                axes.errorbar(
-                    [by * each.mean], [place], xerr=reach, color=look.robot(place), marker="o", markersize=4.5,
-                    capsize=2.5,
-                )  # fmt: skip
+                estimate = row.estimates[one.name]
+                if estimate is not None and estimate.n:
+                    interval_bar(axes, place, one, estimate)
             axes.set_ylim(len(rows) - 0.5, -0.5)
-            if n == 0:
+            if one is SUCCESS:
                 axes.set_yticks(range(len(rows)), [look.short(row.algorithm) for row in rows])
-            axes.set_title(title(measure), fontsize=9)
-            high = 100.0 if measure.share else most
+            axes.set_title(title(one), fontsize=9)
+            high = 100.0 if one.share else most
             axes.set_xlim(-0.03 * high, 1.03 * high)
         figure.tight_layout(pad=0.6)
         return look.png(figure)
 
 
-def title(measure: Measure, short: bool = False) -> str:
-    """Of a column or a figure, with its unit; short: for a terminal."""
-    unit = "%" if measure.share else "" if measure.unit == "1" else measure.unit
-    whose = " (successes)" if measure.of == "successes" and not short else ""
-    name = measure.brief or measure.title if short else measure.title
+def title(one: Quantity, short: bool = False) -> str:
+    """Return the title of a column or figure with its unit; short: for a terminal."""
+    unit = "%" if one.share else "" if one.unit == "1" else one.unit
+    whose = " (successes)" if one.what == "successes" and not short else ""
+    name = BRIEF.get(one, one.title) if short else one.title
     return f"{name}{whose}" + (f" [{unit}]" if unit else "")
+
+
+def mean_plume(scenario: Fixed, folder: Path) -> np.ndarray:
+    """Mean concentration [ppm] at the sensors' height over the first minute of the first air, (nx, ny) on the floor.
+
+    The mean is cached in `folder`, beside the scenario. Raises ScenarioError, OSError.
+    """
+    path = folder / f"{scenario.name}.plume.npz"
+    key = repr(scenario.data)
+    # the file may be absent or cut off
+    with suppress(OSError, ValueError, LookupError, EOFError, BadZipFile), np.load(path) as held:
+        if str(held["key"]) == key:
+            return held["ppm"]
+    ppm = _computed(scenario)
+    with written_whole(path) as fresh, fresh.open("wb") as file:
+        np.savez_compressed(file, ppm=ppm, key=np.array(key))
+    return ppm
+
+
+def _computed(scenario: Fixed) -> np.ndarray:
+    from taichi_plume.assembly.assemble import assemble
+    from taichi_plume.grid import fields, kernels
+    from taichi_plume.simulation import Every
+
+    whole = scenario.scenario
+    end = min(SHOWN, whole.duration)
+    alone = whole.model_copy(update={"robots": (), "duration": end})
+    kernels.start("cpu")
+    sim = assemble(alone)
+    width, length = whole.floor.size
+    step = max(width, length) / POINTS
+    axes = [(np.arange(round(size / step)) + 0.5) * step for size in (width, length)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    if sim.grid.dim == 3:
+        height = whole.robots[0].sensors.nose.height
+        points = np.concatenate([points, np.full((*points.shape[:2], 1), height)], axis=-1)
+    total, count = np.zeros(points.shape[:2]), 0
+
+    def add(sim) -> None:
+        nonlocal count
+        if sim.t >= 0:
+            total[:] += fields.ppm_at(sim.gas, points, sim.t).sum(axis=-1)
+            count += 1
+
+    sim.observers.append(Every(EVERY, add))
+    sim.run()
+    return (total / max(1, count)).astype(np.float32)

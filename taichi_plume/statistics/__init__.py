@@ -1,4 +1,4 @@
-"""Statistics of plumes from what runs leave: profiles, intermittency, whiffs and blanks, spectra; and their page.
+"""Plume statistics from the files of runs: profiles, intermittency, whiffs and blanks, spectra; and their page.
 
 from taichi_plume import statistics
 
@@ -7,19 +7,21 @@ found.points       pandas.DataFrame: a row per point, units in attrs["units"]
 found.durations    pandas.DataFrame: a row per whiff and blank
 found.spectra      pandas.DataFrame
 found.maps         xarray.Dataset of a film: mean, rms, maximum, intensity, intermittency
-found.summary      dict: exponents, fits, profiles, lengths, which whiffs sensors keep
+found.summary      dict: exponents, fits, profiles, lengths, whiffs that sensors keep
 """
 
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from taichi_plume.statistics.result import Statistics
 
 MAY_IMPORT: tuple[str, ...] = ("agents", "files", "grid", "guard", "report", "results", "scenario")
 
 
-def of(source: Any, **options: Any) -> "Statistics":
-    """The statistics of a run's folder or of a film; options: of `statistics.source.of`. Raises InputError."""
+def of(source: "Path | str", **options: Any) -> "Statistics":
+    """Compute the statistics of a run's folder or of a film; options: of `source.of`. Raises InputError."""
     from taichi_plume.statistics import source as made
 
     return made.of(source, **options)

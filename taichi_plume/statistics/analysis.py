@@ -1,4 +1,4 @@
-"""All that is told of one probe: numbers of each point, whiffs, spectrum, profiles and correlation."""
+"""Statistics of a probe: moments of each point, whiffs and blanks, spectrum, profiles, two-point correlation."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,15 +11,15 @@ from taichi_plume.statistics.fits import MOST, Fit, fits
 from taichi_plume.statistics.moments import moments, wind
 from taichi_plume.statistics.records import AXES, Probe, Record
 
-MOST_VALUES = 10_000_000  # of a quantity that are held at a time
-STILL = 1e-3  # m/s, below which nothing travels
+MOST_VALUES = 10_000_000  # of a quantity in memory
+STILL = 1e-3  # m/s, below which the air is at rest
 
 
 class Settings(NamedTuple):
-    """What statistics are made with.
+    """Settings of statistics.
 
-    gas: name of the species. threshold [ppm]: what is above is gas. wind: names of the record's wind. sources: (m, dim)
-    [m], where they are known. bounds: of the durations that the exponent is of [s]; unless given, chosen.
+    gas: name of the species; threshold: of gas [ppm]; wind: names of the record's wind; sources: (m, dim) [m], if
+    known; bounds: of the durations for exponents [s], None to choose them from the data.
     """
 
     gas: str
@@ -30,7 +30,7 @@ class Settings(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """The whiffs of a probe, or its blanks: those of each point, all together, and their power law."""
+    """Whiffs or blanks of a probe: of each point, and the power law of all."""
 
     name: str
     of_points: list[Spells]
@@ -38,12 +38,12 @@ class Kind(NamedTuple):
 
     @property
     def all(self) -> Spells:
-        """Of all points."""
+        """Stretches of all points."""
         return durations.pooled(self.of_points)
 
 
 class Correlation(NamedTuple):
-    """From place to place: separation [m] and correlation; the length [m], and whether its zero was seen."""
+    """Two-point correlation: separation [m], values; length [m], and whether the correlation reaches zero."""
 
     along: str
     separation: np.ndarray
@@ -53,7 +53,7 @@ class Correlation(NamedTuple):
 
 
 class Profile(NamedTuple):
-    """Mean and rms [ppm] along places [m], and the Gaussian of the mean. at: where it lies, in words."""
+    """Mean and rms [ppm] along a line [m], and the Gaussian of the mean. at: position of the line, in words."""
 
     along: str
     at: str
@@ -65,10 +65,10 @@ class Profile(NamedTuple):
 
 
 class OfProbe(NamedTuple):
-    """The statistics of a probe.
+    """Statistics of a probe.
 
-    points: a number per point, by name. kinds: whiffs and blanks. within: concentrations while there is gas, over
-    their mean at each point, of which `fits` are. frequency [Hz], density [ppm²/Hz]: spectrum, mean over points.
+    points: a number per point, by name; kinds: whiffs and blanks; within: concentrations in whiffs over their mean at
+    each point, to which `fits` are fitted; frequency [Hz], density [ppm²/Hz]: spectrum, mean over points.
     """
 
     probe: Probe
@@ -83,7 +83,7 @@ class OfProbe(NamedTuple):
 
 
 def of_probe(record: Record, probe: Probe, settings: Settings) -> OfProbe:
-    """The statistics of a probe of a record, some points at a time."""
+    """Compute the statistics of a probe of a record, in blocks of points."""
     block = max(1, MOST_VALUES // len(record.times))
     whole = probe.first + np.arange(len(probe.places))
     tables, spells, within, densities = [], [], [], []
@@ -107,16 +107,17 @@ def of_probe(record: Record, probe: Probe, settings: Settings) -> OfProbe:
         densities.append(density.mean(axis=1) * len(points))
     numbers = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
     for n, name in enumerate(("whiffs", "blanks")):
-        numbers[name] = np.array([len(one[n].lasted) for one in spells])
-        numbers[f"mean_{name[:-1]}"] = np.array(
-            [one[n].lasted.mean() if len(one[n].lasted) else np.nan for one in spells]
-        )
+        lasted = [one[n].lasted for one in spells]
+        numbers[name] = np.array(list(map(len, lasted)))
+        numbers[f"mean_{name[:-1]}"] = np.array([one.mean() if len(one) else np.nan for one in lasted])
     reach = _half_travel(probe, numbers, settings)
     step = float(np.median(np.diff(record.times)))
-    kinds = tuple(
-        Kind(name, of := [one[n] for one in spells], _law(durations.pooled(of), step, reach, settings.bounds))
-        for n, name in enumerate(("whiffs", "blanks"))
-    )
+    kinds = []
+    for n, name in enumerate(("whiffs", "blanks")):
+        of_points = [one[n] for one in spells]
+        every = durations.pooled(of_points)
+        bounds = settings.bounds or durations.range_of(every, step, reach)
+        kinds.append(Kind(name, of_points, durations.exponent(every, *bounds) if bounds else None))
     together = np.concatenate(within) if within else np.empty(0)
     return OfProbe(
         probe, numbers, (kinds[0], kinds[1]), together, fits(together), frequency,
@@ -125,7 +126,7 @@ def of_probe(record: Record, probe: Probe, settings: Settings) -> OfProbe:
 
 
 def _within(ppm: np.ndarray, mean: np.ndarray, threshold: float, points: int) -> list[np.ndarray]:
-    """Concentrations above the threshold over their mean, of each point, not more than are fitted."""
+    """Concentrations above the threshold over their mean, for each point, thinned to the number that is fitted."""
     found = []
     for c, m in zip(ppm.T, mean, strict=True):
         inside = c[c > threshold]
@@ -135,7 +136,7 @@ def _within(ppm: np.ndarray, mean: np.ndarray, threshold: float, points: int) ->
 
 
 def _half_travel(probe: Probe, numbers: dict[str, np.ndarray], settings: Settings) -> float | None:
-    """Half the time [s] that the mean wind takes from the nearest source to the points; None if that is not known."""
+    """Half of the travel time [s] with the mean wind from the nearest source to the points; None if unknown."""
     if settings.sources is None or not len(settings.sources) or "speed" not in numbers:
         return None
     away = np.linalg.norm(probe.places[:, None] - settings.sources[None], axis=-1).min(axis=1)
@@ -143,15 +144,8 @@ def _half_travel(probe: Probe, numbers: dict[str, np.ndarray], settings: Setting
     return float(np.median(0.5 * away[moving] / numbers["speed"][moving])) if moving.any() else None
 
 
-def _law(
-    found: Spells, step: float, reach: float | None, bounds: tuple[float, float] | None
-) -> Exponent | None:
-    chosen = bounds or durations.range_of(found, step, reach)
-    return durations.exponent(found, *chosen) if chosen else None
-
-
 def profiles_of(probe: Probe, numbers: dict[str, np.ndarray]) -> list[Profile]:
-    """The profile along a line; of a grid those across the mean wind, or else along its last axis."""
+    """Return the profile along a line, or the profiles of a grid across the mean wind, else along the last axis."""
     mean, rms = numbers["mean"], numbers["rms"]
     if probe.kind == "point":
         return []
@@ -163,7 +157,7 @@ def profiles_of(probe: Probe, numbers: dict[str, np.ndarray]) -> list[Profile]:
 
 
 def rows_of(probe: Probe, mean: np.ndarray, rms: np.ndarray, speeds: Sequence[float] = ()) -> list[Profile]:
-    """Profiles of a grid's rows across the wind, whose mean is `speeds`, in the plane of the strongest gas."""
+    """Return profiles of a grid's rows across the mean wind `speeds`, in the plane of the strongest gas."""
     axes = [d for d, n in enumerate(probe.counts) if n > 1]
     flat = [d for d in axes if d < 2] if len(axes) > 2 else axes
     along = max(flat, key=lambda d: abs(speeds[d])) if any(speeds) else flat[0]
@@ -186,7 +180,7 @@ def rows_of(probe: Probe, mean: np.ndarray, rms: np.ndarray, speeds: Sequence[fl
 
 
 def distance_along(places: np.ndarray) -> tuple[np.ndarray, str]:
-    """Where the points of a line are: the coordinate that alone changes, or the distance from the first [m]."""
+    """Positions along a line [m] with their name: the only coordinate that changes, or the distance from the first."""
     change = np.flatnonzero(np.ptp(places, axis=0) > 0.0)
     if len(change) == 1:
         return places[:, change[0]], AXES[change[0]]
@@ -194,7 +188,7 @@ def distance_along(places: np.ndarray) -> tuple[np.ndarray, str]:
 
 
 def correlations_of(record: Record, probe: Probe, settings: Settings) -> list[Correlation]:
-    """Two-point correlation along a line, or along each axis of a grid, of so many times as can be held."""
+    """Two-point correlation along a line, or along each axis of a grid, with as many times as fit into memory."""
     if probe.kind == "point":
         return []
     block = max(1, MOST_VALUES // len(record.times))

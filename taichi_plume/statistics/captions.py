@@ -1,4 +1,4 @@
-"""What the page says beside its plots and tables."""
+"""Captions of the plots and tables of a page of statistics."""
 
 MEASURED = (
     "{gas} at {points}: {where}. From t = {begin:.4g} to {end:.4g} s, {samples} samples, {every}. A sample counts for "
@@ -34,8 +34,8 @@ LAWS = (
     "dashed: T^-3/2."
 )
 RANGE = (
-    "Cut: left out, as the record's begin or end cuts them. Exponent: by maximum likelihood in the range that is "
-    "told; its interval by drawing blocks of time anew, as points see the same gusts. Unless --range gives it, the "
+    "Cut: left out, as the record's start or end cuts them. Exponent: by maximum likelihood in the range that is "
+    "given; its interval by resampling blocks of time, as points see the same gusts. Unless --range gives it, the "
     "range ends at half the time that the mean wind takes from the source, or beyond, where a hundredth is longer, and "
     "begins where what follows is nearest to a power law (Clauset, Shalizi and Newman 2009, "
     "doi:10.1137/070710111), at five samples or later."

@@ -1,9 +1,9 @@
-"""Whiffs and blanks: for how long a fixed sensor smells gas without a break, and for how long none.
+"""Durations of whiffs (gas above a threshold at a fixed point) and blanks (gas below), and their power laws.
 
-A sample stands for the time up to halfway to its neighbours. A whiff is a stretch of samples that are above the
-threshold, a blank one of samples that are not; those that the begin or the end of the record cuts are left out.
-Durations of a turbulent plume are those of first returns, p(T) ~ T^-3/2 over a range of T (Celani, Villermaux &
-Vergassola 2014, doi:10.1103/PhysRevX.4.041015).
+A sample stands for the time up to halfway to its neighbours. A whiff is a stretch of samples above the threshold, a
+blank a stretch of samples below; stretches that the start or the end of the record cuts are left out. In a turbulent
+plume durations follow first-return times, p(T) ~ T^-3/2 over a range of T (Celani, Villermaux & Vergassola 2014,
+doi:10.1103/PhysRevX.4.041015).
 """
 
 from collections.abc import Sequence
@@ -12,33 +12,33 @@ from typing import NamedTuple
 import numpy as np
 
 CELANI = 1.5
-"""What the exponent of durations is in turbulence."""
+"""Exponent of durations in turbulence."""
 FEWEST = 20
-"""Durations from which an exponent is told."""
+"""Smallest number of durations for an exponent."""
 RESOLVED = 5
-"""Samples that the shortest duration of a range has at least."""
+"""Smallest number of samples in the shortest duration of a range."""
 DECADE = 10.0
 KOLMOGOROV = 1.358
-"""Distance of samples to their distribution, times the root of their number, that 5 % exceed."""
-BLOCKS = 60  # of time, that the bootstrap draws
+"""Kolmogorov-Smirnov distance times the root of the number of samples, exceeded with a probability of 5 %."""
+BLOCKS = 60  # of time, resampled by the bootstrap
 RESAMPLES = 2000
 
 
 class Spells(NamedTuple):
-    """Stretches of a record: when each began and for how long it lasted [s], (n,); cut: how many were left out."""
+    """Stretches of a record: start and duration of each [s], (n,); cut: number of stretches left out."""
 
     begin: np.ndarray
     lasted: np.ndarray
     cut: int
 
     def between(self, low: float, high: float) -> "Spells":
-        """Those whose durations are between two."""
+        """Return the stretches whose durations are between two bounds."""
         chosen = (self.lasted > low) & (self.lasted < high)
         return Spells(self.begin[chosen], self.lasted[chosen], self.cut)
 
 
 class Exponent(NamedTuple):
-    """The power law T^-value between two durations [s], with its 95 % interval and how many durations it is of.
+    """Power law T^-value between two durations [s], with a 95 % interval; count: of durations.
 
     distance: Kolmogorov-Smirnov distance between the durations and the law.
     """
@@ -53,28 +53,28 @@ class Exponent(NamedTuple):
 
     @property
     def decades(self) -> float:
-        """How wide the range is."""
+        """Width of the range in decades."""
         return float(np.log10(self.last / self.first))
 
     @property
     def is_law(self) -> bool:
-        """Whether the durations may be of the law: their distance is not above what 5 % of such samples have."""
+        """Whether the durations agree with the law: 5 % of such samples have a larger distance."""
         return self.distance <= KOLMOGOROV / np.sqrt(self.count)
 
 
 def edges_of(times: np.ndarray) -> np.ndarray:
-    """Ends of the time [s] that each sample stands for, (n + 1,): halfway to its neighbours."""
+    """Ends of the time [s] that each sample stands for, (n + 1,): halfway to the neighbours."""
     return np.concatenate([times[:1], 0.5 * (times[1:] + times[:-1]), times[-1:]])
 
 
 def stretches(present: np.ndarray) -> np.ndarray:
-    """Where stretches of equal samples begin, and the number of samples: cuts of the record, (k + 1,)."""
+    """First samples of stretches of equal samples, and the number of samples: cuts of the record, (k + 1,)."""
     changes = np.flatnonzero(present[1:] != present[:-1]) + 1
     return np.concatenate([[0], changes, [len(present)]])
 
 
 def spells(times: np.ndarray, present: np.ndarray) -> tuple[Spells, Spells]:
-    """Whiffs and blanks of one record: times (n,) [s], and whether there was gas, (n,) of bool."""
+    """Return whiffs and blanks of a record. times: (n,) [s]; present: whether there is gas, (n,) of bool."""
     cuts = stretches(present)
     ends = edges_of(times)[cuts]
     begin, lasted = ends[1:-2], np.diff(ends)[1:-1]
@@ -88,18 +88,13 @@ def spells(times: np.ndarray, present: np.ndarray) -> tuple[Spells, Spells]:
 
 
 def pooled(several: Sequence[Spells]) -> Spells:
-    """Those of several points, together."""
-    if not several:
-        return Spells(np.empty(0), np.empty(0), 0)
-    return Spells(
-        np.concatenate([one.begin for one in several]),
-        np.concatenate([one.lasted for one in several]),
-        sum(one.cut for one in several),
-    )
+    """Join the stretches of several points."""
+    begin, lasted = (np.concatenate([np.empty(0), *(one[n] for one in several)]) for n in (0, 1))
+    return Spells(begin, lasted, sum(one.cut for one in several))
 
 
 def halfway(duration: float, step: float) -> float:
-    """The duration made to lie between two that can occur, multiples of the step of an even record [s]."""
+    """Move a duration [s] halfway between two possible ones, which are multiples of the step."""
     return float((np.floor(duration / step + 1e-9) + 0.5) * step)
 
 
@@ -112,10 +107,7 @@ def _mean_log(exponent: float, span: float) -> float:
 
 
 def likeliest(mean_log: float, span: float) -> float:
-    """Exponent of the power law between first and last whose mean of ln(T/first) is that; span: ln(last/first).
-
-    The maximum of the likelihood of durations that have this mean.
-    """
+    """Maximum-likelihood exponent of durations with this mean of ln(T/first); span: ln(last/first)."""
     from scipy.optimize import brentq
 
     mean_log = min(max(mean_log, 1e-3 * span), (1.0 - 1e-3) * span)  # beyond, the exponent is in the hundreds
@@ -124,7 +116,7 @@ def likeliest(mean_log: float, span: float) -> float:
 
 
 def law(exponent: float, first: float, last: float, durations: np.ndarray) -> np.ndarray:
-    """Share of the power law's durations that are below some, between first and last."""
+    """Cumulative distribution of the power law between first and last, at some durations."""
     s, x = 1.0 - exponent, np.log(durations / first)
     if abs(s) < 1e-9:
         return x / np.log(last / first)
@@ -132,7 +124,7 @@ def law(exponent: float, first: float, last: float, durations: np.ndarray) -> np
 
 
 def _distance(durations: np.ndarray, exponent: float, first: float, last: float) -> float:
-    """Kolmogorov-Smirnov distance between durations and the law; the distance of ties, as of an even record."""
+    """Kolmogorov-Smirnov distance between durations, which may be equal, and the law."""
     values, count = np.unique(durations, return_counts=True)
     above = np.cumsum(count) / len(durations)
     middle = above - 0.5 * count / len(durations)  # equal ones stand for a bin
@@ -140,10 +132,10 @@ def _distance(durations: np.ndarray, exponent: float, first: float, last: float)
 
 
 def exponent(found: Spells, first: float, last: float, seed: int = 0) -> Exponent | None:
-    """Exponent of the durations between two [s], by maximum likelihood; None where they are fewer than FEWEST.
+    """Maximum-likelihood exponent of the durations between two bounds [s]; None for fewer than FEWEST durations.
 
-    The interval is of a bootstrap (percentiles) over blocks of time, as whiffs that are near in time, and those of
-    several points that see the same gusts, are not independent.
+    The interval comes from a bootstrap (percentiles) over blocks of time, as whiffs that are near in time, and whiffs
+    at points in the same gusts, are correlated.
     """
     chosen = found.between(first, last)
     if len(chosen.lasted) < FEWEST:
@@ -156,7 +148,7 @@ def exponent(found: Spells, first: float, last: float, seed: int = 0) -> Exponen
 
 
 def _interval(begin: np.ndarray, values: np.ndarray, seed: int) -> tuple[float, float]:
-    """95 % interval of the mean of values, whose blocks of time are drawn anew."""
+    """95 % interval of the mean of values, by resampling blocks of time."""
     from scipy.stats import bootstrap
 
     reach = np.linspace(begin.min(), begin.max(), BLOCKS + 1)[1:-1]
@@ -178,12 +170,12 @@ def _interval(begin: np.ndarray, values: np.ndarray, seed: int) -> tuple[float, 
 
 
 def range_of(found: Spells, step: float, last: float | None = None) -> tuple[float, float] | None:
-    """The range [s] in which the durations are best a power law; None where there are too few of them.
+    """Return the range [s] in which the durations are closest to a power law; None if there are too few durations.
 
-    step: time between samples [s]. Its end is `last`, for instance half the time that the wind takes from the source,
-    but no less than what a hundredth of them exceed: wide eddies make longer ones. Its begin is where the rest is
-    nearest to its own power law (Clauset, Shalizi & Newman 2009, doi:10.1137/070710111): from RESOLVED samples on, and
-    a decade before the end if it can be.
+    step: time between samples [s]. The range ends at `last`, for instance half the travel time from the source, but not
+    below the 99 % quantile, as large eddies make longer durations. The range starts where the rest is closest to a
+    power law (Clauset, Shalizi & Newman 2009, doi:10.1137/070710111): at RESOLVED samples or later and, if possible, a
+    decade before the end.
     """
     if len(found.lasted) < FEWEST:
         return None
@@ -209,9 +201,9 @@ def range_of(found: Spells, step: float, last: float | None = None) -> tuple[flo
 def density(
     lasted: np.ndarray, step: float = 0.0, bins: int = 24
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Distribution of durations in bins that are even in their logarithm: middle [s], density [1/s], count.
+    """Histogram of durations in logarithmic bins: middle [s], density [1/s], count.
 
-    step: time between samples [s], so that bins end between what durations can occur; empty bins are left out.
+    step: time between samples [s]; bins then end between possible durations. Empty bins are left out.
     """
     if not len(lasted):
         return np.empty(0), np.empty(0), np.empty(0, int)

@@ -1,6 +1,6 @@
-"""A film as a record: maps of all its cells, and lines of points along and across the plume.
+"""Statistics of a film: maps of all cells, and lines of points along and across the plume.
 
-The cells of the lines are points of a probe each. A film is read frame by frame, twice; it knows nothing that is faster
+Each line is a probe, its cells are the points. A film is read frame by frame, twice; it resolves nothing that is faster
 than its frames.
 """
 
@@ -16,14 +16,14 @@ from taichi_plume.statistics.moments import weights
 from taichi_plume.statistics.records import AXES, FEWEST, Probe
 
 STATIONS = (0.1, 0.25, 0.5, 0.8)
-"""Where lines lie across the plume: shares of the way from the strongest gas to the end of the domain."""
+"""Positions of lines across the plume: fractions of the distance from the strongest gas to the domain's end."""
 
 
 class FilmRecord:
-    """The film at a path, from a time on, of one gas. Raises FilmError and RunFolderError.
+    """Record of one gas in the film at a path, from a time on. Raises FilmError and RunFolderError.
 
-    mean, rms, maximum: of each cell over time [ppm], axes (x, y[, z]), NaN in obstacles. level: the index of the
-    height with the strongest mean, of the maps; None in 2-D.
+    mean, rms, maximum: of each cell over time [ppm], axes (x, y[, z]), NaN in obstacles. level: index of the height
+    of the maps, where the mean is strongest; None in 2-D.
     """
 
     def __init__(self, path: Path, gas: str | None = None, start: float | None = None):
@@ -40,9 +40,8 @@ class FilmRecord:
         self.times = np.asarray(self.film.times[self.skipped :], float)
         if len(self.times) < FEWEST:
             after = f" from {start:g} s on" if start is not None else ""
-            raise RunFolderError(
-                f"{path}: holds {len(self.times)} frames{after}; at least {FEWEST} are needed"
-            )
+            count = f"{len(self.times)} frames{after}"
+            raise RunFolderError(f"{path}: holds {count}; at least {FEWEST} are needed")
         self.dim = len(self.film.shape)
         self.wind = [f"wind_{a}" for a, one in zip(AXES, "uvw", strict=True) if one in self.film.arrays]
         self.coordinates = [places(a, self.film.shape, self.film.dx) for a in AXES[: self.dim]]
@@ -55,7 +54,7 @@ class FilmRecord:
             yield self.film.frame(n, names)
 
     def _scan(self) -> None:
-        """Mean, rms and maximum of all cells."""
+        """Compute mean, rms and maximum of all cells."""
         share = weights(self.times)
         mean = np.zeros(self.film.shape)
         square = np.zeros(self.film.shape)
@@ -76,22 +75,22 @@ class FilmRecord:
         self.level = int(self.strongest[2]) if self.dim == 3 else None
 
     def plane(self, cells: np.ndarray) -> np.ndarray:
-        """The cells of the maps, axes (x, y)."""
+        """Return the plane of the maps, axes (x, y)."""
         return cells if self.level is None else cells[:, :, self.level]
 
     @property
     def sources(self) -> np.ndarray | None:
-        """Where the gas comes from, (m, dim) [m], as the film tells; None where it does not."""
+        """Positions of the gas sources in the film's attributes, (m, dim) [m]; None if there are none."""
         try:
-            told = self.film.attributes["gases"][f"gas_{self.gas}"]["sources"]
-            found = np.array([one["position"] for one in told], float)
+            sources = self.film.attributes["gases"][f"gas_{self.gas}"]["sources"]
+            found = np.array([source["position"] for source in sources], float)
         except (LookupError, TypeError, ValueError):
             return None
         return found if found.ndim == 2 and found.shape[1] == self.dim and np.isfinite(found).all() else None
 
     @property
     def along(self) -> int:
-        """The axis, 0 or 1, along which the mean gas reaches farther."""
+        """Axis, 0 or 1, along which the mean gas extends farther."""
         mean = np.nan_to_num(self.plane(self.mean))
         spread = []
         for axis in (0, 1):
@@ -101,7 +100,7 @@ class FilmRecord:
         return int(np.argmax(spread))
 
     def _lines(self) -> list[Probe]:
-        """A line along the plume through the strongest mean, and some across."""
+        """Return a line along the plume through the strongest mean, and lines across."""
         along, across = self.along, 1 - self.along
         self._cells: list[tuple[int, ...]] = []
         probes = [self._line(f"along {AXES[along]}", along, [int(one) for one in self.strongest])]
@@ -118,7 +117,7 @@ class FilmRecord:
         return [one for one in probes if len(one.places) > 1]
 
     def _line(self, name: str, axis: int, where: list) -> Probe:
-        """The longest stretch of air of a row of cells."""
+        """Return the longest stretch of air of a row of cells."""
         first = len(self._cells)
         row = [
             (*map(int, where[:axis]), n, *map(int, where[axis + 1 :])) for n in range(self.film.shape[axis])
@@ -132,7 +131,7 @@ class FilmRecord:
         return Probe(name, spots.reshape(-1, self.dim), (len(cells),), first)
 
     def intermittency(self, threshold: float) -> np.ndarray:
-        """Share of the time above the threshold [ppm] in the cells of the maps; the lines are read with it."""
+        """Fraction of time above the threshold [ppm] in the plane of the maps; reads the lines too."""
         share = weights(self.times)
         gamma = np.zeros(self.plane(self.mean).shape)
         name = f"{self.gas}_ppm"
@@ -149,9 +148,6 @@ class FilmRecord:
         return gamma
 
     def values(self, points: np.ndarray, quantity: str) -> np.ndarray:
-        """What points of the lines measured, (n, points) f32, once `intermittency` has read them."""
+        """Return values at points of the lines, (n, points) f32, after `intermittency` has read them."""
         assert self._found is not None, "the lines are read with the intermittency"
         return self._found[quantity][:, points]
-
-    def sums(self, quantity: str) -> tuple[np.ndarray, np.ndarray]:
-        return np.array([np.nanmax(self.mean)]), np.array([np.nanmax(self.maximum)])

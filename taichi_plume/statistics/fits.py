@@ -1,4 +1,4 @@
-"""How concentrations are distributed while there is gas: gamma and lognormal distribution."""
+"""Gamma and lognormal distribution fitted to concentrations within whiffs."""
 
 from typing import NamedTuple
 
@@ -10,10 +10,10 @@ MOST = 100_000  # samples that it takes, even among all
 
 
 class Fit(NamedTuple):
-    """A distribution of concentrations that begins at zero.
+    """A fitted distribution of concentrations above zero.
 
-    kind: gamma or lognorm, as in scipy.stats; shape and scale: as there, of scipy's parameters. distance:
-    Kolmogorov-Smirnov distance between it and the samples.
+    kind: gamma or lognorm of scipy.stats; shape, scale: scipy's parameters; distance: Kolmogorov-Smirnov distance from
+    the samples.
     """
 
     kind: str
@@ -22,19 +22,18 @@ class Fit(NamedTuple):
     distance: float
 
     def density(self, c: np.ndarray) -> np.ndarray:
-        """Its probability density."""
+        """Probability density at c."""
         from scipy import stats
 
-        return getattr(stats, self.kind).pdf(c, self.shape, 0.0, self.scale)
+        return {"gamma": stats.gamma, "lognorm": stats.lognorm}[self.kind].pdf(c, self.shape, 0.0, self.scale)
 
 
 def fits(within: np.ndarray) -> list[Fit]:
-    """Gamma and lognormal distribution of concentrations (n,) within whiffs, by maximum likelihood.
+    """Fit a gamma and a lognormal distribution to concentrations (n,) within whiffs by maximum likelihood.
 
-    None of too few, or of steady ones.
-
-    Samples near in time are alike, so that the distance has no usual significance: it compares fits. Concentrations are
-    those above the threshold, the distributions begin at zero: a threshold that is not small shows in the distance.
+    Return an empty list for too few or constant samples. Samples near in time are correlated, so the distance has no
+    usual significance: it compares fits. Concentrations are those above the threshold, the distributions start at zero:
+    a threshold that is not small increases the distance.
     """
     from scipy import stats
 
@@ -44,9 +43,8 @@ def fits(within: np.ndarray) -> list[Fit]:
         return []
     some = within[:: -(-len(within) // MOST)]
     found = []
-    for kind in ("gamma", "lognorm"):
-        one = getattr(stats, kind)
-        shape, _, scale = one.fit(some, floc=0.0)
-        distance = stats.ks_1samp(some, one.cdf, args=(shape, 0.0, scale)).statistic
+    for kind, distribution in (("gamma", stats.gamma), ("lognorm", stats.lognorm)):
+        shape, _, scale = distribution.fit(some, floc=0.0)
+        distance = stats.ks_1samp(some, distribution.cdf, args=(shape, 0.0, scale)).statistic
         found.append(Fit(kind, float(shape), float(scale), float(distance)))
     return found

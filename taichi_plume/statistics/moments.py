@@ -1,4 +1,4 @@
-"""How strong the gas is and how much it fluctuates: means over time, whatever the steps between samples are.
+"""Moments over time: mean, rms fluctuation, intermittency, percentiles; samples may be unevenly spaced.
 
 A sample counts for the time up to halfway to its neighbours, as in `durations`.
 """
@@ -11,7 +11,7 @@ PERCENTILES = (0.5, 0.99, 0.999)
 
 
 def weights(times: np.ndarray) -> np.ndarray:
-    """Share of the record that each sample stands for, (n,); times: (n,) [s]. They add up to 1."""
+    """Fraction of the record that each sample stands for, (n,), with sum 1; times: (n,) [s]."""
     share = np.diff(edges_of(times))
     return share / share.sum()
 
@@ -22,21 +22,20 @@ def mean_of(values: np.ndarray, share: np.ndarray) -> np.ndarray:
 
 
 def quantiles(values: np.ndarray, share: np.ndarray, levels: tuple[float, ...] = PERCENTILES) -> np.ndarray:
-    """Values that are exceeded for 1 - level of the time, (levels, points), of values (n, points)."""
+    """Percentiles over time of values (n, points): exceeded for 1 - level of the time, (levels, points)."""
     order = np.argsort(values, axis=0, kind="stable")
     lasted = np.cumsum(share[order], axis=0)
     at = np.array([(lasted < level - 1e-12).sum(axis=0) for level in levels])
-    return np.take_along_axis(
-        np.take_along_axis(values, order, axis=0), np.minimum(at, len(values) - 1), axis=0
-    )
+    ordered = np.take_along_axis(values, order, axis=0)
+    return np.take_along_axis(ordered, np.minimum(at, len(values) - 1), axis=0)
 
 
 def moments(times: np.ndarray, ppm: np.ndarray, threshold: float) -> dict[str, np.ndarray]:
-    """Of concentrations (n, points) [ppm], a number per point.
+    """Return statistics of concentrations (n, points) [ppm], a number per point.
 
-    mean, rms: of the fluctuation about the mean [ppm]; intensity: rms over mean; intermittency: share of the time above
-    the threshold [ppm]; conditional_mean: while it is above [ppm]; p50, p99, p99.9, maximum [ppm]; and the largest
-    ones over the mean, peak99, peak99.9, peak. NaN where the mean is none or nothing is above.
+    mean; rms: of the fluctuation [ppm]; intensity: rms / mean; intermittency: fraction of time above the threshold
+    [ppm]; conditional_mean: while above [ppm]; p50, p99, p99.9, maximum [ppm]; peak99, peak99.9, peak: the last three
+    over the mean. NaN if the mean is 0 or the threshold is never exceeded.
     """
     share = weights(times)
     mean = mean_of(ppm, share)
@@ -64,8 +63,10 @@ def moments(times: np.ndarray, ppm: np.ndarray, threshold: float) -> dict[str, n
 
 
 def wind(times: np.ndarray, velocity: np.ndarray) -> dict[str, np.ndarray]:
-    """Of velocities (n, points, dim) [m/s], a number per point: mean_u, ... and rms_u, ... per axis, speed of the mean,
-    and turbulence_intensity, the root of the mean square fluctuation of a component over that speed.
+    """Return statistics of velocities (n, points, dim) [m/s], a number per point.
+
+    mean_u, ... and rms_u, ... per axis; speed: of the mean; turbulence_intensity: rms fluctuation of a component over
+    that speed.
     """
     share = weights(times)
     mean = mean_of(velocity, share)

@@ -1,10 +1,10 @@
-"""Which whiffs a gas sensor tells apart: the record of a point given to the sensors that robots carry in a run.
+"""Whiffs that gas sensors resolve: the time series of a point are fed to the sensors that robots carry.
 
-A whiff is kept where the sensor's reading rises through the threshold between the whiff's begin and that of the next
-one: a robot that compares its readings with this threshold counts it as another one. For this the reading has to come
-up to the threshold in the whiff, and to have fallen below it in the blank before. The threshold of readings is that of
-the air times what the sensor makes of a ppm of this gas. A whiff is kept once, however often noise crosses the
-threshold in it; all rises together tell of these.
+A sensor keeps a whiff if the reading rises through the threshold between the starts of this whiff and the next one, so
+that a robot that compares readings with the threshold counts it. For this the reading has to reach the threshold in the
+whiff, and to have fallen below it in the blank before. The threshold of readings is the threshold of the air times the
+sensor's reading of 1 ppm of this gas. A whiff is kept once, however often noise crosses the threshold; `rises` counts
+all crossings.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,20 +17,20 @@ from taichi_plume.scenario.sensors import GasSensor, IdealGasSensor, MoxSensor, 
 from taichi_plume.statistics.durations import stretches
 
 SLOW, FAST = 12.0, 0.05  # s
-MOST_POINTS = 100  # that sensors are given
+MOST_POINTS = 100  # whose time series the sensors measure
 MOST_NUMBERS = 2e8  # samples times sensors
 MOST_TICKS = 200_000
 
 
 class Nose(NamedTuple):
-    """A gas sensor under a name."""
+    """A named gas sensor."""
 
     name: str
     model: GasSensor
 
 
 class Kept(NamedTuple):
-    """How many of the whiffs a sensor keeps, and how often its readings rise through the threshold [ppm] in all."""
+    """Number of whiffs that a sensor keeps, and of rises of its readings through the threshold [ppm]."""
 
     nose: Nose
     whiffs: int
@@ -40,12 +40,12 @@ class Kept(NamedTuple):
 
     @property
     def share(self) -> float:
-        """Kept ones over all; NaN of none."""
+        """Fraction of the whiffs that is kept; NaN if there are no whiffs."""
         return self.kept / self.whiffs if self.whiffs else float("nan")
 
 
 class Smelt(NamedTuple):
-    """Of some sensors on the same records: shares, and what each read at the first point, (sensors, n) [ppm]."""
+    """Comparison of sensors: whiffs kept, concentration and readings, (sensors, n) [ppm], at the first point."""
 
     kept: list[Kept]
     step: float
@@ -54,7 +54,7 @@ class Smelt(NamedTuple):
 
 
 def noses(others: Sequence[GasSensor] = ()) -> list[Nose]:
-    """All sensor models of scenarios with their defaults, a slow metal oxide, a fast detector, and others."""
+    """Return a slow metal oxide, a fast detector, all sensor models with their defaults, and `others`."""
     known: list[GasSensor] = [
         MoxSensor(kind="mox", rise_time=SLOW, decay_time=SLOW),
         PidSensor(kind="pid", rise_time=FAST, decay_time=FAST, period=FAST / 5),
@@ -82,7 +82,7 @@ def _time(seconds: float) -> str:
 
 
 class _Gas(NamedTuple):
-    """A species as sensors know it."""
+    """A species, as sensors use it."""
 
     name: str
     ppm_per_density: float = 1.0
@@ -91,10 +91,10 @@ class _Gas(NamedTuple):
 def readings(
     sensors: Sequence[GasSensor], gas: str, step: float, ppm: np.ndarray, seed: int = 0
 ) -> Iterator[np.ndarray]:
-    """What sensors read of a gas at points, (sensors, points) [ppm] at each sample.
+    """Yield the readings of sensors, (sensors, points) [ppm], at each sample of a gas.
 
-    ppm: (n, points) at even times `step` [s] apart, which are the ticks of the sensors; clean air before. They are
-    sensors of robots that stand at the points. Starts Taichi, where it has not been started.
+    ppm: (n, points), `step` [s] apart, the tick of the sensors; clean air before. The sensors belong to robots that
+    stand at the points. Starts Taichi if it does not run.
     """
     import taichi as ti
     from taichi.lang import impl
@@ -139,9 +139,9 @@ def readings(
 def smelt(
     several: Sequence[Nose], gas: str, step: float, ppm: np.ndarray, threshold: float, seed: int = 0
 ) -> Smelt:
-    """How many whiffs of records (n, points) [ppm], at even times `step` [s] apart, some sensors keep.
+    """Count the whiffs of time series (n, points) [ppm], `step` [s] apart, that sensors keep.
 
-    threshold: what is a whiff [ppm]. Whiffs that the record cuts do not count, as for durations.
+    threshold: of whiffs [ppm]. Whiffs that the record cuts do not count, as for durations.
     """
     models = [one.model for one in several]
     least = np.array([one.reads(gas, threshold) for one in models])
@@ -160,17 +160,12 @@ def smelt(
             whiffs += len(begins)
             kept += (counts > 0).sum(axis=0)
             total += counts.sum(axis=0)
-    told = [
-        Kept(one, whiffs, int(k), int(r), float(at))
-        for one, k, r, at in zip(several, kept, total, least, strict=True)
-    ]
-    return Smelt(told, step, ppm[:, 0], first.T)
+    rows = zip(several, kept.tolist(), total.tolist(), least.tolist(), strict=True)
+    return Smelt([Kept(one, whiffs, *row) for one, *row in rows], step, ppm[:, 0], first.T)
 
 
 def _windows(present: np.ndarray) -> tuple[np.ndarray, int]:
-    """First sample of each whole whiff, and the end of the last one's window: where a cut one begins, or the record's
-    end.
-    """
+    """First sample of each whole whiff, and the end of the last whiff's window (a cut whiff, or the record's end)."""
     cuts = stretches(present)
     begins = cuts[:-1]
     whole = begins[present[begins] & (begins > 0) & (cuts[1:] < len(present))]

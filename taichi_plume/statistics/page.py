@@ -1,4 +1,4 @@
-"""`statistics.html`: what was found, on one page that needs nothing else; words first."""
+"""`statistics.html`: statistics of a plume on one self-contained page; words first."""
 
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ HARDLY = 1e-3  # of the strongest mean
 
 
 def write(found: Statistics, folder: Path) -> Path:
-    """Write the page into a folder; returns its path. Raises OSError."""
+    """Write the page into a folder; return the path. Raises OSError."""
     return html.write(
         folder / PAGE, _sections(found),
         name=found.name, what="statistics of a plume", status=found.gas, good=True,
@@ -41,7 +41,7 @@ def _sections(found: Statistics) -> list[Section]:
 
 
 def _words(found: Statistics) -> Section:
-    """What was measured, and the most that is to say."""
+    """Sentences on the data and the main results."""
     points = sum(len(one.probe.places) for one in found.probes)
     kinds = [
         f"{one.probe.kind} of {len(one.probe.places):,}" if len(one.probe.places) > 1 else "point"
@@ -88,7 +88,7 @@ def _law_in_words(kind: Kind) -> str:
 
 
 def _strength(found: Statistics) -> Section:
-    """Numbers of the points."""
+    """Tables of moments and wind."""
     section = Section("How strong the gas is, and how much it fluctuates", "strength")
     rows, left_out = [], 0
     room = max(1, MOST_ROWS // max(1, len(found.probes)))
@@ -129,7 +129,7 @@ def _strength(found: Statistics) -> Section:
 
 
 def _maps(found: Statistics) -> Section:
-    """Of a film, and of grids."""
+    """Maps of a film and of grids."""
     section = Section("Maps", "maps")
     data = found.maps
     if data is not None:
@@ -162,12 +162,12 @@ def _maps(found: Statistics) -> Section:
 
 
 def _where_gas(values: np.ndarray, mean: np.ndarray) -> np.ndarray:
-    """NaN where there is hardly any gas in the mean, which the page does not show."""
+    """Return the values, with NaN where the mean is less than HARDLY of the largest mean."""
     return np.where(np.nan_to_num(mean) > HARDLY * np.nanmax(mean), values, np.nan)
 
 
 def _spread(shown: list[OfProbe]) -> Section:
-    """Profiles and correlation."""
+    """Profiles and two-point correlations."""
     section = Section("Profiles and lengths", "spread")
     for one in shown:
         if one.profiles:
@@ -190,12 +190,12 @@ def _gaussian(several: list[Profile]) -> str:
     if len(several) > 1 or several[0].gaussian is None:
         return captions.NEAREST
     fit = several[0].gaussian
-    told = f"Centre {fit.centre:.3g} m, width {fit.width:.3g} m ({fit.share:.0%} of the variance explained)."
-    return f"{captions.NEAREST} {told}"
+    words = f"Centre {fit.centre:.3g} m, width {fit.width:.3g} m ({fit.share:.0%} of the variance explained)."
+    return f"{captions.NEAREST} {words}"
 
 
 def _whiffs(found: Statistics, shown: list[OfProbe]) -> Section:
-    """Durations and their laws."""
+    """Durations and their power laws."""
     section = Section("Whiffs and blanks", "whiffs", lines=[captions.WHIFFS])
     rows = []
     step = float(np.mean(found.steps)) if found.steps[1] - found.steps[0] < 1e-3 * found.steps[1] else 0.0
@@ -206,15 +206,13 @@ def _whiffs(found: Statistics, shown: list[OfProbe]) -> Section:
                 continue
             middle, mean, largest = np.median(every.lasted), every.lasted.mean(), every.lasted.max()
             law = kind.law
-            told = (
-                f"{law.value:.2f} ({law.low:.2f} to {law.high:.2f})"
-                if law
-                else f"- (fewer than {FEWEST} in a range)"
-            )
-            within = f"{law.first:.3g} to {law.last:.3g} s, {law.count:,}" if law else "-"
+            exponent, within = f"- (fewer than {FEWEST} in a range)", "-"
+            if law:
+                exponent = f"{law.value:.2f} ({law.low:.2f} to {law.high:.2f})"
+                within = f"{law.first:.3g} to {law.last:.3g} s, {law.count:,}"
             rows.append(
                 (f"{one.probe.name}: {kind.name}", f"{len(every.lasted):,}", str(every.cut), f"{middle:.3g}",
-                 f"{mean:.3g}", f"{largest:.3g}", told, within)
+                 f"{mean:.3g}", f"{largest:.3g}", exponent, within)
             )  # fmt: skip
         if all(len(kind.all.lasted) > 1 for kind in one.kinds):
             png = plots.laws(one, step)
@@ -228,7 +226,7 @@ def _whiffs(found: Statistics, shown: list[OfProbe]) -> Section:
 
 
 def _sensors(found: Statistics) -> Section:
-    """Which whiffs sensors keep."""
+    """Whiffs that sensors keep."""
     section = Section("Which whiffs a sensor keeps", "sensors")
     smelt = found.smelt
     if smelt is None or not smelt.kept[0].whiffs:
@@ -238,13 +236,7 @@ def _sensors(found: Statistics) -> Section:
     png = plots.records(smelt, found.threshold, found.begin)
     section.images.append(Image(png, "The air at a point, and what two sensors read", captions.RECORDS))
     rows = [
-        (
-            k.nose.name,
-            f"{k.share:.1%}",
-            f"{k.kept:,} of {k.whiffs:,}",
-            f"{k.rises:,}",
-            f"{k.threshold:.3g}",
-        )
+        (k.nose.name, f"{k.share:.1%}", f"{k.kept:,} of {k.whiffs:,}", f"{k.rises:,}", f"{k.threshold:.3g}")
         for k in smelt.kept
     ]
     heads = ("sensor", "kept", "whiffs", "rises in all", "threshold of readings [ppm]")
@@ -257,11 +249,9 @@ def _within(shown: list[OfProbe]) -> Section:
     for one in shown:
         if one.fits:
             gamma, lognormal = one.fits
-            told = (
-                f"{captions.WITHIN} Gamma: shape {gamma.shape:.3g}; lognormal: deviation of the logarithm "
-                f"{lognormal.shape:.3g}."
-            )
-            section.images.append(Image(plots.within(one), one.probe.name, told))
+            deviation = f"lognormal: deviation of the logarithm {lognormal.shape:.3g}"
+            caption = f"{captions.WITHIN} Gamma: shape {gamma.shape:.3g}; {deviation}."
+            section.images.append(Image(plots.within(one), one.probe.name, caption))
     return section
 
 

@@ -1,6 +1,6 @@
-"""The plots of the page: PNGs of what `Statistics` holds."""
+"""Plots of a page of statistics, as PNG files."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,13 +11,17 @@ from taichi_plume.statistics.noses import Smelt
 from taichi_plume.statistics.records import AXES
 from taichi_plume.statistics.spectra import KOLMOGOROV
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 WIDTH = 7.4  # inches
 FIRST, SECOND, MODEL = look.robot(0), look.SOURCE, look.FAINT
 MOST_CURVES = 6
 SHOWN = 60.0  # s, of a record
 
 
-def _axes(columns: int = 1, height: float = 2.9) -> tuple[Any, Any]:
+def _axes(columns: int = 1, height: float = 2.9) -> "tuple[Figure, list[Axes]]":
     figure = look.figure(WIDTH, height)
     axes = figure.subplots(1, columns, squeeze=False)[0]
     for one in axes:
@@ -25,13 +29,13 @@ def _axes(columns: int = 1, height: float = 2.9) -> tuple[Any, Any]:
     return figure, axes
 
 
-def _png(figure: Any) -> bytes:
+def _png(figure: "Figure") -> bytes:
     figure.tight_layout()
     return look.png(figure)
 
 
 def laws(one: OfProbe, step: float) -> bytes:
-    """How long whiffs and blanks last, with their power laws and T^-3/2."""
+    """Draw the distribution of durations of whiffs and blanks, with their power laws and T^-3/2."""
     with look.styled():
         figure, axes = _axes(2, 3.1)
         for axis, kind, color in zip(axes, one.kinds, (FIRST, SECOND), strict=True):
@@ -60,17 +64,19 @@ def laws(one: OfProbe, step: float) -> bytes:
 
 
 def within(one: OfProbe) -> bytes:
-    """How concentrations are distributed within whiffs."""
+    """Draw the distribution of concentrations within whiffs, and its fits."""
     with look.styled():
         figure, (axis,) = _axes()
         most = float(np.quantile(one.within, 0.999))
-        axis.hist(one.within, np.linspace(0.0, most, 61), density=True, color="#c9d6e2", label="samples")
+        axis.hist(
+            one.within, np.linspace(0.0, most, 61).tolist(), density=True, color="#c9d6e2", label="samples"
+        )
         c = np.linspace(most / 400, most, 400)
         for fit, line, color in zip(one.fits, ("-", "--"), (FIRST, SECOND), strict=True):
             name = {"gamma": "gamma", "lognorm": "lognormal"}[fit.kind]
             axis.plot(c, fit.density(c), line, color=color, label=f"{name}, distance {fit.distance:.3f}")
         top = axis.get_ylim()[1]
-        heights = axis.patches and max(float(patch.get_height()) for patch in axis.patches)
+        heights = max((float(patch.get_height()) for patch in axis.patches), default=0.0)
         axis.set_ylim(0.0, min(top, 1.6 * heights) if heights else top)
         axis.set_xlabel("concentration over its mean while there is gas")
         axis.set_ylabel("density")
@@ -79,7 +85,7 @@ def within(one: OfProbe) -> bytes:
 
 
 def spectrum(several: list[OfProbe]) -> bytes:
-    """Spectra, with a line of slope -5/3."""
+    """Draw power spectral densities, with a line of slope -5/3."""
     with look.styled():
         figure, (axis,) = _axes(1, 3.2)
         for n, one in enumerate(several[:MOST_CURVES]):
@@ -93,14 +99,8 @@ def spectrum(several: list[OfProbe]) -> bytes:
         if len(f) > 4 and s[0] > 0:
             x = np.geomspace(f[len(f) // 20], f[-1], 20)
             at = float(np.interp(x[0], f, s))
-            axis.plot(
-                x,
-                2.0 * at * (x / x[0]) ** KOLMOGOROV,
-                "--",
-                color=look.INK,
-                linewidth=1.0,
-                label="$f^{-5/3}$",
-            )
+            line = 2.0 * at * (x / x[0]) ** KOLMOGOROV
+            axis.plot(x, line, "--", color=look.INK, linewidth=1.0, label="$f^{-5/3}$")
             axis.set_ylim(max(float(s.max()) * 1e-9, float(s[s > 0].min()) / 3), None)
         axis.set_xlabel("frequency f [Hz]")
         axis.set_ylabel("density [ppm²/Hz]")
@@ -110,11 +110,11 @@ def spectrum(several: list[OfProbe]) -> bytes:
 
 
 def profiles(several: list[Profile]) -> bytes:
-    """Mean and rms along a line, or some rows of a grid, with the Gaussian of the mean."""
+    """Draw mean and rms along a line, or along some rows of a grid, with the Gaussian of the mean."""
     chosen = several
     if len(several) > 4:
-        told = [one for one in several if one.gaussian is not None] or several
-        chosen = [told[k] for k in np.unique(np.linspace(0, len(told) - 1, 4).round().astype(int))]
+        fitted = [one for one in several if one.gaussian is not None] or several
+        chosen = [fitted[k] for k in np.unique(np.linspace(0, len(fitted) - 1, 4).round().astype(int))]
     with look.styled():
         figure, axes = _axes(2, 3.0)
         for n, one in enumerate(chosen):
@@ -134,16 +134,16 @@ def profiles(several: list[Profile]) -> bytes:
 
 
 def widths(several: list[Profile], along: str) -> bytes | None:
-    """Width and centre of the mean against where; None where too few rows have one."""
-    told = [one for one in several if one.gaussian is not None and one.gaussian.share > 0.5]
-    if len(told) < 3:
+    """Draw width and centre of the mean of each row; None if fewer than three rows have a good fit."""
+    fits = [(one, one.gaussian) for one in several if one.gaussian is not None and one.gaussian.share > 0.5]
+    if len(fits) < 3:
         return None
-    x = [one.station for one in told]
+    x = [one.station for one, _ in fits]
     with look.styled():
         figure, axes = _axes(2, 2.6)
         values = (
-            ("width [m]", [one.gaussian.width for one in told if one.gaussian]),
-            (f"centre, {told[0].along} [m]", [one.gaussian.centre for one in told if one.gaussian]),
+            ("width [m]", [fit.width for _, fit in fits]),
+            (f"centre, {fits[0][0].along} [m]", [fit.centre for _, fit in fits]),
         )
         for axis, (title, y) in zip(axes, values, strict=True):
             axis.plot(x, y, "o-", color=FIRST, markersize=3)
@@ -154,7 +154,7 @@ def widths(several: list[Profile], along: str) -> bytes | None:
 
 
 def correlations(several: list[Correlation]) -> bytes:
-    """Two-point correlations."""
+    """Draw two-point correlations."""
     with look.styled():
         figure, (axis,) = _axes()
         for n, one in enumerate(several):
@@ -169,7 +169,7 @@ def correlations(several: list[Correlation]) -> bytes:
 
 
 def maps(x: np.ndarray, y: np.ndarray, values: dict[str, np.ndarray], axes_names: str = AXES) -> bytes:
-    """Maps over a plane, (x, y) each, one above the other or side by side."""
+    """Draw maps over a plane, (x, y) each, one above the other or side by side."""
     wide = np.ptp(x) >= 1.2 * np.ptp(y)
     rows, columns = (len(values), 1) if wide else (1, len(values))
     ratio = np.ptp(y) / max(np.ptp(x), 1e-9)
@@ -190,7 +190,7 @@ def maps(x: np.ndarray, y: np.ndarray, values: dict[str, np.ndarray], axes_names
 
 
 def records(smelt: Smelt, threshold: float, begin: float) -> bytes:
-    """What the air was like at a point, and what the slow and the fast sensor made of it, in ppm of this gas."""
+    """Draw the concentration at a point, and the readings of the slow and the fast sensor, in ppm of this gas."""
     n = min(len(smelt.true), max(2, round(SHOWN / smelt.step)))
     first = _liveliest(smelt.true > threshold, n)
     window = slice(first, first + n)
@@ -215,7 +215,7 @@ def records(smelt: Smelt, threshold: float, begin: float) -> bytes:
 
 
 def _liveliest(present: np.ndarray, n: int) -> int:
-    """Where the n samples with the most changes begin."""
+    """First of the n samples with the most changes."""
     changes = np.concatenate([[0], np.cumsum(present[1:] != present[:-1])])
     if len(present) <= n:
         return 0
@@ -223,13 +223,12 @@ def _liveliest(present: np.ndarray, n: int) -> int:
 
 
 def sensors(smelt: Smelt) -> bytes:
-    """Which share of whiffs each sensor keeps."""
+    """Draw the fraction of whiffs that each sensor keeps."""
     with look.styled():
         figure, (axis,) = _axes(1, 0.34 * len(smelt.kept) + 0.9)
         y = np.arange(len(smelt.kept))[::-1]
-        axis.barh(
-            y, [100 * one.share for one in smelt.kept], color=[SECOND, FIRST, *["#90a4ae"] * (len(y) - 2)]
-        )
+        colors = [SECOND, FIRST, *["#90a4ae"] * (len(y) - 2)]
+        axis.barh(y, [100 * one.share for one in smelt.kept], color=colors)
         axis.set_yticks(y, [look.short(one.nose.name, 70) for one in smelt.kept], parse_math=False)
         for place, one in zip(y, smelt.kept, strict=True):
             axis.text(100 * one.share + 1, place, f"{one.share:.0%}", va="center", fontsize=8)

@@ -1,6 +1,6 @@
-"""Records of points over time: those of a run's probes.parquet, read in chunks, as far as memory goes.
+"""Time series at points, read from a run's probes.parquet in chunks.
 
-Rows of the table are samples of all points, one after the other in the same order.
+Rows of the table are samples of all points, one point after the other in the same order.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,15 +14,15 @@ from taichi_plume.files import table_parts
 from taichi_plume.files.run_folder import RunFolderError
 
 FEWEST = 16
-"""Samples of which something can be told."""
+"""Smallest number of samples for statistics."""
 AXES = "xyz"
 
 
 class Probe(NamedTuple):
     """Points under one name: a point, a line or a grid.
 
-    places: (n, dim) [m]; counts: along each axis of a grid, in the order of whose array the points are, else (n,);
-    first: the number of its first point in a record.
+    places: (n, dim) [m]; counts: of points along each axis of a grid (the points are in C order), else (n,); first:
+    number of its first point in a record.
     """
 
     name: str
@@ -32,12 +32,12 @@ class Probe(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """What it is, in a word."""
+        """The word "point", "line" or "grid"."""
         return "point" if len(self.places) == 1 else "line" if len(self.counts) == 1 else "grid"
 
     @classmethod
     def of(cls, name: str, places: np.ndarray, first: int = 0) -> "Probe":
-        """One whose shape its places tell."""
+        """Return a probe of the shape that its places form."""
         axes = [np.unique(places[:, d]) for d in range(places.shape[1])]
         counts = tuple(len(one) for one in axes)
         if sum(n > 1 for n in counts) > 1 and int(np.prod(counts)) == len(places):
@@ -48,25 +48,21 @@ class Probe(NamedTuple):
 
 
 class Record(Protocol):
-    """What statistics are made of."""
+    """Time series of some probes."""
 
     times: np.ndarray
-    """When the samples were taken, (n,) [s]."""
+    """Times of the samples, (n,) [s]."""
     probes: list[Probe]
 
     def values(self, points: np.ndarray, quantity: str) -> np.ndarray:
-        """What points measured, (n, points) f32; the points by their numbers, ascending."""
-        ...
-
-    def sums(self, quantity: str) -> tuple[np.ndarray, np.ndarray]:
-        """Mean over time and maximum at each point."""
+        """Return values at points, (n, points) f32; points: their numbers, ascending."""
         ...
 
 
 class ProbeRecord:
-    """A run's probes.parquet, from a time on. Raises RunFolderError where it cannot be read.
+    """Time series of a run's probes.parquet from a time on. Raises RunFolderError if the file cannot be read.
 
-    gases: the species' names. wind: names of the columns of the wind. start: earliest time that counts [s].
+    gases: names of species; wind: names of the wind's columns; start: earliest time [s].
     """
 
     def __init__(self, path: Path, start: float | None = None):
@@ -84,7 +80,7 @@ class ProbeRecord:
         self.times = self._times()
 
     def _layout(self, axes: Sequence[str]) -> tuple[list[Probe], int]:
-        """The probes, as the first sample has them, and the number of its points."""
+        """Return the probes in the first sample, and its number of points."""
         rows: list[pa.RecordBatch] = []
         first = None
         for batch in table_parts.batches(self.path, ["t", "probe", "point", *axes]):
@@ -107,7 +103,7 @@ class ProbeRecord:
         return found, len(names)
 
     def _samples(self, columns: Sequence[str]) -> Iterator[list[np.ndarray]]:
-        """Whole samples of columns, each (samples, points), some at a time."""
+        """Yield whole samples of columns in chunks, each (samples, points)."""
         rest: list[np.ndarray] | None = None
         for batch in table_parts.batches(self.path, columns):
             parts = [batch.column(n).to_numpy(zero_copy_only=False) for n in range(len(columns))]
@@ -130,13 +126,12 @@ class ProbeRecord:
         self.skipped = 0 if self.start is None else int(np.searchsorted(times, self.start - 1e-9))
         if len(times) - self.skipped < FEWEST:
             after = f" from {self.start:g} s on" if self.start is not None else ""
-            raise RunFolderError(
-                f"{self.path}: holds {len(times) - self.skipped} samples{after}; at least {FEWEST} are needed"
-            )
+            count = f"{len(times) - self.skipped} samples{after}"
+            raise RunFolderError(f"{self.path}: holds {count}; at least {FEWEST} are needed")
         return times[self.skipped :]
 
     def _chunks(self, quantity: str) -> Iterator[tuple[int, np.ndarray]]:
-        """Values of a column from the start on, with the number of their first sample."""
+        """Yield chunks of a column from the start on, with the number of their first sample."""
         done = -self.skipped
         for (values,) in self._samples([quantity]):
             some = values[max(0, -done) :]
@@ -153,6 +148,7 @@ class ProbeRecord:
         return found
 
     def sums(self, quantity: str) -> tuple[np.ndarray, np.ndarray]:
+        """Mean over time and maximum of a quantity at each point."""
         from taichi_plume.statistics.moments import weights
 
         share = weights(self.times)

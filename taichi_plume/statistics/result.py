@@ -1,11 +1,11 @@
-"""The statistics of a run or a film, as tables, and written."""
+"""Statistics of a run or a film as tables, and their files."""
 
 import json
 import os
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,15 +32,15 @@ UNITS = {
     **dict.fromkeys(("x", "y", "z"), "m"),
     **dict.fromkeys([f"{what}_{u}" for what in ("mean", "rms") for u in "uvw"] + ["speed"], "m/s"),
 }
-"""Of the numbers of a point; 1 for all others."""
+"""Units of the numbers of a point; 1 for all others."""
 
 
 @dataclass
 class Statistics:
-    """What was found. source: the run's folder or the film; of: probes or film.
+    """Statistics of a run or a film. source: the run's folder or the film; of: "probes" or "film".
 
-    threshold: [ppm], and why it is so. begin, end: [s] of the samples; steps: shortest and longest time [s] between
-    them. smelt: which whiffs sensors keep. film: where there is one.
+    threshold: [ppm]; why: reason for the threshold; begin, end: of the samples [s]; steps: shortest and longest time
+    between samples [s]; smelt: whiffs that sensors keep; gamma: intermittency of the film's maps.
     """
 
     source: Path
@@ -61,7 +61,7 @@ class Statistics:
 
     @property
     def points(self) -> "pandas.DataFrame":
-        """A row per point: probe, point, place and numbers; units in `attrs["units"]`."""
+        """A row per point: probe, point, position and numbers; units in `attrs["units"]`."""
         import pandas
 
         parts = []
@@ -75,7 +75,7 @@ class Statistics:
 
     @property
     def durations(self) -> "pandas.DataFrame":
-        """A row per whiff and blank that is whole: probe, point, kind, begin [s], duration [s]."""
+        """A row per complete whiff and blank: probe, point, kind, begin [s], duration [s]."""
         import pandas
 
         parts = [
@@ -85,17 +85,15 @@ class Statistics:
             for n, s in enumerate(kind.of_points)
             if len(s.lasted)
         ]
-        columns = ["probe", "point", "kind", "begin", "duration"]
-        frame = (
-            pandas.concat([pandas.DataFrame(part) for part in parts], ignore_index=True) if parts else None
-        )
-        frame = pandas.DataFrame(columns=columns) if frame is None else frame
-        frame.attrs["units"] = {"probe": "1", "point": "1", "kind": "1", "begin": "s", "duration": "s"}
+        units = {"probe": "1", "point": "1", "kind": "1", "begin": "s", "duration": "s"}
+        frames = list(map(pandas.DataFrame, parts))
+        frame = pandas.concat(frames, ignore_index=True) if frames else pandas.DataFrame(columns=list(units))
+        frame.attrs["units"] = units
         return frame
 
     @property
     def maps(self) -> "xarray.Dataset | None":
-        """Of a film: mean, rms, maximum [ppm], intensity and intermittency over x and y; else None."""
+        """Mean, rms, maximum [ppm], intensity and intermittency of a film over x and y; None without a film."""
         import xarray
 
         film = self.film
@@ -129,37 +127,8 @@ class Statistics:
         return pandas.concat(frames, ignore_index=True)
 
     @property
-    def summary(self) -> dict[str, Any]:
-        """What is no table: how it was made, and of each probe laws, fits, profiles and lengths."""
-        probes = []
-        for one in self.probes:
-            probes.append(
-                {
-                    "name": one.probe.name,
-                    "kind": one.probe.kind,
-                    "points": len(one.probe.places),
-                    **{
-                        kind.name: {
-                            "count": len(kind.all.lasted),
-                            "cut": kind.all.cut,
-                            "law": None if kind.law is None else kind.law._asdict(),
-                        }
-                        for kind in one.kinds
-                    },
-                    "fits": [fit._asdict() for fit in one.fits],
-                    "lengths": [
-                        {"along": c.along, "length_m": c.length, "whole": c.whole} for c in one.correlations
-                    ],
-                    "profiles": [
-                        {
-                            "along": p.along,
-                            "at": p.at,
-                            "gaussian": None if p.gaussian is None else p.gaussian._asdict(),
-                        }
-                        for p in one.profiles
-                    ],
-                }
-            )
+    def summary(self) -> dict[str, object]:
+        """Settings, and the laws, fits, profiles and lengths of each probe: the content of statistics.json."""
         sensors = [
             {"sensor": k.nose.name, "whiffs": k.whiffs, "kept": k.kept, "share": k.share, "rises": k.rises,
              "threshold_ppm": k.threshold}
@@ -170,13 +139,13 @@ class Statistics:
             "source": str(self.source), "of": self.of, "gas": self.gas,
             "threshold_ppm": self.threshold, "threshold_is": self.why, "begin_s": self.begin, "end_s": self.end,
             "samples": self.samples, "shortest_step_s": self.steps[0], "longest_step_s": self.steps[1],
-            "probes": probes, "sensors": sensors, "notes": self.notes,
+            "probes": list(map(_of_probe, self.probes)), "sensors": sensors, "notes": self.notes,
         }  # fmt: skip
 
     def write(self, folder: Path) -> list[Path]:
-        """Write the tables into a folder: statistics.json, points, durations and spectra as Parquet, maps.nc of a film.
+        """Write statistics.json, points, durations and spectra as Parquet, and maps.nc of a film; return the paths.
 
-        Earlier statistics are replaced. Raises RunFolderError if a file of that name is not one of statistics, and
+        Earlier statistics are replaced. Raises RunFolderError if the folder holds other files of these names, and
         OSError.
         """
         maps = self.maps
@@ -184,7 +153,7 @@ class Statistics:
         names = [
             "statistics.json",
             *(f"{name}.parquet" for name in TABLES),
-            *(["maps.nc"] if maps is not None else []),
+            *["maps.nc"] * (maps is not None),
         ]
         other = next((name for name in (*names, PAGE) if os.path.lexists(folder / name)), None)
         if other is not None and not own_folder.is_marked(folder, KIND):
@@ -201,12 +170,32 @@ class Statistics:
         return [folder / name for name in names]
 
 
-def _finite(value: Any) -> Any:
-    """As JSON has it: no NaN."""
+def _of_probe(one: OfProbe) -> dict[str, object]:
+    """Return the laws, fits, lengths and profiles of a probe."""
+    kinds = {
+        kind.name: {
+            "count": len(kind.all.lasted),
+            "cut": kind.all.cut,
+            "law": kind.law and kind.law._asdict(),
+        }
+        for kind in one.kinds
+    }
+    return {
+        "name": one.probe.name, "kind": one.probe.kind, "points": len(one.probe.places), **kinds,
+        "fits": [fit._asdict() for fit in one.fits],
+        "lengths": [{"along": c.along, "length_m": c.length, "whole": c.whole} for c in one.correlations],
+        "profiles": [
+            {"along": p.along, "at": p.at, "gaussian": p.gaussian and p.gaussian._asdict()} for p in one.profiles
+        ],
+    }  # fmt: skip
+
+
+def _finite(value: object) -> object:
+    """Return a value for JSON, in which NaN and infinity become null."""
     if isinstance(value, dict):
-        return {key: _finite(one) for key, one in value.items()}
+        return {key: _finite(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(one) for one in value]
+        return list(map(_finite, value))
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not isfinite(value) else value

@@ -1,8 +1,8 @@
-"""Statistics of what there is: the probes of a run, its film, or a film by itself."""
+"""Statistics of a run's probes, of its film, or of a film alone."""
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,15 +10,26 @@ from taichi_plume.files.run_folder import RunFolderError, is_run
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.opening import unopenable
 from taichi_plume.results.run import Run
+from taichi_plume.scenario.located import Located
 from taichi_plume.scenario.sensors import GasSensor
 from taichi_plume.statistics import noses, spectra
 from taichi_plume.statistics.analysis import OfProbe, Settings, of_probe
 from taichi_plume.statistics.filmed import FilmRecord
-from taichi_plume.statistics.records import ProbeRecord
+from taichi_plume.statistics.records import Probe, ProbeRecord
 from taichi_plume.statistics.result import Statistics
 
 SHARE = 0.1
-"""Of the strongest point's mean, that the threshold is unless given."""
+"""Default threshold, as a fraction of the strongest point's mean."""
+
+
+class Options(NamedTuple):
+    """Options of `of`, in its order."""
+
+    gas: str | None
+    probe: str | None
+    threshold: float | None
+    start: float | None
+    bounds: tuple[float, float] | None
 
 
 def of(
@@ -30,106 +41,89 @@ def of(
     bounds: tuple[float, float] | None = None,
     sensors: Sequence[GasSensor] = (),
 ) -> Statistics:
-    """The statistics of a run's folder, or of a film. Raises InputError.
+    """Compute the statistics of a run's folder or of a film. Raises InputError.
 
-    gas: the species, unless it is the first. probe: the only probe that is looked at. threshold: [ppm]; unless given, a
-    tenth of the mean where it is largest. start: earliest time that counts [s]. bounds: of the durations that exponents
-    are of [s]. sensors: models besides those of `noses.noses`.
+    gas: species (default: the first); probe: the only probe to use; threshold: [ppm] (default: a tenth of the largest
+    mean); start: earliest time [s]; bounds: of the durations for exponents [s]; sensors: models besides those of
+    `noses.noses`.
     """
-    path = Path(source)
+    path, options = Path(source), Options(gas, probe, threshold, start, bounds)
     fault = unopenable(path, folder=True)
     if fault:
         raise RunFolderError(f"{path}: {fault}; give the folder of a run, or a film")
     if not is_run(path):
         if (path / "zarr.json").exists():
-            return _of_film(path, path.stem, gas, probe, threshold, start, bounds)
+            return _of_film(path, path.stem, options)
         raise RunFolderError(f"{path}: is neither the folder of a run nor a film")
     run = Run(path)
     status = str(run.result.get("status", "unknown"))
+    repair = f"`python -m taichi_plume.repair {path}`"
     if status == "running":
-        raise RunFolderError(
-            f"{path}: is still running, or was killed; wait, or `python -m taichi_plume.repair {path}`"
-        )
+        raise RunFolderError(f"{path}: is still running, or was killed; wait, or {repair}")
     table, film = path / "probes.parquet", path / "fields.zarr"
     if (path / "probes.parts").exists():
+        raise RunFolderError(f"{path}: was killed; {repair} completes its files")
+    if table.exists():
+        every = [source for _, part in run.scenario.gases for source in part.sources]
+        positions = [source.position for source in every if isinstance(source, Located)]
+        sources = np.array(positions, float) if positions else None
+        found = _of_probes(table, run.scenario.name, options, sources, sensors)
+        found.source = path
+        if film.is_dir():
+            try:
+                found.film = FilmRecord(film, found.gas, start)
+                found.gamma = found.film.intermittency(found.threshold)
+            except InputError as error:
+                found.notes.append(f"No maps: {error}.")
+    elif film.is_dir():
+        found = _of_film(film, run.scenario.name, options)
+    else:
         raise RunFolderError(
-            f"{path}: was killed; `python -m taichi_plume.repair {path}` completes its files"
+            f"{path}: has neither probes.parquet nor fields.zarr; run with `probes: {{every: step, points: "
+            "[{kind: point, name: a, at: [1, 2]}]}` or `fields: {rate: 10}`"
         )
-    name = run.scenario.name
-    places = [
-        s.position
-        for _, g in run.scenario.gases
-        for s in g.sources
-        if getattr(s, "position", None) is not None
-    ]
-    located = np.array(places, float) if places else None
-    if not table.exists():
-        if not film.is_dir():
-            raise RunFolderError(
-                f"{path}: has neither probes.parquet nor fields.zarr; run with `probes: {{every: step, points: "
-                "[{kind: point, name: a, at: [1, 2]}]}` or `fields: {rate: 10}`"
-            )
-        found = _of_film(film, name, gas, probe, threshold, start, bounds)
-        return _told_end(found, status)
-    found = _of_probes(table, name, gas, probe, threshold, start, bounds, located, sensors)
-    found.source = path
-    if film.is_dir():
-        try:
-            found.film = FilmRecord(film, found.gas, start)
-            found.gamma = found.film.intermittency(found.threshold)
-        except InputError as error:
-            found.notes.append(f"No maps: {error}.")
-    return _told_end(found, status)
-
-
-def _told_end(found: Statistics, status: str) -> Statistics:
     if status not in ("completed", "stopped"):
-        found.notes.append(f"The run ended as '{status}': there is what it had come to.")
+        found.notes.append(f"The run ended as '{status}': its files hold the results up to then.")
     return found
 
 
 def _of_probes(
-    table: Path, name: str, gas: str | None, probe: str | None, threshold: float | None, start: float | None,
-    bounds: tuple[float, float] | None, located: np.ndarray | None, sensors: Sequence[GasSensor],
-) -> Statistics:  # fmt: skip
-    record = ProbeRecord(table, start)
-    wanted = _gas(table, record.gases, gas)
-    mean, largest = record.sums(f"{wanted}_ppm")
-    chosen = _chosen(table, record.probes, probe)
+    table: Path, name: str, options: Options, sources: np.ndarray | None, sensors: Sequence[GasSensor]
+) -> Statistics:
+    record = ProbeRecord(table, options.start)
+    gas = _gas(table, record.gases, options.gas)
+    mean, largest = record.sums(f"{gas}_ppm")
+    chosen = _chosen(table, record.probes, options.probe)
     inside = np.concatenate([one.first + np.arange(len(one.places)) for one in chosen])
     if not largest[inside].max() > 0.0:
-        raise RunFolderError(f"{table}: no {wanted} came to its points in this time")
-    level, why = _threshold(float(mean[inside].max()), threshold)
-    settings = Settings(wanted, level, record.wind, located, bounds)
+        raise RunFolderError(f"{table}: no {gas} came to its points in this time")
+    level, why = _threshold(float(mean[inside].max()), options.threshold)
+    settings = Settings(gas, level, record.wind, sources, options.bounds)
     probes = [of_probe(record, one, settings) for one in chosen]
     found = _statistics(table, name, "probes", record, settings, why, probes)
-    found.notes += _other_gases(record.gases, wanted)
     found.smelt = _smelt(record, settings, probes, sensors, found.notes)
     return found
 
 
-def _of_film(
-    path: Path, name: str, gas: str | None, probe: str | None, threshold: float | None, start: float | None,
-    bounds: tuple[float, float] | None,
-) -> Statistics:  # fmt: skip
-    film = FilmRecord(path, gas, start)
-    level, why = _threshold(float(film.sums("")[0].max()), threshold)
+def _of_film(path: Path, name: str, options: Options) -> Statistics:
+    film = FilmRecord(path, options.gas, options.start)
+    level, why = _threshold(float(np.nanmax(film.mean)), options.threshold)
     gamma = film.intermittency(level)
-    settings = Settings(film.gas, level, film.wind, film.sources, bounds)
-    probes = [of_probe(film, one, settings) for one in _chosen(path, film.probes, probe)]
+    settings = Settings(film.gas, level, film.wind, film.sources, options.bounds)
+    probes = [of_probe(film, one, settings) for one in _chosen(path, film.probes, options.probe)]
     found = _statistics(path, name, "film", film, settings, why, probes)
     found.film, found.gamma = film, gamma
-    found.notes += _other_gases(film.gases, film.gas)
     found.notes.append(
-        f"A film knows nothing between its frames, {np.median(np.diff(film.times)):.3g} s apart: shorter whiffs are "
-        "missed or joined. Probes tell of them."
+        f"A film has no data between its frames, {np.median(np.diff(film.times)):.3g} s apart: shorter whiffs are "
+        "missed or joined. Use probes for them."
     )
     return found
 
 
 def _statistics(
-    path: Path, name: str, kind: str, record: Any, settings: Settings, why: str, probes: list[OfProbe]
-) -> Statistics:
+    path: Path, name: str, kind: str, record: ProbeRecord | FilmRecord, settings: Settings, why: str,
+    probes: list[OfProbe],
+) -> Statistics:  # fmt: skip
     steps = np.diff(record.times)
     found = Statistics(
         path, name, kind, settings.gas, settings.threshold, why, float(record.times[0]), float(record.times[-1]),
@@ -141,6 +135,9 @@ def _statistics(
             f"spectra, integral scales, correlations and sensors are of values every {steps.mean():.3g} s, linear in "
             "time between samples."
         )
+    others = [one for one in record.gases if one != settings.gas]
+    if others:
+        found.notes.append(f"There is also {', '.join(others)}; --gas NAME chooses one.")
     return found
 
 
@@ -152,12 +149,7 @@ def _gas(path: Path, there: Sequence[str], gas: str | None) -> str:
     return there[0] if gas is None else gas
 
 
-def _other_gases(there: Sequence[str], gas: str) -> list[str]:
-    others = [one for one in there if one != gas]
-    return [f"There is also {', '.join(others)}; --gas NAME chooses one."] if others else []
-
-
-def _chosen(path: Path, probes: list, name: str | None) -> list:
+def _chosen(path: Path, probes: Sequence[Probe], name: str | None) -> list[Probe]:
     chosen = [one for one in probes if name in (None, one.name)]
     if not chosen:
         raise RunFolderError(f"{path}: has no probe {name}, but {', '.join(one.name for one in probes)}")
@@ -177,7 +169,7 @@ def _smelt(
     sensors: Sequence[GasSensor],
     notes: list[str],
 ) -> noses.Smelt | None:
-    """What sensors keep at points with whiffs, the liveliest first."""
+    """Count the whiffs that sensors keep at points with whiffs, the point with most whiffs first."""
     several = noses.noses(sensors)
     lively = [
         (int(n), one.probe.first + k) for one in probes for k, n in enumerate(one.points["whiffs"]) if n
@@ -185,21 +177,14 @@ def _smelt(
     if not lively:
         notes.append("No whiff is whole, so that sensors are not compared.")
         return None
-    most = max(
-        1,
-        min(
-            noses.MOST_POINTS,
-            int(noses.MOST_NUMBERS / len(several) / min(len(record.times), noses.MOST_TICKS)),
-        ),
-    )
+    ticks = min(len(record.times), noses.MOST_TICKS)
+    most = max(1, min(noses.MOST_POINTS, int(noses.MOST_NUMBERS / len(several) / ticks)))
     points = np.array([point for _, point in sorted(lively, key=lambda one: (-one[0], one[1]))])
     if len(points) > most:
         notes.append(f"Sensors are compared at {most} of the {len(points):,} points that have whiffs.")
         points = points[np.linspace(0, len(points) - 1, most).round().astype(int)]
     order = np.argsort(points)
-    ppm = record.values(points[order], f"{settings.gas}_ppm")[
-        :, np.argsort(order)
-    ]  # the liveliest stays first
+    ppm = record.values(points[order], f"{settings.gas}_ppm")[:, np.argsort(order)]
     step, even = spectra.evenly(record.times, ppm)
     if len(even) > noses.MOST_TICKS:
         even = even[: noses.MOST_TICKS]

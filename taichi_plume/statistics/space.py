@@ -1,16 +1,14 @@
-"""How the plume is spread out: the Gaussian of a profile, correlation from place to place, and its length."""
+"""Spatial statistics of a plume: Gaussian fit of a profile, two-point correlation."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from taichi_plume.statistics.spectra import to_first_zero
-
-FEWEST = 5  # places that a fit needs
+FEWEST = 5  # points that a fit needs
 
 
 class Gaussian(NamedTuple):
-    """A profile: peak exp(-(y - centre)²/2 width²); centre and width [m]; share: of the variance that it explains."""
+    """Gaussian profile peak exp(-(y - centre)²/2 width²); centre, width: [m]; share: of the variance explained."""
 
     peak: float
     centre: float
@@ -18,19 +16,19 @@ class Gaussian(NamedTuple):
     share: float
 
     def at(self, y: np.ndarray) -> np.ndarray:
-        """Its values."""
+        """Values at y [m]."""
         return gaussian(y, self.peak, self.centre, self.width)
 
 
 def gaussian(y: np.ndarray, peak: float, centre: float, width: float) -> np.ndarray:
-    """The curve that is fitted."""
+    """Values of a Gaussian profile at y."""
     return peak * np.exp(-((y - centre) ** 2) / (2.0 * width**2))
 
 
 def gaussian_fit(y: np.ndarray, values: np.ndarray) -> Gaussian | None:
-    """The Gaussian nearest to a profile (n,) at places y (n,) [m], by least squares.
+    """Fit a Gaussian to a profile (n,) at y (n,) [m] by least squares.
 
-    None where there is nothing to fit, or its centre is not among the places: no peak was seen.
+    None if the profile is constant or too short, or the centre lies beyond the points: no peak was measured.
     """
     from scipy.optimize import curve_fit
 
@@ -58,10 +56,10 @@ def gaussian_fit(y: np.ndarray, values: np.ndarray) -> Gaussian | None:
 
 
 def correlation(values: np.ndarray) -> np.ndarray:
-    """Two-point correlation of records (n, points) at places on a line, for separations of 0, 1, ... places.
+    """Two-point correlation of time series (n, points) on a line, for separations of 0, 1, ... points.
 
-    Covariances of all pairs of the same separation over their standard deviations; points that do not fluctuate are
-    left out. Times are taken to be even.
+    Covariances of all pairs of one separation over their standard deviations. Points without fluctuation are left out.
+    Samples are assumed evenly spaced in time.
     """
     apart = np.asarray(values, float)
     apart = apart - apart.mean(axis=0)
@@ -75,13 +73,3 @@ def correlation(values: np.ndarray) -> np.ndarray:
         if total > 0.0:
             found[k] = float(np.trace(covariance, offset=k)) / total
     return found[: int(np.argmax(np.isnan(found)))] if np.isnan(found).any() else found
-
-
-def integral_length(spacing: float, values: np.ndarray) -> tuple[float, bool]:
-    """Length scale [m] of records (n, points) at places `spacing` [m] apart: their two-point correlation, integrated up
-    to its first zero; and whether there was one. Without, the length is at least this. NaN where nothing fluctuates.
-    """
-    found = correlation(values)
-    if len(found) < 2:
-        return float("nan"), False
-    return to_first_zero(spacing, found)

@@ -1,23 +1,23 @@
-"""How fast the gas fluctuates: spectrum, autocorrelation and integral time scale, of samples at even times."""
+"""Power spectral density, autocorrelation and integral time scale of evenly spaced samples."""
 
 import numpy as np
 
-EVEN = 1e-3  # of a step, by which steps of an even record may differ
-SEGMENTS = 8  # of a record, at least, that a spectrum is the mean of
+EVEN = 1e-3  # of a step, by which evenly spaced samples may differ
+SEGMENTS = 8  # least number that a spectrum is averaged over
 KOLMOGOROV = -5.0 / 3.0
 """Slope of spectra in the inertial range."""
 
 
 def is_even(times: np.ndarray) -> bool:
-    """Whether samples are at even times."""
+    """Whether samples are evenly spaced."""
     steps = np.diff(times)
     return bool(np.ptp(steps) <= EVEN * steps.mean()) if len(steps) else True
 
 
 def evenly(times: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:
-    """Time between samples [s], and values (n, ...) at even times: as they are if they are, or else linear in time.
+    """Return the time between samples [s] and values (n, ...) at evenly spaced times, interpolated linearly if needed.
 
-    The step of uneven times is their mean step; what is faster than that is damped by this.
+    The step of uneven times is their mean step; faster fluctuations are damped by the interpolation.
     """
     step = float((times[-1] - times[0]) / (len(times) - 1))
     if is_even(times):
@@ -32,8 +32,8 @@ def evenly(times: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:
 def spectrum(step: float, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies [Hz] and one-sided power spectral density [unit²/Hz], (f,) and (f, ...), by Welch's method.
 
-    values: (n, ...) at even times `step` [s] apart. Segments are Hann's, half of each in the next one, an eighth of the
-    record long. The first frequency is above zero.
+    values: (n, ...), `step` [s] apart. Hann segments of an eighth of the record overlap by half. The first frequency is
+    above zero.
     """
     from scipy.signal import welch
 
@@ -43,7 +43,7 @@ def spectrum(step: float, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def autocorrelation(values: np.ndarray) -> np.ndarray:
-    """Correlation of a record (n,) at even times with itself, for lags from 0 to half of it; ones if it is constant."""
+    """Autocorrelation of a record (n,), for lags up to half of its length; ones if the record is constant."""
     from scipy.signal import correlate
 
     apart = np.asarray(values, float) - np.mean(values)
@@ -55,7 +55,10 @@ def autocorrelation(values: np.ndarray) -> np.ndarray:
 
 
 def to_first_zero(step: float, correlation: np.ndarray) -> tuple[float, bool]:
-    """Integral of a correlation from lag 0 to its first zero, in units of `step`, and whether there was one."""
+    """Return the integral of a correlation from lag 0 to the first zero, in units of `step`, and whether there is one.
+
+    Without a zero the integral is a lower bound.
+    """
     below = np.flatnonzero(correlation <= 0.0)
     if not len(below):
         return float(step * (correlation.sum() - 0.5 * (correlation[0] + correlation[-1]))), False
@@ -66,9 +69,9 @@ def to_first_zero(step: float, correlation: np.ndarray) -> tuple[float, bool]:
 
 
 def integral_time(step: float, values: np.ndarray) -> float:
-    """Integral time scale [s] of a record (n,) at even times: of its autocorrelation up to its first zero.
+    """Integral time scale [s] of a record (n,): its autocorrelation integrated up to the first zero.
 
-    NaN where the record does not fluctuate.
+    NaN if the record is constant.
     """
     if np.ptp(values) == 0.0:
         return float("nan")

@@ -1,6 +1,4 @@
-"""Air in which robots stand side by side, each at the record of a point."""
-
-from typing import Any
+"""Still air around robots that stand side by side, each at the time series of a point."""
 
 import taichi as ti
 
@@ -10,31 +8,31 @@ from taichi_plume.grid.kernels import Template
 
 @ti.data_oriented
 class Floor:
-    """Nothing in the way."""
+    """Floor without obstacles."""
 
     @ti.func
     def distance(self, p: Template):
-        """Of what is next [m]."""
+        """Distance from the next obstacle [m]."""
         return 1e6
 
     @ti.func
     def normal(self, p: Template):
-        """Away from it."""
+        """Direction away from the next obstacle."""
         return ti.Vector([1.0, 0.0])
 
 
 @ti.data_oriented
 class Records(Wind):
-    """Still air, with as much gas [ppm] at x = n m as stands in the field `level`; an `Odour` of one species."""
+    """Still air with the concentration `level` [ppm], a field, at x = 0, 1, 2 ... m; an `Odour` of one species."""
 
-    def __init__(self, level: Any, species: Any):
+    def __init__(self, level: ti.Field, species: object):
         self.level, self.species = level, species
 
-    def begin(self, model: Any, t: float, seed: int) -> None:
-        """Nothing to begin with."""
+    def begin(self, model: object, t: float, seed: int) -> None:
+        """Do nothing."""
 
     def advance(self, t: float, dt: float) -> None:
-        """What the field holds is set from outside."""
+        """Do nothing: the caller sets the field."""
 
     @ti.func
     def ppm(self, x: Template, t: float):

@@ -1,7 +1,7 @@
-"""What of a study is still to be done, and what a worker that is free does next.
+"""Queue of a study: the runs and films that are still to be done, and the next job of an idle worker.
 
-Runs that share an air wait until it has been filmed; airs are filmed in their order, a few at a time, as films are
-large, and each goes when the last of its runs is done. A worker goes on with runs of the structure that it has.
+Runs that share an air wait until the air has been filmed. Airs are filmed in their order, a few at a time, as films are
+large; a film is removed when the last of its runs is done. A worker prefers runs of the structure that it has compiled.
 """
 
 from collections import Counter, deque
@@ -15,18 +15,18 @@ import numpy as np
 from taichi_plume.study.messages import Request
 
 TARGET_S = 4.0
-"""Of a task: so long that Dask's cost for it vanishes, so short that little is lost with a worker."""
+"""Duration of a task: long enough to hide Dask's overhead, short enough to lose little with a worker."""
 PER_WORKER_S = 0.04
-"""Of a task, for each worker: so long the command and the scheduler take for the tasks of the others."""
+"""Least duration of a task per worker: the command and the scheduler need that long for the others' tasks."""
 MOST_RUNS = 1000  # of a task
-DEATHS = 2  # of workers that had nothing but this run or film, after which it has failed
-REMEMBERED = 16  # runs of a structure, whose cost tells that of the next ones
+DEATHS = 2  # workers that a single run or film may kill before it has failed
+REMEMBERED = 16  # last runs of a structure from which the cost of the next ones is estimated
 
 
 class Job(NamedTuple):
-    """What one task does: runs, or where `solve` the film of the air that all of these share.
+    """Runs of one task or, if `solve`, the film of the air that the runs share.
 
-    film: that they play. deaths: of workers that did it, a single run or a film.
+    film: path of the film that the runs play. deaths: workers that this job has killed, alone.
     """
 
     requests: tuple[Request, ...]
@@ -36,20 +36,20 @@ class Job(NamedTuple):
 
     @property
     def structure(self) -> str:
-        """That its worker has compiled afterwards."""
+        """Structure of the simulation that the job's worker compiles."""
         return self.requests[0].structure
 
     @property
     def air(self) -> str:
-        """That it films or plays."""
+        """Air that the job films or plays."""
         return self.requests[0].air
 
 
 class Agenda:
-    """Runs that are to be done.
+    """Queue of runs.
 
-    requests: in the plan's order; shared: ids of airs that are filmed; film: where the film of an air lies, if it is
-    whole; most_films: at a time; room: whether the disk has room for another film.
+    requests: in the plan's order; shared: ids of airs to film; film: path of an air's film; most_films: that may exist
+    at a time; room: whether the disk has room for another film.
     """
 
     def __init__(
@@ -66,28 +66,28 @@ class Agenda:
         self.unsolved: dict[str, None] = {}  # airs in their order
         self.filmed: set[str] = set()
         self.solving: set[str] = set()
-        self._open: dict[tuple[str, str], deque[Request]] = {}  # by shared air ("" of none) and structure
+        self._open: dict[tuple[str, str], deque[Request]] = {}  # by shared air ("" if none) and structure
         self._costs: dict[str, deque[float]] = {}
-        self._attended: Counter[tuple[str, str]] = Counter()  # tasks that were given
+        self._tasks: Counter[tuple[str, str]] = Counter()  # given so far, by the keys of _open
         for request in requests:
             air = request.air if request.air in shared else ""
             self._open.setdefault((air, request.structure), deque()).append(request)
             if air:
                 self.left[air] += 1
-                self.unsolved[air] = None
-        for air in list(self.unsolved):
+        for air in self.left:
             if film(air).exists():
-                del self.unsolved[air]
                 self.filmed.add(air)
+            else:
+                self.unsolved[air] = None
         self.airs = len(self.left)
 
     @property
     def open(self) -> int:
-        """Runs that no task has been given."""
+        """Number of runs that are in no task."""
         return sum(map(len, self._open.values())) + sum(len(job.requests) for job in self.repeated)
 
     def next(self, structure: str, workers: int) -> Job | None:
-        """What a worker does next that has compiled this structure; None where nothing can be done yet."""
+        """Next job of a worker that has compiled `structure`; None if nothing can be done yet."""
         if self.repeated:
             return self.repeated.popleft()
         played = [group for group in self._open if group[0] in self.filmed]
@@ -102,51 +102,48 @@ class Agenda:
         return self._runs(alone, structure, workers) if alone else None
 
     def _runs(self, groups: Sequence[tuple[str, str]], structure: str, workers: int) -> Job:
-        """Of the group whose structure the worker has, else of the one that fewest others attend to."""
-        group = min(groups, key=lambda one: (one[1] != structure, self._attended[one]))
+        """Take runs of the group with the worker's structure, else of the group with the fewest tasks so far."""
+        group = min(groups, key=lambda key: (key[1] != structure, self._tasks[key]))
         requests = self._open[group]
-        each = self.expected(group[1])
+        seconds = self.expected(group[1])
         wanted = 1
-        if each is not None:
-            fair = ceil(
-                sum(len(self._open[one]) for one in groups) / (2 * workers)
-            )  # all end at the same time
-            wanted = max(1, min(int(self.target(workers) / max(each, 1e-4)), fair, MOST_RUNS))
-        some = tuple(requests.popleft() for _ in range(min(wanted, len(requests))))
+        if seconds is not None:
+            total = sum(len(self._open[key]) for key in groups)
+            fair = ceil(total / (2 * workers))  # so that all workers end at the same time
+            wanted = max(1, min(int(self.target(workers) / max(seconds, 1e-4)), fair, MOST_RUNS))
+        taken = tuple(requests.popleft() for _ in range(min(wanted, len(requests))))
         if not requests:
             del self._open[group]
-        self._attended[group] += 1
-        film = self.film(group[0]) if group[0] else None
-        return Job(some, film)
+        self._tasks[group] += 1
+        return Job(taken, self.film(group[0]) if group[0] else None)
 
     def target(self, workers: int) -> float:
-        """How long a task should take [s], of so many workers."""
+        """Desired duration of a task [s] for a number of workers."""
         return max(TARGET_S, PER_WORKER_S * workers)
 
     def expected(self, structure: str) -> float | None:
-        """What a run of a structure takes [s]; None where that is not known yet."""
+        """Expected cost of a run of a structure [s]; None before the first run."""
         costs = self._costs.get(structure)
         return float(np.median(costs)) if costs else None
 
-    # ------------------------------------------------------------ what came of it
+    # ------------------------------------------------------------ results
 
     def took(self, structure: str, seconds: float) -> None:
-        """A run of that structure has taken so long."""
+        """Record the cost of a run [s]."""
         self._costs.setdefault(structure, deque(maxlen=REMEMBERED)).append(seconds)
 
     def again(self, job: Job, requests: Sequence[Request]) -> None:
-        """These runs of a job were not done: its worker had no more time for them."""
-        if not requests:
-            return
-        group = (job.air if job.film else "", job.structure)
-        self._open.setdefault(group, deque()).extendleft(reversed(requests))
+        """Put back the runs of a job for which its worker had no time."""
+        if requests:
+            group = (job.air if job.film else "", job.structure)
+            self._open.setdefault(group, deque()).extendleft(reversed(requests))
 
     def apart(self, job: Job) -> None:
-        """Do the runs of a job that went wrong one by one."""
-        self.repeated.extend(job._replace(requests=(one,)) for one in job.requests)
+        """Repeat the runs of a job that raised an error, one by one."""
+        self.repeated.extend(job._replace(requests=(request,)) for request in job.requests)
 
     def died(self, job: Job) -> bool:
-        """Do a job again whose worker died, its runs one by one. Return whether a single run or film has failed."""
+        """Repeat a job whose worker died, its runs one by one. Return whether a single run or film has failed."""
         if len(job.requests) > 1 and not job.solve:
             self.apart(job)
         elif job.deaths + 1 >= DEATHS:
@@ -156,24 +153,24 @@ class Agenda:
         return False
 
     def solved(self, air: str) -> None:
-        """The film of an air is there."""
+        """Note that an air has been filmed."""
         self.solving.discard(air)
         self.filmed.add(air)
 
     def without(self, air: str) -> list[Request]:
-        """The air could not be solved: its runs, which cannot be done."""
+        """Remove the runs of an air that could not be solved; return these runs."""
         self.solving.discard(air)
         runs = self._runs_in(air)
-        for group in [one for one in self._open if one[0] == air]:
+        for group in [key for key in self._open if key[0] == air]:
             del self._open[group]
         del self.left[air]
         return runs
 
     def _runs_in(self, air: str) -> list[Request]:
-        return [request for group, some in self._open.items() if group[0] == air for request in some]
+        return [request for group, runs in self._open.items() if group[0] == air for request in runs]
 
     def done(self, request: Request) -> str | None:
-        """A run is over; returns the id of its air where its film is not needed any more."""
+        """Note that a run is over. Return the id of its air if no other run needs the air's film."""
         if request.air not in self.left:
             return None
         self.left[request.air] -= 1

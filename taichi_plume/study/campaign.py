@@ -1,21 +1,20 @@
-"""From a plan to its runs: workers execute the runs that are not done yet; whatever happens, finished runs are kept."""
+"""Scheduler of a study: give the missing runs of a plan to workers and keep the finished runs, whatever happens."""
 
 import errno
 import shutil
 import time
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from taichi_plume import __version__
 from taichi_plume.guard.terminal import visible
 from taichi_plume.running.signals import Ears
 from taichi_plume.scenario.loading import scenario_of
 from taichi_plume.study.agenda import Agenda, Job
-from taichi_plume.study.failures import leave_failed
 from taichi_plume.study.messages import AirRecord, Cost, Options, Record, Request, Task
 from taichi_plume.study.progress import Totals
-from taichi_plume.study.store import Store
+from taichi_plume.study.store import Store, leave_failed
 from taichi_plume.study.workers import LOG, Workers, WorkersError, work
 
 if TYPE_CHECKING:
@@ -54,7 +53,7 @@ class Campaign:
         self.largest = max((one.bytes for one in store.air_records()), default=0)  # film so far
         films = FILMS + max(1, len(self.there))
         self.agenda = Agenda(requests, shared, store.film, films, self._room)
-        self.given: dict[Future[Any], tuple[str, Job]] = {}  # worker and job of each task under way
+        self.given: dict[Future[list[Record] | AirRecord], tuple[str, Job]] = {}  # worker and job
         self.structures: dict[str, str] = {}  # last structure of each worker
         self.failed = 0
 

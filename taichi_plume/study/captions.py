@@ -1,4 +1,4 @@
-"""How the tables and figures of a study's page are read."""
+"""Captions of the tables and figures of a study's page."""
 
 OVER_AIRS = (
     "Searches in one air share its luck, so that intervals are over airs: all searches of an air are drawn together "
@@ -9,15 +9,15 @@ SHARED = (
     "Groups of a run were in one arena here, and may have met each other; with rivals: true each has its own."
 )
 FAILURES = "Time with failures counts a search that found nothing as the whole run."
-APART = "Both met the same airs, so what these do to both cancels: an interval that leaves out 0 tells a difference."
+APART = "Both met the same airs, whose effect on both cancels: if the interval excludes 0, they differ."
 STILL = "Chance does not change the air here: other seeds make the same, and intervals are over searches."
 ALONG = (
     "Means with intervals of 95 % confidence over airs; where other axes were varied too, over all of their values. "
-    "Points of different lines are a little apart, so that their intervals can be told."
+    "Points of different lines are shifted a little, so that their intervals do not overlap."
 )
 RUNNING = "Each dot is a point of the study, the line a mean that runs over 15 % of the axis."
 BETWEEN = "Means over all other axes with intervals of 95 % confidence over airs."
-HEAT = "Means over all other axes. Empty cells have no run that tells."
+HEAT = "Means over all other axes. Empty cells have no run that counts."
 INDICES = (
     "The first-order index of an axis is the share of the variance over all points that its value alone makes; the "
     "total index also counts what it makes together with others. An axis whose total index is near 0 hardly matters."
@@ -36,8 +36,8 @@ SOME_POINTS = (
 FAILED = "Failed runs count as nothing, neither as found nor as not found. --retry runs them again."
 MISSING = "{missing:,} of {all:,} runs have not been made yet; the command at the end of this page goes on with them."
 COSTS = (
-    "A worker's share of time is what its runs took, from the begin of its first to the end of its last. These times "
-    "depend on the machine; nothing else on this page does."
+    "A worker is at work while it executes runs, and present from the start of its first to the end of its last run. "
+    "These times depend on the machine; nothing else on this page does."
 )
 AGAIN = (
     (

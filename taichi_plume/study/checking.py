@@ -1,4 +1,4 @@
-"""What is wrong with the scenarios of a study: thousands that mostly read the same files, each opened once."""
+"""Check the scenarios of a study: thousands, which mostly read the same files; each file is opened once."""
 
 from collections import OrderedDict
 from dataclasses import replace
@@ -18,8 +18,8 @@ MOST_KEPT = 16  # scenarios whose files are kept open: films and meshes take mem
 class Checks:
     """Checks scenarios whose files lie in `folder`, as `prepare.checked` does.
 
-    What files and obstacles are made of depends on the sections that name files, the obstacles, the species and the
-    domain alone: of scenarios that have these in common only the first one opens them.
+    The resources depend only on the sections that name files, the obstacles, the species and the domain: of scenarios
+    that have these in common only the first one opens the files.
     """
 
     def __init__(self, folder: Path, allow_outside: bool):
@@ -27,7 +27,7 @@ class Checks:
         self._known: OrderedDict[tuple[str, ...], Prepared] = OrderedDict()
 
     def checked(self, scenario: Scenario) -> Scenario:
-        """The scenario, completed with what its files tell. Raises ScenarioError."""
+        """Return the scenario, completed from its files. Raises ScenarioError."""
         faults = checks.misfits(scenario)
         if not faults:
             prepared = self._prepared(scenario)
@@ -37,7 +37,7 @@ class Checks:
         raise ScenarioError(faults)
 
     def files(self, scenario: Scenario) -> dict[str, list[Path]]:
-        """Paths that are opened for each section of a scenario. Raises ScenarioError."""
+        """Return the paths that are opened for each section of a scenario. Raises ScenarioError."""
         return self._prepared(scenario).resources.files
 
     def _prepared(self, scenario: Scenario) -> Prepared:
@@ -56,7 +56,7 @@ class Checks:
 
 
 def _reads(scenario: Scenario) -> tuple[str, ...]:
-    """All that decides what is made of files and obstacles."""
+    """Return a key of the sections on which the resources depend."""
     sections = [
         f"{path} {section.model_dump_json(exclude={'parameters'} if isinstance(section, Own) else None)}"
         for path, section in checks.every(scenario)

@@ -1,12 +1,11 @@
-"""The columns of a study's tables: names, types, units and meanings, fixed by the plan alone.
+"""Columns of a study's tables: names, types, units and meanings, which depend only on the plan.
 
-Types are such that a null stays one in pandas too: truths are its `boolean`, whole numbers its `Int64`.
+Types keep nulls in pandas too: booleans become `boolean`, integers `Int64`.
 """
 
 import json
 import re
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import pyarrow as pa
 
@@ -37,24 +36,27 @@ COST = (
     column("compiled", pa.int64(), "1", "kernels that were compiled"),
     column("worker", pa.string(), "1", "address of the worker"),
 )
-OURS = {field.name for field in (*WHICH, AIR, BY_CHANCE, NUMBER, *CAME, *TRIAL)} | {"declared", "reached"}
-"""Names of columns that a table has whatever is studied, besides the seeds."""
+TABLE_NAMES = {field.name for field in (*WHICH, AIR, BY_CHANCE, NUMBER, *CAME, *TRIAL)} | {
+    "declared",
+    "reached",
+}
+"""Names of columns that every study's tables have, besides the seeds."""
 SUFFIX = re.compile(r"_(s|m|ppm|kg|m_s|kg_s)$")
-"""How names of numbers in result.json end, after their unit."""
+"""Endings of the names of numbers in result.json, after their unit."""
 NUMPY = {pa.bool_(): ("bool", "boolean"), pa.int64(): ("int64", "Int64")}
-"""What pandas calls the types that can hold nulls, by ours."""
+"""Names in pandas of the types that can hold nulls."""
 
 
 def taken(outcomes: Iterable[str] = ()) -> set[str]:
-    """Names that no axis of a study with these outcomes may have.
+    """Return names that no axis of a study with these outcomes may have.
 
-    One called `seed` or `air_seed` is that column, and one called `algorithm` stands where the robots' own would.
+    An axis called `seed` or `air_seed` is that column; an axis called `algorithm` replaces the robots' column.
     """
-    return OURS - {"algorithm"} | set(outcomes)
+    return TABLE_NAMES - {"algorithm"} | set(outcomes)
 
 
-def kind_of(values: Iterable[Any]) -> pa.DataType:
-    """The type of an axis by all of its values: truths, whole numbers, numbers, else text."""
+def kind_of(values: Iterable[object]) -> pa.DataType:
+    """Return the type of an axis from all of its values: booleans, integers, numbers, else text."""
     kinds = {type(value) for value in values}
     if kinds == {bool}:
         return pa.bool_()
@@ -64,7 +66,7 @@ def kind_of(values: Iterable[Any]) -> pa.DataType:
 
 
 def axis_columns(axes: Sequence[Axis], kinds: dict[str, pa.DataType]) -> list[pa.Field]:
-    """Those of the axes; one that is a seed has its column already."""
+    """Return the columns of the axes, without axes that are seeds, which have their columns already."""
     seeds = {field.name for field in SEEDS}
     return [
         column(one.name, kinds[one.name], one.unit or "1", "axis of the study")
@@ -73,51 +75,51 @@ def axis_columns(axes: Sequence[Axis], kinds: dict[str, pa.DataType]) -> list[pa
     ]
 
 
-def plan_schema(axes: Sequence[pa.Field], about: dict[str, Any]) -> pa.Schema:
-    """Of `plan.parquet`. about: the study, as its metadata `study`."""
+def plan_schema(axes: Sequence[pa.Field], about: dict[str, object]) -> pa.Schema:
+    """Return the schema of `plan.parquet`. about: the study, for the metadata `study`."""
     return _schema([WHICH[0], NUMBER, WHICH[1], *axes, *SEEDS, AIR, BY_CHANCE], study=json.dumps(about))
 
 
 def runs_schema(axes: Sequence[pa.Field], outcomes: dict[str, str]) -> pa.Schema:
-    """Of `runs.parquet`. outcomes: path by column."""
+    """Return the schema of `runs.parquet`. outcomes: path by column."""
     numbers = [column(name, pa.float64(), _unit(path), path) for name, path in outcomes.items()]
     return _schema([WHICH[0], NUMBER, WHICH[1], *axes, *SEEDS, AIR, BY_CHANCE, *CAME, *numbers])
 
 
 def trials_schema(axes: Sequence[pa.Field]) -> pa.Schema:
-    """Of the files in `trials`."""
+    """Return the schema of the files in `trials`."""
     return _schema([*WHICH, AIR, *reversed(SEEDS), *axes, *of_trials(axes)])
 
 
 def of_trials(axes: Sequence[pa.Field]) -> list[pa.Field]:
-    """What tells of a trial, but for columns that are axes."""
+    """Return the columns of a trial that are no axes."""
     names = {one.name for one in axes}
     return [field for field in TRIAL if field.name not in names]
 
 
 def costs_schema(made_of: str, trials: int) -> pa.Schema:
-    """Of `costs.parquet`. made_of, trials: what the tables beside it were made of, and the rows of one, as metadata."""
+    """Return the schema of `costs.parquet`. made_of, trials: state of the tables and number of trials, as metadata."""
     return _schema(list(COST), made_of=made_of, trials=str(trials))
 
 
 def _unit(path: str) -> str:
-    """The unit of a number in result.json, by its name; "" where that does not tell."""
-    told = SUFFIX.search(path)
-    return told[1].replace("m_s", "m/s").replace("kg_s", "kg/s") if told else ""
+    """Return the unit of a number in result.json by its name; "" if unknown."""
+    found = SUFFIX.search(path)
+    return found[1].replace("m_s", "m/s").replace("kg_s", "kg/s") if found else ""
 
 
 def _schema(columns: list[pa.Field], **more: str) -> pa.Schema:
-    """As those of all our tables, which pandas reads with types that hold nulls."""
+    """Return a schema with metadata from which pandas reads types that hold nulls."""
     schema = schema_of(columns)
-    told = {key.decode(): value.decode() for key, value in schema.metadata.items()}
-    pandas = json.loads(told["pandas"])
+    metadata = {key.decode(): value.decode() for key, value in schema.metadata.items()}
+    pandas = json.loads(metadata["pandas"])
     pandas["columns"] = [
         {"name": one.name, "field_name": one.name, "pandas_type": kind, "numpy_type": dtype, "metadata": None}
         for one in columns
         if one.type in NUMPY
         for kind, dtype in [NUMPY[one.type]]
     ]
-    return schema.with_metadata(told | {"pandas": json.dumps(pandas)} | more)
+    return schema.with_metadata(metadata | {"pandas": json.dumps(pandas)} | more)
 
 
 def is_number(table: pa.Table, name: str) -> bool:

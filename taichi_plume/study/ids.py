@@ -1,6 +1,6 @@
-"""Ids of runs, airs and structures: hashes of what decides them, in SI units and with every default.
+"""Ids of runs, airs and structures: hashes of all keys that matter to them, in SI units and with every default.
 
-They do not depend on the order of keys, on units written, nor on where files lie, of which the content counts. Numbers
+Ids do not depend on the order of keys, the units written or the place of files; the content of files counts. Numbers
 count with 12 digits: 35 cm and 0.35 m are the same.
 """
 
@@ -19,16 +19,16 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study.axes import DIGITS
 
 HEX = 16  # digits of an id
-TOLD = ("name", "recording", "forces", "fields", "plumesim_log", "checkpoint")
-"""Sections that decide what is written of a run, but nothing of what comes of it."""
+OUTPUTS = ("name", "recording", "forces", "fields", "plumesim_log", "checkpoint")
+"""Sections that decide which files a run writes, and nothing else."""
 SEEDS = ("seed", "air_seed")
 OF_AIR = ("duration", "warm_up", "tick", "domain", "wind", "obstacles", "gas")
 OF_WAKES = ("arena", "robots", "rivals")
-"""What decides the air besides, where robots disturb it."""
+"""Sections that matter to the air if robots disturb it."""
 
 
 class Ids(NamedTuple):
-    """Of the runs of a point: all that they have in common, before their seeds."""
+    """Ids that the runs of a point have in common, before their seeds."""
 
     scenario: str
     air: str
@@ -37,28 +37,28 @@ class Ids(NamedTuple):
     wakes: bool
 
     def shown(self) -> "Ids":
-        """Of the same runs, shown a film that tells less than their air itself."""
+        """Return the ids of the same runs if a film is played to them that has less detail than their air."""
         return self._replace(scenario=_hash([self.scenario, "shown"]))
 
     def run(self, seed: int, air_seed: int) -> str:
-        """Of a run with these seeds."""
+        """Return the id of a run with these seeds."""
         return _hash([self.scenario, seed, air_seed, __version__])
 
     def air_of(self, seed: int, air_seed: int) -> str:
-        """Of the air of a run with these seeds."""
+        """Return the id of the air of a run with these seeds."""
         drawn = ([air_seed] if self.air_by_chance else []) + ([seed] if self.wakes else [])
         return _hash([self.air, *drawn, __version__])
 
 
 class Digests:
-    """Of the files that scenarios in a folder name, each read once."""
+    """Hashes of the files that scenarios in a folder name; each file is read once."""
 
     def __init__(self, folder: Path):
         self.folder = folder
         self._known: dict[Path, str] = {}
 
     def ids(self, scenario: Scenario, opened: Mapping[str, Sequence[Path]]) -> Ids:
-        """Collect the files of a completed scenario; opened: `files` of its resources. Raises OSError."""
+        """Return the ids of a completed scenario; opened: `files` of its resources. Raises OSError."""
         data = scenario.model_dump(mode="json")
         read = {
             where: [self._of(file) for file in read_for(where, name, self.folder, opened)]
@@ -67,7 +67,7 @@ class Digests:
         data = _rounded(changed(data, read))
         wakes = any(group.wake for group in scenario.robots)
         return Ids(
-            _hash({key: value for key, value in data.items() if key not in (*TOLD, *SEEDS)}),
+            _hash({key: value for key, value in data.items() if key not in (*OUTPUTS, *SEEDS)}),
             _hash({key: data[key] for key in (*OF_AIR, *(OF_WAKES if wakes else ()))}),
             # files too: a worker that has met others lives on while they change
             _hash([structure(scenario), list(read.items())]),
@@ -81,7 +81,7 @@ class Digests:
         return self._known[file]
 
 
-def _hash(value: Any) -> str:
+def _hash(value: object) -> str:
     text = json.dumps(value, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:HEX]
 

@@ -1,21 +1,26 @@
-"""Which axes matter: Sobol indices of what a study of kind sensitivity tells, by `scipy.stats.sobol_indices`.
+"""Sobol indices of a sensitivity study: which axes matter, by `scipy.stats.sobol_indices`.
 
-The first-order index of an axis is the share of the variance that goes when its value is known; the total index the
-share that stays when all others are known (Saltelli et al. 2010, doi:10.1016/j.cpc.2009.09.018).
+The first-order index of an axis is the share of the variance that vanishes when the axis's value is known; the total
+index is the share that remains when all other values are known (Saltelli et al. 2010, doi:10.1016/j.cpc.2009.09.018).
 """
 
+import warnings
 from collections.abc import Iterator
+from contextlib import contextmanager
 from math import nan
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from taichi_plume.study.points import Points, Quantity
 
 SEED = 20261
 RESAMPLES = 999
 
 
 class Index(NamedTuple):
-    """First-order and total index of an axis with intervals of 95 % confidence over the points that were drawn."""
+    """First-order and total index of an axis with 95 % confidence intervals over the sampled points."""
 
     first: float
     first_low: float
@@ -26,11 +31,11 @@ class Index(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The indices of a quantity, of a group.
+    """Indices of a quantity in a group.
 
-    used, asked: rows of the design, each with a point of A, of B, and one of each AB_i; variance: over the points;
-    noise: of a point's mean over airs, mean over the points, NaN where a point has a single air; indices: by axis, none
-    where nothing varies.
+    used, asked: rows of the design, each with a point of A, of B, and of each AB_i; variance: over the points; noise:
+    variance of a point's mean over airs, averaged over the points, NaN if points have a single air; indices: by axis,
+    empty if nothing varies.
     """
 
     used: int
@@ -41,64 +46,63 @@ class Found(NamedTuple):
 
 
 def numbers(samples: int, axes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Numbers of the points of the design: A (samples,), B (samples,), AB (axes, samples).
+    """Return the numbers of the design's points: A (samples,), B (samples,), AB (axes, samples).
 
-    The plan orders them so: all of A, all of B, then all of AB_i for each axis, which are A with that axis of B.
+    In the plan all of A come first, then all of B, then for each axis AB_i, which is A with that axis's values of B.
     """
     blocks = np.arange((axes + 2) * samples).reshape(axes + 2, samples)
     return blocks[0], blocks[1], blocks[2:]
 
 
 def sobol(values: np.ndarray, axes: tuple[str, ...], samples: int) -> tuple[int, dict[str, Index]]:
-    """The indices of values (points,), in the order of `numbers`, NaN where there is none; and how many rows they use.
+    """Return the number of rows used and the indices of values (points,), in the order of `numbers`.
 
-    Rows that lack a value are left out and, of the others, the first so many that are a power of two are used, as the
-    sequence is even for these alone.
+    Rows with a NaN are left out. Of the other rows the first ones are used, as many as are a power of two, since the
+    Sobol sequence is evenly spread only then.
     """
     from scipy.stats import sobol_indices
 
-    a, b, ab = (values[one] for one in numbers(samples, len(axes)))
+    a, b, ab = (values[points] for points in numbers(samples, len(axes)))
     whole = np.flatnonzero(np.isfinite(np.vstack([a, b, ab])).all(axis=0))
     used = 1 << (len(whole).bit_length() - 1) if len(whole) else 0
     rows = whole[:used]
     if used < 2 or np.ptp(np.concatenate([a[rows], b[rows]])) == 0:
         return used, {}
-    told = sobol_indices(func={"f_A": a[None, rows], "f_B": b[None, rows], "f_AB": ab[:, None, rows]}, n=used)
+    found = sobol_indices(
+        func={"f_A": a[None, rows], "f_B": b[None, rows], "f_AB": ab[:, None, rows]}, n=used
+    )
     with _seeded():
-        spread = told.bootstrap(n_resamples=RESAMPLES)
+        spread = found.bootstrap(n_resamples=RESAMPLES)
     parts = []
-    for index, its in ((told.first_order, spread.first_order), (told.total_order, spread.total_order)):
-        ends = its.confidence_interval
+    for index, spread_of in (
+        (found.first_order, spread.first_order),
+        (found.total_order, spread.total_order),
+    ):
+        ends = spread_of.confidence_interval
         parts += [np.atleast_1d(index), np.atleast_1d(ends.low), np.atleast_1d(ends.high)]
-    return used, {
-        axis: Index(*map(float, one)) for axis, one in zip(axes, zip(*parts, strict=True), strict=True)
-    }
+    return used, {axis: Index(*map(float, row)) for axis, *row in zip(axes, *parts, strict=True)}
 
 
-class _seeded:  # noqa: N801
-    """NumPy's global numbers, from which that bootstrap draws, from a seed of ours, and then as they were."""
-
-    def __enter__(self) -> None:
-        import warnings
-
-        self.before = np.random.get_state()  # noqa: NPY002
-        np.random.seed(SEED)  # noqa: NPY002
-        self.quiet = warnings.catch_warnings()
-        self.quiet.__enter__()
-        warnings.simplefilter("ignore")  # of BCa where it cannot be told: its ends are NaN
-
-    def __exit__(self, *_: object) -> None:
-        self.quiet.__exit__(None, None, None)
-        np.random.set_state(self.before)  # noqa: NPY002
+@contextmanager
+def _seeded() -> Iterator[None]:
+    """Seed NumPy's global random numbers, from which that bootstrap draws, and restore their state afterwards."""
+    before = np.random.get_state()  # noqa: NPY002
+    np.random.seed(SEED)  # noqa: NPY002
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of BCa where it is undefined: its ends are NaN
+            yield
+    finally:
+        np.random.set_state(before)  # noqa: NPY002
 
 
-def found(points: Any) -> Iterator[tuple[Any, str | None, Found]]:
-    """For each quantity of `Points` that every point can have, and each group: (quantity, group, Found)."""
+def found(points: "Points") -> Iterator[tuple["Quantity", str | None, Found]]:
+    """Yield (quantity, group, Found) for each quantity that every point can have, and each group."""
     samples, axes = int(points.plan.about["study"]["samples"]), tuple(one.name for one in points.plan.axes)
     table = points.table
     groups = list(dict.fromkeys(table["group"].dropna())) if "group" in table else []
     for one in points.quantities:
-        if one.what == "successes":  # of points without a success there is none
+        if one.what == "successes":  # undefined at points without a success
             continue
         for group in groups if one.what != "runs" else [None]:
             rows = np.flatnonzero(table["group"] == group) if group is not None else np.arange(len(table))
@@ -106,10 +110,10 @@ def found(points: Any) -> Iterator[tuple[Any, str | None, Found]]:
             noise = []
             spread = points.between_airs(one)
             for row in rows:
-                told, point = points.estimates[one.name][row], int(table["point"].iloc[row])
-                if told is None or point >= len(values):
+                estimate, point = points.estimates[one.name][row], int(table["point"].iloc[row])
+                if estimate is None or point >= len(values):
                     continue
-                values[point] = told.mean
+                values[point] = estimate.mean
                 noise.append(spread.get((point, group) if group is not None else point, nan))
             if not np.isfinite(values).any():
                 continue
@@ -122,7 +126,7 @@ def found(points: Any) -> Iterator[tuple[Any, str | None, Found]]:
 
 
 def words(one: Found) -> list[str]:
-    """What is to be known of indices beside their numbers: what is missing, how much is chance."""
+    """Return sentences about indices: which rows are missing, how much of the variance is chance."""
     lines = []
     if one.used < one.asked:
         lines.append(
@@ -133,10 +137,10 @@ def words(one: Found) -> list[str]:
         lines.append("nothing varies over the points, so there are no indices")
         return lines
     if np.isnan(one.noise):
-        lines.append("how much is chance cannot be told: it takes two airs at each point")
+        lines.append("how much is chance is unknown: at least two airs at each point are needed")
     else:
         share = one.noise / one.variance if one.variance else nan
-        more = ": more airs would tell more than more points" if share > 0.5 else ""
+        more = ": more airs would help more than more points" if share > 0.5 else ""
         lines.append(
             f"of the variance over the points, {100 * min(share, 1):.0f} % is chance from air to air{more}"
         )

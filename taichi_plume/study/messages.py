@@ -1,12 +1,18 @@
-"""What passes between the parts of a study: plain data, which other processes can be sent."""
+"""Messages between a study's command and its workers: plain tuples, which can be pickled."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
 
+Value = float | int | str | bool
+Data = dict[str, Any]
+"""Nested data as in YAML or JSON."""
+Row = dict[str, Any]
+"""A row of a table, by column."""
+
 
 class Axis(NamedTuple):
-    """A column of the table that the study varies. unit: as in the vocabulary, "" of none; partition: whether it has
-    few values, by which the tables are laid out in folders.
+    """A column that the study varies. unit: as in the vocabulary, "" if none; partition: whether the tables are laid
+    out in a folder per value.
     """
 
     name: str
@@ -15,31 +21,29 @@ class Axis(NamedTuple):
 
 
 class Request(NamedTuple):
-    """A run that is asked for.
+    """A run of the plan.
 
-    run: its id, 16 hex digits, a hash of the completed scenario, the files that it reads and the version; number: its
-    place in the plan; point: number of the combination of the axes' values, which runs of other seeds share; values: by
-    axis, in SI units; air: id of its air, a hash of all that decides wind and gas, the seed if chance is in it;
-    changes: what the base becomes its scenario with, by path; structure: a hash that runs have in common which can
-    follow one another in one simulation without compiling.
+    run: id, 16 hex digits, a hash of the completed scenario, its input files and the version; number: position in the
+    plan; point: number of the combination of the axes' values, shared by runs of other seeds; values: by axis, in SI
+    units; air: id of the air, a hash of all that decides wind and gas, with the seed if random numbers matter; changes:
+    changes to the base scenario, by path; structure: a hash shared by runs that one compiled simulation can execute.
     """
 
     run: str
     number: int
     point: int
-    values: dict[str, float | int | str | bool]
+    values: dict[str, Value]
     seed: int
     air_seed: int
     air: str
     air_by_chance: bool
-    changes: dict[str, Any]
+    changes: Data
     structure: str
 
 
 class Options(NamedTuple):
-    """What goes for all runs of a study. out: its folder; keep: names of the files to keep of each run; outcomes: by
-    the name under which records tell them, of a study the path itself, a path in result.json or
-    `probes.NAME.QUANTITY`.
+    """Options that all runs of a study share. out: the study's folder; keep: names of files to keep of each run;
+    outcomes: paths in result.json, or `probes.NAME.QUANTITY`, by their names in records.
     """
 
     out: Path
@@ -58,7 +62,7 @@ class Task(NamedTuple):
     one.
     """
 
-    base: dict[str, Any]
+    base: Data
     folder: Path
     requests: tuple[Request, ...]
     options: Options
@@ -68,8 +72,8 @@ class Task(NamedTuple):
 
 
 class Cost(NamedTuple):
-    """Of a run: begun, seconds since the epoch; total_s, all that its worker did for it, simulation_s of that while
-    simulated time went by; kernels compiled; the Dask address or process id of the worker.
+    """Cost of a run. begun: seconds since the epoch; total_s: all of the worker's time for the run, of which the
+    simulation took simulation_s; compiled: number of kernels; worker: Dask address or process id.
     """
 
     begun: float
@@ -80,23 +84,23 @@ class Cost(NamedTuple):
 
 
 class Record(NamedTuple):
-    """What came of a run.
+    """Result of a run.
 
-    status: completed, stopped (no robot searched any more) or failed; message: why, in a line; trials: a row for
-    each trial of each group; outcomes: numbers of the whole run, None where there is none. Nothing in it but the cost
-    depends on when, where or after what it was run.
+    status: completed, stopped (no robot searched any more) or failed; message: the reason, in a line; trials: a row
+    per trial of each group; outcomes: numbers of the whole run, or None. Only the cost depends on when, where and after
+    which other run the run was executed.
     """
 
     run: str
     status: str
     message: str
-    trials: list[dict[str, Any]]
+    trials: list[Row]
     outcomes: dict[str, float | None]
     cost: Cost
 
 
 class AirRecord(NamedTuple):
-    """What came of solving an air for a film. seconds: it took; frames, bytes: of the film; message: why it failed."""
+    """Result of filming an air. seconds: duration; frames, bytes: size of the film; message: why it failed."""
 
     air: str
     seconds: float

@@ -1,4 +1,4 @@
-"""What a study.yaml may say, as frozen pydantic models. Quantities are as in the scenario whose keys they are for."""
+"""Vocabulary of study.yaml, as frozen pydantic models. Quantities are written as in the scenario."""
 
 import re
 from collections.abc import Iterator
@@ -6,18 +6,18 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from taichi_plume.scenario.changes import path_of, steps_of
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import FileName, Model
-from taichi_plume.study.scenarios import canonical
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 LETTERS = "at most 32 small letters, digits or '_', the first a letter"
 SEEDS = ("seed", "air_seed")
-"""Keys of a scenario that only chance depends on; they are columns too."""
+"""Keys of a scenario that change only random numbers; they are columns too."""
 MOST_SAMPLES = 1 << 16
 SPACING = "domain.spacing"
 Number = float | str
-"""With a unit, as a text."""
+"""A number, or a text with a unit."""
 
 
 class StudyAxis(Model):
@@ -65,14 +65,16 @@ class StudyAxis(Model):
 
     @property
     def sampled(self) -> bool:
-        """Whether its values are drawn from the range."""
+        """Whether values are drawn from the range."""
         return self.low is not None and self.count is None
 
     @property
     def paths(self) -> list[str]:
-        """Of all keys that it changes, each once."""
+        """Paths of all keys that the axis changes, each once."""
         if self.variants is not None:
-            return list(dict.fromkeys(canonical(key) for one in self.variants.values() for key in one))
+            return list(
+                dict.fromkeys(canonical(key) for changes in self.variants.values() for key in changes)
+            )
         return [canonical(key) for key in (self.keys or (self.key or "",))]
 
 
@@ -84,7 +86,7 @@ class Sampling(Model):
     count: Annotated[int, Field(ge=1, le=MOST_SAMPLES)] = 64
     """How many points are drawn; of a Sobol sequence a power of two."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
-    """Begin of the random numbers that points are drawn with; it has nothing to do with the runs' own."""
+    """Seed of the random numbers that points are drawn with, independent of the runs' own seeds."""
 
     @model_validator(mode="after")
     def _even(self) -> "Sampling":
@@ -112,8 +114,8 @@ class Study(Model):
     samples: Annotated[int, Field(ge=2, le=MOST_SAMPLES)] = 64
     """Base samples of a sensitivity study, a power of two: with d axes, (d + 2) times as many points are run."""
     airs: Annotated[int, Field(ge=1, le=100_000)] = 5
-    """In how many airs each point is run: other eddies, gusts and puffs. Intervals are over airs; one tells nothing of
-    chance."""
+    """In how many airs each point is run: other eddies, gusts and puffs. Intervals are over airs; one air
+    says nothing about chance."""
     searches: Annotated[int, Field(ge=1, le=100_000)] = 1
     """How many runs there are in each air, with other starts and noise of the robots."""
     outcomes: Annotated[dict[str, Annotated[str, Field(min_length=1)]], Field(default_factory=dict)]
@@ -128,23 +130,23 @@ class Study(Model):
     own."""
 
     def faults(self) -> list[str]:
-        """What is wrong with it beyond single keys: lines ``path: message``."""
+        """Errors that concern several keys: lines ``path: message``."""
         return [*self._names(), *self._seeds(), *self._conflicts(), *self._of_kind()]
 
     @property
     def over_seeds(self) -> bool:
-        """Whether an axis gives the seeds."""
+        """Whether an axis sets a seed."""
         return any(path in SEEDS for axis in self.axes.values() for path in axis.paths)
 
     @property
     def draws(self) -> int:
-        """Points that are drawn for each combination of the other axes' values."""
+        """Number of points drawn for each combination of the other axes' values."""
         if self.kind == "sensitivity":
             return self.samples * (len(self.axes) + 2)
         return self.sampling.count if self.sampling else 1
 
     def _names(self) -> Iterator[str]:
-        from taichi_plume.study.columns import OURS, taken  # it brings pyarrow
+        from taichi_plume.study.columns import TABLE_NAMES, taken  # imports pyarrow
 
         for name, axis in self.axes.items():
             if not NAME.fullmatch(name):
@@ -157,7 +159,7 @@ class Study(Model):
         for name in self.outcomes:
             if not NAME.fullmatch(name):
                 yield f"outcomes: '{name}' is no name of a column; use {LETTERS}"
-            elif name in OURS or name in SEEDS or name.startswith("by_"):
+            elif name in TABLE_NAMES or name in SEEDS or name.startswith("by_"):
                 yield f"outcomes.{name}: is a name that the tables use themselves; choose another one"
             elif name in self.axes:
                 yield f"outcomes.{name}: is the name of an axis; choose another one"
@@ -169,17 +171,17 @@ class Study(Model):
                     yield f"{key}: the axes give the seeds themselves; remove {key}, or that axis"
 
     def _conflicts(self) -> Iterator[str]:
-        """Two axes must not change one key, nor one a part of what another one changes."""
+        """Refuse two axes that change the same key, or one of which changes a part of the other's key."""
         named: list[tuple[str, str]] = []
         for name, axis in self.axes.items():
-            forms = [[canonical(key) for key in one] for one in (axis.variants or {}).values()]
+            forms = [list(map(canonical, changes)) for changes in (axis.variants or {}).values()]
             for paths in forms or [axis.paths]:
                 for n, path in enumerate(paths):
-                    other = next((one for one in paths[:n] if _overlap(one, path)), None)
+                    other = next((before for before in paths[:n] if _overlap(before, path)), None)
                     if other is not None:
                         yield f"axes.{name}: {_both(path, other)}"
             for path in axis.paths:
-                clash = next(((who, one) for who, one in named if _overlap(one, path)), None)
+                clash = next(((who, taken) for who, taken in named if _overlap(taken, path)), None)
                 if clash is not None:
                     yield f"axes.{name}: {_both(path, clash[1], f'axes.{clash[0]} ')}; a key can be on one axis only"
             named += [(name, path) for path in axis.paths]
@@ -208,22 +210,27 @@ class Study(Model):
                 yield "axes: a refinement study takes three values or more, from which the order is seen"
 
 
-def _overlap(one: str, other: str) -> bool:
-    """Whether two paths are the same, or one of a part of the other."""
-    longer, shorter = (one, other) if len(one) > len(other) else (other, one)
+def canonical(path: str) -> str:
+    """Write a path in the canonical way: ``robots.00.count`` becomes ``robots[0].count``."""
+    return path_of([str(int(step)) if step.isdecimal() else step for step in steps_of(path)])
+
+
+def _overlap(path: str, other: str) -> bool:
+    """Whether two paths are the same, or one is a part of the other."""
+    shorter, longer = sorted((path, other), key=len)
     return longer == shorter or longer.startswith((f"{shorter}.", f"{shorter}["))
 
 
-def _both(one: str, other: str, who: str = "") -> str:
-    """What is wrong with two paths; who: changes the other one."""
-    if one == other:
-        return f"changes {one}, as {who}does" if who else f"changes {one} twice"
-    part = "which is a part of it" if len(other) > len(one) else "of which it is a part"
-    return f"changes {one}, and {who}{other}, {part}"
+def _both(path: str, other: str, who: str = "") -> str:
+    """Return the message about two overlapping paths; who: the axis that changes the other one."""
+    if path == other:
+        return f"changes {path}, as {who}does" if who else f"changes {path} twice"
+    part = "which is a part of it" if len(other) > len(path) else "of which it is a part"
+    return f"changes {path}, and {who}{other}, {part}"
 
 
 def _no_power_of_two(key: str, count: int) -> str:
-    """A line where it is none."""
+    """Return an error line if `count` is no power of two, else ""."""
     below = 1 << (count.bit_length() - 1)
     near = f"such as {below} or {2 * below}"
     return f"{key}: got {count}: a Sobol sequence takes a power of two, {near}" if count != below else ""

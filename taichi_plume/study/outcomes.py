@@ -1,48 +1,44 @@
-"""What a study asks for besides its trials, numbers of a result and files to keep: whether runs leave it."""
+"""Check the outcomes (paths in result.json) and files to keep of a study: whether its runs yield them."""
 
 import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from taichi_plume.files.run_folder import FILES
+from taichi_plume.files.trials_table import TRIAL
 from taichi_plume.scenario.changes import steps_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.declarations import OF_BELIEFS
 
 PROBES = "probes"
 ANY = None
-"""Whatever lies below, by names that solvers choose."""
+"""Any names below, which solvers choose."""
 NUMBERS = [0]
 MEANS = (
-    "success_rate",
-    "time_s",
-    "path_m",
-    "overhead",
-    "acquisitions",
-    "hits",
-    "bumps",
-    "time_with_failures_s",
+    *(
+        "success_rate",
+        "time_s",
+        "path_m",
+        "overhead",
+        "acquisitions",
+        "hits",
+        "bumps",
+        "time_with_failures_s",
+    ),
     *("declared_rate", "reached_rate", "neither_rate", "declared_time_s", "localisation_error_m"),
     "false_declarations",
 )
 PUSHING = frozenset(("pushes", "pinned_s"))  # of runs with moving obstacles
-OF_TRIALS = (
-    *(
-        "trial",
-        "success",
-        "found",
-        "time_s",
-        "path_m",
-        "overhead",
-        "team_path_m",
-        "acquisitions",
-        "hits",
-        "bumps",
-    ),
-    *("final_distance_m", "declared_time_s", "localisation_error_m", "declarations", "false_declarations"),
-    "reached_time_s",
-    *sorted(PUSHING),
+TABLES_ALONE = (
+    "group",
+    "algorithm",
+    "searched",
+    "shortest_m",
+    "time_with_failures_s",
+    "outcome",
+    "shares_arena",
 )
+OF_TRIALS = [column.name for column in TRIAL if column.name not in TABLES_ALONE]
 GROUP = {
     **dict.fromkeys(("robots", "trials", "airs", "success_rate", "median_time_s", "median_path_m"), 0),
     "summary": dict.fromkeys(MEANS, dict.fromkeys(("mean", "low", "high", "n", "airs"), 0)),
@@ -68,7 +64,7 @@ RESULT: Mapping[str, Any] = {
     "maps": [{"cell_m": 0, **PART, "groups": [PART]}],
     "beliefs": [BELIEF],
 }
-"""The numbers of result.json that runs decide: 0 stands for one, a list for items that are all alike."""
+"""Numbers of result.json that depend on the run: 0 stands for a number, a list for items of one form."""
 SECTIONS = {
     "recording.rrd": "recording",
     "forces.csv": "forces",
@@ -78,41 +74,39 @@ SECTIONS = {
     "maps.zarr": "maps",
     "robots.parquet": "robots",
 }
-"""Which section of a scenario a file is left by, for those that not all runs leave."""
+"""Files that only some runs leave, and the section of a scenario that makes them."""
 
 
 class Wanted:
-    """What of a study's outcomes and files no run has been found to leave yet."""
+    """Outcomes and files of a study that none of the scenarios so far yields."""
 
     def __init__(self, outcomes: Mapping[str, str], keep: Sequence[str]):
         self.outcomes, self.keep = dict(outcomes), list(keep)
         self.faults: dict[str, str] = {}
 
     def look(self, scenario: Scenario) -> None:
-        """Strike off what runs of a completed scenario leave."""
+        """Remove the outcomes and files that runs of a completed scenario yield."""
         for name, path in list(self.outcomes.items()):
-            fault = next(_unknown(path, scenario), None)
-            if fault is None:
+            if not self._note(f"outcomes.{name}", next(_unknown(path, scenario), None)):
                 del self.outcomes[name]
-                self.faults.pop(f"outcomes.{name}", None)
-            else:
-                self.faults.setdefault(f"outcomes.{name}", fault)
-        for name in list(self.keep):
-            fault = not_left(name, scenario)
-            if fault is None:
-                self.keep.remove(name)
-                self.faults.pop(f"keep: {name}", None)
-            else:
-                self.faults.setdefault(f"keep: {name}", fault)
+        self.keep = [name for name in self.keep if self._note(f"keep: {name}", not_left(name, scenario))]
+
+    def _note(self, where: str, fault: str | None) -> bool:
+        """Keep the first fault at a place, or forget it if there is none now. Return whether there is one."""
+        if fault is None:
+            self.faults.pop(where, None)
+        else:
+            self.faults.setdefault(where, fault)
+        return fault is not None
 
     @property
     def lines(self) -> list[str]:
-        """Of what is left: ``path: message``."""
+        """Errors about the remaining ones: ``path: message``."""
         return [f"{where}: {fault}" for where, fault in self.faults.items()]
 
 
 def not_left(name: str, scenario: Scenario) -> str | None:
-    """Why runs of a scenario leave no file of that name; None where they do."""
+    """Return why runs of a scenario leave no file of that name; None if they do."""
     if name not in FILES:
         close = difflib.get_close_matches(name, FILES, n=1)
         meant = f"did you mean {close[0]}? " if close else ""
@@ -128,7 +122,7 @@ def not_left(name: str, scenario: Scenario) -> str | None:
 
 
 def _unknown(path: str, scenario: Scenario) -> Iterator[str]:
-    """Why there cannot be a number at a path."""
+    """Yield the reason why results have no number at a path."""
     steps = steps_of(path)
     if steps[0] == PROBES:
         yield from _no_probe(path, scenario)
@@ -163,7 +157,7 @@ def _unknown(path: str, scenario: Scenario) -> Iterator[str]:
 
 
 def _no_probe(path: str, scenario: Scenario) -> Iterator[str]:
-    """Names of probes may hold dots."""
+    """Yield the reason why there is no such probe or quantity; names of probes may hold dots."""
     name, _, quantity = path.partition(".")[2].rpartition(".")
     names = [one.name for one in scenario.probes.points] if scenario.probes else []
     if not name:

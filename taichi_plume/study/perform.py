@@ -5,20 +5,19 @@ import sys
 import time
 from collections.abc import Hashable
 from contextlib import suppress
-from typing import Any
 
 from taichi_plume.assembly.own_code import execute
-from taichi_plume.assembly.prepare import StructureError, checked
+from taichi_plume.assembly.prepare import checked
 from taichi_plume.running.job import End, explain, whole
 from taichi_plume.running.result import result
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.maps import MapScores
 from taichi_plume.study import shared_air
-from taichi_plume.study.failures import forget_failed, leave_failed
 from taichi_plume.study.leaving import run_with_files
-from taichi_plume.study.messages import Cost, Record, Request, Task
+from taichi_plume.study.messages import Cost, Record, Request, Row, Task
 from taichi_plume.study.rows import outcomes_of, probed, trial_rows
+from taichi_plume.study.store import forget_failed, leave_failed
 from taichi_plume.study.warm import WARM, Kept
 
 
@@ -33,7 +32,7 @@ def perform(task: Task) -> list[Record]:
 
 
 class _Run:
-    """A run that is asked for."""
+    """Execution of a run."""
 
     def __init__(self, task: Task, request: Request):
         self.task, self.request = task, request
@@ -44,8 +43,8 @@ class _Run:
         self.simulated = 0.0
 
     def record(self) -> Record:
-        """Make it, whatever comes of it."""
-        trials: list[dict[str, Any]] = []
+        """Execute the run; return its record, also if the run fails."""
+        trials: list[Row] = []
         outcomes: dict[str, float | None] = dict.fromkeys(self.task.options.outcomes)
         try:
             scenario = self.scenario = scenario_of(self.task.base, self.request.changes)
@@ -58,18 +57,15 @@ class _Run:
         return Record(self.request.run, end.status, end.message, trials, outcomes, self._cost())
 
     def _ready(self, scenario: Scenario) -> Kept:
-        """The simulation at the begin of the run: one that is there, or a new one."""
-        film = None if self.task.film is None else shared_air.opened(self.task.film)
-        known = WARM.find(self.key)
-        if known is not None:
-            try:
-                if film is not None and known.reel is not None:
-                    shared_air.put(known.reel, film, scenario)
-                known.sim.reset(scenario)
-                return known
-            except StructureError:
-                WARM.drop(self.key)
+        """Return a simulation at the start of the run: a cached one after a reset, or a new one."""
         task = self.task
+        film = None if task.film is None else shared_air.opened(task.film)
+        known = WARM.find(self.key)
+        if film is not None and known is not None and known.reel is not None:
+            shared_air.put(known.reel, film, scenario)
+        known = WARM.reset(self.key, scenario)
+        if known is not None:
+            return known
         prepared = checked(scenario, task.folder, task.options.allow_outside)
         execute(prepared, task.options.allow_code)
         reel = None if film is None else shared_air.reel_of(prepared.scenario, film)
@@ -92,7 +88,7 @@ class _Run:
         return end, outcomes_of(wanted, content, None)
 
     def _failed(self, error: BaseException) -> End:
-        """Why, in a line; what repeats it is left, and a simulation in which something went wrong is not used again."""
+        """Write the files that repeat a failed run and drop its simulation; return the end of the run."""
         if isinstance(error, ScenarioError):
             message = "; ".join(error.faults)
         else:
@@ -110,8 +106,8 @@ class _Run:
 
 def _worker() -> str:
     """Address of this worker on a Dask cluster, else the id of this process."""
-    distributed: Any = sys.modules.get("distributed")
+    distributed = sys.modules.get("distributed")
     if distributed:
-        with suppress(ValueError):  # no worker
+        with suppress(ValueError):  # not in a worker
             return distributed.get_worker().address
     return str(os.getpid())

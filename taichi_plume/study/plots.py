@@ -1,41 +1,47 @@
-"""The figures of a study's page: what comes of it along each axis, and over pairs of axes; indices and refinement."""
+"""Figures of a study's page: quantities along each axis and over pairs of axes; Sobol indices and refinement."""
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from taichi_plume.report import look
 from taichi_plume.study.columns import is_number
+from taichi_plume.study.indices import Index
 from taichi_plume.study.intervals import Estimate
+from taichi_plume.study.messages import Row, Value
 from taichi_plume.study.points import Points, Quantity
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 WIDE, TALL = 7.2, 2.5  # inches
 DPI = 100
 MOST_LINES = 6  # in a pair of axes
 MOST_PANELS = 4
-MOST_VALUES = 15  # of an axis, at which each is a place of its own; of more, points and their running mean
+MOST_VALUES = 15  # of an axis that are plotted one by one; of more, points and their running mean
 MOST_DOTS = 3000
-WINDOW = 0.15  # of the range of an axis: over which a mean runs
+WINDOW = 0.15  # of the range of an axis: window of a running mean
 
-Key = tuple[Any, ...]
+Estimates = Mapping[Hashable, Estimate]
+Names = Sequence[Value | None]
 
 
 def values_of(points: Points, axis: str) -> list[Any]:
-    """The values of an axis (or "group") in the order of the plan; numbers sorted."""
+    """Return the values of an axis (or "group") in the order of the plan; numbers sorted."""
     values = list(dict.fromkeys(points.table[axis].dropna()))
     return sorted(values) if is_number(points.plan.table, axis) else values
 
 
 def named(points: Points) -> list[str]:
-    """The axes whose values are names, and the groups where there are several."""
-    some = [axis for axis in points.axes if not is_number(points.plan.table, axis)]
+    """Return the axes whose values are names, and "group" if there are several groups."""
+    axes = [axis for axis in points.axes if not is_number(points.plan.table, axis)]
     groups = ["group"] if "group" in points.table else []
-    return [axis for axis in (*groups, *some) if len(values_of(points, axis)) > 1]
+    return [axis for axis in (*groups, *axes) if len(values_of(points, axis)) > 1]
 
 
 def numeric(points: Points) -> list[str]:
-    """The axes of numbers with more than a value."""
+    """Return the axes of numbers with several values."""
     return [
         axis
         for axis in points.axes
@@ -44,15 +50,15 @@ def numeric(points: Points) -> list[str]:
 
 
 def label(points: Points, axis: str) -> str:
-    """Name and unit of an axis."""
+    """Return the name and unit of an axis."""
     unit = next((one.unit for one in points.plan.axes if one.name == axis), "")
     return look.short(axis) + (f" [{unit}]" if unit not in ("", "1") else "")
 
 
 def logarithmic(points: Points, axis: str) -> bool:
-    """Whether an axis is said to go by equal ratios."""
-    told = (points.plan.about["study"].get("axes") or {}).get(axis)
-    return isinstance(told, dict) and told.get("spacing") == "log" and min(values_of(points, axis)) > 0
+    """Whether the study's file gives an axis a logarithmic spacing."""
+    found = (points.plan.about["study"].get("axes") or {}).get(axis)
+    return isinstance(found, dict) and found.get("spacing") == "log" and min(values_of(points, axis)) > 0
 
 
 def _quantity(one: Quantity) -> str:
@@ -60,15 +66,24 @@ def _quantity(one: Quantity) -> str:
     return look.short(one.title, 44) + (f" [{unit}]" if unit else "")
 
 
-def _scaled(one: Quantity, each: Estimate) -> tuple[float, float, float]:
-    by = 100.0 if one.share else 1.0
-    return by * each.mean, by * each.low, by * each.high
+def _scaled(one: Quantity, estimate: Estimate) -> list[float]:
+    """Return mean, low and high end; shares in per cent."""
+    return [(100.0 if one.share else 1.0) * value for value in estimate[:3]]
+
+
+def interval_bar(axes: "Axes", place: int, one: Quantity, estimate: Estimate) -> None:
+    """Draw an estimate as a dot with a horizontal bar for the interval, in the line `place`."""
+    mean, low, high = _scaled(one, estimate)
+    axes.errorbar(
+        [mean], [place], xerr=np.nan_to_num(np.abs([[mean - low], [high - mean]])), color=look.robot(place),
+        marker="o", markersize=4.5, capsize=2.5,
+    )  # fmt: skip
 
 
 def _panels(
-    count: int, draw: Callable[[Any, int], None], rows: int, tall: float = TALL, legend: str = ""
+    count: int, draw: Callable[["Axes", int], None], rows: int, tall: float = TALL, legend: str = ""
 ) -> bytes:
-    """A figure of `count` pairs of axes, side by side in `rows` rows; legend: title of one below the last row."""
+    """Draw `count` panels in `rows` rows. legend: title of a legend below the last row, "" for none."""
     with look.styled({"text.parse_math": False}):
         below = 0.45 if legend else 0.0
         figure = look.figure(WIDE, tall * rows + below, DPI)
@@ -82,10 +97,10 @@ def _panels(
         figure.tight_layout(pad=0.6, rect=(0, below / (tall * rows + below), 1, 1))
         if legend:
             handles, labels = axes[0].get_legend_handles_labels()
-            told = figure.legend(handles, labels, loc="lower left", ncols=3, handlelength=1.2)
-            told.set_title(f"{legend}:")
-            told.get_title().set_fontsize(8)
-            told.set_alignment("left")
+            box = figure.legend(handles, labels, loc="lower left", ncols=3, handlelength=1.2)
+            box.set_title(f"{legend}:")
+            box.get_title().set_fontsize(8)
+            box.set_alignment("left")
         return look.png(figure)
 
 
@@ -93,16 +108,16 @@ def _panels(
 
 
 def along(points: Points, axis: str, by: str | None, some: Sequence[Quantity]) -> bytes:
-    """Quantities over an axis of numbers, a line for each value of the axis `by`, at most MOST_LINES in a panel."""
+    """Draw quantities over an axis of numbers, a line per value of the axis `by`, at most MOST_LINES in a panel."""
     lines = values_of(points, by) if by else [None]
     parts = [lines[n : n + MOST_LINES] for n in range(0, len(lines), MOST_LINES)][:MOST_PANELS]
     draw = _means if len(values_of(points, axis)) <= MOST_VALUES else _running
     keys = [axis, *([by] if by else [])]
-    told = {one.name: points.estimated(one, keys) if draw is _means else {} for one in some}
+    found = {one.name: points.estimated(one, keys) if draw is _means else {} for one in some}
 
-    def panel(axes: Any, n: int) -> None:
+    def panel(axes: "Axes", n: int) -> None:
         part, one = parts[n // len(some)], some[n % len(some)]
-        draw(axes, points, axis, by, part, one, told[one.name])
+        draw(axes, points, axis, by, part, one, found[one.name])
         axes.set_xlabel(label(points, axis))
         axes.set_title(_quantity(one), fontsize=9)
         if logarithmic(points, axis):
@@ -119,16 +134,22 @@ def along(points: Points, axis: str, by: str | None, some: Sequence[Quantity]) -
 
 
 def _means(
-    axes: Any, points: Points, axis: str, by: str | None, part: list[Any], one: Quantity, told: dict[Any, Estimate]
-) -> None:  # fmt: skip
+    axes: "Axes",
+    points: Points,
+    axis: str,
+    by: str | None,
+    part: Names,
+    one: Quantity,
+    found: Estimates,
+) -> None:
+    """Draw the mean at each value, with its interval."""
     places = values_of(points, axis)
     log = logarithmic(points, axis)
     apart = 0.006 * (np.log(max(places) / min(places)) if log else max(places) - min(places))
     for n, name in enumerate(part):
         keys = [(place, name) if by else place for place in places]
-        known = [
-            (place, _scaled(one, told[key])) for place, key in zip(places, keys, strict=True) if key in told
-        ]
+        pairs = zip(places, keys, strict=True)
+        known = [(place, _scaled(one, found[key])) for place, key in pairs if key in found]
         if not known:
             continue
         x, aside = np.array([place for place, _ in known], float), apart * (n - (len(part) - 1) / 2)
@@ -142,9 +163,15 @@ def _means(
 
 
 def _running(
-    axes: Any, points: Points, axis: str, by: str | None, part: list[Any], one: Quantity, _: dict[Any, Estimate]
-) -> None:  # fmt: skip
-    """The mean of each point as a dot, and a mean that runs over them."""
+    axes: "Axes",
+    points: Points,
+    axis: str,
+    by: str | None,
+    part: Names,
+    one: Quantity,
+    _: Estimates,
+) -> None:
+    """Draw the mean of each point as a dot, and their running mean."""
     log = logarithmic(points, axis)
     x = points.table[axis].to_numpy(float)
     x = np.log(x) if log else x
@@ -160,37 +187,21 @@ def _running(
         axes.plot(back(x[shown]), y[shown], ".", color=color, markersize=3, alpha=0.35)
         grid = np.linspace(x[mine].min(), x[mine].max(), 60)
         weight = np.exp(-0.5 * ((grid[:, None] - x[mine]) / (reach / 2)) ** 2)
-        axes.plot(
-            back(grid),
-            (weight * y[mine]).sum(1) / weight.sum(1),
-            color=color,
-            label=look.short(str(name)) if by else None,
-        )
+        mean = (weight * y[mine]).sum(1) / weight.sum(1)
+        axes.plot(back(grid), mean, color=color, label=look.short(str(name)) if by else None)
 
 
 def between(points: Points, axis: str, some: Sequence[Quantity]) -> bytes:
-    """Quantities at each value of an axis of names."""
+    """Draw quantities at each value of an axis of names."""
     names = values_of(points, axis)[: MOST_LINES * MOST_PANELS]
-    told = {one.name: points.estimated(one, [axis]) for one in some}
+    found = {one.name: points.estimated(one, [axis]) for one in some}
 
-    def panel(axes: Any, n: int) -> None:
+    def panel(axes: "Axes", n: int) -> None:
         one = some[n]
         for place, name in enumerate(names):
-            if name in told[one.name]:
-                mean, low, high = _scaled(one, told[one.name][name])
-                reach = np.nan_to_num(np.abs([[mean - low], [high - mean]]))
-                axes.errorbar(
-                    [mean],
-                    [place],
-                    xerr=reach,
-                    color=look.robot(place),
-                    marker="o",
-                    markersize=4.5,
-                    capsize=2.5,
-                )
-        axes.set_yticks(
-            range(len(names)), [look.short(str(name)) for name in names] if n == 0 else [""] * len(names)
-        )
+            if name in found[one.name]:
+                interval_bar(axes, place, one, found[one.name][name])
+        axes.set_yticks(range(len(names)), [look.short(str(name)) if n == 0 else "" for name in names])
         axes.set_ylim(len(names) - 0.5, -0.5)
         axes.set_title(_quantity(one), fontsize=9)
         if one.share:
@@ -203,24 +214,21 @@ def between(points: Points, axis: str, some: Sequence[Quantity]) -> bytes:
 
 
 def heat(points: Points, pair: tuple[str, str], by: str | None, one: Quantity) -> bytes:
-    """A quantity over two axes of few numbers each, a picture for each value of `by`."""
+    """Draw a quantity over two axes of few numbers each, a panel per value of `by`."""
     parts = (values_of(points, by) if by else [None])[:MOST_LINES]
     across, up = (values_of(points, axis) for axis in pair)
-    told = points.estimated(one, [*pair, *([by] if by else [])])
+    found = points.estimated(one, [*pair, *([by] if by else [])])
     tables = []
     for name in parts:
         keys = [[(x, y, name) if by else (x, y) for x in across] for y in up]
-        tables.append(
-            [[_scaled(one, told[key])[0] if key in told else np.nan for key in row] for row in keys]
-        )
+        tables.append([[_scaled(one, found[k])[0] if k in found else np.nan for k in row] for row in keys])
     low, high = (0.0, 100.0) if one.share else (float(np.nanmin(tables)), float(np.nanmax(tables)))
 
-    def panel(axes: Any, n: int) -> None:
+    def panel(axes: "Axes", n: int) -> None:
         axes.grid(False)
         image = axes.imshow(tables[n], origin="lower", aspect="auto", cmap="viridis", vmin=low, vmax=high)
-        axes.set_xticks(
-            range(len(across)), [f"{x:.3g}" for x in across], rotation=45 if len(across) > 6 else 0
-        )
+        turned = 45 if len(across) > 6 else 0
+        axes.set_xticks(range(len(across)), [f"{x:.3g}" for x in across], rotation=turned)
         axes.set_yticks(range(len(up)), [f"{y:.3g}" for y in up])
         axes.set_xlabel(label(points, pair[0]))
         axes.set_ylabel(label(points, pair[1]))
@@ -238,28 +246,18 @@ def heat(points: Points, pair: tuple[str, str], by: str | None, one: Quantity) -
 # ---------------------------------------------------------------- kinds
 
 
-def sensitivity(title: str, indices: dict[str, Any]) -> bytes:
-    """First-order and total indices of the axes, with their intervals."""
+def sensitivity(title: str, indices: dict[str, Index]) -> bytes:
+    """Draw the first-order and total indices of the axes, with their intervals."""
 
-    def panel(axes: Any, _: int) -> None:
+    def panel(axes: "Axes", _: int) -> None:
         place = np.arange(len(indices))
-        for n, (kind, name) in enumerate(
-            (("first", "first order: by itself"), ("total", "total: with the others"))
-        ):
-            told = np.array(
-                [[getattr(one, kind + end) for end in ("", "_low", "_high")] for one in indices.values()]
-            ).T
-            reach = np.nan_to_num(np.clip([told[0] - told[1], told[2] - told[0]], 0, None))
+        for n, name in enumerate(("first order: by itself", "total: with the others")):
+            index, low, high = np.array([one[3 * n : 3 * n + 3] for one in indices.values()]).T
+            reach = np.nan_to_num(np.clip([index - low, high - index], 0, None))
             axes.barh(
-                place + 0.38 * n - 0.19,
-                told[0],
-                0.36,
-                xerr=reach,
-                color=look.robot(n),
-                label=name,
-                ecolor=look.INK,
-                capsize=2,
-            )
+                place + 0.38 * n - 0.19, index, 0.36, xerr=reach, color=look.robot(n), label=name,
+                ecolor=look.INK, capsize=2,
+            )  # fmt: skip
         axes.set_yticks(place, [look.short(name) for name in indices])
         axes.set_ylim(len(indices) - 0.4, -0.6)
         axes.set_xlabel("share of the variance")
@@ -269,19 +267,13 @@ def sensitivity(title: str, indices: dict[str, Any]) -> bytes:
     return _panels(1, panel, 1, 1.1 + 0.5 * len(indices))
 
 
-def refinement(rows: Sequence[dict[str, Any]], names: Sequence[str], title: str, unit: str) -> bytes:
-    """Values over the spacing, and what they tend to."""
+def refinement(rows: Sequence[Row], names: Sequence[str], title: str, unit: str) -> bytes:
+    """Draw values over the spacing, and their extrapolation to zero spacing."""
 
-    def panel(axes: Any, _: int) -> None:
+    def panel(axes: "Axes", _: int) -> None:
         for n, (row, name) in enumerate(zip(rows[:MOST_LINES], names, strict=False)):
-            axes.plot(
-                row["spacings"],
-                row["values"],
-                "o-",
-                color=look.robot(n),
-                markersize=4,
-                label=look.short(name, 40),
-            )
+            label, color = look.short(name, 40), look.robot(n)
+            axes.plot(row["spacings"], row["values"], "o-", color=color, markersize=4, label=label)
             if np.isfinite(row["extrapolated"]):
                 axes.plot(0, row["extrapolated"], "*", color=look.robot(n), markersize=9, clip_on=False)
         axes.set_xlim(0, None)

@@ -1,27 +1,46 @@
-"""A study by its points: of each combination of the axes' values and each group, means with intervals over airs."""
+"""Points of a study: means with intervals over airs for each combination of the axes' values and each group."""
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Hashable, Iterator, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from taichi_plume.files import table_parts
 from taichi_plume.scoring.declarations import DECLARED, REACHED
 from taichi_plume.study import intervals
-from taichi_plume.study.table_rows import Planned, Tables
+from taichi_plume.study.messages import Row
+from taichi_plume.study.tables import Planned, Tables
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
+NO_BREAK = "\u2011"  # a hyphen at which no line ends
+
+
 class Quantity(NamedTuple):
-    """What is told of searches or runs. share: whether it is one, in per cent for people; what: that are counted."""
+    """A quantity of searches or runs. share: whether it is shown in per cent; what: noun of what is counted."""
 
     name: str
     title: str
     unit: str
     share: bool = False
     what: str = "searches"
+
+    def words(self, estimate: intervals.Estimate | None) -> str:
+        """Return the sentence of an estimate."""
+        return intervals.words(estimate, self.unit, self.share, self.what)
+
+    def mean(self, estimate: intervals.Estimate | None) -> str:
+        """Return the mean of an estimate, for a table."""
+        return intervals.number(estimate.mean, "", self.share) if estimate and estimate.n else "-"
+
+    def cell(self, estimate: intervals.Estimate | None) -> str:
+        """Return the mean of an estimate with its interval in brackets, for a table."""
+        if estimate is None or not estimate.n or not np.isfinite(estimate.low):
+            return self.mean(estimate)
+        ends = intervals.ends(estimate, "", self.share).removesuffix(" %")
+        return f"{self.mean(estimate)} ({ends if ' to ' in ends else ends.replace('-', NO_BREAK)})"
 
 
 SUCCESS = Quantity("success", "success", "1", share=True)
@@ -33,28 +52,46 @@ QUANTITIES = (
     Quantity("overhead", "way / straight", "1", what="successes"),
     Quantity("acquisitions", "stops", "1"),
 )
-"""Of searches; those after the success and the time count successful ones alone, where a failure has none."""
-SAID = (
+"""Quantities of searches. Those after the success and the time count successful searches only."""
+DECLARATIONS = (
     Quantity("declared", "declared rightly", "1", share=True),
     Quantity("reached", "reached, not declared", "1", share=True),
     Quantity("localisation_error_m", "localisation error", "m", what="searches with a declaration"),
     Quantity("declared_time_s", "time to declare", "s", what="searches with a declaration"),
     Quantity("false_declarations", "false declarations", "1"),
 )
-"""Of searches in which robots may declare, told where any has; `declared` and `reached` are outcomes."""
+"""Quantities of searches in which robots may declare; listed if any robot has declared."""
 
 
 def outcomes(plan: Planned, tables: Tables) -> tuple[Quantity, ...]:
-    """Those of whole runs."""
+    """Quantities of whole runs."""
     units = table_parts.units(tables.runs.schema)
     return tuple(Quantity(name, name, units[name], what="runs") for name in plan.outcomes)
 
 
-class Points:
-    """The points of a study, and each estimate at each of them.
+def estimated(of: "pd.DataFrame", one: Quantity, keys: Sequence[str]) -> dict[Hashable, intervals.Estimate]:
+    """Estimate a quantity for each value of some columns of a table of trials or runs.
 
-    table: a row for each point and group, sorted: point, the axes, group, algorithm, runs, failed and missing ones;
-    estimates: by the quantity's name, of each row; None where there is nothing to count.
+    The table has the columns air_seed and air_by_chance. Airs of one seed at other points share eddies and gusts.
+    """
+    known = [key for key in keys if key in of.columns]
+    if not len(of):
+        return {}
+    if not known:  # all together
+        known, of = ["all"], of.assign(all=0)
+    key = of[known[0]] if len(known) == 1 else list(zip(*(of[name] for name in known), strict=True))
+    return intervals.estimates(_numbers(of, one), key, of["air_seed"], of["air_by_chance"], one.share)
+
+
+def _numbers(of: "pd.DataFrame", one: Quantity) -> np.ndarray:
+    return of[one.name].astype("Float64").to_numpy(float, na_value=np.nan)
+
+
+class Points:
+    """Points of a study, with an estimate of each quantity.
+
+    table: a row per point and group, sorted: point, the axes, group, algorithm, number of runs, failed and missing
+    ones; estimates: by the quantity's name, for each row; None if there is nothing to count.
     """
 
     def __init__(self, plan: Planned, tables: Tables):
@@ -67,13 +104,13 @@ class Points:
         self.trials["air_by_chance"] = self.trials["run"].map(self.runs.set_index("run")["air_by_chance"])
         of_trials = QUANTITIES if len(self.trials) else ()
         if self._declared():
-            of_trials += SAID
+            of_trials += DECLARATIONS
         self.quantities = (*of_trials, *outcomes(plan, tables))
         self.table = self._table()
         self.estimates = {one.name: self._of_rows(one) for one in self.quantities}
 
     def _declared(self) -> bool:
-        """Whether any robot has declared; then the trials get columns of what they are counted by."""
+        """Whether any robot has declared; then add the outcomes as columns to the trials."""
         trials = self.trials
         searched = trials["searched"].astype(bool)
         if not (trials["declarations"][searched] > 0).any():
@@ -91,73 +128,62 @@ class Points:
         table["runs"] = of_point.size()
         for name in ("failed", "missing"):
             table[name] = (runs["status"] == name).groupby(runs["point"]).sum()
-        told = [name for name in ("group", "algorithm") if name not in self.axes]
-        groups = self.trials[["point", *told]].drop_duplicates(["point", "group"])
+        who = [name for name in ("group", "algorithm") if name not in self.axes]
+        groups = self.trials[["point", *who]].drop_duplicates(["point", "group"])
         table = table.reset_index().merge(groups, on="point", how="left", sort=False)
-        return table[["point", *self.axes, *told, "runs", "failed", "missing"]]
+        return table[["point", *self.axes, *who, "runs", "failed", "missing"]]
 
-    def estimated(self, one: Quantity, keys: Sequence[str]) -> dict[Any, intervals.Estimate]:
-        """The estimates of a quantity by some columns of the trials or, of one of whole runs, of the runs."""
-        of = self.runs if one.what == "runs" else self.trials
-        known = [key for key in keys if key in of.columns]
-        if not len(of):
-            return {}
-        if not known:  # all together
-            known, of = ["all"], of.assign(all=0)
-        key = of[known[0]] if len(known) == 1 else list(zip(*(of[name] for name in known), strict=True))
-        values = of[one.name].astype("Float64").to_numpy(float, na_value=np.nan)
-        # airs of one seed at other points have their eddies and gusts in common
-        return intervals.estimates(values, key, of["air_seed"], of["air_by_chance"], one.share)
+    def _rows(self, one: Quantity) -> tuple["pd.DataFrame", list[str]]:
+        """Return the table that a quantity is a column of, and the columns that identify a row of points."""
+        return (self.runs, ["point"]) if one.what == "runs" else (self.trials, ["point", "group"])
+
+    def estimated(self, one: Quantity, keys: Sequence[str]) -> dict[Hashable, intervals.Estimate]:
+        """Estimate a quantity for each value of some columns of the trials, or of the runs."""
+        return estimated(self._rows(one)[0], one, keys)
 
     def _of_rows(self, one: Quantity) -> list[intervals.Estimate | None]:
-        if one.what == "runs":
-            told = self.estimated(one, ["point"])
-            return [told.get(point) for point in self.table["point"]]
-        told = self.estimated(one, ["point", "group"])
-        return [told.get(key) for key in zip(self.table["point"], self.table["group"], strict=True)]
+        _, keys = self._rows(one)
+        found = self.estimated(one, keys)
+        rows = zip(*(self.table[key] for key in keys), strict=True)
+        return [found.get(row if len(keys) > 1 else row[0]) for row in rows]
 
-    def between_airs(self, one: Quantity) -> dict[Any, float]:
-        """The variance of the mean of each point and group (of whole runs: of each point), by that of its airs' means.
+    def between_airs(self, one: Quantity) -> dict[Hashable, float]:
+        """Variance of the mean of each point and group (whole runs: of each point), from the means of its airs.
 
-        NaN of a single air.
+        NaN if there is a single air.
         """
-        keys = ["point"] if one.what == "runs" else ["point", "group"]
-        of = self.runs if one.what == "runs" else self.trials
-        values = of.assign(value=of[one.name].astype("Float64").to_numpy(float, na_value=np.nan))
+        of, keys = self._rows(one)
+        values = of.assign(value=_numbers(of, one))
         means = values[values["value"].notna()].groupby([*keys, "air"], sort=False)["value"].mean()
         by = means.groupby(level=keys, sort=False)
         return (by.var(ddof=1) / by.size()).to_dict()
 
     def frame(self) -> "pd.DataFrame":
-        """The table with a mean, both ends, and the words of each quantity. Units are in `attrs`."""
+        """Return the table with the mean, both ends and the words of each quantity; units in `attrs`."""
         import pandas as pd
 
-        made: dict[str, Any] = {name: self.table[name] for name in self.table.columns}
+        made: Row = {name: self.table[name] for name in self.table.columns}
         units = table_parts.units(self.plan.table.schema)
         for one in self.quantities:
-            told = self.estimates[one.name]
-            for place, end in (("mean", ""), ("low", "_low"), ("high", "_high")):
-                made[one.name + end] = [getattr(each, place) if each else np.nan for each in told]
+            found = self.estimates[one.name]
+            for place, end in enumerate(("", "_low", "_high")):
+                made[one.name + end] = [each[place] if each else np.nan for each in found]
                 units[one.name + end] = one.unit
-            made[f"{one.name}_words"] = [
-                intervals.words(each, one.unit, one.share, one.what) for each in told
-            ]
+            made[f"{one.name}_words"] = list(map(one.words, found))
         first = self.estimates[self.quantities[0].name] if self.quantities else []
         made["airs"] = [each.airs if each else 0 for each in first] if first else 0
         frame = pd.DataFrame(made)
         frame.attrs["units"] = {name: units.get(name, "1") for name in frame.columns}
         return frame
 
-    def differences(self, axis: str, one: Quantity = SUCCESS) -> Iterator[dict[str, Any]]:
-        """What each value of an axis makes beside its first one, of the same values of all others and the same airs.
+    def differences(self, axis: str, one: Quantity = SUCCESS) -> Iterator[Row]:
+        """Compare each value of an axis with the first one, in the same airs and at the same values of other axes.
 
-        A row has the other axes' values, group, `first` and `second` value, and the Estimate `apart` of the second mean
-        minus the first. Only airs in which both searched count.
+        A row has the other axes' values, group, the `first` and `second` value, and the Estimate `apart` of the second
+        mean minus the first. Only airs in which both searched count.
         """
         others = [name for name in self.axes if name != axis]
-        trials = self.trials.assign(
-            value=self.trials[one.name].astype("Float64").to_numpy(float, na_value=np.nan)
-        )
+        trials = self.trials.assign(value=_numbers(self.trials, one))
         trials = trials[trials["value"].notna()]
         keys = [*others, "group"]
         for values, part in trials.groupby(keys, sort=False, dropna=False):

@@ -1,8 +1,7 @@
-"""Progress of a study: a bar on a terminal, else a line now and then; in the end, how busy its workers were."""
+"""Progress of a study: a bar on a terminal, else a line per minute; at the end, how busy the workers were."""
 
 import time
 from contextlib import suppress
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from rich.progress import (
@@ -25,7 +24,7 @@ FIRST_S, LINE_S = 10.0, 60.0  # until the first line, and between the others
 
 
 class Display:
-    """A context that shows how many of `total` runs are done; `done` were before. quiet: it shows nothing."""
+    """Context that shows how many of `total` runs are done. done: at the start; quiet: show nothing."""
 
     def __init__(self, total: int, done: int, quiet: bool = False):
         self.total, self.done, self.quiet = total, done, quiet
@@ -53,21 +52,19 @@ class Display:
             self._bar.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._bar is not None:
             with suppress(OSError):  # the terminal may be gone
                 self._bar.stop()
 
     def advance(self, runs: int) -> None:
-        """So many runs more are done."""
+        """Add a number of runs that are done."""
         self.done += runs
         if self._bar is not None:
             self._bar.update(self._task, completed=self.done)
 
     def update(self, campaign: "Campaign") -> None:
-        """Show how the campaign is."""
+        """Show the state of a campaign."""
         if self.quiet:
             return
         if self._bar is not None:
@@ -84,7 +81,7 @@ class Display:
             say(line, error=True)
 
     def _left(self) -> str:
-        """How long the others will take, at the pace so far."""
+        """Remaining time in words, at the mean rate so far."""
         done = self.done - self._first
         if not done:
             return ""
@@ -113,7 +110,7 @@ class Totals:
         self._began = self._last = time.perf_counter()
 
     def count(self, workers: int) -> None:
-        """Count the workers that there are now."""
+        """Add the time since the last call; workers: their present number."""
         now = time.perf_counter()
         self.worker_s += self._workers * (now - self._last)
         self._last, self._workers, self.most = now, workers, max(self.most, workers)

@@ -1,28 +1,34 @@
-"""Refinement of the grid: observed order, extrapolated value and grid convergence index of what a study tells.
+"""Grid refinement study: observed order of convergence, Richardson extrapolation and grid convergence index (GCI).
 
-Of the three finest spacings h1 < h2 < h3, whose ratios may differ (Celik et al. 2008, doi:10.1115/1.2960953): values
-f = f0 + a h^p make (f3 - f2)/(f2 - f1) a function of the order p alone. Values that go to and fro converge where each
-change is smaller than the one before; their order is that of the same rule with alternating signs.
+For the three finest spacings h1 < h2 < h3, whose ratios may differ (Celik et al. 2008, doi:10.1115/1.2960953), values
+f = f0 + a h^p make (f3 - f2)/(f2 - f1) a function of the order p alone. Oscillating values converge if each change is
+smaller than the one before; their order follows from the same rule with alternating signs.
 """
 
 from collections.abc import Iterator, Sequence
 from math import nan
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import root_scalar
 
+from taichi_plume.study.messages import Data, Row
+
+if TYPE_CHECKING:
+    from taichi_plume.study.intervals import Estimate
+    from taichi_plume.study.points import Points
+
 SAFETY = 1.25  # of the index, with three grids
-HIGHEST = 12.0  # order that is told
+HIGHEST = 12.0  # order that is reported
 KEY = "domain.spacing"
 
 
 class Order(NamedTuple):
-    """What three spacings tell of a value.
+    """Convergence of a value at three spacings.
 
-    order, extrapolated, index (in the value's unit: by how far the finest may be off): NaN where they cannot be told;
-    behaviour: converges, oscillates, diverges, still (no change) or too few.
+    order, extrapolated, index (grid convergence index, in the value's unit): NaN if undefined; behaviour: converges,
+    oscillates, diverges, still (no change) or too few.
     """
 
     order: float
@@ -35,13 +41,13 @@ SAID = {
     "converges": "it converges",
     "oscillates": "it goes to and fro, less and less: oscillatory convergence, of which the order says little",
     "diverges": "it does not converge: the last change is too large beside the one before",
-    "still": "it no longer changes, so there is no order to be told",
+    "still": "it no longer changes, so it has no order",
     "too few": "three spacings are needed",
 }
 
 
 def order(spacings: ArrayLike, values: ArrayLike) -> Order:
-    """The observed order of values (n,) at spacings (n,), by the three finest of those at which it is known."""
+    """Return the observed order of values (n,) at spacings (n,), from the three finest spacings with finite values."""
     pairs = zip(np.asarray(spacings, float).tolist(), np.asarray(values, float).tolist(), strict=True)
     known = sorted((h, f) for h, f in pairs if np.isfinite(f))[:3]
     if len(known) < 3:
@@ -67,53 +73,53 @@ def order(spacings: ArrayLike, values: ArrayLike) -> Order:
     )
 
 
-def axis_of(about: dict[str, Any]) -> str | None:
-    """The axis that is the spacing, of what a plan tells of its study."""
+def axis_of(about: Data) -> str | None:
+    """Return the name of the axis that varies the spacing; about: of a plan's table."""
     axes = about["study"].get("axes") or {}
-    for name, one in axes.items():
-        if isinstance(one, dict) and KEY in (one.get("key"), *(one.get("keys") or ())):
+    for name, axis in axes.items():
+        if isinstance(axis, dict) and KEY in (axis.get("key"), *(axis.get("keys") or ())):
             return name
     return None
 
 
-def orders(points: Any, axis: str) -> Iterator[dict[str, Any]]:
-    """The order of each quantity of `Points`, for each combination of the other axes' values and group.
+def orders(points: "Points", axis: str) -> Iterator[Row]:
+    """Yield the order of each quantity, for each combination of the other axes' values and group.
 
     A row has these, `quantity`, `unit`, `spacings` (finest first), `values` there, the Order's fields, and `chance`:
-    whether the last change is within the interval of one of the two, so that chance may have made it; None where there
+    whether the last change lies within the interval of one of its two values, so that it may be chance; None if there
     is no interval.
     """
     table = points.table
     others = [name for name in (*points.axes, "group") if name != axis and name in table]
-    groups = (
-        table.groupby(others, sort=False, dropna=False).indices if others else {(): np.arange(len(table))}
-    )
+    groups = {(): np.arange(len(table))}
+    if others:
+        groups = table.groupby(others, sort=False, dropna=False).indices
     for values, rows in groups.items():
         key = values if isinstance(values, tuple) else (values,)
         rows = rows[np.argsort(table[axis].to_numpy(float)[rows])]
         spacings = table[axis].to_numpy(float)[rows]
         for one in points.quantities:
-            told = [points.estimates[one.name][row] for row in rows]
-            means = [each.mean if each else nan for each in told]
+            estimates = [points.estimates[one.name][row] for row in rows]
+            means = [each.mean if each else nan for each in estimates]
             if not np.isfinite(means).any():
                 continue
             found = order(spacings, means)
             yield {
                 **dict(zip(others, key, strict=True)), "quantity": one.name, "unit": one.unit,
-                "spacings": spacings.tolist(), "values": means, **found._asdict(), "chance": _chance(told),
+                "spacings": spacings.tolist(), "values": means, **found._asdict(), "chance": _chance(estimates),
             }  # fmt: skip
 
 
-def _chance(told: Sequence[Any]) -> bool | None:
-    known = [one for one in told if one]
+def _chance(estimates: "Sequence[Estimate | None]") -> bool | None:
+    known = [one for one in estimates if one]
     if len(known) < 2 or not all(np.isfinite(one.low) for one in known[:2]):
         return None
     (a, b) = known[:2]
     return bool(a.low <= b.mean <= a.high or b.low <= a.mean <= b.high)
 
 
-def words(row: dict[str, Any]) -> str:
-    """What a row of `orders` says, in a line."""
+def words(row: Row) -> str:
+    """Return the sentence of a row of `orders`."""
     if row["behaviour"] not in ("converges", "oscillates"):
         return SAID[row["behaviour"]]
     unit = "" if row["unit"] == "1" else f" {row['unit']}"
@@ -124,7 +130,5 @@ def words(row: dict[str, Any]) -> str:
         f"at the finest spacing it may be off by {row['index']:.2g}{unit} (grid convergence index)"
     )
     if row["chance"]:
-        text += (
-            "; but the last change is within the interval over airs: it may be chance, more airs would tell"
-        )
+        text += "; but the last change is within the interval over airs: it may be chance, use more airs"
     return text

@@ -1,4 +1,4 @@
-"""The axes of a study with their values in SI units, as the scenario understands them; what it refuses is told."""
+"""Resolve the axes of a study: values in SI units as the scenario reads them; refused values are reported."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -12,22 +12,22 @@ from taichi_plume.scenario.keys import look_up, near
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Model
-from taichi_plume.study.axes import DIGITS, Level, Levels, Range, Scalar
-from taichi_plume.study.model import Study, StudyAxis
-from taichi_plume.study.scenarios import canonical, value_at
+from taichi_plume.study.axes import DIGITS, Level, Levels, Range
+from taichi_plume.study.messages import Data, Value
+from taichi_plume.study.model import Study, StudyAxis, canonical
 
-Changes = Mapping[str, Any]
+Changes = Mapping[str, object]
 
 
-def resolve(study: Study, base: Mapping[str, Any], name: str) -> list[Levels | Range]:
-    """The axes of a study whose base has these data. name: of the base, for messages. Raises ScenarioError."""
+def resolve(study: Study, base: Changes, name: str) -> list[Levels | Range]:
+    """Resolve the axes of a study. base: data of the base scenario; name: of the base. Raises ScenarioError."""
     return _Resolving(study, base, name).axes()
 
 
 class _Resolving:
-    """Each value is tried where the other axes have their first one, as it need not be sound alone."""
+    """Tries each value of an axis while the other axes have their first value, as a value need not be valid alone."""
 
-    def __init__(self, study: Study, base: Mapping[str, Any], name: str):
+    def __init__(self, study: Study, base: Changes, name: str):
         self.study, self.base, self.name = study, base, name
         self.trials = {name: list(_trials(axis)) for name, axis in study.axes.items()}
         self.faults: list[str] = []
@@ -36,7 +36,7 @@ class _Resolving:
         common = self._tried(self._first())
         if isinstance(common, Scenario):
             common = []
-        self._tell_common(common)
+        self._report_common(common)
         found = {name: self._scenarios(name, common) for name in self.study.axes}
         if self.faults:
             raise ScenarioError(list(dict.fromkeys(self.faults)))
@@ -45,8 +45,8 @@ class _Resolving:
             raise ScenarioError(self.faults)
         return [axis for axis in axes if axis is not None]
 
-    def _first(self, without: str = "") -> dict[str, Any]:
-        """What the first value of every axis changes."""
+    def _first(self, without: str = "") -> Data:
+        """Changes that the first value of every axis makes."""
         firsts = [trials[0][1] for name, trials in self.trials.items() if name != without]
         return {key: value for changes in firsts for key, value in changes.items()}
 
@@ -56,8 +56,8 @@ class _Resolving:
         except ScenarioError as error:
             return error.faults
 
-    def _tell_common(self, common: list[str]) -> None:
-        """Faults where every axis has its first value: whose they are."""
+    def _report_common(self, common: list[str]) -> None:
+        """Report the errors that occur when every axis has its first value, at the base or at the axes."""
         for line in common:
             guilty = [name for name, trials in self.trials.items() if line in self._faults(trials[0][1])]
             alone = self._faults({})
@@ -71,7 +71,7 @@ class _Resolving:
         return [] if isinstance(tried, Scenario) else tried
 
     def _scenarios(self, name: str, common: list[str]) -> list[Scenario]:
-        """That of each value of an axis; what is refused is told once for all values that it is said of."""
+        """Scenario for each value of an axis. An error that several values share is reported once."""
         found: list[Scenario] = []
         others = self._first(without=name)
         refused: dict[str, list[str]] = {}
@@ -90,11 +90,11 @@ class _Resolving:
         return found
 
     def _meant(self, name: str, line: str) -> str:
-        """Keys that are written much like one of an axis that there is none of, unless the fault says so itself."""
+        """Suggest keys that are spelt like an unknown key of an axis, unless the error does so itself."""
         if "unknown key" in line:
             return ""
         unknown = [path for path in self.study.axes[name].paths if not any(look_up(path))]
-        close = [one for path in unknown for one in near(path)]
+        close = [key for path in unknown for key in near(path)]
         return f"; did you mean {' or '.join(dict.fromkeys(close))}?" if close else ""
 
     # ------------------------------------------------------------ values
@@ -103,27 +103,27 @@ class _Resolving:
         paths, unit = axis.paths, ""
         if axis.variants is not None:
             changes = [trial for _, trial in self.trials[name]]
-            pairs = zip(axis.variants, changes, strict=True)
-            return Levels(name, "", [Level(variant, one) for variant, one in pairs])
+            return Levels(name, "", list(map(Level, axis.variants, changes)))
         given = axis.values or (axis.low, axis.high)
-        values = [_read(one, paths[0], its) for one, its in zip(found, given, strict=True)]
+        read = [_read(scenario, paths[0], value) for scenario, value in zip(found, given, strict=True)]
+        values = [value for value, _ in read]
         if all(type(value) in (int, float) for value in values):
-            unit = _unit(found[0], paths[0])
+            unit = read[0][1]
         if axis.values is not None:
             return Levels(name, unit, self._levels(name, axis, values))
         return self._range(name, axis, values, unit)
 
     def _levels(self, name: str, axis: StudyAxis, values: list[Any]) -> list[Level]:
-        """Of a list; as texts where not all values are numbers, texts or truths."""
+        """Levels of a list of values; all are written as texts unless all are numbers, texts or booleans."""
         assert axis.values is not None
-        plain = all(isinstance(value, Scalar) and not _too_large(value) for value in values)
-        told: list[Scalar] = values if plain else [json.dumps(value) for value in axis.values]
-        for n, value in enumerate(told):
-            if value in told[:n]:
+        plain = all(isinstance(value, Value) and not _too_large(value) for value in values)
+        shown_values: list[Value] = values if plain else [json.dumps(value) for value in axis.values]
+        for n, value in enumerate(shown_values):
+            if value in shown_values[:n]:
                 self.faults.append(f"axes.{name}.values[{n}]: {shown(axis.values[n])} is there twice")
         return [
             Level(value, dict.fromkeys(axis.paths, given))
-            for value, given in zip(told, axis.values, strict=True)
+            for value, given in zip(shown_values, axis.values, strict=True)
         ]
 
     def _range(self, name: str, axis: StudyAxis, ends: list[Any], unit: str) -> Levels | Range | None:
@@ -154,8 +154,8 @@ class _Resolving:
         return None
 
 
-def _trials(axis: StudyAxis) -> Iterable[tuple[str, dict[str, Any]]]:
-    """What is to be tried of an axis: where it is written, for messages, and what it changes."""
+def _trials(axis: StudyAxis) -> Iterable[tuple[str, Data]]:
+    """Yield each value to try: its place in the file, for messages, and its changes to the scenario."""
     if axis.variants is not None:
         for name, changes in axis.variants.items():
             yield f".variants.{name}", {canonical(key): value for key, value in changes.items()}
@@ -167,29 +167,29 @@ def _trials(axis: StudyAxis) -> Iterable[tuple[str, dict[str, Any]]]:
             yield f".{end}", dict.fromkeys(axis.paths, vars(axis)[end])
 
 
-def _read(scenario: Scenario, path: str, given: Any) -> Any:
-    """What a scenario makes of a value; one number that stands for a list of one per axis stays a number."""
+def _read(scenario: Scenario, path: str, given: object) -> tuple[Any, str]:
+    """Value that a scenario has at a path, and its unit. A number given for a list of one item stays a number."""
     try:
-        value = value_at(scenario, path)
+        value, unit = value_at(scenario, path)
     except LookupError:
-        return given
-    return value[0] if isinstance(value, tuple) and len(value) == 1 and not isinstance(given, list) else value
+        return given, ""
+    single = isinstance(value, tuple) and len(value) == 1 and not isinstance(given, list)
+    return value[0] if single else value, unit
 
 
-def _too_large(value: Any) -> bool:
-    """Whether a whole number is none that tables hold."""
-    return isinstance(value, int) and not -(1 << 63) <= value < 1 << 63
-
-
-def _unit(scenario: Scenario, path: str) -> str:
-    """The unit of a key, by the model that has it."""
-    steps, unit, place = steps_of(path), "", scenario
-    for step in steps:
+def value_at(scenario: Scenario, path: str) -> tuple[Any, str]:
+    """Value at the path of a key, in SI units, and the key's unit. Raises LookupError."""
+    place: Any = scenario
+    unit = ""
+    for step in steps_of(path):
         if isinstance(place, Model):
             unit = facts(type(place), step).unit
             place = vars(place)[step]
-        elif isinstance(place, list | tuple):
-            place = place[int(step)]
         else:
-            place = place[step]
-    return unit
+            place = place[int(step) if isinstance(place, list | tuple) else step]
+    return place, unit
+
+
+def _too_large(value: object) -> bool:
+    """Whether an integer exceeds the 64 bits of a table's column."""
+    return isinstance(value, int) and not -(1 << 63) <= value < 1 << 63

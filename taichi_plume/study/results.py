@@ -1,18 +1,19 @@
-"""What a study has left, for notebooks and plots: ``results = study.open("studies/success-against-wind")``.
+"""Results of a study as tables, for notebooks and plots: ``results = study.open("studies/success-against-wind")``.
 
     results.trials()    pandas.DataFrame: a row for each trial of each group, with the values of all axes
     results.runs()      a row for each run of the plan, whether it has been run or not
     results.points()    a row for each combination of the axes' values and group: means, with intervals over airs
-    results.costs()     what each run took
+    results.costs()     cost of each run
 
-Units are in ``frame.attrs["units"]``. All of them are also there while a study runs, and after it was killed: of what
-has come to the disk. What is missing or damaged is told in one line, as a RunFolderError.
+Units are in ``frame.attrs["units"]``. All tables can also be read while a study runs and after it was killed; they then
+hold the records on the disk. Missing or damaged files raise a RunFolderError of one line.
 """
 
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
@@ -22,7 +23,7 @@ from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import LONGEST_TEXT, plain
 from taichi_plume.guard.opening import unopenable
 from taichi_plume.guard.terminal import visible
-from taichi_plume.study import table_rows, tables
+from taichi_plume.study import tables as files
 
 if TYPE_CHECKING:
     import pandas
@@ -30,28 +31,29 @@ if TYPE_CHECKING:
 
     from taichi_plume.study.points import Points
 
+PAUSE = 60.0  # s without a run: longer pauses count as interruptions
 FAULTS = (pa.ArrowException, OSError, ValueError, LookupError, TypeError)
 
 
 def open_study(folder: Path | str) -> "Results":
-    """The results of a study's folder. Raises RunFolderError, in a line, where it is none or of another version."""
+    """Open a study's folder. Raises RunFolderError if it is no study's, damaged or of another version."""
     return Results(Path(folder))
 
 
 class Results:
-    """What a study has left; see `study.open`. Every method may raise RunFolderError."""
+    """Tables of a study; see `study.open`. Every method may raise RunFolderError."""
 
     def __init__(self, folder: Path):
         self.folder = folder
         fault = unopenable(folder, folder=True)
         if fault:
             raise RunFolderError(f"{folder}: {fault}; give the folder of a study")
-        path = folder / tables.PLAN
+        path = folder / files.PLAN
         fault = unopenable(path)
         if fault:
-            raise RunFolderError(f"{folder}: is not the folder of a study: {tables.PLAN} {fault}")
+            raise RunFolderError(f"{folder}: is not the folder of a study: {files.PLAN} {fault}")
         try:
-            self.plan = tables.read_plan(folder)
+            self.plan = files.read_plan(folder)
             made = str(self.plan.about["version"])
             self.fields, self.outcomes = self.plan.fields, self.plan.outcomes
         except FAULTS as error:
@@ -63,20 +65,20 @@ class Results:
             )
 
     @cached_property
-    def tables(self) -> table_rows.Tables:
-        """The tables as Arrow has them: those of the folder where they are made of what it holds, else made anew."""
+    def tables(self) -> files.Tables:
+        """Arrow tables: those of the folder if they are up to date with its records, else made from the records."""
         try:
-            held = tables.held(self.folder, tables.state(self.folder))
+            held = files.held(self.folder, files.state(self.folder))
         except FAULTS as error:
             raise RunFolderError(f"{self.folder}: cannot be read: {_reason(error)}") from None
         return self._made() if held is None else self._read(held)
 
-    def _read(self, held: int) -> table_rows.Tables:
+    def _read(self, held: int) -> files.Tables:
         made = []
-        for name, field in ((tables.RUNS, "number"), (tables.TRIALS, "point"), (tables.COSTS, "run")):
+        for name, field in ((files.RUNS, "number"), (files.TRIALS, "point"), (files.COSTS, "run")):
             path = self.folder / name
             try:
-                table = tables.read(path)
+                table = files.read(path)
                 if not {"run", field} <= set(table.column_names):
                     raise ValueError("holds other columns")
             except FAULTS as error:
@@ -84,22 +86,22 @@ class Results:
             made.append(table)
         runs, trials, costs = made
         if len(trials) != held:
-            path = self.folder / tables.TRIALS
+            path = self.folder / files.TRIALS
             raise RunFolderError(f"{path}: holds {len(trials):,} of {held:,} rows; is a file of it gone?")
         place = pc.index_in(trials["run"], value_set=runs["run"].combine_chunks())
         order = place.to_numpy().argsort(kind="stable")
-        return table_rows.Tables(runs, trials.take(pa.array(order)), costs)
+        return files.Tables(runs, trials.take(pa.array(order)), costs)
 
-    def _made(self) -> table_rows.Tables:
-        """Of the plan and what tasks have brought so far."""
+    def _made(self) -> files.Tables:
+        """Make the tables from the plan and the records so far."""
         from taichi_plume.study.store import Store, StoreError
 
         try:
-            return table_rows.tables(self.plan, Store(self.folder).records())
+            return files.make_tables(self.plan, Store(self.folder).records())
         except StoreError as error:
             raise RunFolderError(str(error)) from None
         except FAULTS as error:
-            raise RunFolderError(f"{self.folder / tables.PARTS}: is damaged: {_reason(error)}") from None
+            raise RunFolderError(f"{self.folder / files.PARTS}: is damaged: {_reason(error)}") from None
 
     def trials(self) -> "pandas.DataFrame":
         """A row for each trial of each group."""
@@ -110,12 +112,12 @@ class Results:
         return frame(self.tables.runs)
 
     def costs(self) -> "pandas.DataFrame":
-        """A row for each run that has been run: what it took."""
+        """A row for each run that has been run: its cost."""
         return frame(self.tables.costs)
 
     @cached_property
     def by_points(self) -> "Points":
-        """The points as `study/points.py` has them."""
+        """Points with their estimates, see `study/points.py`."""
         from taichi_plume.study.points import Points
 
         try:
@@ -128,9 +130,9 @@ class Results:
         return self.by_points.frame()
 
     def differences(self, axis: str, quantity: str = "success") -> "pandas.DataFrame":
-        """What each value of an axis makes beside its first one, in the same airs: `apart`, its interval, words.
+        """Compare each value of an axis with the first one, in the same airs: `apart`, its interval, words.
 
-        quantity: a column of trials. Raises ValueError where there is no such axis or quantity.
+        quantity: a column of trials. Raises ValueError if there is no such axis or quantity.
         """
         import pandas
 
@@ -146,20 +148,12 @@ class Results:
         for row in points.differences(axis, one):
             apart = row.pop("apart")
             text = intervals.words(apart, one.unit, one.share, "searches in both")
-            made.append(
-                {
-                    **row,
-                    "apart": apart.mean,
-                    "low": apart.low,
-                    "high": apart.high,
-                    "airs": apart.airs,
-                    "words": text,
-                }
-            )
+            ends = {"apart": apart.mean, "low": apart.low, "high": apart.high}
+            made.append(row | ends | {"airs": apart.airs, "words": text})
         return pandas.DataFrame(made)
 
     def indices(self) -> "pandas.DataFrame":
-        """Of a study of kind sensitivity: Sobol indices of each axis, for each quantity and group, and words."""
+        """Sobol indices of each axis of a sensitivity study, for each quantity and group, and words."""
         import pandas
 
         from taichi_plume.study import indices
@@ -168,16 +162,13 @@ class Results:
         made = []
         for one, group, found in indices.found(self.by_points):
             about = {"quantity": one.name, "group": group, "used": found.used, "asked": found.asked}
-            about |= {
-                "variance": found.variance,
-                "noise": found.noise,
-                "words": "; ".join(indices.words(found)),
-            }
+            about |= {"variance": found.variance, "noise": found.noise}
+            about["words"] = "; ".join(indices.words(found))
             made += [{"axis": axis, **index._asdict(), **about} for axis, index in found.indices.items()]
         return pandas.DataFrame(made)
 
     def orders(self) -> "pandas.DataFrame":
-        """Of a study of kind refinement: observed order, extrapolated value and index of each quantity, and words."""
+        """Observed order, extrapolated value and index of each quantity of a refinement study, and words."""
         import pandas
 
         from taichi_plume.study import refine
@@ -195,26 +186,24 @@ class Results:
             raise RunFolderError(f"{self.folder}: is a study of kind {self.plan.about['kind']}, not {kind}")
 
     def polars(self, name: str) -> "polars.DataFrame":
-        """The table "trials", "runs" or "costs" as polars has it, if that is installed."""
+        """The table "trials", "runs" or "costs" as a polars.DataFrame, if polars is installed."""
         import polars
 
-        if name not in table_rows.Tables._fields:
-            raise ValueError(f"{name!r}: there are {', '.join(table_rows.Tables._fields)}")
-        made = polars.from_arrow(getattr(self.tables, name))
+        if name not in files.Tables._fields:
+            raise ValueError(f"{name!r}: there are {', '.join(files.Tables._fields)}")
+        made = polars.from_arrow(self.tables._asdict()[name])
         assert isinstance(made, polars.DataFrame)
         return made
 
     def __repr__(self) -> str:
-        done = self.tables.runs["status"].value_counts().to_pylist()
-        told = ", ".join(
-            f"{one['counts']:,} {one['values']}" for one in sorted(done, key=lambda one: one["values"])
-        )
+        counts = self.runs()["status"].value_counts().sort_index()
+        runs = ", ".join(f"{count:,} {status}" for status, count in counts.items())
         axes = ", ".join(axis.name for axis in self.plan.axes) or "none"
-        return visible(f"{self.folder}: study {self.plan.about['name']}; axes: {axes}; runs: {told}")
+        return visible(f"{self.folder}: study {self.plan.about['name']}; axes: {axes}; runs: {runs}")
 
 
 def frame(table: pa.Table) -> "pandas.DataFrame":
-    """A table as pandas has it, with units and meanings; nulls stay nulls of truths and whole numbers."""
+    """Return a table as a pandas.DataFrame with units and meanings; booleans and integers keep their nulls."""
     made = table.to_pandas()
     made.attrs["units"] = table_parts.units(table.schema)
     made.attrs["meanings"] = table_parts.meanings(table.schema)
@@ -223,3 +212,37 @@ def frame(table: pa.Table) -> "pandas.DataFrame":
 
 def _reason(error: BaseException) -> str:
     return plain(" ".join(f"{error}".split())) or type(error).__name__
+
+
+def cost_words(costs: pa.Table) -> list[tuple[str, str]]:
+    """Describe the cost of a study's runs: wall time, time per run, how busy the workers were, compiled kernels."""
+    if not len(costs):
+        return []
+    table = costs.sort_by("begun").to_pandas()
+    table["end"] = table["begun"] + table["total_s"]
+    pauses = table["begun"].to_numpy()[1:] - np.maximum.accumulate(table["end"].to_numpy())[:-1]
+    table["stretch"] = np.concatenate([[0], np.cumsum(pauses > PAUSE)])
+    stretches, stays = (
+        table.groupby(keys).agg({"begun": "min", "end": "max"}) for keys in ("stretch", ["stretch", "worker"])
+    )
+    wall, presence = (float((part["end"] - part["begun"]).sum()) for part in (stretches, stays))
+    busy = min(1.0, table["total_s"].sum() / max(presence, 1e-9))
+    each, beyond = table["total_s"].mean(), (table["total_s"] - table["simulation_s"]).mean()
+    count = len(stretches)
+    pauses_left_out = f", in {count} stretches, pauses between them left out" if count > 1 else ""
+    runs = f"{len(table):,}; {_time(each)} each, of which {_time(beyond)} beyond the simulation itself"
+    workers = stays.groupby("stretch").size().max()
+    return [
+        ("wall time", _time(wall) + pauses_left_out),
+        ("runs", runs),
+        ("workers", f"{workers:,}; at work {100 * busy:.0f} % of the time"),
+        ("kernels compiled", f"{table['compiled'].sum():,}"),
+    ]
+
+
+def _time(seconds: float) -> str:
+    if seconds < 1:
+        return f"{1000 * seconds:.3g} ms"
+    if seconds < 120:
+        return f"{seconds:.3g} s"
+    return f"{seconds / 60:.3g} min" if seconds < 7200 else f"{seconds / 3600:.3g} h"

@@ -1,28 +1,33 @@
-"""What the tables hold of a run: a row per trial, and numbers of the whole run."""
+"""Rows of a study's tables: a row per trial of a run, and outcomes of the whole run."""
 
 import re
 from collections.abc import Mapping
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from taichi_plume.grid.geodesic import shortest_ways
 from taichi_plume.scoring import trials as scores
 from taichi_plume.simulation import Simulation
-from taichi_plume.study.messages import Request
+from taichi_plume.study.messages import Request, Row
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 STEP = re.compile(r"[^.\[\]]+")  # of a path
-PROBES = "probes."  # begin of the outcomes that are means of a probe
+PROBES = "probes."  # prefix of outcomes that are means of a probe
 
 
-def trial_rows(sim: Simulation, request: Request) -> list[dict[str, Any]]:
-    """A row for each trial of each group of a run that is over.
+def trial_rows(sim: Simulation, request: Request) -> list[Row]:
+    """Return a row for each trial of each group of a finished run.
 
-    searched: whether there was anything that its robots could find; success and outcome are None where not.
-    time_with_failures_s: a failure counts as all the time that its group had. shares_arena: whether other groups are in
-    the same arena. shortest_m: of the robot that found first, or of the team's first. What is no number is None.
+    searched: whether there was a source to find; success and outcome are None if not. time_with_failures_s: a failure
+    counts as all the time of its group. shares_arena: whether other groups are in the same arena. shortest_m: of the
+    robot that found a source first, else of the team's first. NaN and infinity become None.
     """
     if not sim.swarm.count:
         return []
@@ -35,21 +40,22 @@ def trial_rows(sim: Simulation, request: Request) -> list[dict[str, Any]]:
         trials["shortest_m"] = _shortest(sim, group, now, sources).tolist()
         searched = scores.no_search(sim, group, trials["success"]) is None
         end = scores.end(sim, group)
-        its = who | {"group": group.name, "algorithm": group.model.algorithm.kind}
-        its["shares_arena"] = len(sim.swarm.groups) > 1 and not sim.scenario.rivals
+        common = who | {"group": group.name, "algorithm": group.model.algorithm.kind}
+        common["shares_arena"] = len(sim.swarm.groups) > 1 and not sim.scenario.rivals
         for k in range(group.trials):
             row = {name: _number(values[k]) for name, values in trials.items()}
             if not searched:
                 row["success"] = row["outcome"] = None
             late = row["time_s"] if row["success"] else end
             row["time_with_failures_s"] = late if searched else None
-            rows.append(its | {"searched": searched} | row)
+            rows.append(common | {"searched": searched} | row)
     return rows
 
 
 def _shortest(sim: Simulation, group: Any, now: dict[str, np.ndarray], sources: np.ndarray) -> np.ndarray:
-    """The shortest way on the floor to a source of the robot that found one first, of each trial of a group (trials,)
-    [m]; NaN of what flies.
+    """Shortest path on the floor to a source [m] of the first robot that found a source, for each trial (trials,).
+
+    NaN for flying robots.
     """
     if group.model.body.flies:
         return np.full(group.trials, np.nan)
@@ -63,31 +69,28 @@ def _shortest(sim: Simulation, group: Any, now: dict[str, np.ndarray], sources: 
     )
 
 
-def _number(value: Any) -> Any:
+def _number(value: object) -> object:
     return value if not isinstance(value, float) or isfinite(value) else None
 
 
 def probed(wanted: Mapping[str, str]) -> bool:
-    """Whether any of the outcomes is a mean of a probe."""
+    """Whether an outcome is a mean of a probe."""
     return any(path.startswith(PROBES) for path in wanted.values())
 
 
 def outcomes_of(
     wanted: Mapping[str, str], content: Mapping[str, Any], probes: Path | None
 ) -> dict[str, float | None]:
-    """The numbers at the `wanted` paths of a run's result, or of its table of probes; None where there is none."""
-    told: dict[str, float | None] = {}
-    samples = Samples(probes) if probes is not None else None
-    for name, path in wanted.items():
-        if path.startswith(PROBES):
-            told[name] = samples.mean(path) if samples is not None else None
-        else:
-            told[name] = found(content, path)
-    return told
+    """Return the numbers at the `wanted` paths of a run's result or table of probes; None if there is none."""
+    table = pq.read_table(probes) if probes is not None and probes.exists() else None
+    return {
+        name: probe_mean(table, path) if path.startswith(PROBES) else found(content, path)
+        for name, path in wanted.items()
+    }
 
 
 def found(content: Any, path: str) -> float | None:
-    """The number at a path such as ``maps[0].correlation`` or ``maps.0.correlation``; None where no finite one is."""
+    """Return the number at a path such as ``maps[0].correlation``; None if there is no finite number."""
     for step in STEP.findall(path):
         if isinstance(content, Mapping):
             content = content.get(step)
@@ -100,26 +103,11 @@ def found(content: Any, path: str) -> float | None:
     return float(content) if isfinite(content) else None
 
 
-class Samples:
-    """What the probes of a run have measured since the robots started."""
-
-    def __init__(self, path: Path):
-        import pyarrow.parquet as pq
-
-        self.table = pq.read_table(path) if path.exists() else None
-
-    def mean(self, path: str) -> float | None:
-        """Over time and points, of `probes.NAME.QUANTITY`; names may hold dots."""
-        import pyarrow.compute as pc
-
-        name, _, quantity = path.removeprefix(PROBES).rpartition(".")
-        if self.table is None or quantity not in self.table.column_names:
-            return None
-        compute: Any = pc
-        its = compute.and_(
-            compute.equal(self.table["probe"].cast("string"), name),
-            compute.greater_equal(self.table["t"], 0.0),
-        )
-        values = np.asarray(self.table.filter(its)[quantity], float)
-        value = scores.mean_of_known(values)
-        return value if isfinite(value) else None
+def probe_mean(table: "pa.Table | None", path: str) -> float | None:
+    """Mean over points and time (since the robots started) of a `probes.NAME.QUANTITY`; names may hold dots."""
+    name, _, quantity = path.removeprefix(PROBES).rpartition(".")
+    if table is None or quantity not in table.column_names:
+        return None
+    chosen = pc.and_(pc.equal(table["probe"].cast("string"), name), pc.greater_equal(table["t"], 0.0))
+    value = scores.mean_of_known(np.asarray(table.filter(chosen)[quantity], float))
+    return value if isfinite(value) else None

@@ -1,4 +1,4 @@
-"""One air, many searches: wind and gas are solved once, filmed at every tick, and shown to all runs that share them."""
+"""Shared air: wind and gas are solved once, filmed at every tick, and played to all runs that have them in common."""
 
 import os
 import time
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from taichi_plume.assembly.prepare import StructureError, checked
+from taichi_plume.assembly.prepare import checked
 from taichi_plume.files.air_film import AirFilm, NewAirFilm
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.running.job import explain
@@ -22,11 +22,11 @@ from taichi_plume.study.warm import WARM
 
 SHARE = 0.5  # of the free memory per core, for frames of films
 
-# ---------------------------------------------------------------- solving one
+# ---------------------------------------------------------------- filming
 
 
 def solve_air(task: Task) -> AirRecord:
-    """Film the air that the runs of a task share, to `task.film`; what goes wrong is told in the record."""
+    """Film the air that the runs of a task share to `task.film`. A failure yields a record with the message."""
     begun, air = time.perf_counter(), task.requests[0].air
     key = ("air", task.requests[0].structure, str(task.folder))
     try:
@@ -39,10 +39,14 @@ def solve_air(task: Task) -> AirRecord:
 
 
 def _solve(task: Task, key: tuple[str, ...]) -> tuple[int, int]:
-    """Frames and bytes of the film."""
+    """Write the film; return its number of frames and bytes."""
     assert task.film is not None
     scenarios = [scenario_of(task.base, request.changes) for request in task.requests]
-    sim = _simulation(task, key, alone(scenarios[0], max(one.duration for one in scenarios)))
+    scenario = alone(scenarios[0], max(each.duration for each in scenarios))
+    known = WARM.reset(key, scenario)
+    if known is None:
+        known = WARM.add(key, checked(scenario, task.folder, task.options.allow_outside))
+    sim = known.sim
     wind, gases = filmed(sim.scenario)
     names = VELOCITIES[: sim.grid.dim] if wind else ()
     names = (*names, *map(variable, range(len(gases))))
@@ -58,31 +62,15 @@ def _solve(task: Task, key: tuple[str, ...]) -> tuple[int, int]:
 
 
 def alone(scenario: Scenario, duration: float) -> Scenario:
-    """The air of a scenario, without those who meet it, for so long [s]."""
-    without = {
-        "robots": (),
-        "maps": (),
-        "probes": None,
-        "fields": None,
-        "plumesim_log": None,
-        "rivals": False,
-    }
+    """Return a scenario of the air alone, without robots and recordings, for a duration [s]."""
+    without = {"robots": (), "maps": (), "rivals": False} | dict.fromkeys(
+        ("probes", "fields", "plumesim_log")
+    )
     return scenario.model_copy(update={**without, "duration": duration})
 
 
-def _simulation(task: Task, key: tuple[str, ...], scenario: Scenario) -> Simulation:
-    known = WARM.find(key)
-    if known is not None:
-        try:
-            known.sim.reset(scenario)
-            return known.sim
-        except StructureError:
-            WARM.drop(key)
-    return WARM.add(key, checked(scenario, task.folder, task.options.allow_outside)).sim
-
-
 def _frame(sim: Simulation, wind: bool, gases: list[int]) -> dict[str, np.ndarray]:
-    """What is filmed of an air as it is now."""
+    """Return the present frame of an air's film."""
     grid, frame = sim.grid, {}
     if wind:
         carrier = sim.wind.carrier
@@ -94,7 +82,7 @@ def _frame(sim: Simulation, wind: bool, gases: list[int]) -> dict[str, np.ndarra
 
 
 def _cells(sim: Simulation, n: int) -> np.ndarray:
-    """Concentration of the n-th gas [kg/m³] in the cells and one layer beyond them, as its solver has them."""
+    """Concentration of the n-th gas [kg/m³] in the cells and one layer beyond them, from its solver."""
     gas, grid = sim.gas.gases[n], sim.grid
     if sim.scenario.gases[n][1].on_grid:
         field = gas.c  # pyright: ignore[reportAttributeAccessIssue]
@@ -106,13 +94,13 @@ def _cells(sim: Simulation, n: int) -> np.ndarray:
     return grid.pad(np.asarray(cells, np.float32))[inner]
 
 
-# ---------------------------------------------------------------- showing one
+# ---------------------------------------------------------------- playing
 
-_films: OrderedDict[tuple[str, int], AirFilm] = OrderedDict()  # of this process, with the frames they keep
+_films: OrderedDict[tuple[str, int], AirFilm] = OrderedDict()  # of this process, with cached frames
 
 
 def opened(path: Path) -> AirFilm:
-    """The film of a path, with the frames that runs before have read of it. Raises AirFilmError."""
+    """Return the film at a path, with the frames that earlier runs have read. Raises AirFilmError."""
     try:
         key = str(path), (path / "zarr.json").stat().st_mtime_ns
     except OSError:
@@ -128,12 +116,12 @@ def opened(path: Path) -> AirFilm:
 
 
 def reel_of(scenario: Scenario, film: AirFilm) -> Reel:
-    """What shows a film to a simulation of that scenario. Raises ValueError where it does not fit."""
+    """Return the player of a film for a simulation of a scenario. Raises ValueError if the film does not fit."""
     reel = Reel(*filmed(scenario))
     put(reel, film, scenario)
     return reel
 
 
 def put(reel: Reel, film: AirFilm, scenario: Scenario) -> None:
-    """Show a film from the next begin of a run on. Raises ValueError where it does not fit."""
+    """Play a film from the next start of a run on. Raises ValueError if the film does not fit."""
     reel.put(film, scenario.domain.shape, scenario.tick, scenario.last_tick)

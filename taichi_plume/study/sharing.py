@@ -1,4 +1,4 @@
-"""Which airs can be solved once for many runs, and what of them is filmed; told without Taichi."""
+"""Decide which airs are solved once for several runs, and what is filmed of them; without Taichi."""
 
 import re
 from collections import Counter
@@ -12,54 +12,54 @@ from taichi_plume.study.messages import Request
 if TYPE_CHECKING:
     from taichi_plume.study.plan import Plan
 
-OF_ROBOTS = ("groups", "maps")  # what of a run's result tells nothing of the air itself
+OF_ROBOTS = ("groups", "maps")  # sections of a result that do not depend on how the air is represented
 FILES_OF_ROBOTS = ("scenario.yaml", "robots.parquet", "maps.zarr")
 
 
 def why_not(
     scenario: Scenario, outcomes: Mapping[str, str], share: str, keep: Collection[str] = ()
 ) -> str | None:
-    """Why the air of a run cannot be solved apart from it and shown to it, in words; None where it can.
+    """Return the reason why the air of a run cannot be filmed and played to the run; None if it can.
 
-    outcomes, keep: what the study asks for besides trials. share: exact, where that has to give the same to the bit;
-    always, also where gas of puffs is then known in the mean of its cells only; never.
+    outcomes, keep: what the study asks for besides trials. share: exact, if the result must be the same to the bit;
+    always, also if gas of puffs is then only known as a mean over cells; never.
     """
     return next(_reasons(scenario, outcomes, share, keep), None)
 
 
 def shared_airs(plan: "Plan", requests: Sequence[Request]) -> set[str]:
-    """The airs that several of the runs share and that can be solved apart from them.
+    """Return the airs that several of the runs share and that can be filmed.
 
-    With share_air: always also those of single runs that are others in them, whatever else is still to be done.
+    With share_air: always, also airs of single runs whose results differ when a film is played to them.
     """
-    study, counts = plan.study, Counter(one.air for one in requests)
+    study, counts = plan.study, Counter(request.air for request in requests)
     if study.share_air == "never":
         return set()
     always = study.share_air == "always"
     first = {
-        (one.air, one.structure): one
-        for one in (plan.requests if always else requests)
-        if counts[one.air] > (0 if always else 1)
+        (request.air, request.structure): request
+        for request in (plan.requests if always else requests)
+        if counts[request.air] > (0 if always else 1)
     }
-    told: dict[str, list[bool]] = {}  # by structure, as numbers decide nothing of it: as wanted, and exactly
+    sharable: dict[str, list[bool]] = {}  # by structure, which decides alone: as wanted, and exactly
     airs: dict[str, list[list[bool]]] = {}
     for (air, structure), request in first.items():
-        if structure not in told:
+        if structure not in sharable:
             scenario = scenario_of(plan.base, request.changes)
             ways = (study.share_air, "exact")
-            told[structure] = [
+            sharable[structure] = [
                 why_not(scenario, dict(study.outcomes), way, study.keep) is None for way in ways
             ]
-        airs.setdefault(air, []).append(told[structure])
+        airs.setdefault(air, []).append(sharable[structure])
     return {
         air
-        for air, its in airs.items()
-        if all(wanted for wanted, _ in its) and (counts[air] > 1 or not all(exact for _, exact in its))
+        for air, pairs in airs.items()
+        if all(wanted for wanted, _ in pairs) and (counts[air] > 1 or not all(exact for _, exact in pairs))
     }
 
 
 def differs(scenario: Scenario, outcomes: Mapping[str, str], keep: Collection[str] = ()) -> bool:
-    """Whether a run of a study with share_air: always is another one than where each run solves its own air."""
+    """Whether a run with share_air: always differs from a run that solves its own air."""
     exact, always = (why_not(scenario, outcomes, share, keep) for share in ("exact", "always"))
     return exact is not None and always is None
 
@@ -89,9 +89,9 @@ def _reasons(
 
 
 def filmed(scenario: Scenario) -> tuple[bool, tuple[str, ...]]:
-    """What of an air is filmed: whether the wind is, and the paths of which gases; the rest runs in each run itself.
+    """Return whether the wind is filmed, and the paths of the gases that are; each run computes the rest itself.
 
-    What a uniform wind carries in closed form needs that wind; all else may depend on the wind's own steps.
+    Gas in closed form needs the uniform wind itself; all other gas may depend on the wind's own steps.
     """
     wind = scenario.wind.on_grid and scenario.wind.uniform is None
     return wind, tuple(path for path, gas in scenario.gases if wind or gas.solved)

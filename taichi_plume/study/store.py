@@ -1,8 +1,8 @@
-"""The folder of a study: what its finished runs have left, in a file for each task, written whole or not at all.
+"""Folder of a study: the records of its finished runs, a Parquet file per task, written whole or not at all.
 
-study.yaml and base.yaml are copies of what was asked for, plan.parquet says which runs that makes. ``parts/`` holds
-what tasks brought back: a row for each run, with its trials as a list. One process at a time writes there, others may
-read.
+study.yaml and base.yaml are copies of the user's files, plan.parquet lists the runs of the plan. ``parts/`` holds the
+records that tasks returned: a row per run, with its trials as a list. ``kept/`` and ``failed/`` hold files of single
+runs. One process at a time writes to the folder, others may read.
 """
 
 import json
@@ -10,19 +10,19 @@ import re
 import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from taichi_plume.files import disk, own_folder
+from taichi_plume.files import disk, own_folder, run_folder
 from taichi_plume.files.tables import plain
 from taichi_plume.guard.opening import read_regular, unopenable
 from taichi_plume.study import columns
-from taichi_plume.study.messages import AirRecord, Cost, Record
+from taichi_plume.study.messages import AirRecord, Cost, Record, Request, Row, Task
 
 if TYPE_CHECKING:
+    from taichi_plume.scenario.scenario import Scenario
     from taichi_plume.study.plan import Plan
 
 KIND = "study"  # study.json marks a study's folder
@@ -34,15 +34,7 @@ DONE = ("completed", "stopped")
 
 _PART = re.compile(r"\d{6,}\.parquet")
 _SCORES = pa.struct([(one.name, one.type) for one in columns.TRIAL])
-_COST = pa.struct(
-    [
-        ("begun", pa.float64()),
-        ("total_s", pa.float64()),
-        ("simulation_s", pa.float64()),
-        ("compiled", pa.int64()),
-        ("worker", pa.string()),
-    ]
-)
+_COST = pa.struct([(one.name, one.type) for one in columns.COST if one.name != "run"])
 _SCHEMA = pa.schema(
     [
         ("run", pa.string()),
@@ -59,11 +51,11 @@ _NAMES = frozenset(field.name for field in _SCORES)
 
 
 class StoreError(ValueError):
-    """The folder of a study that cannot be used; the message is one line and begins with the path."""
+    """A study's folder that cannot be used; the message is one line and begins with the path."""
 
 
-class Found(NamedTuple):
-    """The row of a run that counts: of which part, which row there, and its status."""
+class Latest(NamedTuple):
+    """The row of a run that counts: its part, its number there, and its status."""
 
     part: Path
     row: int
@@ -71,26 +63,24 @@ class Found(NamedTuple):
 
 
 class Store:
-    """What the runs of a study have left in a folder. Reading needs no more than the folder.
+    """Records of a study's runs in a folder. Readers need no lock.
 
-    `begin` takes the folder for this process alone, until `close`; as a context it closes itself.
+    `begin` locks the folder for this process until `close`; as a context the store closes itself.
     """
 
     def __init__(self, folder: Path):
         self.folder, self.parts, self.airs = folder, folder / PARTS, folder / AIRS
         self._next = 0
-        self._lock: Any = None
+        self._lock: own_folder.FolderLock | None = None
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
-        """Let others write there."""
+        """Unlock the folder."""
         if self._lock is not None:
             self._lock.release()
             self._lock = None
@@ -98,10 +88,10 @@ class Store:
     # ------------------------------------------------------------ beginning
 
     def begin(self, plan: "Plan", force: bool = False) -> None:
-        """Take the folder for the runs of a plan, or go on with those that are there.
+        """Lock the folder for the runs of a plan; the runs that it holds stay.
 
-        force: drop runs that are not in the plan. Raises StoreError, also where another process writes there, and
-        OSError where the disk is full.
+        force: drop runs that are not in the plan. Raises StoreError, also if another process has locked the folder,
+        and OSError if the disk is full.
         """
         self._hold()
         try:
@@ -134,11 +124,11 @@ class Store:
         except StoreError:
             raise
         except (OSError, ValueError, NotImplementedError) as error:
-            reason = getattr(error, "strerror", None) or error
+            reason = error.strerror if isinstance(error, OSError) and error.strerror else error
             raise StoreError(f"{self.folder}: cannot be written to: {reason}") from None
 
     def _require_ours(self) -> None:
-        """Refuse a folder with files that no study has left, or with links."""
+        """Raise StoreError if the folder holds links or files that no study wrote."""
         other = own_folder.other_in(self.folder, KIND)
         if other is not None:
             raise StoreError(
@@ -149,7 +139,7 @@ class Store:
             raise StoreError(f"{self.folder / link}: is a link, which a study does not write to; remove it")
 
     def _drop_others(self, wanted: set[str], force: bool) -> None:
-        """Refuse runs that are not wanted or, by `force`, remove them."""
+        """Raise StoreError if the folder holds runs that are not wanted; remove them if `force`."""
         others = sorted(self.statuses().keys() - wanted)
         if not others:
             return
@@ -174,7 +164,7 @@ class Store:
                 shutil.rmtree(self.folder / folder / run, ignore_errors=True)
 
     def _tidy(self) -> None:
-        """Remove what was being written when an earlier process was killed."""
+        """Remove unfinished files of an earlier process that was killed."""
         for folder in (self.folder, self.parts, self.airs):
             for left in disk.left_in(folder):
                 left.unlink()
@@ -190,7 +180,7 @@ class Store:
             raise StoreError(f"{source}: is too large; {LARGEST_TEXT >> 20} MiB are read")
         held = self.folder / name
         if held.is_file() and held.read_bytes() != content:
-            for film in self.airs.glob("*.zarr"):  # of runs that were asked for: others may last longer
+            for film in self.airs.glob("*.zarr"):  # the new study's runs may last longer than these films
                 shutil.rmtree(film, ignore_errors=True)
         with disk.written_whole(held) as fresh:
             fresh.write_bytes(content)
@@ -198,7 +188,7 @@ class Store:
     # ------------------------------------------------------------ adding
 
     def add(self, records: Sequence[Record]) -> None:
-        """Bring what a task has brought back to the disk, as another part. Raises OSError."""
+        """Write the records of a task as a new part. Raises OSError."""
         if not records:
             return
         rows = [_row(record) for record in records]
@@ -210,41 +200,41 @@ class Store:
         self._next += 1
 
     def add_air(self, record: AirRecord) -> None:
-        """Keep what solving an air took, or why it failed. Raises OSError."""
+        """Write the cost of solving an air, or why solving failed. Raises OSError."""
         with disk.written_whole(self.airs / f"{record.air}.json") as fresh:
             fresh.write_text(json.dumps(record._asdict()), encoding="utf-8")
 
     def film(self, air: str) -> Path:
-        """Where the film of an air lies, once it is whole."""
+        """Path of the film of an air, once the film is whole."""
         return self.airs / f"{air}.zarr"
 
     # ------------------------------------------------------------ reading
 
-    def found(self) -> dict[str, Found]:
-        """The row of each run that counts: of several, the last in which it was done, else the last one."""
-        rows: dict[str, Found] = {}
+    def latest(self) -> dict[str, Latest]:
+        """The row of each run that counts: of several the last one in which it is done, else the last one."""
+        rows: dict[str, Latest] = {}
         for part in self._files():
             table = _read(part, ["run", "status"])
             pairs = zip(table["run"].to_pylist(), table["status"].to_pylist(), strict=True)
             for n, (run, status) in enumerate(pairs):
                 if run not in rows or status in DONE or rows[run].status not in DONE:
-                    rows[run] = Found(part, n, status)
+                    rows[run] = Latest(part, n, status)
         return rows
 
     def statuses(self) -> dict[str, str]:
-        """Of each run that is there: completed, stopped or failed. Raises StoreError."""
-        return {run: found.status for run, found in self.found().items()}
+        """Status of each recorded run: completed, stopped or failed. Raises StoreError."""
+        return {run: row.status for run, row in self.latest().items()}
 
     def records(self) -> Iterator[Record]:
-        """What came of each run that is there, once each. Raises StoreError."""
-        rows = self.found()
+        """The record of each run that has one. Raises StoreError."""
+        rows = self.latest()
         for part in self._files():
             for n, row in enumerate(_read(part).to_pylist()):
                 if row["run"] in rows and rows[row["run"]][:2] == (part, n):
                     yield _record(part, row)
 
     def air_records(self) -> list[AirRecord]:
-        """What is known of airs that were solved for films, by their ids. Raises StoreError."""
+        """Records of the airs that were filmed, sorted by id. Raises StoreError."""
         records = []
         for file in sorted(self.airs.glob("*.json")):
             try:
@@ -254,7 +244,7 @@ class Store:
         return records
 
     def _files(self) -> list[Path]:
-        """The parts, in the order in which they were written. Raises StoreError where others' files are among them."""
+        """The parts in the order in which they were written. Raises StoreError if foreign files are among them."""
         if not self.parts.is_dir():
             return []
         files = sorted(self.parts.iterdir(), key=lambda file: (len(file.name), file.name))
@@ -266,7 +256,7 @@ class Store:
 
 
 def _read(part: Path, columns: list[str] | None = None) -> pa.Table:
-    """The rows of a part. Raises StoreError."""
+    """Read the rows of a part. Raises StoreError."""
     fault = unopenable(part)
     if fault:
         raise StoreError(f"{part}: {fault}")
@@ -284,25 +274,46 @@ def _read(part: Path, columns: list[str] | None = None) -> pa.Table:
         ) from None
 
 
-def _row(record: Record) -> dict[str, Any]:
-    told = {name: value for row in record.trials[:1] for name, value in row.items() if name not in _NAMES}
+def _row(record: Record) -> Row:
+    common = {name: value for row in record.trials[:1] for name, value in row.items() if name not in _NAMES}
     for row in record.trials:
-        if any(row.get(name) != value for name, value in told.items()) or row.keys() - told.keys() - _NAMES:
+        if (
+            any(row.get(name) != value for name, value in common.items())
+            or row.keys() - common.keys() - _NAMES
+        ):
             raise ValueError(f"run {record.run}: its trials differ in more than scores")
     trials = [{name: row.get(name) for name in _NAMES} for row in record.trials]
     return record._asdict() | {
-        "told": json.dumps(told),
+        "told": json.dumps(common),
         "trials": trials,
         "outcomes": list(record.outcomes.items()),
         "cost": record.cost._asdict(),
     }
 
 
-def _record(part: Path, row: dict[str, Any]) -> Record:
+def _record(part: Path, row: Row) -> Record:
     try:
-        told = json.loads(row["told"])
-        trials = [told | scores for scores in row["trials"]]
+        common = json.loads(row["told"])
+        trials = [common | scores for scores in row["trials"]]
         cost = Cost(**row["cost"])
         return Record(row["run"], row["status"], row["message"], trials, dict(row["outcomes"]), cost)
     except (ValueError, TypeError, LookupError, RecursionError):
         raise StoreError(f"{part}: is damaged; without it, its runs are made again: remove it") from None
+
+
+# ---------------------------------------------------------------- failed runs; without Taichi
+
+
+def leave_failed(task: Task, request: Request, scenario: "Scenario | None", message: str) -> None:
+    """Write the scenario of a failed run, with which it can be repeated, and the message. Raises OSError."""
+    folder = task.options.out / FAILED / request.run
+    folder.mkdir(parents=True, exist_ok=True)
+    if scenario is not None:
+        run_folder.write_scenario(folder, scenario, task.folder.resolve(), "cpu")
+    with disk.written_whole(folder / "message.txt") as fresh:
+        fresh.write_text(message + "\n", encoding="utf-8")
+
+
+def forget_failed(task: Task, request: Request) -> None:
+    """Remove the files of an earlier attempt that failed."""
+    shutil.rmtree(task.options.out / FAILED / request.run, ignore_errors=True)

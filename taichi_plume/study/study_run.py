@@ -1,26 +1,30 @@
-"""A study from its begin to its end: folder, workers, campaign, tables, page, and what the user is told."""
+"""Execute a study: lock its folder, execute the missing runs, write the tables and the page, and inform the user."""
 
 import traceback
+from collections import Counter
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.guard.terminal import say, visible
+from taichi_plume.guard.terminal import LONGEST_VALUE, say, show, visible
 from taichi_plume.running.signals import Ears, listening, reader_may_leave
-from taichi_plume.scenario.loading import ScenarioError
-from taichi_plume.study.store import DONE, Store, StoreError
+from taichi_plume.scenario.loading import ScenarioError, scenario_of
+from taichi_plume.study.outcomes import not_left
+from taichi_plume.study.store import DONE, FAILED, KEPT, Store, StoreError
 
 if TYPE_CHECKING:
     from taichi_plume.study.messages import Request
     from taichi_plume.study.plan import Plan
     from taichi_plume.study.workers import Workers
 
-SHOWN = 3  # failed runs that are shown
+MOST_FAILED = 3  # failed runs that are listed
+MOST_POINTS = 10  # points that `--check` lists
+GOES_ON = "the same command goes on"
 
 
 class Wishes(NamedTuple):
-    """What the command line asks for besides the study; out: the study's folder; workers: None for all cores."""
+    """Options of the command line. out: the study's folder; workers: their number, None for all cores."""
 
     out: Path
     workers: int | None = None
@@ -36,7 +40,7 @@ class Wishes(NamedTuple):
 
 
 def carry_out(plan: "Plan", wishes: Wishes) -> int:
-    """Execute the runs of a plan that are not done, then write tables and page. Return the command's exit code.
+    """Execute the missing runs of a plan, then write tables and page. Return the command's exit code.
 
     Raises ScenarioError, RunFolderError, OSError.
     """
@@ -47,25 +51,23 @@ def carry_out(plan: "Plan", wishes: Wishes) -> int:
             code = _work(plan, store, wishes, ears)
             if code == 2:
                 return code
-            ears.running, ears.hasty = (
-                True,
-                not ears.stopped,
-            )  # a first signal waits until the tables are there
+            ears.running, ears.hasty = True, not ears.stopped  # a first signal waits for the tables
             code = _conclude(plan, store, wishes, code)
             return 130 if ears.stopped else code
     except KeyboardInterrupt:
-        say("interrupted; what is done is kept, and the same command goes on", error=True)
+        say(f"interrupted; what is done is kept, and {GOES_ON}", error=True)
         return 130
     except StoreError as error:
         raise RunFolderError(str(error)) from None
 
 
 def _work(plan: "Plan", store: Store, wishes: Wishes, ears: Ears) -> int:
-    """Do what is not done; returns the exit code so far."""
-    from taichi_plume.study.todo import todo
-
-    missing = todo(plan, store, wishes.retry)
-    _tell_begin(len(plan.requests), len(missing), wishes)
+    """Execute the missing runs; return the exit code so far."""
+    missing = missing_runs(plan, store, wishes.retry)
+    total, before = len(plan.requests), len(plan.requests) - len(missing)
+    if not wishes.quiet:
+        made = f", {before:,} of them made before" if before else ""
+        say(visible(f"{total:,} runs{made}; into {wishes.out}"), error=True)
     if not missing:
         return 0
     from taichi_plume.study.workers import DaskWorkers, LocalWorkers, WorkersError, cores
@@ -83,7 +85,7 @@ def _work(plan: "Plan", store: Store, wishes: Wishes, ears: Ears) -> int:
     except WorkersError as error:
         say(visible(error), error=True)
         if error.code == 1:
-            say(visible(f"what is done is kept in {wishes.out}; the same command goes on"), error=True)
+            say(visible(f"what is done is kept in {wishes.out}; {GOES_ON}"), error=True)
         return error.code
 
 
@@ -97,7 +99,7 @@ def _campaign(
     shared = shared_airs(plan, missing)
     options = options_of(plan, wishes.out, wishes.allow_code, wishes.allow_outside)
     total = len(plan.requests)
-    ears.hasty = True  # a first signal ends it in order, a second one at once
+    ears.hasty = True  # a first signal ends the campaign in order, a second one at once
     try:
         with Display(total, total - len(missing), wishes.quiet) as display:
             campaign = Campaign(plan, store, workers, options, missing, shared, display, ears)
@@ -114,16 +116,16 @@ def _campaign(
 
 
 def _conclude(plan: "Plan", store: Store, wishes: Wishes, code: int) -> int:
-    """Write tables and page, and tell what there is and what is not."""
+    """Write tables and page; report how many runs are done, have failed and are missing."""
     publish(store.folder, wishes.report, quiet=True)
     statuses = store.statuses()
-    failed = sum(one == "failed" for one in statuses.values())
-    done = sum(statuses.get(one.run) in DONE for one in plan.requests)
+    failed = sum(status == "failed" for status in statuses.values())
+    done = sum(statuses.get(request.run) in DONE for request in plan.requests)
     missing = len(plan.requests) - done - failed
     if failed:
-        _tell_failed(store, failed)
+        _report_failed(store, failed)
     if missing:
-        say(visible(f"{missing:,} runs are not done yet; the same command goes on"), error=True)
+        say(visible(f"{missing:,} runs are not done yet; {GOES_ON}"), error=True)
     if not wishes.quiet:
         made = "runs.parquet, trials/" + ", report.html" * wishes.report
         with reader_may_leave():
@@ -132,9 +134,9 @@ def _conclude(plan: "Plan", store: Store, wishes: Wishes, code: int) -> int:
 
 
 def publish(folder: Path, page: bool = True, quiet: bool = False) -> int:
-    """Write the tables and, where wanted, the page of a study's folder; returns the exit code.
+    """Write the tables and, with `page`, the page of a study's folder; return the exit code.
 
-    Raises RunFolderError where it is none, and OSError.
+    Raises RunFolderError if the folder holds no study or damaged files, and OSError.
     """
     from taichi_plume.study import tables
 
@@ -154,44 +156,99 @@ def publish(folder: Path, page: bool = True, quiet: bool = False) -> int:
     return 0
 
 
-# ---------------------------------------------------------------- what the user is told
-
-
-def _tell_begin(total: int, todo: int, wishes: Wishes) -> None:
-    if wishes.quiet:
-        return
-    before = f", {total - todo:,} of them made before" if todo < total else ""
-    say(visible(f"{total:,} runs{before}; into {wishes.out}"), error=True)
-
-
-def _tell_failed(store: Store, failed: int) -> None:
-    told = [(one.run, one.message) for one in store.records() if one.status == "failed"]
+def _report_failed(store: Store, failed: int) -> None:
+    messages = sorted((record.run, record.message) for record in store.records() if record.status == "failed")
     runs = "1 run has failed" if failed == 1 else f"{failed:,} runs have failed"
-    where = store.folder / "failed"
-    say(
-        visible(f"{runs}; all are listed in runs.parquet and lie in {where}; --retry makes them again"),
-        error=True,
-    )
-    for run, message in sorted(told)[:SHOWN]:
+    where = store.folder / FAILED
+    listed = f"all are listed in runs.parquet and lie in {where}; --retry makes them again"
+    say(visible(f"{runs}; {listed}"), error=True)
+    for run, message in messages[:MOST_FAILED]:
         say(visible(f"  {run}: {message}"), error=True)
-    if failed > SHOWN:
+    if failed > MOST_FAILED:
         say("  ...", error=True)
 
 
+# ---------------------------------------------------------------- before the first run
+
+
 def _require_allowed(plan: "Plan", wishes: Wishes) -> None:
-    """Refuse code that scenarios name, unless it is wanted. Raises ScenarioError."""
+    """Raise ScenarioError if scenarios name Python files and --allow-code is not given."""
     if wishes.allow_code:
         return
-    named = [_own(plan.base), *(_own(request.changes) for request in plan.requests)]
-    files = sorted({file for some in named for file in some})
+    files = _own_files([plan.base, *(request.changes for request in plan.requests)])
     if files:
         what = "holds Python code, which runs with all your rights; look at it, then add --allow-code"
-        raise ScenarioError([f"{visible(file)}: {what}" for file in files])
+        raise ScenarioError([f"{visible(file)}: {what}" for file in sorted(files)])
 
 
-def _own(data: object) -> set[str]:
-    """Files of own algorithms that are named in a part of a scenario."""
+def _own_files(data: object) -> set[str]:
+    """Files of own algorithms that a part of a scenario names."""
     if isinstance(data, dict):
         here = {str(data["file"])} if data.get("kind") == "own" and data.get("file") else set()
-        return here.union(*map(_own, data.values()))
-    return set().union(*map(_own, data)) if isinstance(data, list | tuple) else set()
+        return here.union(*map(_own_files, data.values()))
+    return set().union(*map(_own_files, data)) if isinstance(data, list | tuple) else set()
+
+
+def missing_runs(plan: "Plan", store: Store, retry: bool) -> "list[Request]":
+    """Runs of a plan to execute: those without a record, failed ones if `retry`, and those that left too little.
+
+    A run has left too little if the study asks for outcomes or files now that it did not ask for then: neither is part
+    of a run's id. Raises StoreError.
+    """
+    statuses, incomplete = store.statuses(), _incomplete(plan, store)
+    return [
+        request
+        for request in plan.requests
+        if request.run not in statuses
+        or request.run in incomplete
+        or (retry and statuses[request.run] not in DONE)
+    ]
+
+
+def _incomplete(plan: "Plan", store: Store) -> set[str]:
+    """Ids of runs that are done, but lack an outcome or a file that the study asks for."""
+    paths, keep = set(plan.study.outcomes.values()), plan.study.keep
+    if not paths and not keep:
+        return set()
+    incomplete, lacking = set(), {}
+    for record in store.records():
+        if record.status in DONE:
+            if not paths <= record.outcomes.keys():
+                incomplete.add(record.run)
+            kept = store.folder / KEPT / record.run
+            lacking[record.run] = [name for name in keep if not (kept / name).exists()]
+    left: dict[tuple[int, str], bool] = {}  # by point and file: whether runs of the point leave the file
+    for request in plan.requests:
+        for name in lacking.get(request.run, ()):
+            key = request.point, name
+            if key not in left:
+                left[key] = not_left(name, scenario_of(plan.base, request.changes)) is None
+            if left[key]:
+                incomplete.add(request.run)
+    return incomplete
+
+
+def print_check(plan: "Plan", out: Path) -> None:
+    """Print how many runs, points and airs a plan has, and its first points: the answer to `--check`."""
+    from rich.table import Table
+
+    requests = plan.requests
+    runs_of_air = Counter(request.air for request in requests)
+    runs_of_point = Counter(request.point for request in requests)
+    points = {request.point: request for request in reversed(requests)}
+    several = sum(count for count in runs_of_air.values() if count > 1)
+    shared = f"; {several:,} runs share theirs with others" if several else ""
+    structures = len({request.structure for request in requests})
+    say(visible(f"study {plan.study.name} ({plan.study.kind}) of {plan.study.base}, into {out}"))
+    say(f"runs: {len(requests):,}, at {len(points):,} points")
+    say(f"airs: {len(runs_of_air):,}{shared}")
+    say(f"structures, each compiled once by a worker: {structures:,}")
+    heads = (f"{axis.name} [{axis.unit}]" if axis.unit else axis.name for axis in plan.axes)
+    table = Table("point", "runs", *heads)
+    for point, request in sorted(points.items())[:MOST_POINTS]:
+        values = (request.values.get(axis.name) for axis in plan.axes)
+        shown = (f"{v:.6g}" if isinstance(v, float) else visible(v, LONGEST_VALUE) for v in values)
+        table.add_row(str(point), str(runs_of_point[point]), *shown)
+    show(table)
+    if len(points) > MOST_POINTS:
+        say(f"... and {len(points) - MOST_POINTS:,} points more")

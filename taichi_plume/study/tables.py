@@ -1,26 +1,31 @@
-"""The tables of a study's folder, written: `plan.parquet`, `runs.parquet`, `costs.parquet`, and `trials`, which lie in
-folders by the values of axes that have few.
+"""Parquet tables of a study's folder: `plan.parquet`, `runs.parquet`, `costs.parquet`, and the folder `trials`.
 
-Each is made beside its place and renamed into it. All but the costs are equal to the bit however the runs came: they
-are sorted by the plan's number and hold nothing of when, where and in which order that was. The costs come last, and
-tell what all were made of: so a reader knows whether the tables are those of what the folder holds
-(`study/results.py`).
+Trials lie in folders by the values of axes that have few values. Each table is written beside its final place and
+renamed. All but the costs are equal to the bit in whichever order and wherever the runs were executed: rows are sorted
+by the plan's number and hold no times. The costs are written last, with a hash of what all tables were made of, so that
+a reader knows whether the tables are up to date (`study/results.py`).
 """
 
 import hashlib
 import json
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import quote
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from taichi_plume import __version__
 from taichi_plume.files import disk
-from taichi_plume.study import table_rows
-from taichi_plume.study.messages import Record
+from taichi_plume.study import columns
+from taichi_plume.study.messages import Axis, Data, Record, Row
+
+if TYPE_CHECKING:
+    from taichi_plume.study.plan import Plan
 
 PLAN, RUNS, TRIALS, COSTS, PARTS = "plan.parquet", "runs.parquet", "trials", "costs.parquet", "parts"
 MADE_OF, HELD = b"made_of", b"trials"
@@ -28,49 +33,192 @@ MOST_FOLDERS = 1000
 ROW_GROUP = 50_000
 
 
-def write_plan(folder: Path, plan: Any) -> None:
-    """Write `plan.parquet`: a row for each run that a Plan (study/plan.py) asks for. Raises OSError."""
-    _write(folder / PLAN, table_rows.planned(plan).table)
+class Tables(NamedTuple):
+    """Tables of a study. runs: a row per run of the plan; trials: a row per trial of each group that has been run;
+    costs: a row per run that has been run.
+    """
+
+    runs: pa.Table
+    trials: pa.Table
+    costs: pa.Table
 
 
-def read_plan(folder: Path) -> table_rows.Planned:
-    """The plan of a folder, as `write_plan` left it. Raises OSError, ValueError, LookupError."""
+class Planned(NamedTuple):
+    """Table of a plan. about: name, kind, outcomes (path by column) and more of the study."""
+
+    table: pa.Table
+    about: Data
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """Columns that the study varies."""
+        return tuple(Axis(*axis) for axis in self.about["axes"])
+
+    @property
+    def outcomes(self) -> dict[str, str]:
+        """Outcomes of runs, path by column."""
+        return self.about["outcomes"]
+
+    @property
+    def fields(self) -> list[pa.Field]:
+        """Columns of the axes, without those of seeds."""
+        kinds = {axis.name: self.table.schema.field(axis.name).type for axis in self.axes}
+        return columns.axis_columns(self.axes, kinds)
+
+
+# ---------------------------------------------------------------- making
+
+
+def planned(plan: "Plan") -> Planned:
+    """Make the table of a plan, a row for each of its requests."""
+    requests = sorted(plan.requests, key=lambda request: request.number)
+    kinds = {}
+    for axis in plan.axes:
+        values = (request.values[axis.name] for request in requests)
+        kinds[axis.name] = columns.kind_of({type(value): value for value in values}.values())
+    study = plan.study.model_dump(mode="json")
+    about = {
+        "name": study["name"],
+        "kind": study["kind"],
+        "axes": [list(axis) for axis in plan.axes],
+        "outcomes": dict(study.get("outcomes") or {}),
+        "file": plan.file.name,
+        "version": __version__,
+        "study": study,
+    }
+    schema = columns.plan_schema(columns.axis_columns(plan.axes, kinds), about)
+    made: dict[str, list[object]] = {field.name: [] for field in schema}
+    for request in requests:
+        row = dict(request.values) | request._asdict()
+        for field in schema:
+            value = row[field.name]
+            text = field.type == pa.string() and not isinstance(value, str)
+            made[field.name].append(json.dumps(value) if text else value)
+    return Planned(_table(made, schema), about)
+
+
+def make_tables(plan: Planned, records: Iterable[Record], made_of: str = "") -> Tables:
+    """Make the tables of a plan and of records in any order, at most one per run.
+
+    Records of runs that are not in the plan are left out.
+    """
+    place = {run: n for n, run in enumerate(plan.table["run"].to_pylist())}
+    latest = {record.run: record for record in records if record.run in place}
+    came = [latest[run] for run in sorted(latest, key=place.__getitem__)]
+    trials = _trials(plan, came, place)
+    return Tables(_runs(plan, latest), trials, _costs(came, columns.costs_schema(made_of, len(trials))))
+
+
+def _runs(plan: Planned, latest: Mapping[str, Record]) -> pa.Table:
+    schema = columns.runs_schema(plan.fields, plan.outcomes)
+    records = [latest.get(run) for run in plan.table["run"].to_pylist()]
+    made: Row = {name: plan.table[name] for name in plan.table.column_names}
+    made["status"] = [record.status if record else "missing" for record in records]
+    made["message"] = [record.message if record else "" for record in records]
+    for name, path in plan.outcomes.items():
+        made[name] = [_number(record.outcomes.get(path)) if record else None for record in records]
+    return _table(made, schema)
+
+
+def _trials(plan: Planned, came: list[Record], place: dict[str, int]) -> pa.Table:
+    schema = columns.trials_schema(plan.fields)
+    fields = {field.name: field for field in columns.of_trials(plan.fields)}
+    made: dict[str, list[Any]] = {name: [] for name in fields}
+    rows = []
+    for record in came:
+        for trial in record.trials:
+            rows.append(place[record.run])
+            for name, field in fields.items():
+                value = trial.get(name)
+                made[name].append(value if field.type in (pa.string(), pa.bool_()) else _number(value))
+    for name in (field.name for field in fields.values() if field.type == pa.int64()):
+        made[name] = [None if value is None else round(value) for value in made[name]]
+    pairs = zip(made["success"], made["searched"], strict=True)
+    made["success"] = [success if searched else None for success, searched in pairs]
+    of_run = plan.table.take(pa.array(rows, pa.int64()))
+    return _table({name: of_run[name] for name in of_run.column_names} | made, schema)
+
+
+def _costs(came: list[Record], schema: pa.Schema) -> pa.Table:
+    return pa.Table.from_pylist([{"run": one.run, **one.cost._asdict()} for one in came], schema)
+
+
+def _number(value: object) -> float | int | None:
+    """Return a finite number as it is, anything else as None."""
+    return value if isinstance(value, int | float) and isfinite(value) else None
+
+
+def _table(made: Mapping[str, Sequence[object] | pa.ChunkedArray], schema: pa.Schema) -> pa.Table:
+    """Make a table of one chunk per column, so that equal tables have equal bytes."""
+    arrays = []
+    for field in schema:
+        values = made[field.name]
+        if isinstance(values, pa.ChunkedArray):
+            values = values.combine_chunks().cast(field.type)
+        else:
+            values = pa.array(values, field.type)
+        arrays.append(values)
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+# ---------------------------------------------------------------- writing
+
+
+def write_plan(folder: Path, plan: "Plan") -> None:
+    """Write `plan.parquet`: a row for each run of a plan. Raises OSError."""
+    _write(folder / PLAN, planned(plan).table)
+
+
+def read_plan(folder: Path) -> Planned:
+    """Read `plan.parquet`. Raises OSError, ValueError, LookupError."""
     table = read(folder / PLAN)
-    return table_rows.Planned(table, json.loads(table.schema.metadata[b"study"]))
+    return Planned(table, json.loads(table.schema.metadata[b"study"]))
 
 
 def publish(folder: Path, records: Iterable[Record]) -> None:
-    """Write the tables of the plan that lies in a folder, and of what came of its runs, in any order.
+    """Write the tables of the plan in a folder and of records in any order, unless they are up to date.
 
-    Where they are there already, made of the same, nothing is done. Raises OSError.
+    Raises OSError.
     """
     made_of = state(folder)
     if held(folder, made_of) is not None:
         return
     plan = read_plan(folder)
-    made = table_rows.tables(plan, records, made_of)
-    (folder / COSTS).unlink(missing_ok=True)  # until it is there again, no reader takes the others for whole
+    made = make_tables(plan, records, made_of)
+    (folder / COSTS).unlink(missing_ok=True)  # without costs no reader takes the others for whole
     _write(folder / RUNS, made.runs)
-    _write_trials(folder, table_rows.by_folders(plan, MOST_FOLDERS), made.trials)
+    _write_trials(folder, _folder_axes(plan), made.trials)
     _write(folder / COSTS, made.costs)
 
 
 def state(folder: Path) -> str:
-    """A hash of what tables are made of: the plan, and names and sizes of what tasks have brought."""
-    told = hashlib.sha256((folder / PLAN).read_bytes())
-    for name, size in sorted((one.name, one.stat().st_size) for one in (folder / PARTS).glob("*.parquet")):
-        told.update(f"{name} {size}\n".encode())
-    return told.hexdigest()
+    """Return a hash of what tables are made of: the plan, and names and sizes of the parts."""
+    found = hashlib.sha256((folder / PLAN).read_bytes())
+    for name, size in sorted((part.name, part.stat().st_size) for part in (folder / PARTS).glob("*.parquet")):
+        found.update(f"{name} {size}\n".encode())
+    return found.hexdigest()
 
 
 def held(folder: Path, made_of: str) -> int | None:
-    """How many trials the tables of a folder hold; None where they are not there, or not made of that state."""
+    """Number of trials in the tables of a folder; None if there are no tables made of that state."""
     try:
-        told = pq.read_schema(folder / COSTS).metadata or {}
+        metadata = pq.read_schema(folder / COSTS).metadata or {}
     except (OSError, pa.ArrowException):
         return None
     there = (folder / RUNS).is_file() and (folder / TRIALS).is_dir()
-    return int(told[HELD]) if there and told.get(MADE_OF) == made_of.encode() else None
+    return int(metadata[HELD]) if there and metadata.get(MADE_OF) == made_of.encode() else None
+
+
+def _folder_axes(plan: Planned) -> tuple[str, ...]:
+    """Axes by whose values the trials lie in folders: as many as make at most MOST_FOLDERS folders."""
+    chosen: tuple[str, ...] = ()
+    fields = {field.name for field in plan.fields}
+    for axis in plan.axes:
+        more = (*chosen, axis.name)
+        few = axis.partition and axis.name in fields
+        if few and len(plan.table.group_by(more).aggregate([])) <= MOST_FOLDERS:
+            chosen = more
+    return chosen
 
 
 def _write_trials(folder: Path, names: tuple[str, ...], trials: pa.Table) -> None:
@@ -78,10 +226,8 @@ def _write_trials(folder: Path, names: tuple[str, ...], trials: pa.Table) -> Non
     fresh, old = folder / f"{TRIALS}.new", folder / f"{TRIALS}.old"
     for left in (fresh, old):
         shutil.rmtree(left, ignore_errors=True)
-    for values, table in table_rows.parts(trials, names):
-        keys = (
-            f"by_{quote(name, safe='')}={_key(value)}" for name, value in zip(names, values, strict=False)
-        )
+    for values, table in _split(trials, names):
+        keys = [f"by_{quote(name, safe='')}={_key(value)}" for name, value in values.items()]
         place = fresh.joinpath(*keys)
         place.mkdir(parents=True)
         _write(place / "part-0.parquet", table)
@@ -91,23 +237,38 @@ def _write_trials(folder: Path, names: tuple[str, ...], trials: pa.Table) -> Non
     shutil.rmtree(old, ignore_errors=True)
 
 
-def _key(value: Any) -> str:
-    """A value as the name of a folder, as Hive writes it; numbers and truths as Python does."""
+def _split(trials: pa.Table, names: Sequence[str]) -> list[tuple[Row, pa.Table]]:
+    """Split the trials by the values of some axes, each part in the order of the whole."""
+    if not names or not len(trials):
+        return [({}, trials)]
+    made = []
+    groups = trials.group_by(names).aggregate([]).to_pylist()
+    for values in sorted(groups, key=lambda group: str(list(group.values()))):
+        chosen = pa.scalar(True)
+        for name in names:
+            value = pa.scalar(values[name], trials.schema.field(name).type)
+            chosen = pc.and_(chosen, pc.equal(trials[name], value))
+        made.append(({name: values[name] for name in names}, trials.filter(chosen).combine_chunks()))
+    return made
+
+
+def _key(value: object) -> str:
+    """Return a value as the name of a folder, as Hive writes it; numbers and booleans as Python does."""
     return quote(str(value), safe=" ") or "__HIVE_DEFAULT_PARTITION__"
 
 
 def _write(path: Path, table: pa.Table) -> None:
     disk.require_room(path, table.nbytes)
-    kept = {"compression": "zstd", "write_page_checksum": True}
-    with disk.written_whole(path) as fresh, pq.ParquetWriter(fresh, table.schema, **kept) as writer:
+    options = {"compression": "zstd", "write_page_checksum": True}
+    with disk.written_whole(path) as fresh, pq.ParquetWriter(fresh, table.schema, **options) as writer:
         writer.write_table(table, ROW_GROUP)
 
 
 def read(path: Path) -> pa.Table:
-    """A table, or all files of a folder of them, in their order. Raises OSError, ValueError (of Arrow too)."""
+    """Read a table, or all files of a folder in their order. Raises OSError, ValueError (of Arrow too)."""
     files = sorted(path.rglob("*.parquet")) if path.is_dir() else [path]
     tables = []
-    for file in files:
-        with pq.ParquetFile(file, page_checksum_verification=True) as one:
-            tables.append(one.read())
+    for part in files:
+        with pq.ParquetFile(part, page_checksum_verification=True) as file:
+            tables.append(file.read())
     return pa.concat_tables(tables).combine_chunks()

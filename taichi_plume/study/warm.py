@@ -1,35 +1,34 @@
-"""Keeps simulations from run to run in one process, so that only the first run of a structure compiles anything.
+"""Cache of compiled simulations in a worker process: only the first run of a structure compiles kernels.
 
-Taichi has places for 512 trees of fields and frees none of them but all at once: before they or the memory run out it
-is started anew, and with it all simulations.
+Taichi has room for 512 SNode trees and frees them only all at once. Before the trees or the memory run out, Taichi is
+restarted and the cache emptied.
 """
 
 import gc
 import os
 from collections import OrderedDict
 from collections.abc import Hashable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import psutil
 import taichi as ti
 from taichi.lang import impl
 
 from taichi_plume.assembly.assemble import build
-from taichi_plume.assembly.prepare import Prepared
+from taichi_plume.assembly.prepare import Prepared, StructureError
 from taichi_plume.grid import kernels
+from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.filmed import Reel
 
-PLACES = 480  # of 512 for trees of fields; beyond them Taichi crashes
-USUAL = 40  # trees of a simulation, until one has been seen; usually 16
-MOST = 8  # simulations at a time
-SHARE = (
-    0.8  # of the machine's memory per core, by which this process may have grown when Taichi is started anew
-)
+PLACES = 480  # SNode trees, of 512; beyond them Taichi crashes
+USUAL = 40  # trees of a simulation before the first one has been built; usually 16
+MOST = 8  # simulations in the cache
+SHARE = 0.8  # of the machine's memory per core: Taichi is restarted when this process has grown by more
 
 
 class Kept(NamedTuple):
-    """A simulation that can be reset, what it was made of, and the film that it shows, if it shows one."""
+    """A cached simulation, the checked scenario that it was built from, and the film that it plays, if any."""
 
     prepared: Prepared
     sim: Simulation
@@ -37,9 +36,10 @@ class Kept(NamedTuple):
 
 
 class Warm:
-    """The simulations of a process, by what makes one fit for other scenarios; the least recently used go first.
+    """Simulations of a process, by a key that scenarios share which one simulation can execute.
 
-    Taichi runs on one thread: a machine is filled by several processes. begun: how often Taichi has been started.
+    The least recently used simulation is dropped first. Taichi runs on one thread, as every core has a process of its
+    own. begun: number of starts of Taichi.
     """
 
     def __init__(self, most: int = MOST):
@@ -47,7 +47,7 @@ class Warm:
         self.begun = 0
         self.backend = ""
         self._kept: OrderedDict[Hashable, Kept] = OrderedDict()
-        self._program: Any = None
+        self._program: object = None
         self._largest = USUAL
         self._memory = 0
         self._compiled = 0
@@ -58,12 +58,23 @@ class Warm:
         return self._compiled + (kernels.compiled() if self._alive() else 0)
 
     def find(self, key: Hashable) -> Kept | None:
-        """The simulation of that key, if there is one; to be reset."""
+        """Return the cached simulation of a key, which must be reset, or None."""
         if not self._alive():
             self._kept.clear()
         if key in self._kept:
             self._kept.move_to_end(key)
         return self._kept.get(key)
+
+    def reset(self, key: Hashable, scenario: Scenario) -> Kept | None:
+        """Return the cached simulation of a key at the start of a scenario; None if there is none that fits."""
+        known = self.find(key)
+        try:
+            if known is not None:
+                known.sim.reset(scenario)
+        except StructureError:
+            self.drop(key)
+            return None
+        return known
 
     def add(self, key: Hashable, prepared: Prepared, reel: Reel | None = None) -> Kept:
         """Assemble a simulation of a checked scenario whose code has been executed. Raises ScenarioError."""
@@ -77,14 +88,14 @@ class Warm:
         return self._kept[key]
 
     def drop(self, key: Hashable) -> None:
-        """Throw a simulation away, as something went wrong in it."""
+        """Remove a simulation in which an error occurred."""
         self._kept.pop(key, None)
 
     def _alive(self) -> bool:
         return self._program is not None and impl.get_runtime().prog is self._program
 
     def _make_room(self) -> None:
-        """Start Taichi where it does not run, or anew where it has hardly a place, or much memory, left."""
+        """Start Taichi, or restart it when its SNode trees or memory are nearly used up."""
         while len(self._kept) >= self.most:
             self._kept.popitem(last=False)
         if self._alive():
@@ -103,10 +114,10 @@ class Warm:
 
 
 WARM = Warm()
-"""Those of this process."""
+"""Simulations of this process."""
 
 
 def _trees() -> int:
-    """How many trees of fields Taichi holds."""
-    program: Any = impl.get_runtime().prog
+    """Number of SNode trees that Taichi holds."""
+    program = impl.get_runtime().prog
     return program.get_snode_tree_size() if program else 0

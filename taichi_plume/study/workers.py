@@ -13,15 +13,16 @@ import signal
 import threading
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from functools import partial
 from math import ceil
 from multiprocessing import resource_tracker
+from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from taichi_plume import __version__
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
@@ -30,6 +31,9 @@ from taichi_plume.running.signals import Ears, deaf
 if TYPE_CHECKING:
     from taichi_plume.study.messages import AirRecord, Record, Task
     from taichi_plume.study.plan import Plan
+
+    Result: TypeAlias = list[Record] | AirRecord
+    Work: TypeAlias = Callable[[Task], Result]
 
 LOG = "workers.log"  # what workers, and with --scheduler Dask, print
 CONNECT_S = 10.0  # for a scheduler to answer
@@ -50,30 +54,7 @@ class WorkersError(Exception):
         self.code = code
 
 
-class Workers(Protocol):
-    """Workers by name. remarks: notes that the user has not seen yet."""
-
-    remarks: list[str]
-
-    @property
-    def death(self) -> type[BaseException]:
-        """Exception of a task whose worker died."""
-        ...
-
-    def workers(self) -> list[str]:
-        """Names of the workers that can be given tasks now. Raises WorkersError if the scheduler is gone."""
-        ...
-
-    def submit(self, worker: str, function: Any, *arguments: Any) -> "Future[Any]":
-        """Let a worker call a function."""
-        ...
-
-    def close(self) -> None:
-        """End processes on this machine at once; workers of a Dask scheduler keep running."""
-        ...
-
-
-def work(task: "Task") -> "list[Record] | AirRecord":
+def work(task: "Task") -> "Result":
     """Film the air of a task or execute its runs. Threads of a worker take turns.
 
     Called in workers: Taichi is imported here, so that the command does without.
@@ -92,7 +73,10 @@ def work(task: "Task") -> "list[Record] | AirRecord":
 
 
 class LocalWorkers:
-    """Worker processes on this machine: an executor of one process each. Standard output and errors go to `out`."""
+    """Worker processes on this machine: an executor of one process each. Standard output and errors go to `out`.
+
+    death: exception of a task whose worker died; remarks: notes that the user has not seen yet.
+    """
 
     death: type[BaseException] = BrokenProcessPool
 
@@ -101,21 +85,21 @@ class LocalWorkers:
         self._log = out.resolve() / LOG
         self._names = [str(n) for n in range(count)]
         self._executors: dict[str, ProcessPoolExecutor] = {}
-        self._processes: set[Any] = set()
+        self._processes: set[BaseProcess] = set()
 
     def workers(self) -> list[str]:
         """Names of the workers; a worker that died is started again by the next task that it is given."""
         return self._names
 
-    def submit(self, worker: str, function: Any, *arguments: Any) -> "Future[Any]":
-        """Let a worker call a function; its process is started if there is none."""
+    def submit(self, worker: str, function: "Work", task: "Task") -> "Future[Result]":
+        """Let a worker execute a task; the worker's process is started if there is none."""
         with suppress(KeyError, BrokenProcessPool):
-            return self._executors[worker].submit(function, *arguments)
+            return self._executors[worker].submit(function, task)
         context = multiprocessing.get_context("spawn")
         before = set(multiprocessing.active_children())
         with _blocked_signals(), _environment():
             executor = ProcessPoolExecutor(1, context, _begin_process, (self._log,))
-            future = executor.submit(function, *arguments)
+            future = executor.submit(function, task)
         self._processes |= set(multiprocessing.active_children()) - before
         self._executors[worker] = executor
         return future
@@ -130,6 +114,9 @@ class LocalWorkers:
             with suppress(OSError):
                 if not self._log.stat().st_size:
                     self._log.unlink()
+
+
+Workers: TypeAlias = "LocalWorkers | DaskWorkers"
 
 
 def cores() -> int:
@@ -176,16 +163,14 @@ def _blocked_signals() -> Iterator[None]:
 @contextmanager
 def _environment() -> Iterator[None]:
     """Start processes with the variables of ENVIRONMENT; those of this process stay as they are."""
-    before = {name: os.environ.get(name) for name in ENVIRONMENT}
+    before = {name: os.environ[name] for name in ENVIRONMENT if name in os.environ}
     os.environ.update(ENVIRONMENT)
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        for name in ENVIRONMENT.keys() - before.keys():
+            del os.environ[name]
+        os.environ.update(before)
 
 
 # ---------------------------------------------------------------- of a Dask scheduler
@@ -260,9 +245,9 @@ class DaskWorkers:
                 answer = f"has no taichi_plume {__version__} ({why}): install it there"
             raise WorkersError(f"worker {address}: {answer}", 2)
 
-    def submit(self, worker: str, function: Any, *arguments: Any) -> "Future[Any]":
-        """Let a worker call a function."""
-        return self._executors[worker].submit(function, *arguments)
+    def submit(self, worker: str, function: "Work", task: "Task") -> "Future[Result]":
+        """Let a worker execute a task."""
+        return self._executors[worker].submit(function, task)
 
     def close(self) -> None:
         """Leave the scheduler, which drops tasks that have not begun."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from taichi_plume.assembly.prepare import prepare
-from taichi_plume.contest import plume
+from taichi_plume.contest import plots
 from taichi_plume.contest.entrants import (
     FILES,
     FLOOR,
@@ -47,7 +47,7 @@ def test_a_fixed_scenario_is_sound(name):
     assert one.scenario.robots[0].trials == 5
     assert one.about[1].startswith("The question: ")
     assert one.about[1].rstrip().endswith((".", "?"))
-    assert set(one.told) == {"threshold_ppm", "wind_speed"}
+    assert set(one.facts) == {"threshold_ppm", "wind_speed"}
     for each in shipped():
         scenario = scenario_from(changed(one.data, each.changes(one)))
         group = scenario.robots[0]
@@ -58,21 +58,20 @@ def test_a_fixed_scenario_is_sound(name):
 def test_all_scenarios_have_the_same_robot_and_chances():
     """But for the height of a sensor, which only 3-D has."""
     groups = [fixed(name).scenario.robots[0] for name in NAMES]
+    gas = [group.sensors.gas.model_copy(update={"height": 0}) for group in groups]
+    assert all(one == gas[0] for one in gas)
     for group in groups:
         assert group.body == groups[0].body
         assert group.reach == 0.25  # as the page says
-        assert group.sensors.gas.model_copy(update={"height": 0}) == groups[0].sensors.gas.model_copy(
-            update={"height": 0}
-        )
     assert {fixed(name).scenario.duration for name in NAMES} == {300.0}
 
 
 def test_each_is_told_what_it_has_a_key_for():
     one, there = fixed("closed_room"), {each.name: each for each in shipped()}
     told = {name: each.changes(one)["robots.0.algorithm"] for name, each in there.items()}
-    assert told["casting"] == {"kind": "casting", "threshold_ppm": one.told["threshold_ppm"]}
-    assert told["infotaxis"]["wind_speed"] == one.told["wind_speed"]
-    assert told["spiral"] == {"kind": "spiral", "minimum_ppm": one.told["threshold_ppm"]}
+    assert told["casting"] == {"kind": "casting", "threshold_ppm": one.facts["threshold_ppm"]}
+    assert told["infotaxis"]["wind_speed"] == one.facts["wind_speed"]
+    assert told["spiral"] == {"kind": "spiral", "minimum_ppm": one.facts["threshold_ppm"]}
     assert told["random_walk"] == {"kind": "random_walk"}
 
 
@@ -88,25 +87,9 @@ def test_what_is_written_is_a_study_that_can_be_run_by_itself(tmp_path):
     assert {one.values["algorithm"] for one in plan.requests} == {"casting", "dapso", "mine"}
 
 
-@pytest.mark.parametrize(
-    ("call", "told"),
-    [
-        (
-            lambda: scenarios(["open_2"], ()),
-            "scenario 'open_2': there is none of that name; did you mean open_2d?",
-        ),
-        (
-            lambda: entrants(["castin"], ()),
-            "algorithm 'castin': there is none of that name; did you mean casting?",
-        ),
-        (lambda: known("algorithm", ["\x1b[2J"], ["casting"]), r"algorithm '\x1b[2J': there is none"),
-    ],
-)
-def test_an_unknown_name_is_told_with_the_near_one(call, told):
-    with pytest.raises(ScenarioError) as error:
-        call()
-    assert str(error.value).startswith(told)
-    assert "\n" not in str(error.value)
+def test_an_unknown_name_is_shown_harmless():
+    with pytest.raises(ScenarioError, match=r"algorithm '\\x1b\[2J': there is none"):
+        known("algorithm", ["\x1b[2J"], ["casting"])
 
 
 @pytest.mark.parametrize(
@@ -117,13 +100,15 @@ def test_an_unknown_name_is_told_with_the_near_one(call, told):
         ("empty.py", "x = 1\n", "holds not exactly one class with a method act; there are: none"),
         ("broken.py", "def act(:\n", "line 1"),
         ("casting.py", OWN, "another algorithm of the contest is called casting; rename the file"),
+        ("infotaxis_declares.py", OWN, "another algorithm of the contest is called infotaxis_declares"),
     ],
 )
-def test_a_file_that_is_no_algorithm_is_refused(tmp_path, name, text, told):
+@pytest.mark.parametrize("names", [None, ["casting"]])
+def test_a_file_that_is_no_algorithm_is_refused(tmp_path, name, text, told, names):
     if text is not None:
         (tmp_path / name).write_text(text)
     with pytest.raises(ScenarioError) as error:
-        entrants(None, [tmp_path / name])
+        entrants(names, [tmp_path / name])
     assert told in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -141,17 +126,14 @@ def test_an_own_file_is_found_from_anywhere(tmp_path, monkeypatch):
 
 def test_a_policy_is_a_network_or_that_of_a_scenario(tmp_path):
     (tmp_path / "seeker.onnx").write_bytes(b"")
-    assert learnt(tmp_path / "seeker.onnx").section == {
-        "kind": "policy",
-        "file": str(tmp_path / "seeker.onnx"),
-    }
+    network = str(tmp_path / "seeker.onnx")
+    assert learnt(tmp_path / "seeker.onnx").section == {"kind": "policy", "file": network}
     section = "{kind: policy, file: seeker.onnx, observe: [gas], period: 1 s}"
-    (tmp_path / "task.yaml").write_text(
-        f"robots: [{{algorithm: {{kind: casting}}}}, {{algorithm: {section}}}]"
-    )
+    text = f"robots: [{{algorithm: {{kind: casting}}}}, {{algorithm: {section}}}]"
+    (tmp_path / "task.yaml").write_text(text)
     mine = learnt(tmp_path / "task.yaml")
     assert mine.name == "task"
-    assert mine.section["file"] == str(tmp_path / "seeker.onnx")
+    assert mine.section["file"] == network
     assert mine.section["observe"] == ["gas"]
     (tmp_path / "other.yaml").write_text("robots: []")
     with pytest.raises(ScenarioError, match="has no robots with algorithm"):
@@ -173,24 +155,14 @@ def test_who_can_say_where_the_source_is_takes_part_twice(tmp_path):
     ]
 
 
-def test_no_file_is_called_as_a_shipped_one_at_its_word(tmp_path):
-    mine = tmp_path / "infotaxis_declares.py"
-    mine.write_text(OWN)
-    for names in (["infotaxis"], ["casting"]):
-        with pytest.raises(
-            ScenarioError, match="another algorithm of the contest is called infotaxis_declares"
-        ):
-            entrants(names, [mine])
-
-
 def test_a_picture_that_was_cut_off_is_made_again(tmp_path, monkeypatch):
     made = []
-    monkeypatch.setattr(plume, "_computed", lambda scenario: made.append(1) or np.ones((2, 3), np.float32))
+    monkeypatch.setattr(plots, "_computed", lambda scenario: made.append(1) or np.ones((2, 3), np.float32))
     one = fixed("meandering")
     for content in (None, b"", b"PK\x03\x04 and no more"):
         if content is not None:
             (tmp_path / "meandering.plume.npz").write_bytes(content)
-        assert plume.mean_plume(one, tmp_path).shape == (2, 3)
-        assert plume.mean_plume(one, tmp_path).shape == (2, 3)
+        assert plots.mean_plume(one, tmp_path).shape == (2, 3)
+        assert plots.mean_plume(one, tmp_path).shape == (2, 3)
     assert len(made) == 3
     assert [file.name for file in tmp_path.iterdir()] == ["meandering.plume.npz"]

@@ -236,25 +236,19 @@ def no_input(copy):
     shutil.rmtree(copy / "fields.zarr")
 
 
+def rewritten(change):
+    """Another table of probes."""
+
+    def of(copy):
+        file = copy / "probes.parquet"
+        pq.write_table(change(pq.read_table(file)), file)
+
+    return of
+
+
 def cut(copy):
     file = copy / "probes.parquet"
     file.write_bytes(file.read_bytes()[:-2000])
-
-
-def empty(copy):
-    file = copy / "probes.parquet"
-    pq.write_table(pq.read_table(file).slice(0, 0), file)
-
-
-def mixed(copy):
-    file = copy / "probes.parquet"
-    table = pq.read_table(file)
-    pq.write_table(table.slice(30), file)
-
-
-def without_time(copy):
-    file = copy / "probes.parquet"
-    pq.write_table(pq.read_table(file).drop_columns(["t"]), file)
 
 
 def nowhere_film(copy):
@@ -271,9 +265,9 @@ def nowhere_film(copy):
         (lambda copy: (copy / "probes.parts").mkdir(), "was killed"),
         (no_input, "neither probes.parquet nor fields.zarr"),
         (cut, "probes.parquet"),
-        (empty, "holds no row"),
-        (mixed, "damaged"),
-        (without_time, "damaged"),
+        (rewritten(lambda table: table.slice(0, 0)), "holds no row"),
+        (rewritten(lambda table: table.slice(30)), "damaged"),
+        (rewritten(lambda table: table.drop_columns(["t"])), "damaged"),
         (nowhere_film, "fields.zarr"),
         (lambda copy: (copy / "probes.parquet").write_text("no"), "probes.parquet"),
     ],

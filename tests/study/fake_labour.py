@@ -31,31 +31,18 @@ def run(task: Task, request: Request) -> Record:
     until = time.process_time() + told.get("burn", 0.0)
     while time.process_time() < until:
         pass
-    simulated = time.perf_counter() - clock
+    simulated = 0.0 if told.get("fail") else time.perf_counter() - clock
+    cost = Cost(begun, time.perf_counter() - clock, simulated, 0, str(os.getpid()))
+    if told.get("fail"):
+        return Record(request.run, "failed", told["fail"], [], {}, cost)
     who = {"run": request.run, "point": request.point, "air": request.air, "air_seed": request.air_seed}
-    row = who | {
-        "seed": request.seed,
-        **request.values,
-        "group": "robots",
-        "algorithm": "casting",
-        "trial": 0,
-    }
+    row = who | request.values | {"seed": request.seed, "group": "robots", "algorithm": "casting", "trial": 0}
     row |= {
         "searched": True,
         "success": request.number % 3 > 0,
         "found": 1,
         "time_s": 1 / (1 + request.number),
     }
-    if told.get("fail"):
-        return Record(
-            request.run,
-            "failed",
-            told["fail"],
-            [],
-            {},
-            Cost(begun, time.perf_counter() - clock, 0.0, 0, str(os.getpid())),
-        )
-    cost = Cost(begun, time.perf_counter() - clock, simulated, 0, str(os.getpid()))
     return Record(request.run, "completed", "", [row], {"number": request.number / 7}, cost)
 
 

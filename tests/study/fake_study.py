@@ -1,7 +1,6 @@
 """``python fake_study.py OUT 'JSON' [OPTIONS]``: the study command on a plan and workers of no substance.
 
-JSON: runs, airs, structures; base: what all runs do (`fake_labour`), changes: by number, what one does besides. Tables
-are a text, so that these tests need nothing of what makes the real ones.
+JSON: runs, airs, structures; base: what all runs do (`fake_labour`), changes: by number, what one does besides.
 """
 
 import json
@@ -12,7 +11,6 @@ from typing import Any
 
 import fake_labour
 
-from taichi_plume import study
 from taichi_plume.running.signals import leave
 from taichi_plume.study import campaign, sharing
 from taichi_plume.study.messages import Axis, Request
@@ -33,60 +31,29 @@ def plan_of(folder: Path, told: dict[str, Any]) -> Any:
         )
         for n in range(runs)
     )  # fmt: skip
-    about = SimpleNamespace(
-        name="fake", base="base.yaml", kind="sweep", keep=(), outcomes={"number": "number"}, share_air="exact"
-    )
-    axes = (Axis("speed", "m/s", False),)
+    about = {
+        "name": "fake",
+        "base": "base.yaml",
+        "kind": "sweep",
+        "keep": (),
+        "outcomes": {"value": "number"},
+    }
+    study = SimpleNamespace(**about, share_air="exact", model_dump=lambda mode: about)
     return SimpleNamespace(
-        study=about,
-        file=folder / "study.yaml",
-        folder=folder,
-        base=told.get("base", {}),
-        axes=axes,
-        requests=requests,
-    )
-
-
-def without_tables() -> None:
-    """Tables and page are a text each."""
-
-    def write_plan(folder: Path, plan: Any) -> None:
-        (folder / "plan.parquet").write_text("".join(f"{one.run}\n" for one in plan.requests))
-
-    def publish(folder: Path, records: Any) -> None:
-        lines = sorted(json.dumps(one[:-1]) for one in records)
-        (folder / "table.txt").write_text("\n".join(lines))
-
-    def write(folder: Path) -> Path:
-        (folder / "report.html").write_text("page")
-        return folder / "report.html"
-
-    for name, made in (
-        ("tables", SimpleNamespace(write_plan=write_plan, publish=publish)),
-        ("page", SimpleNamespace(write=write)),
-    ):
-        sys.modules[f"taichi_plume.study.{name}"] = made  # pyright: ignore[reportArgumentType]
-        setattr(study, name, made)
+        study=study, file=folder / "study.yaml", folder=folder, base=told.get("base", {}),
+        axes=(Axis("speed", "m/s", False),), requests=requests,
+    )  # fmt: skip
 
 
 def main() -> int:
-    without_tables()
     campaign.work = fake_labour.work
     sharing.why_not = fake_labour.why_not
     sharing.scenario_of = lambda base, changes: base | changes
     out, told, *options = sys.argv[1:]
-    given = {
-        name.lstrip("-").replace("-", "_"): value
-        for name, _, value in (one.partition("=") for one in options)
-    }
-    wishes = Wishes(Path(out))._replace(
-        **{
-            name: value == "" if name not in ("workers", "scheduler") else value
-            for name, value in given.items()
-        }
-    )
-    if wishes.workers:
-        wishes = wishes._replace(workers=int(wishes.workers))
+    given: dict[str, Any] = {}
+    for name, _, value in (one.lstrip("-").partition("=") for one in options):
+        given[name.replace("-", "_")] = {"workers": int, "scheduler": str}.get(name, lambda _: True)(value)
+    wishes = Wishes(Path(out), report=False, **given)
     return carry_out(plan_of(Path(f"{out}-case"), json.loads(told)), wishes)
 
 

@@ -1,8 +1,7 @@
 """A plan of a study and what came of its runs, without running any."""
 
 import itertools
-import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from hashlib import sha256
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,7 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from taichi_plume import study
+from taichi_plume.study import tables
 from taichi_plume.study.messages import Axis, Cost, Record, Request
+from taichi_plume.study.results import Results
+from taichi_plume.study.store import Store
 
 AXES = {
     "speed": Axis("speed", "m/s", True),
@@ -97,37 +100,19 @@ def records(plan: Any, make: Callable[[Request], Record] = record) -> list[Recor
     return [make(one) for one in plan.requests]
 
 
-class StoreError(ValueError):
-    """As study/store.py raises it."""
+def add(folder: Path, records: list[Record]) -> None:
+    """Write another part, as a study does with what a task brought."""
+    store = Store(folder)
+    store.parts.mkdir(exist_ok=True)
+    store._next = len(list(store.parts.iterdir()))
+    store.add(records)
 
 
-class Store:
-    """Stands for study/store.py: what tasks have brought so far, in parts that only this class reads."""
-
-    brought: dict[Path, list[Record] | None] = {}  # noqa: RUF012
-    """None: of a study whose parts are damaged."""
-
-    def __init__(self, folder: Path):
-        self.folder = folder
-
-    def add(self, records: list[Record]) -> None:
-        held = self.brought.setdefault(self.folder, []) or []
-        held += records
-        self.brought[self.folder] = held
-        (self.folder / "parts").mkdir(exist_ok=True)
-        (self.folder / "parts" / f"{len(held)}.parquet").write_bytes(b"part")
-
-    def records(self) -> Iterator[Record]:
-        held = self.brought.get(self.folder, [])
-        if held is None:
-            raise StoreError(f"{self.folder}: cannot be read")
-        yield from held
-
-
-def stand_in(monkeypatch: Any) -> None:
-    """Let the parts that tasks bring be those of the Store here."""
-    module = SimpleNamespace(Store=Store, StoreError=StoreError)
-    monkeypatch.setitem(sys.modules, "taichi_plume.study.store", module)
+def published(folder: Path, plan: Any, records: list[Record]) -> Results:
+    """The results of a study whose plan and tables are written to a folder."""
+    tables.write_plan(folder, plan)
+    tables.publish(folder, records)
+    return study.open(folder)
 
 
 def searches(seed: int, rate: Callable[[dict[str, Any], np.random.Generator], float], trials: int = 1) -> Any:

@@ -10,17 +10,15 @@ from taichi_plume.study.agenda import DEATHS, MOST_RUNS, TARGET_S, Agenda, Job
 from taichi_plume.study.messages import Request
 
 
-def request(n: int, air: str = "a", structure: str = "s") -> Request:
-    return Request(f"{n:016x}", n, n, {}, 0, 0, air, True, {}, structure)
-
-
 def nowhere(air: str) -> Path:
     return Path(f"/nowhere/{air}.zarr")
 
 
 def requests(airs: int, structures: int, each: int) -> list[Request]:
     pairs = [(a, s) for a in range(airs) for s in range(structures) for _ in range(each)]
-    return [request(n, f"air{a}", f"s{s}") for n, (a, s) in enumerate(pairs)]
+    return [
+        Request(f"{n:016x}", n, n, {}, 0, 0, f"air{a}", True, {}, f"s{s}") for n, (a, s) in enumerate(pairs)
+    ]
 
 
 @pytest.mark.parametrize("seed", range(30))

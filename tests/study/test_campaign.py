@@ -8,12 +8,14 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import psutil
+import pyarrow.parquet as pq
 import pytest
 
 from taichi_plume import __version__
@@ -81,6 +83,11 @@ def workers(process: "subprocess.Popen[str]", out: Path) -> list[psutil.Process]
     return []
 
 
+def table(out: Path) -> list[str]:
+    """All that came of the runs but for their costs."""
+    return sorted(json.dumps(one[:-1]) for one in Store(out).records())
+
+
 def left(group: int) -> list[psutil.Process]:
     """What runs in a process group."""
     found = []
@@ -92,11 +99,11 @@ def left(group: int) -> list[psutil.Process]:
 
 
 @pytest.fixture(scope="module")
-def unbroken(tmp_path_factory) -> str:
+def unbroken(tmp_path_factory) -> list[str]:
     """The table of 60 runs that nothing disturbed."""
     out = tmp_path_factory.mktemp("unbroken") / "out"
     assert study(out, {"runs": 60}, "--workers=2")[0] == 0
-    return (out / "table.txt").read_text()
+    return table(out)
 
 
 def test_killed_and_resumed(tmp_path, unbroken):
@@ -125,36 +132,30 @@ def test_killed_and_resumed(tmp_path, unbroken):
     assert "go" in said
     until(lambda: not left(second.pid), "its processes to end")
     assert kept.keys() < Store(out).statuses().keys()
-    assert len((out / "table.txt").read_text().splitlines()) == len(Store(out).statuses()) < 60
+    assert (
+        pq.read_table(out / "runs.parquet")["status"].to_pylist().count("completed") == len(table(out)) < 60
+    )
 
     code, said = study(out, told, "--workers=2")
     assert code == 0, said
-    assert (out / "table.txt").read_text() == unbroken
+    assert table(out) == unbroken
     runs = Counter(one.run for one in Store(out).records())
     assert runs == {f"{n:016x}": 1 for n in range(60)}
     begun = Counter(line.split()[0] for line in (out / "begun.txt").read_text().splitlines())
     assert sum(begun.values()) < 60 + 3 * 2 * 25  # only what was under way was lost
 
 
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
-def test_other_signals(tmp_path, name):
-    process = start(tmp_path / "out", {"runs": 40, "base": {"sleep": 0.2}}, "--workers=2")
-    until(lambda: parts(tmp_path / "out") >= 2)
-    os.killpg(process.pid, getattr(signal, name))  # as batch systems and terminals do: to its workers too
-    code, _ = finish(process)
-    assert code == 130
-    assert (tmp_path / "out" / "table.txt").exists()
-    until(lambda: not left(process.pid), "its processes to end")
-
-
-def test_a_second_one_ends_at_once(tmp_path):
-    """While tables are written."""
-    process = start(tmp_path / "out", {"runs": 40, "base": {"sleep": 0.2}}, "--workers=1")
-    until(lambda: parts(tmp_path / "out") >= 2)
-    for _ in range(2):
-        os.killpg(process.pid, signal.SIGINT)
+@pytest.mark.parametrize("names", [["SIGTERM"], ["SIGHUP"], ["SIGINT", "SIGINT"]])
+def test_signals(tmp_path, names):
+    """As batch systems and terminals send them: to its workers too. A second one ends it at once, without tables."""
+    out = tmp_path / "out"
+    process = start(out, {"runs": 40, "base": {"sleep": 0.2}}, "--workers=2")
+    until(lambda: parts(out) >= 2)
+    for name in names:
+        os.killpg(process.pid, getattr(signal, name))
         time.sleep(0.03)
     assert finish(process)[0] == 130
+    assert len(names) > 1 or (out / "runs.parquet").exists()
     until(lambda: not left(process.pid), "its processes to end")
 
 
@@ -208,7 +209,7 @@ def test_failures_are_told_and_retried(tmp_path):
     code, said = study(out, told | {"changes": {}}, "--workers=2", "--retry")
     assert code == 0, said
     assert set(Store(out).statuses().values()) == {"completed"}
-    assert len((out / "table.txt").read_text().splitlines()) == 40
+    assert len(pq.read_table(out / "runs.parquet")) == 40
 
 
 def test_airs_are_filmed_once_and_films_go(tmp_path, unbroken):
@@ -231,8 +232,7 @@ def test_airs_are_filmed_once_and_films_go(tmp_path, unbroken):
         "--workers=2",
     )
     assert code == 0
-    plain = [json.loads(line)[:3] for line in unbroken.splitlines()]
-    assert [json.loads(line)[:3] for line in (out / "table.txt").read_text().splitlines()] == plain
+    assert [json.loads(line)[:3] for line in table(out)] == [json.loads(line)[:3] for line in unbroken]
 
 
 def test_a_worker_is_killed_while_it_solves(tmp_path):
@@ -275,30 +275,40 @@ def test_one_command_at_a_time(tmp_path):
 
 
 @contextmanager
-def cluster(
-    folder: Path, count: int = 2, *options: str, path: list[str] | None = None, both: Sequence[str] = ()
-):
-    """A scheduler and workers, started by hand; yields its address and all processes, the scheduler first."""
-    address = folder / "scheduler.json"
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(PATHS if path is None else path)}
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment, "cwd": folder}
-    loopback = ["--host", "127.0.0.1", "--no-dashboard", *both]
-    dask = [sys.executable, "-m", "distributed.cli.dask_"]
-    line = [*dask[:2], dask[2] + "scheduler", *loopback, "--port", "0", "--scheduler-file", str(address)]
-    processes = [subprocess.Popen(line, **quiet)]
+def background(line: Sequence[str], **more: Any) -> "Iterator[subprocess.Popen[str]]":
+    """A process that is killed in the end, with its children."""
+    process = subprocess.Popen([sys.executable, *line], stderr=subprocess.DEVNULL, text=True, **more)
     try:
+        yield process
+    finally:
+        with suppress(psutil.Error):
+            for child in psutil.Process(process.pid).children(recursive=True):
+                child.kill()
+        process.kill()
+        process.wait()
+
+
+def dask(kind: str, folder: Path, *options: str, path: Sequence[str] = PATHS):
+    """A scheduler or worker, started by hand."""
+    line = ["-m", f"distributed.cli.dask_{kind}", "--host", "127.0.0.1", "--no-dashboard", *options]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path)}
+    return background(line, stdout=subprocess.DEVNULL, env=environment, cwd=folder)
+
+
+@contextmanager
+def cluster(
+    folder: Path, count: int = 2, *options: str, path: Sequence[str] = PATHS, both: Sequence[str] = ()
+):
+    """A scheduler and workers; yields its address and all processes, the scheduler first."""
+    address = folder / "scheduler.json"
+    with ExitStack() as stack:
+        file = ("--port", "0", "--scheduler-file", str(address))
+        processes = [stack.enter_context(dask("scheduler", folder, *both, *file, path=path))]
         until(address.exists, "the scheduler")
         where = until(lambda: read(address), "its address")["address"]
-        line = [*dask[:2], dask[2] + "worker", where, *loopback, "--nthreads", "1", *options]
-        processes += [subprocess.Popen(line, **quiet) for _ in range(count)]
+        worker = (where, *both, "--nthreads", "1", *options)
+        processes += [stack.enter_context(dask("worker", folder, *worker, path=path)) for _ in range(count)]
         yield where, processes
-    finally:
-        for one in processes[::-1]:
-            with suppress(psutil.Error):
-                for child in psutil.Process(one.pid).children(recursive=True):
-                    child.kill()
-            one.kill()
-            one.wait()
 
 
 def read(path: Path) -> dict:
@@ -322,7 +332,7 @@ def test_a_scheduler_started_by_hand(tmp_path, unbroken):
         code, said = study(tmp_path / "other", other, f"--scheduler={address}")
         assert code == 1
         assert "of the second study" in said
-    assert (out / "table.txt").read_text() == unbroken
+    assert table(out) == unbroken
 
 
 def test_its_workers_come_late_and_die(tmp_path, unbroken):
@@ -334,40 +344,12 @@ def test_its_workers_come_late_and_die(tmp_path, unbroken):
         until(lambda: (out / "plan.parquet").exists())
         time.sleep(3)
         assert parts(out) == 0
-        with cluster_worker(tmp_path, address), cluster_worker(tmp_path, address):
+        worker = (tmp_path, address, "--nthreads", "1")
+        with dask("worker", *worker), dask("worker", *worker):
             code, said = finish(process)
     assert "no workers there; one is started by: dask worker tcp://127.0.0.1" in said
     assert code == 0
-    assert (out / "table.txt").read_text() == unbroken
-
-
-@contextmanager
-def cluster_worker(folder: Path, address: str):
-    line = [
-        sys.executable,
-        "-m",
-        "distributed.cli.dask_worker",
-        address,
-        "--host",
-        "127.0.0.1",
-        "--nthreads",
-        "1",
-    ]
-    process = subprocess.Popen(
-        [*line, "--no-dashboard"],
-        env=ENVIRONMENT,
-        cwd=folder,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        yield
-    finally:
-        with suppress(psutil.Error):
-            for child in psutil.Process(process.pid).children(recursive=True):
-                child.kill()
-        process.kill()
-        process.wait()
+    assert table(out) == unbroken
 
 
 def test_the_scheduler_dies(tmp_path, unbroken):
@@ -383,7 +365,7 @@ def test_the_scheduler_dies(tmp_path, unbroken):
     assert "the same command goes on" in said
     assert 0 < len(Store(out).statuses()) < 60
     assert study(out, told, "--workers=2")[0] == 0
-    assert (out / "table.txt").read_text() == unbroken
+    assert table(out) == unbroken
 
 
 def test_workers_of_no_use(tmp_path):
@@ -440,7 +422,7 @@ def test_a_scheduler_with_tls(tmp_path, unbroken):
         process = start(tmp_path / "out", {"runs": 60}, f"--scheduler={address}", env=keys)
         code, said = finish(process)
         assert code == 0, said
-    assert (tmp_path / "out" / "table.txt").read_text() == unbroken
+    assert table(tmp_path / "out") == unbroken
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense", "tcp://", "foo://127.0.0.1:1"])
@@ -452,13 +434,10 @@ def test_no_scheduler_there(address):
 
 def test_something_else_there(tmp_path):
     """A server of another protocol, and a worker of Dask's."""
-    with cluster(tmp_path, 1) as (_, processes):
-        server = [sys.executable, "-u", "-m", "http.server", "0", "--bind", "127.0.0.1"]
-        processes.append(
-            subprocess.Popen(server, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-        )
-        assert processes[-1].stdout
-        other = processes[-1].stdout.readline().split("port ")[1].split()[0]
+    server = ["-u", "-m", "http.server", "0", "--bind", "127.0.0.1"]
+    with cluster(tmp_path, 1) as (_, processes), background(server, stdout=subprocess.PIPE) as http:
+        assert http.stdout
+        other = http.stdout.readline().split("port ")[1].split()[0]
         found = psutil.Process(processes[1].pid)
         ports = until(
             lambda: [

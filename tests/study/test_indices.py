@@ -5,7 +5,7 @@ from scipy.stats import qmc
 
 from taichi_plume import study
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.study import indices, tables
+from taichi_plume.study import indices
 from taichi_plume.study.messages import Axis
 
 FIRST, TOTAL = (0.3139, 0.4424, 0.0), (0.5576, 0.4424, 0.2437)  # of Ishigami's function, in closed form
@@ -48,8 +48,7 @@ def test_what_is_missing_is_left_out_and_not_filled():
     assert indices.sobol(np.full(5 * 8, 3.0), ("x", "y", "z"), 8) == (8, {})
 
 
-def test_a_study_tells_them(tmp_path, monkeypatch):
-    made_study.stand_in(monkeypatch)
+def test_a_study_has_them(tmp_path):
     samples, names = 64, ("x", "y", "z")
     axes = {name: Axis(name, "", False) for name in names}
     points = design(samples)
@@ -63,9 +62,7 @@ def test_a_study_tells_them(tmp_path, monkeypatch):
         return made_study.record(one, [made_study.trial(0, time=time)], outcomes={"correlation": value})
 
     records = made_study.records(plan, make)
-    tables.write_plan(tmp_path, plan)
-    tables.publish(tmp_path, records)
-    results = study.open(tmp_path)
+    results = made_study.published(tmp_path, plan, records)
     frame = results.indices()
     times = frame[frame["quantity"] == "time_with_failures_s"].set_index("axis")
     runs = frame[frame["quantity"] == "correlation"].set_index("axis")
@@ -77,8 +74,7 @@ def test_a_study_tells_them(tmp_path, monkeypatch):
     assert times["noise"].iloc[0] == pytest.approx(0.25 / 3, rel=1e-3)  # means of airs 0.5 s apart
     assert "is chance from air to air" in times["words"].iloc[0]
     assert "success" not in set(frame["quantity"])  # all succeed: nothing varies
-    tables.publish(tmp_path, records)
-    made_study.Store(tmp_path).add(records[:-6])
+    made_study.add(tmp_path, records[:-6])
     frame = study.open(tmp_path).indices()
     assert set(frame["used"]) == {32}
     assert "32 of 64 rows of the design are used" in frame["words"][0]

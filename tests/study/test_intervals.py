@@ -142,24 +142,29 @@ def test_searches_in_the_same_airs_are_compared_in_pairs():
     assert intervals.differences((first[:0], count[:0]), (first[:0], count[:0])).over == "none"
 
 
-def test_words():
-    one = Estimate(0.68, 0.512, 0.816, 40, 10, "airs")
-    assert words(one, share=True) == "68 % of 40 searches, 95 % interval 51-82 % over 10 airs"
-    assert words(one._replace(over="few", airs=3), share=True).endswith(
-        "51-82 % over 3 airs, so few that it is wide"
-    )
-    assert words(one._replace(over="one air", airs=1), share=True) == (
-        "68 % of 40 searches, no interval: one air says nothing of others"
-    )
-    assert (
-        words(Estimate(-1.5, -2.25, 0.5, 1, 6, "airs"), "s")
-        == "-1.5 s, mean of 1 search, 95 % interval -2.25 to 0.5 s over 6 airs"
-    )
-    assert words(Estimate(60.0, np.nan, np.nan, 24, 6, "same"), "s") == (
-        "60 s, mean of 24 searches, no interval: all 6 airs gave the same"
-    )
-    assert words(one._replace(over="searches", airs=1), share=True).endswith(
-        "over the searches, as chance does not change the air"
-    )
-    assert "interval 99.7-100.0 %" in words(Estimate(0.999, 0.9968, 0.9999, 900, 90, "airs"), share=True)
-    assert words(None) == "nothing to count"
+ONE = Estimate(0.68, 0.512, 0.816, 40, 10, "airs")
+
+
+@pytest.mark.parametrize(
+    ("one", "unit", "sentence"),
+    [
+        (ONE, "", "68 % of 40 searches, 95 % interval 51-82 % over 10 airs"),
+        (ONE._replace(over="few", airs=3), "", "51-82 % over 3 airs, so few that it is wide"),
+        (ONE._replace(over="one air", airs=1), "", "68 % of 40 searches, no interval: one air"),
+        (ONE._replace(over="searches", airs=1), "", "over the searches, as chance does not change the air"),
+        (Estimate(0.999, 0.9968, 0.9999, 900, 90, "airs"), "", "interval 99.7-100.0 %"),
+        (
+            Estimate(-1.5, -2.25, 0.5, 1, 6, "airs"),
+            "s",
+            "-1.5 s, mean of 1 search, 95 % interval -2.25 to 0.5 s",
+        ),
+        (
+            Estimate(60.0, np.nan, np.nan, 24, 6, "same"),
+            "s",
+            "60 s, mean of 24 searches, no interval: all 6 airs",
+        ),
+        (None, "", "nothing to count"),
+    ],
+)
+def test_words(one, unit, sentence):
+    assert sentence in words(one, unit, share=not unit)

@@ -30,6 +30,13 @@ class Late:
 """
 
 
+def own(folder: Path, code: str = BAD_CODE) -> dict[str, Any]:
+    """A scenario whose robots run that code."""
+    (folder / "late.py").write_text(code)
+    algorithm = {"kind": "own", "file": "late.py", "name": "Late"}
+    return changed(UNIFORM, robots=[UNIFORM["robots"][0] | {"algorithm": algorithm}])
+
+
 def plain(records: Any) -> list[Any]:
     """Without what they cost."""
     return [one._replace(cost=None) for one in records]
@@ -144,9 +151,7 @@ def test_probes_leave_no_folder_unless_asked_for(tmp_path):
 
 
 def test_a_run_that_fails_is_told_and_left_to_be_repeated_and_the_next_goes_on(tmp_path):
-    (tmp_path / "late.py").write_text(BAD_CODE)
-    robots = [UNIFORM["robots"][0] | {"algorithm": {"kind": "own", "file": "late.py", "name": "Late"}}]
-    base = changed(UNIFORM, robots=robots)
+    base = own(tmp_path)
     changes = [{"duration": 0.4}, {"duration": 2.0}]
     task = tasks.task(base, changes, tmp_path, structure="own", allow_code=True)
     good, bad, again = perform(task._replace(requests=(*task.requests, task.requests[0])))
@@ -168,19 +173,18 @@ def test_a_run_that_fails_is_told_and_left_to_be_repeated_and_the_next_goes_on(t
     assert not left.exists()
 
 
-def test_code_that_ends_the_process_ends_the_run_alone(tmp_path):
-    (tmp_path / "late.py").write_text(BAD_CODE.replace("RuntimeError", "SystemExit"))
-    robots = [UNIFORM["robots"][0] | {"algorithm": {"kind": "own", "file": "late.py", "name": "Late"}}]
-    task = tasks.task(changed(UNIFORM, robots=robots), [{}], tmp_path, structure="exit", allow_code=True)
-    assert perform(task)[0].status == "failed"
-
-
-def test_code_is_executed_only_where_it_is_wanted(tmp_path):
-    (tmp_path / "late.py").write_text(BAD_CODE + "raise SystemExit('I ran')")
-    robots = [UNIFORM["robots"][0] | {"algorithm": {"kind": "own", "file": "late.py", "name": "Late"}}]
-    (record,) = perform(tasks.task(changed(UNIFORM, robots=robots), [{}], tmp_path, structure="code"))
+@pytest.mark.parametrize(
+    ("code", "allowed", "said"),
+    [
+        (BAD_CODE.replace("RuntimeError", "SystemExit"), True, "my own fault"),
+        (BAD_CODE + "raise SystemExit('I ran')", False, "--allow-code"),
+    ],
+)
+def test_code_is_executed_where_it_is_wanted_and_ends_its_run_alone(tmp_path, code, allowed, said):
+    task = tasks.task(own(tmp_path, code), [{}], tmp_path, structure=said, allow_code=allowed)
+    (record,) = perform(task)
     assert record.status == "failed"
-    assert "--allow-code" in record.message
+    assert said in record.message
 
 
 def test_robots_that_do_not_fit_fail_alone(tmp_path):

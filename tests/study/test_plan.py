@@ -8,16 +8,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.stats import sobol_indices
 from small_study import ROOM, SPEED, write
 
+from taichi_plume.scenario.changes import changed
 from taichi_plume.scenario.loading import scenario_of
 from taichi_plume.scenario.reset import differences
-from taichi_plume.study.axes import saltelli
 from taichi_plume.study.ids import Digests
+from taichi_plume.study.indices import numbers
+from taichi_plume.study.model import canonical
 from taichi_plume.study.plan import SEARCH_STEP, load_plan
+from taichi_plume.study.resolving import value_at
 from taichi_plume.study.sharing import shared_airs
 
 SEARCH = {
@@ -85,16 +89,11 @@ def test_a_sensitivity_study_has_the_matrices_of_saltelli(tmp_path):
     axes = {"height": {**HEIGHT, "high": 0.25}, "speed": speed, "depth": depth}
     plan = load_plan(write(tmp_path, kind="sensitivity", samples=512, axes=axes, airs=1))
     assert len(plan.requests) == 512 * 5
-    f: dict[str, Any] = {
-        "f_A": np.empty((1, 512)),
-        "f_B": np.empty((1, 512)),
-        "f_AB": np.empty((3, 1, 512)),
-    }
+    y = np.empty(len(plan.requests))
     for one in plan.requests:
-        values = one.values
-        y = values["height"] + 2 * values["speed"] + 0.1 * values["depth"]  # type: ignore[operator]
-        matrix, k, row = saltelli(one.point, 512)
-        (f["f_AB"][k] if matrix == "AB" else f[f"f_{matrix}"])[0, row] = y
+        y[one.point] = np.dot([1, 2, 0.1], list(one.values.values()))  # type: ignore[arg-type]
+    a, b, ab = (y[points] for points in numbers(512, 3))
+    f = {"f_A": a[None], "f_B": b[None], "f_AB": ab[:, None]}
     indices = sobol_indices(func=f, n=512)
     variances = np.array([0.2, 2 * 0.2, 0.1]) ** 2
     assert indices.first_order.ravel() == pytest.approx(variances / variances.sum(), abs=0.02)
@@ -275,10 +274,10 @@ def test_a_file_counts_by_its_content(tmp_path):
     own["robots.0.algorithm"] = own["robots.0.algorithm"] | {"file": "b.py"}
     assert one_run(tmp_path, ROOM, **own).run == first.run
     (tmp_path / "b.py").write_text(code + "# more\n")
-    changed = one_run(tmp_path, ROOM, **own)
-    assert changed.run != first.run
-    assert changed.air == first.air
-    assert changed.structure != first.structure  # a worker that has read the file keeps what it held
+    other = one_run(tmp_path, ROOM, **own)
+    assert other.run != first.run
+    assert other.air == first.air
+    assert other.structure != first.structure  # a worker that has read the file keeps what it held
 
 
 def test_a_film_counts_by_what_its_chunks_hold(tmp_path):
@@ -299,7 +298,6 @@ def test_a_plan_is_the_same_in_another_process_and_ids_with_axes_in_another_orde
     code = f"""
 import sys
 from pathlib import Path
-from taichi_plume.study.axes import saltelli
 from taichi_plume.study.ids import Digests
 from taichi_plume.study.plan import load_plan
 for one in load_plan(Path({str(tmp_path / "study.yaml")!r})).requests:
@@ -313,3 +311,34 @@ assert not {{"taichi", "pandas", "distributed", "matplotlib", "zarr"}} & set(sys
     assert [one.run for one in here] != [one.run for one in other]
     ids = [{(one.run, one.air, one.structure, one.seed) for one in plan} for plan in (here, other)]
     assert ids[0] == ids[1]
+
+
+# ---------------------------------------------------------------- changes
+
+
+def test_changes_may_be_numbers_sections_and_lists():
+    spiral = {"kind": "spiral"}
+    changes = {"wind.openings.0.speed": "20 cm/s", "robots[0].algorithm": spiral, "domain.size": [3, 1]}
+    scenario = scenario_of(ROOM, changes)
+    assert value_at(scenario, "wind.openings.0.speed") == (pytest.approx(0.2), "m/s")
+    assert scenario.robots[0].algorithm.kind == "spiral"
+    assert scenario.domain.extent == (3.0, 1.0)
+    assert ROOM["wind"]["openings"][0]["speed"] == 0.5
+    assert scenario_of(ROOM, {}) == scenario_of(ROOM, {"seed": 3})
+
+
+def test_what_aliases_share_changes_in_one_place_alone():
+    text = """
+    a: &part {list: [1, {x: 1}]}
+    b: *part
+    """
+    data = yaml.safe_load(text)
+    section = {"y": 1}
+    new = changed(data, {"a.list.1.x": 2, "b.more": section, "b.more.y": 5, "a.list.0": 9})
+    assert new == {"a": {"list": [9, {"x": 2}]}, "b": {"list": [1, {"x": 1}], "more": {"y": 5}}}
+    assert section == {"y": 1}
+    assert data == yaml.safe_load(text)
+
+
+def test_a_path_has_one_way_of_writing():
+    assert canonical("robots.0.count") == canonical(" robots[0].count") == canonical("robots[00].count")

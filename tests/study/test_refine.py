@@ -2,8 +2,7 @@ import made_study
 import numpy as np
 import pytest
 
-from taichi_plume import study
-from taichi_plume.study import refine, tables
+from taichi_plume.study import refine
 from taichi_plume.study.messages import Axis
 
 
@@ -18,33 +17,27 @@ def test_manufactured_values(spacings, p):
     assert found.index == pytest.approx(1.25 * 1.7 * h[0] ** p, rel=1e-6)  # safety times the true error
 
 
-def test_the_worked_example_of_the_procedure():
-    """Celik et al. 2008, table 1, first column: unequal ratios, monotone."""
-    h = [1.0, 1.5, 1.5 * 1.333]
-    found = refine.order(h, [6.063, 5.972, 5.863])
+def test_worked_examples():
+    """Celik et al. 2008, table 1: first column (unequal ratios, monotone) and third column (oscillating)."""
+    found = refine.order([1.0, 1.5, 1.5 * 1.333], [6.063, 5.972, 5.863])
     assert found.order == pytest.approx(1.53, abs=0.01)
     assert found.extrapolated == pytest.approx(6.1685, abs=1e-3)
     assert found.index / 6.063 == pytest.approx(0.022, abs=1e-3)
-
-
-def test_the_worked_example_that_oscillates():
-    """Celik et al. 2008, table 1, third column."""
     found = refine.order([1.0, 2.0, 4.0], [6.0042, 5.9624, 6.0909])
     assert found.order == pytest.approx(1.51, abs=0.12)
     assert found.behaviour == "oscillates"
 
 
-def test_what_does_not_converge():
-    assert refine.order([1, 2, 4], [1.0, 2.0, 2.5]).behaviour == "diverges"
-    assert refine.order([1, 2, 4], [1.0, 2.0, 1.5]).behaviour == "diverges"
-    assert refine.order([1, 2, 4], [1.0, 1.0, 2.0]).behaviour == "still"
-    assert refine.order([1, 2], [1.0, 2.0]).behaviour == "too few"
-    assert refine.order([1, 2, 4], [1.0, np.nan, 2.0]).behaviour == "too few"
+@pytest.mark.parametrize(
+    ("values", "behaviour"),
+    [([1, 2, 2.5], "diverges"), ([1, 2, 1.5], "diverges"), ([1, 1, 2], "still"), ([1, np.nan, 2], "too few")],
+)
+def test_what_does_not_converge(values, behaviour):
+    assert refine.order([1, 2, 4], values).behaviour == behaviour
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
-    made_study.stand_in(monkeypatch)
+def results(tmp_path):
     axes = {"spacing": Axis("spacing", "m", True), "algorithm": Axis("algorithm", "", True)}
     points = [(h, a) for h in (0.4, 0.1, 0.2) for a in ("casting", "spiral")]
     told = {"spacing": {"key": "domain.spacing"}, "algorithm": {"variants": {}}}
@@ -57,13 +50,11 @@ def folder(tmp_path, monkeypatch):
         rows = [made_study.trial(0, True, time + (0 if spiral else wobble[one.air]))]
         return made_study.record(one, rows, outcomes={"correlation": 1 - h**1.5, "error": None})
 
-    tables.write_plan(tmp_path, plan)
-    tables.publish(tmp_path, made_study.records(plan, make))
-    return tmp_path
+    return made_study.published(tmp_path, plan, made_study.records(plan, make))
 
 
-def test_a_study_tells_the_order_of_all_it_measured(folder):
-    orders = study.open(folder).orders()
+def test_a_study_has_the_order_of_each_quantity(results):
+    orders = results.orders()
     by = {(row["quantity"], row["algorithm"]): row for row in orders.to_dict("records")}
     assert by["time_with_failures_s", "spiral"]["order"] == pytest.approx(1.0)
     assert by["time_with_failures_s", "spiral"]["extrapolated"] == pytest.approx(30.0)

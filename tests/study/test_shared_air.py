@@ -25,6 +25,13 @@ OPEN = ROOM["wind"]["openings"]
 SOURCE = ROOM["gas"]["sources"]
 HEAVY = {"kind": "eulerian", "species": "acetone", "sources": [{"position": [0.3, 1.0], "rate": 2e-3}]}
 CHANGES = ({"robots.0.algorithm.threshold_ppm": 1.0}, {"robots.0.algorithm.threshold_ppm": 3.0})
+ROOM_3D = changed(
+    ROOM,
+    duration=1.0,
+    domain={"size": [2.0, 1.5, 0.5], "spacing": 0.1},
+    gas={"kind": "eulerian", "species": "acetone", "sources": [{"position": [0.3, 0.6, 0.2], "rate": 1e-3}]},
+    obstacles=[{"kind": "sphere", "center": [0.9, 1.1, 0.2], "radius": 0.17}],
+)
 CASES: dict[str, dict[str, Any]] = {
     "moving obstacle": changed(
         ROOM,
@@ -65,15 +72,6 @@ CASES: dict[str, dict[str, Any]] = {
     "closed room": changed(
         ROOM, obstacles=[], wind={"kind": "synthetic", "speed": 0.3, "longest": 2.0, "circulation": 0.2}
     ),
-}  # fmt: skip
-ROOM_3D = changed(
-    ROOM,
-    duration=1.0,
-    domain={"size": [2.0, 1.5, 0.5], "spacing": 0.1},
-    gas={"kind": "eulerian", "species": "acetone", "sources": [{"position": [0.3, 0.6, 0.2], "rate": 1e-3}]},
-    obstacles=[{"kind": "sphere", "center": [0.9, 1.1, 0.2], "radius": 0.17}],
-)
-CASES_3D: dict[str, dict[str, Any]] = {
     "3-D": ROOM_3D,
     "heat and heavy gas": changed(
         ROOM_3D,
@@ -86,7 +84,7 @@ CASES_3D: dict[str, dict[str, Any]] = {
             },
         },
     ),
-}
+}  # fmt: skip
 
 
 def differences(base: dict[str, Any], folder: Any, changes: Any = CHANGES) -> list[str]:
@@ -124,12 +122,6 @@ def test_a_search_in_a_shared_air_is_that_in_its_own_to_the_bit(tmp_path):
 @pytest.mark.parametrize("case", CASES)
 def test_that_holds_of_other_airs(case, tmp_path):
     assert not differences(CASES[case], tmp_path)
-
-
-@SLOW
-@pytest.mark.parametrize("case", CASES_3D)
-def test_that_holds_in_3d(case, tmp_path):
-    assert not differences(CASES_3D[case], tmp_path)
 
 
 @pytest.mark.parametrize(

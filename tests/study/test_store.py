@@ -9,10 +9,12 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
+import made_study
 import pytest
 
 from taichi_plume.files import own_folder
 from taichi_plume.study import store as module
+from taichi_plume.study import tables
 from taichi_plume.study.messages import AirRecord, Cost, Record
 from taichi_plume.study.store import Store, StoreError
 
@@ -21,32 +23,36 @@ COST = Cost(1.5, 0.25, 0.125, 3, "tcp://127.0.0.1:1")
 
 def record(run="a" * 16, status="completed", message="", success=True, **values) -> Record:
     who = {"run": run, "point": 3, "air": "f0", "air_seed": 7, "seed": 7, **values}
-    scores = {
-        "group": "robots", "algorithm": "casting", "searched": True, "found": 1, "path_m": 2.0, "overhead": 1.1,
-        "team_path_m": 2.5, "acquisitions": 4, "hits": 2, "bumps": 0, "pushes": 1, "pinned_s": 0.5,
-        "final_distance_m": 0.1 + 0.2,
-        "time_with_failures_s": 12.25, "outcome": "declared", "declared_time_s": 0.1, "localisation_error_m": 1e-3,
-        "declarations": 2, "false_declarations": 1, "reached_time_s": None, "shares_arena": False, "shortest_m": 1.8,
-    }  # fmt: skip
+    floats = {"final_distance_m": 0.1 + 0.2, "pinned_s": 0.5, "declared_time_s": 0.1, "shortest_m": 1.8}
     trials = [
-        who | scores | {"trial": k, "success": success, "time_s": 1 / 3 if k else None} for k in range(2)
+        made_study.trial(k, success, **who, **floats, pushes=1, time_s=1 / 3 if k else None) for k in range(2)
     ]
     return Record(run, status, message, trials, {"correlation": 0.1, "none": None}, COST)
 
 
 @pytest.fixture
 def plan(tmp_path_factory, monkeypatch):
-    """A study of three runs, and a plan that is written down in a word."""
+    """A study of three runs, whose plan is not written."""
     folder = tmp_path_factory.mktemp("case")
     (folder / "study.yaml").write_text("base: arena.yaml\n")
     (folder / "arena.yaml").write_text("name: arena\n")
-    tables = SimpleNamespace(write_plan=lambda to, _: (Path(to) / "plan.parquet").write_text("plan"))
-    monkeypatch.setitem(sys.modules, "taichi_plume.study.tables", tables)
-    monkeypatch.setattr("taichi_plume.study.tables", tables, raising=False)
+    monkeypatch.setattr(tables, "write_plan", lambda *_: None)
     requests = [SimpleNamespace(run=one * 16) for one in "abc"]
-    return SimpleNamespace(
-        file=folder / "study.yaml", study=SimpleNamespace(base="arena.yaml"), requests=requests
-    )
+    base = SimpleNamespace(base="arena.yaml")
+    return SimpleNamespace(file=folder / "study.yaml", study=base, requests=requests)
+
+
+def begun(folder: Path, plan, *parts: list[Record]) -> Store:
+    """A study's folder with these parts, which another process may take."""
+    with Store(folder) as store:
+        store.begin(plan)
+        for part in parts:
+            store.add(part)
+    return store
+
+
+def full(*_):
+    raise OSError(28, "No space left on device")
 
 
 def test_what_goes_in_comes_out_to_the_bit(tmp_path, plan):
@@ -71,33 +77,26 @@ def test_what_goes_in_comes_out_to_the_bit(tmp_path, plan):
 
 def test_the_last_one_done_counts(tmp_path, plan):
     """Of a run that failed and was repeated, and of one that was done and failed when it was repeated."""
-    with Store(tmp_path) as store:
-        store.begin(plan)
-        store.add([record("a" * 16, "failed", "first"), record("b" * 16, "completed")])
-        store.add([record("a" * 16, "completed"), record("b" * 16, "failed", "later")])
-        store.add([record("c" * 16, "failed", "first")])
-        store.add([record("c" * 16, "failed", "second")])
-        told = {one.run[0]: (one.status, one.message) for one in store.records()}
+    store = begun(
+        tmp_path,
+        plan,
+        [record("a" * 16, "failed", "first"), record("b" * 16, "completed")],
+        [record("a" * 16, "completed"), record("b" * 16, "failed", "later")],
+        [record("c" * 16, "failed", "first")],
+        [record("c" * 16, "failed", "second")],
+    )
+    told = {one.run[0]: (one.status, one.message) for one in store.records()}
     assert told == {"a": ("completed", ""), "b": ("completed", ""), "c": ("failed", "second")}
 
 
 def test_it_goes_on_after_the_last_part(tmp_path, plan):
     for run in "ab":
-        with Store(tmp_path) as store:
-            store.begin(plan)
-            store.add([record(run * 16)])
-    assert sorted(file.name for file in (tmp_path / "parts").iterdir()) == [
-        "000000.parquet",
-        "000001.parquet",
-    ]
+        begun(tmp_path, plan, [record(run * 16)])
+    assert {file.name for file in (tmp_path / "parts").iterdir()} == {"000000.parquet", "000001.parquet"}
 
 
 def test_another_studys_folder(tmp_path, plan):
-    with Store(tmp_path) as store:
-        store.begin(plan)
-        store.add([record("a" * 16), record("d" * 16)])
-        store.add([record("e" * 16)])
-        store.add([record("b" * 16)])
+    begun(tmp_path, plan, [record("a" * 16), record("d" * 16)], [record("e" * 16)], [record("b" * 16)])
     (tmp_path / "kept" / ("d" * 16)).mkdir(parents=True)
     with pytest.raises(StoreError, match="holds 2 runs that this study does not ask for"):
         Store(tmp_path).begin(plan)
@@ -121,9 +120,6 @@ def test_a_folder_of_others_is_refused(tmp_path, plan):
 
 
 def test_a_disk_that_is_full_at_the_begin_leaves_a_folder_to_go_on_in(tmp_path, plan, monkeypatch):
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
     film = tmp_path / "airs" / "one.zarr.0a.part"
     film.mkdir(parents=True)  # of a worker that was killed
     (tmp_path / "parts").mkdir()
@@ -135,8 +131,7 @@ def test_a_disk_that_is_full_at_the_begin_leaves_a_folder_to_go_on_in(tmp_path, 
                 Store(folder).begin(plan)
     assert not film.exists()
     for folder in (tmp_path / "new", tmp_path):
-        with Store(folder) as store:
-            store.begin(plan)
+        begun(folder, plan)
 
 
 def test_a_folder_of_the_users_stays_as_it_is(tmp_path, plan):
@@ -153,8 +148,7 @@ def test_a_folder_of_the_users_stays_as_it_is(tmp_path, plan):
     for link in ("parts", "base.yaml", "airs/one.json", "kept/a/result.json", ".lock"):
         out, target = tmp_path / "studies" / link.replace("/", "-"), tmp_path / "target"
         target.write_text("mine")
-        with Store(out) as store:
-            store.begin(plan)
+        begun(out, plan)
         (out / link).parent.mkdir(exist_ok=True, parents=True)
         if (out / link).is_dir():
             (out / link).rmdir()
@@ -166,12 +160,10 @@ def test_a_folder_of_the_users_stays_as_it_is(tmp_path, plan):
 
 
 def test_leftovers_of_a_killed_study_go_and_files_of_the_user_stay(tmp_path, plan):
-    with Store(tmp_path) as store:
-        store.begin(plan)
+    begun(tmp_path, plan)
     for name in (".base.yaml.0123abcd.part", "parts/.000000.parquet.0123abcd.part", "mine.part", "mine.new"):
         (tmp_path / name).write_text("")
-    with Store(tmp_path) as store:
-        store.begin(plan)
+    begun(tmp_path, plan)
     left = {file.name for file in tmp_path.rglob("*") if file.suffix in (".part", ".new")}
     assert left == {"mine.part", "mine.new"}
 
@@ -182,9 +174,9 @@ def test_one_at_a_time(tmp_path, plan):
         with pytest.raises(StoreError, match="another study is running there"):
             Store(tmp_path).begin(plan)
         store.add([record()])
-        assert Store(tmp_path).statuses() == {"a" * 16: "completed"}  # to be looked at all the same
-    with Store(tmp_path) as store:
-        store.begin(plan)
+        with multiprocessing.get_context("spawn").Pool(1) as pool:  # to be looked at all the same
+            assert pool.apply(Store(tmp_path).statuses) == {"a" * 16: "completed"}
+    begun(tmp_path, plan)
 
 
 def fault_of(folder: Path) -> str:
@@ -196,10 +188,7 @@ def fault_of(folder: Path) -> str:
 
 
 def test_damage_is_told_in_a_line(tmp_path, plan):
-    with Store(tmp_path) as store:
-        store.begin(plan)
-        store.add([record()])
-        store.add([record("b" * 16)])
+    begun(tmp_path, plan, [record()], [record("b" * 16)])
     part = tmp_path / "parts" / "000000.parquet"
     whole = part.read_bytes()
     unread = 0
@@ -233,10 +222,6 @@ def test_a_full_disk_leaves_what_there_was(tmp_path, plan, monkeypatch):
         with pytest.raises(OSError, match="the disk is full"):
             store.add([record("b" * 16)])
         monkeypatch.undo()
-
-        def full(*_):
-            raise OSError(28, "No space left on device")
-
         monkeypatch.setattr(module.disk, "sync", full)
         with pytest.raises(OSError, match="No space left"):
             store.add([record("b" * 16)])
@@ -248,12 +233,11 @@ WRITES = """
 import sys
 from pathlib import Path
 from types import SimpleNamespace
-sys.modules["taichi_plume.study.tables"] = SimpleNamespace(write_plan=lambda *_: None)
-import taichi_plume.study
-taichi_plume.study.tables = sys.modules["taichi_plume.study.tables"]
+from taichi_plume.study import tables
 from taichi_plume.study.store import Store
 from test_store import record
 folder, file = map(Path, sys.argv[1:])
+tables.write_plan = lambda *_: None
 plan = SimpleNamespace(file=file, study=SimpleNamespace(base="arena.yaml"),
                        requests=[SimpleNamespace(run=f"{n:016x}") for n in range(100000)])
 store = Store(folder)
@@ -289,12 +273,3 @@ def test_killed_at_any_moment(tmp_path, plan):
         assert found == [f"{k:016x}" for k in range(len(found))]
         assert len(found) > held
         held = len(found)
-
-
-def test_spawned_readers(tmp_path, plan):
-    """Reading needs no lock and no plan: another process may look while runs are added."""
-    with Store(tmp_path) as store:
-        store.begin(plan)
-        store.add([record()])
-        with multiprocessing.get_context("spawn").Pool(1) as pool:
-            assert pool.apply(Store(tmp_path).statuses) == {"a" * 16: "completed"}

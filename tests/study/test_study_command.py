@@ -1,35 +1,29 @@
 """`python -m taichi_plume.study`: what is wrong is told in a line, before anything heavy is imported."""
 
+import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from small_study import ROOM, write
 
 from taichi_plume.cli.study import main
+from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import say
+from taichi_plume.scenario.explaining import print_key, print_schema
+from taichi_plume.scenario.facts import first_sentence
+from taichi_plume.scenario.keys import all_keys, look_up
+from taichi_plume.study.model import Study
 
-SCENARIO = """
-duration: 1
-domain: {size: [4, 3], spacing: 0.1}
-wind: {kind: uniform, velocity: [0.5, 0]}
-gas: {kind: eulerian, sources: [{position: [0.5, 1.5], rate: 1 mg/s}]}
-robots: [{count: 1, start: {kind: positions, positions: [[3, 1]]}, algorithm: {kind: casting, threshold_ppm: 5}}]
-"""
-STUDY = """
-name: quick
-base: base.yaml
-axes: {threshold: {key: robots.0.algorithm.threshold_ppm, values: [1, 2, 3]}}
-airs: 2
-"""
+THRESHOLD = {"key": "robots.0.algorithm.threshold_ppm", "values": [1, 2, 3]}
 
 
 @pytest.fixture
 def case(tmp_path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "base.yaml").write_text(SCENARIO)
-    (tmp_path / "study.yaml").write_text(STUDY)
+    write(tmp_path, axes={"threshold": THRESHOLD}, airs=2)
     return tmp_path
 
 
@@ -43,7 +37,7 @@ def test_check_tells_what_it_makes(case, capsys):
     assert main(["study.yaml", "--check"]) == 0
     told = capsys.readouterr().out
     assert "runs: 6, at 3 points" in told
-    assert "airs: 1; 6 runs share theirs with others" in told
+    assert "airs: 2; 6 runs share theirs with others" in told
     assert "threshold [ppm]" in told
     assert not (case / "studies").exists()
 
@@ -65,10 +59,10 @@ def test_command_lines(case, capsys, line, told):
 @pytest.mark.parametrize(
     ("line", "told"),
     [
-        (["study.yaml", "--out", "base.yaml"], "base.yaml: cannot be written to"),
+        (["study.yaml", "--out", "room.yaml"], "room.yaml: cannot be written to"),
         (
             ["study.yaml", "--out", "."],
-            ".: is not empty, and holds no study (base.yaml); choose another --out",
+            ".: is not empty, and holds no study (room.yaml); choose another --out",
         ),
         (["study.yaml", "--out", ".", "--force"], "holds no study"),
         (["report", "nowhere"], "nowhere: is not the folder of a study"),
@@ -82,15 +76,10 @@ def test_bad_input_is_one_line(case, capsys, line, told):
 
 
 def test_code_needs_leave(case, capsys):
-    (case / "own.py").write_text(
-        "class Mine:\n    def act(self, t, sensors):\n        pass\nraise SystemExit('executed')"
-    )
-    (case / "base.yaml").write_text(
-        SCENARIO.replace("{kind: casting, threshold_ppm: 5}", "{kind: own, file: own.py}")
-    )
-    (case / "study.yaml").write_text(
-        STUDY.replace("robots.0.algorithm.threshold_ppm, values: [1, 2, 3]", "duration, values: [1, 2]")
-    )
+    code = "class Mine:\n    def act(self, t, sensors):\n        pass\nraise SystemExit('executed')"
+    (case / "own.py").write_text(code)
+    robot = ROOM["robots"][0] | {"algorithm": {"kind": "own", "file": "own.py"}}
+    write(case, ROOM | {"robots": [robot]})
     assert main(["study.yaml"]) == 2
     said = capsys.readouterr().err
     assert "own.py: holds Python code" in said
@@ -99,18 +88,37 @@ def test_code_needs_leave(case, capsys):
 
 
 def test_bad_input_is_told_before_anything_heavy_is_imported(case):
-    (case / "study.yaml").write_text(STUDY.replace("threshold_ppm", "treshold"))
+    write(case, axes={"threshold": THRESHOLD | {"key": "robots.0.algorithm.treshold"}})
     code = (
         "import sys; from taichi_plume.cli.study import main; code = main(['study.yaml']); "
         "sys.exit(code + 10 * bool({'taichi', 'dask', 'distributed', 'matplotlib', 'zarr'} & sys.modules.keys()))"
     )
-    path = os.pathsep.join([str(Path(say.__code__.co_filename).parents[2])])
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=case,
-        capture_output=True,
-        text=True,
-        env=os.environ | {"PYTHONPATH": path},
-    )
+    env = os.environ | {"PYTHONPATH": str(Path(say.__code__.co_filename).parents[2])}
+    line = [sys.executable, "-c", code]
+    done = subprocess.run(line, cwd=case, capture_output=True, text=True, env=env)
     assert done.returncode == 2, done.stderr
     assert "treshold" in done.stderr
+
+
+# ---------------------------------------------------------------- keys
+
+
+def test_the_schema_describes_every_key(capsys):
+    assert print_schema(Study) == 0
+    schema = json.loads(capsys.readouterr().out)
+    sections = [schema, *schema["$defs"].values()]
+    told = [one["description"] for section in sections for one in section["properties"].values()]
+    assert len(told) == len(list(all_keys(Study))) >= 20
+    for text in told:
+        meaning = text.split("\n\n")[0]
+        assert len(meaning.split()) >= 4
+        assert len(first_sentence(meaning)) <= 115, meaning
+        assert meaning[0].isupper()
+
+
+def test_a_key_is_found_by_its_name_and_what_is_near_is_told(capsys):
+    assert print_key("axes.values", Study) == 0
+    assert capsys.readouterr().out.startswith("axes[].values\n  The values that the key takes")
+    with pytest.raises(InputError, match="share_air"):
+        print_key("shareair", Study)
+    assert look_up("wind.openings.speed", Study) == ([], [])

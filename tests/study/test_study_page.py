@@ -10,11 +10,11 @@ import small_study
 
 from taichi_plume.cli.study import main
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.study import costs, page, tables
+from taichi_plume.study import page, tables
 from taichi_plume.study.messages import Axis
 from taichi_plume.study.plan import load_plan
-from taichi_plume.study.table_rows import planned
-from taichi_plume.study.table_rows import tables as made_tables
+from taichi_plume.study.results import cost_words
+from taichi_plume.study.tables import make_tables, planned
 
 WICKED = "<script>alert(1)</script>\x1b[31m & {{ name }}"
 
@@ -38,13 +38,11 @@ class Read(HTMLParser):
 
 
 @pytest.fixture
-def write(tmp_path, monkeypatch):
+def write(tmp_path):
     """The page of a plan and its records, read."""
-    made_study.stand_in(monkeypatch)
 
     def make(plan, records) -> Read:
-        tables.write_plan(tmp_path, plan)
-        tables.publish(tmp_path, records)
+        made_study.published(tmp_path, plan, records)
         return Read(page.write(tmp_path).read_text(encoding="utf-8"))
 
     return make
@@ -80,6 +78,8 @@ def test_a_page_says_what_was_varied_and_what_came_of_it(write, sweep, tmp_path)
     assert f"python -m taichi_plume.study study.yaml --out {tmp_path}" in read.text
     assert read.text.count("casting") > 6
     assert re.search(r"\d+ % \(\d+\u2011\d+\)", read.text)  # in the table of points, on one line
+    assert "localisation error" not in read.text  # nobody declares, nor shares an arena
+    assert "in one arena" not in read.text
 
 
 def declaring(request):
@@ -96,30 +96,19 @@ def declaring(request):
     return made_study.record(request, rows)
 
 
-def test_declarations_are_told_where_there_are_any(write, sweep):
-    silent = write(sweep, made_study.records(sweep))
-    assert "localisation error" not in silent.text
-    assert "in one arena" not in silent.text
-
-
 def test_declarations_are_told_over_airs(write, sweep):
-    records = made_study.records(sweep, declaring)
-    read = write(sweep, records)
-    assert "declared rightly" in read.text
-    assert re.search(
-        r"localisation error .*0\.625 m, mean of 72 searches with a declaration, .*over 6 airs", read.text
-    )
-    assert "Groups of a run were in one arena here" in read.text
+    """But for those of searches for nothing."""
 
-
-def test_words_of_searches_for_nothing_do_not_count(write, sweep):
-    def half(request):
-        rows = [dict(one) for one in declaring(request).trials]
+    def make(request):
+        rows = declaring(request).trials
         nothing = {**rows[0], "group": "c", "searched": False, "success": None, "outcome": None}
         return made_study.record(request, [*rows, {**nothing, "localisation_error_m": 9.0}])
 
-    read = write(sweep, made_study.records(sweep, half))
-    assert re.search(r"localisation error .*0\.625 m, mean of 72 searches with a declaration", read.text)
+    read = write(sweep, made_study.records(sweep, make))
+    assert "declared rightly" in read.text
+    sentence = r"localisation error .*0\.625 m, mean of 72 searches with a declaration, .*over 6 airs"
+    assert re.search(sentence, read.text)
+    assert "Groups of a run were in one arena here" in read.text
 
 
 def test_nothing_of_a_study_gets_to_command_a_page(write, sweep):
@@ -207,7 +196,7 @@ def test_costs_leave_out_pauses(sweep):
         records.append(
             record._replace(cost=record.cost._replace(begun=begun, worker=f"w{later}{turn % 2}", compiled=1))
         )
-    told = dict(costs.told(made_tables(planned(sweep), records).costs))
+    told = dict(cost_words(make_tables(planned(sweep), records).costs))
     assert told["wall time"] == "89 s, in 2 stretches, pauses between them left out"
     assert told["runs"] == "72; 2 s each, of which 500 ms beyond the simulation itself"
     assert told["workers"] == "2; at work 81 % of the time"  # 36 s of 44.5 s

@@ -1,4 +1,5 @@
 import random
+import shutil
 from pathlib import Path
 
 import made_study
@@ -12,15 +13,10 @@ from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.study import columns, tables
 from taichi_plume.study.messages import Axis
 from taichi_plume.study.points import SUCCESS
+from taichi_plume.study.store import Store
 
 LUCKY = {(7, 0), (8, 0), (8, 1), (10, 0), (10, 1), (10, 2), (13, 2), (14, 1)}
 """Seeds of airs, and trials that succeed in them."""
-
-
-@pytest.fixture(autouse=True)
-def store(monkeypatch):
-    """The parts that tasks bring are those of the fake."""
-    made_study.stand_in(monkeypatch)
 
 
 @pytest.fixture
@@ -30,9 +26,7 @@ def plan():
 
 @pytest.fixture
 def folder(tmp_path, plan):
-    tables.write_plan(tmp_path, plan)
-    tables.publish(tmp_path, made_study.records(plan))
-    return tmp_path
+    return made_study.published(tmp_path, plan, made_study.records(plan)).folder
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -53,10 +47,9 @@ def test_bytes_do_not_tell_how_the_runs_came(tmp_path, plan):
     shuffled = [record._replace(cost=record.cost._replace(begun=5.0, worker="x")) for record in records]
     random.Random(1).shuffle(shuffled)
     failed = [record._replace(status="failed", trials=[], message="lost") for record in records[:7]]
-    store = made_study.Store(other)
     for so_far in (shuffled[:20], shuffled[:50], failed[:3] + shuffled + failed[3:] + shuffled[:9]):
-        store.add(so_far)
-        tables.publish(other, store.records())
+        made_study.add(other, so_far)
+        tables.publish(other, Store(other).records())
     assert files(one) == files(other)
     assert len(files(one)) == 2 + 24
     assert {path.name for path in other.iterdir()} == {
@@ -122,10 +115,10 @@ def test_a_study_that_is_not_finished_is_read_from_what_tasks_brought(tmp_path, 
     assert set(study.open(tmp_path).runs()["status"]) == {"missing"}
     assert len(study.open(tmp_path).trials()) == 0
     records = made_study.records(plan)
-    made_study.Store(tmp_path).add(records[5:25])
+    made_study.add(tmp_path, records[5:25])
     assert list(study.open(tmp_path).runs()["status"]).count("completed") == 20
-    tables.publish(tmp_path, made_study.Store(tmp_path).records())
-    made_study.Store(tmp_path).add(records[25:])  # after the tables: killed before they were made again
+    tables.publish(tmp_path, Store(tmp_path).records())
+    made_study.add(tmp_path, records[25:])  # after the tables: killed before they were made again
     results = study.open(tmp_path)
     assert list(results.runs()["status"]) == ["missing"] * 5 + ["completed"] * (len(records) - 5)
     assert len(results.trials()) == 3 * (len(records) - 5)
@@ -135,9 +128,9 @@ def test_a_kill_between_the_steps_leaves_what_can_be_read(tmp_path, plan, monkey
     """Whichever step of writing comes last."""
     tables.write_plan(tmp_path, plan)
     records = made_study.records(plan)
-    made_study.Store(tmp_path).add(records[:30])
+    made_study.add(tmp_path, records[:30])
     tables.publish(tmp_path, records[:30])
-    made_study.Store(tmp_path).add(records[30:])
+    made_study.add(tmp_path, records[30:])
     real = {"rename": Path.rename, "replace": tables.disk.os.replace}
     for last in range(8):
         steps = [0]
@@ -160,48 +153,35 @@ def test_a_kill_between_the_steps_leaves_what_can_be_read(tmp_path, plan, monkey
     tables.publish(tmp_path, records)
     clean = tmp_path / "clean"
     clean.mkdir()
-    tables.write_plan(clean, plan)
-    tables.publish(clean, records)
+    made_study.published(clean, plan, records)
     assert {k: v for k, v in files(tmp_path).items() if not k.startswith("clean")} == files(clean)
 
 
 def test_no_trials_no_axes_no_folders(tmp_path):
     plan = made_study.plan({}, [()], outcomes={})
-    tables.write_plan(tmp_path, plan)
-    tables.publish(tmp_path, made_study.records(plan, lambda one: made_study.record(one, [])))
+    records = made_study.records(plan, lambda one: made_study.record(one, []))
+    results = made_study.published(tmp_path, plan, records)
     assert [path.name for path in (tmp_path / "trials").iterdir()] == ["part-0.parquet"]
     assert len(pd.read_parquet(tmp_path / "trials")) == 0
-    assert len(study.open(tmp_path).runs()) == 3
+    assert len(results.runs()) == 3
 
 
 def test_axes_of_many_values_are_no_folders(tmp_path):
     axes = {"x": Axis("x", "", True), "y": Axis("y", "", True), "z": Axis("z", "m", False)}
     plan = made_study.plan(axes, [(n // 40, n % 40, float(n)) for n in range(40 * 40)], airs=1)
-    tables.write_plan(tmp_path, plan)
-    tables.publish(
-        tmp_path, made_study.records(plan, lambda one: made_study.record(one, [made_study.trial()]))
-    )
+    records = made_study.records(plan, lambda one: made_study.record(one, [made_study.trial()]))
+    results = made_study.published(tmp_path, plan, records)
     assert len(files(tmp_path)) == 2 + 40
-    assert len(study.open(tmp_path).trials()) == 1600
+    assert len(results.trials()) == 1600
 
 
-def test_a_seed_as_axis_is_its_column(tmp_path):
-    plan = made_study.plan({"seed": Axis("seed", "", False)}, [(7,)], airs=1)
-    tables.write_plan(tmp_path, plan)
-    tables.publish(tmp_path, made_study.records(plan))
-    assert list(study.open(tmp_path).trials()["seed"]) == [7, 7, 7]
-    assert "seed" not in columns.taken()
+@pytest.mark.parametrize(("name", "values"), [("seed", [7]), ("algorithm", ["fast casting", "spiral"])])
+def test_an_axis_may_be_a_column_of_the_tables(tmp_path, name, values):
+    plan = made_study.plan({name: Axis(name, "", True)}, [(value,) for value in values], airs=1)
+    results = made_study.published(tmp_path, plan, made_study.records(plan))
+    assert list(results.trials()[name][::3]) == values
+    assert name not in columns.taken()
     assert {"run", "success", "status", "c"} <= columns.taken(["c"])
-
-
-def test_an_axis_called_algorithm_is_that_column(tmp_path):
-    plan = made_study.plan(
-        {"algorithm": Axis("algorithm", "", True)}, [("fast casting",), ("spiral",)], airs=1
-    )
-    tables.write_plan(tmp_path, plan)
-    tables.publish(tmp_path, made_study.records(plan))
-    assert list(study.open(tmp_path).trials()["algorithm"][::3]) == ["fast casting", "spiral"]
-    assert "algorithm" not in columns.taken()
 
 
 def test_what_cannot_be_used_is_told_in_a_line(folder):
@@ -215,10 +195,10 @@ def test_what_cannot_be_used_is_told_in_a_line(folder):
         study.open(folder / "gone")
     with pytest.raises(RunFolderError, match="is not the folder of a study"):
         study.open(folder / "trials")
-    made_study.Store.brought[folder] = None
-    (folder / "costs.parquet").rename(folder / "costs")  # the tables are not whole: what tasks brought counts
-    assert fault() == f"{folder}: cannot be read"
-    (folder / "costs").rename(folder / "costs.parquet")
+    (folder / "parts").mkdir()
+    (folder / "parts" / "000000.parquet").write_bytes(b"damage")  # newer than the tables
+    assert fault().startswith(f"{folder / 'parts' / '000000.parquet'}: cannot be read")
+    shutil.rmtree(folder / "parts")
     part = next((folder / "trials").rglob("*.parquet"))
     whole = part.read_bytes()
     part.write_bytes(whole[:100])
@@ -248,11 +228,9 @@ def test_points_are_means_over_airs(tmp_path):
         n = round(10 * air[one.air]) + (one.seed // 1000003) + 2 * (one.values["algorithm"] == "spiral")
         return made_study.record(one, [made_study.trial(0, n % 3 == 0, 20.0), made_study.trial(1, False)])
 
-    tables.write_plan(tmp_path, plan)
     records = made_study.records(plan, rows)
     records[0] = records[0]._replace(status="failed", message="lost", trials=[])
-    tables.publish(tmp_path, records[:-1])
-    results = study.open(tmp_path)
+    results = made_study.published(tmp_path, plan, records[:-1])
     points, trials = results.points(), results.trials()
     assert list(points["speed"]) == [0.2, 0.2, 0.5, 0.5]
     assert list(points["failed"]) == [1, 0, 0, 0]
@@ -284,9 +262,7 @@ def test_more_points_in_airs_of_the_same_seeds_make_no_narrower_interval(tmp_pat
     def rows(one):  # all that happens is the luck of the seed
         return made_study.record(one, [made_study.trial(0, (one.air_seed, k) in LUCKY) for k in range(3)])
 
-    tables.write_plan(tmp_path, plan)
-    tables.publish(tmp_path, made_study.records(plan, rows))
-    points = study.open(tmp_path).by_points
+    points = made_study.published(tmp_path, plan, made_study.records(plan, rows)).by_points
     alone = points.estimates["success"][0]
     assert alone is not None
     for pooled in (

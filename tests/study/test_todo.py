@@ -8,7 +8,7 @@ import pytest
 from rooms import ROOM
 
 from taichi_plume.study.store import Store
-from taichi_plume.study.todo import todo
+from taichi_plume.study.study_run import missing_runs
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def wanted(
     """From the end, the runs that are to be done."""
     plan = made_study.plan()
     plan.study, plan.base = SimpleNamespace(outcomes=outcomes, keep=keep), ROOM
-    return [one.number - len(plan.requests) for one in todo(plan, store, retry)]  # type: ignore[arg-type]
+    return [one.number - len(plan.requests) for one in missing_runs(plan, store, retry)]  # type: ignore[arg-type]
 
 
 def test_what_is_done_is_not_done_again(store):

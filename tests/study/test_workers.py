@@ -10,7 +10,7 @@ def test_workers_alone_get_the_environment_of_workers(tmp_path, monkeypatch):
     before = dict(os.environ)
     workers = LocalWorkers(1, tmp_path)
     try:
-        found = workers.submit("0", os.getenv, "PYTHONSAFEPATH").result(timeout=60)
+        found = workers.submit("0", os.getenv, "PYTHONSAFEPATH").result(timeout=60)  # type: ignore[arg-type]
     finally:
         workers.close()
     assert found == ENVIRONMENT["PYTHONSAFEPATH"]
