@@ -10,7 +10,7 @@ from taichi_plume.files.run_folder import RunFolderError, is_run
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.opening import unopenable
 from taichi_plume.results.run import Run
-from taichi_plume.scenario.located import Located
+from taichi_plume.scenario.domain import Located
 from taichi_plume.scenario.sensors import GasSensor
 from taichi_plume.statistics import noses, spectra
 from taichi_plume.statistics.analysis import OfProbe, Settings, of_probe
