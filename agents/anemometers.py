@@ -1,7 +1,6 @@
 """What anemometers measure: a wind that lags and scatters, and none below their threshold."""
 
 from functools import partial
-from typing import Any
 
 import taichi as ti
 
@@ -26,7 +25,7 @@ class Anemometers:
         self.members, self.swarm, self.dim = members, members.swarm, dim
         self.feels_motion = not all(group.model.sensors.wind.compensated for group in members.groups)
         self.of = Parameters(members, partial(_figures, tick), stream="anemometer")
-        self.felt: Any = ti.Vector.field(2, ti.f32, members.size)  # wind behind the lag [m/s]
+        self.felt = ti.Vector.field(2, ti.f32, members.size)  # wind behind the lag [m/s]
 
     def begin(self) -> None:
         """Set the numbers that the groups give."""

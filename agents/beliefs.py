@@ -4,7 +4,7 @@ Any algorithm that offers `Believer` has its beliefs recorded, written and score
 belief is a grid of cells keep it in `Beliefs`; all of them speak by `Declaring`.
 """
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import taichi as ti
@@ -49,7 +49,7 @@ class Beliefs:
         self.extent = tuple(clearance.high[d] - clearance.low[d] for d in range(2))
         self.cells = tuple(max(1, round(length / cell)) for length in self.extent)
         self.even = 1.0 / (self.cells[0] * self.cells[1])
-        self.p: Any = ti.field(ti.f32, (members.size, *self.cells))
+        self.p = ti.field(ti.f32, (members.size, *self.cells))
 
     @ti.func
     def middle(self, a, b):

@@ -12,8 +12,7 @@ from typing import cast
 
 import numpy as np
 
-from taichi_plume.agents.columns import Columns, Rows, of_noses
-from taichi_plume.agents.declaring import Declaring
+from taichi_plume.agents.columns import Columns, Rows, further_gas_sensors
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.scenario.external import External
@@ -74,7 +73,7 @@ class ExternalAlgorithm:
         self.flies = group.model.body.flies
         ordered = (*ORDERED, *(FLOWN if self.flies else ()))
         self.noses = len(group.model.sensors.noses)
-        noses = [one for one in of_noses(self.noses) if one.name.startswith(SENSED)]
+        noses = [one for one in further_gas_sensors(self.noses) if one.name.startswith(SENSED)]
         told = (
             *TOLD,
             Columns.reading,
@@ -83,7 +82,7 @@ class ExternalAlgorithm:
             *((Columns.altitude,) if self.flies else ()),
         )
         self._told, self._ordered = (Rows(swarm, some, group.start, group.size) for some in (told, ordered))
-        self._declaring = Declaring(swarm, group.start, group.size)
+        self._swarm, self._start = swarm, group.start
         self.begin()
 
     @property
@@ -113,4 +112,4 @@ class ExternalAlgorithm:
         if self.flies:
             ordered += [orders.left, orders.climb, orders.altitude]
         self._ordered.write(ordered)
-        self._declaring.say(orders.declared, t)
+        self._swarm.declare_all(self._start, orders.declared, t)

@@ -13,7 +13,7 @@ from typing import Any
 
 import taichi as ti
 
-from taichi_plume.agents.columns import OF_A_NOSE
+from taichi_plume.agents.columns import OF_A_GAS_SENSOR
 from taichi_plume.agents.gas_laws import Law, numbered
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.lag import Lag
@@ -57,7 +57,7 @@ class GasSensors:
             members, partial(_figures, tick, species, slot), stream=numbered("gas sensor", slot)
         )
         self.reading, self.resistance, self.true_ppm = (
-            getattr(members.swarm, f"{name}_{slot}" if slot else name) for name in OF_A_NOSE
+            getattr(members.swarm, f"{name}_{slot}" if slot else name) for name in OF_A_GAS_SENSOR
         )
         self.signal = ti.field(ti.f32, n)  # y of each robot, clean air at the start
         self.slow = ti.field(ti.f32, n)  # the same for its slow part

@@ -22,13 +22,13 @@ older. Runs with fewer readings have the exact variance.
 """
 
 from math import exp
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.columns import Field
 from taichi_plume.agents.few import few
-from taichi_plume.agents.gas_map import Floor, GasMap, cell_of, counts, ratio
+from taichi_plume.agents.gas_map import Floor, GasMap, Readers, cell_of, counts, ratio
 from taichi_plume.grid.kernels import STRIP, Template, double_field
 from taichi_plume.grid.transfer import Numbers, reader
 from taichi_plume.scenario import maps as models
@@ -86,11 +86,11 @@ class KernelMap(GasMap):
         self.squares = ti.field(ti.f32, (trials, *self.shape))  # Σ K q of all of them
         # Σ of the weights of age, times 1, r, and q of the readings that are not kept
         self.totals = double_field((trials, 3))
-        self.kept: Any = ti.Vector.field(NUMBERS, ti.f32, (trials, self.exact))
-        self.left: Any = ti.Vector.field(NUMBERS, ti.f32, (trials, self.exact))
+        self.kept = ti.Vector.field(NUMBERS, ti.f32, (trials, self.exact))
+        self.left = ti.Vector.field(NUMBERS, ti.f32, (trials, self.exact))
         self.deviation = ti.field(ti.f32, (trials, self.exact))  # q times the weight of its age [ppm²]
-        self.fresh: Any = ti.field(ti.i32, trials)  # number of the first reading that is being taken in
-        self.end: Any = ti.field(ti.i32, trials)
+        self.fresh: Field = ti.field(ti.i32, trials)  # number of the first reading that is being taken in
+        self.end: Field = ti.field(ti.i32, trials)
         self.n = Numbers("sigma", "sigma2", "sigma_omega", "wind_stretch", "fading")
         self._sums = reader(self.totals, self.weights, self.weighted)
         self._squares = reader(self.totals, self.weights, self.squares, self.deviation)
@@ -108,7 +108,7 @@ class KernelMap(GasMap):
             fading=self.fading,
         )
 
-    def update(self, swarm: Any, t: float, dt: float) -> None:
+    def update(self, swarm: Readers, t: float, dt: float) -> None:
         fade = exp(-self.fading * (t - self.time))
         self.time = t
         for first in range(0, swarm.members.shape[1], self.exact):  # no more at once than there are slots

@@ -43,7 +43,7 @@ class LeastKnown(KernelAlgorithm):
         self.potential = Potential(self.members, self.p)
         floor = Floor(swarm.clearance.high, swarm.trials, swarm.members.shape[1], self.tick)
         self.map = TimeSeriesMap(self.model.map, floor)
-        self.goal: Any = ti.Vector.field(2, ti.f32, self.size)  # way points [m]
+        self.goal = ti.Vector.field(2, ti.f32, self.size)  # way points [m]
         self.asks = ti.field(ti.i32, self.size)  # whether the robot needs another one
         self._set_goal = uploader(self.goal, self.potential.mark)
         self._read = reader(self.asks, self.goal, swarm.believed_position)

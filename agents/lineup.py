@@ -18,7 +18,6 @@ each other whatever the range of their messages.
 """
 
 from math import cos, radians, sin
-from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -61,7 +60,7 @@ class LineUp(KernelAlgorithm):
         tables.upload()
         n = self.lines
         self.mode = ti.field(ti.i32, n)
-        self.wind: Any = ti.Vector.field(2, ti.f32, n)  # sum of what was measured, then the direction
+        self.wind = ti.Vector.field(2, ti.f32, n)  # sum of what was measured, then the direction
         self.slant = ti.field(ti.f32, n)  # b from robot to robot [m]
         self.gap = ti.field(ti.f32, n)  # a from robot to robot [m]
         self.a = ti.field(ti.f32, n)  # of the line's middle [m]

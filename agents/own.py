@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.agents.columns import Rows
-from taichi_plume.agents.declaring import Declaring
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.own_robots import GOALS, Robots, Said, shown, told
 from taichi_plume.agents.parameters import Parameters
@@ -108,7 +107,6 @@ class OwnAlgorithm:
         self.to_tell, goals = told(self.flies), GOALS if self.flies else ()
         self.shown = Rows(swarm, shown(self.flies), group.start, group.size)
         self.told = Rows(swarm, (*self.to_tell, *goals), group.start, group.size)
-        self.declaring = Declaring(swarm, group.start, group.size)
         further = {f"reading_{k}" for k in range(1, len(group.model.sensors.noses))}
         self.further = Rows(
             swarm, [one for one in swarm.columns if one.name in further], group.start, group.size
@@ -163,7 +161,7 @@ class OwnAlgorithm:
         if self.flies:
             commands += [said.goals, said.goal_headings]
         self.told.write(commands)
-        self.declaring.say(said.places, t)
+        self.swarm.declare_all(self.start, said.places, t)
         if self.messages:
             self.messages.deliver(said, tick, t)
 

@@ -19,13 +19,12 @@ detections in a row that the particles explain worse than a source anywhere on t
 that a search that goes on rules places out; and the values of keys, whose scale is that of a room.
 """
 
-from typing import Any
-
 import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.beliefs import Declaring
 from taichi_plume.agents.casting import IN_PLUME, LOST, SIDESTEP, Casting
+from taichi_plume.agents.columns import Field
 from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
@@ -66,11 +65,11 @@ class ParticleFilter(Casting):
         self.weight = ti.field(ti.f32, (n, self.count))
         self.known = ti.field(ti.i32, n)  # whether there are particles
         self.smelt = ti.field(ti.i32, n)  # whether there is gas
-        self.mean: Any = ti.Vector.field(2, ti.f32, n)  # of the particles: the estimate [m]
+        self.mean = ti.Vector.field(2, ti.f32, n)  # of the particles: the estimate [m]
         self.spread = ti.field(ti.f32, n)  # root mean square distance of the particles from it [m]
         self.estimate = ti.Vector.field(2, ti.f32, (n, self.kept))  # the last ones, a ring [m]
         self.estimated = ti.field(ti.i32, n)  # how many there were
-        self.visit: Any = ti.Vector.field(2, ti.f32, n)  # the estimate that it went to last [m]
+        self.visit: Field = ti.Vector.field(2, ti.f32, n)  # the estimate that it went to last [m]
         self.visited = ti.field(ti.i32, n)  # whether there was one
         self.doubts = ti.field(ti.i32, n)  # unexplained detections in a row
         self.belief_cell = model.cell

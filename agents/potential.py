@@ -13,8 +13,6 @@ A robot that makes no way for PATIENCE is in a local minimum: for a while it fol
 right by turns and each time for twice as long.
 """
 
-from typing import Any
-
 import numpy as np
 import taichi as ti
 
@@ -47,7 +45,7 @@ class Potential:
     def __init__(self, members: Members, parameters: Parameters):
         self.swarm, self.robot, self.p = members.swarm, members.robot, parameters
         n = members.size
-        self.mark: Any = ti.Vector.field(2, ti.f32, n)  # where it last made way [m]
+        self.mark = ti.Vector.field(2, ti.f32, n)  # where it last made way [m]
         self.idle = ti.field(ti.f32, n)  # time since then [s]
         self.tries = ti.field(ti.i32, n)  # escapes since `set_out`
         self.escape = ti.field(ti.f32, n)  # what is left of the present escape [s]

@@ -4,8 +4,6 @@ A robot says a value and the place it belongs to; with them go the time and wher
 the others keep what they heard last.
 """
 
-from typing import Any
-
 import numpy as np
 import taichi as ti
 
@@ -35,12 +33,12 @@ class Radio:
         self.size = members.size
         shape = (self.size, int(parameters.largest("count")))
         self.value = ti.field(ti.f32, shape)
-        self.place: Any = ti.Vector.field(2, ti.f32, shape)
-        self.sender: Any = ti.Vector.field(2, ti.f32, shape)
+        self.place = ti.Vector.field(2, ti.f32, shape)
+        self.sender = ti.Vector.field(2, ti.f32, shape)
         self.time = ti.field(ti.f32, shape)
         self.speaks = ti.field(ti.i32, self.size)  # whether the robot says something in this tick
         self.said_value = ti.field(ti.f32, self.size)
-        self.said_place: Any = ti.Vector.field(2, ti.f32, self.size)
+        self.said_place = ti.Vector.field(2, ti.f32, self.size)
 
     @staticmethod
     def numbers(group: GroupRange) -> Numbers:

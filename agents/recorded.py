@@ -1,7 +1,5 @@
 """Recorded readings in the place of a swarm, for maps that are made afterwards."""
 
-from typing import Any
-
 import numpy as np
 import taichi as ti
 
@@ -13,8 +11,8 @@ class RecordedTeam:
     """What maps see of a swarm: at any time one team of at most `most` robots, with the names of `Swarm`."""
 
     def __init__(self, most: int):
-        self.believed_position: Any = ti.Vector.field(2, ti.f32, most)
-        self.wind: Any = ti.Vector.field(2, ti.f32, most)
+        self.believed_position = ti.Vector.field(2, ti.f32, most)
+        self.wind = ti.Vector.field(2, ti.f32, most)
         self.wind_known = ti.field(ti.i32, most)
         self.reading = ti.field(ti.f32, most)
         self.members = ti.field(ti.i32, (1, most))

@@ -14,7 +14,6 @@ in an update.
 """
 
 from math import pi
-from typing import Any
 
 import taichi as ti
 
@@ -39,10 +38,10 @@ class Releases:
         low, high = members.swarm.clearance.low, members.swarm.clearance.high
         self.floor = (tuple(low), tuple(high))
         n = members.size
-        self.wind_way: Any = ti.Vector.field(2, ti.f32, (n, most))  # Σ u Δt of each period, a ring [m]
-        self.drift: Any = ti.Vector.field(2, ti.f32, n)  # of the present period so far [m]
-        self.periods: Any = ti.field(ti.i32, n)  # so far
-        self.back: Any = ti.Vector.field(2, ti.f32, (n, most + 1))  # way since each release, newest first [m]
+        self.wind_way = ti.Vector.field(2, ti.f32, (n, most))  # Σ u Δt of each period, a ring [m]
+        self.drift = ti.Vector.field(2, ti.f32, n)  # of the present period so far [m]
+        self.periods = ti.field(ti.i32, n)  # so far
+        self.back = ti.Vector.field(2, ti.f32, (n, most + 1))  # way since each release, newest first [m]
 
     @staticmethod
     def numbers(model: Model) -> Numbers:

@@ -71,7 +71,7 @@ class Snaps:
         self.kept, self.depth, self.margin = needs.kept, needs.depth, needs.margin
         self.maps: list[SnapMap] = []  # are told when a snap ends
         trials, most = floor.trials, floor.robots * (ceil(model.window / floor.tick) + 1)
-        self.samples: Any = ti.Vector.field(3, ti.f32, (trials, self.kept, most))
+        self.samples = ti.Vector.field(3, ti.f32, (trials, self.kept, most))
         self.taken = ti.field(ti.i32, (trials, self.kept))
         rows = self.shape[0] + 2 * self.margin
         columns = -(-self.shape[1] // self.strip) * self.strip + 2 * self.margin

@@ -22,7 +22,6 @@ over what; but the mean is to tell the distance where the peaks are low, and who
 """
 
 from math import pi
-from typing import Any
 
 import taichi as ti
 
@@ -60,7 +59,7 @@ class Spiral(KernelAlgorithm):
         self.acquisition = Recording(self.members, self.p)
         self.heard = self.acquisition.heard
         self.indices = ti.field(ti.f32, (n, REMEMBERED))  # of the last acquisitions [ppm]
-        self.places: Any = ti.Vector.field(2, ti.f32, (n, REMEMBERED))  # where they were [m]
+        self.places = ti.Vector.field(2, ti.f32, (n, REMEMBERED))  # where they were [m]
         self.arm = ti.field(ti.i32, n)  # of the present spiral, from 0 on
         self.sense = ti.field(ti.f32, n)  # +1: turns left, -1: right
         self.threshold = ti.field(ti.f32, n)  # T_PI [ppm]

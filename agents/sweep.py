@@ -9,12 +9,13 @@ SWEEP    along lane after lane, around what stands in it and back; a lane's end 
 DONE     stand at the end, unless the sweep is to be repeated backwards
 """
 
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.algorithm import KernelAlgorithm
+from taichi_plume.agents.columns import Field
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
@@ -37,7 +38,7 @@ class Sweep(KernelAlgorithm):
         self.potential = Potential(self.members, self.p)
         ways = self._ways()
         n = self.size
-        self.way: Any = ti.Vector.field(2, ti.f32, (n, max(map(len, ways))))  # way points [m]
+        self.way: Field = ti.Vector.field(2, ti.f32, (n, max(map(len, ways))))  # way points [m]
         self.length = ti.field(ti.i32, n)  # how many of them there are
         self.next = ti.field(ti.i32, n)  # number of the present one
         self.order = ti.field(ti.i32, n)  # +1: forwards, -1: back
