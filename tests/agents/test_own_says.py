@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from robots import room, team
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.files.own_class import OwnAlgorithmError
@@ -41,16 +42,9 @@ class Talkers:
 
 def scenario(**keys: Any) -> Scenario:
     """Two teams of three, 0.5, 1.5 and 2 m apart."""
-    group = {
-        "name": "mine", "count": 3, "trials": 2, "algorithm": {"kind": "own"},
-        "start": {"kind": "positions", "positions": PLACES, "heading_deg": 0}, **keys,
-    }  # fmt: skip
-    content = {
-        "duration": 2, "tick": 0.1, "domain": {"size": [4, 3], "spacing": 0.2}, "robots": [group],
-        "wind": {"kind": "uniform", "velocity": [0.5, 0]},
-        "gas": {"kind": "eulerian", "sources": [{"position": [2.0, 2.2], "rate": "1 mg/s"}]},
-    }  # fmt: skip
-    return Scenario.model_validate(content)
+    mine = team(*PLACES, heading_deg=0) | {"name": "mine", "trials": 2, "algorithm": {"kind": "own"}} | keys
+    gas = {"kind": "eulerian", "sources": [{"position": [2.0, 2.2], "rate": "1 mg/s"}]}
+    return Scenario.model_validate(room(mine, gas=gas, duration=2, tick=0.1))
 
 
 def made(own: type, **keys: Any) -> Any:
