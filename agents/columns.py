@@ -26,9 +26,9 @@ class Column:
 
     width: 2 for vectors. key: its name in snapshots; empty if snapshots leave it out. tabled: whether `robots.parquet`
     has it, under its key or under the names in `components`; there NaN is null. named: whether its numbers have names,
-    the states of the algorithm. shown, told: its name among the arrays that an own algorithm reads, or writes. truth:
-    the column whose field it shares if no robot has odometry errors. flies: whether only swarms with drones have it.
-    pushed: whether only swarms among moving obstacles have it.
+    the states of the algorithm. read_as, written_as: its name among the arrays that an own algorithm reads, or writes.
+    truth: the column whose field it shares if no robot has odometry errors. flies: whether only swarms with drones have
+    it. pushed: whether only swarms among moving obstacles have it.
     """
 
     unit: str
@@ -39,8 +39,8 @@ class Column:
     tabled: bool = False
     components: tuple[str, ...] = ()
     named: bool = False
-    shown: str = ""
-    told: str = ""
+    read_as: str = ""
+    written_as: str = ""
     truth: str = ""
     flies: bool = False
     pushed: bool = False
@@ -82,7 +82,7 @@ class Columns:
         "of the lower end of the body over the floor",
         key="altitude",
         components=("z",),
-        shown="altitude",
+        read_as="altitude",
         flies=True,
     )
     reading = Column(
@@ -90,7 +90,7 @@ class Columns:
         "of the gas sensor; of a laser that gives the integral in ppm m",
         key="reading_ppm",
         tabled=True,
-        shown="reading",
+        read_as="reading",
     )
     resistance = Column("ohm", "of a metal-oxide sensor; others have none", key="resistance_ohm", tabled=True)
     true_ppm = Column(
@@ -105,7 +105,7 @@ class Columns:
         width=2,
         key="wind",
         components=("wind_x", "wind_y"),
-        shown="wind",
+        read_as="wind",
     )
     believed_position = Column(
         "m",
@@ -113,7 +113,7 @@ class Columns:
         width=2,
         key="believed_position",
         components=("believed_x", "believed_y"),
-        shown="position",
+        read_as="position",
         truth="position",
     )
     believed_heading = Column(
@@ -121,10 +121,12 @@ class Columns:
         "that the robot believes to have",
         key="believed_heading",
         tabled=True,
-        shown="heading",
+        read_as="heading",
         truth="heading",
     )
-    state = Column("1", "of the algorithm", np.int32, key="state", tabled=True, named=True, told="state")
+    state = Column(
+        "1", "of the algorithm", np.int32, key="state", tabled=True, named=True, written_as="state"
+    )
     found = Column("1", "whether it has found a source", np.bool_, key="found", tabled=True)
     found_time = Column("s", "when it found a source; NaN before", key="found_time")
     reached_time = Column("s", "when it first came within reach of a source; NaN before", key="reached_time")
@@ -151,10 +153,10 @@ class Columns:
         "m",
         "that the robot believes to have driven",
         key="odometer",
-        shown="path_length",
+        read_as="path_length",
         truth="path_length",
     )
-    blocked = Column("1", "whether the bumper feels something", np.bool_, key="blocked", shown="blocked")
+    blocked = Column("1", "whether the bumper feels something", np.bool_, key="blocked", read_as="blocked")
     bumps = Column("1", "how often it met something", np.int32, key="bumps")
     pushes = Column(
         "1",
@@ -174,19 +176,19 @@ class Columns:
     touched = Column("1", "whether a moving obstacle touches the robot", np.bool_, pushed=True)
     acquisitions = Column("1", "how often it stopped to measure", np.int32, key="acquisitions")
     hits = Column("1", "how often it noticed gas", np.int32, key="hits")
-    wind_known = Column("1", "whether the anemometer feels wind", np.bool_, shown="wind_known")
+    wind_known = Column("1", "whether the anemometer feels wind", np.bool_, read_as="wind_known")
     velocity = Column("m/s", "over the last tick", width=2)
     speed = Column("m/s", "forward, as commanded and limited")
-    speed_command = Column("m/s", "forward, that the algorithm wants", told="speed")
-    turn_rate_command = Column("rad/s", "that the algorithm wants", told="turn_rate")
+    speed_command = Column("m/s", "forward, that the algorithm wants", written_as="speed")
+    turn_rate_command = Column("rad/s", "that the algorithm wants", written_as="turn_rate")
     ordered_position = Column("m", "to which it is put from outside; NaN before", width=2)
     ordered_heading = Column("rad", "to which it is put from outside")
     ordered_altitude = Column("m", "to which it is put from outside; NaN before", flies=True)
     climb_rate = Column("m/s", "upward, over the last tick", key="climb_rate", flies=True)
     flight = Column("m/s", "velocity in the room, as commanded and limited", width=3, flies=True)
     acceleration = Column("m/s^2", "of that, by its rotors", width=3, flies=True)
-    left_command = Column("m/s", "to its left, that it wants", told="left_speed", flies=True)
-    climb_command = Column("m/s", "upward, that it wants", told="climb_rate", flies=True)
+    left_command = Column("m/s", "to its left, that it wants", written_as="left_speed", flies=True)
+    climb_command = Column("m/s", "upward, that it wants", written_as="climb_rate", flies=True)
     goal = Column("m", "to which it wants to fly; NaN: it goes by its speeds", width=3, flies=True)
     goal_heading = Column("rad", "to which it turns on the way; NaN: by its turn rate", flies=True)
 
@@ -197,14 +199,14 @@ class Columns:
             setattr(self, column.name, getattr(self, column.truth) if shared else column.field(n))
 
 
-ALL: tuple[Column, ...] = tuple(one for one in vars(Columns).values() if isinstance(one, Column))
-COLUMNS = tuple(one for one in ALL if not one.flies and not one.pushed)
+ALL: tuple[Column, ...] = tuple(column for column in vars(Columns).values() if isinstance(column, Column))
+COLUMNS = tuple(column for column in ALL if not column.flies and not column.pushed)
 """Columns of every swarm."""
 
 
 def columns_of(flies: bool, pushed: bool = False) -> tuple[Column, ...]:
     """Return the columns of a swarm; flies: whether any robot flies; pushed: whether obstacles move."""
-    return tuple(one for one in ALL if one.flies <= flies and one.pushed <= pushed)
+    return tuple(column for column in ALL if column.flies <= flies and column.pushed <= pushed)
 
 
 OF_A_GAS_SENSOR = ("reading", "resistance", "true_ppm")
@@ -218,15 +220,15 @@ def further_gas_sensors(most: int) -> tuple[Column, ...]:
     """
     return tuple(
         replace(
-            one,
-            meaning=f"{one.meaning}; of sensor {k}, from 0 on",
-            name=f"{one.name}_{k}",
-            key=f"_{k}_".join(one.key.rsplit("_", 1)),  # reading_1_ppm
-            shown="",
+            column,
+            meaning=f"{column.meaning}; of sensor {k}, from 0 on",
+            name=f"{column.name}_{k}",
+            key=f"_{k}_".join(column.key.rsplit("_", 1)),  # reading_1_ppm
+            read_as="",
         )
         for k in range(1, most)
-        for one in COLUMNS
-        if one.name in OF_A_GAS_SENSOR
+        for column in COLUMNS
+        if column.name in OF_A_GAS_SENSOR
     )
 
 
@@ -235,8 +237,8 @@ class Rows:
 
     def __init__(self, robots: Columns, columns: Sequence[Column], start: int, size: int):
         self.columns, self.size = tuple(columns), size
-        self.begins = tuple(np.cumsum([0, *[one.width for one in columns]]).tolist())
-        fields = tuple(getattr(robots, one.name) for one in columns)
+        self.begins = tuple(np.cumsum([0, *[column.width for column in columns]]).tolist())
+        fields = tuple(getattr(robots, column.name) for column in columns)
         self._get, self._put = _kernels(fields, self.columns, self.begins, start, size)
 
     def read(self) -> list[np.ndarray]:
@@ -247,16 +249,16 @@ class Rows:
         return [self._column(table, c) for c in range(len(self.columns))]
 
     def _column(self, table: np.ndarray, c: int) -> np.ndarray:
-        one, rows = self.columns[c], table[self.begins[c] : self.begins[c + 1]]
-        if one.dtype is not np.float32:
-            rows = rows.view(np.int32).astype(one.dtype)
-        return rows[0].copy() if one.width == 1 else rows.T.copy()
+        column, rows = self.columns[c], table[self.begins[c] : self.begins[c + 1]]
+        if column.dtype is not np.float32:
+            rows = rows.view(np.int32).astype(column.dtype)
+        return rows[0].copy() if column.width == 1 else rows.T.copy()
 
     def write(self, values: Sequence[np.ndarray]) -> None:
         table = np.empty((self.begins[-1], self.size), np.float32)
-        for c, (one, array) in enumerate(zip(self.columns, values, strict=True)):
+        for c, (column, array) in enumerate(zip(self.columns, values, strict=True)):
             rows = table[self.begins[c] : self.begins[c + 1]]
-            (rows if one.dtype is np.float32 else rows.view(np.int32))[...] = np.asarray(array).T
+            (rows if column.dtype is np.float32 else rows.view(np.int32))[...] = np.asarray(array).T
         if self.size:
             self._put(table)
 
@@ -266,9 +268,9 @@ def _kernels(
 ) -> tuple[Callable[[np.ndarray], None], Callable[[np.ndarray], None]]:
     """Return kernels that copy the columns to and from a table of f32 (components, size), integers by their bits."""
     parts = [
-        (fields[c], begins[c] + d, d if one.width > 1 else -1, one.dtype is np.float32)
-        for c, one in enumerate(columns)
-        for d in range(one.width)
+        (fields[c], begins[c] + d, d if column.width > 1 else -1, column.dtype is np.float32)
+        for c, column in enumerate(columns)
+        for d in range(column.width)
     ]
 
     @ti.kernel

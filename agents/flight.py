@@ -55,7 +55,7 @@ class Flying(Columns):
     ) -> list[object]:
         """Return the numbers at the start of a run; each: makes a number per robot; sources: (m, 3) [m]."""
         altitude = each(lambda group: group.start_altitude)
-        spans = [one.span for one in walkers] or 0
+        spans = [walker.span for walker in walkers] or 0
         heights = sources[:, 2] if len(sources) else 0
         return [
             altitude,

@@ -7,7 +7,6 @@ one after the other, each among the new positions of those before. Trials neithe
 
 from collections.abc import Callable, Sequence
 from math import ceil
-from typing import TYPE_CHECKING
 
 import numpy as np
 import taichi as ti
@@ -24,9 +23,6 @@ from taichi_plume.grid.elementary import cos_sin, wrap
 from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.robots import Group
-
-if TYPE_CHECKING:
-    from taichi_plume.grid.clearance import ClearanceMap
 
 BODY: dict[str, Callable[[Group], float]] = {
     "radius": lambda group: group.body.radius,
@@ -68,7 +64,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         groups: Sequence[Group],
         positions: np.ndarray,
         headings: np.ndarray,
-        clearance: "ClearanceMap",
+        clearance: object,
         sources: np.ndarray,
         seed: int,
         walkers: Sequence[Obstacle] = (),
@@ -106,7 +102,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         if self.reckons:
             self.odometry = Odometry(n, self.counter)
         self._kept = Rows(self, [column for column in self.columns if column.key], 0, self.count)
-        self._fields = [getattr(self, one.name) for one in self.columns]
+        self._fields = [getattr(self, column.name) for column in self.columns]
         self._ended, self._put_discs = reader(self.found, self.declarations), uploader(self.discs)
         self._upload = uploader(*self._numbers())
         self.begin(groups, positions, headings, sources, seed, walkers)
@@ -151,16 +147,21 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         """Put the robots of these groups, as many as before, to their start; arguments as for the constructor."""
         self.groups, self.seed = ranges(groups, self.rivals), seed
         self.start = np.array(positions, np.float32).reshape(-1, 2)  # positions at the start [m]
-        self.walkers = [(one.motion, one.center) for one in walkers]
+        self.walkers = [(walker.motion, walker.center) for walker in walkers]
         self.strides = max(  # largest speed of the walkers over their radius [1/s]
-            (leg[2] / one.disc for one in walkers if one.motion for leg in one.motion.legs(one.center)),
+            (
+                leg[2] / walker.disc
+                for walker in walkers
+                if walker.motion
+                for leg in walker.motion.legs(walker.center)
+            ),
             default=0.0,
         )
         poses = [self.start, headings] if self.count else [0, 0]
         self._upload(
             seed,
             sources[:, :2] if len(sources) else 0,
-            [one.disc for one in walkers] or 0,
+            [walker.disc for walker in walkers] or 0,
             *poses,
             *(np.nan,) * (6 + len(self._further)),
             *(poses if self.reckons else []),

@@ -51,7 +51,7 @@ class TimeSeriesMap(SnapMap):
 
     @classmethod
     def needs(cls, model: models.TimeSeriesMap, floor: Floor) -> Needs:
-        """As far back as the neighbourhood reaches, and as far around."""
+        """Return needs as far back and around as the neighbourhood reaches."""
         neighbours = neighbourhood(model, max(shape(floor.extent, model.cell)) - 1)
         depth = max(lag for lag, *_ in neighbours)
         if model.raw_samples:
@@ -59,7 +59,7 @@ class TimeSeriesMap(SnapMap):
         return Needs(depth=depth, margin=max(max(abs(x), abs(y)) for _, x, y, _ in neighbours))
 
     def remembered_of(self, lag: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """By Σ U over the neighbourhood; with samples for cells, by U in the cell that is nearest to the place."""
+        """Return Σ U over the neighbourhood; with samples for cells, U in the cell that is nearest to the reading."""
         if not self.model.raw_samples:
             return np.where(lag <= self.depth, self.total[np.minimum(lag, self.depth)] / self.total[1], 0.0)
         cell = np.minimum(place // self.cell, np.array(self.shape) - 1)
@@ -85,7 +85,7 @@ class TimeSeriesMap(SnapMap):
 
 
 def neighbourhood(model: models.TimeSeriesMap, farthest: int) -> Stencil:
-    """Eq 4, 5 and 7 for every lag and offset inside; farthest: offset [cells] that a map of this size can use."""
+    """Evaluate eq 4, 5 and 7 for every lag and offset inside; farthest: largest useful offset on this map [cells]."""
     reach = min(farthest, int(model.beta / model.alpha / model.cell) + 1)
     result: Stencil = []
     lag = 1
@@ -104,7 +104,7 @@ def _from_cells(
     strip: Template, weighted: Template, weights: Template, snap: int, offsets: Template, closeness: Template,
     margin: int, numerator: Template, denominator: Template,
 ):  # fmt: skip
-    """Both sums of eq 6 for snap number `snap`, along y in strips that fit into registers."""
+    """Write both sums of eq 6 for snapshot `snap`, along y in strips that fit into registers."""
     nx, ny = ti.static(numerator.shape[1], numerator.shape[2])
     for k, i, part in ti.ndrange(numerator.shape[0], nx, (ny + strip - 1) // strip):
         first = part * strip
@@ -140,7 +140,7 @@ def _from_samples(
     samples: Template, taken: Template, snap: int, depth: int, cell: float, alpha: float, beta: float, lag_age: float,
     numerator: Template, denominator: Template,
 ):  # fmt: skip
-    """The same from the samples themselves, of `depth` snaps."""
+    """Write the same sums from the samples themselves, of `depth` snapshots."""
     for k, i, j in numerator:
         center = (ti.Vector([i, j]) + 0.5) * cell
         a = 0.0

@@ -125,10 +125,10 @@ def test_messages_are_lost_at_the_groups_rate():
 WRONG = [
     (
         "robots.declare(robots.robot[:2] == 0)",
-        "which is neither a truth for each of the 6 robots nor numbers",
+        "which must be a boolean mask of length 6",
     ),
-    ("robots.declare([0, 6])", "nor numbers of robots from 0 to 5"),
-    ("robots.declare(0.5)", "which is neither"),
+    ("robots.declare([0, 6])", "robot indices from 0 to 5"),
+    ("robots.declare(0.5)", "which must be"),
     ("robots.declare([0, 1], [[1, 2, 3]])", "place has the shape (1, 3), not (2, 2) or (2,)"),
     ("robots.declare(True, 3)", "place has the shape (), not (6, 2) or (2,)"),
     ("robots.declare(2, [1, float('nan')])", "place[0, 1] is nan, not a finite number"),

@@ -5,9 +5,8 @@ import pytest
 from readers import COUNT, EXTENT, TRIALS, Stock, centers, same
 
 from taichi_plume.agents.gas_map import Floor
-from taichi_plume.agents.inverse_distance import InverseDistanceMap
 from taichi_plume.agents.mapping import mappers
-from taichi_plume.agents.snaps import SnapMap
+from taichi_plume.agents.snaps import InverseDistanceMap, SnapMap
 from taichi_plume.agents.time_series import TimeSeriesMap, neighbourhood
 from taichi_plume.scenario import maps as map_models
 

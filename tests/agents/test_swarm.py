@@ -198,7 +198,7 @@ def test_columns_are_declared_with_unit_and_meaning(three):
 
 
 def test_rows_are_written_as_they_are_read(three):
-    columns = [column for column in COLUMNS if column.told] + [COLUMNS[0]]
+    columns = [column for column in COLUMNS if column.written_as] + [COLUMNS[0]]
     rows = Rows(three.swarm, columns, 1, 2)
     values = [np.array([3, -5]), np.array([0.1, 0.2]), np.array([-1, 0.7]), np.array([[1, 2], [3, 4]])]
     first = three.swarm.snapshot()["position"][0]
