@@ -24,18 +24,18 @@ Field = Any
 class Column:
     """A quantity of every robot, of which `Columns` holds a field: f32, or i32 for whole numbers and flags.
 
-    width: 2 for vectors. key: its name in snapshots; empty if snapshots leave it out. tabled: whether `robots.parquet`
-    has it, under its key or under the names in `components`; there NaN is null. named: whether its numbers have names,
-    the states of the algorithm. read_as, written_as: its name among the arrays that an own algorithm reads, or writes.
-    truth: the column whose field it shares if no robot has odometry errors. flies: whether only swarms with drones have
-    it. pushed: whether only swarms among moving obstacles have it.
+    width: 2 for vectors. key: its name in snapshots, * is that of the column; empty if snapshots leave it out.
+    tabled: whether `robots.parquet` has it, under its key or under the names in `components`; there NaN is null.
+    named: whether its numbers have names, the states of the algorithm. read_as, written_as: its name among the arrays
+    that an own algorithm reads, or writes. truth: the column whose field it shares if no robot has odometry errors.
+    flies: whether only swarms with drones have it. pushed: whether only swarms among moving obstacles have it.
     """
 
     unit: str
     meaning: str
     dtype: Dtype = np.float32
     width: int = 1
-    key: str = ""
+    key: str = "*"
     tabled: bool = False
     components: tuple[str, ...] = ()
     named: bool = False
@@ -47,7 +47,7 @@ class Column:
     name: str = ""
 
     def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
+        self.name, self.key = name, self.key.replace("*", name)
 
     def __get__(self, instance: object, owner: type) -> Field:
         return self  # of the class; a swarm's own attribute of this name is its field
@@ -75,15 +75,10 @@ class Columns:
 
     columns: tuple[Column, ...]
 
-    position = Column("m", "middle of the body", width=2, key="position", components=("x", "y"))
-    heading = Column("rad", "from x towards y", key="heading", tabled=True)
+    position = Column("m", "middle of the body", width=2, components=("x", "y"))
+    heading = Column("rad", "from x towards y", tabled=True)
     altitude = Column(
-        "m",
-        "of the lower end of the body over the floor",
-        key="altitude",
-        components=("z",),
-        read_as="altitude",
-        flies=True,
+        "m", "of the lower end of the body over the floor", components=("z",), read_as="altitude", flies=True
     )
     reading = Column(
         "ppm",
@@ -94,16 +89,12 @@ class Columns:
     )
     resistance = Column("ohm", "of a metal-oxide sensor; others have none", key="resistance_ohm", tabled=True)
     true_ppm = Column(
-        "ppm",
-        "of all vapours at the gas sensor; of what a laser sees, the mean along its beam",
-        key="true_ppm",
-        tabled=True,
+        "ppm", "of all vapours at the gas sensor; of what a laser sees, the mean along its beam", tabled=True
     )
     wind = Column(
         "m/s",
         "of the anemometer; zero where it knows of none",
         width=2,
-        key="wind",
         components=("wind_x", "wind_y"),
         read_as="wind",
     )
@@ -111,61 +102,35 @@ class Columns:
         "m",
         "where the robot believes to be",
         width=2,
-        key="believed_position",
         components=("believed_x", "believed_y"),
         read_as="position",
         truth="position",
     )
     believed_heading = Column(
-        "rad",
-        "that the robot believes to have",
-        key="believed_heading",
-        tabled=True,
-        read_as="heading",
-        truth="heading",
+        "rad", "that the robot believes to have", tabled=True, read_as="heading", truth="heading"
     )
-    state = Column(
-        "1", "of the algorithm", np.int32, key="state", tabled=True, named=True, written_as="state"
-    )
-    found = Column("1", "whether it has found a source", np.bool_, key="found", tabled=True)
-    found_time = Column("s", "when it found a source; NaN before", key="found_time")
-    reached_time = Column("s", "when it first came within reach of a source; NaN before", key="reached_time")
+    state = Column("1", "of the algorithm", np.int32, tabled=True, named=True, written_as="state")
+    found = Column("1", "whether it has found a source", np.bool_, tabled=True)
+    found_time = Column("s", "when it found a source; NaN before")
+    reached_time = Column("s", "when it first came within reach of a source; NaN before")
     declared_position = Column(
         "m",
         "where it said that a source is, as it believes: the first right place, or else the last; NaN before",
         width=2,
-        key="declared_position",
         components=("declared_x", "declared_y"),
     )
-    declared_time = Column("s", "when it said so; NaN before", key="declared_time")
-    declarations = Column(
-        "1", "how often it said where a source is", np.int32, key="declarations", tabled=True
-    )
+    declared_time = Column("s", "when it said so; NaN before")
+    declarations = Column("1", "how often it said where a source is", np.int32, tabled=True)
     false_declarations = Column(
-        "1",
-        "how often there was none within reach of that place",
-        np.int32,
-        key="false_declarations",
-        tabled=True,
+        "1", "how often there was none within reach of that place", np.int32, tabled=True
     )
-    path_length = Column("m", "driven", key="path_length")
+    path_length = Column("m", "driven")
     odometer = Column(
-        "m",
-        "that the robot believes to have driven",
-        key="odometer",
-        read_as="path_length",
-        truth="path_length",
+        "m", "that the robot believes to have driven", read_as="path_length", truth="path_length"
     )
-    blocked = Column("1", "whether the bumper feels something", np.bool_, key="blocked", read_as="blocked")
-    bumps = Column("1", "how often it met something", np.int32, key="bumps")
-    pushes = Column(
-        "1",
-        "how often a moving obstacle ran into the robot",
-        np.int32,
-        key="pushes",
-        tabled=True,
-        pushed=True,
-    )
+    blocked = Column("1", "whether the bumper feels something", np.bool_, read_as="blocked")
+    bumps = Column("1", "how often it met something", np.int32)
+    pushes = Column("1", "how often a moving obstacle ran into the robot", np.int32, tabled=True, pushed=True)
     pinned_time = Column(
         "s",
         "time inside the disc of a moving obstacle that left the robot no way out, or onto which it was put",
@@ -173,24 +138,24 @@ class Columns:
         tabled=True,
         pushed=True,
     )
-    touched = Column("1", "whether a moving obstacle touches the robot", np.bool_, pushed=True)
-    acquisitions = Column("1", "how often it stopped to measure", np.int32, key="acquisitions")
-    hits = Column("1", "how often it noticed gas", np.int32, key="hits")
-    wind_known = Column("1", "whether the anemometer feels wind", np.bool_, read_as="wind_known")
-    velocity = Column("m/s", "over the last tick", width=2)
-    speed = Column("m/s", "forward, as commanded and limited")
-    speed_command = Column("m/s", "forward, that the algorithm wants", written_as="speed")
-    turn_rate_command = Column("rad/s", "that the algorithm wants", written_as="turn_rate")
-    ordered_position = Column("m", "to which it is put from outside; NaN before", width=2)
-    ordered_heading = Column("rad", "to which it is put from outside")
-    ordered_altitude = Column("m", "to which it is put from outside; NaN before", flies=True)
-    climb_rate = Column("m/s", "upward, over the last tick", key="climb_rate", flies=True)
-    flight = Column("m/s", "velocity in the room, as commanded and limited", width=3, flies=True)
-    acceleration = Column("m/s^2", "of that, by its rotors", width=3, flies=True)
-    left_command = Column("m/s", "to its left, that it wants", written_as="left_speed", flies=True)
-    climb_command = Column("m/s", "upward, that it wants", written_as="climb_rate", flies=True)
-    goal = Column("m", "to which it wants to fly; NaN: it goes by its speeds", width=3, flies=True)
-    goal_heading = Column("rad", "to which it turns on the way; NaN: by its turn rate", flies=True)
+    touched = Column("1", "whether a moving obstacle touches the robot", np.bool_, key="", pushed=True)
+    acquisitions = Column("1", "how often it stopped to measure", np.int32)
+    hits = Column("1", "how often it noticed gas", np.int32)
+    wind_known = Column("1", "whether the anemometer feels wind", np.bool_, key="", read_as="wind_known")
+    velocity = Column("m/s", "over the last tick", key="", width=2)
+    speed = Column("m/s", "forward, as commanded and limited", key="")
+    speed_command = Column("m/s", "forward, that the algorithm wants", key="", written_as="speed")
+    turn_rate_command = Column("rad/s", "that the algorithm wants", key="", written_as="turn_rate")
+    ordered_position = Column("m", "to which it is put from outside; NaN before", key="", width=2)
+    ordered_heading = Column("rad", "to which it is put from outside", key="")
+    ordered_altitude = Column("m", "to which it is put from outside; NaN before", key="", flies=True)
+    climb_rate = Column("m/s", "upward, over the last tick", flies=True)
+    flight = Column("m/s", "velocity in the room, as commanded and limited", key="", width=3, flies=True)
+    acceleration = Column("m/s^2", "of that, by its rotors", key="", width=3, flies=True)
+    left_command = Column("m/s", "to its left, that it wants", key="", written_as="left_speed", flies=True)
+    climb_command = Column("m/s", "upward, that it wants", key="", written_as="climb_rate", flies=True)
+    goal = Column("m", "to which it wants to fly; NaN: it goes by its speeds", key="", width=3, flies=True)
+    goal_heading = Column("rad", "to which it turns on the way; NaN: by its turn rate", key="", flies=True)
 
     def _allocate(self, n: int, errs: bool) -> None:
         """Make the fields of n robots; errs: whether any robot has odometry errors."""
