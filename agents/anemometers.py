@@ -55,7 +55,7 @@ class Anemometers:
             if self.p.compensated[n] == 0:
                 goal -= self.swarm.velocity[i]
         across = self.felt[n]
-        # it starts in the robot's air
+        # no lag in the first tick
         across += (goal - across) * ti.select(tick == 1, 1.0, self.p.lag[n])
         self.felt[n] = across
         speed = across.norm()

@@ -106,7 +106,7 @@ class Declaring:
 
     def __init__(self, members: Members, parameters: Parameters):
         self.swarm, self.robot, self.p = members.swarm, members.robot, parameters
-        self.said = ti.Vector.field(2, ti.f32, max(1, members.size))  # its last word [m]
+        self.said = ti.Vector.field(2, ti.f32, max(1, members.size))  # the last declaration [m]
         self.spoke = ti.field(ti.i32, max(1, members.size))
 
     @staticmethod

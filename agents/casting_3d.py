@@ -39,7 +39,7 @@ class Casting3D(PlumeTracker):
     def _allocate(self) -> None:
         super()._allocate()
         self.leg = ti.field(ti.i32, self.size)  # of the cast, from 0 on
-        self.rise = ti.field(ti.f32, self.size)  # r; 0 before it first rises, which is upward
+        self.rise = ti.field(ti.f32, self.size)  # r; 0 before the first rise, which is upward
 
     def numbers(self, group: GroupRange, model: algorithms.Casting3D) -> Numbers:
         return {
@@ -85,7 +85,7 @@ class Casting3D(PlumeTracker):
         up, z = self._way(n)[2], self.swarm.altitude[i]
         ends = (up > 0.0 and z >= self.p.highest[n]) or (up < 0.0 and z <= self.p.lowest[n])
         self.stuck[n] = ti.select(self.swarm.blocked[i] == 1, self.stuck[n] + dt, 0.0)
-        # the first contact of a leg may be with what the leg before it led to
+        # the first contact of a leg may be with the obstacle of the leg before
         self.bump[n] = ti.cast(self.stuck[n] > 1.5 * dt or ends, ti.i32)
 
     @ti.func

@@ -20,8 +20,8 @@ from taichi_plume.grid.elementary import cos_sin
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.policy import Policy
 
-WORD = 0.5  # above which it declares
-NEAR = 1e-3  # m: as good as there
+WORD = 0.5  # of the third number; above, the robot declares
+NEAR = 1e-3  # m, tolerance of way points
 
 
 @ti.data_oriented
@@ -80,6 +80,6 @@ class Commands:
             if distance > NEAR:
                 off = wrap(ti.atan2(apart[1], apart[0]) - self.swarm.believed_heading[i])
                 turn = off / dt
-                if ti.abs(off) < 0.25 * pi:  # else it first turns
+                if ti.abs(off) < 0.25 * pi:  # else the robot first turns
                     speed = ti.min(distance / dt, self.swarm.max_speed[i] * ti.cos(off))
         self.swarm.speed_command[i], self.swarm.turn_rate_command[i] = speed, turn

@@ -1,23 +1,24 @@
-"""DAPSO: particle swarm optimisation without a common clock, in which each robot is a particle that drives.
+"""DAPSO: decentralized asynchronous particle swarm optimisation (PSO), in which each robot is a particle that drives.
 
-Akat & Gazi, "Decentralized asynchronous particle swarm optimization", IEEE Swarm Intelligence Symposium 2008, used for
-gas maps by Turduev, Cabrita, Kırtay, Gazi & Marques, Autonomous Agents and Multi-Agent Systems 28 (2014) 72-100.
+Akat & Gazi, "Decentralized asynchronous particle swarm optimization", IEEE Swarm Intelligence Symposium 2008, used
+for gas maps by Turduev, Cabrita, Kırtay, Gazi & Marques, Autonomous Agents and Multi-Agent Systems 28 (2014) 72-100.
 Constriction: Clerc & Kennedy, IEEE Trans. Evolutionary Computation 6 (2002) 58-73. Constants are our choice.
 
 MEASURE  stand still and take the mean reading f, then choose a way point
-DRIVE    go there by `potential`; there, after way_point_timeout, or where others are in the way: MEASURE
-EXPLORE  neither the robot nor its neighbours know of gas: drive to a random place; there, or at a reading of
+DRIVE    go there by `potential`; there, after way_point_timeout, or if others are in the way: MEASURE
+EXPLORE  neither the robot nor its neighbours know of gas: drive to a random position; there, or at a reading of
          threshold_ppm on the way: MEASURE. Not in the paper, and with 0 never; so do Li, Li, Lee & Zhang, PLoS ONE 9
          (2014) e111970, in their hybrid
 
-With x: the robot's place, p: the best it has measured at, f(p) that reading, which fades with age,
+With x: the robot's position, p: the position of its best measurement, f(p) that reading, which fades with age,
 
-    p <- x where f >= f(p);    g: the best of p and of what its neighbours said last (`radio`)
+    p <- x where f >= f(p);    g: the best of p and of the neighbours' last messages (`radio`)
     v <- chi (v + phi1 r1 (p - x) + phi2 r2 (g - x)),    |v| <= longest_step
     w = x + v, kept off walls and obstacles;    v <- w - x
 
-r1, r2: uniform in (0, 1) per component. Then it tells its team p and f(p). After `restart_after` steps in a row shorter
-than restart_step it forgets all that it knows and drives to a random place, whatever it smells on the way.
+r1, r2: uniform in (0, 1) per component. Then the robot sends p and f(p) to its team. After `restart_after` steps in a
+row shorter than restart_step it forgets all measurements and messages and drives to a random position, whatever its
+readings on the way.
 """
 
 import cmath

@@ -24,7 +24,7 @@ from taichi_plume.scenario.sensors import IdealGasSensor, MoxSensor, PidSensor, 
 
 LN10 = float(np.log(10.0))
 SPREAD_OF_B = 0.08  # of unit to unit: our choice
-UNITS = 256  # in the box that episodes take theirs from
+UNITS = 256  # in the box of which each episode takes one
 DIFFER = ("b", "air", "k0", "k1", "k2", "k3", "x_low")  # numbers in which units differ
 INJECTED = np.geomspace(5.0, 1000.0, 14)  # ppm, of a calibration
 
@@ -84,7 +84,7 @@ class MoxLaw:
         self.cubic = any(_mox(group, slot).calibration == "cubic" for group in members.groups)
         self.swarm = members.swarm
         self.p = Parameters(members, partial(_units, members.swarm, slot))
-        self.box = ti.field(ti.f32, (UNITS, len(DIFFER)))  # units that episodes take theirs from
+        self.box = ti.field(ti.f32, (UNITS, len(DIFFER)))  # units of which each episode takes one
         self.different = tuple(getattr(self.p, name) for name in DIFFER)
         self._fill = uploader(self.box)
 
@@ -216,11 +216,11 @@ def _of_units(sensor: MoxSensor, units: np.ndarray) -> Numbers:
     return {
         "per_c0": 1.0 / model.c0,
         "b": b,
-        "c1": c1,  # of the gas that it is calibrated for
+        "c1": c1,  # of the calibration gas
         "per_b": 1.0 / b1,  # of the model, which is all that a calibration without fit knows
         "air": np.exp(middle + half * min(sensor.spread, 1.0) * units[:, 1]),
         "load": sensor.load or model.load,
-        "steps": steps,  # of the converter, 0 where it does not round
+        "steps": steps,  # of the converter, 0 without rounding
         "per_step": 1.0 / max(steps, 1.0),
         "cubic": cubic,
         **{name: k[:, n] for n, name in enumerate(("k0", "k1", "k2", "k3", "x_low"))},

@@ -61,7 +61,7 @@ class GasSensors:
         self.signal = ti.field(ti.f32, n)  # y of each robot, clean air at the start
         self.slow = ti.field(ti.f32, n)  # the same for its slow part
         self.sum = ti.field(ti.f32, n)  # of the tick means since the last reading
-        self.baseline = ti.field(ti.f32, n)  # what y has drifted
+        self.baseline = ti.field(ti.f32, n)  # drift of y
 
     def begin(self) -> None:
         self.p.begin()

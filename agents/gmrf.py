@@ -30,7 +30,7 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario import maps as models
 
-LOOKS = 16  # parts of the way between two centres at whose ends an obstacle is looked for
+LOOKS = 16  # parts of the path between two centres, whose ends are checked for obstacles
 
 Window = list[Any]
 """End [s] of a window, and of the cells with readings in it: flat indices, numbers of readings, their sums [ppm]."""
@@ -47,7 +47,7 @@ class MarkovMap(GasMap):
         self.total = ti.field(ti.f32, (floor.trials, *self.shape))  # their sum [ppm]
         self._window = reader(self.count, self.total)
         free = floor.obstacle_distance(centers(self.shape, model.cell)) > 0
-        # a reading beside an obstacle in whose cell the centre is not free counts for the next cell
+        # a reading in a cell whose centre lies in an obstacle counts for the nearest free cell
         self.counted_in = np.arange(free.size).reshape(self.shape)
         if free.any():
             nearest: Any = distance_transform_edt(~free, return_distances=False, return_indices=True)

@@ -25,7 +25,7 @@ from taichi_plume.grid.fields import Species
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.metal_oxides import MoxSensor
 
-PARTS = 65536  # of a cycle, that ticks are counted in: exact in 32 bits, however many there are
+PARTS = 65536  # of a cycle, in which ticks are counted: exact in 32 bits for any number
 FASTEST = 1e-6  # s, of a time constant
 
 

@@ -50,7 +50,7 @@ ON_THE_WAY = 0.5  # cells from a corner of the way that count as there
 class HitMap(KernelAlgorithm):
     """The hit map of the robots of one group, each with a belief of its own. tick: control period [s]."""
 
-    PER_GROUP: bool = True  # has one map of ways
+    PER_GROUP: bool = True  # has one map of paths
     WORK = 4
     STATE: tuple[str, ...] = ("potential", "acquisition", "declaring", "belief", "felt", "goal", "next")
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "MOVE")
@@ -63,8 +63,8 @@ class HitMap(KernelAlgorithm):
         self.gas = Ways(self.swarm.clearance, self.model.cell, 0.0)  # for air
         self.roads = Ways(self.swarm.clearance, self.model.cell, self._room)  # for robots
         self.count, self.columns, self.cell = self.gas.count, self.gas.shape[1], self.gas.cell
-        self.felt = ti.Vector.field(2, ti.f32, self.size)  # sum of the wind while it listens [m/s]
-        self.home = ti.field(ti.i32, self.size)  # cell where it starts
+        self.felt = ti.Vector.field(2, ti.f32, self.size)  # sum of the wind during an acquisition [m/s]
+        self.home = ti.field(ti.i32, self.size)  # cell of the start
         self.goal = ti.field(ti.i32, self.size)  # cell to measure in
         self.next = ti.field(ti.i32, self.size)  # cell on the way there
         self.belief_cell, self.belief_low = self.cell, np.array(self.gas.low)

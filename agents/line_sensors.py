@@ -23,7 +23,7 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.sensors import TdlasSensor
 
 STRIDES = 4096  # until a beam ends
-SAFE = 0.57  # of a distance is free: between the nodes, it changes by up to sqrt(3) of the way
+SAFE = 0.57  # of a distance that is free: between nodes a distance changes by up to sqrt(3) of the way
 HALVINGS = 6
 MOST_POINTS = 20_000
 
@@ -59,7 +59,7 @@ class LineSensors(GasSensors):
         super().__init__(members, law, dim, tick, species, slot)
         self.around = around
         self.beam = Parameters(members, partial(_beam, slot, around.step))
-        self.length = ti.field(ti.f32, members.size)  # of each beam, as it is [m]
+        self.length = ti.field(ti.f32, members.size)  # of each beam [m]
 
     def begin(self) -> None:
         super().begin()

@@ -69,8 +69,10 @@ class LineUp(KernelAlgorithm):
         self.way = ti.field(ti.f32, n)  # +1: b grows, -1: it shrinks
         self.step = ti.field(ti.f32, n)  # of a lone robot, along the wind [m]
         self.rank = ti.field(ti.i32, self.size)  # i
-        self.least = ti.field(ti.f32, self.size)  # smallest distance to its place since it had reached it [m]
-        self.late = ti.field(ti.f32, self.size)  # time since it came closer [s]
+        self.least = ti.field(
+            ti.f32, self.size
+        )  # smallest distance to the position since the last arrival [m]
+        self.late = ti.field(ti.f32, self.size)  # time since the robot came closer [s]
 
     def numbers(self, group: GroupRange, model: algorithms.LineUp) -> Numbers:
         low, high = np.array(self.swarm.clearance.low), np.array(self.swarm.clearance.high)
@@ -128,7 +130,7 @@ class LineUp(KernelAlgorithm):
     def _feel(self, k, tick):
         first = self.first[k]
         for n in range(first, first + self.p.count[first]):
-            self.wind[k] += self.swarm.wind[self.robot[n]]  # zero where it is not known
+            self.wind[k] += self.swarm.wind[self.robot[n]]  # zero if unknown
         given = self.p.given[first] == 1
         if given or tick >= self.p.feeling[first]:
             speed = self.wind[k].norm()
@@ -223,7 +225,7 @@ class LineUp(KernelAlgorithm):
         i = self.robot[n]
         off = (self.place(n) - self.swarm.believed_position[i]).norm()
         comes = off <= self.p.tolerance[n] or off < self.least[n] - PROGRESS
-        if comes and self.swarm.velocity[i].norm() > STILL:  # not that the line comes to it
+        if comes and self.swarm.velocity[i].norm() > STILL:  # or the line comes to the robot
             self.late[n], self.least[n] = 0.0, off
         else:
             self.late[n] = self.late[n] + dt

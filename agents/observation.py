@@ -25,7 +25,7 @@ from taichi_plume.scenario.policy import Policy
 DECADES = 6.0  # of ppm from 1 on, up to pure gas
 KILO_OHM, DECADES_OF_OHM = 1e3, 4.0  # metal oxides lie within 1 kohm and 10 Mohm
 HALF_TIME = 60.0  # s, that count as one half
-HALF_SPEED = 0.5  # m/s, a wind that counts as one half: airs of rooms are below, fans and the open above
+HALF_SPEED = 0.5  # m/s, a wind that counts as one half: rooms are below, fans and the open above
 PER_LN10 = 1.0 / float(np.log(10.0))
 OF_A_MATE = ("there", "ahead", "left", "gas")
 
@@ -97,7 +97,7 @@ class Observation:
         n = members.size
         self.averages = ti.field(ti.f32, (n, max(1, self.times)))  # of the gas entry
         self.before = ti.field(ti.f32, n)  # gas entry at the last decision
-        self.past = ti.field(ti.f32, (n, max(1, self.size - self.width)))  # what was observed before
+        self.past = ti.field(ti.f32, (n, max(1, self.size - self.width)))  # earlier observations
         self.action = ti.field(ti.f32, (n, self.actions))  # the last one
         self.low_corner, high = swarm.clearance.low, swarm.clearance.high
         self.extent = tuple(high[d] - self.low_corner[d] for d in range(2))

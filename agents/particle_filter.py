@@ -70,7 +70,7 @@ class ParticleFilter(Casting):
         self.spread = ti.field(ti.f32, n)  # root mean square distance of the particles from it [m]
         self.estimate = ti.Vector.field(2, ti.f32, (n, self.kept))  # the last ones, a ring [m]
         self.estimated = ti.field(ti.i32, n)  # how many there were
-        self.visit: Field = ti.Vector.field(2, ti.f32, n)  # the estimate that it went to last [m]
+        self.visit: Field = ti.Vector.field(2, ti.f32, n)  # the last estimate that the robot went to [m]
         self.visited = ti.field(ti.i32, n)  # whether there was one
         self.doubts = ti.field(ti.i32, n)  # unexplained detections in a row
         self.belief_cell = model.cell

@@ -17,7 +17,7 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.fields import Odour, Species, Wind
 from taichi_plume.grid.kernels import Template, on_cpu
 
-STRIP = 16  # sensors whose numbers are worked out together on a CPU: LLVM vectorises loops that store nothing global
+STRIP = 16  # sensors computed together on a CPU: LLVM vectorises loops that store nothing global
 WARMING = 900.0  # s, time constant after a cold start: our choice
 
 

@@ -92,7 +92,7 @@ class Snaps:
     def update(self, swarm: Readers, t: float, dt: float) -> None:
         """Take in the readings at time t [s], once; the tick that reaches a multiple of the window ends a snapshot."""
         if t <= self.time:
-            return  # another map has seen to it
+            return  # done for another map
         self.time = t
         before, now = windows(t, self.window, dt)
         while self.ended < before:

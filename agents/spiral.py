@@ -38,7 +38,7 @@ from taichi_plume.scenario import algorithms
 ARM, ACQUIRE, ESCAPE = range(3)
 
 MISSES = 5  # in a row, that lower the threshold
-LOW_MISSES = 3  # in a row and below LOW of it, that do so too
+LOW_MISSES = 3  # in a row and below LOW of the threshold, that lower it too
 LOW = 0.5
 TURNS = 8  # directions of an escape
 REMEMBERED = 10  # acquisitions

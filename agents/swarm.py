@@ -28,15 +28,11 @@ BODY: dict[str, Callable[[Group], float]] = {
     "radius": lambda group: group.body.radius,
     "reach": lambda group: group.reach,
     "square": lambda group: float(group.capture == "square"),  # 1: the reach is half the edge of a square
-    "by_declaring": lambda group: float(
-        group.found == "declared"
-    ),  # 1: a source is found by declaring its position
+    "by_declaring": lambda group: float(group.found == "declared"),  # 1: declaring finds a source
     "sets_off": lambda group: group.begin,  # s, after which a robot can find a source
     "max_speed": lambda group: group.body.max_speed,
     "max_turn_rate": lambda group: 0.0 if group.stands else np.radians(group.body.max_turn_rate_deg),
-    "half_base": lambda group: (
-        0.5 * (group.body.wheel_base or 0.0)
-    ),  # half the wheel base [m], 0 for a unicycle
+    "half_base": lambda group: 0.5 * (group.body.wheel_base or 0.0),  # m, 0 for a unicycle
     "max_acceleration": lambda group: group.body.max_acceleration or np.inf,
     "placed": lambda group: float(group.algorithm.placed),  # 1: put to `ordered_position` from outside
 }

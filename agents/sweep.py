@@ -24,7 +24,7 @@ from taichi_plume.scenario import algorithms
 
 TRANSIT, SWEEP, DONE = range(3)
 
-AHEAD = 0.3  # m of the lane ahead of the robot, where it heads for
+AHEAD = 0.3  # m along the lane from the robot to its present goal
 
 
 @ti.data_oriented

@@ -15,7 +15,7 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.files.bag_ways import Way
 from taichi_plume.files.network import Network
 
-HANDED = ("own", "policy", "replay")  # kinds whose class, network or ways the scenario's files hold
+HANDED = ("own", "policy", "replay")  # kinds with a class, network or paths from files
 BEFORE = "BEFORE_BEGIN"  # state of robots that have not set off; no algorithm has it
 
 

@@ -1,14 +1,14 @@
 """Gas map from a neighbourhood in space and time: eq 4-7 of Marjovi & Marques, ICRA 2014 (see `snaps`).
 
-The past snaps k forecast the next one, t, from the neighbourhood N_j in space and time,
+The past snapshots k forecast the next one, t, from the neighbourhood N_j in space and time,
 
     Dist = α |x_j - x_i| + (1 - α) T,      T = time_scale (t - k) window       (in m and s)     (4)
     N_j = {(i, k): Dist < β, k < t},       U = 1 / Dist                                         (5) (7)
     S_j(t) = Σ_N C W U / Σ_N W U                                                                (6)
 
-where i counts the cells, with their C and W, or with `raw_samples` the samples, with their readings and W = 1. Of cells
-N_j is the same everywhere, so it is a list of (lag, offset, U), made once. The snaps it reaches back to live in a ring
-buffer: no run is too long. T >= time_scale window, so that U is never infinite.
+where i counts the cells, with their C and W, or with `raw_samples` the samples, with their readings and W = 1. With
+cells N_j is the same everywhere: a list of (lag, offset, U), made once. The snapshots within reach live in a ring
+buffer, so that runs of any length fit. T >= time_scale window, so that U is never infinite.
 """
 
 from math import hypot
@@ -38,7 +38,7 @@ class TimeSeriesMap(SnapMap):
         self.total = np.bincount([lag for lag, *_ in neighbours], [U for *_, U in neighbours])
         if model.raw_samples:
             return
-        # By its symmetry a quadrant is enough; what lies on an axis is met twice, at the origin four times.
+        # By symmetry a quadrant is enough; offsets on an axis count twice, the origin four times.
         quadrant = [
             (lag, x, y, U / ((1 + (x == 0)) * (1 + (y == 0))))
             for lag, x, y, U in neighbours

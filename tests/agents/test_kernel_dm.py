@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from readers import EXTENT, TRIALS, Stock, centers, same
+from readers import EXTENT, TRIALS, Stock, centers, feed, same
 
 from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.kernel_dm import KernelMap
@@ -21,16 +21,6 @@ def stock(taichi):
 
 def model(**keys):
     return map_models.KernelMap.model_validate({"kind": "kernel_dmv", **keys})
-
-
-def run(gas_map, robots, ticks):
-    """Feed the map; returns all rows that it was shown."""
-    rows = []
-    for tick in range(1, 1 + ticks):
-        robots.wander()
-        gas_map.update(robots, tick * DT, DT)
-        rows.append(robots.rows(tick * DT))
-    return np.concatenate(rows)
 
 
 def gaussian(points, row, sigma, gamma):
@@ -68,7 +58,7 @@ def literal(rows, shape, cell, sigma=0.25, sigma_omega=5.0, memory=np.inf, gamma
 )
 def test_mean_variance_and_confidence_are_the_papers(stock, keys):
     gas_map = stock.map(KernelMap, model(cell=0.2, sigma=0.15, **keys), "papers")
-    rows = run(gas_map, stock.robots(3), 40)
+    rows = feed(gas_map, stock.robots(3), 40, DT)
     keys = {("gamma" if name == "wind_stretch" else name): value for name, value in keys.items()}
     assert gas_map.estimate().shape == (TRIALS, 10, 8)
     for trial in range(TRIALS):
