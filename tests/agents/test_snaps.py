@@ -176,11 +176,6 @@ def test_reach_of_the_neighbourhood(alpha, lags, entries):
     assert len(stencil) == entries
 
 
-def test_a_neighbourhood_without_any_snap_is_refused():
-    with pytest.raises(ValueError, match="sees no past snap"):
-        map_models.TimeSeriesMap(kind="time_series", alpha=0.4, window=20.0)
-
-
 def test_cells_cover_the_floor():
     model = map_models.InverseDistanceMap(kind="inverse_distance", cell=0.4)
     assert InverseDistanceMap(model, Floor((2.0, 1.5), 1, 1, DT)).shape == (5, 4)
