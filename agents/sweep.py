@@ -45,10 +45,7 @@ class Sweep(KernelAlgorithm):
         self._upload = uploader(self.way, self.length, self.order, self.potential.mark)
 
     def numbers(self, group: GroupRange, model: algorithms.Sweep) -> Numbers:
-        return {
-            **Potential.numbers(self.swarm, group, model.speed, model.avoidance),
-            "repeat": model.repeat,
-        }
+        return {**Potential.numbers(self.swarm, group, model.speed, model.avoidance), "repeat": model.repeat}
 
     def begin(self) -> None:
         super().begin()

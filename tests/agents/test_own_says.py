@@ -123,10 +123,7 @@ def test_messages_are_lost_at_the_groups_rate():
 
 
 WRONG = [
-    (
-        "robots.declare(robots.robot[:2] == 0)",
-        "which must be a boolean mask of length 6",
-    ),
+    ("robots.declare(robots.robot[:2] == 0)", "which must be a boolean mask of length 6"),
     ("robots.declare([0, 6])", "robot indices from 0 to 5"),
     ("robots.declare(0.5)", "which must be"),
     ("robots.declare([0, 1], [[1, 2, 3]])", "place has the shape (1, 3), not (2, 2) or (2,)"),
