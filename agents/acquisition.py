@@ -1,4 +1,4 @@
-"""Acquisitions: what robots hear that stand still, as a series of samples."""
+"""Acquisitions: series of gas readings that a robot samples while it stands still."""
 
 import numpy as np
 import taichi as ti
@@ -9,15 +9,14 @@ from taichi_plume.scenario.listening import Listening
 
 
 def ticks_between(model: Listening, tick: float) -> int:
-    """From sample to sample; tick: control period [s]."""
+    """Return the ticks from sample to sample; tick: control period [s]."""
     return max(1, round(model.sample_period / tick))
 
 
 @ti.data_oriented
 class Acquisition:
-    """The acquisitions of robots: `listen` in each tick of standing still, until one is over, then take its `mean`.
-
-    parameters: with the `numbers` of acquisitions.
+    """The acquisitions of robots: call `listen` in each tick of standing still, and take the `mean` when it is
+    complete. parameters: with the `numbers` of acquisitions.
     """
 
     STATE: tuple[str, ...] = ("since", "total")
@@ -29,7 +28,7 @@ class Acquisition:
 
     @staticmethod
     def numbers(model: Listening, tick: float, least: int = 1) -> Numbers:
-        """tick: control period [s]; least: number of samples."""
+        """Return the numbers of a model; tick: control period [s]; least: smallest number of samples."""
         between = ticks_between(model, tick)
         samples = max(least, round(model.acquisition / (between * tick)))
         return {
@@ -41,7 +40,7 @@ class Acquisition:
 
     @ti.func
     def listen(self, n):
-        """The n-th robot listens for a tick; returns whether its acquisition is over."""
+        """Sample the reading of robot n for a tick; return whether the acquisition is complete."""
         i = self.robot[n]
         if self.since[n] == 0:
             self.total[n] = 0.0
@@ -62,13 +61,13 @@ class Acquisition:
 
     @ti.func
     def mean(self, n):
-        """Of what the n-th robot heard [ppm]."""
+        """Return the mean of the samples of robot n [ppm]."""
         return self.total[n] * self.p.share[n]
 
 
 @ti.data_oriented
 class Recording(Acquisition):
-    """Acquisitions of which every sample is kept: `heard[n, k]` [ppm]; how many there are decides its shape."""
+    """Acquisitions that keep every sample, `heard[n, k]` [ppm]; the number of samples decides the shape."""
 
     STATE = (*Acquisition.STATE, "heard")
 

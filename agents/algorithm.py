@@ -15,18 +15,18 @@ class Algorithm(Protocol):
     """Drives the robots of the groups of one kind of algorithm, all trials at once."""
 
     PER_GROUP: bool
-    """Whether each group has an algorithm of its own."""
+    """True if each group has an algorithm of its own."""
     STATE: tuple[str, ...]
     """Names of the attributes that change in a run, see grid/state.py."""
     STATE_NAMES: tuple[str, ...]
-    """What the values of the swarm's `state` mean."""
+    """Names of the values of the swarm's `state`."""
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):
         """Prepare the robots, and `begin`; tick: control period [s]."""
         ...
 
     def begin(self) -> None:
-        """Set the numbers to those that `members.groups` have now, and the state at the begin of a run."""
+        """Set the numbers to the present ones of `members.groups`, and the state to that at the start of a run."""
         ...
 
     def act(self, tick: int, t: float, dt: float) -> None:
@@ -49,9 +49,9 @@ class KernelAlgorithm:
     STREAM: ClassVar[str] = ""
     """Name of the random stream whose key is `p.stream`; none if empty."""
     TALKS: ClassVar[bool] = False
-    """Whether robots send messages: `p.radio` is then the key of the random stream of their losses."""
+    """True if robots send messages: `p.radio` is then the key of the random stream of their losses."""
     WORK: ClassVar[int] = 1
-    """How many times the work of a simple algorithm a robot takes, see `few`."""
+    """Work of a robot, as a multiple of that of a simple algorithm, see `few`."""
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):
         self.swarm, self.members, self.tick = swarm, members, tick
@@ -67,11 +67,11 @@ class KernelAlgorithm:
 
     @property
     def model(self) -> Any:
-        """The section of the first group, with the numbers of the present run."""
+        """Section of the first group, with the numbers of the present run."""
         return self.members.groups[0].model.algorithm
 
     def numbers(self, group: GroupRange, model: Any) -> Numbers:
-        """Numbers of a group that kernels read. model: section of the scenario."""
+        """Return the numbers of a group that kernels read. model: section of the scenario."""
         raise NotImplementedError
 
     def _allocate(self) -> None:

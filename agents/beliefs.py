@@ -1,10 +1,10 @@
-"""Beliefs: how probable a source is in each place, for each robot, and the rule by which robots say where it is.
+"""Beliefs: posterior probability of the source's position for each robot, and the rule for declaring the source.
 
-Any algorithm that offers `Believer` has its beliefs recorded, written and scored, whatever it keeps itself. Those whose
-belief is a grid of cells keep it in `Beliefs`; all of them speak by `Declaring`.
+Beliefs of any algorithm that offers `Believer` are recorded, written and scored. Algorithms with a belief on a grid
+of cells keep it in `Beliefs`; all of them declare by `Declaring`.
 """
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import taichi as ti
@@ -20,7 +20,7 @@ APART = 2.0  # times the spread of a sure belief: places as far apart are two, n
 
 @runtime_checkable
 class Believer(Protocol):
-    """An algorithm whose robots believe in places of the source."""
+    """An algorithm whose robots have beliefs of the source's position."""
 
     members: Members
     """Its robots, see `Members`."""
@@ -30,15 +30,16 @@ class Believer(Protocol):
     """Lower corner of the first cell (2,) [m]."""
 
     def beliefs(self) -> np.ndarray:
-        """Probabilities of the source's place, (robots, nx, ny), in the order of `members`; each map sums to 1."""
+        """Return probabilities of the source's position, (robots, nx, ny), in the order of `members`; each map sums
+        to 1.
+        """
         ...
 
 
 @ti.data_oriented
 class Beliefs:
-    """The beliefs of robots as probabilities `p[n, a, b]` of the cells of the search area, at first all the same.
-
-    cell: edge of the square cells [m]. low: lower corner of the search area; extent: its size [m].
+    """The beliefs of robots as probabilities `p[n, a, b]` of the cells of the search area, uniform at first. cell:
+    edge of the square cells [m]. low: lower corner of the search area; extent: its size [m].
     """
 
     STATE: tuple[str, ...] = ("p",)
@@ -49,29 +50,29 @@ class Beliefs:
         self.extent = tuple(clearance.high[d] - clearance.low[d] for d in range(2))
         self.cells = tuple(max(1, round(length / cell)) for length in self.extent)
         self.even = 1.0 / (self.cells[0] * self.cells[1])
-        self.p: Any = ti.field(ti.f32, (members.size, *self.cells))
+        self.p = ti.field(ti.f32, (members.size, *self.cells))
 
     @ti.func
     def middle(self, a, b):
-        """Of cell (a, b), from the lower corner of the search area on [m]."""
+        """Return the centre of cell (a, b), from the lower corner of the search area on [m]."""
         return self.cell * (ti.Vector([a, b]) + 0.5)
 
     @ti.func
     def is_within(self, r, reach):
-        """Whether all of a cell is within `reach` [m], its middle at a displacement r [m]."""
+        """Return whether the whole cell is within `reach` [m]; r: vector to its centre [m]."""
         half = 0.5 * self.cell
         return (ti.abs(r[0]) + half) ** 2 + (ti.abs(r[1]) + half) ** 2 <= reach**2
 
     @ti.func
     def normalize(self, n, total):
-        """Let the probabilities of robot n, of this sum, sum to 1; where nothing is left it begins anew."""
+        """Divide the probabilities of robot n by their sum `total`; if nothing is left, make them uniform."""
         for a in range(self.cells[0]):
             for b in range(self.cells[1]):
                 self.p[n, a, b] = ti.select(total > LEAST, self.p[n, a, b] / ti.max(total, LEAST), self.even)
 
     @ti.func
     def mean(self, n):
-        """Expected place of the source, from the lower corner of the search area on [m]."""
+        """Return the expected position of the source, from the lower corner of the search area on [m]."""
         mean = ti.Vector([0.0, 0.0])
         for a in range(self.cells[0]):
             for b in range(self.cells[1]):
@@ -80,7 +81,7 @@ class Beliefs:
 
     @ti.func
     def spread(self, n, mean):
-        """Root of the mean square distance of the source from `mean` [m], each cell evenly filled."""
+        """Return the root mean square distance of the source from `mean` [m], with each cell evenly filled."""
         square = self.cell**2 / 6.0
         for a in range(self.cells[0]):
             for b in range(self.cells[1]):
@@ -90,28 +91,28 @@ class Beliefs:
 
 @ti.data_oriented
 class Declaring:
-    """Says where the source is when a belief is sure: of a spread, the root of its variance, below `declare_spread`.
+    """Declares the source when the spread of a belief, the root of its variance, is below `declare_spread`.
 
-    The place said is the mean of the belief. Of all places it has the least mean square error, it does not depend on
-    the cells, and where the spread is small no second peak can be far from it; the most probable cell would jump about
-    in a flat belief. A robot that goes on searching is not told what its word was worth: it repeats no word, but says
-    another one when its sure belief has come to another place, `APART` spreads off the last.
+    The declared position is the mean of the belief. Of all positions the mean has the least mean square error, and it
+    does not depend on the cells; a small spread excludes a distant second peak, while the most probable cell would
+    jump about in a flat belief. A robot that goes on searching does not learn whether its declaration was right: it
+    declares again only when its belief is sure of another position, `APART` spreads from the last one.
 
-    The rule is that of Ojeda, Monroy & Gonzalez-Jimenez (2023, doi:10.48550/arXiv.2304.08879), a bound on the variance.
-    parameters: with the `numbers` of these models.
+    The rule is that of Ojeda, Monroy & Gonzalez-Jimenez (2023, doi:10.48550/arXiv.2304.08879), a bound on the
+    variance. parameters: with the `numbers` of these models.
     """
 
     STATE: tuple[str, ...] = ("said", "spoke")
 
     def __init__(self, members: Members, parameters: Parameters):
         self.swarm, self.robot, self.p = members.swarm, members.robot, parameters
-        self.said = ti.Vector.field(2, ti.f32, max(1, members.size))  # its last word [m]
+        self.said = ti.Vector.field(2, ti.f32, max(1, members.size))  # the last declaration [m]
         self.spoke = ti.field(ti.i32, max(1, members.size))
 
     @staticmethod
     def numbers(model: Declares, group: GroupRange) -> Numbers:
-        """Those of a group; `ends_at`: how near a robot comes to a source without its search ending, so that it knows
-        of the places around it that there is none. Where searches end by declaring it never knows.
+        """Return the numbers of a group. `ends_at`: distance at which a robot would have found the source, so that a
+        continued search rules out the positions around the robot; 0 where searches end by declaring.
         """
         return {
             "declare_spread": float(model.declare_spread or 0.0),
@@ -120,7 +121,7 @@ class Declaring:
 
     @ti.func
     def consider(self, n, place, spread, t):
-        """Robot n believes in `place` [m] with that spread [m] at time t [s]; it speaks if it is sure."""
+        """Declare `place` [m] at time t [s] if the belief of robot n, of that spread [m], is sure enough."""
         sure = self.p.declare_spread[n]
         if spread < sure and (self.spoke[n] == 0 or (place - self.said[n]).norm() > APART * sure):
             self.said[n], self.spoke[n] = place, 1

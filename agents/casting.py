@@ -1,7 +1,7 @@
 """Casting: upwind at an angle while in the plume, crosswind sweeps when it is lost.
 
-After Lochmatter & Martinoli, "Tracking odor plumes in a laminar wind field with bio-inspired algorithms",
-ISER 2008. FIND and UPWIND as in `tracking`, where U, V and s are told.
+After Lochmatter & Martinoli, "Tracking odor plumes in a laminar wind field with bio-inspired algorithms", ISER 2008.
+FIND, UPWIND, U, V and s as in `tracking`.
 
 IN_PLUME  drive along U turned by upwind_angle towards s; out of the plume for lost_distance: other side,
           LOST; blocked for PATIENCE: in the plume SIDESTEP, out of it other side, LOST
@@ -21,7 +21,7 @@ from taichi_plume.scenario import algorithms
 
 IN_PLUME, LOST, SIDESTEP = range(2, 5)
 
-CASTS = 4  # failed sweeps before the search starts anew
+CASTS = 4  # failed sweeps before the search restarts
 
 
 @ti.data_oriented

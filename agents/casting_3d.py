@@ -39,7 +39,7 @@ class Casting3D(PlumeTracker):
     def _allocate(self) -> None:
         super()._allocate()
         self.leg = ti.field(ti.i32, self.size)  # of the cast, from 0 on
-        self.rise = ti.field(ti.f32, self.size)  # r; 0 before it first rises, which is upward
+        self.rise = ti.field(ti.f32, self.size)  # r; 0 before the first rise, which is upward
 
     def numbers(self, group: GroupRange, model: algorithms.Casting3D) -> Numbers:
         return {
@@ -54,12 +54,12 @@ class Casting3D(PlumeTracker):
 
     @ti.func
     def _upward(self, n):
-        """r."""
+        """Return r."""
         return ti.select(self.rise[n] < 0.0, -1.0, 1.0)
 
     @ti.func
     def _way(self, n):
-        """Unit vector along which the drone wants to fly."""
+        """Return the unit vector along which drone n wants to fly."""
         U = self.upwind[n]
         across = self.side[n] * ti.Vector([-U[1], U[0]])
         along, up = across, 0.0  # FIND
@@ -80,12 +80,12 @@ class Casting3D(PlumeTracker):
 
     @ti.func
     def _feel_bumper(self, n, dt):
-        """Something is in the way, or it must not go on upward or downward."""
+        """Note contact, and the limits of altitude."""
         i = self.robot[n]
         up, z = self._way(n)[2], self.swarm.altitude[i]
         ends = (up > 0.0 and z >= self.p.highest[n]) or (up < 0.0 and z <= self.p.lowest[n])
         self.stuck[n] = ti.select(self.swarm.blocked[i] == 1, self.stuck[n] + dt, 0.0)
-        # the first contact of a leg may be with what the leg before it led to
+        # the first contact of a leg may be with the obstacle of the leg before
         self.bump[n] = ti.cast(self.stuck[n] > 1.5 * dt or ends, ti.i32)
 
     @ti.func
@@ -119,7 +119,7 @@ class Casting3D(PlumeTracker):
 
     @ti.func
     def _steer(self, n, dt):
-        """Fly along the way, whatever the heading."""
+        """Fly along the wanted direction at constant heading."""
         i = self.robot[n]
         way, e = self.p.speed[n] * self._way(n), cos_sin(self.swarm.believed_heading[i])
         self.swarm.speed_command[i] = way[0] * e[0] + way[1] * e[1]

@@ -1,7 +1,8 @@
-"""What is known of every robot, declared once: its unit, its meaning, and who is told.
+"""Columns: the state and readings of every robot, each declared once with its unit, its meaning and its users.
 
-The swarm's fields, its snapshots (and so results and recordings), `robots.parquet` and what an algorithm of the user's
-own sees are made of this. To add a quantity: declare it in `Columns`, and let its sensor or algorithm write it.
+The swarm's Taichi fields, its snapshots (and so results and recordings), `robots.parquet` and the arrays that an
+algorithm of the user's own sees are made of this table. To add a quantity, declare it in `Columns` and let its sensor
+or algorithm write it.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,262 +16,226 @@ from taichi_plume.agents.few import few
 
 Dtype = type[np.float32] | type[np.int32] | type[np.bool_]
 
+Field = Any
+"""A Taichi field, whose type is opaque to type checkers."""
+
 
 @dataclass
 class Column:
     """A quantity of every robot, of which `Columns` holds a field: f32, or i32 for whole numbers and flags.
 
-    width: 2 for vectors. key: its name in snapshots, which do not hold it without one. table: its names in
-    `robots.parquet`, one per component; there NaN is null. named: whether its numbers have names, the states of the
-    algorithm. shown, told: its name among what an own algorithm reads, or writes. truth: the column that it is one with
-    where no robot errs. flies: whether there is one only in swarms some of whose robots fly. pushed: whether there is
-    one only where obstacles move.
+    width: 2 for vectors. key: its name in snapshots, * is that of the column; empty if snapshots leave it out.
+    tabled: whether `robots.parquet` has it, under its key or under the names in `components`; there NaN is null.
+    named: whether its numbers have names, the states of the algorithm. read_as, written_as: its name among the arrays
+    that an own algorithm reads, or writes. truth: the column whose field it shares if no robot has odometry errors.
+    flies: whether only swarms with drones have it. pushed: whether only swarms among moving obstacles have it.
     """
 
     unit: str
     meaning: str
     dtype: Dtype = np.float32
     width: int = 1
-    key: str = ""
-    table: tuple[str, ...] = ()
+    key: str = "*"
+    tabled: bool = False
+    components: tuple[str, ...] = ()
     named: bool = False
-    shown: str = ""
-    told: str = ""
+    read_as: str = ""
+    written_as: str = ""
     truth: str = ""
     flies: bool = False
     pushed: bool = False
     name: str = ""
 
     def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
+        self.name, self.key = name, self.key.replace("*", name)
 
-    def field(self, n: int) -> Any:
-        """A field of it for n robots."""
+    def __get__(self, instance: object, owner: type) -> Field:
+        return self  # of the class; a swarm's own attribute of this name is its field
+
+    @property
+    def table(self) -> tuple[str, ...]:
+        """Names of the columns of `robots.parquet`, one per component."""
+        return self.components or ((self.key,) if self.tabled else ())
+
+    def field(self, n: int) -> Field:
+        """Return a field for n robots."""
         dtype = ti.f32 if self.dtype is np.float32 else ti.i32
         return ti.field(dtype, n) if self.width == 1 else ti.Vector.field(self.width, dtype, n)
 
     def zeros(self, n: int) -> np.ndarray:
-        """What snapshots have of it for n robots, all zero."""
+        """Return the array that snapshots have for n robots, all zero."""
         return np.zeros(n if self.width == 1 else (n, self.width), self.dtype)
 
 
 class Columns:
     """The quantities of all robots, a Taichi field of each; those of `robots.parquet` in its order.
 
-    columns: those that there are: `COLUMNS`, and those of further gas sensors, see `of_noses`.
+    columns: the columns of this swarm: `columns_of`, and `further_gas_sensors` for further gas sensors.
     """
 
-    columns: "tuple[Column, ...]"
+    columns: tuple[Column, ...]
 
-    position: Any = Column("m", "middle of the body", width=2, key="position", table=("x", "y"))
-    heading: Any = Column("rad", "from x towards y", key="heading", table=("heading",))
-    altitude: Any = Column(
-        "m",
-        "of the lower end of the body over the floor",
-        key="altitude",
-        table=("z",),
-        shown="altitude",
-        flies=True,
+    position = Column("m", "middle of the body", width=2, components=("x", "y"))
+    heading = Column("rad", "from x towards y", tabled=True)
+    altitude = Column(
+        "m", "of the lower end of the body over the floor", components=("z",), read_as="altitude", flies=True
     )
-    reading: Any = Column(
+    reading = Column(
         "ppm",
         "of the gas sensor; of a laser that gives the integral in ppm m",
         key="reading_ppm",
-        table=("reading_ppm",),
-        shown="reading",
+        tabled=True,
+        read_as="reading",
     )
-    resistance: Any = Column(
-        "ohm", "of a metal-oxide sensor; others have none", key="resistance_ohm", table=("resistance_ohm",)
+    resistance = Column("ohm", "of a metal-oxide sensor; others have none", key="resistance_ohm", tabled=True)
+    true_ppm = Column(
+        "ppm", "of all vapours at the gas sensor; of what a laser sees, the mean along its beam", tabled=True
     )
-    true_ppm: Any = Column(
-        "ppm",
-        "of all vapours at the gas sensor; of what a laser sees, the mean along its beam",
-        key="true_ppm",
-        table=("true_ppm",),
-    )
-    wind: Any = Column(
+    wind = Column(
         "m/s",
         "of the anemometer; zero where it knows of none",
         width=2,
-        key="wind",
-        table=("wind_x", "wind_y"),
-        shown="wind",
+        components=("wind_x", "wind_y"),
+        read_as="wind",
     )
-    believed_position: Any = Column(
+    believed_position = Column(
         "m",
         "where the robot believes to be",
         width=2,
-        key="believed_position",
-        table=("believed_x", "believed_y"),
-        shown="position",
+        components=("believed_x", "believed_y"),
+        read_as="position",
         truth="position",
     )
-    believed_heading: Any = Column(
-        "rad",
-        "that the robot believes to have",
-        key="believed_heading",
-        table=("believed_heading",),
-        shown="heading",
-        truth="heading",
+    believed_heading = Column(
+        "rad", "that the robot believes to have", tabled=True, read_as="heading", truth="heading"
     )
-    state: Any = Column(
-        "1", "of the algorithm", np.int32, key="state", table=("state",), named=True, told="state"
-    )
-    found: Any = Column("1", "whether it has found a source", np.bool_, key="found", table=("found",))
-
-    found_time: Any = Column("s", "when it found a source; NaN before", key="found_time")
-    reached_time: Any = Column(
-        "s", "when it first came within reach of a source; NaN before", key="reached_time"
-    )
-    declared_position: Any = Column(
+    state = Column("1", "of the algorithm", np.int32, tabled=True, named=True, written_as="state")
+    found = Column("1", "whether it has found a source", np.bool_, tabled=True)
+    found_time = Column("s", "when it found a source; NaN before")
+    reached_time = Column("s", "when it first came within reach of a source; NaN before")
+    declared_position = Column(
         "m",
         "where it said that a source is, as it believes: the first right place, or else the last; NaN before",
         width=2,
-        key="declared_position",
-        table=("declared_x", "declared_y"),
+        components=("declared_x", "declared_y"),
     )
-    declared_time: Any = Column("s", "when it said so; NaN before", key="declared_time")
-    declarations: Any = Column(
-        "1", "how often it said where a source is", np.int32, key="declarations", table=("declarations",)
+    declared_time = Column("s", "when it said so; NaN before")
+    declarations = Column("1", "how often it said where a source is", np.int32, tabled=True)
+    false_declarations = Column(
+        "1", "how often there was none within reach of that place", np.int32, tabled=True
     )
-    false_declarations: Any = Column(
-        "1",
-        "how often there was none within reach of that place",
-        np.int32,
-        key="false_declarations",
-        table=("false_declarations",),
+    path_length = Column("m", "driven")
+    odometer = Column(
+        "m", "that the robot believes to have driven", read_as="path_length", truth="path_length"
     )
-    path_length: Any = Column("m", "driven", key="path_length")
-    odometer: Any = Column(
-        "m",
-        "that the robot believes to have driven",
-        key="odometer",
-        shown="path_length",
-        truth="path_length",
-    )
-    blocked: Any = Column("1", "whether the bumper feels something", np.bool_, key="blocked", shown="blocked")
-    bumps: Any = Column("1", "how often it met something", np.int32, key="bumps")
-    pushes: Any = Column(
-        "1",
-        "how often a moving obstacle ran into the robot",
-        np.int32,
-        key="pushes",
-        table=("pushes",),
-        pushed=True,
-    )
-    pinned_time: Any = Column(
+    blocked = Column("1", "whether the bumper feels something", np.bool_, read_as="blocked")
+    bumps = Column("1", "how often it met something", np.int32)
+    pushes = Column("1", "how often a moving obstacle ran into the robot", np.int32, tabled=True, pushed=True)
+    pinned_time = Column(
         "s",
         "time inside the disc of a moving obstacle that left the robot no way out, or onto which it was put",
         key="pinned_s",
-        table=("pinned_s",),
+        tabled=True,
         pushed=True,
     )
-    touched: Any = Column("1", "whether a moving obstacle touches the robot", np.bool_, pushed=True)
-    acquisitions: Any = Column("1", "how often it stopped to measure", np.int32, key="acquisitions")
-    hits: Any = Column("1", "how often it noticed gas", np.int32, key="hits")
-    wind_known: Any = Column("1", "whether the anemometer feels wind", np.bool_, shown="wind_known")
-    velocity: Any = Column("m/s", "over the last tick", width=2)
-    speed: Any = Column("m/s", "forward, as commanded and limited")
-    speed_command: Any = Column("m/s", "forward, that the algorithm wants", told="speed")
-    turn_rate_command: Any = Column("rad/s", "that the algorithm wants", told="turn_rate")
-    ordered_position: Any = Column("m", "to which it is put from outside; NaN before", width=2)
-    ordered_heading: Any = Column("rad", "to which it is put from outside")
-    ordered_altitude: Any = Column("m", "to which it is put from outside; NaN before", flies=True)
-    climb_rate: Any = Column("m/s", "upward, over the last tick", key="climb_rate", flies=True)
-    flight: Any = Column("m/s", "velocity in the room, as commanded and limited", width=3, flies=True)
-    acceleration: Any = Column("m/s^2", "of that, by its rotors", width=3, flies=True)
-    left_command: Any = Column("m/s", "to its left, that it wants", told="left_speed", flies=True)
-    climb_command: Any = Column("m/s", "upward, that it wants", told="climb_rate", flies=True)
-    goal: Any = Column("m", "to which it wants to fly; NaN: it goes by its speeds", width=3, flies=True)
-    goal_heading: Any = Column("rad", "to which it turns on the way; NaN: by its turn rate", flies=True)
+    touched = Column("1", "whether a moving obstacle touches the robot", np.bool_, key="", pushed=True)
+    acquisitions = Column("1", "how often it stopped to measure", np.int32)
+    hits = Column("1", "how often it noticed gas", np.int32)
+    wind_known = Column("1", "whether the anemometer feels wind", np.bool_, key="", read_as="wind_known")
+    velocity = Column("m/s", "over the last tick", key="", width=2)
+    speed = Column("m/s", "forward, as commanded and limited", key="")
+    speed_command = Column("m/s", "forward, that the algorithm wants", key="", written_as="speed")
+    turn_rate_command = Column("rad/s", "that the algorithm wants", key="", written_as="turn_rate")
+    ordered_position = Column("m", "to which it is put from outside; NaN before", key="", width=2)
+    ordered_heading = Column("rad", "to which it is put from outside", key="")
+    ordered_altitude = Column("m", "to which it is put from outside; NaN before", key="", flies=True)
+    climb_rate = Column("m/s", "upward, over the last tick", flies=True)
+    flight = Column("m/s", "velocity in the room, as commanded and limited", key="", width=3, flies=True)
+    acceleration = Column("m/s^2", "of that, by its rotors", key="", width=3, flies=True)
+    left_command = Column("m/s", "to its left, that it wants", key="", written_as="left_speed", flies=True)
+    climb_command = Column("m/s", "upward, that it wants", key="", written_as="climb_rate", flies=True)
+    goal = Column("m", "to which it wants to fly; NaN: it goes by its speeds", key="", width=3, flies=True)
+    goal_heading = Column("rad", "to which it turns on the way; NaN: by its turn rate", key="", flies=True)
 
     def _allocate(self, n: int, errs: bool) -> None:
-        """Make the fields, of n robots; errs: whether any robot errs in what it believes."""
+        """Make the fields of n robots; errs: whether any robot has odometry errors."""
         for column in self.columns:
             shared = bool(column.truth) and not errs
             setattr(self, column.name, getattr(self, column.truth) if shared else column.field(n))
 
 
-ALL: tuple[Column, ...] = tuple(one for one in vars(Columns).values() if isinstance(one, Column))
-COLUMNS = tuple(one for one in ALL if not one.flies and not one.pushed)
-"""Of every swarm."""
+ALL: tuple[Column, ...] = tuple(column for column in vars(Columns).values() if isinstance(column, Column))
+COLUMNS = tuple(column for column in ALL if not column.flies and not column.pushed)
+"""Columns of every swarm."""
 
 
 def columns_of(flies: bool, pushed: bool = False) -> tuple[Column, ...]:
-    """Columns of a swarm; flies: whether any of its robots flies; pushed: whether obstacles move."""
-    return tuple(one for one in ALL if one.flies <= flies and one.pushed <= pushed)
+    """Return the columns of a swarm; flies: whether any robot flies; pushed: whether obstacles move."""
+    return tuple(column for column in ALL if column.flies <= flies and column.pushed <= pushed)
 
 
-OF_A_NOSE = ("reading", "resistance", "true_ppm")
-"""What each gas sensor writes."""
+OF_A_GAS_SENSOR = ("reading", "resistance", "true_ppm")
+"""Columns that each gas sensor writes."""
 
 
-def of_noses(most: int) -> tuple[Column, ...]:
-    """Columns of the gas sensors behind the first, where the robot with the most has so many: three of each.
+def further_gas_sensors(most: int) -> tuple[Column, ...]:
+    """Return the columns of all gas sensors but the first, three each; most: largest number of gas sensors of a robot.
 
-    They are those of the first one, with the sensor's number in their names; NaN of robots that have fewer.
+    They are the first sensor's columns with the sensor's number in their names; NaN for robots with fewer sensors.
     """
     return tuple(
         replace(
-            one,
-            meaning=f"{one.meaning}; of sensor {k}, from 0 on",
-            name=f"{one.name}_{k}",
-            key=_numbered(one.key, k),
-            table=(_numbered(one.key, k),),
-            shown="",
+            column,
+            meaning=f"{column.meaning}; of sensor {k}, from 0 on",
+            name=f"{column.name}_{k}",
+            key=f"_{k}_".join(column.key.rsplit("_", 1)),  # reading_1_ppm
+            read_as="",
         )
         for k in range(1, most)
-        for one in COLUMNS
-        if one.name in OF_A_NOSE
+        for column in COLUMNS
+        if column.name in OF_A_GAS_SENSOR
     )
 
 
-def _numbered(key: str, k: int) -> str:
-    """``reading_1_ppm`` of ``reading_ppm``."""
-    name, _, unit = key.rpartition("_")
-    return f"{name}_{k}_{unit}"
-
-
 class Rows:
-    """Some columns of the robots from number `start` on, `size` of them: read or written in one launch."""
+    """Some columns of `size` robots from number `start` on: read or written in one launch."""
 
     def __init__(self, robots: Columns, columns: Sequence[Column], start: int, size: int):
         self.columns, self.size = tuple(columns), size
-        self.begins = tuple(np.cumsum([0, *[one.width for one in columns]]).tolist())
-        fields = tuple(getattr(robots, one.name) for one in columns)
+        self.begins = tuple(np.cumsum([0, *[column.width for column in columns]]).tolist())
+        fields = tuple(getattr(robots, column.name) for column in columns)
         self._get, self._put = _kernels(fields, self.columns, self.begins, start, size)
 
     def read(self) -> list[np.ndarray]:
-        """An array of each column over the robots, (size,) or (size, width)."""
+        """Return an array of each column over the robots, (size,) or (size, width)."""
         table = np.empty((self.begins[-1], self.size), np.float32)
         if self.size:
             self._get(table)
         return [self._column(table, c) for c in range(len(self.columns))]
 
     def _column(self, table: np.ndarray, c: int) -> np.ndarray:
-        one, rows = self.columns[c], table[self.begins[c] : self.begins[c + 1]]
-        if one.dtype is not np.float32:
-            rows = rows.view(np.int32).astype(one.dtype)
-        return rows[0].copy() if one.width == 1 else rows.T.copy()
+        column, rows = self.columns[c], table[self.begins[c] : self.begins[c + 1]]
+        if column.dtype is not np.float32:
+            rows = rows.view(np.int32).astype(column.dtype)
+        return rows[0].copy() if column.width == 1 else rows.T.copy()
 
     def write(self, values: Sequence[np.ndarray]) -> None:
-        """Set each column."""
         table = np.empty((self.begins[-1], self.size), np.float32)
-        for c, (one, array) in enumerate(zip(self.columns, values, strict=True)):
+        for c, (column, array) in enumerate(zip(self.columns, values, strict=True)):
             rows = table[self.begins[c] : self.begins[c + 1]]
-            (rows if one.dtype is np.float32 else rows.view(np.int32))[...] = np.asarray(array).T
+            (rows if column.dtype is np.float32 else rows.view(np.int32))[...] = np.asarray(array).T
         if self.size:
             self._put(table)
 
 
 def _kernels(
-    fields: tuple[Any, ...], columns: tuple[Column, ...], begins: tuple[int, ...], start: int, size: int
+    fields: tuple[Field, ...], columns: tuple[Column, ...], begins: tuple[int, ...], start: int, size: int
 ) -> tuple[Callable[[np.ndarray], None], Callable[[np.ndarray], None]]:
-    """Robots' rows to and from a table of f32 (columns, size), whole numbers by their bits."""
+    """Return kernels that copy the columns to and from a table of f32 (components, size), integers by their bits."""
     parts = [
-        (fields[c], begins[c] + d, d if one.width > 1 else -1, one.dtype is np.float32)
-        for c, one in enumerate(columns)
-        for d in range(one.width)
+        (fields[c], begins[c] + d, d if column.width > 1 else -1, column.dtype is np.float32)
+        for c, column in enumerate(columns)
+        for d in range(column.width)
     ]
 
     @ti.kernel

@@ -1,10 +1,10 @@
-"""What a policy lets its robots do: numbers from -1 to 1 that are speed and turn rate, or a place to go to.
+"""Actions of a learnt policy: numbers from -1 to 1 that stand for speed and turn rate, or for a way point.
 
-drive     speed (1 + a0)/2 and turn rate a1, as shares of the body's largest; a1 > 0 turns left
-waypoint  the place a0 ahead and a1 to the left, times `step`: turn to it, drive to it, wait there
-declare   one number more, above 0.5: a source is where the robot stands
+drive     speed (1 + a0)/2 and turn rate a1, as fractions of the body's largest; a1 > 0 turns left
+waypoint  the point a0 ahead and a1 to the left, times `step`: turn to it, drive to it, wait there
+declare   one number more; above 0.5: a source is at the robot's position
 
-An action holds until the next decision. In a world that is seen in a mirror, left is right.
+An action holds until the next decision. In a mirrored world left is right.
 """
 
 from math import pi
@@ -20,13 +20,15 @@ from taichi_plume.grid.elementary import cos_sin
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.policy import Policy
 
-WORD = 0.5  # above which it declares
-NEAR = 1e-3  # m: as good as there
+WORD = 0.5  # of the third number; above, the robot declares
+NEAR = 1e-3  # m, tolerance of way points
 
 
 @ti.data_oriented
 class Commands:
-    """What the policy of one group commands. tick: control period [s]. names: of the `size` numbers of an action."""
+    """Carries out the actions of the policy of one group. tick: control period [s]. names: of the `size` numbers of
+    an action.
+    """
 
     STATE: tuple[str, ...] = ("held", "goal")
 
@@ -41,12 +43,11 @@ class Commands:
         self.begin()
 
     def begin(self) -> None:
-        """Set the numbers; the fields of STATE are zero."""
         self.p.begin()
 
     @ti.func
     def clear(self, n):
-        """Robot n begins anew, and stands."""
+        """Reset robot n, which stands."""
         i = self.robot[n]
         self.held[n] = ti.Vector([0.0, 0.0])
         self.goal[n] = self.swarm.believed_position[i]
@@ -54,7 +55,7 @@ class Commands:
 
     @ti.func
     def take(self, n, flip, row, table: Template, t):
-        """Robot n is told the action in a row of a table (rows, size), at time t [s]; flip: -1 in a mirror, else 1."""
+        """Take the action of robot n from a row of a table (rows, size) at time t [s]; flip: -1 in a mirror, else 1."""
         i = self.robot[n]
         a, b = ti.math.clamp(table[row, 0], -1.0, 1.0), flip * ti.math.clamp(table[row, 1], -1.0, 1.0)
         if ti.static(self.drives):
@@ -79,6 +80,6 @@ class Commands:
             if distance > NEAR:
                 off = wrap(ti.atan2(apart[1], apart[0]) - self.swarm.believed_heading[i])
                 turn = off / dt
-                if ti.abs(off) < 0.25 * pi:  # else it first turns
+                if ti.abs(off) < 0.25 * pi:  # else the robot first turns
                     speed = ti.min(distance / dt, self.swarm.max_speed[i] * ti.cos(off))
         self.swarm.speed_command[i], self.swarm.turn_rate_command[i] = speed, turn

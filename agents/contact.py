@@ -1,75 +1,50 @@
 """Collisions: how far a robot gets before it touches a wall, an obstacle, another robot of its trial or a walker.
 
-Where robots fly, all bodies are upright cylinders from their `altitude` up by their `height`: they meet only those
-beside them, and also floor, ceiling and what is above or below.
+Among drones all bodies are upright cylinders from their `altitude` up by their `height`. Cylinders collide only with
+bodies at their height, and with floor, ceiling and obstacles above or below.
 """
-
-from dataclasses import dataclass
-from typing import Any
 
 import taichi as ti
 
-SKIN = 1e-3  # m, air kept around a body: far more than the rounding of its position
+from taichi_plume.agents.columns import Columns
+
+SKIN = 1e-3  # m, gap kept around a body: far more than the rounding of its position
 TOUCH = 1e-4  # m, steps shorter than this are contact
-OPEN = 1.5  # gap over a way that is free all along: a bilinear clearance map is no steeper than √2
+OPEN = 1.5  # gap over the length of a free path: a bilinear clearance map is no steeper than √2
 PROBES = 256  # looks ahead per move; sliding along a wall takes one per 2 mm
-GRAZE = 1e-3  # sine of the angle below which a disc is passed, not met
-AROUND = 18  # steps of 5 degrees, to each side, in which a robot looks for room beside a walker
+GRAZE = 1e-3  # sine of the angle below which a body passes a disc without contact
+AROUND = 18  # steps of 5 degrees, to each side, in which a robot seeks room beside a walker
 CLEAR, PUSHED, PINNED = range(3)  # results of `escape` for a robot that a walker runs into
-
-
-@dataclass
-class Heights:
-    """Where bodies are upright: altitude, height [m] and whether it flies (1 or 0) of each robot; low and high end of
-    each walker, `spans` (2,) [m].
-    """
-
-    altitude: Any
-    height: Any
-    wings: Any
-    spans: Any
 
 
 @ti.data_oriented
 class Contact:
-    """What is in the way of the robots of a swarm.
+    """Collision detection and response for the robots of a swarm.
 
-    clearance: its ti.funcs ``distance(p)`` and ``normal(p)`` give a lower bound of the distance [m] from p to the next
-    wall or obstacle, and the unit vector away from it. position [m], radius [m]: of the robots. members, team_size: the
-    robots of each trial, see `Swarm`. discs, disc_radius [m]: of the `walkers` that walk about, at least one place.
-    heights: None where no robot flies; else the clearance has `layers`.
+    The ti.funcs ``distance(p)`` and ``normal(p)`` of the swarm's clearance give a lower bound of the distance [m] from
+    p to the next wall or obstacle, and the unit vector away from it; among drones the clearance has `layers`.
     """
 
-    def __init__(
-        self,
-        clearance: Any,
-        position: Any,
-        radius: Any,
-        members: Any,
-        team_size: Any,
-        discs: Any,
-        disc_radius: Any,
-        walkers: int,
-        heights: Heights | None = None,
-    ):
-        self.clearance, self.position, self.radius = clearance, position, radius
-        self.members, self.team_size = members, team_size
-        self.discs, self.disc_radius, self.walkers = discs, disc_radius, walkers
-        self.flying = heights is not None
-        if heights is not None:
-            self.altitude, self.height, self.wings = heights.altitude, heights.height, heights.wings
-            self.spans, self.layers = heights.spans, clearance.layers
+    def __init__(self, swarm: Columns):
+        self.clearance, self.position, self.radius = swarm.clearance, swarm.position, swarm.radius
+        self.members, self.team_size = swarm.members, swarm.team_size
+        self.discs, self.disc_radius, self.walkers = swarm.discs, swarm.disc_radius, swarm.walker_count
+        self.flying = swarm.flies
+        if swarm.flies:
+            self.altitude, self.height, self.wings = swarm.altitude, swarm.height, swarm.wings
+            self.spans, self.layers = swarm.spans, swarm.clearance.layers
 
     @ti.func
     def slide(self, i, k, begin, wanted):
-        """Move robot i from `begin` by what is `wanted` [m], cut short and slid along what is in the way; where it is
-        then, how long its way was and whether it touched anything.
+        """Move robot i from `begin` by the vector `wanted` [m], cut short by contact and slid along the surface.
+
+        Return the new position, the length of the path [m] and whether the robot touched anything.
         """
         p = begin
         rest = wanted
         path = 0.0
         contact = 0
-        for _leg in range(2):  # straight on, then what is left of it along the first thing met
+        for _leg in range(2):  # straight on, then the rest along the first surface
             length = rest.norm()
             if length > 0.0:
                 e = rest / length
@@ -88,7 +63,7 @@ class Contact:
 
     @ti.func
     def trace(self, i, k, p, e, length):
-        """How far [m] robot i gets from p along e, up to `length`; the normal there; whether it touches."""
+        """Return how far [m] robot i gets from p along e, up to `length`; the normal there; whether it touches."""
         free, normal, contact = self._free_of_discs(i, k, p, e, length)
         s, wall, met = self._free_of_walls(i, p, e, free)
         if met == 1:
@@ -97,19 +72,20 @@ class Contact:
 
     @ti.func
     def _free_of_walls(self, i, p, e, free):
-        """Collision with walls and standing obstacles: free length [m] of the path of robot i from p along e, up to
-        `free`; the normal at its end; whether the robot touches there.
+        """Find the collision of robot i on its path from p along e with walls and standing obstacles.
+
+        Return the free length [m], up to `free`; the normal at its end; whether the robot touches there.
         """
         normal = ti.Vector([0.0, 0.0])
         contact = 0
         # Sphere tracing with over-relaxation (Keinert et al. 2014, doi:10.2312/stag.20141233): as no distance
-        # changes by more than the way walked, a stride is free if the gaps at its two ends together cover it.
+        # changes by more than the stride, a stride is free if the gaps at its two ends together cover it.
         r = self.radius[i]
         layer = self._layer(i)
         gap = self._distance(p, layer) - r
         s = 0.0
         if gap > OPEN * free + SKIN:
-            s = free  # what most moves are: no need to look where it ends
+            s = free  # most moves: no need to look at the end
         stride = ti.min(free, 2.0 * gap)
         probes = 0
         while s < free and probes < PROBES:
@@ -129,7 +105,7 @@ class Contact:
 
     @ti.func
     def _layer(self, i):
-        """That of the clearance in which robot i flies; -1: it is on the floor."""
+        """Return the layer of the clearance in which robot i flies; -1 on the floor."""
         layer = -1
         if ti.static(self.flying):
             if self.wings[i] == 1.0:
@@ -162,7 +138,7 @@ class Contact:
 
     @ti.func
     def _span(self, k, m):
-        """From where to where [m] the m-th of the robots of trial k, and of what walks about after them, reaches."""
+        """Return the lowest and highest point [m] of body m of trial k: its robots, then the walkers."""
         span = ti.Vector([0.0, 0.0])
         if m < self.team_size[k]:
             j = self.members[k, m]
@@ -173,7 +149,7 @@ class Contact:
 
     @ti.func
     def _is_beside(self, i, k, m):
-        """Whether that is at the height of robot i."""
+        """Return whether body m of trial k is at the height of robot i."""
         result = True
         if ti.static(self.flying):
             span = self._span(k, m)
@@ -183,9 +159,7 @@ class Contact:
 
     @ti.func
     def rise(self, i, k, p, way):
-        """How far [m] robot i, which flies, gets up from place p, down where negative, up to `way`; and whether it
-        touches anything.
-        """
+        """Return how far [m] drone i at p rises, or sinks if negative, up to `way`, and whether it touches anything."""
         z, h = self.altitude[i], self.height[i]
         low, high = 0.0, ti.max(self.layers.ceiling - h, 0.0)  # of its altitude
         team = self.team_size[k]
@@ -208,7 +182,7 @@ class Contact:
             layer -= 1
         if layer > there:
             low = ti.max(low, self.layers.levels[layer] + SKIN)
-        # what is already closer than that holds it, and does not push it
+        # a body that is already closer stops the drone, and does not push it
         step = ti.math.clamp(way, ti.min(low - z, 0.0), ti.max(high - z, 0.0))
         return step, ti.cast(ti.abs(way - step) > 0.0, ti.i32)
 
@@ -257,7 +231,7 @@ class Contact:
 
     @ti.func
     def _is_clear(self, i, k, p):
-        """Whether robot i at p overlaps neither another robot of its trial nor a walker."""
+        """Return whether robot i at p overlaps neither another robot of its trial nor a walker."""
         result = True
         for m in range(self.team_size[k] + self.walkers):
             j, apart, reach = self._other(i, k, m, p)
@@ -267,8 +241,8 @@ class Contact:
 
     @ti.func
     def _other(self, i, k, m, p):
-        """The m-th other body that robot i at place p may meet: its robot, -1 for what walks; how p lies from it; how
-        close [m] they may come.
+        """Return the robot that body m of trial k is, -1 for a walker; the vector from that body to p; the smallest
+        distance [m] that robot i keeps from it.
         """
         j = -1
         apart = ti.Vector([0.0, 0.0])
@@ -285,7 +259,10 @@ class Contact:
 
     @ti.func
     def _free_of_discs(self, i, k, p, e, length):
-        """The same, but for the other robots and for what walks about alone."""
+        """Find the collision of robot i on its path with the other robots of its trial and with walkers.
+
+        Arguments and results as of `_free_of_walls`.
+        """
         free = length
         normal = ti.Vector([0.0, 0.0])
         contact = 0

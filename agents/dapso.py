@@ -1,23 +1,24 @@
-"""DAPSO: particle swarm optimisation without a common clock, in which each robot is a particle that drives.
+"""DAPSO: decentralized asynchronous particle swarm optimisation (PSO), in which each robot is a particle that drives.
 
-Akat & Gazi, "Decentralized asynchronous particle swarm optimization", IEEE Swarm Intelligence Symposium 2008, used for
-gas maps by Turduev, Cabrita, Kırtay, Gazi & Marques, Autonomous Agents and Multi-Agent Systems 28 (2014) 72-100.
+Akat & Gazi, "Decentralized asynchronous particle swarm optimization", IEEE Swarm Intelligence Symposium 2008, used
+for gas maps by Turduev, Cabrita, Kırtay, Gazi & Marques, Autonomous Agents and Multi-Agent Systems 28 (2014) 72-100.
 Constriction: Clerc & Kennedy, IEEE Trans. Evolutionary Computation 6 (2002) 58-73. Constants are our choice.
 
 MEASURE  stand still and take the mean reading f, then choose a way point
-DRIVE    go there by `potential`; there, after way_point_timeout, or where others are in the way: MEASURE
-EXPLORE  neither the robot nor its neighbours know of gas: drive to a random place; there, or at a reading of
+DRIVE    go there by `potential`; there, after way_point_timeout, or if others are in the way: MEASURE
+EXPLORE  neither the robot nor its neighbours know of gas: drive to a random position; there, or at a reading of
          threshold_ppm on the way: MEASURE. Not in the paper, and with 0 never; so do Li, Li, Lee & Zhang, PLoS ONE 9
          (2014) e111970, in their hybrid
 
-With x: the robot's place, p: the best it has measured at, f(p) that reading, which fades with age,
+With x: the robot's position, p: the position of its best measurement, f(p) that reading, which fades with age,
 
-    p <- x where f >= f(p);    g: the best of p and of what its neighbours said last (`radio`)
+    p <- x where f >= f(p);    g: the best of p and of the neighbours' last messages (`radio`)
     v <- chi (v + phi1 r1 (p - x) + phi2 r2 (g - x)),    |v| <= longest_step
     w = x + v, kept off walls and obstacles;    v <- w - x
 
-r1, r2: uniform in (0, 1) per component. Then it tells its team p and f(p). After `restart_after` steps in a row shorter
-than restart_step it forgets all that it knows and drives to a random place, whatever it smells on the way.
+r1, r2: uniform in (0, 1) per component. Then the robot sends p and f(p) to its team. After `restart_after` steps in a
+row shorter than restart_step it forgets all measurements and messages and drives to a random position, whatever its
+readings on the way.
 """
 
 import cmath
@@ -42,7 +43,7 @@ UNKNOWN = -1.0  # ppm, f(p) of a robot that knows of no place
 
 
 def constriction(phi: float, kappa: float = 1.0) -> float:
-    """chi = 2 kappa / |2 - phi - sqrt(phi² - 4 phi)|; kappa itself for phi <= 4."""
+    """Return chi = 2 kappa / |2 - phi - sqrt(phi² - 4 phi)|, which is kappa for phi <= 4."""
     return 2 * kappa / abs(2 - phi - cmath.sqrt(phi**2 - 4 * phi))
 
 
@@ -123,7 +124,7 @@ class Dapso(KernelAlgorithm):
 
     @ti.func
     def _is_there(self, n, dt):
-        """Whether it is time to measure."""
+        """Return whether it is time to measure."""
         i = self.robot[n]
         there = self.potential.is_over(n, self.way_point[n], self.p.tolerance[n])
         if self.swarm.state[i] == DRIVE:
@@ -134,7 +135,7 @@ class Dapso(KernelAlgorithm):
 
     @ti.func
     def _learn(self, n, t):
-        """Keep the best of what it measured."""
+        """Update p and f(p) by the measurement."""
         i = self.robot[n]
         f = self.acquisition.mean(n)
         self.best[n] *= ti.exp(-self.p.fading[n] * (t - self.best_time[n]))
@@ -145,7 +146,7 @@ class Dapso(KernelAlgorithm):
 
     @ti.func
     def _choose(self, n, tick, t):
-        """The next way point, and the state to drive there."""
+        """Choose the next way point w, and the state to drive there."""
         i = self.robot[n]
         x, p = self.swarm.believed_position[i], self.best_place[n]
         most, g = self._best_known(n, tick, t)
@@ -175,39 +176,39 @@ class Dapso(KernelAlgorithm):
 
     @ti.func
     def _inside(self, n, u):
-        """The place with the shares u of the way from corner to corner of where way points can be."""
+        """Return the point at the fractions u of the area of way points."""
         low = self.potential.low(n)
         return low + u * (self.potential.high(n) - low)
 
     @ti.func
     def _best_known(self, n, tick, t):
-        """The best reading that robot n and its neighbours know of, and g, where that was."""
+        """Return the best reading that robot n and its neighbours know, and its position g."""
         best, g = self.best[n], self.best_place[n]
         for m in range(self.p.count[n]):
             if self.radio.has_heard(n, m) and self._is_neighbour(n, m, tick, t):
-                f = self._told(n, m, t)
+                f = self._faded(n, m, t)
                 if f > best:
                     best, g = f, self.radio.place[n, m]
         return best, g
 
     @ti.func
-    def _told(self, n, m, t):
-        """What robot n makes of the value it heard last from robot m of its team [ppm]."""
+    def _faded(self, n, m, t):
+        """Return the faded value [ppm] of the last message from robot m of the team to robot n."""
         return self.radio.value[n, m] * ti.exp(-self.p.fading[n] * (t - self.radio.time[n, m]))
 
     @ti.func
     def _is_neighbour(self, n, m, tick, t):
-        """Whether robot n now listens to robot m of its team, of which it has heard."""
+        """Return whether robot m of the team, known by a message, is now a neighbour of robot n."""
         result = 0
         if self.p.neighbours[n] == SEARCH_SPACE:
             apart = self.radio.sender[n, m] - self.swarm.believed_position[self.robot[n]]
             result = ti.cast(apart.norm() <= self.p.within[n], ti.i32)
         elif self.p.neighbours[n] == FUNCTION_VALUE:
-            apart = ti.abs(self._told(n, m, t) - self.best[n])
+            apart = ti.abs(self._faded(n, m, t) - self.best[n])
             closer = 0
             for k in range(self.p.count[n]):
                 if k != m and self.radio.has_heard(n, k):
-                    other = ti.abs(self._told(n, k, t) - self.best[n])
+                    other = ti.abs(self._faded(n, k, t) - self.best[n])
                     closer += ti.cast(other < apart or (other == apart and k < m), ti.i32)
             result = ti.cast(closer < self.p.within[n], ti.i32)
         else:

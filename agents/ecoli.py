@@ -1,11 +1,11 @@
-"""E. coli: run and tumble. On after a rise of the mean reading, else in a random direction.
+"""E. coli: run and tumble (chemotaxis). Straight on after a rise of the mean reading, else in a random direction.
 
 Russell, Bab-Hadiashar, Shepherd & Wallace, Robotics and Autonomous Systems 45 (2003) 83-97, as run by Ferri et al.,
 Robotics and Autonomous Systems 57 (2009) 393-402, table 1.
 
 ACQUIRE  stand still and take the mean reading
-RUN      it rose: turn by at most run_angle, drive a step
-TUMBLE   it did not, or is the first: turn by any angle, drive a step
+RUN      the mean rose: turn by at most run_angle, drive a step
+TUMBLE   no rise, or the first mean: turn by any angle, drive a step
 """
 
 from math import pi, radians
@@ -56,7 +56,6 @@ class EColi(KernelAlgorithm):
 
     @ti.func
     def _choose(self, n, tick):
-        """Run or tumble."""
         i = self.robot[n]
         mean = self.acquisition.mean(n)
         rose = mean > self.before[n] and self.swarm.acquisitions[i] > 1

@@ -1,10 +1,10 @@
-"""Robots that are driven from outside: what is told of them, and what they are told.
+"""Robots that are driven from outside, by `taichi_plume.serve`: their readings and the orders that they get.
 
-AWAITED   nothing has been heard of the robot yet: it stands
-DRIVEN    it does what it was told last
-LOST      nothing was heard of it for too long: it stands
+AWAITED   no order has come for the robot yet: it stands
+DRIVEN    it carries out the last order
+LOST      no order has come for too long: it stands
 
-Who is heard of, and when, is known outside alone: `taichi_plume.serve` gives its orders after every tick.
+Only the service knows who drives which robot and when; it gives its orders after every tick.
 """
 
 from dataclasses import dataclass
@@ -12,34 +12,32 @@ from typing import cast
 
 import numpy as np
 
-from taichi_plume.agents.columns import Columns, Rows, of_noses
-from taichi_plume.agents.declaring import Declaring
+from taichi_plume.agents.columns import Columns, Rows, further_gas_sensors
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.scenario.external import External
 
 AWAITED, DRIVEN, LOST = range(3)
 
-TOLD = (
+READ = (
     Columns.believed_position, Columns.believed_heading, Columns.wind, Columns.wind_known, Columns.blocked,
-    Columns.found, Columns.declarations,
+    Columns.found, Columns.declarations, Columns.reading, Columns.resistance,
 )  # fmt: skip
-SENSED = ("reading", "resistance")  # of each gas sensor
+SENSED = ("reading", "resistance")  # by each gas sensor
 ORDERED = (
     Columns.state, Columns.speed_command, Columns.turn_rate_command, Columns.ordered_position,
     Columns.ordered_heading,
 )  # fmt: skip
-
 FLOWN = (Columns.left_command, Columns.climb_command, Columns.ordered_altitude)
 
 
 @dataclass
 class Orders:
-    """What the robots of a group, trial by trial, are told for the next tick.
+    """Orders for the robots of a group, trial by trial, for the next tick.
 
-    state (size,): AWAITED, DRIVEN or LOST; speed [m/s] and turn_rate [rad/s] (size,); position (size, 2) [m], NaN:
-    stays, and heading (size,) [rad] of those that are placed; declared (size, 2) [m], NaN: says nothing. Of drones also
-    left and climb (size,) [m/s], or altitude (size,) [m] of those that are placed, NaN: stays.
+    state (size,): AWAITED, DRIVEN or LOST; speed [m/s] and turn_rate [rad/s] (size,). For robots that are placed:
+    position (size, 2) [m], NaN: stays, and heading (size,) [rad]. declared (size, 2) [m], NaN: no declaration. For
+    drones also left and climb (size,) [m/s], or altitude (size,) [m] of those that are placed, NaN: stays.
     """
 
     state: np.ndarray
@@ -54,7 +52,7 @@ class Orders:
 
     @classmethod
     def none(cls, size: int) -> "Orders":
-        """All wait."""
+        """Return orders to wait."""
         state, (speed, turn_rate, heading, left, climb) = np.zeros(size, int), np.zeros((5, size))
         position, declared = np.full((2, size, 2), np.nan)
         altitude = np.full(size, np.nan)
@@ -62,7 +60,7 @@ class Orders:
 
 
 class ExternalAlgorithm:
-    """The robots of one group, at the disposal of what drives them."""
+    """The robots of one group that are driven from outside."""
 
     PER_GROUP: bool = True
     STATE: tuple[str, ...] = ()
@@ -72,45 +70,40 @@ class ExternalAlgorithm:
         self.members, self.size = members, members.size
         (group,) = members.groups
         self.flies = group.model.body.flies
-        ordered = (*ORDERED, *(FLOWN if self.flies else ()))
         self.noses = len(group.model.sensors.noses)
-        noses = [one for one in of_noses(self.noses) if one.name.startswith(SENSED)]
-        told = (
-            *TOLD,
-            Columns.reading,
-            Columns.resistance,
-            *noses,
-            *((Columns.altitude,) if self.flies else ()),
-        )
-        self._told, self._ordered = (Rows(swarm, some, group.start, group.size) for some in (told, ordered))
-        self._declaring = Declaring(swarm, group.start, group.size)
+        further = [column for column in further_gas_sensors(self.noses) if column.name.startswith(SENSED)]
+        read = (*READ, *further, *((Columns.altitude,) if self.flies else ()))
+        self._read = Rows(swarm, read, group.start, group.size)
+        self._ordered = Rows(swarm, (*ORDERED, *(FLOWN if self.flies else ())), group.start, group.size)
+        self._swarm, self._start = swarm, group.start
         self.begin()
 
     @property
     def model(self) -> External:
-        """What the scenario says of them."""
+        """Section of the group."""
         return cast(External, self.members.groups[0].model.algorithm)
 
     def begin(self) -> None:
-        """All wait to be driven."""
+        """Do nothing: all wait to be driven."""
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        """Go on as ordered last."""
+        """Do nothing: orders hold until the next."""
 
     def told(self) -> dict[str, np.ndarray]:
-        """What is told of each robot, by the names of the columns: (size,), (size, 2), or (size, noses) of what gas
-        sensors tell. Altitude: 0 on the floor.
+        """Return the readings of each robot by the names of the columns: (size,), (size, 2), or (size, noses) of gas
+        sensors. Altitude: 0 on the floor.
         """
-        told = {one.name: values for one, values in zip(self._told.columns, self._told.read(), strict=True)}
+        names = (column.name for column in self._read.columns)
+        read = dict(zip(names, self._read.read(), strict=True))
         for name in SENSED:
-            each = [told.pop(name if k == 0 else f"{name}_{k}") for k in range(self.noses)]
-            told[name] = np.stack(each, axis=-1)
-        return {"altitude": np.zeros(self.size, np.float32)} | told
+            each = [read.pop(name if k == 0 else f"{name}_{k}") for k in range(self.noses)]
+            read[name] = np.stack(each, axis=-1)
+        return {"altitude": np.zeros(self.size, np.float32)} | read
 
     def order(self, orders: Orders, t: float) -> None:
-        """Tell the robots what to do in the next tick; t: now [s]."""
+        """Give orders for the next tick; t: now [s]."""
         ordered = [orders.state, orders.speed, orders.turn_rate, orders.position, orders.heading]
         if self.flies:
             ordered += [orders.left, orders.climb, orders.altitude]
         self._ordered.write(ordered)
-        self._declaring.say(orders.declared, t)
+        self._swarm.declare_all(self._start, orders.declared, t)

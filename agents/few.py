@@ -1,4 +1,4 @@
-"""Which loops over robots are worth a second thread."""
+"""Serial loops: whether a loop over robots is worth a second thread."""
 
 from taichi_plume.grid.kernels import on_cpu
 
@@ -6,5 +6,5 @@ FEW = 2000  # robots; waking a thread takes 0.1 ms, for which one does 1,500 to 
 
 
 def few(robots: int) -> bool:
-    """Whether a loop over so many robots is over sooner in the caller's thread alone."""
+    """Return whether the caller's thread alone finishes a loop over so many robots sooner."""
     return on_cpu() and robots <= FEW

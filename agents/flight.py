@@ -1,29 +1,27 @@
-"""How robots fly: as holonomic bodies that keep a velocity in the room, or fly to a place.
+"""Flight of drones: holonomic kinematics with limited acceleration, by velocity commands or to a goal.
 
-A robot that flies is told how fast to go ahead, to its left and upward and to turn, or a place and perhaps a heading to
-go to. Its velocity in the room follows within its largest acceleration, as a vector; along the ground it is no faster
-than `max_speed`, upward than `max_climb` and downward than `max_descent`. It flies straight to a place, as fast as lets
-it stop there: of the way d that is left it takes v dt in the next tick with
+A drone is commanded its speed ahead, to its left and upward and its turn rate, or a goal and perhaps a heading. The
+velocity vector changes within the largest acceleration a; along the ground it is at most `max_speed`, upward
+`max_climb`, downward `max_descent`. To a goal the drone flies straight, as fast as it can still stop: with the distance
+d left, the next tick takes v dt with
 
-    v dt + v²/(2 a) <= d   so   v = 2 d/(dt + (dt² + 2 d/a)^½),   a its largest acceleration,
+    v dt + v²/(2 a) <= d   so   v = 2 d/(dt + (dt² + 2 d/a)^½),
 
-slower where a part of v is beyond its limit. How it tilts and what turns its rotors is not computed. Of a tick's way
-the part upward comes first, and the part downward last, so that it rises beside an obstacle before it passes above it.
+slower where a component of v exceeds its limit. Attitude and rotor speeds are not computed. In a tick a drone rises
+before and sinks after it moves sideways: it climbs beside an obstacle before it passes above.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.columns import Columns
-from taichi_plume.agents.contact import Heights
+from taichi_plume.agents.columns import Columns, Field
 from taichi_plume.grid.elementary import cos_sin, wrap
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.robots import Group
 
-FREE = 0.9  # share of a commanded move below which the bumper feels contact
+FREE = 0.9  # of a commanded move; less counts as contact of the bumper
 
 WINGS: dict[str, Callable[[Group], float]] = {
     "wings": lambda group: float(group.body.flies),
@@ -31,43 +29,33 @@ WINGS: dict[str, Callable[[Group], float]] = {
     "max_climb": lambda group: group.body.max_climb or 0.0,
     "max_descent": lambda group: group.body.max_descent or 0.0,
 }
-"""What the robots of a group that may fly are like: fields of these names, where any of the swarm does."""
+"""Numbers of the bodies of a group, by the names of fields that only swarms with drones have."""
 
 
 class Flying(Columns):
-    """What a swarm some of whose robots fly has more than others."""
+    """The part of a swarm for its drones."""
 
-    contact: Any
-    radius: Any
-    max_speed: Any
-    max_turn_rate: Any
-    max_acceleration: Any
-    wings: Any
-    height: Any
-    max_climb: Any
-    max_descent: Any
-
-    def _grow_wings(self, robots: int, walkers: int, sources: int) -> Heights:
-        """The fields of robots that fly; what `Contact` needs of them."""
-        for name in WINGS:
+    def _allocate_flight(self, robots: int) -> None:
+        """Make the fields that only swarms with drones have."""
+        for name in ("first_altitude", *WINGS):
             setattr(self, name, ti.field(ti.f32, robots))
-        self.first_altitude = ti.field(ti.f32, robots)
-        self.source_height = ti.field(ti.f32, max(1, sources))
-        self.spans: Any = ti.Vector.field(2, ti.f32, max(1, walkers))
-        return Heights(self.altitude, self.height, self.wings, self.spans)
+        self.source_height = ti.field(ti.f32, max(1, self.source_count))
+        self.spans = ti.Vector.field(
+            2, ti.f32, max(1, self.walker_count)
+        )  # lowest, highest point of walkers [m]
 
-    def _flight_fields(self) -> list[Any]:
-        """Those that `_flight_numbers` fills, in its order."""
+    def _flight_fields(self) -> list[Field]:
+        """Return the fields that `_flight_numbers` fills, in its order."""
         never = [self.ordered_altitude, self.goal, self.goal_heading]
         bodies = [getattr(self, name) for name in WINGS]
         return [self.altitude, self.first_altitude, self.source_height, self.spans, *never, *bodies]
 
     def _flight_numbers(
         self, each: Callable[..., np.ndarray], sources: np.ndarray, walkers: Sequence[Obstacle]
-    ) -> list[Any]:
-        """What a run begins with; each: makes a number per robot, sources: (m, 3) [m]."""
+    ) -> list[object]:
+        """Return the numbers at the start of a run; each: makes a number per robot; sources: (m, 3) [m]."""
         altitude = each(lambda group: group.start_altitude)
-        spans = [one.span for one in walkers] or 0
+        spans = [walker.span for walker in walkers] or 0
         heights = sources[:, 2] if len(sources) else 0
         return [
             altitude,
@@ -79,21 +67,15 @@ class Flying(Columns):
         ]
 
     @ti.func
-    def _rest(self, i):
-        """Robot i has not moved yet in this tick."""
-        self.climb_rate[i] = 0.0
-        self.acceleration[i] = ti.Vector([0.0, 0.0, 0.0])
-
-    @ti.func
-    def _take_off(self, i):
-        """Put robot i, all of whose columns are zero, to its altitude at the begin of a run."""
+    def _restart_flight(self, i):
+        """Put drone i, all of whose columns are zero, to its altitude at the start of a run."""
         nan = ti.math.nan
         self.altitude[i], self.ordered_altitude[i] = self.first_altitude[i], nan
         self.goal[i], self.goal_heading[i] = ti.Vector([nan, nan, nan]), nan
 
     @ti.func
     def middle_over(self, i, s):
-        """How high [m] the middle of robot i is above the source number s; 0 on the floor, where heights count not."""
+        """Return how high [m] the middle of drone i is above source s; 0 for robots on the floor."""
         above = 0.0
         if self.wings[i] == 1.0:
             above = self.altitude[i] + 0.5 * self.height[i] - self.source_height[s]
@@ -101,7 +83,7 @@ class Flying(Columns):
 
     @ti.func
     def _fly(self, i, k, dt):
-        """Move robot i of trial k for dt [s]; whether contact cut it short, its turn [rad] and its way [m]."""
+        """Move drone i of trial k for dt [s]; return whether contact cut the move short, turn [rad] and way [m]."""
         before = self.flight[i]
         heading_rate = self.turn_rate_command[i]
         if not ti.math.isnan(self.goal_heading[i]):
@@ -136,7 +118,7 @@ class Flying(Columns):
 
     @ti.func
     def _wanted_velocity(self, i, course, dt):
-        """Velocity in the room [m/s] that robot i, which looks along `course` [rad], wants and may have."""
+        """Return the commanded velocity [m/s] of drone i with heading `course` [rad], within the limits."""
         e = cos_sin(course)
         ahead, left = self.speed_command[i], self.left_command[i]
         v = ti.Vector([ahead * e[0] - left * e[1], ahead * e[1] + left * e[0], self.climb_command[i]])

@@ -1,13 +1,13 @@
-"""What gas sensors make of a concentration: static laws, from ppm to a signal y and back.
+"""Static laws (transfer functions) of gas sensors: from ppm to a signal y, and back by the calibration.
 
-The signal is what lags, drifts and scatters: ln(R_air/R) of a metal oxide, ppm of a linear detector. Both rise with
-the concentration and are zero in clean air.
+Lag, drift and noise act on the signal y: ln(R_air/R) of a metal oxide, ppm of a linear detector. Both rise with the
+concentration and are zero in clean air.
 """
 
 from dataclasses import dataclass
 from functools import partial
 from math import sqrt
-from typing import Any, Protocol, cast
+from typing import Protocol, cast
 
 import numpy as np
 import taichi as ti
@@ -24,47 +24,43 @@ from taichi_plume.scenario.sensors import IdealGasSensor, MoxSensor, PidSensor, 
 
 LN10 = float(np.log(10.0))
 SPREAD_OF_B = 0.08  # of unit to unit: our choice
-UNITS = 256  # in the box that episodes take theirs from
+UNITS = 256  # in the box of which each episode takes one
 DIFFER = ("b", "air", "k0", "k1", "k2", "k3", "x_low")  # numbers in which units differ
 INJECTED = np.geomspace(5.0, 1000.0, 14)  # ppm, of a calibration
 
 
 class Law(Protocol):
-    """The law of all sensors of one kind; its ti.funcs take the number of a robot among the members.
-
-    slot: which of each robot's sensors they are.
+    """The law of all sensors of one kind; its ti.funcs take the number of a robot among the members. slot: number of
+    the sensor on each robot.
     """
 
     HAS_RESISTANCE: bool
 
     def __init__(self, members: Members, slot: int = 0): ...
 
-    def begin(self) -> None:
-        """Set the numbers of the members' sensors."""
+    def begin(self) -> None: ...
+
+    def renew(self, n, unit):
+        """ti.func: take another unit, given by a number from 0 to 1, where each trial restarts on its own."""
         ...
 
-    def renew(self, n: Any, unit: Any) -> None:
-        """ti.func: take another unit, given by a number from 0 to 1; where trials begin on their own."""
+    def response(self, n, ppm):
+        """ti.func: return the steady y at a concentration, weighted by the sensitivity to each species."""
         ...
 
-    def response(self, n: Any, ppm: Any) -> Any:
-        """ti.func: steady y at a concentration, weighted by what the sensor feels of each species."""
+    def resistance(self, n, y):
+        """ti.func: return the measured quantity; a resistance [ohm], if the sensor has one."""
         ...
 
-    def resistance(self, n: Any, y: Any) -> Any:
-        """ti.func: what is measured; a resistance [ohm], if it has one."""
-        ...
-
-    def ppm(self, n: Any, r: Any) -> Any:
-        """ti.func: the concentration that this is taken for."""
+    def ppm(self, n, r):
+        """ti.func: return the reading, by the calibration."""
         ...
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """log10 c = k0 + k1 x + k2 x² + k3 x³ with x = log10(R/R_air), c in ppm; x_low: of the least injected c.
-
-    Ferri et al., Robotics and Autonomous Systems 57 (2009) 393-402, eq 1-2.
+    """log10 c = k0 + k1 x + k2 x² + k3 x³ with x = log10(R/R_air), c in ppm; x_low: x of the least injected c. Ferri
+    et al., Robotics and Autonomous Systems 57 (2009) 393-402, eq 1-2.
     """
 
     k: np.ndarray
@@ -72,7 +68,7 @@ class Calibration:
 
     @staticmethod
     def of(c0: float, b: float) -> "Calibration":
-        """Least squares through the resistances at the injected concentrations of a unit."""
+        """Fit the resistances of a unit at the injected concentrations by least squares."""
         x = -b * np.log10(1.0 + INJECTED / c0)
         return Calibration(np.polynomial.polynomial.polyfit(x, np.log10(INJECTED), 3), float(x[0]))
 
@@ -87,13 +83,13 @@ class MoxLaw:
         self.slot = slot
         self.cubic = any(_mox(group, slot).calibration == "cubic" for group in members.groups)
         self.swarm = members.swarm
-        self.of = Parameters(members, partial(_units, members.swarm, slot))
-        self.box = ti.field(ti.f32, (UNITS, len(DIFFER)))  # units that episodes take theirs from
-        self.different = tuple(getattr(self.of, name) for name in DIFFER)
+        self.p = Parameters(members, partial(_units, members.swarm, slot))
+        self.box = ti.field(ti.f32, (UNITS, len(DIFFER)))  # units of which each episode takes one
+        self.different = tuple(getattr(self.p, name) for name in DIFFER)
         self._fill = uploader(self.box)
 
     def begin(self) -> None:
-        self.of.begin()
+        self.p.begin()
         if self.swarm.episodes is not None:
             group = self.swarm.groups[0]
             rng = generator(self.swarm.seed, numbered("box of units", self.slot))
@@ -108,32 +104,32 @@ class MoxLaw:
 
     @ti.func
     def response(self, n, ppm):
-        return self.of.b[n] * log(1.0 + ppm * self.of.per_c0[n])
+        return self.p.b[n] * log(1.0 + ppm * self.p.per_c0[n])
 
     @ti.func
     def resistance(self, n, y):
-        """Resistance [ohm] of unit n as the converter sees it."""
-        r = self.of.air[n] * exp(-y)
-        if self.of.steps[n] > 0.0:  # of the voltage over the load, as a share of the supply
-            load, step = self.of.load[n], self.of.per_step[n]
-            share = ti.round(load / (load + r) * self.of.steps[n]) * step
+        """Return the resistance [ohm] of unit n as the converter sees it."""
+        r = self.p.air[n] * exp(-y)
+        if self.p.steps[n] > 0.0:  # of the voltage over the load, as a share of the supply
+            load, step = self.p.load[n], self.p.per_step[n]
+            share = ti.round(load / (load + r) * self.p.steps[n]) * step
             r = load * (1.0 / ti.math.clamp(share, 0.5 * step, 1.0) - 1.0)
         return r
 
     @ti.func
     def ppm(self, n, r):
-        """The concentration, of the gas that it is calibrated for, that unit n is taken to see at resistance r [ohm];
-        R_air is that of its clean air.
+        """Return the concentration, of the calibration gas, for resistance r [ohm] of unit n; R_air is that of its
+        clean air.
         """
-        x = log(ti.max(r, 1e-3) / self.of.air[n])
-        c = self.of.c1[n] * exp(-x * self.of.per_b[n]) - self.of.c1[n]
+        x = log(ti.max(r, 1e-3) / self.p.air[n])
+        c = self.p.c1[n] * exp(-x * self.p.per_b[n]) - self.p.c1[n]
         if ti.static(self.cubic):
-            if self.of.cubic[n] == 1:
+            if self.p.cubic[n] == 1:
                 x = ti.min(x / LN10, 0.0)
-                low = self.of.x_low[n]
+                low = self.p.x_low[n]
                 inside = ti.min(x, low)
-                k2 = self.of.k2[n] + inside * self.of.k3[n]
-                c = exp(LN10 * (self.of.k0[n] + inside * (self.of.k1[n] + inside * k2)))
+                k2 = self.p.k2[n] + inside * self.p.k3[n]
+                c = exp(LN10 * (self.p.k0[n] + inside * (self.p.k1[n] + inside * k2)))
                 # a cubic of logarithms has no zero: a line into clean air
                 c *= ti.select(x > low, x / low, 1.0)
         return ti.max(c, 0.0)
@@ -146,14 +142,14 @@ class LinearLaw:
     HAS_RESISTANCE: bool = False
 
     def __init__(self, members: Members, slot: int = 0):
-        self.of = Parameters(members, lambda group: {"limit": _linear(group, slot).detection_limit_ppm})
+        self.p = Parameters(members, lambda group: {"limit": _linear(group, slot).detection_limit_ppm})
 
     def begin(self) -> None:
-        self.of.begin()
+        self.p.begin()
 
     @ti.func
     def renew(self, n, unit):
-        """Units do not differ."""
+        """Do nothing: units do not differ."""
 
     @ti.func
     def response(self, n, ppm):
@@ -161,12 +157,12 @@ class LinearLaw:
 
     @ti.func
     def resistance(self, n, y):
-        """There is none; what stands for it is y."""
+        """Return y: there is no resistance."""
         return y
 
     @ti.func
     def ppm(self, n, r):
-        return ti.select(r >= self.of.limit[n], ti.max(r, 0.0), 0.0)
+        return ti.select(r >= self.p.limit[n], ti.max(r, 0.0), 0.0)
 
 
 @ti.data_oriented
@@ -178,12 +174,12 @@ class LineLaw(LinearLaw):
             sensor = cast(TdlasSensor, group.model.sensors.noses[slot])
             return {"limit": sensor.detection_limit_ppm_m, "largest": sensor.largest_ppm_m}
 
-        self.of = Parameters(members, numbers)
+        self.p = Parameters(members, numbers)
 
     @ti.func
     def ppm(self, n, r):
-        """What it tells of the integral."""
-        return ti.select(r >= self.of.limit[n], ti.math.clamp(r, 0.0, self.of.largest[n]), 0.0)
+        """Return the integral, limited to the range of the laser [ppm m]."""
+        return ti.select(r >= self.p.limit[n], ti.math.clamp(r, 0.0, self.p.largest[n]), 0.0)
 
 
 LAWS: dict[str, type[Law]] = {"mox": MoxLaw, "linear": LinearLaw, "line": LineLaw}
@@ -191,12 +187,12 @@ LAWS: dict[str, type[Law]] = {"mox": MoxLaw, "linear": LinearLaw, "line": LineLa
 
 
 def numbered(name: str, slot: int) -> str:
-    """The name of a random stream of a robot's first sensor, or of a further one."""
+    """Return the name of a random stream of a robot's first sensor, or of a further one."""
     return f"{name} {slot}" if slot else name
 
 
 def _units(swarm: Swarm, slot: int, group: GroupRange) -> Numbers:
-    """The metal oxides of a group: what their model gives, and how units differ."""
+    """Return the numbers of the metal oxides of a group, whose units differ."""
     if swarm.episodes is not None:  # each takes one of the box
         return _of_units(_mox(group, slot), np.zeros((group.size, 2)))
     draws = group.generators(swarm.seed, numbered("units", slot))
@@ -204,12 +200,12 @@ def _units(swarm: Swarm, slot: int, group: GroupRange) -> Numbers:
 
 
 def _drawn(rng: np.random.Generator, count: int) -> np.ndarray:
-    """How so many units differ in b and in R_air, (count, 2), from -1 to 1."""
+    """Draw the deviations of units in b and in R_air, (count, 2), from -1 to 1."""
     return rng.uniform(-1.0, 1.0, (count, 2))
 
 
 def _of_units(sensor: MoxSensor, units: np.ndarray) -> Numbers:
-    """The numbers of metal oxides of which it is known how the units differ."""
+    """Return the numbers of metal oxides with these deviations of their units."""
     model, (c1, b1) = MOX_MODELS[sensor.model], sensor.reading_curve
     b = model.b * np.exp(SPREAD_OF_B * sensor.spread * sqrt(3.0) * units[:, 0])
     low, high = np.log(model.air)
@@ -220,11 +216,11 @@ def _of_units(sensor: MoxSensor, units: np.ndarray) -> Numbers:
     return {
         "per_c0": 1.0 / model.c0,
         "b": b,
-        "c1": c1,  # of the gas that it is calibrated for
+        "c1": c1,  # of the calibration gas
         "per_b": 1.0 / b1,  # of the model, which is all that a calibration without fit knows
         "air": np.exp(middle + half * min(sensor.spread, 1.0) * units[:, 1]),
         "load": sensor.load or model.load,
-        "steps": steps,  # of the converter, 0 where it does not round
+        "steps": steps,  # of the converter, 0 without rounding
         "per_step": 1.0 / max(steps, 1.0),
         "cubic": cubic,
         **{name: k[:, n] for n, name in enumerate(("k0", "k1", "k2", "k3", "x_low"))},
@@ -232,7 +228,7 @@ def _of_units(sensor: MoxSensor, units: np.ndarray) -> Numbers:
 
 
 def _fits(c0: float, b: np.ndarray) -> np.ndarray:
-    """Coefficients and x_low of each unit's calibration, (units, 5)."""
+    """Return coefficients and x_low of each unit's calibration, (units, 5)."""
     different, which = np.unique(b, return_inverse=True)
     fits = [Calibration.of(c0, exponent) for exponent in different]
     return np.array([[*fit.k, fit.x_low] for fit in fits])[which]

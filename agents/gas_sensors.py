@@ -1,19 +1,18 @@
-"""What gas sensors measure: a signal that lags, drifts and scatters, and what it is taken for.
+"""Gas sensors: a signal with lag (rise and decay time constants), drift and noise, and the reading made of it.
 
-The law of `gas_laws` makes a signal y of the concentration, which follows it with separate time constants for rise and
-decay, solved exactly over a tick; a share of it may decay more slowly. A reading takes y at its moment, or its mean
-since the reading before, with drift, white noise of its samples and of itself and what room and heater add, and is what
-the sensor's calibration makes of that, in ppm and never negative. Between readings the last one is held.
+The static law of `gas_laws` gives a goal y of the concentration. The signal follows with separate time constants for
+rise and decay, solved exactly over a tick; a fraction may decay more slowly. A reading takes the signal at its
+moment, or the mean since the reading before, adds drift, white noise of samples and of the reading, room climate and
+heater warm-up, and applies the calibration: ppm, never negative. Between readings the last one is held.
 """
 
 from collections.abc import Sequence
 from functools import partial
 from math import sqrt
-from typing import Any
 
 import taichi as ti
 
-from taichi_plume.agents.columns import OF_A_NOSE
+from taichi_plume.agents.columns import OF_A_GAS_SENSOR
 from taichi_plume.agents.gas_laws import Law, numbered
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.lag import Lag
@@ -29,10 +28,10 @@ HOUR = 3600.0
 
 @ti.data_oriented
 class GasSensors:
-    """One gas sensor of each robot of some groups, all of one law: they write `true_ppm`, `reading` and `resistance`.
+    """One gas sensor of each robot of some groups, all of one law; they write `true_ppm`, `reading` and `resistance`.
 
-    slot: which of each robot's, from 0 on; the others' columns have their number. dim: of the gas; in 3-D the sensors
-    sit at their heights. tick: control period [s]. species: of the gas.
+    slot: number of the sensor on each robot, from 0 on; further sensors write columns with their number. dim: of the
+    gas; in 3-D the sensors sit at their heights. tick: control period [s]. species: of the gas.
     """
 
     STATE = ("signal", "slow", "sum", "baseline")
@@ -49,53 +48,52 @@ class GasSensors:
         self.members, self.swarm, self.dim, self.species = members, members.swarm, dim, len(species)
         self.first = slot == 0
         n = members.size
-        self.law: Any = law(members, slot)
+        self.law = law(members, slot)
         models = [group.model.sensors.noses[slot] for group in members.groups]
-        self.ahead, self.left = any(one.ahead for one in models), any(one.left for one in models)
-        self.bends = any(model.bend(one.name) for model in models for one in species)
-        self.of = Parameters(
-            members, partial(_figures, tick, species, slot), stream=numbered("gas sensor", slot)
+        self.ahead, self.left = any(model.ahead for model in models), any(model.left for model in models)
+        self.bends = any(model.bend(kind.name) for model in models for kind in species)
+        self.p = Parameters(
+            members, partial(_sensor_numbers, tick, species, slot), stream=numbered("gas sensor", slot)
         )
         self.reading, self.resistance, self.true_ppm = (
-            getattr(members.swarm, f"{name}_{slot}" if slot else name) for name in OF_A_NOSE
+            getattr(members.swarm, f"{name}_{slot}" if slot else name) for name in OF_A_GAS_SENSOR
         )
         self.signal = ti.field(ti.f32, n)  # y of each robot, clean air at the start
         self.slow = ti.field(ti.f32, n)  # the same for its slow part
         self.sum = ti.field(ti.f32, n)  # of the tick means since the last reading
-        self.baseline = ti.field(ti.f32, n)  # what y has drifted
+        self.baseline = ti.field(ti.f32, n)  # drift of y
 
     def begin(self) -> None:
-        """Set the numbers that the groups give."""
-        self.of.begin()
+        self.p.begin()
         self.law.begin()
 
     @ti.func
     def _follow(self, signal: Template, n, goal, decay, decay_rest):
-        """Let a signal follow its goal for a tick; what it is then, and was in the mean."""
+        """Advance the lag of a signal towards its goal by a tick; return its value and its mean over the tick."""
         rises = goal > signal[n]
         way = signal[n] - goal
-        signal[n] = goal + way * (1.0 - ti.select(rises, self.of.rise[n], decay))
-        return signal[n], goal + way * ti.select(rises, self.of.rise_rest[n], decay_rest)
+        signal[n] = goal + way * (1.0 - ti.select(rises, self.p.rise[n], decay))
+        return signal[n], goal + way * ti.select(rises, self.p.rise_rest[n], decay_rest)
 
     @ti.func
     def draw(self, n, tick):
-        """Noise of samples, drift and noise of a reading of the n-th sensor, normal; a trial draws the same ones alone
-        and among others.
+        """Draw normal noise of samples, drift and noise of a reading of sensor n; the same for a trial alone and
+        among others.
         """
         key, number, now = self.swarm.counter(self.members.robot[n], self.members.number[n], tick)
-        g = normal4(key, self.of.stream[n], number, now, 0)
+        g = normal4(key, self.p.stream[n], number, now, 0)
         return g[0], g[1], g[2]
 
     @ti.func
     def place(self, n, i):
-        """Where the n-th of the sensors, robot i's, is [m]."""
-        x = sensor_place(self.swarm, self.dim, i, self.of.height[n])
+        """Return the position of sensor n, of robot i [m]."""
+        x = sensor_place(self.swarm, self.dim, i, self.p.height[n])
         if ti.static(self.ahead):
             heading = self.swarm.heading[i]
-            x[0] += self.of.ahead[n] * ti.cos(heading)
-            x[1] += self.of.ahead[n] * ti.sin(heading)
+            x[0] += self.p.ahead[n] * ti.cos(heading)
+            x[1] += self.p.ahead[n] * ti.sin(heading)
         if ti.static(self.left):
-            heading, left = self.swarm.heading[i], self.of.left[n]
+            heading, left = self.swarm.heading[i], self.p.left[n]
             if ti.static(self.swarm.apart):  # in a mirror left is right
                 left *= self.swarm.episodes.side[self.swarm.episodes.of(i)]
             x[0] -= left * ti.sin(heading)
@@ -103,8 +101,8 @@ class GasSensors:
         return x
 
     @ti.func
-    def smell(self, gas: Template, n, i, t):
-        """What the n-th of the sensors, robot i's, is led by: the concentrations there, each as far as it feels it."""
+    def exposure(self, gas: Template, n, i, t):
+        """Return the input of sensor n, of robot i: the concentrations there, weighted by its sensitivities."""
         x = self.place(n, i)
         ppm = ti.Vector.zero(ti.f32, self.species)
         if ti.static(not self.swarm.apart):
@@ -116,70 +114,70 @@ class GasSensors:
         for s in ti.static(range(self.species)):
             felt = ppm[s]
             if ti.static(self.bends):
-                if self.of.powers[n, s] != 1.0:
-                    felt = exp(self.of.powers[n, s] * log(1.0 + ppm[s] * self.of.per_c1[n, s])) - 1.0
-            smelt += self.of.weights[n, s] * felt
+                if self.p.powers[n, s] != 1.0:
+                    felt = exp(self.p.powers[n, s] * log(1.0 + ppm[s] * self.p.per_c1[n, s])) - 1.0
+            smelt += self.p.weights[n, s] * felt
         return smelt
 
     @ti.func
     def renew(self, n, unit):
-        """The n-th one is put back to the begin of a run, as another unit: a number from 0 to 1."""
+        """Reset sensor n to the start of a run, as another unit: a number from 0 to 1."""
         self.signal[n], self.slow[n], self.sum[n], self.baseline[n] = 0.0, 0.0, 0.0, 0.0
         self.law.renew(n, unit)
 
     @ti.func
     def is_due(self, n, tick):
-        """Whether the n-th sensor gives a reading at this tick."""
-        return (tick - 1) % self.of.hold[n] == 0
+        """Return whether sensor n gives a reading at this tick."""
+        return (tick - 1) % self.p.hold[n] == 0
 
     @ti.func
     def lag(self, n, tick, cold, goal, noise, drift, reading_noise):
-        """Signal that the n-th sensor gives while it follows its goal for a tick, with all that adds to it.
+        """Return the signal of sensor n after a tick of lag, with drift and noise.
 
-        cold: what is left of a start in the cold; noise, drift, reading_noise: what `draw` gives.
+        cold: what is left of a cold start; noise, drift, reading_noise: from `draw`.
         """
-        y, mean = self._follow(self.signal, n, goal, self.of.decay[n], self.of.decay_rest[n])
-        share = self.of.slow_share[n]
+        y, mean = self._follow(self.signal, n, goal, self.p.decay[n], self.p.decay_rest[n])
+        share = self.p.slow_share[n]
         if share > 0.0:
             slow, slow_mean = self._follow(
-                self.slow, n, goal, self.of.slow_decay[n], self.of.slow_decay_rest[n]
+                self.slow, n, goal, self.p.slow_decay[n], self.p.slow_decay_rest[n]
             )
             y += share * (slow - y)
             mean += share * (slow_mean - mean)
-        return self.told(n, tick, cold, y, mean, noise, drift, reading_noise)
+        return self.with_noise(n, tick, cold, y, mean, noise, drift, reading_noise)
 
     @ti.func
-    def told(self, n, tick, cold, y, mean, noise, drift, reading_noise):
-        """What the n-th gives of a signal y, its mean over the tick, with all that adds to it; see `lag`."""
-        if self.of.drift[n] > 0.0:
-            self.baseline[n] = self.baseline[n] + self.of.drift[n] * drift
+    def with_noise(self, n, tick, cold, y, mean, noise, drift, reading_noise):
+        """Return the signal of sensor n with drift, noise, climate and warm-up; y: after the lag, mean: over the
+        tick; see `lag`.
+        """
+        if self.p.drift[n] > 0.0:
+            self.baseline[n] = self.baseline[n] + self.p.drift[n] * drift
         total = self.sum[n] + mean  # `+=` would be an atomic
         if self.is_due(n, tick):
-            if self.of.averages[n] == 1:
-                y = total / ti.min(tick, self.of.hold[n])
+            if self.p.averages[n] == 1:
+                y = total / ti.min(tick, self.p.hold[n])
             total = 0.0
-            if self.of.reading_noise[n] > 0.0:
-                y += self.of.reading_noise[n] * reading_noise
+            if self.p.reading_noise[n] > 0.0:
+                y += self.p.reading_noise[n] * reading_noise
         self.sum[n] = total
-        return (
-            y + self.baseline[n] + self.of.noise[n] * noise + self.of.room[n] + self.of.cold_start[n] * cold
-        )
+        return y + self.baseline[n] + self.p.noise[n] * noise + self.p.room[n] + self.p.cold_start[n] * cold
 
     @ti.func
     def read(self, n, i, tick, r, ppm):
-        """Robot i reads what its sensor, the n-th, is taken for."""
+        """Write the reading of robot i, from its sensor n."""
         if self.is_due(n, tick):
             self.reading[i] = ppm
             if ti.static(self.law.HAS_RESISTANCE):
                 self.resistance[i] = r
 
 
-def _figures(tick: float, species: Sequence[Species], slot: int, group: GroupRange) -> Numbers:
-    """What the sensors of a group are like."""
+def _sensor_numbers(tick: float, species: Sequence[Species], slot: int, group: GroupRange) -> Numbers:
+    """Return the numbers of the sensors of a group."""
     sensor = group.model.sensors.noses[slot]
     signal = sensor.signal
-    bends = [sensor.bend(one.name) or (1.0, 1.0) for one in species]
-    rise, decay, slow = (Lag(one, tick) for one in (signal.rise, signal.decay, signal.slow_decay))
+    bends = [sensor.bend(kind.name) or (1.0, 1.0) for kind in species]
+    rise, decay, slow = (Lag(time, tick) for time in (signal.rise, signal.decay, signal.slow_decay))
     return {
         "height": sensor.height,
         "ahead": sensor.ahead,
@@ -198,7 +196,7 @@ def _figures(tick: float, species: Sequence[Species], slot: int, group: GroupRan
         "slow_share": signal.slow_share,
         "slow_decay": slow.share,
         "slow_decay_rest": slow.rest,
-        "weights": tuple(sensor.weight(one.name) for one in species) or (0.0,),
+        "weights": tuple(sensor.weight(kind.name) for kind in species) or (0.0,),
         "per_c1": tuple(1.0 / c1 for c1, _ in bends) or (0.0,),
         "powers": tuple(power for _, power in bends) or (1.0,),
     }

@@ -30,14 +30,14 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario import maps as models
 
-LOOKS = 16  # parts of the way between two centres at whose ends an obstacle is looked for
+LOOKS = 16  # parts of the path between two centres, whose ends are checked for obstacles
 
 Window = list[Any]
 """End [s] of a window, and of the cells with readings in it: flat indices, numbers of readings, their sums [ppm]."""
 
 
 class MarkovMap(GasMap):
-    """Mean and variance of the gas in each cell, solved for when they are asked for."""
+    """Mean and variance of the gas in each cell, solved for on request."""
 
     STATE = ("errors", "count", "total", "ended", "past", "_solved")
 
@@ -47,7 +47,7 @@ class MarkovMap(GasMap):
         self.total = ti.field(ti.f32, (floor.trials, *self.shape))  # their sum [ppm]
         self._window = reader(self.count, self.total)
         free = floor.obstacle_distance(centers(self.shape, model.cell)) > 0
-        # a reading beside an obstacle in whose cell the centre is not free counts for the next cell
+        # a reading in a cell whose centre lies in an obstacle counts for the nearest free cell
         self.counted_in = np.arange(free.size).reshape(self.shape)
         if free.any():
             nearest: Any = distance_transform_edt(~free, return_distances=False, return_indices=True)
@@ -65,7 +65,7 @@ class MarkovMap(GasMap):
         self._solved: list[np.ndarray] | None = None
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
-        """Take in the readings at time t [s]; the tick that reaches a multiple of the window ends it."""
+        """Take in the readings at time t [s]; the tick that reaches a multiple of the window ends the window."""
         before, now = windows(t, self.model.window, dt)
         self._end_windows(before)  # nothing came in since they ended
         _collect(swarm.members, swarm.team_size, swarm.believed_position, swarm.reading, self.extent, self.cell,
@@ -73,18 +73,18 @@ class MarkovMap(GasMap):
         self._end_windows(now)
 
     def estimate(self) -> np.ndarray:
-        """Mean at the end of the last window [ppm], (trials, nx, ny); NaN where no reading reaches."""
+        """Return the mean at the end of the last window [ppm], (trials, nx, ny); NaN where no reading reaches."""
         return self._solution()[0]
 
     def variance(self) -> np.ndarray:
-        """How far the mean may be off [ppm²], (trials, nx, ny); NaN where no reading reaches."""
+        """Return the variance of the mean [ppm²], (trials, nx, ny); NaN where no reading reaches."""
         return self._solution()[1]
 
     def remembered(self, t: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:
         return np.minimum(self._share((window_of(t, self.model.window, dt) + 1.0) * self.model.window), 1.0)
 
     def weight(self) -> np.ndarray:
-        """1 / variance [1/ppm²], (trials, nx, ny)."""
+        """Return 1 / variance [1/ppm²], (trials, nx, ny)."""
         return np.nan_to_num(1.0 / self.variance(), nan=0.0)
 
     def _end_windows(self, number: int) -> None:
@@ -102,29 +102,29 @@ class MarkovMap(GasMap):
         if self.model.memory is None:
             self._merge()
         else:
-            self.past = [one for one in self.past if self._share(one[0]) > 0.0]
+            self.past = [window for window in self.past if self._share(window[0]) > 0.0]
 
     def _moved(self, values: np.ndarray) -> np.ndarray:
-        """Sums (trials, nx, ny) with what lies in cells that are not free counted where it counts, flat."""
+        """Return sums (trials, nx, ny) with those of blocked cells moved to the nearest free cells, flat."""
         trials, cells = len(values), self.counted_in.size
         into = np.arange(trials)[:, None] * cells + self.counted_in.ravel()
         return np.bincount(into.ravel(), values.ravel(), minlength=trials * cells)
 
     def _merge(self) -> None:
-        """One window of all: none fades."""
+        """Merge all windows into one: none fades."""
         if len(self.past) > 1:
             count, total = self._information()
             cells = np.flatnonzero(count)
             self.past = [[self.past[-1][0], cells, count.ravel()[cells], total.ravel()[cells]]]
 
-    def _share(self, time: Any) -> Any:
-        """What is left of the weight of readings whose window ended at that time [s], from 1 to 0."""
+    def _share(self, time: float | np.ndarray) -> np.ndarray:
+        """Return the remaining weight, from 1 to 0, of readings whose window ended at that time [s]."""
         if self.model.memory is None:
             return np.ones_like(time)
         return np.maximum(1.0 - (self.ended * self.model.window - time) / self.model.memory, 0.0)
 
     def _information(self) -> tuple[np.ndarray, np.ndarray]:
-        """Number and sum [ppm] of the readings in each cell, by how much they still count, (trials, nx, ny) each."""
+        """Return number and sum [ppm] of the readings in each cell, weighted by age, (trials, nx, ny) each."""
         count, total = np.zeros(self.count.shape), np.zeros(self.count.shape)
         for time, cells, n, z in self.past:
             share = self._share(time)
@@ -133,7 +133,7 @@ class MarkovMap(GasMap):
         return count, total
 
     def _solution(self) -> list[np.ndarray]:
-        """Mean and variance."""
+        """Return mean and variance."""
         if self._solved is None:
             count, total = self._information()
             trials = len(count)
@@ -150,7 +150,7 @@ class MarkovMap(GasMap):
 def _links(
     cells: tuple[int, int], cell: float, obstacle_distance: Callable[[np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Whether the way from a cell to the next along x (nx - 1, ny), and along y (nx, ny - 1), is free."""
+    """Return whether the path from a cell to the next along x (nx - 1, ny), and along y (nx, ny - 1), is free."""
     place = centers(cells, cell)
     share = np.linspace(0.0, 1.0, LOOKS + 1)[:, None, None, None]
     along_x = (1 - share) * place[:-1] + share * place[1:]
@@ -159,7 +159,7 @@ def _links(
 
 
 def _regions(links: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Numbers (nx, ny), the same for cells that a chain of links joins."""
+    """Return numbers (nx, ny), the same for cells that a chain of links joins."""
     nx, ny = links[1].shape[0], links[0].shape[1]
     cell = np.arange(nx * ny).reshape(nx, ny)
     ends = [
@@ -173,7 +173,9 @@ def _regions(links: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
 def _solve(
     precision: np.ndarray, g: np.ndarray, links: tuple[np.ndarray, np.ndarray], lambda_prior: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """H⁻¹ g and the diagonal of H⁻¹, where H is the links' matrix and `precision` on its diagonal; (trials, nx, ny)."""
+    """Return H⁻¹ g and the diagonal of H⁻¹, (trials, nx, ny); H: matrix of the links plus `precision` on the
+    diagonal.
+    """
     trials, nx, ny = precision.shape
     if ny > nx:  # the blocks are as large as a column
         flipped = (links[1].T, links[0].T)
@@ -207,7 +209,7 @@ def _solve(
 
 
 def _times(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """(trials, n, n) times (trials, n)."""
+    """Multiply (trials, n, n) by (trials, n)."""
     return (matrix @ vector[..., None])[..., 0]
 
 

@@ -1,4 +1,4 @@
-"""Where the groups of a scenario lie in the swarm."""
+"""Groups: the ranges of robots that the groups of a scenario have in the swarm."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ from taichi_plume.scenario.robots import Group
 
 @dataclass(frozen=True)
 class GroupRange:
-    """Where a group lies in the swarm: robot i of trial k has index start + k count + i.
+    """The range of a group in the swarm: robot i of trial k has index start + k count + i.
 
-    number: of the group in the scenario, from 0 on; its random streams are named by it, as names may repeat. row: of
-    its first trial in the swarm's `members`.
+    number: of the group in the scenario, from 0 on; names the random streams, as group names may repeat. row: of the
+    first trial in the swarm's `members`.
     """
 
     number: int
@@ -28,24 +28,24 @@ class GroupRange:
 
     @property
     def size(self) -> int:
-        """Robots of all trials."""
+        """Number of robots of all trials."""
         return self.count * self.trials
 
     @property
     def first(self) -> int:
-        """Number of its first robot among all trials there could be: random streams count by it."""
+        """Number of the first robot among all trials that there could be: random streams count by it."""
         return self.model.first_trial * self.count
 
     def speed(self, wanted: float | None) -> float:
-        """What is wanted, or else the body's largest [m/s]."""
+        """Return the given speed, or else the body's largest [m/s]."""
         return self.model.body.max_speed if wanted is None else wanted
 
     def waits(self, tick: float) -> int:
-        """Number of ticks [s] before that in which its robots set off: get their first command."""
+        """Return the number of ticks [s] before the tick in which the robots get their first command."""
         return floor(self.model.begin / tick + 1e-6)
 
     def generators(self, seed: int, name: str) -> list[np.random.Generator]:
-        """What is drawn once for the robots of each trial, the same for a trial alone and among others."""
+        """Return a random generator per trial, the same for a trial alone and among others."""
         first = self.model.first_trial
         return [
             generator(seed, f"group {self.number}/{name} of trial {first + k}") for k in range(self.trials)
@@ -58,7 +58,7 @@ class GroupRange:
 
 
 def ranges(groups: Sequence[Group], rivals: bool) -> list[GroupRange]:
-    """The groups one after the other; those of rivals have trials of their own."""
+    """Return the ranges of the groups, one after the other; groups of rivals have trials of their own."""
     result, start, row = [], 0, 0
     for number, group in enumerate(groups):
         result.append(GroupRange(number, group.name, start, group.count, group.trials, group, row))

@@ -1,27 +1,31 @@
-"""Metal oxides whose heater is switched between two temperatures, a square wave: fast ones.
+"""Metal oxide gas sensors with a pulsed heater: a square wave between two temperatures, for fast readings.
 
-The film reacts at a rate that goes with its temperature. So the signal y follows its goal by
+The film reacts at a rate that grows with its temperature. So the signal y follows its goal by
 
     dy/dt = (y* - y) k(t)/tau,      k = k_hot in the first part of a cycle, k_cold = slowness k_hot in the rest,
 
-with k of mean 1, so that tau is the time constant over whole cycles. Where the goal stands still, y is solved exactly:
-it goes by exp(-H/tau) with H the integral of k, however long ticks and cycles are. Read is y at the end of the last hot
-part.
+with k of mean 1, so that tau is the time constant over whole cycles. While the goal is constant, y is solved exactly:
+y approaches the goal by exp(-H/tau) with H the integral of k, for ticks and cycles of any length. The reading is y at
+the end of the last hot part.
 """
 
+from collections.abc import Sequence
 from functools import partial
-from typing import Any, cast
+from typing import cast
 
 import taichi as ti
 
+from taichi_plume.agents.gas_laws import Law
 from taichi_plume.agents.gas_sensors import GasSensors
 from taichi_plume.agents.groups import GroupRange
+from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.grid.elementary import exp
+from taichi_plume.grid.fields import Species
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.metal_oxides import MoxSensor
 
-PARTS = 65536  # of a cycle, that ticks are counted in: exact in 32 bits, however many there are
+PARTS = 65536  # of a cycle, in which ticks are counted: exact in 32 bits for any number
 FASTEST = 1e-6  # s, of a time constant
 
 
@@ -31,7 +35,15 @@ class HeatedSensors(GasSensors):
 
     STATE = (*GasSensors.STATE, "held", "slow_held")
 
-    def __init__(self, members: Any, law: Any, dim: int, tick: float, species: Any, slot: int = 0):
+    def __init__(
+        self,
+        members: Members,
+        law: type[Law],
+        dim: int,
+        tick: float,
+        species: Sequence[Species],
+        slot: int = 0,
+    ):
         super().__init__(members, law, dim, tick, species, slot)
         self.cycle = Parameters(members, partial(_cycle, tick, slot))
         self.held = ti.field(ti.f32, members.size)  # y at the end of the last hot part
@@ -49,7 +61,7 @@ class HeatedSensors(GasSensors):
 
     @ti.func
     def phase(self, n, tick):
-        """Where in its cycle the n-th is after so many ticks, from 0 to 1."""
+        """Return the phase of the cycle of sensor n after so many ticks, from 0 to 1."""
         parts = (tick * self.cycle.parts[n]) & (PARTS - 1)
         rest = tick * self.cycle.rest[n]
         at = ti.cast(parts, ti.f32) / PARTS + rest - ti.floor(rest)
@@ -57,7 +69,7 @@ class HeatedSensors(GasSensors):
 
     @ti.func
     def reacted(self, n, q):
-        """The integral of k over the first q cycles [s]."""
+        """Return the integral of k over the first q cycles [s]."""
         whole = ti.floor(q)
         hot, part = self.cycle.hot_share[n], q - whole
         return self.cycle.period[n] * (
@@ -66,7 +78,7 @@ class HeatedSensors(GasSensors):
 
     @ti.func
     def _go(self, signal: Template, held: Template, n, tick, goal, per_decay):
-        """Let a signal follow its goal for a tick; what it was at the end of the last hot part."""
+        """Advance a signal towards its goal by a tick; return its value at the end of the last hot part."""
         begin = self.phase(n, tick - 1)
         end = begin + self.cycle.turn[n]
         per = ti.select(goal > signal[n], self.cycle.per_rise[n], per_decay)
@@ -80,15 +92,15 @@ class HeatedSensors(GasSensors):
     @ti.func
     def lag(self, n, tick, cold, goal, noise, drift, reading_noise):
         y = self._go(self.signal, self.held, n, tick, goal, self.cycle.per_decay[n])
-        share = self.of.slow_share[n]
+        share = self.p.slow_share[n]
         if share > 0.0:
             slow = self._go(self.slow, self.slow_held, n, tick, goal, self.cycle.per_slow_decay[n])
             y += share * (slow - y)
-        return self.told(n, tick, cold, y, y, noise, drift, reading_noise)
+        return self.with_noise(n, tick, cold, y, y, noise, drift, reading_noise)
 
 
 def _cycle(tick: float, slot: int, group: GroupRange) -> Numbers:
-    """The cycles of a group's heaters."""
+    """Return the numbers of the heater cycles of a group."""
     sensor = cast(MoxSensor, group.model.sensors.noses[slot])
     heater, signal = sensor.heater, sensor.signal
     assert heater is not None

@@ -1,4 +1,4 @@
-"""Hit map: from hit or miss and the wind tell where the source may be, and measure next where that tells most.
+"""Hit map: the posterior of the source's position from hits, misses and the wind, and the most informative next cell.
 
 After Ojeda, Monroy & Gonzalez-Jimenez, "Information-driven gas source localization exploiting gas and wind local
 measurements for autonomous mobile robots", IEEE Robotics and Automation Letters 6 (2021) 1320-1326,
@@ -6,23 +6,24 @@ doi:10.1109/LRA.2021.3057290 (GrGSL), and "Robotic gas source localization with 
 dispersion simulation", IEEE Trans. Robotics (2024), arXiv:2304.08879 (PMFS).
 
 ACQUIRE  stand still; a mean reading at the threshold or above is a hit, and the map is updated by it
-MOVE     along a free way to the next place
+MOVE     along a free path to the next cell
 
-Of GrGSL are the floor's free cells, known to the robot; that gas comes from where the way to the source begins upwind,
-as a Gaussian of the angle between the two, with ways that lead around obstacles (`ways`); a Gaussian of the length of
-the way, on all sides; Bayes' rule over the cells; and that the search ends when the source's variance is small. Of PMFS
-is that hits have a probability, whose complement tells what a miss means. A robot in cell c has a hit from a source in
-cell b with probability
+From GrGSL: the floor's free cells, known to the robot; a Gaussian of the angle between upwind and the start of the
+path to the source, with paths that lead around obstacles (`ways`); a Gaussian of the length of the path, on all
+sides; Bayes' rule over the cells; and an end of the search when the source's variance is small. From PMFS: hits have
+a probability, whose complement makes a miss evidence. A robot in cell c has a hit from a source in cell b with the
+likelihood
 
     false_alarm + (hit - false_alarm) max(exp(-θ²/2(spread² + cell²/6e²) - d/fading), exp(-d²/2 near²))
 
-of which in calm air the second alone is left. d: way from c to b [m], θ: angle between upwind and its begin, which is
-straight for e [m]; cell²/6 is the variance of where in their cells robot and source are. PMFS simulates the gas of
-each candidate source in an estimated flow instead, and GrGSL lets a miss speak against the way since the last hit.
-Ours are the fading, the wind of the last measurement for the places to come, and the choice of the next place: of the
-cells within `range` the one whose expected information on the source (its mutual information with hit or miss) over
-the time to go there and measure is largest; but when the belief has converged, the expected place of the source. What
-is declared, and that a search that goes on rules places out, is as in `beliefs`."""
+of which in calm air only the second part remains. d: path from c to b [m], θ: angle between upwind and its start,
+which is straight for e [m]; cell²/6 is the variance of the positions of robot and source in their cells. PMFS
+simulates the gas of each candidate source in an estimated flow instead, and in GrGSL a miss speaks against the path
+since the last hit. Ours are the fading, the wind of the last measurement for the cells to come, and the choice of the
+next cell: within `range` the largest expected information on the source (mutual information with hit or miss) over
+the time to go there and measure; but after convergence the expected position of the source. Declarations, and how a
+continued search rules cells out, are as in `beliefs`.
+"""
 
 from math import radians
 
@@ -49,7 +50,7 @@ ON_THE_WAY = 0.5  # cells from a corner of the way that count as there
 class HitMap(KernelAlgorithm):
     """The hit map of the robots of one group, each with a belief of its own. tick: control period [s]."""
 
-    PER_GROUP: bool = True  # has one map of ways
+    PER_GROUP: bool = True  # has one map of paths
     WORK = 4
     STATE: tuple[str, ...] = ("potential", "acquisition", "declaring", "belief", "felt", "goal", "next")
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "MOVE")
@@ -62,8 +63,8 @@ class HitMap(KernelAlgorithm):
         self.gas = Ways(self.swarm.clearance, self.model.cell, 0.0)  # for air
         self.roads = Ways(self.swarm.clearance, self.model.cell, self._room)  # for robots
         self.count, self.columns, self.cell = self.gas.count, self.gas.shape[1], self.gas.cell
-        self.felt = ti.Vector.field(2, ti.f32, self.size)  # sum of the wind while it listens [m/s]
-        self.home = ti.field(ti.i32, self.size)  # cell where it starts
+        self.felt = ti.Vector.field(2, ti.f32, self.size)  # sum of the wind during an acquisition [m/s]
+        self.home = ti.field(ti.i32, self.size)  # cell of the start
         self.goal = ti.field(ti.i32, self.size)  # cell to measure in
         self.next = ti.field(ti.i32, self.size)  # cell on the way there
         self.belief_cell, self.belief_low = self.cell, np.array(self.gas.low)
@@ -71,7 +72,7 @@ class HitMap(KernelAlgorithm):
 
     @property
     def _room(self) -> float:
-        """What robots keep from all that stands [m]."""
+        """Distance that robots keep from obstacles [m]."""
         return self.members.groups[0].model.body.radius + self.model.avoidance
 
     def numbers(self, group: GroupRange, model: Model) -> Numbers:
@@ -96,7 +97,6 @@ class HitMap(KernelAlgorithm):
         super().begin()
 
     def beliefs(self) -> np.ndarray:
-        """Probabilities of the source's place, (size, nx, ny)."""
         return self._read()[0]
 
     @ti.func
@@ -127,7 +127,7 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _forget(self, n):
-        """All cells to which there is a way are equally probable; all there are, where no cell is free."""
+        """Make all cells that a way leads to equally probable, or all cells if none is free."""
         total = 0
         for b in range(self.count):
             total += self._is_reached(n, b)
@@ -137,18 +137,18 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _is_reached(self, n, b):
-        """1 where gas from cell b can come to where robot n began, else 0."""
+        """Return 1 if gas from cell b can reach the start of robot n, else 0."""
         return ti.cast(self.home[n] >= 0 and self.gas.length[ti.max(self.home[n], 0), b] < FAR, ti.i32)
 
     @ti.func
     def _chance(self, n, c, b, wind):
-        """Of a hit in cell c from a source in cell b."""
+        """Return the probability of a hit in cell c from a source in cell b."""
         way, share = self.gas.length[c, b], 0.0
         if way < FAR:
             share = exp(-self.p.near[n] * way * way)
             if wind.norm() > self.p.calm[n] and b != c:
                 e = self.gas.center(ti.cast(self.gas.via[c, b], ti.i32)) - self.gas.center(c)
-                # the angle between the begin of the way and upwind, and its variance
+                # the angle between the start of the path and upwind, and its variance
                 angle = direction(e[0] * wind[1] - e[1] * wind[0], -e.dot(wind))  # type: ignore
                 variance = self.p.angles[n] + self.cell * self.cell / (6.0 * e.norm_sqr())  # type: ignore
                 share = ti.max(share, exp(-0.5 * angle * angle / variance - self.p.fading[n] * way))
@@ -156,7 +156,7 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _learn(self, n, here, hit, wind):
-        """Bayes' rule; a search that goes on though it would end near the source rules out what is near."""
+        """Update the posterior by Bayes' rule; a search that would have ended near the source rules out near cells."""
         total = 0.0
         x = self.swarm.believed_position[self.robot[n]]
         for b in range(self.count):
@@ -174,7 +174,7 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _information(self, n, c, wind):
-        """What a measurement in cell c is expected to tell of the source's place [nat]."""
+        """Return the expected information (mutual information) of a measurement in cell c on the source [nat]."""
         hit, doubt = 0.0, 0.0
         for b in range(self.count):
             now = self.belief.p[n, b // self.columns, b % self.columns]
@@ -186,13 +186,13 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _entropy(self, chance):
-        """Of what happens with that chance [nat]."""
+        """Return the entropy of an event with that probability [nat]."""
         yes = ti.math.clamp(chance, LEAST, 1.0 - 1e-6)
         return -yes * log(yes) - (1.0 - yes) * log(1.0 - yes)
 
     @ti.func
     def _go_on(self, n, wind, t):
-        """Say where the source is, if sure; go there, or to where a measurement tells most."""
+        """Declare the source if the belief is sure; then go to its mean, or to the most informative cell."""
         i = self.robot[n]
         mean = self.belief.mean(n)
         spread = self.belief.spread(n, mean)
@@ -213,7 +213,7 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _nearest_to(self, start, place):
-        """The cell next to a place [m] of those that a robot in cell `start` can get to."""
+        """Return the cell nearest to a point [m] among those that a robot in cell `start` can reach."""
         best, nearest = start, FAR
         for c in range(self.count):
             distance = (self.gas.center(c) - place).norm()
@@ -223,7 +223,7 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _most_telling(self, n, start, wind):
-        """The other cell in range where a measurement tells most in its time; -1 where there is none."""
+        """Return the other cell within range with the largest expected information per time; -1 if there is none."""
         best, most = -1, -1.0
         for c in range(self.count):
             way = self.roads.length[start, c]
@@ -236,7 +236,7 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _follow(self, n, dt):
-        """Drive to the next cell of the way; at its end, or where it is blocked, listen."""
+        """Drive to the next cell of the way; measure at its end, or if blocked."""
         i = self.robot[n]
         last = self.next[n] == self.goal[n]
         place = self.roads.center(self.next[n])

@@ -1,18 +1,19 @@
-"""Infotaxis: drive where a detection, or none, is expected to tell most about where the source is.
+"""Infotaxis: move where a detection, or none, is expected to reduce the entropy of the belief most.
 
 Vergassola, Villermaux & Shraiman, Nature 445 (2007) 406-409, doi:10.1038/nature05464.
 
 ACQUIRE  stand still; a mean reading at the threshold or above is a detection, and the belief is updated by it
-MOVE     drive by a step in one of four directions, or stay, whichever leaves the least entropy in the mean
+MOVE     drive by a step in one of four directions, or stay, whichever has the least expected entropy
 
-The belief is a map of probabilities over the cells of the search area. A source at a displacement r from the robot is
-detected with probability 1 - exp(-R(r) T) in an acquisition of T seconds; along and across the mean wind V
+The belief is a map of posterior probabilities over the cells of the search area. The likelihood of a detection of a
+source at a displacement r from the robot is 1 - exp(-R(r) T) in an acquisition of T seconds; along and across the
+mean wind V
 
     R = rate / ln(lambda/a) exp(-V r_along/2D) K0(|r|/lambda),  lambda = sqrt(D tau/(1 + V² tau/4D))
 
 for a searcher of size a in a plane with an effective diffusivity D and a lifetime tau of gas patches. Where a search
-ends by reaching a source, one that goes on tells that none is in the cells that are wholly within reach: they are ruled
-out. With a reach of hardly more than a cell this is the published update, in which a visited cell is ruled out.
+ends by reaching a source, a search that goes on rules out the cells that are wholly within reach. With a reach of
+hardly more than a cell this is the published update, which rules out visited cells.
 """
 
 from math import hypot, log, pi
@@ -36,12 +37,13 @@ ACQUIRE, MOVE = range(2)
 
 STAY = 4  # after the moves 0 to 3, each by 90° more to the left
 FINER = 2  # nodes of the table per cell
+NEAR = 1e-3  # steps, the smallest D + 2^(H - 1) - 1/2 of space-aware infotaxis
 
 
 def detection_rate(
     model: belief_algorithms.AnyInfotaxis, along: np.ndarray, across: np.ndarray
 ) -> np.ndarray:
-    """R [1/s] of a source at (along, across) [m] from the robot, `along` to where the wind blows."""
+    """Return R [1/s] of a source at (along, across) [m] from the robot, `along` to where the wind blows."""
     D, V, reach = model.diffusivity, model.wind_speed, model.reach
     r = np.maximum(np.hypot(along, across), model.size)
     return model.rate / log(reach / model.size) * np.exp(-V * along / (2.0 * D) - r / reach) * k0e(r / reach)
@@ -49,9 +51,9 @@ def detection_rate(
 
 @ti.data_oriented
 class AnyInfotaxis(KernelAlgorithm):
-    """What the kinds of infotaxis share, for the robots of one group, each with a belief of its own.
+    """The part that all kinds of infotaxis share, for the robots of one group, each with a belief of its own.
 
-    They differ in the `_cost` of an acquisition. tick: control period [s].
+    A kind defines the `_cost` of an acquisition. tick: control period [s].
     """
 
     PER_GROUP: bool = True  # has one table of chances and one size of cells
@@ -87,13 +89,12 @@ class AnyInfotaxis(KernelAlgorithm):
         self._upload(self._chances(), self.belief.even)
 
     def _chances(self) -> np.ndarray:
-        """Probability of a detection over displacements of the source, along and across the wind."""
+        """Return the likelihood of a detection over displacements of the source, along and across the wind."""
         places = (np.arange(2 * self.half + 1) - self.half) * self.spacing
         rate = detection_rate(self.model, *np.meshgrid(places, places, indexing="ij"))
         return -np.expm1(-rate * self.model.acquisition)
 
     def beliefs(self) -> np.ndarray:
-        """Probabilities of the source's place, (robots, nx, ny); the sum of each map is 1."""
         return self._read()[0]
 
     @ti.func
@@ -121,7 +122,7 @@ class AnyInfotaxis(KernelAlgorithm):
 
     @ti.func
     def _wind_axis(self, n):
-        """Unit vector downwind; along x until wind is felt."""
+        """Return the unit vector downwind; along x until wind is measured."""
         v = self.downwind[n]
         length = v.norm()
         e = ti.Vector([1.0, 0.0])
@@ -131,12 +132,12 @@ class AnyInfotaxis(KernelAlgorithm):
 
     @ti.func
     def _place(self, n):
-        """Of robot n, from the lower corner of the search area on [m]."""
+        """Return the position of robot n, from the lower corner of the search area on [m]."""
         return self.swarm.believed_position[self.robot[n]] - ti.Vector(self.belief.low)
 
     @ti.func
     def _chance_at(self, r, e):
-        """Probability that a robot detects a source at a displacement r [m], the wind along e."""
+        """Return the likelihood of a detection of a source at a displacement r [m], the wind along e."""
         along = (r[0] * e[0] + r[1] * e[1]) / self.spacing + self.half
         across = (r[1] * e[0] - r[0] * e[1]) / self.spacing + self.half
         k = ti.math.clamp(ti.cast(along + 0.5, ti.i32), 0, 2 * self.half)
@@ -145,7 +146,7 @@ class AnyInfotaxis(KernelAlgorithm):
 
     @ti.func
     def _learn(self, n, detected):
-        """Bayes' rule, for a detection or none, and for not having found the source."""
+        """Update the posterior by Bayes' rule, for a detection or none, and for not having found the source."""
         p, e = self._place(n), self._wind_axis(n)
         total = 0.0
         for a in range(self.belief.cells[0]):
@@ -161,13 +162,14 @@ class AnyInfotaxis(KernelAlgorithm):
 
     @ti.func
     def _outcomes(self, n, p):
-        """What an acquisition at p may come to: rows of a detection and of none.
+        """Return the possible outcomes of an acquisition at p: rows for a detection and for none.
 
-        Of each its probability w, the sum of q ln q over the cells and that of q times the way to the cell along the
-        axes [m], with the probabilities q of both the outcome and the cell. The rest, 1 - w - w, is to find the source.
+        Each row has the probability w of the outcome, the sum of q ln q over the cells and the sum of q times the
+        distance to the cell along the axes [m]; q: joint probability of the outcome and the cell. The rest, 1 - w -
+        w, is the probability to find the source.
         """
         e = self._wind_axis(n)
-        told = ti.Matrix.zero(ti.f32, 2, 3)
+        sums = ti.Matrix.zero(ti.f32, 2, 3)
         for a in range(self.belief.cells[0]):
             for b in range(self.belief.cells[1]):
                 r = self.belief.middle(a, b) - p
@@ -176,10 +178,10 @@ class AnyInfotaxis(KernelAlgorithm):
                     way = ti.abs(r[0]) + ti.abs(r[1])
                     for k in ti.static(range(2)):
                         q = now * (chance if k == 0 else 1.0 - chance)
-                        told[k, 0] += q
-                        told[k, 1] += q * ti.log(ti.max(q, LEAST))
-                        told[k, 2] += q * way
-        return told
+                        sums[k, 0] += q
+                        sums[k, 1] += q * ti.log(ti.max(q, LEAST))
+                        sums[k, 2] += q * way
+        return sums
 
     @ti.func
     def _draw(self, n, tick):
@@ -187,7 +189,7 @@ class AnyInfotaxis(KernelAlgorithm):
 
     @ti.func
     def _best(self, n, tick):
-        """The move of least cost; of equal ones any."""
+        """Return the move of least cost; any of equal ones."""
         i = self.robot[n]
         here = self._place(n)
         turn = ti.floor(self._draw(n, tick)[0] * 4.0)
@@ -209,7 +211,7 @@ class AnyInfotaxis(KernelAlgorithm):
 
     @ti.func
     def _choose(self, n, tick):
-        """Set out for the next place, unless the best is to stay."""
+        """Set out for the next position, unless the best move is to stay."""
         i, best = self.robot[n], self._best(n, tick)
         if best != STAY:
             turn_by = wrap(0.5 * pi * best - self.swarm.believed_heading[i])
@@ -224,9 +226,40 @@ class Infotaxis(AnyInfotaxis):
 
     @ti.func
     def _cost(self, n, p):
-        """Mean entropy [nat] of the belief after an acquisition at p; none is left if the source is found there."""
-        told = self._outcomes(n, p)
+        """Return the expected entropy [nat] of the belief after an acquisition at p; 0 if the source is found there."""
+        outcome = self._outcomes(n, p)
         cost = 0.0
         for k in ti.static(range(2)):
-            cost += told[k, 0] * ti.log(ti.max(told[k, 0], LEAST)) - told[k, 1]
+            cost += outcome[k, 0] * ti.log(ti.max(outcome[k, 0], LEAST)) - outcome[k, 1]
+        return cost
+
+
+@ti.data_oriented
+class SpaceAwareInfotaxis(AnyInfotaxis):
+    """Space-aware infotaxis, which also wants to be near the source.
+
+    Loisy & Eloy, Proc. R. Soc. A 478 (2022) 20220118, doi:10.1098/rspa.2022.0118. A move minimises the mean over the
+    outcomes of the acquisition, a detection or none, of
+
+        J = log2(D + 2^(H - 1) - 1/2),
+
+    0 if the source is found. D is the mean distance to the source along the axes, in steps, and 2^H the number of
+    positions among which a uniform belief has the entropy H [bit]. In the paper a position is a step wide; here a cell
+    counts as the part of a step that it covers, and all cells as one position at least.
+    """
+
+    @ti.func
+    def _cost(self, n, p):
+        """Return the mean of J after an acquisition at p."""
+        outcome = self._outcomes(n, p)
+        step = self.p.step[n]
+        cost = 0.0
+        for k in ti.static(range(2)):
+            w = outcome[k, 0]
+            if w > LEAST:
+                entropy = ti.log(w) - outcome[k, 1] / w  # nat
+                places = ti.max(1.0, ti.exp(entropy) * (self.belief.cell / step) ** 2)
+                cost += (
+                    w * ti.log(ti.max(outcome[k, 2] / (w * step) + 0.5 * places - 0.5, NEAR)) / ti.log(2.0)
+                )
         return cost

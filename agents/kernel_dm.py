@@ -1,4 +1,4 @@
-"""Gas map of mean and variance by Gaussian weights: Kernel DM+V and its kin.
+"""Gas map of mean and variance by Gaussian kernels: Kernel DM+V and its variants with time and wind.
 
 Lilienthal, Reggente, Trincavelli, Blanco & Gonzalez, IROS 2009 (DM+V); Asadi et al. 2011 (older readings count less);
 Reggente & Lilienthal 2009 (DM+V/W: stretched along the wind). A reading r_i of age s_i, taken at x_i in wind u_i, has
@@ -13,22 +13,22 @@ with d along and across u_i; a = b = sigma without wind. Mean, confidence and va
     m_k = α_k Σ_i K_ik r_i / Ω_k + (1 - α_k) r0,      r0 = mean of all r_i
     v_k = α_k Σ_i K_ik q_i / Ω_k + (1 - α_k) v0,      v0 = mean of all q_i,      q_i = (r_i - m_k(i))²
 
-where k(i) is the cell of x_i and means are weighted by age too. K is 1 at no distance: the papers' constant factor is
-the same for all readings, as a b = sigma², and goes into σ_Ω.
+where k(i) is the cell of x_i and means are weighted by age too. K is 1 at zero distance: the papers' constant factor
+is the same for all readings, as a b = sigma², and goes into σ_Ω.
 
 Ω and Σ K r are kept as sums, which fade with time: exact for any length of run. The q_i change with the map: they are
-reckoned anew for the `exact` latest readings of a trial, while an older reading keeps the one it had when it became
-older. Runs with fewer readings have the exact variance.
+recomputed for the `exact` latest readings of a trial, while an older reading keeps the q_i of the moment when it
+became older. Runs with fewer readings have the exact variance.
 """
 
 from math import exp
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.columns import Field
 from taichi_plume.agents.few import few
-from taichi_plume.agents.gas_map import Floor, GasMap, cell_of, counts, ratio
+from taichi_plume.agents.gas_map import Floor, GasMap, Readers, cell_of, counts, ratio
 from taichi_plume.grid.kernels import STRIP, Template, double_field
 from taichi_plume.grid.transfer import Numbers, reader
 from taichi_plume.scenario import maps as models
@@ -38,7 +38,7 @@ CUT_OFF = 4.0  # in widths of the kernel
 
 @ti.dataclass
 class Sample:
-    """A reading [ppm], where it was taken [m], and the axes of its kernel, each over its width [1/m]."""
+    """A reading [ppm], its position [m], and the axes of its kernel, each over its width [1/m]."""
 
     place: ti.math.vec2
     along: ti.math.vec2
@@ -52,14 +52,14 @@ NUMBERS = 8  # of a sample
 
 @ti.func
 def _row(sample):
-    """The numbers of a sample."""
+    """Return a sample as a row of numbers."""
     p, a, b = sample.place, sample.along, sample.across
     return ti.Vector([p[0], p[1], a[0], a[1], b[0], b[1], sample.reading, sample.time])
 
 
 @ti.func
 def _sample(row):
-    """The sample of these numbers."""
+    """Return a row of numbers as a sample."""
     place, along = ti.Vector([row[0], row[1]]), ti.Vector([row[2], row[3]])
     return Sample(place, along, ti.Vector([row[4], row[5]]), row[6], row[7])
 
@@ -68,7 +68,8 @@ def _sample(row):
 class KernelMap(GasMap):
     """Mean and variance of the gas in each cell.
 
-    Of a trial's latest readings, number n, from 0 on, has slot n % exact in `kept`; `left` is what was there before.
+    Reading n of a trial, from 0 on, has slot n % exact in `kept` while it is among the latest; `left` holds the
+    reading that it replaced.
     """
 
     STATE = ("errors", "time", "weights", "weighted", "old", "totals", "kept", "end")
@@ -86,11 +87,11 @@ class KernelMap(GasMap):
         self.squares = ti.field(ti.f32, (trials, *self.shape))  # Σ K q of all of them
         # Σ of the weights of age, times 1, r, and q of the readings that are not kept
         self.totals = double_field((trials, 3))
-        self.kept: Any = ti.Vector.field(NUMBERS, ti.f32, (trials, self.exact))
-        self.left: Any = ti.Vector.field(NUMBERS, ti.f32, (trials, self.exact))
+        self.kept = ti.Vector.field(NUMBERS, ti.f32, (trials, self.exact))
+        self.left = ti.Vector.field(NUMBERS, ti.f32, (trials, self.exact))
         self.deviation = ti.field(ti.f32, (trials, self.exact))  # q times the weight of its age [ppm²]
-        self.fresh: Any = ti.field(ti.i32, trials)  # number of the first reading that is being taken in
-        self.end: Any = ti.field(ti.i32, trials)
+        self.fresh: Field = ti.field(ti.i32, trials)  # number of the first reading that is being taken in
+        self.end: Field = ti.field(ti.i32, trials)
         self.n = Numbers("sigma", "sigma2", "sigma_omega", "wind_stretch", "fading")
         self._sums = reader(self.totals, self.weights, self.weighted)
         self._squares = reader(self.totals, self.weights, self.squares, self.deviation)
@@ -108,19 +109,21 @@ class KernelMap(GasMap):
             fading=self.fading,
         )
 
-    def update(self, swarm: Any, t: float, dt: float) -> None:
+    def update(self, swarm: Readers, t: float, dt: float) -> None:
         fade = exp(-self.fading * (t - self.time))
         self.time = t
         for first in range(0, swarm.members.shape[1], self.exact):  # no more at once than there are slots
             self._take_in(swarm, first, t, fade if first == 0 else 1.0)
 
     def estimate(self) -> np.ndarray:
-        """Mean [ppm], (trials, nx, ny); NaN beyond the reach of every reading."""
+        """Return the mean [ppm], (trials, nx, ny); NaN beyond the reach of every reading."""
         totals, weights, weighted = self._sums()
         return self._blend(weights, weighted, ratio(totals[:, 1], totals[:, 0]))
 
     def variance(self) -> np.ndarray:
-        """Variance of readings about the mean [ppm²], (trials, nx, ny); NaN beyond the reach of every reading."""
+        """Return the variance of readings about the mean [ppm²], (trials, nx, ny); NaN beyond the reach of every
+        reading.
+        """
         self._judge(self.time)
         totals, weights, squares, deviation = self._squares()
         prior = ratio(totals[:, 2] + deviation.sum(axis=1, dtype=float), totals[:, 0])
@@ -130,20 +133,22 @@ class KernelMap(GasMap):
         return np.exp(-self.fading * (self.time - t))
 
     def weight(self) -> np.ndarray:
-        """The confidence α, from 0 to 1, (trials, nx, ny)."""
+        """Return the confidence α, from 0 to 1, (trials, nx, ny)."""
         return self._trust(self._sums()[1])
 
     def _trust(self, weights: np.ndarray) -> np.ndarray:
         return -np.expm1(-((weights / self.n["sigma_omega"]) ** 2))
 
     def _blend(self, weights: np.ndarray, sums: np.ndarray, prior: np.ndarray) -> np.ndarray:
-        """What the readings around a cell tell, and as far as those are few, what all of them do, (trials,)."""
+        """Blend the local mean of `sums` with the mean `prior` of all readings, (trials,), by the confidence."""
         trust = self._trust(weights)
         return trust * ratio(sums, weights) + (1.0 - trust) * prior[:, None, None]
 
     @ti.kernel
     def _take_in(self, swarm: Template, first: int, t: float, fade: ti.f64):
-        """Let all weights fade and add the readings of each trial's robots from number `first` on, as slots allow."""
+        """Fade all weights and add the readings of each trial's robots from number `first` on, as many as there are
+        slots.
+        """
         ti.loop_config(serialize=ti.static(few(self.fresh.shape[0])))
         for k in self.fresh:
             for m in ti.static(range(3)):
@@ -193,7 +198,7 @@ class KernelMap(GasMap):
 
     @ti.kernel
     def _judge(self, t: float):
-        """Reckon the deviations of the kept readings anew, and their sum in each cell."""
+        """Recompute the deviations of the kept readings, and their sum in each cell."""
         for k, slot in self.deviation:
             self.deviation[k, slot] = 0.0
             if slot < self.end[k]:
@@ -212,7 +217,7 @@ class KernelMap(GasMap):
 
     @ti.func
     def _taken(self, swarm: Template, i, t):
-        """The reading of robot i."""
+        """Return the reading of robot i as a sample."""
         along = ti.Vector([1.0, 0.0])
         width = self.n.sigma[None]
         if self.n.wind_stretch[None] > 0.0:
@@ -226,7 +231,7 @@ class KernelMap(GasMap):
 
     @ti.func
     def _kernel(self, sample, x, y):
-        """K of a fresh reading in cell (x, y)."""
+        """Return K of a fresh reading in cell (x, y)."""
         d = (ti.Vector([x, y]) + 0.5) * self.cell - sample.place
         r2 = d.dot(sample.along) ** 2 + d.dot(sample.across) ** 2
         # exp(-r2 / 2) as the 16th power of a Taylor series, which unlike exp fits into vector registers: within 2e-6
@@ -244,7 +249,7 @@ class KernelMap(GasMap):
 
     @ti.func
     def _deviation(self, k, sample):
-        """Square of how far the reading is from the mean of its cell [ppm²]."""
+        """Return the squared deviation q of the reading from the mean of its cell [ppm²]."""
         I = cell_of(sample.place, self.cell, self.shape)
         weight = self.weights[k, I[0], I[1]]
         prior = self.totals[k, 1] / self.totals[k, 0]

@@ -1,13 +1,13 @@
-"""A first-order lag."""
+"""First-order lag with a time constant."""
 
 from math import expm1
 
 
 class Lag:
-    """A first-order lag that is solved exactly over ticks of dt [s] in which its goal stands still.
+    """A first-order lag with a time constant [s], solved exactly over ticks of dt [s] with a constant goal.
 
-    share: of the way to the goal that is covered in a tick; rest: mean of the rest of the way over the tick, over the
-    whole of it.
+    share: fraction of the distance to the goal that is covered in a tick; rest: mean over the tick of the remaining
+    distance, as a fraction of the whole.
     """
 
     def __init__(self, time_constant: float, dt: float):

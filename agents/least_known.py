@@ -1,12 +1,13 @@
-"""Least known: robots go where a map of gas knows least, so that it stays fresh everywhere.
+"""Least known: robots go to the parts of the floor that a gas map knows least, so that the map stays fresh
+everywhere.
 
-Marjovi & Marques, ICRA 2014, propose to send robots by the overall weights of their map, Σ W U of eq 6, "to the regions
-with less recent information"; how is our choice. The map is a `TimeSeriesMap` of the readings of the whole team, which
-share them whatever the range of their messages. A robot that needs a way point takes, of the least known `share` of
-all cells that it can get to, the nearest that is `apart` from itself, from the way points of its team mates, and from
-the one that it has given up, if it has. What it smells plays no part.
+Marjovi & Marques, ICRA 2014, propose to send robots by the overall weights of their map, Σ W U of eq 6, "to the
+regions with less recent information"; the details are our choice. The map is a `TimeSeriesMap` of the readings of the
+whole team, shared whatever the range of messages. A robot that needs a way point takes, of the least known `share` of
+all cells that it can reach, the nearest that is `apart` from itself, from the way points of its team mates, and from
+a way point that it has given up. Its readings play no part.
 
-DRIVE  to the way point by `potential`; there, or where others are in the way, the next one
+DRIVE  to the way point by `potential`; then, or if others are in the way, to the next one
 """
 
 from typing import Any
@@ -31,7 +32,7 @@ TIE = 1e-6  # of the largest weight: cells as little known as each other
 
 @ti.data_oriented
 class LeastKnown(KernelAlgorithm):
-    """Map-driven ways of the robots of one group, each trial for itself. tick: control period [s]."""
+    """Map-driven paths of the robots of one group, each trial separately. tick: control period [s]."""
 
     PER_GROUP: bool = True  # has one map
     STATE: tuple[str, ...] = ("potential", "map", "goal")
@@ -43,7 +44,7 @@ class LeastKnown(KernelAlgorithm):
         self.potential = Potential(self.members, self.p)
         floor = Floor(swarm.clearance.high, swarm.trials, swarm.members.shape[1], self.tick)
         self.map = TimeSeriesMap(self.model.map, floor)
-        self.goal: Any = ti.Vector.field(2, ti.f32, self.size)  # way points [m]
+        self.goal = ti.Vector.field(2, ti.f32, self.size)  # way points [m]
         self.asks = ti.field(ti.i32, self.size)  # whether the robot needs another one
         self._set_goal = uploader(self.goal, self.potential.mark)
         self._read = reader(self.asks, self.goal, swarm.believed_position)
@@ -80,7 +81,7 @@ class LeastKnown(KernelAlgorithm):
         self._drive(dt)
 
     def _regions(self, points: np.ndarray) -> np.ndarray:
-        """Numbers (n,) of points (n, 2) [m] of the floor, the same where robots get from one to the other."""
+        """Return region numbers (n,) of points (n, 2) [m]: the same if robots can get from one point to the other."""
         clearance, step = self.swarm.clearance, self.room / 2
         nodes = [np.arange(a, b, step) for a, b in zip(clearance.low, clearance.high, strict=True)]
         free = clearance.distance_at(np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1))
@@ -96,10 +97,10 @@ class LeastKnown(KernelAlgorithm):
     def _choose(
         self, weight: np.ndarray, place: np.ndarray, goal: np.ndarray, asks: np.ndarray, region: np.ndarray
     ) -> None:
-        """Give the robots of a trial that ask, (count,), another way point in `goal`, (count, 2) [m].
+        """Give those robots of a trial that ask, (count,), another way point in `goal`, (count, 2) [m].
 
-        weight: (cells,). place: where the robots believe to be, (count, 2) [m]; region: where they can get to,
-        (count,).
+        weight: (cells,). place: believed positions of the robots, (count, 2) [m]; region: regions that they can
+        reach, (count,).
         """
         for robot in np.flatnonzero(asks):
             there = np.flatnonzero(self.region == region[robot])

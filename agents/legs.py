@@ -1,6 +1,7 @@
-"""Legs of a path: turn on the spot, drive a length; at a bump back off, turn aside and drive what is left.
+"""Path segments ("legs"): turn on the spot, drive a length; after a collision back off, turn aside and drive the
+rest.
 
-The motions of SPIRAL, E. coli, infotaxis and the random walk. What happens at a bump is that of Ferri et al., Robotics
+SPIRAL, E. coli, infotaxis and the random walk move so. The reaction to a collision is that of Ferri et al., Robotics
 and Autonomous Systems 57 (2009) 393-402: back, rotate by 90°, go the remaining distance.
 """
 
@@ -16,14 +17,14 @@ from taichi_plume.agents.swarm import wrap
 REST, TURN, DRIVE, BACK = range(4)
 
 BACK_OFF = 0.1  # m
-MOST_BUMPS = 6  # of a leg, which then is over
-NEAR = 1e-4  # m, and rad: as good as there
-NEAR_BY_WHEELS = 2e-3  # rad; the noise of an odometer hardly lets a robot turn more finely
+MOST_BUMPS = 6  # of a leg, which then ends
+NEAR = 1e-4  # m, and rad: tolerance of the end
+NEAR_BY_WHEELS = 2e-3  # rad, of robots with odometry noise
 
 
 @ti.data_oriented
 class Legs:
-    """The legs of robots: `set_out` on one, then `advance` each tick until it is no longer under way.
+    """The path segments of robots: call `set_out` once, then `advance` each tick until it returns False.
 
     parameters: with the `numbers` of legs; robots turn as fast as their bodies can.
     """
@@ -36,18 +37,20 @@ class Legs:
         self.phase = ti.field(ti.i32, n)
         self.course = ti.field(ti.f32, n)  # heading to turn to [rad]
         self.length = ti.field(ti.f32, n)  # to drive [m]
-        self.mark = ti.field(ti.f32, n)  # odometer at the begin of the phase [m]
-        self.aside = ti.field(ti.f32, n)  # +1: to the left after a bump, -1: to the right
+        self.mark = ti.field(ti.f32, n)  # odometer at the start of the phase [m]
+        self.aside = ti.field(ti.f32, n)  # +1: to the left after a collision, -1: to the right
         self.bumps = ti.field(ti.i32, n)  # of this leg
 
     @staticmethod
     def numbers(group: GroupRange, speed: float | None) -> Numbers:
-        """speed [m/s], unless given the body's largest."""
+        """Return the numbers of a group; speed [m/s]: by default the body's largest."""
         return {"speed": group.speed(speed), "near": NEAR_BY_WHEELS if group.model.odometry else NEAR}
 
     @ti.func
     def set_out(self, n, turn, length, aside):
-        """The n-th robot turns by `turn` [rad] and drives `length` [m]."""
+        """Let robot n turn by `turn` [rad] and drive `length` [m]; aside: +1 to the left after a collision, -1 to the
+        right.
+        """
         self.course[n] = wrap(self.swarm.believed_heading[self.robot[n]] + turn)
         self.length[n], self.aside[n] = length, aside
         self.bumps[n] = 0
@@ -55,7 +58,7 @@ class Legs:
 
     @ti.func
     def advance(self, n, dt: float):
-        """Command the next tick of dt [s]; returns whether the leg is still under way."""
+        """Command the next tick of dt [s]; return whether the segment goes on."""
         i = self.robot[n]
         driven = self.swarm.odometer[i] - self.mark[n]
         bump = self.swarm.blocked[i] == 1

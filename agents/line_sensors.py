@@ -1,13 +1,13 @@
-"""What a laser measures: the integral of a gas along its beam, from the robot to the first surface.
+"""Lasers (TDLAS): line integral of a gas along the beam, from the robot to the first surface.
 
-By the midpoint rule, at points no farther apart than the gas has features. Of a Gaussian of standard deviation s it
-errs by 2 exp(-2 (pi s/h)²) with points h apart, less than 1e-8 for h = s. Where the beam ends is looked for in strides
-that are free (sphere tracing), and then by halves.
+The integral uses the midpoint rule, at points no farther apart than the smallest features of the gas. For a Gaussian
+of standard deviation s its error is 2 exp(-2 (pi s/h)²) with points h apart, less than 1e-8 for h = s. The end of the
+beam is found by sphere tracing and bisection.
 """
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import taichi as ti
@@ -23,17 +23,18 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.sensors import TdlasSensor
 
 STRIDES = 4096  # until a beam ends
-SAFE = 0.57  # of a distance is free: between the nodes, it changes by up to sqrt(3) of the way
+SAFE = 0.57  # of a distance that is free: between nodes a distance changes by up to sqrt(3) of the way
 HALVINGS = 6
 MOST_POINTS = 20_000
 
 
 class Surroundings:
-    """What stops beams. level: ti.func ``distance(x)`` to the next surface of an obstacle [m], negative inside; None
-    where there is none. extent: of the domain, [m] per axis. step: of points along a beam, unless told [m]; cell: [m].
+    """Surfaces that stop beams. level: its ti.func ``distance(x)`` gives the distance to the next obstacle [m],
+    negative inside; None without obstacles. extent: of the domain, [m] per axis. step: default distance of points
+    along a beam [m]; cell: [m].
     """
 
-    def __init__(self, level: Any, extent: Sequence[float], step: float, cell: float):
+    def __init__(self, level: object, extent: Sequence[float], step: float, cell: float):
         self.level, self.extent, self.step, self.cell = level, tuple(extent), step, cell
         self.stands = level is not None
 
@@ -42,7 +43,7 @@ class Surroundings:
 class LineSensors(GasSensors):
     """The lasers of some groups: they write `reading` in ppm m, or in ppm, and as `true_ppm` the mean along the beam.
 
-    around: what stops their beams.
+    around: surfaces that stop their beams.
     """
 
     def __init__(
@@ -58,7 +59,7 @@ class LineSensors(GasSensors):
         super().__init__(members, law, dim, tick, species, slot)
         self.around = around
         self.beam = Parameters(members, partial(_beam, slot, around.step))
-        self.length = ti.field(ti.f32, members.size)  # of each beam, as it is [m]
+        self.length = ti.field(ti.f32, members.size)  # of each beam [m]
 
     def begin(self) -> None:
         super().begin()
@@ -66,7 +67,7 @@ class LineSensors(GasSensors):
 
     @ti.func
     def direction(self, n, i, t):
-        """Unit vector of the beam at time t [s]."""
+        """Return the unit vector of the beam at time t [s]."""
         swept = self.beam.per_span[n] * t
         swept -= 2.0 * ti.floor(0.5 * swept)
         swept = ti.min(swept, 2.0 - swept) - 0.5  # from -1/2 to 1/2 and back
@@ -80,7 +81,7 @@ class LineSensors(GasSensors):
 
     @ti.func
     def reach(self, n, x, e):
-        """How far a beam gets from x along e [m]."""
+        """Return the length of a beam from x along e [m]."""
         end = self.beam.range[n]
         for d in ti.static(range(self.dim)):
             if e[d] > 0.0:
@@ -94,7 +95,7 @@ class LineSensors(GasSensors):
 
     @ti.func
     def _of_walkers(self, x, e, end):
-        """At most how far, before what walks about is met."""
+        """Shorten a beam of length `end` to the first walker."""
         level = ti.Vector([e[0], e[1]])
         cosine = ti.max(level.norm(), 1e-6)
         for k in range(self.swarm.walker_count):
@@ -107,7 +108,7 @@ class LineSensors(GasSensors):
 
     @ti.func
     def _of_obstacles(self, x, e, end):
-        """At most how far, before a surface is met."""
+        """Shorten a beam of length `end` to the first surface."""
         free, s, strides = 0.0, 0.0, 0
         least = ti.static(0.1 * self.around.cell)
         while s < end and strides < STRIDES:
@@ -127,8 +128,8 @@ class LineSensors(GasSensors):
         return end
 
     @ti.func
-    def smell(self, gas: Template, n, i, t):
-        """The integral along the beam of the n-th sensor, robot i's [ppm m]."""
+    def exposure(self, gas: Template, n, i, t):
+        """Return the integral along the beam of sensor n, of robot i [ppm m]."""
         x, e = self.place(n, i), self.direction(n, i, t)
         end = self.reach(n, x, e)
         count = ti.math.clamp(ti.cast(ti.ceil(end * self.beam.per_step[n]), ti.i32), 1, MOST_POINTS)
@@ -136,7 +137,7 @@ class LineSensors(GasSensors):
         for k in range(count):
             ppm = ti.max(gas.ppm(x + (k + 0.5) * step * e, t), 0.0)
             for s in ti.static(range(self.species)):
-                total += self.of.weights[n, s] * ppm[s]
+                total += self.p.weights[n, s] * ppm[s]
         self.length[n] = end
         self.true_ppm[i] = total / count
         return total * step
@@ -151,7 +152,7 @@ class LineSensors(GasSensors):
 
 
 def _beam(slot: int, step: float, group: GroupRange) -> Numbers:
-    """The beams of a group."""
+    """Return the numbers of the beams of a group."""
     sensor = cast(TdlasSensor, group.model.sensors.noses[slot])
     span = np.radians(sensor.sweep_deg)
     return {

@@ -1,24 +1,23 @@
-"""Line-up: a diagonal line of robots, at equal distances, that sweeps to and fro across the wind.
+"""Line-up (swarm formation): a diagonal line of robots, at equal distances, that sweeps to and fro across the wind.
 
-After Marjovi & Marques, "Optimal swarm formation for odor plume finding", IEEE Trans. Cybernetics 44 (2014) 2302-2315,
-and Autonomous Robots 35 (2013) 93-109; its sizes are our choice. a: along the wind, b: across it (to the left), both
-from the middle of the floor. Robot i of the N of a team, counted downwind, has the place
+After Marjovi & Marques, "Optimal swarm formation for odor plume finding", IEEE Trans. Cybernetics 44 (2014)
+2302-2315, and Autonomous Robots 35 (2013) 93-109; its sizes are our choice. a: along the wind, b: across it (to the
+left), both from the middle of the floor. Robot i of the N of a team, counted downwind, has the position
 
     a_i = spacing (i - (N - 1)/2),    b_i = b + tilt stagger ((N - 1)/2 - i),    tilt = ±1
 
-FEEL   stand and measure the wind; the team shares its mean. Without any the line lies along x
-FORM   drive to the places at the nearer side of the floor; the upwind end leads
-SWEEP  b moves on; where an end of the line comes to the margin, it goes back: with the same tilt, then the other end
-       leads, or mirrored, after FORM
+FEEL   stand and measure the wind; the team shares its mean. Without wind the line lies along x
+FORM   drive to the positions at the nearer side of the floor; the upwind end leads
+SWEEP  b moves on; when an end of the line reaches the margin, the line goes back: with the same tilt, so that the
+       other end leads, or mirrored, after FORM
 WAIT   as SWEEP, but the line stands until stragglers are there
 
 A lone robot sweeps likewise, and after each sweep steps by `stagger` upwind (from the margin on downwind, and so on).
-Places beyond the margin, as in a wind askew to the walls, are brought back to it. The line is one: its robots know of
+Positions beyond the margin, as in a wind oblique to the walls, are moved back to it. The robots of a line know of
 each other whatever the range of their messages.
 """
 
 from math import cos, radians, sin
-from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -61,7 +60,7 @@ class LineUp(KernelAlgorithm):
         tables.upload()
         n = self.lines
         self.mode = ti.field(ti.i32, n)
-        self.wind: Any = ti.Vector.field(2, ti.f32, n)  # sum of what was measured, then the direction
+        self.wind = ti.Vector.field(2, ti.f32, n)  # sum of what was measured, then the direction
         self.slant = ti.field(ti.f32, n)  # b from robot to robot [m]
         self.gap = ti.field(ti.f32, n)  # a from robot to robot [m]
         self.a = ti.field(ti.f32, n)  # of the line's middle [m]
@@ -70,8 +69,10 @@ class LineUp(KernelAlgorithm):
         self.way = ti.field(ti.f32, n)  # +1: b grows, -1: it shrinks
         self.step = ti.field(ti.f32, n)  # of a lone robot, along the wind [m]
         self.rank = ti.field(ti.i32, self.size)  # i
-        self.least = ti.field(ti.f32, self.size)  # smallest distance to its place since it had reached it [m]
-        self.late = ti.field(ti.f32, self.size)  # time since it came closer [s]
+        self.least = ti.field(
+            ti.f32, self.size
+        )  # smallest distance to the position since the last arrival [m]
+        self.late = ti.field(ti.f32, self.size)  # time since the robot came closer [s]
 
     def numbers(self, group: GroupRange, model: algorithms.LineUp) -> Numbers:
         low, high = np.array(self.swarm.clearance.low), np.array(self.swarm.clearance.high)
@@ -111,7 +112,7 @@ class LineUp(KernelAlgorithm):
 
     @ti.func
     def place(self, n):
-        """Where the n-th robot belongs [m]."""
+        """Return the position of robot n in its line [m]."""
         k = self.line[n]
         w = self.wind[k]
         behind = self.rank[n] - 0.5 * (self.p.count[n] - 1)
@@ -122,14 +123,14 @@ class LineUp(KernelAlgorithm):
 
     @ti.func
     def _middle(self, n):
-        """Of the floor [m]."""
+        """Return the middle of the floor [m]."""
         return ti.Vector([self.p.middle[n, 0], self.p.middle[n, 1]])
 
     @ti.func
     def _feel(self, k, tick):
         first = self.first[k]
         for n in range(first, first + self.p.count[first]):
-            self.wind[k] += self.swarm.wind[self.robot[n]]  # zero where it is not known
+            self.wind[k] += self.swarm.wind[self.robot[n]]  # zero if unknown
         given = self.p.given[first] == 1
         if given or tick >= self.p.feeling[first]:
             speed = self.wind[k].norm()
@@ -141,20 +142,20 @@ class LineUp(KernelAlgorithm):
 
     @ti.func
     def _extent(self, k, axis):
-        """Half the extent of where line k may be, along a unit vector [m]."""
+        """Return half the extent of the area of line k along a unit vector [m]."""
         first = self.first[k]
         return ti.abs(axis[0]) * self.p.half[first, 0] + ti.abs(axis[1]) * self.p.half[first, 1]
 
     @ti.func
     def _across(self, k):
-        """Half the extent across the wind, less half of the line's own [m]: b stays within it."""
+        """Return half the extent across the wind, less half of the line's own [m]: the bound of b."""
         w = self.wind[k]
         gaps = self.p.count[self.first[k]] - 1
         return self._extent(k, ti.Vector([-w[1], w[0]])) - 0.5 * self.slant[k] * gaps
 
     @ti.func
     def _form_first(self, k):
-        """Measures, order and side of the line."""
+        """Set the measures, the order and the first side of the line."""
         w = self.wind[k]
         along, across = self._extent(k, w), self._extent(k, ti.Vector([-w[1], w[0]]))
         first = self.first[k]
@@ -189,7 +190,7 @@ class LineUp(KernelAlgorithm):
 
     @ti.func
     def _advance(self, k, dt):
-        """Move the line on, unless it waits."""
+        """Move the line on, unless it waits for stragglers."""
         waits = 0
         first = self.first[k]
         for n in range(first, first + self.p.count[first]):
@@ -220,11 +221,11 @@ class LineUp(KernelAlgorithm):
 
     @ti.func
     def _is_awaited(self, n, dt):
-        """Whether robot n is off its place, but may still come."""
+        """Return whether robot n is off its position, but may still come."""
         i = self.robot[n]
         off = (self.place(n) - self.swarm.believed_position[i]).norm()
         comes = off <= self.p.tolerance[n] or off < self.least[n] - PROGRESS
-        if comes and self.swarm.velocity[i].norm() > STILL:  # not that the line comes to it
+        if comes and self.swarm.velocity[i].norm() > STILL:  # or the line comes to the robot
             self.late[n], self.least[n] = 0.0, off
         else:
             self.late[n] = self.late[n] + dt

@@ -1,11 +1,11 @@
-"""The kinds of online gas maps, and the maps of a run."""
+"""Table of the kinds of online gas maps, and the maps of a run."""
 
 from collections.abc import Sequence
 
 from taichi_plume.agents.gas_map import Floor, GasMap
 from taichi_plume.agents.gmrf import MarkovMap
-from taichi_plume.agents.inverse_distance import InverseDistanceMap
 from taichi_plume.agents.kernel_dm import KernelMap
+from taichi_plume.agents.snaps import InverseDistanceMap
 from taichi_plume.agents.time_series import TimeSeriesMap
 from taichi_plume.scenario.maps import Map
 
@@ -19,7 +19,7 @@ KINDS: dict[str, type[GasMap]] = {
 
 
 def mappers(models: Sequence[Map], floor: Floor) -> list[GasMap]:
-    """The online maps of the models; those made of the same snaps share them."""
+    """Return the online maps of the models; those with equal snapshots share them."""
     shared: dict = {}
     for model in models:
         KINDS[model.kind].reserve(model, floor, shared)

@@ -1,12 +1,12 @@
-"""Robots in a row: those of the groups that one algorithm drives, or that have one kind of sensor."""
+"""Members: the robots that one algorithm drives, or that have one kind of sensor, in a row."""
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 import taichi as ti
 from taichi.lang import impl
 
+from taichi_plume.agents.columns import Field
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.kernels import Template
@@ -15,23 +15,23 @@ from taichi_plume.grid.transfer import uploader
 
 
 class OfGroup:
-    """A number that the robots of a group share, or a row of them: read in kernels as ``x[n]`` or ``x[n, k]``, like a
-    field over the robots n, but of a table of one row per group, which stays in the cache.
+    """A number that the robots of a group share, or a row of numbers: in kernels ``x[n]`` or ``x[n, k]``, like a
+    field over the robots n, but from a table of one row per group, which stays in the cache.
 
-    group: field of the row of each robot; None where there is but one.
+    group: field of the row of each robot; None with a single group.
     """
 
-    def __init__(self, table: Any, group: Any):
+    def __init__(self, table: Field, group: Field):
         self.table, self.group = table, group
 
-    def __getitem__(self, at: Any) -> Any:
+    def __getitem__(self, at: object) -> Field:
         n, *rest = at if isinstance(at, tuple) else (at,)
         row = 0 if self.group is None else impl.subscript(None, self.group, n)
         return impl.subscript(None, self.table, row, *rest)
 
 
-def group_rows(sizes: Sequence[int]) -> Any:
-    """A field of the number of the group of each robot, of groups of these sizes; None where there is but one."""
+def group_rows(sizes: Sequence[int]) -> Field:
+    """Return a field of the group number of each robot, for groups of these sizes; None with a single group."""
     if len(sizes) < 2:
         return None
     rows = np.repeat(np.arange(len(sizes)), sizes)
@@ -42,10 +42,11 @@ def group_rows(sizes: Sequence[int]) -> Any:
 
 @ti.data_oriented
 class Members:
-    """The robots of some groups of a swarm, all trials: the n-th is robot `robot[n]` of the swarm.
+    """The robots of some groups of a swarm, all trials: member n is robot `robot[n]` of the swarm.
 
-    numbers: of the groups, by their place in the scenario. number[n] counts the robot among all robots of all trials
-    that its group could have: random streams count by it, so that a trial draws the same alone and among others.
+    numbers: of the groups, by their position in the scenario. number[n] counts the robot among all robots of all
+    trials that its group could have: random streams count by it, so that a trial draws the same alone and among
+    others.
     """
 
     def __init__(self, swarm: Swarm, numbers: Sequence[int]):
@@ -61,24 +62,19 @@ class Members:
 
     @property
     def groups(self) -> list[GroupRange]:
-        """The groups as they are now: a reset may change their numbers."""
+        """The groups with their present numbers, which a reset may change."""
         return [self.swarm.groups[number] for number in self.numbers]
 
-    def each(self, value: Callable[[GroupRange], float | np.ndarray]) -> np.ndarray:
-        """A number per robot (size,), from one per group or an array over the group's robots; f64."""
-        values = [np.broadcast_to(np.asarray(value(group), float), (group.size,)) for group in self.groups]
-        return np.concatenate(values) if values else np.zeros(1)
-
     def streams(self, name: str) -> np.ndarray:
-        """Keys of the random stream `name` of each group, u32."""
+        """Return the keys of the random stream `name` of each group, u32."""
         return np.array([stream_id(f"group {number}/{name}") for number in self.numbers], np.uint32)
 
 
 @ti.func
 def sensor_place(swarm: Template, dim: Template, i, height):
-    """Where a sensor above the middle of robot i is: a point of the domain's dimension.
+    """Return the position of a sensor above the middle of robot i, a point of the domain's dimension.
 
-    height [m]: over the lower end of the body, which on the floor is over that.
+    height [m]: over the lower end of the body, which for robots on the floor is over the floor.
     """
     p = swarm.position[i]
     x = ti.Vector.zero(ti.f32, dim)

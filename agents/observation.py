@@ -1,17 +1,18 @@
-"""What a policy observes of its robots: numbers from -1 to 1 that sensors give, in each robot's own frame.
+"""Observations of a policy: numbers from -1 to 1 made of sensor readings, in each robot's own frame.
 
-Nothing of it is the truth: readings lag and scatter, winds are felt, poses are believed. The frame looks ahead along
-the believed heading, and to the left. In a world that is seen in a mirror, left is right. An observation is one row:
-the entries that the policy observes, in its order, and behind them those of the decisions before (`history`).
+Observations never contain the truth: readings lag and scatter, winds are measured, poses are believed. The frame
+looks ahead along the believed heading, and to the left. In a mirrored world left is right. An observation is one row:
+the entries that the policy observes, in its order, then those of the decisions before (`history`).
 """
 
 from collections.abc import Iterator, Sequence
 from math import hypot
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.lag import Lag
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
@@ -24,19 +25,21 @@ from taichi_plume.scenario.policy import Policy
 DECADES = 6.0  # of ppm from 1 on, up to pure gas
 KILO_OHM, DECADES_OF_OHM = 1e3, 4.0  # metal oxides lie within 1 kohm and 10 Mohm
 HALF_TIME = 60.0  # s, that count as one half
-HALF_SPEED = 0.5  # m/s, a wind that counts as one half: airs of rooms are below, fans and the open above
+HALF_SPEED = 0.5  # m/s, a wind that counts as one half: rooms are below, fans and the open above
 PER_LN10 = 1.0 / float(np.log(10.0))
 OF_A_MATE = ("there", "ahead", "left", "gas")
 
 
 def action_names(model: Policy) -> tuple[str, ...]:
-    """Of the numbers of an action."""
+    """Return the names of the numbers of an action."""
     names = ("speed", "turn") if model.act == "drive" else ("ahead", "left")
     return (*names, "declare") if model.declares else names
 
 
 def entries(model: Policy, mates: int, noses: int = 1) -> Iterator[tuple[str, str, float]]:
-    """Of one decision: each entry's kind, its name and its least value; none is above 1. noses: gas sensors of each."""
+    """Yield the kind, the name and the least value of each entry of one decision; the largest is 1. noses: gas
+    sensors of each robot.
+    """
     pairs: dict[str, Sequence[tuple[str, float]]] = {
         "gas": [("gas", 0.0)],
         "noses": [(f"gas of sensor {k}", 0.0) for k in range(1, noses)],
@@ -62,10 +65,10 @@ def entries(model: Policy, mates: int, noses: int = 1) -> Iterator[tuple[str, st
 
 @ti.data_oriented
 class Observation:
-    """What the policy of one group observes. tick: control period [s].
+    """The observations of the policy of one group. tick: control period [s].
 
-    names, low, high: of the `size` numbers of an observation. `follow` once a tick, after the sensors; `write` at each
-    decision, and `remember` what it is; `clear` where a robot begins anew.
+    names, low, high: of the `size` numbers of an observation. Call `follow` once a tick, after the sensors; `write`
+    at each decision, and `remember` its action; `clear` when a robot restarts.
     """
 
     STATE: tuple[str, ...] = ("averages", "before", "past", "action")
@@ -88,13 +91,13 @@ class Observation:
         self.high = np.ones(self.size, np.float32)
         self.kinds = tuple(dict.fromkeys(kind for kind, *_ in self.own))
         self.begins = {
-            kind: next(k for k, one in enumerate(self.own) if one[0] == kind) for kind in self.kinds
+            kind: next(k for k, entry in enumerate(self.own) if entry[0] == kind) for kind in self.kinds
         }
         self.times, self.actions = len(self.model.memory), len(action_names(self.model))
         n = members.size
         self.averages = ti.field(ti.f32, (n, max(1, self.times)))  # of the gas entry
         self.before = ti.field(ti.f32, n)  # gas entry at the last decision
-        self.past = ti.field(ti.f32, (n, max(1, self.size - self.width)))  # what was observed before
+        self.past = ti.field(ti.f32, (n, max(1, self.size - self.width)))  # earlier observations
         self.action = ti.field(ti.f32, (n, self.actions))  # the last one
         self.low_corner, high = swarm.clearance.low, swarm.clearance.high
         self.extent = tuple(high[d] - self.low_corner[d] for d in range(2))
@@ -104,27 +107,25 @@ class Observation:
 
     @property
     def model(self) -> Policy:
-        """The group's, as it is now."""
+        """Section of the group, with its present numbers."""
         return cast(Policy, self.members.groups[0].model.algorithm)
 
-    def _numbers(self, group: Any) -> Numbers:
+    def _numbers(self, group: GroupRange) -> Numbers:
         shares = tuple(Lag(time, self.tick).share for time in self.model.memory) or (1.0,)
-        radio = group.model.communication
-        reach = UNLIMITED if radio.range is None else radio.range
-        return {"shares": shares, "range": float(reach)}
+        reach = group.model.communication.range
+        return {"shares": shares, "range": UNLIMITED if reach is None else float(reach)}
 
     def begin(self) -> None:
-        """Set the numbers; the fields of STATE are zero."""
         self.p.begin()
 
     @ti.func
     def gas(self, n):
-        """The gas entry of robot n."""
+        """Return the gas entry of robot n."""
         return _of_gas(self.swarm.reading[self.robot[n]])
 
     @ti.func
     def clear(self, n):
-        """Robot n begins anew: it remembers nothing."""
+        """Reset the memory of robot n."""
         self.before[n] = 0.0
         for k in range(self.times):
             self.averages[n, k] = 0.0
@@ -135,13 +136,13 @@ class Observation:
 
     @ti.func
     def remember(self, n, row, table: Template):
-        """Robot n acts as a row of a table (rows, actions) says."""
+        """Note the action of robot n in a row of a table (rows, actions)."""
         for k in range(self.actions):
             self.action[n, k] = ti.math.clamp(table[row, k], -1.0, 1.0)
 
     @ti.func
     def follow(self, n, dt):
-        """Take in the reading of a tick."""
+        """Update the averages by the reading of a tick."""
         if ti.static("memory" in self.kinds):
             gas = self.gas(n)
             for k in ti.static(range(self.times)):
@@ -149,9 +150,9 @@ class Observation:
 
     @ti.func
     def write(self, n, flip, row, table: Template, elapsed):
-        """What robot n observes now, to a row of a table (rows, size).
+        """Write the observation of robot n to a row of a table (rows, size).
 
-        flip: -1 where the world is seen in a mirror, else 1. elapsed: time of the search so far [s].
+        flip: -1 in a mirrored world, else 1. elapsed: time of the search so far [s].
         """
         rest = self.size - self.width
         for k in range(rest):
@@ -165,7 +166,7 @@ class Observation:
 
     @ti.func
     def _show(self, n, flip, row, table: Template, elapsed):
-        """The entries of this decision, in the policy's order."""
+        """Write the entries of this decision, in the policy's order."""
         i = self.robot[n]
         gas, heading = self.gas(n), self.swarm.believed_heading[i]
         for kind in ti.static(self.kinds):
@@ -204,7 +205,7 @@ class Observation:
 
     @ti.func
     def _show_wind(self, wind, heading, flip, row, table: Template, at: Template):
-        """Where it blows from, a unit vector, and how fast; zeros where none is felt."""
+        """Write the unit vector upwind and the speed; zeros where no wind is measured."""
         speed = wind.norm()
         from_there = _in_frame(-wind, heading, flip) / ti.max(speed, 1e-9)
         table[row, at] = ti.math.clamp(from_there[0], -1.0, 1.0)
@@ -213,7 +214,7 @@ class Observation:
 
     @ti.func
     def _show_mates(self, n, heading, flip, row, table: Template, at: Template):
-        """Of each mate from the next one on: whether it is heard of, where it believes to be, and its gas entry."""
+        """Write for each mate, from the next one on, whether it is in range, its relative position and gas entry."""
         i = self.robot[n]
         number = n % self.count
         for m in ti.static(range(self.count - 1)):
@@ -233,19 +234,19 @@ class Observation:
 
 @ti.func
 def _in_frame(v, heading, flip):
-    """A vector ahead and to the left of a robot; flip: -1 in a mirror."""
+    """Return a vector ahead and to the left of a robot; flip: -1 in a mirror."""
     e = cos_sin(heading)
     return ti.Vector([v[0] * e[0] + v[1] * e[1], flip * (v[1] * e[0] - v[0] * e[1])])
 
 
 @ti.func
 def _of_gas(reading):
-    """Of a reading [ppm], on a scale of powers of ten."""
+    """Return a reading [ppm] on a logarithmic scale."""
     return ti.math.clamp(log(1.0 + ti.max(reading, 0.0)) * (PER_LN10 / DECADES), 0.0, 1.0)
 
 
 @ti.func
 def _resistance(ohm):
-    """Of a metal oxide, on a scale of powers of ten; 0 where there is none."""
-    told = ti.math.clamp(log(ti.max(ohm, KILO_OHM) / KILO_OHM) * (PER_LN10 / DECADES_OF_OHM), 0.0, 1.0)
-    return told if ohm > 0.0 else 0.0
+    """Return the resistance of a metal oxide on a logarithmic scale; 0 if there is none."""
+    scaled = ti.math.clamp(log(ti.max(ohm, KILO_OHM) / KILO_OHM) * (PER_LN10 / DECADES_OF_OHM), 0.0, 1.0)
+    return scaled if ohm > 0.0 else 0.0

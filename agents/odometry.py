@@ -1,21 +1,20 @@
-"""Dead reckoning: what a robot's wheels tell it of its motion, with errors that a robot keeps and with random ones.
+"""Odometry (dead reckoning): believed pose by wheel encoders, with systematic and random errors.
 
 Systematic errors after Borenstein & Feng, IEEE Trans. Robotics and Automation 12 (1996) 869-880,
 doi:10.1109/70.544770: wheels of another size (a), another distance between them (b) and wheels of unequal size (c).
-Random ones as in the odometry motion model of Thrun, Burgard & Fox, Probabilistic Robotics (2005), section 5.4: a turn
-and a way each make errors of heading and of way. Of a tick in which a robot turns by w [rad] and drives s [m]
-(backwards s < 0) it is told
+Random errors as in the odometry motion model of Thrun, Burgard & Fox, Probabilistic Robotics (2005), section 5.4: turns
+and distances both make errors of heading and of distance. For a tick in which a robot turns by w [rad] and drives s [m]
+(backwards s < 0), the odometer reads
 
     w' = (1 + b) w + c s + N(0, k1 |w| + k2 |s|)
     s' = (1 + a) s + N(0, k3 |s| + k4 |w|)
 
 Variances grow with |w| and |s|, not with their squares as in the book: so errors do not depend on the tick (as in
-Kleeman, Odometry error covariance estimation for two wheel robot vehicles, 1995). Wheels do not slip: at contact
-the robot is told of the way that it really goes.
+Kleeman, Odometry error covariance estimation for two wheel robot vehicles, 1995). Wheels do not slip: at contact the
+odometer reads the distance really driven.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -30,22 +29,22 @@ from taichi_plume.scenario.robots import Odometry as Model
 
 @ti.data_oriented
 class Odometry:
-    """The odometers of all `count` robots; only those of groups with `odometry` err. counter: see `Swarm.counter`."""
+    """The odometers of `count` robots; only groups with `odometry` have errors. counter: see `Swarm.counter`."""
 
     def __init__(self, count: int, counter: Callable):
         self.counter = counter
         self.errs = ti.field(ti.i32, count)
         self.number = ti.field(ti.i32, count)  # of the robot in its group, among all trials there could be
         self.stream = ti.field(ti.u32, count)
-        self.kept: Any = ti.Vector.field(3, ti.f32, count)  # a, b [1], c [rad/m]
-        self.variances: Any = ti.Vector.field(4, ti.f32, count)  # k1 [rad], k2 [rad²/m], k3 [m], k4 [m²/rad]
-        self.deviations: Any = ti.Vector.field(3, ti.f32, count)  # of a, b and c
+        self.kept = ti.Vector.field(3, ti.f32, count)  # a, b [1], c [rad/m]
+        self.variances = ti.Vector.field(4, ti.f32, count)  # k1 [rad], k2 [rad²/m], k3 [m], k4 [m²/rad]
+        self.deviations = ti.Vector.field(3, ti.f32, count)  # of a, b and c
         self._upload = uploader(
             self.errs, self.number, self.stream, self.kept, self.variances, self.deviations
         )
 
     def begin(self, groups: Sequence[GroupRange], seed: int) -> None:
-        """Draw what each robot keeps; groups: all of the swarm."""
+        """Draw the systematic errors of each robot; groups: all of the swarm."""
         count = self.errs.shape[0]
         kept, variances, deviations = np.zeros((count, 3)), np.zeros((count, 4)), np.zeros((count, 3))
         errs, numbers, streams = np.zeros(count), np.zeros(count), np.zeros(count, np.uint32)
@@ -61,8 +60,8 @@ class Odometry:
         self._upload(errs, numbers, streams, kept, variances, deviations)
 
     @ti.func
-    def told(self, i, tick, w, s):
-        """Of robot i, which errs: the turn w' [rad], 1 + a, and the random part of the way s' [m]."""
+    def measured(self, i, tick, w, s):
+        """Return the measured turn w' [rad] of robot i, 1 + a, and the random part of the distance s' [m]."""
         key, number, now = self.counter(i, self.number[i], tick)
         g = normal4(key, self.stream[i], number, now, 0)
         kept, k = self.kept[i], self.variances[i]
@@ -71,26 +70,26 @@ class Odometry:
 
     @ti.func
     def renew(self, i):
-        """Draw anew what robot i keeps, for an episode that has just begun."""
+        """Draw other systematic errors for robot i, for an episode that has just started."""
         key, number, now = self.counter(i, self.number[i], 0)
         g = normal4(key, self.stream[i], number, now, 0)
         self.kept[i] = self.deviations[i] * ti.Vector([g[0], g[1], g[2]])
 
 
 def _drawn(model: Model, group: GroupRange, seed: int) -> np.ndarray:
-    """a, b and c [rad/m] of each robot of the group, (size, 3)."""
+    """Draw a, b and c [rad/m] of each robot of the group, (size, 3)."""
     return np.concatenate(
         [rng.normal(0.0, _deviations(model), (group.count, 3)) for rng in group.generators(seed, "wheels")]
     )
 
 
 def _deviations(model: Model) -> tuple[float, float, float]:
-    """Of a, b and c."""
+    """Return the standard deviations of a, b and c."""
     return model.distance_scale, model.turn_scale, np.radians(model.veer_deg)
 
 
 def _variances(model: Model) -> tuple[float, float, float, float]:
-    """k1 to k4."""
+    """Return k1 to k4."""
     circle = 2.0 * np.pi
     return (
         np.radians(model.turn_noise_deg) ** 2 / circle,
@@ -101,19 +100,16 @@ def _variances(model: Model) -> tuple[float, float, float, float]:
 
 
 class Reckoning(Columns):
-    """Where robots believe to be: what their odometers tell, or the truth where they do not err."""
-
-    odometry: Any
-    reckons: bool
+    """The part of a swarm for believed poses: by odometry, or the true poses of robots without errors."""
 
     @ti.func
     def _reckon(self, i, tick, turn, way, moved):
-        """What robot i believes after a turn [rad] and a way, negative backwards, that took it by `moved` [m]."""
+        """Update the believed pose of robot i after a turn [rad] and a move by `moved`; way: < 0 backwards [m]."""
         if self.odometry.errs[i] == 1:
-            told, scale, stray = self.odometry.told(i, tick, turn, way)
+            measured, scale, stray = self.odometry.measured(i, tick, turn, way)
             heading = self.believed_heading[i]
-            self.believed_heading[i] = wrap(heading + told)
-            course = heading + 0.5 * told  # as the chord of its arc
+            self.believed_heading[i] = wrap(heading + measured)
+            course = heading + 0.5 * measured  # as the chord of its arc
             off = course - (self.heading[i] - 0.5 * turn)
             ahead = cos_sin(course)
             self.believed_position[i] = self.believed_position[i] + scale * turned(moved, off) + stray * ahead
@@ -125,7 +121,7 @@ class Reckoning(Columns):
 
     @ti.func
     def as_believed(self, i, v):
-        """A vector v that robot i senses, as it puts it into its map: turned by the error of its heading."""
+        """Return a vector v that robot i senses, as robot i puts it on its map: turned by the error of its heading."""
         result = v
         if ti.static(self.reckons):
             result = turned(v, self.believed_heading[i] - self.heading[i])

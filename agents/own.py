@@ -1,29 +1,27 @@
-"""A search algorithm of the user's own, in NumPy: a class in a Python file that a scenario names.
+"""A user's own search algorithm in NumPy: a class in a Python file that a scenario names.
 
     class Upwind:
         def act(self, robots):
             robots.turn_to(np.arctan2(-robots.wind[:, 1], -robots.wind[:, 0]))
             robots.speed[:] = 0.1
 
-Files are executed only with --allow-code; modules that one imports have to be installed, or on the PYTHONPATH.
+Files are executed only with --allow-code; modules that a file imports have to be installed, or on the PYTHONPATH.
 
-It is made once per group, with the scenario's `parameters` as keywords, and called each tick with all robots of all
-trials of the group; what it keeps from tick to tick are its own attributes. A run whose algorithm has ``state()``,
-which returns all that it keeps as plain data (numbers, texts, arrays, lists, dicts), and ``restore(state)`` can be
-resumed. Robots of a team tell each other messages of as many numbers as its class says, ``MESSAGE = 3``, within the
-group's `communication`.
+The class is instantiated once per group, with the scenario's `parameters` as keywords, and called each tick with all
+robots of all trials of the group; its state from tick to tick is in its own attributes. A run can be resumed if the
+algorithm has ``state()``, which returns its whole state as plain data (numbers, texts, arrays, lists, dicts), and
+``restore(state)``. Robots of a team send each other messages of as many numbers as the class states, ``MESSAGE = 3``,
+within the group's `communication`.
 """
 
 import inspect
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from taichi_plume.agents.columns import Rows
-from taichi_plume.agents.declaring import Declaring
 from taichi_plume.agents.members import Members
-from taichi_plume.agents.own_robots import GOALS, Robots, Said, shown, told
+from taichi_plume.agents.own_robots import GOALS, Robots, Said, readable_columns, writable_columns
 from taichi_plume.agents.parameters import Parameters
 from taichi_plume.agents.radio import NEVER, Radio
 from taichi_plume.agents.swarm import Swarm
@@ -36,30 +34,29 @@ MOST_NUMBERS = 16  # of a message
 MOST_HEARD = 20_000_000  # numbers that all robots of a group keep of each other
 
 
-class Kept:
-    """What a user's algorithm keeps from tick to tick, as it tells it. Raises OwnAlgorithmError where it fails."""
+class UserState:
+    """The state of a user's algorithm, by its own state() and restore(). Raises OwnAlgorithmError if these fail."""
 
-    def __init__(self, path: Path, algorithm: Any):
+    def __init__(self, path: Path, algorithm: object):
         self.path, self.algorithm = path, algorithm
 
-    def state(self) -> Any:
-        """All that it keeps, as plain data."""
+    def state(self) -> object:
+        """Return the state as plain data."""
         with failures_told(self.path):
             state = self.algorithm.state()
             checkpoint.require_plain(state, "state()")
             return state
 
-    def restore(self, state: Any) -> None:
-        """Go back to it."""
+    def restore(self, state: object) -> None:
         with failures_told(self.path):
             self.algorithm.restore(state)
 
 
 class Messages:
-    """Messages of several numbers between the robots of each team: the radio says whom each reaches.
+    """Messages of several numbers between the robots of each team; the radio decides whom each reaches.
 
-    words: numbers of a message. heard (size, count, words), NaN where nothing was: what each robot heard last of each
-    of its team; heard_at (size, count): when [s].
+    words: numbers of a message. heard (size, count, words), NaN if none: the last message from each mate; heard_at
+    (size, count): its time [s].
     """
 
     STATE = ("radio", "heard", "heard_at")
@@ -73,14 +70,14 @@ class Messages:
         self.first = np.arange(members.size) // count * count  # of each robot's team
 
     def begin(self) -> None:
-        """Nobody has heard of anybody."""
+        """Forget all messages."""
         self.p.begin()
         self._put_times(NEVER)
         shape = self.radio.time.shape
         self.heard, self.heard_at = np.full((*shape, self.words), np.nan), np.full(shape, np.nan)
 
     def deliver(self, said: Said, tick: int, t: float) -> None:
-        """Bring what was told in this tick to those who hear it."""
+        """Deliver the messages of this tick to the robots that receive them."""
         if not said.speaks.any():
             return
         self._put_speakers(said.speaks)
@@ -105,20 +102,19 @@ class OwnAlgorithm:
         self.size, self.start = group.size, group.start
         self.path = Path(inspect.getsourcefile(own) or "?")
         self.flies = group.model.body.flies
-        self.to_tell, goals = told(self.flies), GOALS if self.flies else ()
-        self.shown = Rows(swarm, shown(self.flies), group.start, group.size)
-        self.told = Rows(swarm, (*self.to_tell, *goals), group.start, group.size)
-        self.declaring = Declaring(swarm, group.start, group.size)
+        self.commands, goals = writable_columns(self.flies), GOALS if self.flies else ()
+        self.readings = Rows(swarm, readable_columns(self.flies), group.start, group.size)
+        self.orders = Rows(swarm, (*self.commands, *goals), group.start, group.size)
         further = {f"reading_{k}" for k in range(1, len(group.model.sensors.noses))}
         self.further = Rows(
-            swarm, [one for one in swarm.columns if one.name in further], group.start, group.size
+            swarm, [column for column in swarm.columns if column.name in further], group.start, group.size
         )
         self.words = self._words(group.count)
         self.messages = Messages(members, self.words) if self.words else None
         self.begin()
 
     def _words(self, count: int) -> int:
-        """How many numbers a message has: the class says it, for teams of `count` robots."""
+        """Return the numbers of a message, as the class states, for teams of `count` robots."""
         words, where = getattr(self.own, "MESSAGE", 0), f"{self.path}, MESSAGE of {self.own.__name__}"
         if not isinstance(words, int) or not 0 <= words <= MOST_NUMBERS:
             raise OwnAlgorithmError(f"{where} is {words!r}, not a whole number from 0 to {MOST_NUMBERS}")
@@ -140,11 +136,11 @@ class OwnAlgorithm:
         with failures_told(self.path):
             self.algorithm = self.own(**(model.parameters if model.kind == "own" else {}))
             self.STATE_NAMES = tuple(map(str, getattr(self.algorithm, "STATE_NAMES", ("SEARCH",))))
-        self.kept = Kept(self.path, self.algorithm)
+        self.kept = UserState(self.path, self.algorithm)
 
     @property
     def can_be_saved(self) -> bool:
-        """Whether the user's class tells what it keeps."""
+        """Whether the user's class can save its state."""
         return saves_itself(self.algorithm)
 
     def act(self, tick: int, t: float, dt: float) -> None:
@@ -152,32 +148,32 @@ class OwnAlgorithm:
         robots.t, robots.dt = t, dt
         robots.heard, robots.heard_at = self._heard()
         robots.said = said = Said(self.size, self.words)
-        for column, values in zip(self.shown.columns, self.shown.read(), strict=True):
-            setattr(robots, column.shown, values)
+        for column, values in zip(self.readings.columns, self.readings.read(), strict=True):
+            setattr(robots, column.read_as, values)
         robots.readings = np.column_stack(
             [robots.reading, *(self.further.read() if self.further.columns else ())]
         )
         with failures_told(self.path), robots.sealed():
             self.algorithm.act(robots)
-            commands = [self._checked(column.told) for column in self.to_tell]
+            commands = [self._checked(column.written_as) for column in self.commands]
         if self.flies:
             commands += [said.goals, said.goal_headings]
-        self.told.write(commands)
-        self.declaring.say(said.places, t)
+        self.orders.write(commands)
+        self.swarm.declare_all(self.start, said.places, t)
         if self.messages:
             self.messages.deliver(said, tick, t)
 
     def _heard(self) -> tuple[np.ndarray, np.ndarray]:
-        """What the robots have heard of each other, and when; to be read alone."""
+        """Return the messages that the robots received, and their times, as read-only views."""
         if not self.messages:
             return np.zeros((self.size, 0, 0)), np.zeros((self.size, 0))
         shown = self.messages.heard.view(), self.messages.heard_at.view()
-        for one in shown:
-            one.flags.writeable = False
+        for array in shown:
+            array.flags.writeable = False
         return shown
 
     def _checked(self, name: str) -> np.ndarray:
-        """What the algorithm wrote, if it is a finite number for every robot."""
+        """Return the commands of that name; raise OwnAlgorithmError unless they are a finite number for every robot."""
         where = f"{self.path}, act of {type(self.algorithm).__name__}: robots.{name}"
         try:
             values = np.broadcast_to(np.asarray(getattr(self.robots, name), float), self.size)

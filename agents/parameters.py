@@ -1,17 +1,17 @@
-"""The numbers of robots that kernels read when they run: other values compile nothing."""
+"""Numbers of robots that kernels read at run time, so that other values compile nothing."""
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.columns import Field
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members, OfGroup
 from taichi_plume.grid.transfer import uploader
 
 Numbers = Mapping[str, float | tuple[float, ...] | np.ndarray]
-"""Of a group, by name: one for all of its robots, several for all (a tuple), or an array over them."""
+"""Numbers of a group by name: one for all robots, several for all (a tuple), or an array over the robots."""
 
 
 class Parameters:
@@ -42,15 +42,15 @@ class Parameters:
             setattr(self, name, field if name in self._differ else OfGroup(field, members.row))
         self._upload = uploader(*fields)
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> Field:
         raise AttributeError(name)
 
     def largest(self, name: str) -> float:
-        """Of all groups, for what shapes depend on."""
+        """Return the largest value of all groups, for shapes that depend on it."""
         return max(float(np.max(self._numbers(group)[name])) for group in self._members.groups)
 
     def begin(self) -> None:
-        """Set the numbers to those of the groups as they are now."""
+        """Set the numbers to the present ones of the groups."""
         groups = [(group, self._numbers(group)) for group in self._members.groups]
         tables = []
         for name, width in self._widths.items():
@@ -62,14 +62,14 @@ class Parameters:
         self._upload(*tables, *map(self._members.streams, self._streams.values()))
 
 
-def _width(values: Any) -> int | None:
-    """Of several numbers, how many the group with the most has."""
+def _width(values: Iterable[object]) -> int | None:
+    """Return the largest number of values of a group, None for scalars."""
     lengths = [len(value) if isinstance(value, tuple) else None for value in values]
     return None if lengths[0] is None else max(length or 0 for length in lengths)
 
 
 def _rows(value: float | tuple[float, ...] | np.ndarray, size: int, width: int | None) -> np.ndarray:
-    """Of a group, its number of rows: (size,) or (size, width)."""
+    """Return a value of a group as rows: (size,) or (size, width)."""
     if width is None:
         return np.broadcast_to(np.asarray(value, float), (size,))
     row = np.zeros(width)

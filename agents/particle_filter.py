@@ -1,31 +1,31 @@
-"""Particle filter: cast along the plume, follow its gas back along the measured wind, and declare where that ends.
+"""Particle filter: cast along the plume, trace its gas back along the measured wind, and declare where that ends.
 
 After Li, Meng, Wang & Zeng, "Odor source localization using a mobile robot in outdoor airflow environments with a
-particle filter algorithm", Autonomous Robots 30 (2011) 281-292, doi:10.1007/s10514-011-9219-2: the filter runs beside a
-plume tracing behaviour, here `casting`, and the search ends when its estimates lie together. Its likelihood is that of
-the plume model of `releases`. Particles are drawn at the first detection: every other one where the gas may have come
-from, from the mean of the distributions of the releases that were on the floor, seen from the robot, the rest evenly
-over the floor. They are weighed by the likelihood over the density of the draw, later by the likelihood; resampled
-systematically (Kitagawa 1996, doi:10.1080/10618600.1996.10474692) when their effective number is below half of them,
-and roughened (Gordon, Salmond & Smith 1993, doi:10.1049/ip-f-2.1993.0015).
+particle filter algorithm", Autonomous Robots 30 (2011) 281-292, doi:10.1007/s10514-011-9219-2: the filter runs beside
+a plume tracing behaviour, here `casting`, and the search ends when its estimates lie together. The likelihood is that
+of the plume model of `releases`. Particles are drawn at the first detection (importance sampling): half of them where
+the gas may have come from, from the mean of the distributions of the releases that were on the floor, seen from the
+robot, the rest uniformly over the floor. Weights are the likelihood over the density of the draw, later multiplied by
+the likelihood. Systematic resampling (Kitagawa 1996, doi:10.1080/10618600.1996.10474692) follows when the effective
+number of particles is below half of them, with roughening (Gordon, Salmond & Smith 1993,
+doi:10.1049/ip-f-2.1993.0015).
 
-GO  to the estimate by `potential`, when the last estimates and the particles lie together; there, or as near as it
-    gets, the robot declares it if it is sure, see `beliefs`, and was there before; then IN_PLUME or LOST, as when the
-    particles spread again
+GO  to the estimate by `potential`, when the last estimates and the particles lie together; there, or as near as
+    possible, the robot declares the estimate if the belief is sure, see `beliefs`, and the robot was there before;
+    then IN_PLUME or LOST, as when the particles spread again
 
-Ours: that the robot drives there and has to come back to the same place before it speaks, which an estimate halfway
-up the plume does not survive; that the chance of a detection is bounded as a whole, as misses come in bouts; that five
-detections in a row that the particles explain worse than a source anywhere on the floor would begin the filter anew;
-that a search that goes on rules places out; and the values of keys, whose scale is that of a room.
+Ours: the robot drives to the estimate and has to come back to the same position before it declares, which an estimate
+halfway up the plume does not survive; the probability of a detection is bounded as a whole, as misses come in bouts;
+five detections in a row that the particles explain worse than a source anywhere on the floor restart the filter; a
+continued search rules positions out; and the values of keys, whose scale is that of a room.
 """
-
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.beliefs import Declaring
 from taichi_plume.agents.casting import IN_PLUME, LOST, SIDESTEP, Casting
+from taichi_plume.agents.columns import Field
 from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
@@ -66,11 +66,11 @@ class ParticleFilter(Casting):
         self.weight = ti.field(ti.f32, (n, self.count))
         self.known = ti.field(ti.i32, n)  # whether there are particles
         self.smelt = ti.field(ti.i32, n)  # whether there is gas
-        self.mean: Any = ti.Vector.field(2, ti.f32, n)  # of the particles: the estimate [m]
+        self.mean = ti.Vector.field(2, ti.f32, n)  # of the particles: the estimate [m]
         self.spread = ti.field(ti.f32, n)  # root mean square distance of the particles from it [m]
         self.estimate = ti.Vector.field(2, ti.f32, (n, self.kept))  # the last ones, a ring [m]
         self.estimated = ti.field(ti.i32, n)  # how many there were
-        self.visit: Any = ti.Vector.field(2, ti.f32, n)  # the estimate that it went to last [m]
+        self.visit: Field = ti.Vector.field(2, ti.f32, n)  # the last estimate that the robot went to [m]
         self.visited = ti.field(ti.i32, n)  # whether there was one
         self.doubts = ti.field(ti.i32, n)  # unexplained detections in a row
         self.belief_cell = model.cell
@@ -94,7 +94,7 @@ class ParticleFilter(Casting):
         }
 
     def beliefs(self) -> np.ndarray:
-        """The weight of the particles in each cell, (size, nx, ny); even where there are none yet."""
+        """Return the weight of the particles in each cell, (size, nx, ny); uniform before the first detection."""
         low, high = np.array(self.floor)
         cells = np.maximum(1, np.round((high - low) / self.belief_cell).astype(int))
         particle, weight, known = self._read()
@@ -118,7 +118,7 @@ class ParticleFilter(Casting):
 
     @ti.kernel
     def _sense(self, due: bool, dt: float):
-        """Feel for wind, gas and contact; where an update is due, look back at the wind."""
+        """Process wind, gas and contact; at an update, look back at the wind."""
         ti.loop_config(serialize=ti.static(few(self.size)))
         for n in range(self.size):
             i = self.robot[n]
@@ -143,7 +143,9 @@ class ParticleFilter(Casting):
 
     @ti.kernel
     def _weigh(self, tick: int):
-        """Draw the particles of robots that smell gas for the first time, and weigh all."""
+        """Draw the particles of robots that detect gas for the first time, and update the weights of all by the
+        likelihood.
+        """
         ti.loop_config(serialize=ti.static(few(10 * self.size * self.count)))
         for n, m in self.weight:
             if not self.swarm.searches(self.robot[n]):
@@ -161,7 +163,7 @@ class ParticleFilter(Casting):
 
     @ti.func
     def _draw(self, n, m, tick):
-        """Draw particle m of robot n, and weigh it; one off the floor weighs nothing."""
+        """Draw particle m of robot n, with its weight; particles off the floor weigh nothing."""
         low, high = ti.Vector(self.floor[0]), ti.Vector(self.floor[1])
         x = self.swarm.believed_position[self.robot[n]]
         u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 1 + 2 * m)
@@ -185,7 +187,7 @@ class ParticleFilter(Casting):
 
     @ti.kernel
     def _conclude(self, tick: int):
-        """Normalise, estimate, and resample where the weights have degenerated."""
+        """Normalise, estimate, and resample degenerate weights."""
         ti.loop_config(serialize=ti.static(few(self.size)))
         for n in range(self.size):
             i = self.robot[n]
@@ -199,7 +201,7 @@ class ParticleFilter(Casting):
                 total = self._normalise(n)
                 if self.smelt[n] == 1:  # total: the chance of it, as the weights summed up to one
                     self.doubts[n] = ti.select(
-                        total < self.releases.chance_by_chance(n), self.doubts[n] + 1, 0
+                        total < self.releases.likelihood_anywhere(n), self.doubts[n] + 1, 0
                     )
                 if total <= LEAST or self.doubts[n] >= DOUBTS:
                     self._forget(n)
@@ -210,7 +212,7 @@ class ParticleFilter(Casting):
 
     @ti.func
     def _normalise(self, n):
-        """Let the weights sum up to one; returns what they summed up to."""
+        """Divide the weights by their sum, and return the sum."""
         total = 0.0
         for m in range(self.count):
             total += self.weight[n, m]
@@ -220,7 +222,7 @@ class ParticleFilter(Casting):
 
     @ti.func
     def _estimate(self, n):
-        """Mean and spread of the particles."""
+        """Set mean and spread of the particles."""
         mean, spread = ti.Vector([0.0, 0.0]), 0.0
         for m in range(self.count):
             mean += self.weight[n, m] * self.particle[n, m]
@@ -233,7 +235,7 @@ class ParticleFilter(Casting):
 
     @ti.func
     def _effective(self, n):
-        """The effective number of particles."""
+        """Return the effective number of particles."""
         squares = 0.0
         for m in range(self.count):
             squares += self.weight[n, m] ** 2
@@ -241,7 +243,9 @@ class ParticleFilter(Casting):
 
     @ti.func
     def _resample(self, n, tick):
-        """Systematic resampling; then each particle is moved a little, by a share of their extent along each axis."""
+        """Resample systematically, then roughen: move each particle by a fraction of the extent of all along each
+        axis.
+        """
         u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 0)
         low, high = ti.Vector(self.floor[1]), ti.Vector(self.floor[0])
         taken, total = 0, self.weight[n, 0]
@@ -260,7 +264,7 @@ class ParticleFilter(Casting):
 
     @ti.func
     def _forget(self, n):
-        """Begin the filter anew, with the next detection."""
+        """Restart the filter at the next detection."""
         self.known[n], self.visited[n], self.doubts[n] = 0, 0, 0
         if self.swarm.state[self.robot[n]] == GO:
             self._trace(n)
@@ -268,14 +272,14 @@ class ParticleFilter(Casting):
 
     @ti.func
     def _trace(self, n):
-        """Go on tracing the plume from here, and gather estimates anew."""
+        """Resume tracing the plume from here, and collect estimates from the start."""
         self.estimated[n] = 0
         self.cast[n], self.failed[n] = self.p.cast_distance[n], 0
         self._enter(n, ti.select(self.smelt[n] == 1, IN_PLUME, LOST))
 
     @ti.func
     def _has_converged(self, n):
-        """Whether the last estimates lie together, and the particles."""
+        """Return whether the last estimates and the particles lie together."""
         mean, square = ti.Vector([0.0, 0.0]), 0.0
         for k in range(self.kept):
             mean += self.estimate[n, k] / self.kept

@@ -1,4 +1,4 @@
-"""Where the robots of a group start: none stands in a wall or an obstacle, no two of one trial overlap."""
+"""Start positions of the robots of a group, free of walls, obstacles and other robots of the trial."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ ROUNDING = 1e-9  # m
 
 @dataclass(frozen=True)
 class Placed:
-    """Robots of one group that stand already: positions (n, 2) [m], their radius [m], their trials (n,)."""
+    """Robots of one group that have their positions (n, 2) [m]; radius [m]; trial (n,): their trials."""
 
     positions: np.ndarray
     radius: float
@@ -27,11 +27,10 @@ def place(
     distance: Callable[[np.ndarray], np.ndarray],
     occupied: Sequence[Placed] = (),
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (trials·count, 2) [m] and headings [rad], trial after trial.
+    """Return positions (trials·count, 2) [m] and headings [rad], trial after trial.
 
     draws: the random numbers of each trial, by its number. distance: of points (n, 2) to the next wall or obstacle,
-    (n,) [m]. occupied: the groups before.
-    Raises ValueError where robots do not fit.
+    (n,) [m]. occupied: the groups before. Raises ValueError if robots do not fit.
     """
     start = group.start
     positions = np.empty((group.trials, group.count, 2))
@@ -51,12 +50,12 @@ def place(
 
 
 def placed(group: Group, positions: np.ndarray) -> Placed:
-    """The robots of a group that `place` has put down, for the groups to come."""
+    """Return the robots of a group that `place` has put down, for the groups to come."""
     return Placed(positions, group.body.radius, np.repeat(np.arange(group.trials), group.count))
 
 
 def _given(group: Group) -> np.ndarray:
-    """The places, (count, 2), that the scenario gives."""
+    """Return the positions, (count, 2), that the scenario gives."""
     places = group.start.places(group.count)
     if places is None:
         raise ValueError(f"{group.count} robots need as many positions, got {len(group.start.listed)}")
@@ -64,7 +63,7 @@ def _given(group: Group) -> np.ndarray:
 
 
 def _gaps(points: np.ndarray, radius: float, others: list[tuple[np.ndarray, float]]) -> np.ndarray:
-    """Air [m] between discs at `points` and the nearest of the other discs."""
+    """Return the gaps [m] between discs at `points` and the nearest of the other discs."""
     gaps = np.full(len(points), np.inf)
     for positions, other_radius in others:
         if len(positions):
@@ -97,7 +96,7 @@ def _scatter(
     distance: Callable[[np.ndarray], np.ndarray],
     others: list[tuple[np.ndarray, float]],
 ) -> np.ndarray:
-    """Random free places, (count, 2): drawn one by one, kept where nothing is touched."""
+    """Return random free positions, (count, 2), drawn one after the other."""
     radius = group.body.radius
     kept = np.empty((0, 2))
     batch = max(64, 4 * group.count)

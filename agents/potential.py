@@ -1,19 +1,17 @@
-"""Driving to a way point among team mates, walls and obstacles by artificial potentials.
+"""Obstacle avoidance by artificial potential fields: driving to a way point among team mates, walls and obstacles.
 
 Khatib, "Real-time obstacle avoidance for manipulators and mobile robots", Int. J. Robotics Research 5 (1986) 90-98,
-doi:10.1177/027836498600500106, with a pull of bounded strength; scales are our choice. At x, on the way to w,
+doi:10.1177/027836498600500106, with an attraction of bounded strength; scales are our choice. At x, on the way to w,
 
     F = (w - x) / max(|w - x|, SOFT) + Σ k (1/d - 1/d0) / d² n,      k = d0³ / 4
 
-summed over the robots of the trial, the moving obstacles and the next surface that are closer than d0; d: air between
-the two [m], n: unit vector away. With this k the push at d0/2 holds off the full pull. The robot turns to F, and the
-better it faces it the faster it drives.
+summed over the robots of the trial, the moving obstacles and the next surface that are closer than d0; d: gap between
+the two [m], n: unit vector away. With this k the repulsion at d0/2 balances the full attraction. The robot turns to
+F, and drives the faster the better it faces F.
 
-A robot that makes no way for PATIENCE is in a local minimum: for a while it follows the tangent of the push, left and
-right by turns and each time for twice as long.
+A robot without progress for PATIENCE is in a local minimum: for a while it follows the tangent of the repulsion, left
+and right in turn and each time for twice as long.
 """
-
-from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -23,23 +21,23 @@ from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.swarm import Swarm, wrap
 
-SOFT = 0.1  # m from the way point at which the pull begins to fade
+SOFT = 0.1  # m from the way point, within which the attraction fades
 ROUNDING = 1e-5  # m
-CLOSE = 0.005  # m, the least air that the push reckons with
+CLOSE = 0.005  # m, the smallest gap in the repulsion
 STEER = 0.4  # s in which the robot tries to turn to its course
 NEAR = 0.05  # m from the way point that count as there
-PATIENCE = 3.0  # s without way
-WAY = 0.1  # of what the robot could drive in PATIENCE; less is no way
+PATIENCE = 3.0  # s without progress
+WAY = 0.1  # of the distance that the robot could drive in PATIENCE; less is no progress
 ESCAPE = 2.0  # s of the first escape
-TRIES = 2  # escapes; if these were in vain, a way point counts as out of reach
+TRIES = 2  # escapes; if these fail, a way point counts as out of reach
 PUSHES = 4  # out of obstacles, of a way point
 
 
 @ti.data_oriented
 class Potential:
-    """Commands for robots: `set_out` with each new way point, then `drive` each tick.
+    """Potential-field commands for robots: call `set_out` with each new way point, then `drive` each tick.
 
-    parameters: with the `numbers` of potentials. Who has not `set_out` begins with `mark` inf.
+    parameters: with the `numbers` of potentials. Robots that never `set_out` start with `mark` inf.
     """
 
     STATE = ("mark", "idle", "tries", "escape")
@@ -47,17 +45,17 @@ class Potential:
     def __init__(self, members: Members, parameters: Parameters):
         self.swarm, self.robot, self.p = members.swarm, members.robot, parameters
         n = members.size
-        self.mark: Any = ti.Vector.field(2, ti.f32, n)  # where it last made way [m]
+        self.mark = ti.Vector.field(2, ti.f32, n)  # position at the last progress [m]
         self.idle = ti.field(ti.f32, n)  # time since then [s]
         self.tries = ti.field(ti.i32, n)  # escapes since `set_out`
         self.escape = ti.field(ti.f32, n)  # what is left of the present escape [s]
 
     @staticmethod
     def numbers(swarm: Swarm, group: GroupRange, speed: float | None, avoidance: float) -> Numbers:
-        """speed [m/s], unless given the body's largest; avoidance: d0 [m].
+        """Return the numbers of a group; speed [m/s]: by default the body's largest; avoidance: d0 [m].
 
-        Way points should be `room` [m] away from what stands, or the push would keep the robot from them; low and high:
-        corners of the floor where they are [m].
+        Way points should be `room` [m] away from obstacles, or the repulsion would keep the robot from them; low and
+        high: corners of that part of the floor [m].
         """
         room = group.model.body.radius + avoidance
         return {
@@ -73,34 +71,34 @@ class Potential:
 
     @ti.func
     def set_out(self, n):
-        """The n-th robot has a new way point."""
+        """Start towards a new way point."""
         self.mark[n] = self.swarm.believed_position[self.robot[n]]
         self.idle[n], self.escape[n], self.tries[n] = 0.0, 0.0, 0
 
     @ti.func
     def is_over(self, n, goal, tolerance):
-        """Whether the robot is within `tolerance` [m] of its way point, or will not get there."""
+        """Return whether robot n is within `tolerance` [m] of its way point, or has given up."""
         apart = self.swarm.believed_position[self.robot[n]] - goal
         return apart.norm() <= tolerance or self.is_stuck(n)
 
     @ti.func
     def is_stuck(self, n):
-        """Whether the robot will not get to its way point."""
+        """Return whether robot n has given its way point up."""
         return self.tries[n] > TRIES
 
     @ti.func
     def low(self, n):
-        """The lower corner of where way points of the n-th robot can be [m]."""
+        """Return the lower corner of the area of way points of robot n [m]."""
         return ti.Vector([self.p.low[n, 0], self.p.low[n, 1]])
 
     @ti.func
     def high(self, n):
-        """The upper corner [m]."""
+        """Return the upper corner [m]."""
         return ti.Vector([self.p.high[n, 0], self.p.high[n, 1]])
 
     @ti.func
     def clear(self, n, place):
-        """The place [m], or one near it that the n-th robot can get to."""
+        """Return the way point `place` [m], moved to where robot n can get."""
         low, high = self.low(n), self.high(n)
         w = ti.math.clamp(place, low, high)
         for _ in range(PUSHES):
@@ -116,12 +114,12 @@ class Potential:
         way = goal - self.swarm.believed_position[i]
         distance = way.norm()
         self._watch(n, distance, dt)
-        pull = way / ti.max(distance, SOFT)
-        push = self.swarm.as_believed(i, self._push(n, i))
-        if self.escape[n] > 0.0 and push.norm() > 0.0:
+        attraction = way / ti.max(distance, SOFT)
+        repulsion = self.swarm.as_believed(i, self._repulsion(n, i))
+        if self.escape[n] > 0.0 and repulsion.norm() > 0.0:
             side = ti.select(self.tries[n] % 2 == 1, 1.0, -1.0)
-            pull = side * ti.Vector([-push[1], push[0]]) / push.norm()
-        force = pull + push
+            attraction = side * ti.Vector([-repulsion[1], repulsion[0]]) / repulsion.norm()
+        force = attraction + repulsion
         error = wrap(ti.atan2(force[1], force[0]) - self.swarm.believed_heading[i])
         speed = ti.min(1.0, force.norm()) * ti.max(0.0, ti.cos(error)) * self.p.speed[n]  # type: ignore[misc]
         self.swarm.speed_command[i] = ti.min(speed, distance / dt)
@@ -135,7 +133,7 @@ class Potential:
 
     @ti.func
     def _watch(self, n, distance, dt):
-        """Notice local minima."""
+        """Detect local minima."""
         x = self.swarm.believed_position[self.robot[n]]
         self.escape[n] = self.escape[n] - dt
         self.idle[n] = self.idle[n] + dt
@@ -148,21 +146,25 @@ class Potential:
             self.idle[n] = 0.0
 
     @ti.func
-    def _push(self, n, i):
-        """The sum of all that keeps the n-th robot away, robot i of the swarm."""
+    def _repulsion(self, n, i):
+        """Return the sum of the repulsive forces on robot n, robot i of the swarm."""
         k = self.p.row[n]
         x, radius = self.swarm.position[i], self.swarm.radius[i]
-        push = self._strength(n, self.swarm.clearance.distance(x) - radius) * self.swarm.clearance.normal(x)
+        repulsion = self._strength(
+            n, self.swarm.clearance.distance(x) - radius
+        ) * self.swarm.clearance.normal(x)
         for m in range(self.swarm.team_size[k]):
             j = self.swarm.members[k, m]
             if j != i:
-                push += self._push_of(n, x - self.swarm.position[j], radius + self.swarm.radius[j])
+                repulsion += self._repulsion_from(
+                    n, x - self.swarm.position[j], radius + self.swarm.radius[j]
+                )
         for w in range(self.swarm.walker_count):
-            push += self._push_of(n, x - self.swarm.discs[w], radius + self.swarm.disc_radius[w])
-        return push
+            repulsion += self._repulsion_from(n, x - self.swarm.discs[w], radius + self.swarm.disc_radius[w])
+        return repulsion
 
     @ti.func
-    def _push_of(self, n, apart, radii):
+    def _repulsion_from(self, n, apart, radii):
         d = apart.norm()
         return self._strength(n, d - radii) * apart / ti.max(d, CLOSE)
 

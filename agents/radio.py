@@ -1,10 +1,8 @@
-"""What the robots of a team tell each other: short messages that reach those in range, unless they are lost.
+"""Radio communication in a team: short messages that reach mates within range, unless they are lost.
 
-A robot says a value and the place it belongs to; with them go the time and where it believes to be. Of each team mate
-the others keep what they heard last.
+A message is a value and a position; the time and the sender's believed position go with it. Each robot keeps the last
+message of each mate.
 """
-
-from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -23,9 +21,9 @@ UNLIMITED = 1e9  # m
 class Radio:
     """Messages between the robots of each team.
 
-    `value`, `place`, `sender` [m] and `time` [s] of [n, m]: what the n-th robot heard last from robot m of its team;
-    ask `has_heard` before. parameters: with the `numbers` of radios, and the stream `radio`. At the begin of a run all
-    have to `forget`.
+    `value`, `place`, `sender` [m] and `time` [s] of [n, m]: the last message to robot n from robot m of its team;
+    check `has_heard` before. parameters: with the `numbers` of radios, and the stream `radio`. At the start of a run
+    all have to `forget`.
     """
 
     STATE = ("value", "place", "sender", "time")
@@ -35,16 +33,16 @@ class Radio:
         self.size = members.size
         shape = (self.size, int(parameters.largest("count")))
         self.value = ti.field(ti.f32, shape)
-        self.place: Any = ti.Vector.field(2, ti.f32, shape)
-        self.sender: Any = ti.Vector.field(2, ti.f32, shape)
+        self.place = ti.Vector.field(2, ti.f32, shape)
+        self.sender = ti.Vector.field(2, ti.f32, shape)
         self.time = ti.field(ti.f32, shape)
         self.speaks = ti.field(ti.i32, self.size)  # whether the robot says something in this tick
         self.said_value = ti.field(ti.f32, self.size)
-        self.said_place: Any = ti.Vector.field(2, ti.f32, self.size)
+        self.said_place = ti.Vector.field(2, ti.f32, self.size)
 
     @staticmethod
     def numbers(group: GroupRange) -> Numbers:
-        """Of the teams of a group, and how far their messages reach."""
+        """Return the numbers of a group: its teams, range and loss of messages."""
         model = group.model.communication
         return {
             "count": group.count,  # robots of a team
@@ -55,22 +53,22 @@ class Radio:
 
     @ti.func
     def say(self, n, value, place):
-        """The n-th robot tells its team; it goes out with the next `deliver`."""
+        """Send a message from robot n to its team, with the next `deliver`."""
         self.speaks[n], self.said_value[n], self.said_place[n] = 1, value, place
 
     @ti.func
     def has_heard(self, n, m):
-        """Whether robot n knows of a message from robot m of its team."""
+        """Return whether robot n has a message from robot m of its team."""
         return self.time[n, m] >= 0.0
 
     @ti.func
     def forget(self, n):
-        """Robot n no longer knows what it heard."""
+        """Delete the messages that robot n has."""
         for m in range(self.p.count[n]):
             self.time[n, m] = NEVER
 
     def deliver(self, tick: int, t: float) -> None:
-        """Bring what was said in this tick, at time t [s], to those in range."""
+        """Deliver the messages of this tick, at time t [s], to the mates in range."""
         self._deliver(tick, t)
 
     @ti.kernel

@@ -1,7 +1,7 @@
-"""Random walk: straight legs in random directions, whatever is smelt. What search algorithms are compared with.
+"""Random walk: straight legs in random directions, whatever the readings: the baseline of search algorithms.
 
 WALK  turn by a random angle and drive a leg
-BUMP  something is in the way: another random angle, and a new leg
+BUMP  after a collision: another random angle, and a new leg
 """
 
 from math import pi, radians

@@ -1,6 +1,4 @@
-"""Recorded readings in the place of a swarm, for maps that are made afterwards."""
-
-from typing import Any
+"""Recorded readings in place of a swarm, for gas maps that are made after a run."""
 
 import numpy as np
 import taichi as ti
@@ -10,11 +8,11 @@ from taichi_plume.grid.transfer import uploader
 
 @ti.data_oriented
 class RecordedTeam:
-    """What maps see of a swarm: at any time one team of at most `most` robots, with the names of `Swarm`."""
+    """One team of at most `most` robots with changing members: the fields of `gas_map.Readers`."""
 
     def __init__(self, most: int):
-        self.believed_position: Any = ti.Vector.field(2, ti.f32, most)
-        self.wind: Any = ti.Vector.field(2, ti.f32, most)
+        self.believed_position = ti.Vector.field(2, ti.f32, most)
+        self.wind = ti.Vector.field(2, ti.f32, most)
         self.wind_known = ti.field(ti.i32, most)
         self.reading = ti.field(ti.f32, most)
         self.members = ti.field(ti.i32, (1, most))
@@ -22,7 +20,7 @@ class RecordedTeam:
         uploader(self.members)(np.arange(most)[None])
 
     def show(self, place: np.ndarray, wind: np.ndarray, reading: np.ndarray) -> None:
-        """Let so many robots be at places (n, 2) [m] and read (n,) [ppm] in winds (n, 2) [m/s], zero if unknown."""
+        """Set positions (n, 2) [m], winds (n, 2) [m/s], zero if unknown, and readings (n,) [ppm] of n robots."""
         rows = np.zeros((max(1, len(reading)), 5), np.float32)  # Taichi takes no empty arrays
         rows[: len(reading)] = np.column_stack([place, wind, reading])
         self._show(rows, len(reading))

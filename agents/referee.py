@@ -1,39 +1,32 @@
-"""Who judges whether robots find a source: by coming within reach of it, or by saying where it is."""
+"""The referee: judges whether robots find a source, by coming within reach or by declaring its position.
 
-from typing import Any
+The referee alone knows the sources.
+"""
 
+import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.columns import Columns
+from taichi_plume.agents.few import few
 from taichi_plume.grid.kernels import Template
 
 
 class Referee(Columns):
-    """What a swarm knows of the sources, which its robots do not."""
-
-    episodes: Any
-    apart: bool
-    sources: Any
-    source_count: int
-    reach: Any
-    square: Any
-    by_declaring: Any
-    flies: bool
-    middle_over: Any
+    """The part of a swarm that knows the sources, which its robots do not."""
 
     @ti.func
     def searches(self, i):
-        """Whether the search of robot i goes on: it found no source and, where that is by declaring, declared none."""
+        """Return whether robot i still searches: it found no source and, with `found: declared`, declared none."""
         return self.found[i] == 0 and (self.by_declaring[i] == 0.0 or self.declarations[i] == 0)
 
     @ti.func
     def _reaches(self, i):
-        """Whether a source is within the reach of robot i where it is, of one that flies in all three directions."""
+        """Return whether a source is within reach of robot i, for drones in all three directions."""
         return self._is_source(i, self.position[i], self.flies)
 
     @ti.func
     def _is_source(self, i, place, in_space: Template):
-        """Whether a source is within the reach of robot i of a place on the floor [m]; in_space: of its middle."""
+        """Return whether `place` [m] on the floor is within robot i's reach of a source; in_space: also in height."""
         near = 0
         for s in range(self.source_count):
             apart = place - self.source(i, s)
@@ -53,7 +46,7 @@ class Referee(Columns):
 
     @ti.func
     def source(self, i, s):
-        """Place [m] of the source number s of the trial of robot i."""
+        """Return the position [m] of source s of the trial of robot i."""
         place = self.sources[s]
         if ti.static(self.apart):
             place = self.episodes.sources[self.episodes.of(i), s]
@@ -61,10 +54,10 @@ class Referee(Columns):
 
     @ti.func
     def declare(self, i, place, t):
-        """Robot i says at time t [s] that a source is at `place` [m], as it believes; the referee alone judges it.
+        """Judge the declaration of robot i at time t [s] that a source is at `place` [m], on the floor for drones too.
 
-        Of what flies, too, the place is one on the floor. With `found: declared` its search ends with that, found or
-        not. Else it goes on: of what it says the first right place is kept, or the last one.
+        With `found: declared` the declaration ends the search, right or wrong. Otherwise the search goes on, and the
+        first right declaration is kept, or else the last.
         """
         if self.searches(i):
             right = self._is_source(i, place, False)
@@ -77,3 +70,15 @@ class Referee(Columns):
             if right and self.by_declaring[i] == 1.0:
                 self.found[i] = 1
                 self.found_time[i] = t
+
+    def declare_all(self, start: int, places: np.ndarray, t: float) -> None:
+        """Judge the declarations at time t [s] of the robots from number `start` on: (robots, 2) [m], NaN for none."""
+        if np.isfinite(places).any():
+            self._declare_all(start, places.astype(np.float32), t)
+
+    @ti.kernel
+    def _declare_all(self, start: int, places: ti.types.ndarray(dtype=ti.f32, ndim=2), t: float):
+        ti.loop_config(serialize=ti.static(few(self.count)))
+        for n in range(places.shape[0]):
+            if not ti.math.isnan(places[n, 0]):
+                self.declare(start + n, ti.Vector([places[n, 0], places[n, 1]]), t)

@@ -1,15 +1,14 @@
-"""Robots that go the ways of recorded ones, and smell the simulated plume there.
+"""Replay: robots that repeat recorded paths, and measure the simulated plume there.
 
-WAITING    its recording has not begun: it is where its first pose is
-REPLAYED   it is where it was recorded to be, between its poses linearly
-ENDED      its recording is over: it is where its last pose was
+WAITING    the recording has not started: the robot is at its first pose
+REPLAYED   the robot is at its recorded pose, interpolated linearly
+ENDED      the recording is over: the robot is at its last pose
 
-Whatever stands there does not stop them. What the recorded robots read is compared with what these do: of every
-recorded reading the simulated one of the tick in which it was made.
+Obstacles do not stop these robots. Each recorded reading is compared with the simulated one of its tick.
 """
 
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
@@ -24,7 +23,7 @@ SUMS = ("n", "a", "b", "aa", "bb", "ab", "apart")  # of recorded readings a and 
 
 
 class ReplayAlgorithm:
-    """Puts the robots of one group where those of `ways` were. tick: control period [s]."""
+    """Puts the robots of one group to the poses of `ways`. tick: control period [s]."""
 
     PER_GROUP: bool = True
     STATE: tuple[str, ...] = ("sums",)
@@ -40,7 +39,7 @@ class ReplayAlgorithm:
         self.begin()
 
     def begin(self) -> None:
-        """Put the robots where they are at the end of the first tick."""
+        """Put the robots to their poses at the end of the first tick."""
         (group,) = self.members.groups
         model = cast(Replay, group.model.algorithm)
         self.chosen = model.chosen(self.ways, group.count)
@@ -53,44 +52,37 @@ class ReplayAlgorithm:
         self._order(t, dt)
 
     def _order(self, t: float, dt: float) -> None:
-        """Tell what the robots do at t [s], and where they are a tick of dt [s] later."""
+        """Set the states of the robots at t [s], and their poses a tick of dt [s] later."""
         (group,) = self.members.groups
         now = self.zero + t
         late = now - 1e-6 * dt
         state = [
-            WAITING if now < one.t[0] else REPLAYED if late <= one.t[-1] else ENDED for one in self.chosen
+            WAITING if now < way.t[0] else REPLAYED if late <= way.t[-1] else ENDED for way in self.chosen
         ]
-        poses = np.array([one.at(now + dt) for one in self.chosen])
+        poses = np.array([way.at(now + dt) for way in self.chosen])
         x, y, z, heading = np.tile(poses, (group.trials, 1)).T
         place, heading = np.stack([x, y], axis=-1) + self.origin, np.mod(heading + np.pi, 2 * np.pi) - np.pi
         flown = [z] if group.model.body.flies else []
         self._ordered.write([np.tile(state, group.trials), place, heading, *flown])
 
     def _compare(self, t: float, dt: float) -> None:
-        """Add the readings that were recorded in the tick of dt [s] that ends at t [s]."""
+        """Add up the readings that were recorded in the tick of dt [s] that ends at t [s]."""
         edges = self.zero + np.array([t - dt, t]) + 1e-6 * dt
-        found = [slice(*np.searchsorted(one.read_at, edges)) for one in self.chosen]
-        if not any(one.stop > one.start for one in found):
+        found = [slice(*np.searchsorted(way.read_at, edges)) for way in self.chosen]
+        if not any(rows.stop > rows.start for rows in found):
             return
         (group,) = self.members.groups
         (readings,) = self._told.read()
         for n, b in enumerate(readings.astype(float)):
             a = self.chosen[n % group.count].ppm[found[n % group.count]]
-            pairs = (
-                len(a),
-                a.sum(),
-                b * len(a),
-                (a * a).sum(),
-                b * b * len(a),
-                b * a.sum(),
-                np.abs(b - a).sum(),
-            )
-            self.sums[n] += pairs
+            squares = (a * a).sum(), b * b * len(a), b * a.sum()
+            self.sums[n] += (len(a), a.sum(), b * len(a), *squares, np.abs(b - a).sum())
 
-    def recorded(self) -> dict[str, Any] | None:
-        """How readings are beside those recorded, of the robots of each trial together; None where none was recorded.
+    def recorded(self) -> dict[str, int | list[float]] | None:
+        """Return the comparison with the recorded readings, per trial; None if none was recorded.
 
-        readings: how many; correlation; mae_ppm: mean distance; bias_ppm: by how much they are larger.
+        readings: their number; correlation; mae_ppm: mean absolute error; bias_ppm: mean error of the simulated
+        readings.
         """
         (group,) = self.members.groups
         n, a, b, aa, bb, ab, apart = self.sums.reshape(group.trials, group.count, -1).sum(axis=1).T

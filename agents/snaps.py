@@ -1,23 +1,22 @@
-"""Snaps, and the maps made of them: what `time_series` and `inverse_distance` share.
+"""Snapshots of time windows, and the gas maps made of them: inverse distance, and the base of `time_series`.
 
 Marjovi & Marques, "Multi-Robot Odor Distribution Mapping in Realistic Time-Variant Conditions", ICRA 2014, with its
-equation numbers. Time is cut into snaps of `window` seconds. In snap k the samples (x_i, C_i) of all robots of a trial,
-at the places x_i where they believe to be, give in cell j
+equation numbers. Time is cut into snapshots of `window` seconds. In snapshot k the samples (x_i, C_i) of all robots
+of a trial, at believed positions x_i, give in cell j
 
     w_ij = max(|x_j - x_i|, min_distance)^-power                                                (2)
     C_j(k) = Σ_i w_ij C_i / Σ_i w_ij,      W_j(k) = Σ_i w_ij                                    (1) (3)
 
-What is known of the past forecasts the running snap t as S_j(t), judged when that snap ends by
+The past forecasts the running snapshot t as S_j(t), judged at its end by
 
     MAE(t) = mean over j of |S_j(t) - C_j(t)|                                                   (8)
 
-Kept of a snap are A = C W = Σ w C_i and B = W. Maps that differ in what they make of the snaps alone, in alpha say,
-share them.
+A snapshot keeps A = C W = Σ w C_i and B = W. Maps whose snapshots are the same share them.
 """
 
 from dataclasses import dataclass
 from math import ceil, inf
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import taichi as ti
@@ -33,7 +32,9 @@ WIDEST = 64  # cells that are worked out together; more no longer fit into regis
 
 @dataclass
 class Needs:
-    """What the maps that share snaps need: how many snaps' samples, how many snaps' cells, and cells around the map."""
+    """The needs of maps that share snapshots: how many snapshots' samples and cells to keep, and cells around the
+    map.
+    """
 
     kept: int = 1
     depth: int = 1
@@ -42,22 +43,22 @@ class Needs:
     """The snaps, once a map has been made of them."""
 
     def add(self, other: "Needs") -> None:
-        """Fit those of another map too."""
+        """Extend to the needs of another map."""
         self.kept, self.depth = max(self.kept, other.kept), max(self.depth, other.depth)
         self.margin = max(self.margin, other.margin)
 
 
 def alike(model: models.Snaps) -> tuple:
-    """The same for the models of maps whose snaps are the same."""
+    """Return a key that is the same for models with the same snapshots."""
     return "snaps", model.cell, model.window, model.power, model.min_distance
 
 
 class Snaps:
-    """The samples of the latest snaps and what they tell of each cell.
+    """The samples of the latest snapshots and their interpolation to the cells.
 
-    `ended` counts the ended snaps. Number n, from 0 on, has its samples (x [m], y [m], C [ppm]) at
-    ``samples[trial, n % kept]``, `taken` of them, and ``weighted[trial, n % depth]`` and `weights` hold A
-    [ppm / m^power] and B [1 / m^power], (nx, ny) and on every side `margin` cells of zeros: no cells, no weight.
+    `ended` counts the ended snapshots. Snapshot n, from 0 on, has its samples (x [m], y [m], C [ppm]) at
+    ``samples[trial, n % kept]``, `taken` of them, and ``weighted[trial, n % depth]`` and `weights` hold A [ppm /
+    m^power] and B [1 / m^power], (nx, ny) with `margin` cells of zeros on every side: no cells, no weight.
     """
 
     STATE = ("samples", "taken", "weighted", "weights", "ended", "time")
@@ -69,9 +70,9 @@ class Snaps:
         self.shape = shape(floor.extent, model.cell)
         self.strip = min(WIDEST, 8 * ceil(self.shape[1] / 8))  # whole registers
         self.kept, self.depth, self.margin = needs.kept, needs.depth, needs.margin
-        self.maps: list[SnapMap] = []  # are told when a snap ends
+        self.maps: list[SnapMap] = []  # closed at the end of a snapshot
         trials, most = floor.trials, floor.robots * (ceil(model.window / floor.tick) + 1)
-        self.samples: Any = ti.Vector.field(3, ti.f32, (trials, self.kept, most))
+        self.samples = ti.Vector.field(3, ti.f32, (trials, self.kept, most))
         self.taken = ti.field(ti.i32, (trials, self.kept))
         rows = self.shape[0] + 2 * self.margin
         columns = -(-self.shape[1] // self.strip) * self.strip + 2 * self.margin
@@ -80,19 +81,18 @@ class Snaps:
         self.begin()
 
     def begin(self) -> None:
-        """Begin a run."""
         self.ended = 0
         self.time = -inf  # of the last update [s]
 
     @property
     def last(self) -> int:
-        """Slot of A and B of the last snap."""
+        """Slot of A and B of the last snapshot."""
         return (self.ended - 1) % self.depth
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
-        """Take in the readings at time t [s], once; the tick that reaches a multiple of the window ends a snap."""
+        """Take in the readings at time t [s], once; the tick that reaches a multiple of the window ends a snapshot."""
         if t <= self.time:
-            return  # another map has seen to it
+            return  # done for another map
         self.time = t
         before, now = windows(t, self.window, dt)
         while self.ended < before:
@@ -105,23 +105,26 @@ class Snaps:
             self._close()
 
     def _close(self) -> None:
-        """End the running snap."""
+        """End the running snapshot."""
         _interpolate(
             self.strip, int(self.power == 2.0), self.samples, self.taken, self.ended % self.kept, self.cell,
             self.min_distance**2, 0.5 * self.power, self.shape, self.margin, self.ended % self.depth, self.weighted,
             self.weights,
         )  # fmt: skip
         self.ended += 1
-        for one in self.maps:
-            one.close()
+        for gas_map in self.maps:
+            gas_map.close()
         _forget(self.taken, self.ended % self.kept)
 
 
 class SnapMap(GasMap):
-    """What is forecast of the running snap, which a subclass makes in `_forecast`, and how far that was off.
+    """A forecast of the running snapshot, and its error.
 
-    snaps: those of other maps, to share. `errors` holds the MAE of each snap but the first, over the cells that had
-    been forecast; NaN where there were none, or no samples.
+    A subclass writes both sums of S for the snapshot after the last in `_forecast()`, and gives `remembered` for
+    readings of so many snapshots ago, the last being 1, in `remembered_of(lag, place)`.
+
+    snaps: snapshots of other maps, to share. `errors` holds the MAE of each snapshot but the first, over the forecast
+    cells; NaN without forecast or samples.
     """
 
     STATE = ("errors", "snaps", "numerator", "denominator")
@@ -138,48 +141,44 @@ class SnapMap(GasMap):
         self.begin(model)
 
     @classmethod
-    def needs(cls, model: Any, floor: Floor) -> Needs:
-        """What it needs of snaps: the last one unless a subclass says more."""
+    def needs(cls, model: models.Snaps, floor: Floor) -> Needs:
+        """Return the needs of a model: by default the last snapshot."""
         return Needs()
 
     @classmethod
-    def reserve(cls, model: Any, floor: Floor, shared: dict) -> None:
+    def reserve(cls, model: models.Snaps, floor: Floor, shared: dict) -> None:
         shared.setdefault(alike(model), Needs()).add(cls.needs(model, floor))
 
     @classmethod
-    def made(cls, model: Any, floor: Floor, shared: dict) -> Self:
+    def made(cls, model: models.Snaps, floor: Floor, shared: dict) -> Self:
         needs = shared[alike(model)]
         needs.snaps = needs.snaps or Snaps(model, floor, needs)
         return cls(model, floor, needs.snaps)
 
     def begin(self, model: models.Snaps) -> None:
-        """Begin a run; no number of the model may have changed, as snaps are shared by them."""
+        """Start a run; the numbers of the model must be the same, as maps share snapshots by them."""
         super().begin(model)
         self.window = model.window
         self.snaps.begin()
 
     def estimate(self) -> np.ndarray:
-        """S for the running snap [ppm], (trials, nx, ny); NaN where nothing is known."""
+        """Return S for the running snapshot [ppm], (trials, nx, ny); NaN where unknown."""
         return ratio(*self._sums())
 
     def weight(self) -> np.ndarray:
-        """The sum of weights behind `estimate`, (trials, nx, ny)."""
+        """Return the sum of weights behind `estimate`, (trials, nx, ny)."""
         return self._sums()[1]
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
         self.snaps.update(swarm, t, dt)
 
     def remembered(self, t: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:
-        """See `GasMap`; what the running snap has is as fresh as that of the last."""
+        """See `GasMap`; readings of the running snapshot count as those of the last."""
         lag = np.maximum(self.snaps.ended - window_of(t, self.snaps.window, dt), 1)
         return self.remembered_of(lag, place)
 
-    def remembered_of(self, lag: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """The same of readings that were taken so many snaps ago, the last being 1."""
-        raise NotImplementedError
-
     def close(self) -> None:
-        """A snap has ended: judge its forecast, then make the next."""
+        """Judge the forecast of the snapshot that has ended, then make the next."""
         snaps = self.snaps
         if snaps.ended > 1:
             _judge(
@@ -188,9 +187,16 @@ class SnapMap(GasMap):
             self.errors.append((snaps.ended * snaps.window, self._error()[0]))
         self._forecast()
 
+
+class InverseDistanceMap(SnapMap):
+    """Inverse distance weighting of the last snapshot alone, S(t) = C(t - 1): the baseline of the time series."""
+
+    def remembered_of(self, lag: np.ndarray, place: np.ndarray) -> np.ndarray:
+        return np.where(lag == 1, 1.0, 0.0)
+
     def _forecast(self) -> None:
-        """Write both sums of S for the snap after the one that has ended."""
-        raise NotImplementedError
+        snaps = self.snaps
+        _copy(snaps.weighted, snaps.weights, snaps.last, snaps.margin, self.numerator, self.denominator)
 
 
 @ti.kernel
@@ -198,7 +204,7 @@ def _gather(
     samples: Template, taken: Template, slot: int, members: Template, team_size: Template, position: Template,
     reading: Template, extent: ti.math.vec2,
 ):  # fmt: skip
-    """Note one sample of every robot in its trial's running snap."""
+    """Add a sample of every robot to its trial's running snapshot."""
     ti.loop_config(serialize=ti.static(few(team_size.shape[0])))
     for k in team_size:
         n = taken[k, slot]
@@ -223,7 +229,7 @@ def _interpolate(
     strip: Template, squared: Template, samples: Template, taken: Template, slot: int, cell: float, least: float,
     half_power: float, shape: Template, margin: Template, kept: int, weighted: Template, weights: Template,
 ):  # fmt: skip
-    """The sums A and B of a snap, kept in that slot, along y in strips that fit into registers; least: shortest
+    """Write the sums A and B of a snapshot to a slot, along y in strips that fit into registers; least: shortest
     distance² [m²].
     """
     nx, ny = ti.static(shape[0], shape[1])
@@ -255,7 +261,7 @@ def _judge(
     numerator: Template, denominator: Template, weighted: Template, weights: Template, slot: int, margin: Template,
     mae: Template,
 ):  # fmt: skip
-    """Eq 8 for each trial, over the cells that both know; not a number where there are none."""
+    """Evaluate eq 8 for each trial, over the cells that both know; NaN if there are none."""
     for k in mae:
         total = 0.0
         cells = 0
@@ -269,3 +275,12 @@ def _judge(
                     cells += 1
             total += row
         mae[k] = ti.select(cells > 0, total / ti.max(cells, 1), ti.math.nan)
+
+
+@ti.kernel
+def _copy(
+    weighted: Template, weights: Template, slot: int, margin: int, numerator: Template, denominator: Template
+):
+    for k, i, j in numerator:
+        numerator[k, i, j] = weighted[k, slot, margin + i, margin + j]
+        denominator[k, i, j] = weights[k, slot, margin + i, margin + j]

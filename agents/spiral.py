@@ -1,28 +1,29 @@
-"""SPIRAL: spirals of straight arms around places of a rising proximity index, for rooms without strong wind.
+"""SPIRAL: spirals of straight arms around positions of a rising proximity index, for rooms without strong wind.
 
 Ferri, Caselli, Mattoli, Mondini, Mazzolai & Dario, Robotics and Autonomous Systems 57 (2009) 393-402.
 
 ARM      turn by 90° (not before the first arm of a spiral) and drive the arm's length
-ACQUIRE  stand still and listen; the proximity index PI of what was heard is a HIT or a MISS
-ESCAPE   all arms were in vain: turn by a multiple of 45° and drive away, then a new spiral
+ACQUIRE  stand still and sample; the proximity index PI of the samples is a HIT or a MISS
+ESCAPE   after all arms without a hit: turn by a multiple of 45° and drive away, then a new spiral
 
-HIT (PI >= threshold): it becomes the threshold, and a new spiral begins straight on. MISS: the next arm; five in a row,
-or three below half of the threshold, lower it to the minimum less delta. ESCAPE sets it back to the minimum.
+HIT (PI >= threshold): PI becomes the threshold, and a new spiral starts straight on. MISS: the next arm; five in a
+row, or three below half of the threshold, lower the threshold to the minimum less delta. ESCAPE resets it to the
+minimum.
 
-The paper gives no lengths of arms, but that they suit the area. Random SPIRAL smells nothing, so that its published
-acquisitions, 38.6 and 28.3 from 180 and 150 cm (n = 10), tell of the arms alone: those that begin with 0.35, 0.4 (the
-default) and 0.5 m all agree with them, these best by a little (chi-square 1.3, 0.7, 0.9; validation/spiral_floor.py).
+The paper gives no lengths of arms, except that they suit the area. Random SPIRAL ignores gas, so that its published
+acquisitions, 38.6 and 28.3 from 180 and 150 cm (n = 10), depend on the arms alone: first arms of 0.35, 0.4 (the
+default) and 0.5 m all agree with them (chi-square 1.3, 0.7, 0.9; validation/spiral_floor.py).
 
-At a bump the rest of the leg turns aside: as the spiral turns, or to the side of the place where, of those remembered,
-the highest PI was heard.
+After a collision the rest of the leg turns aside: as the spiral turns, or to the side of the highest PI among the
+remembered positions.
 
-PI = k_mean mu + k_peak P of a record with peaks, 2 mu of one without. mu: mean [ppm]; P: sum over windows of the
-largest peak in each; a peak is a local maximum above mu, and counts with its height over mu. (The paper does not say
-over what; but the mean is to tell the distance where the peaks are low, and whole ones are never lower than it.)
+PI = k_mean mu + k_peak P of a record with peaks, 2 mu of a record without. mu: mean [ppm]; P: sum over windows of the
+largest peak in each; a peak is a local maximum above mu, and counts with its height over mu. (The paper does not name
+the reference of the height; but the mean is to tell the distance where the peaks are low, and whole peaks are never
+lower than the mean.)
 """
 
 from math import pi
-from typing import Any
 
 import taichi as ti
 
@@ -37,7 +38,7 @@ from taichi_plume.scenario import algorithms
 ARM, ACQUIRE, ESCAPE = range(3)
 
 MISSES = 5  # in a row, that lower the threshold
-LOW_MISSES = 3  # in a row and below LOW of it, that do so too
+LOW_MISSES = 3  # in a row and below LOW of the threshold, that lower it too
 LOW = 0.5
 TURNS = 8  # directions of an escape
 REMEMBERED = 10  # acquisitions
@@ -60,7 +61,7 @@ class Spiral(KernelAlgorithm):
         self.acquisition = Recording(self.members, self.p)
         self.heard = self.acquisition.heard
         self.indices = ti.field(ti.f32, (n, REMEMBERED))  # of the last acquisitions [ppm]
-        self.places: Any = ti.Vector.field(2, ti.f32, (n, REMEMBERED))  # where they were [m]
+        self.places = ti.Vector.field(2, ti.f32, (n, REMEMBERED))  # where they were [m]
         self.arm = ti.field(ti.i32, n)  # of the present spiral, from 0 on
         self.sense = ti.field(ti.f32, n)  # +1: turns left, -1: right
         self.threshold = ti.field(ti.f32, n)  # T_PI [ppm]
@@ -115,14 +116,14 @@ class Spiral(KernelAlgorithm):
 
     @ti.func
     def _set_out(self, n):
-        """Begin a spiral straight on."""
+        """Start a spiral straight on."""
         self.arm[n] = 0
         self.swarm.state[self.robot[n]] = ARM
         self.legs.set_out(n, 0.0, self.p.arms[n, 0], self.sense[n])
 
     @ti.func
     def _better_side(self, n):
-        """+1: the highest index was heard to the left of the robot's line of travel, -1: to the right."""
+        """Return +1 if the highest index was measured to the left of the robot's line of travel, -1 if to the right."""
         i = self.robot[n]
         best, place = 0.0, self.swarm.believed_position[i]
         for k in range(REMEMBERED):
@@ -135,7 +136,7 @@ class Spiral(KernelAlgorithm):
 
     @ti.func
     def _is_peak(self, n, k, mean):
-        """Whether sample k is a local maximum above the mean; of a plateau the first one."""
+        """Return whether sample k is a local maximum above the mean; of a plateau only the first sample is."""
         after = k + 1
         last = self.p.samples[n] - 1  # `and` works out both sides
         while after <= last and self.heard[n, ti.min(after, last)] == self.heard[n, k]:
@@ -147,7 +148,7 @@ class Spiral(KernelAlgorithm):
 
     @ti.func
     def _proximity_index(self, n):
-        """PI [ppm] of what was heard."""
+        """Return the proximity index PI of the acquisition [ppm]."""
         mean = self.acquisition.mean(n)
         peaks, found = 0.0, 0
         samples, window = self.p.samples[n], self.p.window[n]
@@ -164,7 +165,7 @@ class Spiral(KernelAlgorithm):
 
     @ti.func
     def _judge(self, n, tick):
-        """HIT or MISS."""
+        """Judge the acquisition: HIT or MISS."""
         i = self.robot[n]
         index = self._proximity_index(n)
         if self.p.random[n] == 1:

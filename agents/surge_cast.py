@@ -1,11 +1,11 @@
 """Surge-cast: straight upwind while in the plume, ever wider crosswind casts when it is lost.
 
 After Lochmatter & Martinoli, "Theoretical analysis of three bio-inspired plume tracking algorithms", ICRA 2009,
-doi:10.1109/ROBOT.2009.5152521. FIND and UPWIND as in `tracking`, where U, V and s are told.
+doi:10.1109/ROBOT.2009.5152521. FIND, UPWIND, U, V and s as in `tracking`.
 
 SURGE  drive along U; out of the plume for lost_distance: CAST
-CAST   along s V to cast_distance from where it was lost, then as far to the other side; each pair of legs goes twice as
-       far; after PAIRS of them, or when blocked on both sides, FIND
+CAST   along s V to cast_distance from where the plume was lost, then as far to the other side; each pair of legs goes
+       twice as far; after PAIRS of them, or when blocked on both sides, FIND
 """
 
 import taichi as ti
@@ -17,7 +17,7 @@ from taichi_plume.scenario import algorithms
 
 SURGE, CAST = range(2, 4)
 
-PAIRS = 3  # of legs without gas before the search starts anew
+PAIRS = 3  # of legs without gas before the search restarts
 
 
 @ti.data_oriented

@@ -1,7 +1,7 @@
-"""Surge-spiral: straight upwind while in the plume, along a spiral around where it was lost.
+"""Surge-spiral: straight upwind while in the plume, along an Archimedean spiral around where it was lost.
 
 After Lochmatter & Martinoli, "Theoretical analysis of three bio-inspired plume tracking algorithms", ICRA 2009,
-doi:10.1109/ROBOT.2009.5152521. FIND and UPWIND as in `tracking`, where U and s are told.
+doi:10.1109/ROBOT.2009.5152521. FIND, UPWIND, U and s as in `tracking`.
 
 SURGE   drive along U; out of the plume for lost_distance: SPIRAL
 SPIRAL  along r = gap phi / 2 pi, turning towards s; after so many turns, or when blocked, FIND

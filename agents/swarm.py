@@ -1,18 +1,17 @@
-"""All robots: where they are, what they read, and how they move without ever touching anything.
+"""The swarm: pose, kinematics (unicycle, differential drive, drone) and readings of all robots, without any overlap.
 
-A body is an upright disc that drives like a unicycle, or flies (see `flight`). Per tick it moves along the chord of its
-arc; contact cuts the move short and the rest of it slides along the obstacle. Robots of one trial move one after the
-other, so that each sees where the ones before it are now; robots of different trials neither see nor touch each other.
+A body is an upright disc that drives like a unicycle, or flies (see `flight`). Per tick a body moves along the chord of
+its arc; a collision cuts the move short, and the rest of the move slides along the obstacle. Robots of one trial move
+one after the other, each among the new positions of those before. Trials neither see nor touch each other.
 """
 
 from collections.abc import Callable, Sequence
 from math import ceil
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.columns import Rows, columns_of, of_noses
+from taichi_plume.agents.columns import Field, Rows, columns_of, further_gas_sensors
 from taichi_plume.agents.contact import CLEAR, PINNED, PUSHED, SKIN, Contact
 from taichi_plume.agents.few import few
 from taichi_plume.agents.flight import FREE, Flying
@@ -28,16 +27,16 @@ from taichi_plume.scenario.robots import Group
 BODY: dict[str, Callable[[Group], float]] = {
     "radius": lambda group: group.body.radius,
     "reach": lambda group: group.reach,
-    "square": lambda group: float(group.capture == "square"),
-    "by_declaring": lambda group: float(group.found == "declared"),
-    "sets_off": lambda group: group.begin,
+    "square": lambda group: float(group.capture == "square"),  # 1: the reach is half the edge of a square
+    "by_declaring": lambda group: float(group.found == "declared"),  # 1: declaring finds a source
+    "sets_off": lambda group: group.begin,  # s, after which a robot can find a source
     "max_speed": lambda group: group.body.max_speed,
     "max_turn_rate": lambda group: 0.0 if group.stands else np.radians(group.body.max_turn_rate_deg),
-    "half_base": lambda group: 0.5 * (group.body.wheel_base or 0.0),
+    "half_base": lambda group: 0.5 * (group.body.wheel_base or 0.0),  # m, 0 for a unicycle
     "max_acceleration": lambda group: group.body.max_acceleration or np.inf,
-    "placed": lambda group: float(group.algorithm.placed),
+    "placed": lambda group: float(group.algorithm.placed),  # 1: put to `ordered_position` from outside
 }
-"""What the robots of a group are like: the swarm's fields of these names."""
+"""Numbers of the bodies of a group, by the names of the swarm's fields (f32)."""
 
 
 @ti.data_oriented
@@ -45,16 +44,15 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
     """State and motion of the robots of all groups, one Taichi field per quantity (see `Columns`).
 
     positions: (count, 2) [m] and headings: (count,) [rad] at the start, free of overlap (see `placement`). clearance:
-    see `Contact`. sources: (m, 2 or 3) [m], known to the referee, not to the robots. walkers: obstacles that move, of
-    which the robots feel the disc around the footprint. A walker that runs into a robot pushes the robot aside, or pins
-    the robot where walls and other bodies leave no way out. Robots that are placed from outside stay where they are.
-    rivals: whether groups neither see nor touch each other. episodes: trials of the only group that each begin again on
-    their own.
+    see `Contact`. sources: (m, 2 or 3) [m], known to the referee, not to the robots. walkers: moving obstacles, each
+    felt as the disc around its footprint. A walker that runs into a robot pushes the robot aside, or pins the robot if
+    walls and other bodies leave no way out. Robots that are placed from outside stay where they are. rivals: whether
+    groups neither see nor touch each other. episodes: trials of the only group that each restart on their own.
 
-    Algorithms read `reading` [ppm], `wind` [m/s], `wind_known`, `blocked` (the bumper), where the robot believes to be,
+    Algorithms read `reading` [ppm], `wind` [m/s], `wind_known`, `blocked` (the bumper) and the pose by odometry,
     `believed_position` [m], `believed_heading` [rad] and `odometer` [m], and write `speed_command` [m/s],
     `turn_rate_command` [rad/s] and `state`. Robots that are placed from outside stay until they get `ordered_position`,
-    `ordered_heading`. Without errors of odometry the beliefs are the truth: the same fields.
+    `ordered_heading`. Without odometry errors the believed pose is the true one: the same fields.
     """
 
     def __init__(
@@ -62,7 +60,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         groups: Sequence[Group],
         positions: np.ndarray,
         headings: np.ndarray,
-        clearance: Any,
+        clearance: object,
         sources: np.ndarray,
         seed: int,
         walkers: Sequence[Obstacle] = (),
@@ -70,59 +68,43 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         episodes: Trials | None = None,
     ):
         self.clearance, self.rivals = clearance, rivals
-        self.episodes: Any = episodes
-        self.apart = episodes is not None  # whether trials begin anew on their own
+        self.episodes = episodes
+        self.apart = episodes is not None  # whether each trial restarts on its own
         self.groups: list[GroupRange] = ranges(groups, rivals)
         self.count = sum(group.size for group in self.groups)
         self.trials = max((group.row + group.trials for group in self.groups), default=0)
         n = max(1, self.count)  # Taichi has no empty fields
         self.flies = any(group.body.flies for group in groups)
         self.reckons = any(group.odometry for group in groups)
-        self.noses = max((len(group.sensors.noses) for group in groups), default=1)
-        further = of_noses(self.noses)
+        further = further_gas_sensors(max((len(group.sensors.noses) for group in groups), default=1))
         self.columns = (*columns_of(self.flies, bool(walkers)), *further)
         self.STATE = tuple(column.name for column in self.columns)
         self._allocate(n, self.reckons)
         self._further = [getattr(self, column.name) for column in further]
-        self.radius, self.reach = ti.field(ti.f32, n), ti.field(ti.f32, n)
-        self.square = ti.field(ti.f32, n)  # 1 where the reach is half the edge of a square
-        self.by_declaring = ti.field(ti.f32, n)  # 1 where a source is found by saying where it is
-        self.sets_off = ti.field(ti.f32, n)  # s, after which it can find a source
-        self.max_speed, self.max_turn_rate = ti.field(ti.f32, n), ti.field(ti.f32, n)
-        self.half_base = ti.field(ti.f32, n)  # between the wheels, 0 for a unicycle [m]
-        self.max_acceleration = ti.field(ti.f32, n)
-        self.placed = ti.field(ti.f32, n)  # 1 where it is put to `ordered_position` from outside
+        for name in BODY:
+            setattr(self, name, ti.field(ti.f32, n))
         self.places = any(group.algorithm.placed for group in groups)
-        self.key: Any = ti.field(ti.u32, ())  # the seed, for kernels
+        self.key = ti.field(ti.u32, ())  # the seed
         self.walker_count, self.source_count = len(walkers), len(sources)
         if episodes is not None:
             self.source_count = episodes.most_sources
-        self.discs: Any = ti.Vector.field(2, ti.f32, max(1, len(walkers)))  # where the walkers are
-        self.disc_radius: Any = ti.field(ti.f32, max(1, len(walkers)))
-        self.sources: Any = ti.Vector.field(2, ti.f32, max(1, self.source_count))
-        heights = self._grow_wings(n, self.walker_count, self.source_count) if self.flies else None
+        self.discs: Field = ti.Vector.field(2, ti.f32, max(1, len(walkers)))  # positions of the walkers [m]
+        self.disc_radius: Field = ti.field(ti.f32, max(1, len(walkers)))
+        self.sources = ti.Vector.field(2, ti.f32, max(1, self.source_count))
+        if self.flies:
+            self._allocate_flight(n)
         self._list_members()
-        self.contact = Contact(
-            clearance,
-            self.position,
-            self.radius,
-            self.members,
-            self.team_size,
-            self.discs,
-            self.disc_radius,
-            self.walker_count,
-            heights,
-        )
+        self.contact = Contact(self)
         if self.reckons:
             self.odometry = Odometry(n, self.counter)
         self._kept = Rows(self, [column for column in self.columns if column.key], 0, self.count)
-        self._fields = tuple(getattr(self, one.name) for one in self.columns)
+        self._fields = [getattr(self, column.name) for column in self.columns]
         self._ended, self._put_discs = reader(self.found, self.declarations), uploader(self.discs)
         self._upload = uploader(*self._numbers())
         self.begin(groups, positions, headings, sources, seed, walkers)
 
-    def _numbers(self) -> list[Any]:
-        """The fields that `begin` sets."""
+    def _numbers(self) -> list[Field]:
+        """Return the fields that `begin` sets."""
         never = [self.found_time, self.reached_time, self.declared_position, self.declared_time]
         poses = [self.position, self.heading, *never, self.ordered_position, self.resistance, *self._further]
         beliefs = [self.believed_position, self.believed_heading] if self.reckons else []
@@ -131,7 +113,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         return [self.key, self.sources, self.disc_radius, *poses, *beliefs, *bodies, *flight]
 
     def _list_members(self) -> None:
-        """members[k, :team_size[k]]: the robots of trial k, of all groups that have part in it."""
+        """Set members[k, :team_size[k]] to the robots of trial k, of all groups that take part in it."""
         teams = [
             [
                 g.start + (k - g.row) * g.count + i
@@ -145,8 +127,8 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         table = np.full((len(sizes), max(1, sizes.max())), -1, np.int32)
         for row, team in zip(table, teams, strict=False):
             row[: len(team)] = team
-        self.members: Any = ti.field(ti.i32, table.shape)
-        self.team_size: Any = ti.field(ti.i32, sizes.shape)
+        self.members: Field = ti.field(ti.i32, table.shape)
+        self.team_size: Field = ti.field(ti.i32, sizes.shape)
         uploader(self.members, self.team_size)(table, sizes)
 
     def begin(
@@ -158,19 +140,24 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         seed: int,
         walkers: Sequence[Obstacle] = (),
     ) -> None:
-        """Put the robots of these groups, as many as before, to their places; other numbers as for the constructor."""
+        """Put the robots of these groups, as many as before, to their start; arguments as for the constructor."""
         self.groups, self.seed = ranges(groups, self.rivals), seed
-        self.start = np.array(positions, np.float32).reshape(-1, 2)  # where the robots begin [m]
-        self.walkers = [(one.motion, one.center) for one in walkers]
+        self.start = np.array(positions, np.float32).reshape(-1, 2)  # positions at the start [m]
+        self.walkers = [(walker.motion, walker.center) for walker in walkers]
         self.strides = max(  # largest speed of the walkers over their radius [1/s]
-            (leg[2] / one.disc for one in walkers if one.motion for leg in one.motion.legs(one.center)),
+            (
+                leg[2] / walker.disc
+                for walker in walkers
+                if walker.motion
+                for leg in walker.motion.legs(walker.center)
+            ),
             default=0.0,
         )
-        poses: list[Any] = [self.start, headings] if self.count else [0, 0]
+        poses = [self.start, headings] if self.count else [0, 0]
         self._upload(
             seed,
             sources[:, :2] if len(sources) else 0,
-            [one.disc for one in walkers] or 0,
+            [walker.disc for walker in walkers] or 0,
             *poses,
             *(np.nan,) * (6 + len(self._further)),
             *(poses if self.reckons else []),
@@ -182,19 +169,19 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         self._walk(0.0)
 
     def _each(self, value: Callable[[Group], float]) -> np.ndarray:
-        """A number per robot, from one per group."""
+        """Return a number per robot, from one number per group."""
         values = [np.full(group.size, value(group.model)) for group in self.groups]
         return np.concatenate(values) if self.count else np.zeros(1)
 
     def _walk(self, t: float) -> None:
-        """Where the walkers are at time t [s]."""
+        """Move the walkers to their positions at time t [s]."""
         if self.walkers:
             self._put_discs([motion.place(center, t) for motion, center in self.walkers])
 
     def _push(self, t: float, dt: float) -> None:
-        """Push robots aside that walkers run into in the tick of dt [s] that ends at t [s].
+        """Push robots aside that walkers run into during the tick of dt [s] that ends at t [s].
 
-        A walker that is fast for its size moves in parts, each at most half its radius.
+        A walker that is fast for its size moves in substeps of at most half its radius.
         """
         parts = max(1, ceil(2.0 * self.strides * dt - 1e-9))
         for n in range(1, parts + 1):
@@ -203,7 +190,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
             self._give_way(1.0 / dt, dt if n == parts else 0.0)
 
     def move(self, tick: int, t: float, dt: float) -> None:
-        """Carry out the commands for one tick of dt [s] that ends at t [s]; robots whose search is over stay there."""
+        """Carry out the commands for one tick of dt [s] that ends at t [s]; robots whose search is over stay."""
         if self.count:
             self._walk(t)
             self._move(tick, t, dt)
@@ -211,13 +198,13 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
                 self._push(t, dt)
 
     def all_over(self) -> bool:
-        """Whether no robot of any trial searches any more."""
+        """Return whether no robot of any trial searches any more."""
         found, declarations = (values[: self.count] for values in self._ended())
         by_declaring = self._each(BODY["by_declaring"])[: self.count]
         return bool(((found > 0) | ((by_declaring > 0) & (declarations > 0))).all())
 
     def snapshot(self) -> dict[str, np.ndarray]:
-        """What recordings and results keep, as arrays over the robots, and where they began, `start` [m]."""
+        """Return the columns with a key, as arrays over the robots, and the robots' first positions, `start` [m]."""
         keys = (column.key for column in self._kept.columns)
         return {"start": self.start, **dict(zip(keys, self._kept.read(), strict=True))}
 
@@ -261,7 +248,8 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         self.blocked[i] = 0
         self.velocity[i] = ti.Vector([0.0, 0.0])
         if ti.static(self.flies):
-            self._rest(i)
+            self.climb_rate[i] = 0.0
+            self.acceleration[i] = ti.Vector([0.0, 0.0, 0.0])
         drives = 1
         if ti.static(self.places):
             if self.placed[i] == 1.0:
@@ -280,7 +268,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     @ti.func
     def _go_on(self, i, k, tick, dt):
-        """Robot i of trial k drives or flies."""
+        """Move robot i of trial k by its kinematics: drive or fly."""
         if ti.static(self.flies):
             if self.wings[i] == 1.0:
                 begin = self.position[i]
@@ -297,7 +285,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     @ti.func
     def renew(self, i, place, heading):
-        """Put robot i to a place [m], as at the begin of a run."""
+        """Put robot i to a position [m], as at the start of a run."""
         for field in ti.static(self._fields):
             field[i] = ti.zero(field[i])
         never = ti.Vector([ti.math.nan, ti.math.nan])
@@ -311,16 +299,16 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
             self.believed_position[i], self.believed_heading[i] = place, heading
             self.odometry.renew(i)
         if ti.static(self.flies):
-            self._take_off(i)
+            self._restart_flight(i)
 
     @ti.func
     def _put(self, i, dt):
-        """Put robot i where it is ordered to be, whatever is there: it is a real one."""
+        """Put robot i to its ordered position, whatever stands there: the robot is a real one."""
         place = self.ordered_position[i]
         if not ti.math.isnan(place[0]):
             moved = place - self.position[i]
             way = moved.norm()
-            # a jump of what it is followed by makes no wind
+            # a jump of the tracking system makes no wind
             self.velocity[i] = moved / ti.max(dt, way / ti.max(self.max_speed[i], 1e-9))
             self.position[i], self.heading[i] = place, self.ordered_heading[i]
             if ti.static(self.flies):
@@ -336,7 +324,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     @ti.func
     def _drive(self, i, k, tick, dt):
-        """Move robot i of trial k: unicycle motion over dt, cut short and slid along what is in the way."""
+        """Move robot i of trial k: unicycle motion over dt, cut short by collisions and slid along obstacles."""
         speed, turn_rate = self._limited(i, dt)
         arc, turn = speed * dt, turn_rate * dt
         chord = arc
@@ -358,11 +346,11 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     @ti.func
     def _limited(self, i, dt):
-        """Speed [m/s] and turn rate [rad/s] that the body of robot i makes of its commands."""
+        """Return the speed [m/s] and turn rate [rad/s] of robot i: its commands within the limits of its body."""
         limit, turn_limit = self.max_speed[i], self.max_turn_rate[i]
         speed = ti.math.clamp(self.speed_command[i], -limit, limit)
         turn_rate = ti.math.clamp(self.turn_rate_command[i], -turn_limit, turn_limit)
-        # the outer wheel goes no faster than the robot can, in the same bend
+        # the outer wheel stays within the largest speed, on an arc of the same radius
         outer = ti.abs(speed) + ti.abs(turn_rate) * self.half_base[i]
         share = ti.select(outer > limit, limit / ti.max(outer, 1e-9), 1.0)
         change = ti.math.clamp(

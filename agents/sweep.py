@@ -1,20 +1,21 @@
-"""Sweep: lanes to and fro over the whole floor, shared out between the robots of a team, whatever is smelt.
+"""Sweep (coverage search): lanes to and fro over the whole floor, shared between the robots of a team.
 
-The systematic search that Turduev, Cabrita, Kırtay, Gazi & Marques, Autonomous Agents and Multi-Agent Systems 28 (2014)
-72-100, compare swarms with. Each robot has a block of neighbouring lanes; who is farthest to one side at the start has
-the block there, and each begins at the nearest corner of its own.
+The systematic search that Turduev, Cabrita, Kırtay, Gazi & Marques, Autonomous Agents and Multi-Agent Systems 28
+(2014) 72-100, compare swarms with; gas plays no part. Each robot has a block of neighbouring lanes, in the order in
+which the robots start across the lanes, and starts at the nearest corner of its block.
 
-TRANSIT  drive to the begin of the first lane
-SWEEP    along lane after lane, around what stands in it and back; a lane's end in an obstacle is the next free place
+TRANSIT  drive to the start of the first lane
+SWEEP    along lane after lane, around obstacles and back; a lane that ends in an obstacle ends at the next free point
 DONE     stand at the end, unless the sweep is to be repeated backwards
 """
 
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.algorithm import KernelAlgorithm
+from taichi_plume.agents.columns import Field
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
@@ -23,12 +24,12 @@ from taichi_plume.scenario import algorithms
 
 TRANSIT, SWEEP, DONE = range(3)
 
-AHEAD = 0.3  # m of the lane ahead of the robot, where it heads for
+AHEAD = 0.3  # m along the lane from the robot to its present goal
 
 
 @ti.data_oriented
 class Sweep(KernelAlgorithm):
-    """The sweep, each team for itself. tick: control period [s]."""
+    """The sweep, each team separately. tick: control period [s]."""
 
     STATE: tuple[str, ...] = ("potential", "next", "order")
     STATE_NAMES: tuple[str, ...] = ("TRANSIT", "SWEEP", "DONE")
@@ -37,17 +38,14 @@ class Sweep(KernelAlgorithm):
         self.potential = Potential(self.members, self.p)
         ways = self._ways()
         n = self.size
-        self.way: Any = ti.Vector.field(2, ti.f32, (n, max(map(len, ways))))  # way points [m]
+        self.way: Field = ti.Vector.field(2, ti.f32, (n, max(map(len, ways))))  # way points [m]
         self.length = ti.field(ti.i32, n)  # how many of them there are
         self.next = ti.field(ti.i32, n)  # number of the present one
         self.order = ti.field(ti.i32, n)  # +1: forwards, -1: back
         self._upload = uploader(self.way, self.length, self.order, self.potential.mark)
 
     def numbers(self, group: GroupRange, model: algorithms.Sweep) -> Numbers:
-        return {
-            **Potential.numbers(self.swarm, group, model.speed, model.avoidance),
-            "repeat": model.repeat,
-        }
+        return {**Potential.numbers(self.swarm, group, model.speed, model.avoidance), "repeat": model.repeat}
 
     def begin(self) -> None:
         super().begin()
@@ -58,7 +56,7 @@ class Sweep(KernelAlgorithm):
         self._upload(table, [len(way) for way in ways], 1, np.inf)
 
     def _ways(self) -> list[np.ndarray]:
-        """The way points (k, 2) [m] of every robot."""
+        """Return the way points (k, 2) [m] of every robot."""
         low, high = np.array(self.swarm.clearance.low), np.array(self.swarm.clearance.high)
         ways = []
         for group in self.members.groups:
@@ -82,7 +80,7 @@ class Sweep(KernelAlgorithm):
 
     @ti.func
     def _goal(self, n):
-        """The way point; on a lane, at most AHEAD from the robot."""
+        """Return the way point; on a lane, at most AHEAD from the robot."""
         goal = self.way[n, self.next[n]]
         if self.swarm.state[self.robot[n]] == SWEEP:
             begin = self.way[n, self.next[n] - self.order[n]]
@@ -94,7 +92,7 @@ class Sweep(KernelAlgorithm):
 
     @ti.func
     def _proceed(self, n):
-        """On to the next way point, or back to the one before."""
+        """Proceed to the next way point, or turn back."""
         following = self.next[n] + self.order[n]
         state = SWEEP
         if following < 0 or following == self.length[n]:
@@ -107,10 +105,10 @@ class Sweep(KernelAlgorithm):
 
 
 def lanes(team: np.ndarray, size: np.ndarray, axis: int, number: int, room: float) -> list[np.ndarray]:
-    """The way points (k, 2) [m] of each robot of a team that stands at `team` (robots, 2) [m].
+    """Return the way points (k, 2) [m] of each robot of a team that stands at `team` (robots, 2) [m].
 
-    size: of the floor, from the origin on [m]. axis, number: along which the lanes run, and how many there are. room:
-    from a lane's ends to the walls [m].
+    size: of the floor, from the origin on [m]. axis, number: direction and number of the lanes. room: from a lane's
+    ends to the walls [m].
     """
     across = (np.arange(number) + 0.5) * size[1 - axis] / number
     ends = np.array([room, size[axis] - room])

@@ -15,7 +15,7 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.files.bag_ways import Way
 from taichi_plume.files.network import Network
 
-HANDED = ("own", "policy", "replay")  # kinds whose class, network or ways the scenario's files hold
+HANDED = ("own", "policy", "replay")  # kinds with a class, network or paths from files
 BEFORE = "BEFORE_BEGIN"  # state of robots that have not set off; no algorithm has it
 
 
@@ -23,9 +23,9 @@ BEFORE = "BEFORE_BEGIN"  # state of robots that have not set off; no algorithm h
 class Team:
     """Acts for the robots of the groups `numbers`, whose algorithms are of one kind, all trials at once.
 
-    Until the groups set off, at their `begin`, the robots are given no command; their state is BEFORE, and that in
-    which the algorithm begins is put by. tick: control period [s]. own: class of an algorithm of the user's.
-    network: of a policy. ways: that recorded robots went.
+    Until the groups set off, at their `begin`, the robots get no command; their state is BEFORE, and the algorithm's
+    first state is stored. tick: control period [s]. own: class of a user's algorithm. network: of a policy. ways:
+    recorded paths.
     """
 
     STATE: tuple[str, ...] = ("algorithm",)
@@ -75,13 +75,13 @@ class Team:
         self.algorithm.act(tick, t, dt)
 
     def _hold(self) -> None:
-        """Let the robots wait, if they have to."""
+        """Let the robots wait, if they set off later."""
         if self.waits:
             self._swap(len(self.algorithm.STATE_NAMES))
 
     @ti.kernel
     def _swap(self, wait: int):
-        """Put the states by and let the robots wait, in a state > 0; or with 0 take them back."""
+        """Store the states and let the robots wait, in a state > 0; or with 0 restore them."""
         ti.loop_config(serialize=ti.static(few(self.members.size)))
         for n in range(self.members.size):
             i = self.members.robot[n]
@@ -99,9 +99,9 @@ def teams(
     networks: Mapping[str, Network] | None = None,
     ways: Mapping[str, Sequence[Way]] | None = None,
 ) -> list[Team]:
-    """A team for each kind of algorithm and time to set off, or for each group where the class is `PER_GROUP`.
+    """Return a team for each kind of algorithm and time to set off, or for each group if the class is `PER_GROUP`.
 
-    own: classes of the user's, networks of policies, and ways that were recorded, by the names of their groups.
+    own: users' classes, networks of policies, and recorded paths (ways), by the names of their groups.
     """
     alike: dict[tuple[str, int, float], list[int]] = {}
     for group in swarm.groups:

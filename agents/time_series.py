@@ -1,14 +1,14 @@
 """Gas map from a neighbourhood in space and time: eq 4-7 of Marjovi & Marques, ICRA 2014 (see `snaps`).
 
-The past snaps k forecast the next one, t, from the neighbourhood N_j in space and time,
+The past snapshots k forecast the next one, t, from the neighbourhood N_j in space and time,
 
     Dist = α |x_j - x_i| + (1 - α) T,      T = time_scale (t - k) window       (in m and s)     (4)
     N_j = {(i, k): Dist < β, k < t},       U = 1 / Dist                                         (5) (7)
     S_j(t) = Σ_N C W U / Σ_N W U                                                                (6)
 
-where i counts the cells, with their C and W, or with `raw_samples` the samples, with their readings and W = 1. Of cells
-N_j is the same everywhere, so it is a list of (lag, offset, U), made once. The snaps it reaches back to live in a ring
-buffer: no run is too long. T >= time_scale window, so that U is never infinite.
+where i counts the cells, with their C and W, or with `raw_samples` the samples, with their readings and W = 1. With
+cells N_j is the same everywhere: a list of (lag, offset, U), made once. The snapshots within reach live in a ring
+buffer, so that runs of any length fit. T >= time_scale window, so that U is never infinite.
 """
 
 from math import hypot
@@ -38,7 +38,7 @@ class TimeSeriesMap(SnapMap):
         self.total = np.bincount([lag for lag, *_ in neighbours], [U for *_, U in neighbours])
         if model.raw_samples:
             return
-        # By its symmetry a quadrant is enough; what lies on an axis is met twice, at the origin four times.
+        # By symmetry a quadrant is enough; offsets on an axis count twice, the origin four times.
         quadrant = [
             (lag, x, y, U / ((1 + (x == 0)) * (1 + (y == 0))))
             for lag, x, y, U in neighbours
@@ -51,7 +51,7 @@ class TimeSeriesMap(SnapMap):
 
     @classmethod
     def needs(cls, model: models.TimeSeriesMap, floor: Floor) -> Needs:
-        """As far back as the neighbourhood reaches, and as far around."""
+        """Return needs as far back and around as the neighbourhood reaches."""
         neighbours = neighbourhood(model, max(shape(floor.extent, model.cell)) - 1)
         depth = max(lag for lag, *_ in neighbours)
         if model.raw_samples:
@@ -59,7 +59,7 @@ class TimeSeriesMap(SnapMap):
         return Needs(depth=depth, margin=max(max(abs(x), abs(y)) for _, x, y, _ in neighbours))
 
     def remembered_of(self, lag: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """By Σ U over the neighbourhood; with samples for cells, by U in the cell that is nearest to the place."""
+        """Return Σ U over the neighbourhood; with samples for cells, U in the cell that is nearest to the reading."""
         if not self.model.raw_samples:
             return np.where(lag <= self.depth, self.total[np.minimum(lag, self.depth)] / self.total[1], 0.0)
         cell = np.minimum(place // self.cell, np.array(self.shape) - 1)
@@ -85,7 +85,7 @@ class TimeSeriesMap(SnapMap):
 
 
 def neighbourhood(model: models.TimeSeriesMap, farthest: int) -> Stencil:
-    """Eq 4, 5 and 7 for every lag and offset inside; farthest: offset [cells] that a map of this size can use."""
+    """Evaluate eq 4, 5 and 7 for every lag and offset inside; farthest: largest useful offset on this map [cells]."""
     reach = min(farthest, int(model.beta / model.alpha / model.cell) + 1)
     result: Stencil = []
     lag = 1
@@ -104,7 +104,7 @@ def _from_cells(
     strip: Template, weighted: Template, weights: Template, snap: int, offsets: Template, closeness: Template,
     margin: int, numerator: Template, denominator: Template,
 ):  # fmt: skip
-    """Both sums of eq 6 for snap number `snap`, along y in strips that fit into registers."""
+    """Write both sums of eq 6 for snapshot `snap`, along y in strips that fit into registers."""
     nx, ny = ti.static(numerator.shape[1], numerator.shape[2])
     for k, i, part in ti.ndrange(numerator.shape[0], nx, (ny + strip - 1) // strip):
         first = part * strip
@@ -140,7 +140,7 @@ def _from_samples(
     samples: Template, taken: Template, snap: int, depth: int, cell: float, alpha: float, beta: float, lag_age: float,
     numerator: Template, denominator: Template,
 ):  # fmt: skip
-    """The same from the samples themselves, of `depth` snaps."""
+    """Write the same sums from the samples themselves, of `depth` snapshots."""
     for k, i, j in numerator:
         center = (ti.Vector([i, j]) + 0.5) * cell
         a = 0.0

@@ -1,13 +1,13 @@
-"""What plume tracking algorithms share: where upwind is, whether there is gas, how to find a plume, how to steer.
+"""Plume tracking: the base class of casting, surge-cast and surge-spiral; upwind estimate, plume detection, steering.
 
 U: unit vector upwind, V: U turned left by 90°, s = ±1: the robot's side.
 
 FIND      sweep along s V until blocked, then UPWIND
 UPWIND    step along U by find_step, then FIND on the other side; when blocked, later steps go the other way
 
-Out of the plume: reading below 70 % of the threshold, or below peak_fraction of the largest since entering,
-so that a slow sensor notices in time. Into it: reading at the threshold or more, and (where peak_fraction is
-in use) up by 15 % from the smallest since the loss.
+Out of the plume: reading below 70 % of the threshold, or below peak_fraction of the largest since entering, so that a
+slow sensor notices in time. Into it: reading at the threshold or more, and (if peak_fraction is in use) up by 15 %
+from the smallest since the loss.
 """
 
 import taichi as ti
@@ -27,15 +27,15 @@ LEAVE = 0.7  # of the threshold
 RISE = 1.15  # of the trough
 PATIENCE = 1.0  # s blocked before giving way
 STEER = 0.25  # s in which the robot tries to turn to its course
-ON_COURSE = 0.98  # cosine of the heading error; below, contact is with what the robot turns away from
+ON_COURSE = 0.98  # cosine of the heading error; below, the robot turns away from the contact
 
 
 @ti.data_oriented
 class PlumeTracker(KernelAlgorithm):
-    """The part of a plume tracking algorithm that they share. tick: control period [s].
+    """The common part of plume tracking algorithms. tick: control period [s].
 
-    A tracker adds its own states and `numbers`, and overrides `_decide`, which changes the state, and `_course`, where
-    each one leads.
+    A tracker adds its own states and `numbers`, and overrides `_decide`, which changes the state, and `_course`, the
+    direction in each state.
     """
 
     STATE: tuple[str, ...] = ("wind", "upwind", "side", "step_sign", "peak", "trough", "mark", "stuck")
@@ -48,9 +48,9 @@ class PlumeTracker(KernelAlgorithm):
         self.step_sign = ti.field(ti.f32, n)  # +1: find upwind, -1: downwind
         self.peak = ti.field(ti.f32, n)  # largest reading since entering the plume [ppm]
         self.trough = ti.field(ti.f32, n)  # smallest reading since losing it [ppm]
-        self.mark = ti.field(ti.f32, n)  # odometer [m] at the begin of the leg; in the plume, at the last gas
+        self.mark = ti.field(ti.f32, n)  # odometer [m] at the start of the leg; in the plume, at the last gas
         self.stuck = ti.field(ti.f32, n)  # time blocked in a row [s]
-        self.bump = ti.field(ti.i32, n)  # whether what it drives towards is in the way
+        self.bump = ti.field(ti.i32, n)  # whether an obstacle is ahead on its course
 
     def numbers(self, group: GroupRange, model: PlumeTracking) -> Numbers:
         return {
@@ -82,17 +82,17 @@ class PlumeTracker(KernelAlgorithm):
 
     @ti.func
     def _decide(self, n, dt):
-        """Change the state of robot n where the readings say so."""
+        """Change the state of robot n by its readings."""
         self._find(n)
 
     @ti.func
     def _course(self, n):
-        """Unit vector along which the robot wants to drive."""
+        """Return the unit vector along which robot n wants to drive."""
         return self._finding_course(n)
 
     @ti.func
     def _finding_course(self, n):
-        """That of FIND and UPWIND, and of any sweep along s V."""
+        """Return the course in FIND and UPWIND, and in any sweep along s V."""
         U = self.upwind[n]
         V = ti.Vector([-U[1], U[0]])
         course = self.side[n] * V
@@ -123,12 +123,12 @@ class PlumeTracker(KernelAlgorithm):
 
     @ti.func
     def _driven(self, n):
-        """Way [m] since the begin of the leg; in the plume, since the last gas."""
+        """Return the way [m] since the start of the leg; in the plume, since the last gas."""
         return self.swarm.odometer[self.robot[n]] - self.mark[n]
 
     @ti.func
     def _still_smells(self, n):
-        """Whether a robot that is in the plume still smells it; marks where it does."""
+        """Return whether robot n, in the plume, still detects gas; mark where it does."""
         c = self.swarm.reading[self.robot[n]]
         self.peak[n] = ti.max(self.peak[n], c)
         self.trough[n] = c
@@ -139,13 +139,13 @@ class PlumeTracker(KernelAlgorithm):
 
     @ti.func
     def _is_strong(self, n):
-        """Whether it smells as in the plume, beside the peak there."""
+        """Return whether the reading is that of the plume, relative to threshold and peak."""
         c = self.swarm.reading[self.robot[n]]
         return c >= self.p.leave[n] and c >= self.p.peak_fraction[n] * self.peak[n]
 
     @ti.func
     def _comes_upon_plume(self, n):
-        """Whether a robot that is not in the plume has come into it."""
+        """Return whether robot n, out of the plume, has entered it."""
         c = self.swarm.reading[self.robot[n]]
         self.trough[n] = ti.min(self.trough[n], c)
         enters = c >= self.p.threshold[n] and (self.p.peak_fraction[n] == 0.0 or c >= RISE * self.trough[n])
@@ -156,7 +156,7 @@ class PlumeTracker(KernelAlgorithm):
 
     @ti.func
     def _find(self, n):
-        """FIND and UPWIND by turns."""
+        """Alternate FIND and UPWIND."""
         bump = self.bump[n] == 1
         if self.swarm.state[self.robot[n]] == FIND:
             if bump:
@@ -175,7 +175,7 @@ class PlumeTracker(KernelAlgorithm):
 
     @ti.func
     def _steer(self, n, dt):
-        """Turn towards the course; the less it faces it, the slower it drives."""
+        """Turn towards the course, driving the slower the larger the heading error."""
         i = self.robot[n]
         course = self._course(n)
         error = wrap(direction(course.y, course.x) - self.swarm.believed_heading[i])

@@ -1,6 +1,4 @@
-"""Shortest ways over a floor of square cells, around what stands on it and never through."""
-
-from typing import Any
+"""Shortest paths over a floor of square cells, around obstacles and never through."""
 
 import numpy as np
 import taichi as ti
@@ -13,15 +11,15 @@ CLOSER = 1e-5  # m by which a way has to be shorter than the one before
 
 @ti.data_oriented
 class Ways:
-    """The shortest ways between the middles of all cells, for what keeps `room` [m] from all that stands.
+    """The shortest paths between the centres of all cells, at least `room` [m] from all obstacles.
 
-    Straight where nothing is in between, else from cell to cell (of eight neighbours) on from the last one that is in
-    sight; a stretch is free where the clearance all along is above `room`, so that walls thinner than a cell count.
-    `free[a]`: whether cell a has that much air. `length[a, b]` [m], FAR where there is no way. `via[a, b]`: the last
-    cell in sight of a on the way to b, -1 where there is none. Cells are numbered with the last axis fastest.
+    Straight if the line of sight is free, else from cell to cell (of eight neighbours) after the last cell in sight;
+    a segment is free if the clearance all along is above `room`, so that walls thinner than a cell count. `free[a]`:
+    whether cell a has that clearance. `length[a, b]` [m], FAR if there is no path. `via[a, b]`: the last cell in
+    sight of a on the path to b, -1 if there is none. Cells are numbered with the last axis fastest.
     """
 
-    def __init__(self, clearance: Any, cell: float, room: float):
+    def __init__(self, clearance: object, cell: float, room: float):
         self.clearance, self.cell = clearance, cell
         self.low = (float(clearance.low[0]), float(clearance.low[1]))
         self.shape = tuple(
@@ -37,7 +35,7 @@ class Ways:
         self.begin(room)
 
     def begin(self, room: float) -> None:
-        """Find the ways for another room [m]; what stands never changes."""
+        """Find the paths for another room [m]; obstacles never change."""
         if room != self.room:
             self.room = room
             self._look(room)
@@ -45,19 +43,19 @@ class Ways:
 
     @ti.func
     def center(self, a):
-        """The middle of cell a [m]."""
+        """Return the centre of cell a [m]."""
         return ti.Vector(self.low) + self.cell * (ti.Vector([a // self.shape[1], a % self.shape[1]]) + 0.5)
 
     @ti.func
     def cell_of(self, p):
-        """The cell with the place p [m], or the next one."""
+        """Return the cell nearest to the point p [m]."""
         at = ti.cast(ti.floor((p - ti.Vector(self.low)) / self.cell), ti.i32)
         at = ti.math.clamp(at, 0, ti.Vector(self.shape) - 1)
         return at[0] * self.shape[1] + at[1]
 
     @ti.func
     def free_cell_of(self, p):
-        """The free cell with the place p [m], or the next one; -1 where none is free."""
+        """Return the free cell nearest to the point p [m]; -1 if none is free."""
         best, nearest = self.cell_of(p), 0.0
         if self.free[best] == 0:
             best, nearest = -1, FAR
@@ -69,7 +67,7 @@ class Ways:
 
     @ti.func
     def _sees(self, p, q, room):
-        """Whether the straight way from p to q [m] is free."""
+        """Return whether the straight line from p to q [m] is free."""
         whole = (q - p).norm()
         e = (q - p) / ti.max(whole, CLOSER)
         s, free = 0.0, self.clearance.distance(q) > room
@@ -81,7 +79,7 @@ class Ways:
 
     @ti.func
     def _neighbour(self, a, k):
-        """Number of the k-th of eight neighbours of cell a, -1 off the floor."""
+        """Return the k-th of eight neighbours of cell a, -1 off the floor."""
         j = k + ti.cast(k >= 4, ti.i32)  # of nine, without the middle
         x, y = a // self.shape[1] + j // 3 - 1, a % self.shape[1] + j % 3 - 1
         inside = x >= 0 and x < self.shape[0] and y >= 0 and y < self.shape[1]
@@ -119,7 +117,7 @@ class Ways:
 
     @ti.func
     def _shorten(self, a, b):
-        """Go from cell a to cell b by a neighbour, where that is shorter; returns whether it is."""
+        """Shorten the path from cell a to cell b by a neighbour, if possible; return whether it got shorter."""
         shorter = False
         if self.free[b] == 1 and self.via[a, b] != b:
             for k in range(8):

@@ -140,7 +140,7 @@ def test_only_drones_go_to_places(path):
 
     keys = ["robots.0.algorithm={kind: own}", "robots.0.body={}", "robots.0.start.altitude=null"]
     sim = assemble(load_scenario(path, keys), path.parent, {"flock": Robot})
-    with pytest.raises(Exception, match="go_to is of drones alone"):
+    with pytest.raises(Exception, match="go_to needs drones"):
         sim.advance()
 
 

@@ -6,6 +6,7 @@ one `Run` begin again.
 
 import numpy as np
 import taichi as ti
+from robots import group
 
 from taichi_plume.agents.placement import place
 from taichi_plume.agents.sensors import Sensors
@@ -14,11 +15,7 @@ from taichi_plume.agents.team import Team
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import reader, uploader
-from taichi_plume.scenario.robots import Body, Group
-from taichi_plume.scenario.sensors import Anemometer, IdealGasSensor
-from taichi_plume.scenario.sensors import Sensors as SensorModels
 from taichi_plume.scenario.species import SPECIES
-from taichi_plume.scenario.starts import StartAt
 
 TICK = 0.1
 LONGEST = 400  # script
@@ -53,8 +50,8 @@ class Script:
 class Run:
     """Teams in an empty arena, tick by tick.
 
-    algorithm: a model; or of rivals, which neither see nor touch each other, a dictionary each with what differs from
-    the other arguments: `algorithm`, `positions`, `trials`, `heading_deg` and other keys of a group.
+    algorithm: a section of the scenario; or of rivals, which neither see nor touch each other, a list of dictionaries
+    with what differs from the other arguments: `algorithm`, `positions`, `trials`, `heading_deg`, other keys of groups.
     """
 
     STATE = ("swarm", "sensors", "team")
@@ -70,19 +67,17 @@ class Run:
         heading_deg: float | None = 0.0,
         low=(0.0, 0.0),
         obstacles=(),
+        arena=None,
+        seed=1,
         **keys,
     ):
-        self.keys = {
-            "positions": positions,
-            "trials": trials,
-            "heading_deg": heading_deg,
-            **keys,
-        }
-        self.arena = ClearanceMap(list(obstacles), (low[0] + size[0], low[1] + size[1]), 0.1, low=low)
+        self.keys = {"positions": positions, "trials": trials, "heading_deg": heading_deg, **keys}
+        high = (low[0] + size[0], low[1] + size[1])
+        self.arena, self.seed = arena or ClearanceMap(list(obstacles), high, 0.1, low=low), seed
         self.sources = np.array(sources).reshape(-1, 2)
         rivals, where, headings = self._placed(algorithm)
         several = len(rivals) > 1
-        self.swarm = Swarm(rivals, where, headings, self.arena, self.sources, seed=1, rivals=several)
+        self.swarm = Swarm(rivals, where, headings, self.arena, self.sources, seed, rivals=several)
         self.sensors = Sensors(self.swarm, 2, TICK, gas.species)
         self.team = Team(self.swarm, range(len(rivals)), TICK)
         self.gas, self.tick = gas, 0
@@ -96,9 +91,9 @@ class Run:
 
     def _placed(self, algorithm):
         """The groups, with positions and headings of all robots."""
-        told = algorithm if isinstance(algorithm, list) else [{"algorithm": algorithm}]
-        groups = tuple(_group(**(self.keys | one)) for one in told)
-        poses = [place(group, np.random.default_rng, self.arena.distance_at) for group in groups]
+        rivals = algorithm if isinstance(algorithm, list) else [{"algorithm": algorithm}]
+        groups = tuple(_group(**(self.keys | rival)) for rival in rivals)
+        poses = [place(one, np.random.default_rng, self.arena.distance_at) for one in groups]
         return groups, *(np.concatenate(parts) for parts in zip(*poses, strict=True))
 
     def begin(self, algorithm, **keys):
@@ -106,7 +101,7 @@ class Run:
         self.keys |= keys
         groups, where, headings = self._placed(algorithm)
         self._state.clear()
-        self.swarm.begin(groups, where, headings, self.sources, 1)
+        self.swarm.begin(groups, where, headings, self.sources, self.seed)
         self.sensors.begin()
         self.team.begin()
         self.tick = 0
@@ -133,13 +128,20 @@ class Run:
             places.append(position)
         return np.array(states), np.array(places)
 
+    def saved(self):
+        """Return a function that goes back to the present state."""
+        state, tick = State(self), self.tick
+        saved = state.save()
+
+        def restore():
+            state.restore(saved)
+            self.tick = tick
+
+        return restore
+
 
 def _group(positions, heading_deg, **keys):
-    return Group(
-        name="team",
-        count=len(positions),
-        start=StartAt(kind="positions", positions=tuple(positions), heading_deg=heading_deg),
-        body=Body(radius=0.085, max_speed=0.2, max_turn_rate_deg=90),
-        sensors=SensorModels(gas=IdealGasSensor(kind="ideal", period=0.5), wind=Anemometer(kind="ideal")),
-        **keys,
-    )
+    start = {"kind": "positions", "positions": positions, "heading_deg": heading_deg}
+    body = {"radius": 0.085, "max_speed": 0.2, "max_turn_rate_deg": 90}
+    sensors = {"gas": {"kind": "ideal", "period": 0.5}, "wind": {"kind": "ideal"}}
+    return group(**{"count": len(positions), "start": start, "body": body, "sensors": sensors, **keys})

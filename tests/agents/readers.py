@@ -96,6 +96,16 @@ class Stock:
         self.kept.renew(gas_map, lambda one: one.begin(one.model))
 
 
+def feed(gas_map, robots, ticks, dt):
+    """Let the robots wander and the map take it in; returns all rows that it was shown."""
+    rows = []
+    for tick in range(1, 1 + ticks):
+        robots.wander()
+        gas_map.update(robots, tick * dt, dt)
+        rows.append(robots.rows(tick * dt))
+    return np.concatenate(rows)
+
+
 def centers(shape, cell):
     """Of the cells, (nx ny, 2)."""
     axes = [(np.arange(n) + 0.5) * cell for n in shape]

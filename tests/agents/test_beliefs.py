@@ -35,9 +35,8 @@ def mean_and_spread(algorithm: Template) -> ti.math.vec3:
 def test_a_new_word_is_for_a_new_place(run):
     run.begin(MODEL)
     told = []
-    for t, (x, spread) in enumerate(
-        [(2.0, 1.01 * SPREAD), (2.0, 0.9 * SPREAD), (2.0, 2.0), (2.1, 0.1), (1.3, 2.0), (1.3, 0.1)], 1
-    ):
+    beliefs = [(2.0, 1.01 * SPREAD), (2.0, 0.9 * SPREAD), (2.0, 2.0), (2.1, 0.1), (1.3, 2.0), (1.3, 0.1)]
+    for t, (x, spread) in enumerate(beliefs, 1):
         consider(run.algorithm, x, 1.0, spread, float(t))
         told.append(int(run.swarm.snapshot()["declarations"][0]))
     assert told == [0, 1, 1, 1, 1, 2]

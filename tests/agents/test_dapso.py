@@ -7,11 +7,8 @@ from arena import LONGEST, TICK, Run, Script
 
 from taichi_plume.agents.dapso import DRIVE, EXPLORE, MEASURE, constriction
 from taichi_plume.grid.transfer import reader, uploader
-from taichi_plume.scenario.algorithms import RandomWalk
 from taichi_plume.scenario.robots import Communication
 from taichi_plume.scenario.team_algorithms import Dapso, FunctionValue, RandomMates, SearchSpace
-
-pytestmark = pytest.mark.usefixtures("taichi")
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -35,10 +32,7 @@ NEIGHBOURS = [  # and to whom robot 0 listens then, in `test_neighbourhoods`
     (RandomMates(kind="random", probability=0), set()),
     (RandomMates(kind="random", probability=0.3), None),
 ]
-MEMORIES = [
-    (10.0, True),
-    (0, False),
-]  # s, and whether a lower reading is taken in the end
+MEMORIES = [(10.0, True), (0, False)]  # s, and whether a lower reading is taken in the end
 ALONE = {"communication": Communication(range=None), "reach": 0}
 
 
@@ -59,38 +53,15 @@ class Hill(Script):
         return ti.Vector([self.table[ti.min(k, LONGEST - 1)] * shape])
 
 
-def swarm_on_hill(trials=2, communication=None, **keys):
-    model = Dapso(kind="dapso", **keys)
-    return Run(
-        model,
-        Hill([100.0], 1.0),
-        CORNER,
-        trials,
-        FLOOR,
-        communication=communication or Communication(range=None),
-        reach=0,
-    )
-
-
 def quick(**keys):
     """A model that hardly stops to measure, nor looks for gas."""
-    return Dapso(
-        kind="dapso",
-        acquisition=0.5,
-        settle=0,
-        way_point_tolerance=0.005,
-        threshold_ppm=0,
-        **keys,
-    )
+    short = {"acquisition": 0.5, "settle": 0, "way_point_tolerance": 0.005, "threshold_ppm": 0}
+    return Dapso(kind="dapso", **short, **keys)
 
 
 RIVALS = {
     **{
-        f"cooperate {n}": {
-            "positions": CORNER,
-            "trials": 4,
-            "communication": communication,
-        }
+        f"cooperate {n}": {"positions": CORNER, "trials": 4, "communication": communication}
         for n, (communication, _) in enumerate(COOPERATE)
     },
     **{
@@ -296,19 +267,11 @@ def test_teams_climb_a_hill_and_beat_a_random_walk():
     Robots 0.17 m wide that keep 0.2 m between them: one is on top, and its neighbours 0.37 m away.
     """
     trials = 40
-    run = swarm_on_hill(trials, restart_after=0)
-    _, tracks = run.go(150)
+    hill = Hill([100.0], 1.0), CORNER, trials, FLOOR
+    _, tracks = Run(Dapso(kind="dapso", restart_after=0), *hill, **ALONE).go(150)
     away = np.linalg.norm(tracks[-1] - TOP, axis=-1).reshape(trials, 5)
     assert (np.median(away, axis=1) < 0.6).mean() > 0.9
-    walk = Run(
-        RandomWalk(kind="random_walk"),
-        Hill([100.0], 1.0),
-        CORNER,
-        trials,
-        FLOOR,
-        reach=0,
-    )
-    _, walked = walk.go(150)
+    _, walked = Run({"kind": "random_walk"}, *hill, reach=0).go(150)
     strayed = np.linalg.norm(walked[-1] - TOP, axis=-1).reshape(trials, 5)
     assert np.median(away) < 0.4 * np.median(strayed)
     apart = np.linalg.norm(tracks[:, :5, None] - tracks[:, None, :5], axis=-1) + 9 * np.eye(5)
@@ -333,13 +296,3 @@ def test_it_explores_until_it_smells(rivals):
     states = rivals.go(6)[0][:, explorers]
     assert not (states[10:] == EXPLORE).any()
     assert (states == DRIVE).any(axis=0).all()
-
-
-@pytest.mark.slow
-def test_a_trial_alone_is_the_same_as_among_many():
-    keys = {"communication": Communication(range=2.0, loss=0.2), "reach": 0}
-    model = Dapso(kind="dapso", neighbourhood=RandomMates(kind="random"))
-    _, among = Run(model, Hill([100.0], 1.0), CORNER, 6, FLOOR, **keys).go(30)
-    _, alone = Run(model, Hill([100.0], 1.0), CORNER, 1, FLOOR, first_trial=4, **keys).go(30)
-    assert (alone == among[:, 20:25]).all()
-    assert (among[:, :5] != among[:, 5:10]).any()

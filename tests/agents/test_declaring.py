@@ -5,50 +5,29 @@ from typing import Any
 
 import numpy as np
 import pytest
-import taichi as ti
+from robots import group
 
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.running.job import whole
-from taichi_plume.scenario.algorithms import Casting
-from taichi_plume.scenario.robots import Group
-from taichi_plume.scenario.starts import StartAt
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
 SOURCES = np.array([[3.0, 1.0], [1.0, 2.5]])
 
 
-def group(name, found):
-    at = StartAt(kind="positions", positions=((0.5, 0.5),), heading_deg=0.0)
-    return Group(name=name, count=1, start=at, algorithm=Casting(kind="casting"), found=found)
-
-
-@ti.data_oriented
-class Says:
-    """Lets each robot declare a place."""
-
-    def __init__(self, swarm):
-        self.swarm = swarm
-
-    @ti.kernel
-    def at(self, t: float, places: ti.types.ndarray(dtype=ti.f32, ndim=2)):
-        for i in range(places.shape[0]):
-            self.swarm.declare(i, ti.Vector([places[i, 0], places[i, 1]]), t)
-
-
 @pytest.fixture
 def swarm():
     starts = np.full((2, 2), 0.5), np.zeros(2)
     clearance = ClearanceMap([], (4.0, 3.0), 0.2)
-    groups = [group("free", "reached"), group("ends", "declared")]
+    groups = [group(name=name, found=name) for name in ("reached", "declared")]
     return Swarm(groups, *starts, clearance, SOURCES, 0, rivals=True)
 
 
 def test_words_are_judged(swarm):
-    say = Says(swarm).at
     for t, place in enumerate([(2.0, 2.0), (3.2, 1.1), (0.1, 0.1)], 1):
-        say(float(t), np.full((2, 2), place, np.float32))
+        swarm.declare_all(0, np.full((2, 2), place), float(t))
+    swarm.declare_all(0, np.full((2, 2), np.nan), 9.0)  # nobody does
     told = swarm.snapshot()
     assert told["declarations"].tolist() == [3, 1]  # of the other the first word was the last
     assert told["false_declarations"].tolist() == [2, 1]
@@ -67,7 +46,7 @@ def test_an_end_without_a_find_is_called_so(swarm):
 
 
 def test_a_true_word_finds(swarm):
-    Says(swarm).at(4.0, np.array([[1.0, 2.5], [1.0, 2.2]], np.float32))
+    swarm.declare_all(0, np.array([[1.0, 2.5], [1.0, 2.2]]), 4.0)
     told = swarm.snapshot()
     assert told["found"].tolist() == [False, True]
     assert told["found_time"][1] == 4.0

@@ -9,8 +9,6 @@ from taichi_plume.scenario.listening import EColi
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
 MODEL = EColi(kind="ecoli")
 TIMES = (3.0, 30.0)  # s of an acquisition
 MANY = 400

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from robots import room, team
 
 from taichi_plume.agents.external import DRIVEN, LOST, Orders
 from taichi_plume.assembly.assemble import assemble
@@ -12,23 +13,17 @@ from taichi_plume.scenario.loading import ScenarioError, scenario_from
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-SCENARIO = {
-    "duration": 20.0,
-    "domain": {"size": [4, 3], "spacing": 0.1},
-    "wind": {"kind": "uniform", "velocity": [0.5, 0]},
-    "gas": {"kind": "gaussian_plume", "diffusivity": 0.002, "sources": [{"position": [0.5, 1.5], "rate": "10 mg/s"}]},
-    "robots": [
-        {
-            "name": "real", "count": 2, "trials": 2, "start": {"kind": "positions", "positions": [[3, 1], [3, 2]]},
-            "algorithm": {"kind": "external", "takes": "pose"}, "sensors": {"gas": {"kind": "ideal"}},
-        },
-        {
-            "name": "remote", "count": 1, "trials": 2,
-            "start": {"kind": "positions", "positions": [[2, 0.5]], "heading_deg": 0},
-            "algorithm": {"kind": "external"}, "sensors": {"gas": {"kind": "ideal"}, "wind": {"kind": "ideal"}},
-        },
-    ],
-}  # fmt: skip
+IDEAL = {"kind": "ideal"}
+PLUME = {
+    "kind": "gaussian_plume",
+    "diffusivity": 0.002,
+    "sources": [{"position": [0.5, 1.5], "rate": "10 mg/s"}],
+}
+POSE = {"algorithm": {"kind": "external", "takes": "pose"}, "sensors": {"gas": IDEAL}}
+REAL = team([3, 1], [3, 2], name="real", trials=2, **POSE)
+BOTH = {"algorithm": {"kind": "external"}, "sensors": {"gas": IDEAL, "wind": IDEAL}}
+REMOTE = team([2, 0.5], name="remote", trials=2, heading_deg=0, **BOTH)
+SCENARIO = room(REAL, REMOTE, gas=PLUME, duration=20.0)
 
 
 @pytest.fixture(scope="module")
@@ -76,9 +71,7 @@ def test_a_robot_is_where_it_is_said_to_be_and_smells_there(sim):
     told = algorithm(sim, "real").told()
     np.testing.assert_allclose(told["believed_position"], places, rtol=1e-6)
     np.testing.assert_allclose(told["believed_heading"], 0.5)
-    there = SCENARIO["robots"][0] | {"count": 4, "trials": 1, "sensors": {"gas": {"kind": "ideal"}}}
-    there |= {"start": {"kind": "positions", "positions": places.tolist()}}
-    other = assemble(scenario_from(SCENARIO | {"robots": [there]}), driven=True)
+    other = assemble(scenario_from(SCENARIO | {"robots": [team(*places.tolist(), **POSE)]}), driven=True)
     while other.tick < 1:
         other.advance()
     assert told["reading"].min() > 0.1
@@ -164,6 +157,6 @@ def test_a_real_robot_goes_on_when_it_has_found_the_source(sim):
 def test_what_is_wrong_is_told():
     with pytest.raises(ScenarioError, match=r"robots\[0\].algorithm: external: nothing drives"):
         assemble(scenario_from(SCENARIO))
-    group = SCENARIO["robots"][0] | {"odometry": {}}
+    group = REAL | {"odometry": {}}
     with pytest.raises(ScenarioError, match=r"robots\[0\].odometry: the poses of these robots come"):
         checked(scenario_from(SCENARIO | {"robots": [group]}), Path())

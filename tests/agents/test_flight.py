@@ -4,20 +4,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from driver import Driver
+from robots import NOWHERE, Driver, group
 
 from taichi_plume.agents.contact import SKIN
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.layers import MOST_LAYERS, Layers, levels
 from taichi_plume.grid.transfer import uploader
-from taichi_plume.scenario.algorithms import Casting
-from taichi_plume.scenario.bodies import Body
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box, Cylinder, Sphere
-from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.shapes import shape
-from taichi_plume.scenario.starts import StartAt
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -34,15 +30,8 @@ NAN = np.nan
 def drone(altitude=1.0, kind="drone", **body):
     if kind == "drone":
         body |= {"radius": R, "height": H, "rotor_radius": 0.03, "arm": 0.05}
-    return Group(
-        count=1,
-        start=StartAt(
-            kind="positions", positions=((1.0, 1.0),), altitude=altitude if kind == "drone" else None
-        ),
-        algorithm=Casting(kind="casting"),
-        body=Body.model_validate({"kind": kind, **body}),
-        reach=0.3,
-    )
+    start = {"kind": "positions", "positions": [(1, 1)], "altitude": altitude if kind == "drone" else None}
+    return group(start=start, body={"kind": kind, **body}, reach=0.3)
 
 
 class Flight(Driver):
@@ -284,8 +273,5 @@ def test_a_source_is_found_in_space(flight):
 
 
 def test_a_swarm_of_the_floor_has_no_columns_of_flight():
-    names = {
-        column.name for column in Swarm([], np.empty((0, 2)), np.empty(0), None, np.empty((0, 2)), 0).columns
-    }
-    assert "altitude" not in names
-    assert not names & {"flight", "climb_rate", "goal"}
+    names = {column.name for column in Swarm([], NOWHERE, np.empty(0), None, NOWHERE, 0).columns}
+    assert not names & {"altitude", "flight", "climb_rate", "goal"}

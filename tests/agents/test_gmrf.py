@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from readers import COUNT, EXTENT, TRIALS, Stock, centers, same
+from readers import COUNT, EXTENT, TRIALS, Stock, centers, feed, same
 
 from taichi_plume.agents.gas_map import Floor, nowhere
 from taichi_plume.agents.gmrf import MarkovMap
@@ -62,15 +62,6 @@ def literal(rows, now, extent, obstacle, lambda_p=0.01, lambda_o=10.0, memory=60
     return (inverse @ g).reshape(cells), np.diag(inverse).reshape(cells)
 
 
-def run(gas_map, robots, seconds):
-    rows = []
-    for tick in range(1, round(seconds / DT) + 1):
-        robots.wander()
-        gas_map.update(robots, tick * DT, DT)
-        rows.append(robots.rows(tick * DT))
-    return np.concatenate(rows)
-
-
 @pytest.mark.parametrize("extent", [(2.0, 1.5), (1.0, 2.25)], ids=["long", "high"])
 @pytest.mark.parametrize(
     ("keys", "obstacle"),
@@ -78,7 +69,7 @@ def run(gas_map, robots, seconds):
 )
 def test_mean_and_variance_solve_the_normal_equations(stock, extent, keys, obstacle):
     gas_map = stock.map(MarkovMap, model(**keys), "equations", floor=floor(obstacle, extent, TRIALS))
-    rows = run(gas_map, stock.robots(2, extent=extent), 12.0)
+    rows = feed(gas_map, stock.robots(2, extent=extent), 24, DT)
     keys = {name.replace("prior", "p"): np.inf if value is None else value for name, value in keys.items()}
     for trial in range(TRIALS):
         mean, variance = literal(rows[rows[:, 0] == trial], 12.0, extent, obstacle, **keys)

@@ -5,17 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from robots import Bench, room, team
 from scipy.integrate import solve_ivp
-from test_sensors import Air, Floor
 
-from taichi_plume.agents.sensors import Sensors
-from taichi_plume.agents.swarm import Swarm
 from taichi_plume.assembly.prepare import load
-from taichi_plume.scenario.algorithms import Casting
 from taichi_plume.scenario.loading import ScenarioError
-from taichi_plume.scenario.robots import Group
-from taichi_plume.scenario.sensors import Sensors as SensorModels
-from taichi_plume.scenario.starts import StartAt
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -23,33 +17,13 @@ MODEL = {"kind": "mox", "model": "mics5524", "noise": 0.0, "period": 1e-4}
 C0, B = 1.6, 0.644
 
 
-class Bench:
-    """Sensors of these heaters side by side, in air that is told tick by tick."""
+def bench(dt: float, *sensors) -> Bench:
+    """Sensors of these heaters side by side."""
+    return Bench(*(MODEL | one for one in sensors), dt=dt)
 
-    def __init__(self, tick: float, *sensors):
-        self.air, self.dt, self.tick = Air(), tick, 0
-        groups = [
-            Group(
-                name=f"group {n}",
-                count=1,
-                start=StartAt(kind="positions", positions=((1.0, 1.0),)),
-                algorithm=Casting(kind="casting"),
-                sensors=SensorModels.model_validate({"gas": MODEL | one, "wind": {"kind": "ideal"}}),
-            )
-            for n, one in enumerate(sensors)
-        ]
-        places = np.ones((len(groups), 2))
-        self.swarm = Swarm(groups, places, np.zeros(len(groups)), Floor(), np.empty((0, 2)), 3)
-        self.sensors = Sensors(self.swarm, 2, tick, self.air.species)
 
-    def series(self, levels, column="resistance_ohm"):
-        out = []
-        for level in levels:
-            self.tick += 1
-            self.air.level[None] = level
-            self.sensors.measure(self.air, self.air, self.tick, self.dt * self.tick)
-            out.append(self.swarm.snapshot()[column])
-        return np.array(out)
+def resistances(of: Bench, levels):
+    return of.series(levels, "resistance_ohm")
 
 
 def solved(levels, tick, period, hot, slowness, rise, decay):
@@ -65,9 +39,8 @@ def solved(levels, tick, period, hot, slowness, rise, decay):
             is_hot = (0.5 * (a + b) / period) % 1.0 < hot
             k = k_hot * (1.0 if is_hot else slowness)
             rate = k / (rise if goal > y else decay)
-            y = solve_ivp(lambda _, z, r=rate, g=goal: (g - z) * r, (a, b), [y], rtol=1e-9, atol=1e-12).y[
-                0, -1
-            ]
+            path = solve_ivp(lambda _, z, r=rate, g=goal: (g - z) * r, (a, b), [y], rtol=1e-9, atol=1e-12)
+            y = path.y[0, -1]
             if is_hot and abs((b / period) % 1.0 - hot) < 1e-6:
                 last = y
         out.append(last)
@@ -85,11 +58,9 @@ def test_the_signal_is_that_of_the_equation(tick):
         {"period": 0.071, "hot_share": 0.3, "activation_energy": 0.1},
         {"period": 0.47, "hot_share": 0.8, "hot": 600.0, "cold": 400.0, "activation_energy": 0.5},
     ]
-    bench = Bench(
-        tick, *({"heater": one} for one in heaters), {"heater": {}, "rise_time": 0.3, "decay_time": 1.0}
-    )
+    sensors = [{"heater": one} for one in heaters] + [{"heater": {}, "rise_time": 0.3, "decay_time": 1.0}]
     clean = np.sqrt(100e3 * 1500e3)
-    y = np.log(clean / bench.series(LEVELS))
+    y = np.log(clean / resistances(bench(tick, *sensors), LEVELS))
     e = 1.0 / 8.617333e-5
     slow = [np.exp(-0.3 * e * (1 / 423.15 - 1 / 673.15)), np.exp(-0.1 * e * (1 / 423.15 - 1 / 673.15))]
     slow.append(np.exp(-0.5 * e * (1 / 400.0 - 1 / 600.0)))
@@ -101,11 +72,10 @@ def test_the_signal_is_that_of_the_equation(tick):
 
 def test_over_whole_cycles_it_rises_and_recovers_as_published():
     """87 ms and 106 ms (Dennler et al. 2024), where a steadily heated one takes seconds."""
-    bench = Bench(0.05, {"heater": {}}, {})
-    bench.series([0.0] * 4)
-    clean = bench.series([0.0])[0]
-    up = np.log(clean / bench.series([50.0] * 40))
-    down = np.log(clean / bench.series([0.0] * 40))
+    pair = bench(0.05, {"heater": {}}, {})
+    clean = resistances(pair, [0.0] * 5)[-1]
+    up = np.log(clean / resistances(pair, [50.0] * 40))
+    down = np.log(clean / resistances(pair, [0.0] * 40))
     steady = B * np.log1p(50.0 / C0)
     t = 0.05 * np.arange(12)
     np.testing.assert_allclose(
@@ -116,21 +86,16 @@ def test_over_whole_cycles_it_rises_and_recovers_as_published():
 
 
 def test_between_two_hot_ends_a_reading_holds():
-    bench = Bench(0.01, {"heater": {"period": 0.1}})
-    told = bench.series([50.0] * 60, "reading_ppm")[:, 0]
+    told = bench(0.01, {"heater": {"period": 0.1}}).series([50.0] * 60)[:, 0]
     changes = np.flatnonzero(np.diff(told)) + 2  # ticks at which it is another
     np.testing.assert_array_equal(np.diff(changes), 10)
 
 
 def test_phases_are_right_after_a_million_ticks():
-    bench = Bench(0.03, {"heater": {"period": 0.07}})
-    bench.tick = 1_000_000
-    bench.series([0.0])
-    late = bench.series([50.0] * 20, "resistance_ohm")[:, 0]
-    begin = Bench(0.03, {"heater": {"period": 0.07}})
-    begin.tick = 1_000_000 % 7  # 7 ticks are 3 cycles
-    begin.series([0.0])
-    np.testing.assert_allclose(late, begin.series([50.0] * 20, "resistance_ohm")[:, 0], rtol=1e-4)
+    late, early = (bench(0.03, {"heater": {"period": 0.07}}) for _ in range(2))
+    late.tick, early.tick = 1_000_000, 1_000_000 % 7  # 7 ticks are 3 cycles
+    levels = [0.0, *[50.0] * 20]
+    np.testing.assert_allclose(resistances(late, levels)[1:], resistances(early, levels)[1:], rtol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -141,29 +106,13 @@ def test_phases_are_right_after_a_million_ticks():
             "robots[0].sensors.gas.heater.hot: 300 K must be above cold: 423.15 K",
         ),
         ({"period": 0}, "robots[0].sensors.gas.heater.period: got 0"),
-        (
-            {"hot_share": 1.5},
-            "robots[0].sensors.gas.heater.hot_share: got 1.5: must be at most 0.99",
-        ),
+        ({"hot_share": 1.5}, "robots[0].sensors.gas.heater.hot_share: got 1.5: must be at most 0.99"),
         ({"hot": "400 degC"}, ""),
         (3, "robots[0].sensors.gas.heater: must be a mapping (key: value), got 3"),
     ],
 )
 def test_what_is_no_heater_is_told(tmp_path, heater, told):
-    data = {
-        "duration": 3.0,
-        "domain": {"size": [4.0, 3.0], "spacing": 0.1},
-        "wind": {"kind": "uniform", "velocity": [0.5, 0.0]},
-        "gas": {"kind": "eulerian", "sources": [{"position": [0.5, 1.5], "rate": 1e-4}]},
-        "robots": [
-            {
-                "count": 1,
-                "start": {"kind": "positions", "positions": [[3.0, 1.0]]},
-                "algorithm": {"kind": "casting"},
-                "sensors": {"gas": MODEL | {"heater": heater}},
-            }
-        ],
-    }
+    data = room(team([3.0, 1.0], sensors={"gas": MODEL | {"heater": heater}}))
     (tmp_path / "s.yaml").write_text(json.dumps(data))
     faults = []
     try:

@@ -10,7 +10,6 @@ from taichi_plume.agents.ways import FAR, Ways
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import uniform4
-from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.belief_algorithms import HitMap
 from taichi_plume.scenario.domain import Domain
@@ -234,35 +233,12 @@ class Whiffs(Script):
         return ti.Vector([0.5, 0.0])
 
 
-def test_a_run_goes_on_from_its_state(walled):
-    """Beginning again, and going on from a saved state, give the same; what is in no STATE would tell."""
-    run, tracks = walled.run, []
-    for _ in range(2):
-        run.begin(MODEL)
-        run.go(8)
-        kept = State(run).save()
-        tracks.append(run.go(8)[1])
-    State(run).restore(kept)
-    run.tick -= 80
-    again = run.go(8)[1]
-    np.testing.assert_array_equal(tracks[0], tracks[1])
-    np.testing.assert_array_equal(again, tracks[1])
-    assert np.ptp(again, axis=0).max() > 0.1
-
-
 @pytest.mark.slow
 def test_it_finds_and_declares_a_source_behind_a_wall():
     source = (0.5, 1.9)
     rivals = [{"algorithm": MODEL, "found": found, "trials": 30} for found in ("reached", "declared")]
-    run = Run(
-        rivals,
-        Whiffs([0.0], 1.0),
-        positions=((2.6, 0.5),),
-        size=SIZE,
-        obstacles=[wall()],
-        sources=[source],
-        reach=0.3,
-    )
+    keys = {"size": SIZE, "obstacles": [wall()], "sources": [source], "reach": 0.3}
+    run = Run(rivals, Whiffs([0.0], 1.0), ((2.6, 0.5),), **keys)
     run.go(240)
     now = run.swarm.snapshot()
     assert now["found"][run.of(0)].mean() >= 0.9

@@ -142,14 +142,7 @@ class Patches(Script):
 @pytest.mark.slow
 def test_it_finds_the_source_in_the_world_it_believes_in():
     source = (0.6, 0.7)
-    run = Run(
-        MODEL,
-        Patches(source),
-        positions=((2.6, 1.6),),
-        trials=40,
-        sources=[source],
-        reach=0.3,
-    )
+    run = Run(MODEL, Patches(source), positions=((2.6, 1.6),), trials=40, sources=[source], reach=0.3)
     run.go(300)
     now = run.swarm.snapshot()
     assert now["found"].mean() >= 0.9

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from readers import EXTENT, TRIALS, Stock, centers, same
+from readers import EXTENT, TRIALS, Stock, centers, feed, same
 
 from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.kernel_dm import KernelMap
@@ -23,16 +23,6 @@ def model(**keys):
     return map_models.KernelMap.model_validate({"kind": "kernel_dmv", **keys})
 
 
-def run(gas_map, robots, ticks):
-    """Feed the map; returns all rows that it was shown."""
-    rows = []
-    for tick in range(1, 1 + ticks):
-        robots.wander()
-        gas_map.update(robots, tick * DT, DT)
-        rows.append(robots.rows(tick * DT))
-    return np.concatenate(rows)
-
-
 def gaussian(points, row, sigma, gamma):
     """The weight without age of a row's reading at points (n, 2), by the rotated covariance matrix."""
     d, wind = points - row[1:3], row[4:6]
@@ -44,8 +34,8 @@ def gaussian(points, row, sigma, gamma):
     return np.exp(-q / 2) * (q < 16)
 
 
-def literal(rows, shape, cell, sigma=0.25, sigma_omega=5.0, memory=np.inf, gamma=0.0):
-    """Mean, variance and confidence in every cell, (nx, ny) each."""
+def literal(rows, shape, cell, sigma=0.25, sigma_omega=5.0, memory=np.inf, gamma=0.0, frozen=()):
+    """Mean, variance and confidence in every cell, (nx, ny) each, and all q, of which the first may be given."""
     age = np.exp(-(rows[:, 6].max() - rows[:, 6]) / memory)
     reading = rows[:, 3]
     K = np.array([gaussian(centers(shape, cell), row, sigma, gamma) for row in rows]).T * age
@@ -56,8 +46,9 @@ def literal(rows, shape, cell, sigma=0.25, sigma_omega=5.0, memory=np.inf, gamma
     mean = trust * (K @ reading) / safe + (1 - trust) * r0
     i, j = np.minimum(np.floor(rows[:, 1:3] / cell).astype(int), np.array(shape) - 1).T
     q = (reading - mean.reshape(shape)[i, j]) ** 2
+    q[: len(frozen)] = frozen
     variance = trust * (K @ q) / safe + (1 - trust) * (age * q).sum() / age.sum()
-    return mean.reshape(shape), variance.reshape(shape), trust.reshape(shape)
+    return mean.reshape(shape), variance.reshape(shape), trust.reshape(shape), q
 
 
 @pytest.mark.parametrize(
@@ -67,11 +58,11 @@ def literal(rows, shape, cell, sigma=0.25, sigma_omega=5.0, memory=np.inf, gamma
 )
 def test_mean_variance_and_confidence_are_the_papers(stock, keys):
     gas_map = stock.map(KernelMap, model(cell=0.2, sigma=0.15, **keys), "papers")
-    rows = run(gas_map, stock.robots(3), 40)
+    rows = feed(gas_map, stock.robots(3), 40, DT)
     keys = {("gamma" if name == "wind_stretch" else name): value for name, value in keys.items()}
     assert gas_map.estimate().shape == (TRIALS, 10, 8)
     for trial in range(TRIALS):
-        mean, variance, trust = literal(rows[rows[:, 0] == trial], (10, 8), 0.2, 0.15, **keys)
+        mean, variance, trust, _ = literal(rows[rows[:, 0] == trial], (10, 8), 0.2, 0.15, **keys)
         same(gas_map.estimate()[trial], mean)
         same(gas_map.variance()[trial], variance)
         known = np.isfinite(mean)
@@ -87,30 +78,16 @@ def test_readings_that_are_not_kept_have_the_deviation_of_their_last_tick(stock,
     robots = stock.robots(4, trials=1)
     rows, frozen = np.empty((0, 7)), []
 
-    def cell_means(now):
-        """Weights (cells, readings), trust (cells,), age weights, prior, and each reading's q."""
-        age = np.exp(-(now - rows[:, 6]) / memory)
-        K = np.array([gaussian(centers((10, 8), 0.2), row, 0.25, 0.0) for row in rows]).T * age
-        total = np.maximum(K.sum(axis=1), 1e-300)
-        trust = 1 - np.exp(-((total / 5.0) ** 2))
-        r0 = (age * rows[:, 3]).sum() / age.sum()
-        mean = trust * (K @ rows[:, 3]) / total + (1 - trust) * r0
-        i, j = np.minimum(np.floor(rows[:, 1:3] / 0.2).astype(int), (9, 7)).T
-        return K, total, trust, age, (rows[:, 3] - mean.reshape(10, 8)[i, j]) ** 2
-
     for tick in range(1, 16):
         robots.wander()
         new = robots.rows(tick * DT)
         if len(rows):
-            q = cell_means((tick - 1) * DT)[-1]
+            q = literal(rows, (10, 8), 0.2, memory=memory)[-1]
             frozen += q[len(frozen) : max(len(frozen), len(rows) + len(new) - exact)].tolist()
         gas_map.update(robots, tick * DT, DT)
         rows = np.concatenate([rows, new])
-    K, total, trust, age, q = cell_means(15 * DT)
-    q[: len(frozen)] = frozen
     assert len(frozen) == 45 - exact
-    variance = trust * (K @ q) / total + (1 - trust) * (age * q).sum() / age.sum()
-    same(gas_map.variance()[0].ravel(), np.where(total > 1e-300, variance, np.nan))
+    same(gas_map.variance()[0], literal(rows, (10, 8), 0.2, memory=memory, frozen=frozen)[1])
 
 
 def test_sums_of_a_long_run_are_exact(stock):

@@ -15,8 +15,6 @@ from taichi_plume.scenario.shapes import shape
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
 AIR = [0.0]
 CORNER = ((3.4, 0.4), (3.7, 0.4), (3.4, 0.8), (3.7, 0.8))
 SIZE = (4.0, 3.0)
@@ -82,13 +80,11 @@ def test_it_goes_on_from_the_middle_of_a_snap(begun):
     """Its map too; in between it drives elsewhere, through other snaps."""
     run, _ = begun
     run.go(2.3)
-    state, tick = State(run), run.tick
-    saved = state.save()
-    assert_plain(saved)
+    restore = run.saved()
+    assert_plain(State(run).save())
     _, rest = run.go(16)
     run.go(21)
-    state.restore(saved)
-    run.tick = tick
+    restore()
     assert_array_equal(run.go(16)[1], rest)
 
 
@@ -97,14 +93,7 @@ def test_what_cannot_be_reached_is_left_alone():
     wall = Box(kind="box", center=(2.5, 1.5), size=(0.1, 3.0))
     standing = shape(wall, Domain(size=SIZE, spacing=0.05), None)  # type: ignore[arg-type]
     places = ((0.4, 0.4), (0.9, 0.4), (0.4, 0.9))
-    run = Run(
-        LeastKnown(kind="least_known"),
-        Script(AIR, 1.0),
-        places,
-        2,
-        SIZE,
-        obstacles=(standing,),
-    )
+    run = Run(LeastKnown(kind="least_known"), Script(AIR, 1.0), places, 2, SIZE, obstacles=(standing,))
     for _ in range(10):
         run.go(4)
         goal = run.algorithm.goal.to_numpy()

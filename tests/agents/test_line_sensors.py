@@ -4,22 +4,16 @@ import json
 
 import numpy as np
 import pytest
+from robots import Bench
 from scipy.integrate import quad
 from scipy.special import erf
-from test_sensors import Air, Floor
 
 from taichi_plume.agents.line_sensors import Surroundings
-from taichi_plume.agents.sensors import Sensors
-from taichi_plume.agents.swarm import Swarm
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import load
 from taichi_plume.grid.fields import ppm_at
-from taichi_plume.scenario.algorithms import Casting
 from taichi_plume.scenario.loading import scenario_from
-from taichi_plume.scenario.robots import Group
-from taichi_plume.scenario.sensors import Sensors as SensorModels
 from taichi_plume.scenario.species import SPECIES
-from taichi_plume.scenario.starts import StartAt
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -71,6 +65,17 @@ def to_the_walls(x, e, size):
     with np.errstate(divide="ignore"):
         ways = np.where(e > 0, (np.array(size) - x) / e, np.where(e < 0, -x / e, np.inf))
     return ways.min(axis=1)
+
+
+def assert_integral(sim, x, e, read, length, least):
+    """To a percent, against points 1 mm apart of the field as all see it, where the integral is above `least`."""
+    true = np.empty(MANY)
+    for n in range(MANY):
+        s = np.arange(0.0005, length[n], 0.001)
+        true[n] = ppm_at(sim.gas, x[n] + s[:, None] * e[n], sim.t)[:, 0].sum() * 0.001
+    some = true > least(true)
+    assert some.sum() > 10
+    np.testing.assert_allclose(read[some], true[some], rtol=0.01)
 
 
 def test_a_gaussian_plume_is_integrated_to_a_percent():
@@ -137,26 +142,14 @@ def test_a_computed_field_is_integrated_to_a_percent_up_to_obstacles():
     hits = (near < far) & (near > 0)
     assert hits.sum() > 3
     np.testing.assert_allclose(length, np.where(hits, near, ends), atol=0.02)
-    true = np.empty(MANY)
-    for n in range(MANY):
-        s = np.arange(0.0005, length[n], 0.001)
-        true[n] = ppm_at(sim.gas, x[n] + s[:, None] * e[n], sim.t)[:, 0].sum() * 0.001
-    some = true > 0.5
-    assert some.sum() > 10
-    np.testing.assert_allclose(read[some], true[some], rtol=0.01)
+    assert_integral(sim, x, e, read, length, lambda true: 0.5)
 
 
 def test_puffs_are_integrated_to_a_percent():
     source = {"position": [0.6, 1.0], "rate": 1e-5}
     gas = {"kind": "puffs", "sources": [source], "release_rate": 20.0, "handover": False}
     sim, x, e, read, length, _ = looked(room(gas, (3.0, 2.0)), steps=30)
-    true = np.empty(MANY)
-    for n in range(MANY):
-        s = np.arange(0.0005, length[n], 0.001)
-        true[n] = ppm_at(sim.gas, x[n] + s[:, None] * e[n], sim.t)[:, 0].sum() * 0.001
-    some = true > 0.01 * true.max()
-    assert some.sum() > 10
-    np.testing.assert_allclose(read[some], true[some], rtol=0.01)
+    assert_integral(sim, x, e, read, length, lambda true: 0.01 * true.max())
 
 
 def test_round_obstacles_and_walkers_end_a_beam_where_they_are():
@@ -185,38 +178,15 @@ def test_round_obstacles_and_walkers_end_a_beam_where_they_are():
 # ---------------------------------------------------------------- what it makes of the integral
 
 
-class Bench:
+def lasers(*sensors):
     """Lasers 3 m long in an even gas, side by side."""
-
-    def __init__(self, *sensors):
-        self.air = Air()
-        groups = [
-            Group(
-                name=f"group {n}",
-                count=1,
-                start=StartAt(kind="positions", positions=((1.0, 1.0),)),
-                algorithm=Casting(kind="casting"),
-                sensors=SensorModels.model_validate(
-                    {"gas": EXACT | {"species": "ethanol", "range": 3.0} | one, "wind": {"kind": "ideal"}}
-                ),
-            )
-            for n, one in enumerate(sensors)
-        ]
-        n = len(groups)
-        self.swarm = Swarm(groups, np.full((n, 2), 20.0), np.zeros(n), Floor(), np.empty((0, 2)), 3)
-        around = Surroundings(None, (100.0, 100.0), 0.05, 0.1)
-        self.sensors = Sensors(self.swarm, 2, 0.1, self.air.species, lambda: around)
-        self.tick = 0
-
-    def read(self, ticks=1):
-        for _ in range(ticks):
-            self.tick += 1
-            self.sensors.measure(self.air, self.air, self.tick, 0.1 * self.tick)
-        return self.swarm.snapshot()["reading_ppm"].tolist()
+    usual = EXACT | {"species": "ethanol", "range": 3.0}
+    around = Surroundings(None, (100.0, 100.0), 0.05, 0.1)
+    return Bench(*(usual | one for one in sensors), around=lambda: around, place=20.0)
 
 
 def test_limits_lag_noise_mean_and_species():
-    bench = Bench(
+    bench = lasers(
         {},
         {"gives": "mean"},
         {"detection_limit_ppm_m": 5.0, "largest_ppm_m": 60.0},
@@ -224,30 +194,24 @@ def test_limits_lag_noise_mean_and_species():
         {"species": "methane"},
         {"noise_ppm_m": 2.0},
     )
-    bench.air.level[None] = 1.0
-    assert bench.read()[:3] == pytest.approx([3.0, 1.0, 0.0], rel=1e-5)
-    bench.air.level[None] = 40.0
-    plain, mean, limited, *_ = bench.read()
-    assert (plain, mean, limited) == pytest.approx((120.0, 40.0, 60.0), rel=1e-5)
-    bench.air.level[None] = 0.0
-    bench.read(20)
-    bench.air.level[None] = 10.0
-    *_, lagging, blind, noisy = bench.read()
+    assert bench.measure(1.0)[:3] == pytest.approx([3.0, 1.0, 0.0], rel=1e-5)
+    assert bench.measure(40.0)[:3] == pytest.approx([120.0, 40.0, 60.0], rel=1e-5)
+    bench.series([0.0] * 20)
+    *_, lagging, blind, noisy = bench.measure(10.0)
     assert lagging == pytest.approx(0.9 * 30.0, rel=1e-3)  # within 0.1 s
     assert blind == 0.0
-    series = [bench.read()[5] for _ in range(300)]
+    series = bench.series([10.0] * 300)[:, 5]
     assert np.std(series) == pytest.approx(2.0, rel=0.15)
     assert np.mean(series) == pytest.approx(30.0, abs=0.5)
     assert noisy != 30.0
 
 
 def test_a_pan_unit_sweeps_to_and_fro():
-    bench = Bench({"bearing_deg": 30.0, "sweep_deg": 80.0, "sweep_rate_deg": 50.0, "range": 9.0})
+    bench = lasers({"bearing_deg": 30.0, "sweep_deg": 80.0, "sweep_rate_deg": 50.0, "range": 9.0})
     bench.air.slope[None] = 1.0  # ppm per m of x
     for tick in range(1, 60):
-        (read,) = bench.read()
-        t = 0.1 * tick
-        swept = (50.0 * t) % 160.0
+        (read,) = bench.measure()
+        swept = (5.0 * tick) % 160.0
         angle = np.radians(30.0 - 40.0 + min(swept, 160.0 - swept))
         assert read == pytest.approx(9.0 * 20.0 + 0.5 * 81.0 * np.cos(angle), rel=1e-4)
 
@@ -279,12 +243,8 @@ def test_what_is_probably_not_meant_is_told(tmp_path, sensor, algorithm, told):
 
 
 def test_robots_that_stand_keep_their_lasers_on_target():
-    sim = looked(
-        room(
-            {"kind": "gaussian_plume", "intensity": 0.1, "sources": [{"position": [0.5, 1.0], "rate": 1e-4}]},
-            (3.0, 2.0),
-        )
-    )[0]
+    gas = {"kind": "gaussian_plume", "intensity": 0.1, "sources": [{"position": [0.5, 1.0], "rate": 1e-4}]}
+    sim = looked(room(gas, (3.0, 2.0)))[0]
     before = sim.swarm.snapshot()
     sim.run()
     now = sim.swarm.snapshot()

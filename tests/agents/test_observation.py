@@ -3,20 +3,18 @@
 import numpy as np
 import pytest
 import taichi as ti
+from robots import EXTENT, group
 
 from taichi_plume.agents.commands import Commands
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.observation import Observation
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
-from taichi_plume.scenario.policy import Policy
-from taichi_plume.scenario.robots import Body, Communication, Group
-from taichi_plume.scenario.starts import StartAt
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-EXTENT, TICK, STEP = (4.0, 3.0), 0.1, 0.6
-ALL = (
+TICK, STEP = 0.1, 0.6
+ALL = [
     "wind",
     "gas",
     "memory",
@@ -28,7 +26,7 @@ ALL = (
     "action",
     "clock",
     "mates",
-)
+]
 PLACES = np.array([[1.0, 1.0], [1.5, 1.2], [3.5, 2.5]])
 HEADINGS = np.array([0.4, -2.0, 3.0])
 
@@ -38,13 +36,9 @@ class Learner:
     """Observation and commands of one team, driven from outside."""
 
     def __init__(self, **keys):
-        model = Policy(kind="policy", **keys)
-        start = StartAt(kind="positions", positions=tuple(map(tuple, PLACES)))
-        group = Group(
-            count=3, start=start, algorithm=model, body=Body(), communication=Communication(range=2.0)
-        )
+        team = group(count=3, algorithm={"kind": "policy", **keys}, communication={"range": 2.0})
         clearance = ClearanceMap([], EXTENT, 0.2)
-        self.swarm = Swarm([group], PLACES, HEADINGS, clearance, np.array([[1.0, 1.5]]), 0)
+        self.swarm = Swarm([team], PLACES, HEADINGS, clearance, np.array([[1.0, 1.5]]), 0)
         members = Members(self.swarm, (0,))
         self.seen, self.told = Observation(self.swarm, members, TICK), Commands(self.swarm, members, TICK)
         self.table = np.full((3, self.seen.size), np.nan, np.float32)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import taichi as ti
 from arena import Run, Script
-from driver import Driver
+from robots import NOWHERE, Driver
+from robots import group as robots
 
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Parameters
@@ -19,12 +20,9 @@ from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.kernels import compiled
-from taichi_plume.scenario.algorithms import RandomWalk, SurgeCast
+from taichi_plume.scenario.algorithms import SurgeCast
 from taichi_plume.scenario.listening import Spiral
-from taichi_plume.scenario.robots import Body, Communication, Group, Odometry
-from taichi_plume.scenario.sensors import Anemometer, IdealGasSensor
-from taichi_plume.scenario.sensors import Sensors as SensorModels
-from taichi_plume.scenario.starts import StartAt
+from taichi_plume.scenario.robots import Communication, Odometry
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -32,19 +30,13 @@ EXACT = dict.fromkeys(Odometry.model_fields, 0.0)
 MANY = 4000  # robots: a variance is estimated to sqrt(2/MANY) = 2.2 % of it
 TOLERANCE = 5 * np.sqrt(2 / MANY)
 SIZE = 30.0
+IDEAL = {"kind": "ideal"}
 
 
 def group(odometry, trials=1, count=1, name="team", **keys):
-    return Group(
-        name=name,
-        count=count,
-        trials=trials,
-        start=StartAt(kind="positions", positions=((1, 1),)),
-        algorithm=RandomWalk(kind="random_walk"),
-        body=Body(max_speed=1.0, max_turn_rate_deg=360.0),
-        sensors=SensorModels(gas=IdealGasSensor(kind="ideal"), wind=Anemometer(kind="ideal")),
-        odometry=odometry,
-        **keys,
+    body, sensors = {"max_speed": 1.0, "max_turn_rate_deg": 360.0}, {"gas": IDEAL, "wind": IDEAL}
+    return robots(
+        name=name, count=count, trials=trials, body=body, sensors=sensors, odometry=odometry, **keys
     )
 
 
@@ -57,7 +49,7 @@ def swarm_of(*groups, seed=3, where=(SIZE / 2, SIZE / 2), heading=0.0):
         for i in range(one.count)
     ]
     arena = ClearanceMap([], (SIZE, SIZE, 1.0), 1.0)
-    return Swarm(groups, np.array(places), np.full(len(places), heading), arena, np.empty((0, 2)), seed)
+    return Swarm(groups, np.array(places), np.full(len(places), heading), arena, NOWHERE, seed)
 
 
 def drive(driver, speed, turn_rate, seconds, tick):
@@ -89,51 +81,44 @@ def put(crowd, where=(SIZE / 2, SIZE / 2), heading=0.0, **errors):
 # ---------------------------------------------------------------- random errors
 
 
-def test_straight_ways(crowd):
-    for tick, speed in ((0.05, 1.0), (0.5, -1.0)):
-        straight_way(crowd, tick, speed)
-
-
-def straight_way(crowd, tick, speed):
-    length, way, heading, told = 6.0, 0.02, np.radians(0.8), f"ticks of {tick} s, {speed} m/s"
+@pytest.mark.parametrize(("tick", "speed"), [(0.05, 1.0), (0.5, -1.0)])
+def test_straight_ways(crowd, tick, speed):
+    length, way, heading = 6.0, 0.02, np.radians(0.8)
     put(crowd, distance_noise=way, heading_noise_deg=0.8)
     drive(crowd, speed, 0.0, length, tick)
     place, turned, driven = errors(crowd)
     aside = place[:, 1]
-    assert np.var(turned) == pytest.approx(heading**2 * length, rel=TOLERANCE), told
-    assert np.var(driven) == pytest.approx(way**2 * length, rel=TOLERANCE), told
+    assert np.var(turned) == pytest.approx(heading**2 * length, rel=TOLERANCE)
+    assert np.var(driven) == pytest.approx(way**2 * length, rel=TOLERANCE)
     # along a straight line the heading is a random walk and the error aside its integral
-    assert np.var(aside) == pytest.approx(heading**2 * length**3 / 3, rel=TOLERANCE), told
+    assert np.var(aside) == pytest.approx(heading**2 * length**3 / 3, rel=TOLERANCE)
     covariance = heading**2 * length**2 / 2 * np.sign(speed)
     deviation = heading**2 * length**2 * np.sqrt((1 / 3 + 1 / 4) / MANY)
-    assert np.mean(aside * turned) == pytest.approx(covariance, abs=5 * deviation), told
+    assert np.mean(aside * turned) == pytest.approx(covariance, abs=5 * deviation)
     # E cos of the heading at s is exp(-k s/2): the believed end lies a little short
     k = heading**2
     short = (1 - np.exp(-k * length / 2)) / (k / 2) - length
     found = np.mean(place[:, 0]) * np.sign(speed)
-    assert found == pytest.approx(short, abs=5 * way * np.sqrt(length / MANY)), told
+    assert found == pytest.approx(short, abs=5 * way * np.sqrt(length / MANY))
     ratios = [turned.mean() / turned.std(), driven.mean() / driven.std()]
-    assert np.abs(ratios).max() < 5 / np.sqrt(MANY), told
+    assert np.abs(ratios).max() < 5 / np.sqrt(MANY)
 
 
-def test_turns_on_the_spot(crowd):
+@pytest.mark.parametrize("tick", [0.05, 0.5])
+def test_turns_on_the_spot(crowd, tick):
     turns, heading, way = 1.5, np.radians(3.0), 0.02
-    for tick in (0.05, 0.5):
-        put(crowd, turn_noise_deg=3.0, turning_distance_noise=way)
-        drive(crowd, 0.0, -np.pi, 2 * turns, tick)
-        place, turned, driven = errors(crowd)
-        assert np.var(turned) == pytest.approx(heading**2 * turns, rel=TOLERANCE), tick
-        assert np.var(driven) == pytest.approx(way**2 * turns, rel=TOLERANCE), tick
-        assert np.var(place, axis=0).sum() == pytest.approx(way**2 * turns, rel=2 * TOLERANCE), tick
+    put(crowd, turn_noise_deg=3.0, turning_distance_noise=way)
+    drive(crowd, 0.0, -np.pi, 2 * turns, tick)
+    place, turned, driven = errors(crowd)
+    assert np.var(turned) == pytest.approx(heading**2 * turns, rel=TOLERANCE)
+    assert np.var(driven) == pytest.approx(way**2 * turns, rel=TOLERANCE)
+    assert np.var(place, axis=0).sum() == pytest.approx(way**2 * turns, rel=2 * TOLERANCE)
 
 
 def test_who_stands_does_not_drift(crowd):
     put(crowd, **Odometry().model_dump())
     drive(crowd, 0.0, 0.0, 5.0, 0.5)
-    place, turned, driven = errors(crowd)
-    assert not place.any()
-    assert not turned.any()
-    assert not driven.any()
+    assert not any(error.any() for error in errors(crowd))
 
 
 # ---------------------------------------------------------------- systematic errors
@@ -275,9 +260,7 @@ class Courier:
     def __init__(self, off, shift):
         one = group(Odometry(**EXACT), count=2)
         arena = ClearanceMap([], (SIZE, SIZE, 1.0), 0.1)
-        self.swarm = Swarm(
-            (one,), np.array([[0.2, 0.25], [0.45, 0.3]]), np.full(2, 0.3), arena, np.empty((0, 2)), 3
-        )
+        self.swarm = Swarm((one,), np.array([[0.2, 0.25], [0.45, 0.3]]), np.full(2, 0.3), arena, NOWHERE, 3)
         turn = np.array([[np.cos(off), -np.sin(off)], [np.sin(off), np.cos(off)]])
         believed = self.swarm.position.to_numpy() + np.float32(shift)
         goal = believed[0] + turn @ np.array([0.5, 0.2])

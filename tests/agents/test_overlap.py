@@ -9,17 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from robots import NOWHERE, group
 
 from taichi_plume.agents.contact import SKIN
 from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
-from taichi_plume.scenario.algorithms import Casting
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box, Cylinder, Mesh, Prism, Sphere
-from taichi_plume.scenario.robots import Body, Group
 from taichi_plume.scenario.shapes import shape
-from taichi_plume.scenario.starts import StartArea
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -135,25 +133,19 @@ def random_obstacles(rng, low, high, dim):
 
 
 def team(name, count, trials, low, high, **body):
-    return Group(
-        name=name,
-        count=count,
-        trials=trials,
-        start=StartArea(kind="area", low=low, high=high),
-        algorithm=Casting(kind="casting"),
-        body=Body(height=BODY_HEIGHT, **body),
-    )
+    start = {"kind": "area", "low": low, "high": high}
+    return group(name=name, count=count, trials=trials, start=start, body={"height": BODY_HEIGHT, **body})
 
 
 def crowd(groups, distance, seed):
     """Free places and headings for all groups."""
     occupied: list[Placed] = []
     headings = []
-    for n, group in enumerate(groups):
+    for n, one in enumerate(groups):
         positions, heading = place(
-            group, lambda k, n=n: np.random.default_rng([seed, n, k]), distance, occupied
+            one, lambda k, n=n: np.random.default_rng([seed, n, k]), distance, occupied
         )
-        occupied.append(placed(group, positions))
+        occupied.append(placed(one, positions))
         headings.append(heading)
     return np.concatenate([one.positions for one in occupied]), np.concatenate(headings)
 
@@ -200,7 +192,7 @@ def test_no_body_ever_overlaps_anything(extent: tuple[float, ...], low, mesh, tm
     for dt in (0.02, 0.1, 0.5, 0.1):
         obstacles, clearance, positions, headings = scene(rng, groups, extent, low, high, tmp_path, mesh)
         if swarm is None:
-            swarm = Swarm(groups, positions, headings, clearance, np.empty((0, 2)), 0)
+            swarm = Swarm(groups, positions, headings, clearance, NOWHERE, 0)
             radius = swarm.radius.to_numpy().astype(float)
             command = np.zeros((2, swarm.count), np.float32)
         swarm.clearance.values.from_numpy(clearance.values.to_numpy())

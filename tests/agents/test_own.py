@@ -62,57 +62,43 @@ def test_it_drives_upwind(path):
     assert (now["state"] == 1).all()
 
 
-def test_a_class_can_be_handed_over(path):
+def test_a_class_can_be_handed_over_and_sees_the_odometers(path):
     class Circle:
         def act(self, robots):
             assert robots.trial.tolist() == [0, 0, 1, 1]
             assert robots.robot.tolist() == [0, 1, 0, 1]
-            robots.speed, robots.turn_rate = 0.1, 0.5
-
-    scenario = load_scenario(path, ["robots.0.algorithm={kind: own}"])
-    sim = assemble(scenario, path.parent, {"mine": Circle})
-    sim.run()
-    turned = 0.5 * (4 - sim.dt)  # they are told at the end of each tick
-    assert sim.swarm.snapshot()["heading"] == pytest.approx(np.pi / 2 + turned - 2 * np.pi, abs=1e-3)
-
-
-def test_it_is_told_what_the_odometers_say(path):
-    class Circle:
-        def act(self, robots):
             self.seen = robots.position.copy(), robots.heading.copy(), robots.path_length.copy()
-            robots.speed, robots.turn_rate = 0.1, 0.0
+            robots.speed, robots.turn_rate = 0.1, 0.5
 
     scenario = load_scenario(path, ["robots.0.algorithm={kind: own}", "robots.0.odometry={veer_deg: 20}"])
     sim = assemble(scenario, path.parent, {"mine": Circle})
     sim.run()
     now, seen = sim.swarm.snapshot(), sim.teams[0].algorithm.algorithm.seen
+    turned = 0.5 * (4 - sim.dt)  # they are told at the end of each tick
+    assert now["heading"] == pytest.approx(np.pi / 2 + turned - 2 * np.pi, abs=1e-3)
     for what, name in zip(seen, ("position", "heading", "odometer"), strict=True):
         np.testing.assert_array_equal(what, now[name if name == "odometer" else f"believed_{name}"])
     assert (np.abs(seen[0] - now["position"]) > 1e-4).any(axis=1).all()
 
 
 @pytest.mark.parametrize(
-    ("wrong", "told"),
+    ("wrong", "file", "told"),
     [
-        ("class A:\n  def act(self, robots)\n    pass", r"upwind.py, line 2: expected ':'"),
-        ("x = 1", r"holds not exactly one class with a method act; there are: none"),
+        ("class A:\n  def act(self, robots)\n    pass", "upwind.py", "upwind.py, line 2: expected ':'"),
+        ("x = 1", "upwind.py", "holds not exactly one class with a method act; there are: none"),
+        (UPWIND, "gone.py", "gone.py: does not exist"),
     ],
 )
-def test_a_file_without_an_algorithm(path, wrong, told):
+def test_a_file_without_an_algorithm(path, wrong, file, told):
     (path.parent / "upwind.py").write_text(wrong)
     with pytest.raises(ScenarioError, match=r"robots\[0\].algorithm.file: .*" + told):
-        load_scenario(path)
+        load_scenario(path, [f"robots.0.algorithm.file={file}"])
 
 
 def test_without_a_file_a_class_has_to_be_handed_over(path):
     scenario = load_scenario(path, ["robots.0.algorithm={kind: own}"])
     with pytest.raises(ScenarioError, match=r"robots\[0\]\.algorithm: no class .* was handed over"):
         assemble(scenario, path.parent)
-
-
-def test_a_missing_file(path):
-    with pytest.raises(ScenarioError, match=r"gone.py: does not exist"):
-        load_scenario(path, ["robots.0.algorithm.file=gone.py"])
 
 
 @pytest.mark.parametrize(
@@ -135,18 +121,8 @@ def test_a_missing_file(path):
 )
 def test_a_failure_is_told_and_what_was_computed_is_kept(path, capsys, act, told):
     (path.parent / "upwind.py").write_text(f"\nclass A:\n  def act(self, robots):\n    {act}\n")
-    code = run.main(
-        [
-            str(path),
-            "--out",
-            "out",
-            "--set",
-            "robots.0.algorithm.parameters={}",
-            "--no-recording",
-            "--allow-code",
-        ]
-    )
-    assert code == 1
+    options = ["--set", "robots.0.algorithm.parameters={}", "--no-recording", "--allow-code"]
+    assert run.main([str(path), "--out", "out", *options]) == 1
     assert told in capsys.readouterr().err
     kept = json.loads(Path("out/result.json").read_text())
     assert kept["status"] == "failed"

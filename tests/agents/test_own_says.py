@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from robots import room, team
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.files.own_class import OwnAlgorithmError
@@ -41,16 +42,9 @@ class Talkers:
 
 def scenario(**keys: Any) -> Scenario:
     """Two teams of three, 0.5, 1.5 and 2 m apart."""
-    group = {
-        "name": "mine", "count": 3, "trials": 2, "algorithm": {"kind": "own"},
-        "start": {"kind": "positions", "positions": PLACES, "heading_deg": 0}, **keys,
-    }  # fmt: skip
-    content = {
-        "duration": 2, "tick": 0.1, "domain": {"size": [4, 3], "spacing": 0.2}, "robots": [group],
-        "wind": {"kind": "uniform", "velocity": [0.5, 0]},
-        "gas": {"kind": "eulerian", "sources": [{"position": [2.0, 2.2], "rate": "1 mg/s"}]},
-    }  # fmt: skip
-    return Scenario.model_validate(content)
+    mine = team(*PLACES, heading_deg=0) | {"name": "mine", "trials": 2, "algorithm": {"kind": "own"}} | keys
+    gas = {"kind": "eulerian", "sources": [{"position": [2.0, 2.2], "rate": "1 mg/s"}]}
+    return Scenario.model_validate(room(mine, gas=gas, duration=2, tick=0.1))
 
 
 def made(own: type, **keys: Any) -> Any:
@@ -129,12 +123,9 @@ def test_messages_are_lost_at_the_groups_rate():
 
 
 WRONG = [
-    (
-        "robots.declare(robots.robot[:2] == 0)",
-        "which is neither a truth for each of the 6 robots nor numbers",
-    ),
-    ("robots.declare([0, 6])", "nor numbers of robots from 0 to 5"),
-    ("robots.declare(0.5)", "which is neither"),
+    ("robots.declare(robots.robot[:2] == 0)", "which must be a boolean mask of length 6"),
+    ("robots.declare([0, 6])", "robot indices from 0 to 5"),
+    ("robots.declare(0.5)", "which must be"),
     ("robots.declare([0, 1], [[1, 2, 3]])", "place has the shape (1, 3), not (2, 2) or (2,)"),
     ("robots.declare(True, 3)", "place has the shape (), not (6, 2) or (2,)"),
     ("robots.declare(2, [1, float('nan')])", "place[0, 1] is nan, not a finite number"),

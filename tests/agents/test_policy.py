@@ -1,10 +1,12 @@
 """Policies that run from a file do what their network says, of what robots observe."""
 
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from robots import room, team
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import checked, load
@@ -46,18 +48,10 @@ def upwind(size: int = 7) -> tuple[np.ndarray, np.ndarray]:
 
 
 def scenario(**keys: Any) -> Scenario:
-    group = {
-        "name": "learnt", "count": 2, "trials": 2,
-        "start": {"kind": "positions", "positions": [[3.0, 1.0], [3.0, 2.0]], "heading_deg": 90},
-        "algorithm": {"kind": "policy", "file": "x.onnx", "observe": OBSERVE, "period": 0.3, **keys},
-        "sensors": {"wind": {"kind": "ideal"}},
-    }  # fmt: skip
-    content = {
-        "duration": 6, "tick": 0.1, "domain": {"size": [4, 3], "spacing": 0.2}, "robots": [group],
-        "wind": {"kind": "uniform", "velocity": [0.5, 0]},
-        "gas": {"kind": "eulerian", "sources": [{"position": [0.5, 0.3], "rate": "1 mg/s"}]},
-    }  # fmt: skip
-    return Scenario.model_validate(content)
+    policy = {"kind": "policy", "file": "x.onnx", "observe": OBSERVE, "period": 0.3, **keys}
+    sensors = {"wind": {"kind": "ideal"}}
+    learnt = team([3.0, 1.0], [3.0, 2.0], trials=2, heading_deg=90, algorithm=policy, sensors=sensors)
+    return Scenario.model_validate(room(learnt, duration=6, tick=0.1))
 
 
 @pytest.fixture(scope="module")
@@ -147,16 +141,8 @@ def test_no_number_ends_the_run(tmp_path: Path) -> None:
 
 
 def test_a_run_needs_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = """
-    duration: 1 s
-    domain: {size: [4, 3], spacing: 0.2}
-    wind: {kind: uniform, velocity: [0.5, 0]}
-    gas: {kind: eulerian, sources: [{position: [0.5, 0.3], rate: 1 mg/s}]}
-    robots:
-      - {count: 1, start: {kind: positions, positions: [[3, 1]]}, algorithm: {kind: policy}}
-    """
     file = tmp_path / "task.yaml"
-    file.write_text("\n".join(line[4:] for line in text.splitlines()))
+    file.write_text(json.dumps(room(team([3.0, 1.0], algorithm={"kind": "policy"}), duration=1)))
     load(file)  # it is a task, and nothing is wrong with it
     assert run.main([str(file), "--out", str(tmp_path / "out")]) == 2
     *notes, error = capsys.readouterr().err.strip().splitlines()

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import taichi as ti
+from robots import NOWHERE, group
 
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Parameters
@@ -11,18 +12,13 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.shapes import UprightBox
 from taichi_plume.grid.transfer import reader, uploader
-from taichi_plume.scenario.algorithms import RandomWalk
 from taichi_plume.scenario.obstacles import Box
-from taichi_plume.scenario.robots import Body, Group
-from taichi_plume.scenario.starts import StartAt
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
 TICK = 0.1
 RADIUS, SPEED, AVOIDANCE = 0.05, 0.2, 0.2
 
-
-pytestmark = pytest.mark.usefixtures("taichi")
 
 SMALL = Box(kind="box", center=(2, 1.5), size=(0.4, 0.4))
 WIDTHS = (0.3, 1.0)
@@ -40,13 +36,7 @@ class Couriers:
 
     def __init__(self, teams, size=(4.0, 3.0), boxes=()):
         groups = tuple(
-            Group(
-                count=len(starts),
-                trials=trials,
-                start=StartAt(kind="positions", positions=tuple(starts)),
-                algorithm=RandomWalk(kind="random_walk"),
-                body=Body(radius=RADIUS, max_speed=SPEED),
-            )
+            group(count=len(starts), trials=trials, body={"radius": RADIUS, "max_speed": SPEED})
             for starts, _, _, trials in teams
         )
         arena = ClearanceMap([UprightBox(box, 2) for box in boxes], (*size, 1.0), 0.1)
@@ -54,7 +44,7 @@ class Couriers:
         headings = np.concatenate(
             [np.full(len(starts) * trials, angle) for starts, _, angle, trials in teams]
         )
-        self.swarm = Swarm(groups, where, headings, arena, np.empty((0, 2)), 1, rivals=True)
+        self.swarm = Swarm(groups, where, headings, arena, NOWHERE, 1, rivals=True)
         members = Members(self.swarm, range(len(groups)))
         parameters = Parameters(members, lambda group: Potential.numbers(self.swarm, group, None, AVOIDANCE))
         parameters.begin()

@@ -4,27 +4,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from driver import Driver
+from robots import NOWHERE, Driver
+from robots import group as robots
 
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.layers import Layers
 from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import uploader
-from taichi_plume.scenario.algorithms import Casting
-from taichi_plume.scenario.bodies import Body
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box, Cylinder
-from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.shapes import shape
-from taichi_plume.scenario.starts import StartAt
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
 ROOM = Domain(size=(4.0, 3.0), spacing=0.1)
 HALL = Domain(size=(4.0, 3.0, 2.4), spacing=0.1)
 R, WALKER, TICK = 0.1, 0.3, 0.1
-NOWHERE = np.empty((0, 2))
 # a dead end of 0.22 m: a robot in it can go neither aside nor back
 ALLEY = [
     Box(kind="box", center=(3.8, 1.19), size=(0.4, 0.4)),
@@ -33,14 +29,9 @@ ALLEY = [
 
 
 def walker(center, *path, radius=WALKER, loop=False, **keys):
+    motion = {"path": path, "loop": loop}
     return Cylinder.model_validate(
-        {
-            "kind": "cylinder",
-            "center": center,
-            "radius": radius,
-            "motion": {"path": path, "loop": loop},
-            **keys,
-        }
+        {"kind": "cylinder", "center": center, "radius": radius, "motion": motion, **keys}
     )
 
 
@@ -48,14 +39,9 @@ IDLE = walker((0.4, 2.6), (999.0, 0.4, 2.6))
 
 
 def group(count, trials, kind="free", altitude=None, **body):
-    return Group(
-        count=count,
-        trials=trials,
-        start=StartAt(kind="positions", positions=((1.0, 1.0),), altitude=altitude),
-        algorithm=Casting(kind="casting"),
-        body=Body.model_validate({"kind": kind, "radius": R, "max_speed": 0.05, **body}),
-        reach=0.3,
-    )
+    start = {"kind": "positions", "positions": [(1, 1)], "altitude": altitude}
+    body = {"kind": kind, "radius": R, "max_speed": 0.05, **body}
+    return robots(count=count, trials=trials, start=start, body=body, reach=0.3)
 
 
 class Pushed(Driver):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import taichi as ti
+from robots import NOWHERE, group
 
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Parameters
@@ -11,11 +12,6 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import uploader
-from taichi_plume.scenario.algorithms import RandomWalk
-from taichi_plume.scenario.robots import Communication, Group
-from taichi_plume.scenario.starts import StartAt
-
-pytestmark = pytest.mark.usefixtures("taichi")
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -30,20 +26,13 @@ class Talk:
     def __init__(self, *communications, trials=1, first_trial=0, count=4):
         places = [(1.0 + i, 1.0) for i in range(count)]
         groups = tuple(
-            Group(
-                count=count,
-                trials=trials,
-                first_trial=first_trial,
-                start=StartAt(kind="positions", positions=tuple(places)),
-                algorithm=RandomWalk(kind="random_walk"),
-                communication=Communication(**communication),
-            )
+            group(count=count, trials=trials, first_trial=first_trial, communication=communication)
             for communication in communications
         )
         arena = ClearanceMap([], (count + 1.0, 2.0, 1.0), 0.1)
         self.places = np.tile(places, (trials * len(groups), 1))
         self.count = len(self.places)
-        self.swarm = Swarm(groups, self.places, np.zeros(self.count), arena, np.empty((0, 2)), 5, rivals=True)
+        self.swarm = Swarm(groups, self.places, np.zeros(self.count), arena, NOWHERE, 5, rivals=True)
         members = Members(self.swarm, range(len(groups)))
         parameters = Parameters(members, Radio.numbers, radio="radio")
         parameters.begin()

@@ -70,26 +70,3 @@ def test_walls_are_left_again(inside):
     assert counts.min() > 0.2 * counts.mean()
     still = np.linalg.norm(np.diff(tracks, axis=0), axis=-1) < 1e-4
     assert np.lib.stride_tricks.sliding_window_view(still, round(30 / TICK), axis=0).all(axis=-1).sum() == 0
-
-
-def test_a_trial_alone_is_the_same_as_among_many(inside):
-    inside.begin(MODEL)
-    _, among = inside.go(40)
-    _, alone = Run(MODEL, Script(AIR, 1.0), ((0.75, 0.75),), 1, (1.5, 1.5), first_trial=4).go(40)
-    assert (alone[:, 0] == among[:, 4]).all()
-    assert (among[:, 0] != among[:, 1]).any()
-
-
-def test_another_walk_begins_without_compiling(inside):
-    from taichi_plume.grid.kernels import compiled
-
-    inside.begin(MODEL)
-    _, first = inside.go(5)
-    count = compiled()
-    inside.begin(RandomWalk(kind="random_walk", speed=0.1, leg=0.3))
-    _, other = inside.go(5)
-    inside.begin(MODEL)
-    _, again = inside.go(5)
-    assert compiled() == count
-    assert (again == first).all()
-    assert np.linalg.norm(np.diff(other, axis=0), axis=-1).max() < 0.011

@@ -5,6 +5,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from recorded_bag import POSE, gas, pose, write
+from robots import room, team
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import checked
@@ -16,24 +17,22 @@ from taichi_plume.scenario.loading import ScenarioError, scenario_from
 
 pytestmark = pytest.mark.usefixtures("taichi")
 TIMES = np.arange(100.0, 104.01, 0.25)
-SCENARIO = {
-    "duration": 6.0,
-    "domain": {"size": [4, 3], "spacing": 0.1},
-    "wind": {"kind": "uniform", "velocity": [0.5, 0]},
-    "gas": {"kind": "gaussian_plume", "diffusivity": 0.01, "sources": [{"position": [0.5, 1.5], "rate": "10 mg/s"}]},
-    "robots": [
-        {
-            "name": "real", "count": 2, "trials": 2, "reach": 0,
-            "start": {"kind": "positions", "positions": [[3, 1], [3, 2]]},
-            "algorithm": {"kind": "replay", "file": "bag", "origin": [0.5, 0.25], "robots": ["b", "a"], "start": 1.0},
-            "sensors": {"gas": {"kind": "ideal"}},
-        },
-        {
-            "name": "table", "count": 1, "reach": 0, "start": {"kind": "positions", "positions": [[3, 2.7]]},
-            "algorithm": {"kind": "replay", "file": "robots.parquet"}, "sensors": {"gas": {"kind": "ideal"}},
-        },
-    ],
-}  # fmt: skip
+PLUME = {
+    "kind": "gaussian_plume",
+    "diffusivity": 0.01,
+    "sources": [{"position": [0.5, 1.5], "rate": "10 mg/s"}],
+}
+BAG = {"kind": "replay", "file": "bag", "origin": [0.5, 0.25], "robots": ["b", "a"], "start": 1.0}
+SENSORS = {"gas": {"kind": "ideal"}}
+TABLE = team(
+    [3, 2.7], name="table", reach=0, algorithm={"kind": "replay", "file": "robots.parquet"}, sensors=SENSORS
+)
+
+
+def scenario(*others, **changes):
+    """Robots that go the ways of the bag, with these changes of the algorithm, and others."""
+    real = team([3, 1], [3, 2], name="real", trials=2, reach=0, algorithm=BAG | changes, sensors=SENSORS)
+    return scenario_from(room(real, *others, gas=PLUME, duration=6.0))
 
 
 def way(name, t):
@@ -66,7 +65,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def sim(taichi, folder):
-    return assemble(scenario_from(SCENARIO), folder=folder)
+    return assemble(scenario(TABLE), folder=folder)
 
 
 def test_robots_are_where_they_were_recorded(sim):
@@ -119,9 +118,7 @@ def test_a_reset_begins_again_with_other_numbers(sim):
     sim.reset()
     for _ in range(20):
         sim.advance()
-    changed = {**SCENARIO["robots"][0]["algorithm"], "origin": [1.0, 0.5]}
-    robots = [{**SCENARIO["robots"][0], "algorithm": changed}, SCENARIO["robots"][1]]
-    sim.reset(scenario_from({**SCENARIO, "robots": robots}))
+    sim.reset(scenario(TABLE, origin=[1.0, 0.5]))
     while sim.tick < 1:
         sim.advance()
     np.testing.assert_allclose(sim.swarm.snapshot()["position"][0], [1.5, 0.5 + 0.2 * (1 + sim.t)], atol=1e-5)
@@ -163,17 +160,13 @@ def test_it_goes_on_where_it_was_saved(sim):
     ],
 )
 def test_what_cannot_be_is_told(folder, changes, told):
-    algorithm = {**SCENARIO["robots"][0]["algorithm"], **changes}
-    robots = [{**SCENARIO["robots"][0], "algorithm": algorithm}]
     with pytest.raises(ScenarioError) as error:
-        checked(scenario_from({**SCENARIO, "robots": robots}), folder)
+        checked(scenario(**changes), folder)
     assert told.format(folder=folder) in str(error.value)
 
 
 def test_what_is_probably_not_meant_is_told(folder):
-    algorithm = {**SCENARIO["robots"][0]["algorithm"], "file": "poses", "origin": [2.0, 0.25]}
-    robots = [{**SCENARIO["robots"][0], "algorithm": algorithm}]
-    remarks = checked(scenario_from({**SCENARIO, "robots": robots}), folder).resources.remarks
+    remarks = checked(scenario(file="poses", origin=[2.0, 0.25]), folder).resources.remarks
     assert any("a is not in the domain for 41 % of its poses" in one for one in remarks), remarks
     assert any("its last pose is at 3 s of the run" in one for one in remarks), remarks
 
@@ -193,9 +186,8 @@ def test_gas_that_cannot_be_read_does_not_stop_a_replay(tmp_path):
 
 
 def test_its_robots_do_not_err(folder):
-    robots = [{**SCENARIO["robots"][1], "odometry": {}}]
     with pytest.raises(ScenarioError, match="the poses of these robots are recorded"):
-        checked(scenario_from({**SCENARIO, "robots": robots}), folder)
+        checked(scenario_from(room(TABLE | {"odometry": {}}, gas=PLUME)), folder)
 
 
 @pytest.mark.parametrize(("x", "ppm", "what"), [(1e300, 5.0, "position"), (1.0, -1e300, "reading")])

@@ -3,75 +3,20 @@
 import numpy as np
 import pytest
 import taichi as ti
+from robots import NOWHERE, Air, Floor, group
 
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.grid.fields import Wind
 from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.state import State
-from taichi_plume.scenario.algorithms import Casting
 from taichi_plume.scenario.metal_oxides import MOX_MODELS
-from taichi_plume.scenario.robots import Body, Group
-from taichi_plume.scenario.sensors import (
-    Anemometer,
-    GasSensor,
-    IdealGasSensor,
-    MoxSensor,
-    PidSensor,
-)
-from taichi_plume.scenario.sensors import Sensors as SensorModels
+from taichi_plume.scenario.sensors import Anemometer, GasSensor, IdealGasSensor, MoxSensor, PidSensor
 from taichi_plume.scenario.species import SPECIES
-from taichi_plume.scenario.starts import StartAt
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
 TICK = 0.1
 MANY = 2000
-
-
-@ti.data_oriented
-class Floor:
-    """Nothing in the way."""
-
-    @ti.func
-    def distance(self, p):
-        return 1e6
-
-    @ti.func
-    def normal(self, p):
-        return ti.Vector([1.0, 0.0])
-
-
-@ti.data_oriented
-class Air(Wind):
-    """The same gas [ppm] and wind [m/s] everywhere; gas grows by `slope` per m of x + 10 z."""
-
-    species = (SPECIES["ethanol"],)
-
-    def __init__(self, dim=2):
-        self.dim = dim
-        self.level, self.slope = ti.field(ti.f32, ()), ti.field(ti.f32, ())
-        self.u = ti.Vector.field(dim, ti.f32, ())
-
-    def begin(self, model, t, seed):
-        pass
-
-    def is_finite(self):
-        return True
-
-    def advance(self, t, dt):
-        pass
-
-    @ti.func
-    def ppm(self, x, t):
-        ppm = self.level[None] + self.slope[None] * x[0]
-        if ti.static(self.dim == 3):
-            ppm += self.slope[None] * 10.0 * x[2]
-        return ti.Vector([ppm])
-
-    @ti.func
-    def velocity(self, x, t):
-        return self.u[None]
 
 
 @ti.data_oriented
@@ -97,8 +42,6 @@ class Methane(Air):
 
 
 IDEAL = IdealGasSensor(kind="ideal")
-CALM = Anemometer(kind="ideal")
-PLACE = StartAt(kind="positions", positions=((1.0, 1.0),))
 
 
 def mox(model="mics5524", **keys) -> MoxSensor:
@@ -117,7 +60,7 @@ class Lab:
     ):
         self.air, self.counts, self.trials, self.first_trial = air, counts, trials or {}, first_trial or {}
         size = sum(count * self.trials.get(name, 1) for name, count in counts.items())
-        self.places = np.ones((size, 2)), np.zeros(size), np.empty((0, 2))
+        self.places = np.ones((size, 2)), np.zeros(size), NOWHERE
         self.swarm = Swarm(self._groups({}, {}), *self.places[:2], Floor(), self.places[2], 5)
         self.sensors = Sensors(self.swarm, air.dim, TICK, air.species)
         self.states = State(self.swarm), State(self.sensors)
@@ -129,20 +72,9 @@ class Lab:
         for name, count in self.counts.items():
             usual = mox(calibration="cubic") if name.startswith("mox") else IDEAL
             usual_wind = Anemometer(kind="ideal", compensated=False)
-            groups.append(
-                Group(
-                    name=name,
-                    count=count,
-                    trials=self.trials.get(name, 1),
-                    first_trial=self.first_trial.get(name, 0),
-                    start=PLACE,
-                    algorithm=Casting(kind="casting"),
-                    body=Body(),
-                    sensors=SensorModels.model_validate(
-                        {"gas": gas.get(name, usual), "wind": wind.get(name, usual_wind)}
-                    ),
-                )
-            )
+            sensors = {"gas": gas.get(name, usual), "wind": wind.get(name, usual_wind)}
+            trials, first = self.trials.get(name, 1), self.first_trial.get(name, 0)
+            groups.append(group(name=name, count=count, trials=trials, first_trial=first, sensors=sensors))
         return groups
 
     def fit(self, wind: dict[str, Anemometer] | None = None, seed=5, **gas: GasSensor):
@@ -162,8 +94,7 @@ class Lab:
 
     def of(self, name: str, column: str = "reading_ppm") -> np.ndarray:
         """What the robots of a group have now."""
-        group = next(group for group in self.swarm.groups if group.name == name)
-        return self.swarm.snapshot()[column][group.slice]
+        return self.swarm.snapshot()[column][self.rows(name)]
 
     def series(self, ticks: int, column: str = "reading_ppm") -> np.ndarray:
         """Of all robots, tick by tick (ticks, robots)."""
@@ -173,9 +104,13 @@ class Lab:
             out.append(self.swarm.snapshot()[column])
         return np.array(out)
 
+    def rows(self, name: str) -> slice:
+        """The robots of a group."""
+        return next(one.slice for one in self.swarm.groups if one.name == name)
+
     def row(self, name: str) -> int:
-        """The first robot of a group."""
-        return next(group.start for group in self.swarm.groups if group.name == name)
+        """The first of them."""
+        return self.rows(name).start
 
 
 SEVERAL = {f"mox {model}": 8 for model in MOX_MODELS} | {"ideal": 1, "pid": 1, "raw": 1}
@@ -394,7 +329,7 @@ def test_cubic_calibration_of_each_unit(lab):
         lab.air.level[None] = ppm
         below.append(lab.series(1)[0])
     for model in MOX:
-        rows = slice(lab.row(f"mox {model}"), lab.row(f"mox {model}") + 8)
+        rows = lab.rows(f"mox {model}")
         assert np.abs(np.array(errors)[:, rows]).max() < 0.04, model
         assert (zero[rows] == 0).all(), model
         assert (np.diff(np.array(below)[:, rows], axis=0) > 0).all(), model
@@ -550,7 +485,7 @@ def test_numbers_are_drawn_by_group_and_place_in_it():
     alone = readings(single)
     again = readings(many)
     (mox_rows, ideal, other), (alone_mox, alone_ideal) = (
-        [group.slice for group in lab.swarm.groups] for lab in (many, single)
+        [one.slice for one in lab.swarm.groups] for lab in (many, single)
     )
     assert (again[0, ideal][:4] == alone[0, alone_ideal]).all()
     assert (again[0, ideal][4:8] != alone[0, alone_ideal]).all()
@@ -572,15 +507,9 @@ def test_sensors_sit_at_their_height(room):
 
 
 def test_a_sensor_ahead_is_in_front_of_the_robot():
-    ahead = Group(
-        name="ahead",
-        count=2,
-        start=PLACE,
-        algorithm=Casting(kind="casting"),
-        sensors=SensorModels(gas=IdealGasSensor(kind="ideal", ahead=0.3), wind=CALM),
-    )
+    ahead = group(count=2, sensors={"gas": {"kind": "ideal", "ahead": 0.3}, "wind": {"kind": "ideal"}})
     headings = np.array([0.0, 2.0])
-    swarm = Swarm([ahead], np.ones((2, 2)), headings, Floor(), np.empty((0, 2)), 5)
+    swarm = Swarm([ahead], np.ones((2, 2)), headings, Floor(), NOWHERE, 5)
     air = Air()
     air.slope[None] = 2.0
     Sensors(swarm, 2, TICK, air.species).measure(air, air, 1, TICK)
@@ -631,9 +560,7 @@ def test_wind_lags(lab):
 
 
 def test_own_motion_is_felt_unless_taken_out(lab):
-    lab.fit(
-        {"ideal": Anemometer(kind="ideal"), "pid": Anemometer(kind="ideal", compensated=False)},
-    )
+    lab.fit({"ideal": Anemometer(kind="ideal"), "pid": Anemometer(kind="ideal", compensated=False)})
     lab.air.u[None] = [0.5, 0.0]
     lab.swarm.velocity.fill([0.2, 0.0])
     lab.measure()

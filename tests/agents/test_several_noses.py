@@ -5,21 +5,17 @@ import json
 import numpy as np
 import pytest
 import taichi as ti
-from test_sensors import Air, Floor
+from robots import NOWHERE, Air, Floor, group, room, team
 
 from taichi_plume import open_run
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.observation import Observation
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.assembly.prepare import load
 from taichi_plume.cli import run
 from taichi_plume.grid.state import State
-from taichi_plume.scenario.algorithms import Casting
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
-from taichi_plume.scenario.policy import Policy
-from taichi_plume.scenario.robots import Group
-from taichi_plume.scenario.sensors import Sensors as SensorModels
-from taichi_plume.scenario.starts import StartAt
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -31,27 +27,20 @@ NOISY = {"kind": "mox", "model": "tgs2620", "noise": 0.05, "spread": 1.0}
 STEREO = ({**EXACT, "ahead": 0.1, "left": 0.2}, {**EXACT, "ahead": 0.1, "left": -0.2}, NOISY)
 
 
-@ti.data_oriented
-class Bounded(Floor):
-    """With the corners that policies know."""
-
-    low, high = (0.0, 0.0), (4.0, 3.0)
-
-
 def swarm_of(*sensors, algorithm=None, counts=(3, 1)) -> Swarm:
     """A group for each, of which the first has three robots."""
+    algorithm = algorithm or {"kind": "casting"}
     groups = [
-        Group(
+        group(
             name=f"group {n}",
             count=count,
-            start=StartAt(kind="positions", positions=((1.0, 1.0),)),
-            algorithm=algorithm or Casting(kind="casting"),
-            sensors=SensorModels.model_validate({"gas": gas, "wind": {"kind": "ideal"}}),
+            algorithm=algorithm,
+            sensors={"gas": gas, "wind": {"kind": "ideal"}},
         )
         for n, (gas, count) in enumerate(zip(sensors, counts, strict=False))
     ]
-    size = sum(group.count for group in groups)
-    return Swarm(groups, PLACES[:size], HEADINGS[:size], Bounded(), np.empty((0, 2)), 7)
+    size = sum(one.count for one in groups)
+    return Swarm(groups, PLACES[:size], HEADINGS[:size], Floor(), NOWHERE, 7)
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +117,7 @@ def test_all_noses_are_saved_and_begin_anew(stereo, air):
     def begin():
         for state in states:
             state.clear()
-        swarm.begin([one.model for one in swarm.groups], PLACES, HEADINGS, np.empty((0, 2)), 7)
+        swarm.begin([one.model for one in swarm.groups], PLACES, HEADINGS, NOWHERE, 7)
         sensors.begin()
 
     begin()
@@ -143,7 +132,7 @@ def test_all_noses_are_saved_and_begin_anew(stereo, air):
 
 
 def test_a_policy_can_observe_all_noses():
-    model = Policy(kind="policy", observe=("gas", "noses", "clock"))
+    model = {"kind": "policy", "observe": ("gas", "noses", "clock")}
     swarm = swarm_of(list(STEREO), algorithm=model)
     seen = Observation(swarm, Members(swarm, (0,)), TICK)
     assert seen.names == ("gas", "gas of sensor 1", "gas of sensor 2", "clock")
@@ -161,25 +150,12 @@ def test_a_policy_can_observe_all_noses():
     np.testing.assert_allclose(table[:, :3], np.tile([1 / 6, 2 / 6, 3 / 6], (3, 1)), rtol=1e-5)
 
 
-ROOM = {
-    "duration": 3.0,
-    "domain": {"size": [4.0, 3.0], "spacing": 0.1},
-    "wind": {"kind": "uniform", "velocity": [0.5, 0.0]},
-    "gas": {
-        "kind": "gaussian_plume",
-        "intensity": 0.2,
-        "sources": [{"position": [0.5, 1.5], "rate": "1 g/s"}],
-    },
-}
-GROUP = {
-    "count": 2,
-    "start": {"kind": "positions", "positions": [[3.5, 1.3], [3.5, 1.7]], "heading_deg": 180},
-    "algorithm": {"kind": "casting"},
-}
+PLUME = {"kind": "gaussian_plume", "intensity": 0.2, "sources": [{"position": [0.5, 1.5], "rate": "1 g/s"}]}
 
 
-def room(gas, **keys):
-    return ROOM | {"robots": [GROUP | {"sensors": {"gas": gas}} | keys]}
+def scenario(gas, duration=3.0, **keys):
+    robots = team([3.5, 1.3], [3.5, 1.7], heading_deg=180, sensors={"gas": gas}, **keys)
+    return room(robots, gas=PLUME, duration=duration)
 
 
 OWN = """
@@ -198,12 +174,10 @@ class Own:
 def test_an_own_algorithm_steers_by_two_noses_into_the_plume(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     pair = [{**EXACT, "left": side, "ahead": 0.05} for side in (0.1, -0.1)]
-    scenario = room(pair, algorithm={"kind": "own", "file": "own.py"}) | {"duration": 12.0}
-    (tmp_path / "s.yaml").write_text(json.dumps(scenario))
-    assert (
-        run.main([str(tmp_path / "s.yaml"), "--out", str(tmp_path / "run"), "--allow-code", "--no-recording"])
-        == 0
-    )
+    content = scenario(pair, 12.0, algorithm={"kind": "own", "file": "own.py"})
+    (tmp_path / "s.yaml").write_text(json.dumps(content))
+    command = [str(tmp_path / "s.yaml"), "--out", str(tmp_path / "run"), "--allow-code", "--no-recording"]
+    assert run.main(command) == 0
     rows = open_run(tmp_path / "run").robots
     assert np.isfinite(rows["reading_1_ppm"].to_numpy()).sum() > 100
     last = rows.iloc[-2:]
@@ -234,7 +208,7 @@ def test_an_own_algorithm_steers_by_two_noses_into_the_plume(tmp_path):
 )
 def test_faults_of_a_list_tell_its_place(sensors, told):
     with pytest.raises(ScenarioError) as error:
-        scenario_from(room(sensors))
+        scenario_from(scenario(sensors))
     assert [line for line in error.value.faults if line.startswith(told)], error.value.faults
 
 
@@ -254,9 +228,7 @@ def test_faults_of_a_list_tell_its_place(sensors, told):
     ],
 )
 def test_what_does_not_fit_is_told(tmp_path, gas, keys, told):
-    from taichi_plume.assembly.prepare import load
-
-    (tmp_path / "s.yaml").write_text(json.dumps(room(gas, **keys)))
+    (tmp_path / "s.yaml").write_text(json.dumps(scenario(gas, **keys)))
     with pytest.raises(ScenarioError) as error:
         load(tmp_path / "s.yaml")
     assert any(told in line for line in error.value.faults)

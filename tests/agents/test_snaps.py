@@ -5,9 +5,8 @@ import pytest
 from readers import COUNT, EXTENT, TRIALS, Stock, centers, same
 
 from taichi_plume.agents.gas_map import Floor
-from taichi_plume.agents.inverse_distance import InverseDistanceMap
 from taichi_plume.agents.mapping import mappers
-from taichi_plume.agents.snaps import SnapMap
+from taichi_plume.agents.snaps import InverseDistanceMap, SnapMap
 from taichi_plume.agents.time_series import TimeSeriesMap, neighbourhood
 from taichi_plume.scenario import maps as map_models
 
@@ -175,11 +174,6 @@ def test_reach_of_the_neighbourhood(alpha, lags, entries):
     stencil = neighbourhood(map_models.TimeSeriesMap(kind="time_series", alpha=alpha), 15)
     assert max(lag for lag, *_ in stencil) == lags
     assert len(stencil) == entries
-
-
-def test_a_neighbourhood_without_any_snap_is_refused():
-    with pytest.raises(ValueError, match="sees no past snap"):
-        map_models.TimeSeriesMap(kind="time_series", alpha=0.4, window=20.0)
 
 
 def test_cells_cover_the_floor():

@@ -5,10 +5,8 @@ import pytest
 from arena import TICK, Run, Script
 from scipy.signal import find_peaks
 
-from taichi_plume.agents.spiral import ACQUIRE, ARM, ESCAPE
+from taichi_plume.agents.spiral import ACQUIRE, ESCAPE
 from taichi_plume.scenario.listening import Spiral
-
-pytestmark = pytest.mark.usefixtures("taichi")
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -54,14 +52,7 @@ def test_bump_backs_off_turns_and_drives_the_rest(run):
 def turns_at_bumps(side):
     """Of each bump in 90 s of 16 robots: way it turns to (+1 left), side of the best of the last 10 acquisitions."""
     levels = np.random.default_rng(7).uniform(0.5, 5.0, 300)
-    model = Spiral(
-        kind="spiral",
-        minimum_ppm=1,
-        arms=(0.7,) * 6,
-        settle=0,
-        acquisition=1.5,
-        bump_side=side,
-    )
+    model = Spiral(kind="spiral", minimum_ppm=1, arms=(0.7,) * 6, settle=0, acquisition=1.5, bump_side=side)
     run = Run(model, Script(levels, 0.5), trials=16, heading_deg=None)
     indices, places, bumps = ([[] for _ in range(16)] for _ in range(3))
     seen = []
@@ -105,10 +96,7 @@ def test_proximity_index(run, keys):
     c = np.random.default_rng(3).uniform(1.0, 9.0, 200)
     above_mean = keys.get("peak_height") != "absolute"
     run.gas.tell(c, 0.5)
-    run.begin(
-        Spiral(kind="spiral", minimum_ppm=1e3, **keys),
-        positions=((1.5, 1.0),),
-    )
+    run.begin(Spiral(kind="spiral", minimum_ppm=1e3, **keys), positions=((1.5, 1.0),))
     states, _ = run.go(60)
     end = acquisitions(states[:, 0])[0]  # its last sample was taken in this tick
     sampled = (end + 1 - 5 * np.arange(60)[::-1]) * TICK
@@ -131,12 +119,9 @@ def test_record_without_a_peak_counts_its_mean_twice(run):
 
 
 def heard_in_turn(run, levels, **model):
-    """The algorithm's thresholds, states and hits after acquisitions that hear constant levels [ppm] in turn."""
+    """Thresholds, states and hits (3, acquisitions) after acquisitions that hear constant levels [ppm] in turn."""
     run.gas.tell(levels[:1], 1.0)
-    run.begin(
-        Spiral(kind="spiral", minimum_ppm=1.0, arms=(0.1,) * 6, **model),
-        positions=((1.5, 1.05),),
-    )
+    run.begin(Spiral(kind="spiral", minimum_ppm=1.0, arms=(0.1,) * 6, **model), positions=((1.5, 1.05),))
     seen = []
     for n, level in enumerate(levels):
         run.gas.tell([level], 1.0)
@@ -146,48 +131,31 @@ def heard_in_turn(run, levels, **model):
         now = run.swarm.snapshot()
         threshold = round(float(run.algorithm.threshold.to_numpy()[0]), 4)
         seen.append((threshold, int(now["state"][0]), int(now["hits"][0])))
-    return seen
+    return [list(values) for values in zip(*seen, strict=True)]
 
 
 def test_hits_raise_the_threshold_and_five_misses_lower_it(run):
     """Levels c give PI = 2 c, as nothing varies."""
-    seen = heard_in_turn(run, [1.0, 2.0, 2.0, 1.5, 1.5, 1.5, 1.5, 1.5, 0.45])
-    thresholds = [row[0] for row in seen]
+    thresholds, _, hits = heard_in_turn(run, [1.0, 2.0, 2.0, 1.5, 1.5, 1.5, 1.5, 1.5, 0.45])
     assert thresholds == [2.0, 4.0, 4.0, 4.0, 4.0, 4.0, 4.0, 0.8, 0.9]
-    assert [row[2] for row in seen] == [
-        1,
-        2,
-        3,
-        3,
-        3,
-        3,
-        3,
-        3,
-        4,
-    ]  # as high as the threshold is a hit
+    assert hits == [1, 2, 3, 3, 3, 3, 3, 3, 4]  # as high as the threshold is a hit
 
 
 def test_three_low_misses_lower_it_too(run):
-    assert [row[0] for row in heard_in_turn(run, [3.0, 0.5, 0.5, 0.5])] == [
-        6.0,
-        6.0,
-        6.0,
-        0.8,
-    ]
+    assert heard_in_turn(run, [3.0, 0.5, 0.5, 0.5])[0] == [6.0, 6.0, 6.0, 0.8]
     # a miss that is not low begins the count anew
-    assert [row[0] for row in heard_in_turn(run, [3.0, 0.5, 0.5, 2.9, 0.5])] == [6.0] * 5
+    assert heard_in_turn(run, [3.0, 0.5, 0.5, 2.9, 0.5])[0] == [6.0] * 5
 
 
 def test_after_all_arms_it_escapes_with_the_minimum(run):
-    seen = heard_in_turn(run, [0.3] * 6)
-    assert [row[1] for row in seen][-1] == ESCAPE
-    assert seen[4][0] == 0.8
-    assert seen[5][0] == 1.0
+    thresholds, states, _ = heard_in_turn(run, [0.3] * 6)
+    assert states[-1] == ESCAPE
+    assert thresholds[4:] == [0.8, 1.0]
 
 
 def test_strict_minimum_forbids_hits_below_it(run):
-    assert heard_in_turn(run, [0.3] * 5 + [0.45])[-1][2] == 1
-    assert heard_in_turn(run, [0.3] * 5 + [0.45], strict_minimum=True)[-1][2] == 0
+    assert heard_in_turn(run, [0.3] * 5 + [0.45])[2][-1] == 1
+    assert heard_in_turn(run, [0.3] * 5 + [0.45], strict_minimum=True)[2][-1] == 0
 
 
 @pytest.mark.slow
@@ -200,15 +168,9 @@ def test_random_spiral_needs_as_many_acquisitions_as_published():
     rivals = [
         {"algorithm": Spiral(kind="spiral", random=True), "positions": ((x, 1.05),)} for x in (0.6, 0.9)
     ]
-    run = Run(
-        rivals,
-        Script([0.0], 1.0),
-        heading_deg=90.0,  # across the way to the source, as in the paper
-        trials=400,
-        sources=[source],
-        reach=0.185,
-        capture="square",
-    )
+    # headings are across the way to the source, as in the paper
+    keys = {"heading_deg": 90.0, "trials": 400, "sources": [source], "reach": 0.185, "capture": "square"}
+    run = Run(rivals, Script([0.0], 1.0), **keys)
     for _ in range(round(2 * 3600 / TICK)):
         run.step()
     now = run.swarm.snapshot()
@@ -218,12 +180,3 @@ def test_random_spiral_needs_as_many_acquisitions_as_published():
         mine = now["acquisitions"][run.of(rival)]
         assert mine.mean() == pytest.approx(33.5, rel=0.2)
     assert now["found_time"][found].sum() / now["acquisitions"][found].sum() == pytest.approx(35.0, abs=1.0)
-
-
-def test_states_have_names(run):
-    names = run.team.state_names
-    assert [names[state] for state in (ARM, ACQUIRE, ESCAPE)] == [
-        "ARM",
-        "ACQUIRE",
-        "ESCAPE",
-    ]

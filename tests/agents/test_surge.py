@@ -5,9 +5,9 @@ import pytest
 from hunt import PATCH, SOURCE, Hunt
 from scipy.signal import find_peaks
 
-from taichi_plume.agents import surge_cast, surge_spiral
 from taichi_plume.agents.surge_cast import CAST, SURGE
-from taichi_plume.agents.tracking import FIND, UPWIND
+from taichi_plume.agents.surge_spiral import SPIRAL
+from taichi_plume.agents.tracking import FIND
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -41,15 +41,8 @@ def test_surges_go_straight_upwind(hunts):
 
 def test_casts_reach_both_sides_twice_as_far_each_time(hunts):
     """0.1, 0.2 and 0.4 m to either side of where the plume was lost, then the search starts anew."""
-    (run,) = hunts["surge_cast"].search(
-        100.0,
-        45,
-        PATCH,
-        low=(2.7, 1.45),
-        high=(2.9, 1.55),
-        trials=10,
-        cast_distance=0.1,
-    )
+    start = {"low": (2.7, 1.45), "high": (2.9, 1.55)}
+    (run,) = hunts["surge_cast"].search(100.0, 45, PATCH, **start, trials=10, cast_distance=0.1)
     for of_robot, track in zip(run.states.T, run.tracks.transpose(1, 0, 2), strict=True):
         lost = np.flatnonzero(of_robot == CAST)[0]
         given_up = lost + np.flatnonzero(of_robot[lost:] != CAST)[0]
@@ -64,24 +57,14 @@ def test_casts_reach_both_sides_twice_as_far_each_time(hunts):
 def test_the_spiral_widens_by_its_gap(hunts):
     """r = gap phi / 2 pi around the place where the plume was lost."""
     gap = 0.3
-    (run,) = hunts["surge_spiral"].search(
-        100.0, 60, PATCH, low=(2.7, 1.45), high=(2.9, 1.55), trials=10, gap=gap, turns=2
-    )
+    start = {"low": (2.7, 1.45), "high": (2.9, 1.55)}
+    (run,) = hunts["surge_spiral"].search(100.0, 60, PATCH, **start, trials=10, gap=gap, turns=2)
     for of_robot, track in zip(run.states.T, run.tracks.transpose(1, 0, 2), strict=True):
-        lost = np.flatnonzero(of_robot == surge_spiral.SPIRAL)[0]
-        over = lost + np.flatnonzero(of_robot[lost:] != surge_spiral.SPIRAL)[0]
+        lost = np.flatnonzero(of_robot == SPIRAL)[0]
+        over = lost + np.flatnonzero(of_robot[lost:] != SPIRAL)[0]
         arm = track[lost:over] - track[lost]
         r = np.hypot(*arm.T)
         phi = np.abs(np.unwrap(np.arctan2(arm[5:, 1], arm[5:, 0])))
         turned = np.abs(phi - phi[0])
         growth = np.polyfit(turned[20:], r[25:], 1)[0]
         assert growth == pytest.approx(gap / (2 * np.pi), rel=0.15)
-
-
-def test_states_have_names():
-    assert surge_cast.SurgeCast.STATE_NAMES[UPWIND : CAST + 1] == (
-        "UPWIND",
-        "SURGE",
-        "CAST",
-    )
-    assert surge_spiral.SurgeSpiral.STATE_NAMES[surge_spiral.SPIRAL] == "SPIRAL"

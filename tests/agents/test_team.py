@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from driver import Driver
-from test_swarm import Arena, team
+from robots import NOWHERE, Driver, Floor, group
 
 from taichi_plume.agents.search import ALGORITHMS
 from taichi_plume.agents.swarm import Swarm
@@ -50,13 +49,17 @@ class Mine:
 
 def swarm_of(*algorithms):
     groups = [
-        team(2, 2, name=f"group {n}").model_copy(update={"algorithm": one})
+        group(
+            count=2,
+            trials=2,
+            name=f"group {n}",
+            algorithm=one,
+            body={"max_speed": 1.0, "max_turn_rate_deg": 360},
+        )
         for n, one in enumerate(algorithms)
     ]
-    arena = Arena()
-    arena.set([-9, -9, 0.1], [-9, -9, 0.1, 0.1])
     places = np.column_stack([0.2 * np.arange(1, 4 * len(groups) + 1), np.ones(4 * len(groups))])
-    return Swarm(groups, places, np.zeros(len(places)), arena, np.empty((0, 2)), 0)
+    return Swarm(groups, places, np.zeros(len(places)), Floor(), NOWHERE, 0)
 
 
 def test_groups_of_a_kind_have_one_algorithm_unless_it_wants_them_apart(monkeypatch):
@@ -83,8 +86,8 @@ def test_own_algorithms_begin_anew_with_other_parameters():
     def drive(pace):
         models = [own.model_copy(update={"parameters": {"pace": pace}}), own]
         groups = [
-            group.model.model_copy(update={"algorithm": one})
-            for group, one in zip(swarm.groups, models, strict=True)
+            one.model.model_copy(update={"algorithm": model})
+            for one, model in zip(swarm.groups, models, strict=True)
         ]
         driver.begin(groups, swarm.start, np.zeros(8))
         for one in made:

@@ -59,64 +59,40 @@ def test_a_trial_alone(tmp_path, algorithm):
     assert (many["position"][4:6] != alone["position"]).any()
 
 
-RIVALS = """
-  - name: rivals
+RIVAL = """
+  - name: {name}
     count: 2
     trials: 3
-    start: {kind: positions, positions: [[2, 1], [2, 2]], heading_deg: 0}
-    algorithm: {kind: sweep}
-    sensors: {gas: {kind: ideal}}
-  - name: others
-    count: 2
-    trials: 3
-    start: {kind: positions, positions: [[2, 1], [2, 2]], heading_deg: 0}
-    algorithm: {kind: sweep}
-    sensors: {gas: {kind: ideal}}
+    start: {{kind: positions, positions: [[2, 1], [2, 2]], heading_deg: 0}}
+    algorithm: {{kind: sweep}}
+    sensors: {{gas: {{kind: ideal}}}}
 """
 
 
 @pytest.mark.slow
-def test_rivals_search_as_if_they_were_alone(tmp_path):
+def test_rivals_search_as_if_they_were_alone_and_have_maps_of_their_own(tmp_path):
     path = tmp_path / "rivals.yaml"
 
-    def run(robots, rivals):
-        path.write_text(SCENARIO[: SCENARIO.index("robots:")] + "robots:" + robots + f"rivals: {rivals}\n")
-        sim = assemble(load_scenario(path), tmp_path)
-        sim.run()
-        return sim.swarm.snapshot()["position"]
-
-    together = run(RIVALS, "true")
-    alone = run(RIVALS[: RIVALS.index("  - name: others")], "false")
-    np.testing.assert_array_equal(together[:6], alone)
-    np.testing.assert_array_equal(together[6:], alone)
-    with pytest.raises(ScenarioError, match="too close"):
-        run(RIVALS, "false")
-
-
-@pytest.mark.slow
-def test_rivals_have_maps_of_their_own(tmp_path):
-    path = tmp_path / "rivals.yaml"
-
-    def run(robots, rivals):
+    def run(*names, rivals):
+        robots = "".join(RIVAL.format(name=name) for name in names)
         maps = "maps: [{kind: kernel_dmv, cell: 0.25}]\n"
-        path.write_text(
-            SCENARIO[: SCENARIO.index("robots:")] + "robots:" + robots + f"rivals: {rivals}\n" + maps
-        )
+        path.write_text(SCENARIO[: SCENARIO.index("robots:")] + f"robots:{robots}rivals: {rivals}\n{maps}")
         sim = assemble(load_scenario(path), tmp_path)
         scores = MapScores(sim)
         sim.observers.append(scores.observer())
         sim.run()
-        return sim.maps[0].estimate(), scores.series[0]
+        return sim.swarm.snapshot()["position"], sim.maps[0].estimate(), scores.series[0]
 
-    (together, told), (alone, ours) = (
-        run(RIVALS, "true"),
-        run(RIVALS[: RIVALS.index("  - name: others")], "false"),
+    (positions, together, told), (places, alone, ours) = (
+        run("rivals", "others", rivals="true"),
+        run("rivals", rivals="false"),
     )
-    assert together.shape[0] == 6
-    np.testing.assert_array_equal(together[:3], alone)
-    np.testing.assert_array_equal(together[3:], alone)
+    np.testing.assert_array_equal(positions, np.concatenate([places, places]))
+    np.testing.assert_array_equal(together, np.concatenate([alone, alone]))
     for name in NAMES:
         assert told.means(name).shape[1] == 2, "one of each rival"
         np.testing.assert_allclose(told.means(name)[:, 1:], ours.means(name), rtol=1e-6, err_msg=name)
     np.testing.assert_allclose(told.last[:, 3:], ours.last, rtol=1e-6)
     assert np.isfinite(told.means("nlpd")[1:]).all()
+    with pytest.raises(ScenarioError, match="too close"):
+        run("rivals", "others", rivals="false")
