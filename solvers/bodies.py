@@ -12,11 +12,11 @@ its form drag, C_d/2 (v - u)|v - u| per frontal area, spread evenly over its dis
 
 from dataclasses import dataclass
 from math import cos, inf, prod, radians, sin
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.fields import Faces, Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import Numbers, uploader
@@ -44,7 +44,7 @@ class Outline:
 
 @ti.data_oriented
 class Bodies:
-    """Bodies of one outline; satisfies `resistance.Resistance` once `advance` is defined.
+    """Bodies of one outline; satisfies `screens.Resistance` once `advance` is defined.
 
     open: face fields, 1 where the velocity is solved for. place [m] and velocity [m/s]: fields of 2-vectors that others
     keep up to date; the bodies are entries first to first + count. ball: see `Outline`; permeable: whether they let air
@@ -54,10 +54,10 @@ class Bodies:
     def __init__(
         self,
         grid: Grid,
-        place: Any,
-        velocity: Any,
+        place: Field,
+        velocity: Field,
         count: int,
-        open: tuple[Any, ...],
+        open: Faces,
         first: int = 0,
         ball: bool = False,
         permeable: bool = False,
@@ -69,9 +69,9 @@ class Bodies:
         self.n = Numbers("radius", "middle", "half_height", "drag", "pace")
         """pace: 1/dt [1/s]; 0 while the bodies are not there."""
         self.half, self.turn = (ti.Vector.field(2, ti.f32, ()) for _ in range(2))
-        self.reach: Any = ti.Vector.field(grid.dim, ti.f32, ())
+        self.reach: Field = ti.Vector.field(grid.dim, ti.f32, ())
         """Half sizes of the box around a body [m]."""
-        self.block: Any = ti.Vector.field(grid.dim, ti.i32, ())
+        self.block: Field = ti.Vector.field(grid.dim, ti.i32, ())
         """Faces of a box half a cell wider, per axis."""
         self._put = uploader(self.half, self.turn, self.reach, self.block)
 
@@ -195,9 +195,9 @@ class Bodies:
 class MovingObstacle(Bodies):
     """A cylinder, sphere or box of prescribed motion. At the end of each step it is where it ought to be."""
 
-    def __init__(self, model: Obstacle, grid: Grid, open: tuple[Any, ...]):
-        place: Any = ti.Vector.field(2, ti.f32, 1)
-        velocity: Any = ti.Vector.field(2, ti.f32, 1)
+    def __init__(self, model: Obstacle, grid: Grid, open: Faces):
+        place: Field = ti.Vector.field(2, ti.f32, 1)
+        velocity: Field = ti.Vector.field(2, ti.f32, 1)
         super().__init__(grid, place, velocity, 1, open, ball=model.kind == "sphere" and grid.dim == 3)
         self._move = uploader(place, velocity)
         self.begin(model)
@@ -232,7 +232,7 @@ class Wake(Bodies):
     """
 
     def __init__(
-        self, body: Body, grid: Grid, place: Any, velocity: Any, first: int, count: int, open: tuple[Any, ...]
+        self, body: Body, grid: Grid, place: Field, velocity: Field, first: int, count: int, open: Faces
     ):
         super().__init__(grid, place, velocity, count, open, first, permeable=grid.dim == 2)
         self.begin(body)

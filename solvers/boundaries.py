@@ -8,11 +8,11 @@ targets along the face lie on the staggered grid, between the boundary face and 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from math import prod
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import uploader
@@ -181,7 +181,7 @@ class Boundaries:
             for n, opening in enumerate(self._openings)
         ]
 
-    def advance(self, p: Any, t: float, dt: float) -> None:
+    def advance(self, p: Field, t: float, dt: float) -> None:
         """Go on from time t [s] by dt [s]; p: field of the pressure, which fans with a curve feel."""
         for fan in self.curved.values():
             fan.advance(p, dt)
@@ -223,7 +223,7 @@ class Boundaries:
         first = -1 if self.grid.periodic[axis] else 0
         return np.concatenate([np.take(values, [first], axis), np.delete(values, -1, axis)], axis)
 
-    def measure_inertia(self, pressure_of: Callable[[], Any]) -> None:
+    def measure_inertia(self, pressure_of: Callable[[], Field]) -> None:
         """Let each fan with a curve know what the air in front of it weighs.
 
         pressure_of: gives the field phi that makes the flow divergence-free; the pressure is dx/dt phi.

@@ -11,13 +11,13 @@ Comp. 33, 849-879). In closed-off cells x continues harmonically, unseen by the 
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.solvers.direct import Balance, FastTransforms, Window, angles
 from taichi_plume.solvers.poisson import Openness
@@ -138,10 +138,11 @@ class GreensFunction:
         """In cells (P, dim), for sources in cells (Q, dim): (P, Q)."""
         (i, row, p), (j, column, q) = (_in_lines(x[:, self.order]) for x in (cells, sources))
         steps = [_images(kind, i[:, d], j[:, d]) for d, kind in enumerate(self.kinds[:2])]
-        between: Any = sum(s * t * self.lines[m * self.length + n] for (s, m), (t, n) in product(*steps))
+        between = np.asarray(
+            sum(s * t * self.lines[m * self.length + n] for (s, m), (t, n) in product(*steps))
+        )
         first = (row[:, None] * len(j) + column) * self.height
-        result: Any = sum(s * between.reshape(-1)[first + m] for s, m in _images(self.kinds[2], p, q))
-        return result
+        return np.asarray(sum(s * between.reshape(-1)[first + m] for s, m in _images(self.kinds[2], p, q)))
 
     def apply(self, matrix: sp.csr_array, cells: np.ndarray, sources: np.ndarray) -> np.ndarray:
         """matrix times the function in cells (P, dim) for sources in cells (Q, dim), as many as matrix has rows."""
@@ -195,7 +196,7 @@ class Capacitance:
         # single precision will do: its condition is 30
         self.inverse = scipy.linalg.inv(matrix.astype(np.float32), overwrite_a=True, check_finite=False)
 
-    def solve(self, b: Any, phi: Any, tolerance: float) -> None:
+    def solve(self, b: Field, phi: Field, tolerance: float) -> None:
         """Set the inner cells of field phi to the solution for field b; exact to rounding, whatever the tolerance."""
         del tolerance
         right = self.grid.read(b).T

@@ -5,10 +5,9 @@
 phi, a velocity potential in units of dx, solves the Poisson equation (see `poisson`) of the flow's divergence.
 """
 
-from typing import Any
-
 import taichi as ti
 
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.kernels import Template
 from taichi_plume.solvers.momentum import Momentum
 
@@ -38,7 +37,7 @@ def increased(m: Template, phi: Template, I, dt: float):
     return m.p[I] + (m.dx / dt) * phi[I]
 
 
-def correction(m: Momentum, phi: Any, d: int):
+def correction(m: Momentum, phi: Field, d: int):
     """`corrected` as the formula of a sweep over the d-faces."""
 
     @ti.func

@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from threadpoolctl import ThreadpoolController
 
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import FEW_CELLS
 from taichi_plume.solvers.poisson import Openness
@@ -55,7 +56,7 @@ class SparseFactors:
         self.lu = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
         self.iterations = 1
 
-    def solve(self, b: Any, phi: Any, tolerance: float) -> None:
+    def solve(self, b: Field, phi: Field, tolerance: float) -> None:
         """Set the inner cells of field phi to the solution for field b; exact, whatever the tolerance."""
         del tolerance
         right = self.grid.read(b).ravel(order="F")[self.air].astype(np.float64)
@@ -110,7 +111,7 @@ class FastTransforms:
         make = (scipy.fft.dst, scipy.fft.idst) if odd else (scipy.fft.dct, scipy.fft.idct)
         return [one(np.eye(self.grid.shape[d]), kind, axis=0).astype(np.float32) for one in make]
 
-    def forward(self, x: Any) -> Any:
+    def forward(self, x: np.ndarray) -> np.ndarray:
         """The amplitudes of the modes in x, f32 of the grid's shape reversed; x may be overwritten."""
         for d, (there, _) in self.dense.items():
             x = along(there, x, d)
@@ -118,7 +119,7 @@ class FastTransforms:
             x = (scipy.fft.dstn if odd else scipy.fft.dctn)(x, kind, None, axes, **self.options)
         return scipy.fft.rfftn(x, None, self.wrapped, workers=self.workers) if self.wrapped else x
 
-    def backward(self, x: Any) -> Any:
+    def backward(self, x: np.ndarray) -> np.ndarray:
         """The inverse of `forward`; x may be overwritten."""
         if self.wrapped:
             shape = [self.grid.shape[::-1][d] for d in self.wrapped]
@@ -129,7 +130,7 @@ class FastTransforms:
             x = along(back, x, d)
         return x
 
-    def solve(self, b: Any, phi: Any, tolerance: float) -> None:
+    def solve(self, b: Field, phi: Field, tolerance: float) -> None:
         """Set the inner cells of field phi to the solution for field b; exact to rounding, whatever the tolerance."""
         del tolerance
         with self.blas.limit(limits=1):
@@ -174,7 +175,7 @@ class Window:
         inside = [np.searchsorted(u, w) for u, w in zip(used, where, strict=True)]
         return np.ravel_multi_index(inside, [len(u) for u in used], order="F")
 
-    def values(self, waves: Any) -> np.ndarray:
+    def values(self, waves: np.ndarray) -> np.ndarray:
         """In the cells."""
         if self.whole:
             return self.box.backward(waves.copy()).reshape(-1)[self.cells]
@@ -182,7 +183,7 @@ class Window:
             waves = along(matrix, waves, d)
         return waves.reshape(-1)[self.cells]
 
-    def waves(self, sources: np.ndarray) -> Any:
+    def waves(self, sources: np.ndarray) -> np.ndarray:
         """Amplitudes of the modes."""
         x = np.zeros(self.box.grid.shape[::-1] if self.whole else self.shape, np.float32)
         x.reshape(-1)[self.sources] = sources

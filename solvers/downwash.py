@@ -13,10 +13,10 @@ and the body itself is no obstacle to the air.
 """
 
 from math import pi, prod, sqrt
-from typing import Any
 
 import taichi as ti
 
+from taichi_plume.grid.fields import Faces, Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import Numbers, uploader
@@ -30,7 +30,7 @@ AHEAD_LEFT = 0.25 * pi  # of the first rotor
 
 @ti.data_oriented
 class Downwash:
-    """The rotors of the drones of a group, put there at t = 0; satisfies `resistance.Resistance`, in 3-D.
+    """The rotors of the drones of a group, put there at t = 0; satisfies `screens.Resistance`, in 3-D.
 
     place (2,) [m], heading [rad], altitude [m], acceleration (3,) [m/s²]: fields that others keep up to date; the
     drones are entries first to first + count. open: face fields, 1 where the velocity is solved for.
@@ -40,26 +40,26 @@ class Downwash:
         self,
         body: Body,
         grid: Grid,
-        place: Any,
-        heading: Any,
-        altitude: Any,
-        acceleration: Any,
+        place: Field,
+        heading: Field,
+        altitude: Field,
+        acceleration: Field,
         first: int,
         count: int,
-        open: tuple[Any, ...],
+        open: Faces,
     ):
         self.grid, self.open, self.first, self.count = grid, open, first, count
         self.place, self.heading, self.altitude, self.acceleration = place, heading, altitude, acceleration
         self.rotors = body.rotors or 1
         self.n = Numbers("mass", "radius", "arm", "height", "runs")
         """runs: whether the rotors turn, 1 or 0."""
-        self.hub: Any = ti.Vector.field(3, ti.f32, count * self.rotors)  # middles of the discs [m]
-        self.push: Any = ti.Vector.field(
+        self.hub: Field = ti.Vector.field(3, ti.f32, count * self.rotors)  # middles of the discs [m]
+        self.push: Field = ti.Vector.field(
             3, ti.f32, count * self.rotors
         )  # acceleration of a face of weight 1 [m/s²]
-        self.reach: Any = ti.Vector.field(3, ti.f32, ())
+        self.reach: Field = ti.Vector.field(3, ti.f32, ())
         """Half sizes of the box around the discs of a drone [m]."""
-        self.block: Any = ti.Vector.field(3, ti.i32, ())
+        self.block: Field = ti.Vector.field(3, ti.i32, ())
         """Faces of it per axis."""
         self._put = uploader(self.reach, self.block)
         self.begin(body)

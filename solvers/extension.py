@@ -10,15 +10,19 @@ it has 1.15, as measured ones about have). Along the axes no air passes closed f
 """
 
 from itertools import combinations_with_replacement, product
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import taichi as ti
 from scipy.ndimage import maximum_filter, uniform_filter
 
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass
 from taichi_plume.grid.tables import Tables
+
+if TYPE_CHECKING:
+    from taichi_plume.solvers.surfaces import Surfaces
 
 REACH = 3  # cells: as far as schemes look
 PLANE = 0.994  # of the sum of squares of the normals' components, the share along one direction within REACH
@@ -54,18 +58,18 @@ class Extension:
     it: their mean, by area. None where the viscous layer is resolved (see `Surfaces.slip`).
     """
 
-    def __init__(self, surfaces: Any, convex: np.ndarray, area: list[np.ndarray], tables: Tables):
-        """surfaces: `Surfaces`; convex: which of all faces in `surfaces` lie beside a convex surface, bool (n,); area:
+    def __init__(self, surfaces: "Surfaces", convex: np.ndarray, area: list[np.ndarray], tables: Tables):
+        """convex: which of all faces in `surfaces` lie beside a convex surface, bool (n,); area:
         padded arrays of the field `area` of the flow.
         """
         self.surfaces, self.grid = surfaces, surfaces.grid
         self._count: list[int] = []  # closed faces of each axis
-        self._face: list[Any] = []
-        self._end: list[Any] = []  # of a face's part of the next two
-        self._source: list[Any] = []  # number of one of the next two
-        self._weight: list[Any] = []
-        self._beside: list[Any] = []  # faces in `surfaces`
-        self._slip: list[Any] = []  # their velocity [m/s]
+        self._face: list[Field] = []
+        self._end: list[Field] = []  # of a face's part of the next two
+        self._source: list[Field] = []  # number of one of the next two
+        self._weight: list[Field] = []
+        self._beside: list[Field] = []  # faces in `surfaces`
+        self._slip: list[Field] = []  # their velocity [m/s]
         self._besides: list[int] = []
         slips = oblique_planes(surfaces.vectors, np.concatenate(surfaces.faces), self.grid) & ~convex
         parts = np.split(slips, np.cumsum([len(faces) for faces in surfaces.faces])[:-1])
@@ -119,32 +123,18 @@ class Extension:
         return face[kept], np.cumsum(used[kept].sum(axis=1)), number[places][used], weight[used]
 
     def setting(self) -> Pass:
-        """Sets the velocities on closed faces; that on others must be there, ghosts included."""
-
-        @ti.func
-        def extend(a, b):
-            self._take()
-            self._spread()
-
-        return Pass(extend, sum(self._besides) + self.cells)
+        """Return the pass that sets the velocities on closed faces; it needs those on others, ghosts included."""
+        return Pass(self._extend, sum(self._besides) + self.cells)
 
     def clearing(self) -> Pass:
-        """Makes them 0 again."""
-
-        @ti.func
-        def clear(a, b):
-            self._clear()
-
-        return Pass(clear, self.cells)
+        """Return the pass that makes them 0 again."""
+        return Pass(self._clear, self.cells)
 
     @ti.func
-    def _take(self):
+    def _extend(self, a, b):
         for d in ti.static(range(self.grid.dim)):
             for k in range(ti.static(self._besides[d])):
                 self._slip[d][k] = self.surfaces.slip(d, self._beside[d][k])
-
-    @ti.func
-    def _spread(self):
         for d in ti.static(range(self.grid.dim)):
             for k in range(ti.static(self._count[d])):
                 total = 0.0
@@ -153,7 +143,7 @@ class Extension:
                 self.surfaces.m.u[d][self._face[d][k]] = total
 
     @ti.func
-    def _clear(self):
+    def _clear(self, a, b):
         for d in ti.static(range(self.grid.dim)):
             for k in range(ti.static(self._count[d])):
                 self.surfaces.m.u[d][self._face[d][k]] = 0.0

@@ -9,7 +9,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Gas, Wind, sample_cells, sample_faces
+from taichi_plume.grid.fields import GridGas, Wind, sample_faces
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
@@ -94,11 +94,10 @@ class FilmedWind(Wind):
 
 
 @ti.data_oriented
-class FilmedGas(Gas):
+class FilmedGas(GridGas):
     """The concentration that a gas on the grid had at each tick."""
 
     STATE = ("c",)
-    finer_than_cells = False
 
     def __init__(self, reel: Reel, number: int, model: Any, grid: Grid, air: Air, t: float):
         """number: of the gas among those filmed; t: begin of the run [s]."""
@@ -122,10 +121,3 @@ class FilmedGas(Gas):
         frame = self.reel.frame(t)
         if frame is not None:
             self.grid.write(self.c, frame[self.name], 1)
-
-    def cells(self, t: float) -> np.ndarray:
-        return self.grid.read(self.c)
-
-    @ti.func
-    def concentration(self, x: Template, t: float):
-        return sample_cells(self.c, self.air, x, self.grid.dx, self.grid.ghost, self.grid.padded)

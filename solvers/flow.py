@@ -3,19 +3,18 @@
     du/dt + div(u u) = -grad p + div(nu (grad u + grad u^T)) + b + g,   div u = 0
 
 p is the kinematic pressure [m²/s²], b buoyancy and g a constant acceleration. The terms are in `momentum`: convection
-in flux form (see `convection`), central diffusion. In time three stages (see `stages`) with the last pressure's
+in flux form (see `convection`), central diffusion. In time three stages (see `limits`) with the last pressure's
 gradient, and projections (see `continuity`) for the pressure's increment: second order.
 """
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Carrier, sample_faces
+from taichi_plume.grid.fields import Carrier, Faces, Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template, launch
 from taichi_plume.grid.sweeps import flux_sweep, sweep
@@ -27,15 +26,12 @@ from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.continuity import correction, increased, net_inflow
 from taichi_plume.solvers.ghosts import Ghosts
 from taichi_plume.solvers.heat import HeatSolver
-from taichi_plume.solvers.limits import HUGE, Limits
-from taichi_plume.solvers.momentum import Momentum, Weighing, eddy_viscosity, of_axis
-from taichi_plume.solvers.openness import opennesses
+from taichi_plume.solvers.limits import HUGE, Limits, stages_for
+from taichi_plume.solvers.momentum import Momentum, Weighing, eddy_viscosity, of_axis, opennesses
 from taichi_plume.solvers.pressure import pressure_solver
-from taichi_plume.solvers.resistance import Resistance
-from taichi_plume.solvers.scalar import Scalar
-from taichi_plume.solvers.screens import ScreenResistance
-from taichi_plume.solvers.stages import stages_for
+from taichi_plume.solvers.screens import Resistance, ScreenResistance
 from taichi_plume.solvers.surfaces import Surfaces
+from taichi_plume.solvers.transport import Scalar
 from taichi_plume.solvers.turbulence import MODELS
 from taichi_plume.solvers.walls import Walls, distances
 
@@ -61,7 +57,7 @@ class FlowSolver(Carrier):
         t: float = 0.0,
         seed: int = 0,
         weighing: Sequence[Weighing] = (),
-        resistances: Sequence[Callable[[tuple[Any, ...]], Resistance]] = (),
+        resistances: Sequence[Callable[[Faces], Resistance]] = (),
     ):
         """weighing: what makes the air heavier besides heat; resistances: make what holds or drags the air, of the
         fields `open`. Raises ValueError with the place in `model` of a jet, heater or warm surface that has no air.
@@ -141,10 +137,10 @@ class FlowSolver(Carrier):
         def new_pressure(I, dt, k):
             return increased(m, phi, I, dt)
 
-        def on_faces(formula: Callable[[int], Callable], out: Any) -> Pass:
+        def on_faces(formula: Callable[[int], Callable], out: Faces) -> Pass:
             return sweep([formula(d) for d in axes], out, *faces)
 
-        def by_fluxes(term: Callable, out: Any) -> Pass:
+        def by_fluxes(term: Callable, out: Faces) -> Pass:
             inner = [[terms.through(m, d, e, d == e > 0) for e in axes] for d in axes]
             lasts = [terms.through(m, d, 0, d == 0) for d in axes]
             return flux_sweep(inner, lasts, [of_axis(term, m, d) for d in axes], out, *faces)
@@ -273,7 +269,7 @@ class FlowSolver(Carrier):
         self._read_limits()
         self._zero((self.p,))
 
-    def _impulse(self) -> Any:
+    def _impulse(self) -> Field:
         """The field phi that sets air at rest in motion, to the velocities prescribed at the boundaries."""
         self._zero(self.u)
         self._begin(1.0)
@@ -322,10 +318,3 @@ class FlowSolver(Carrier):
         """What obstacles take from the air except by pressure, per axis on the lower faces of the cells [m/s²]."""
         self._lose()
         return [self.grid.read(field) for field in self._rate]
-
-    # ---------------------------------------------------------------- sampling
-
-    @ti.func
-    def velocity(self, x: Template, t: float):
-        """Velocity [m/s] at point x [m], linear between the faces; the time is the solver's own."""
-        return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)

@@ -1,17 +1,17 @@
 """A computed flow that is averaged and then stands still: a mean of divergence-free fields is divergence-free."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import Faces
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import launch
 from taichi_plume.scenario.winds import FrozenWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.momentum import Weighing
-from taichi_plume.solvers.resistance import Resistance
+from taichi_plume.solvers.screens import Resistance
 
 
 @ti.data_oriented
@@ -32,7 +32,7 @@ class FrozenSolver(FlowSolver):
         t: float = 0.0,
         seed: int = 0,
         weighing: Sequence[Weighing] = (),
-        resistances: Sequence[Callable[[tuple[Any, ...]], Resistance]] = (),
+        resistances: Sequence[Callable[[Faces], Resistance]] = (),
     ):
         """t: start of the warm-up [s]; else see `FlowSolver`."""
         super().__init__(model, grid, air, t, seed, weighing, resistances)

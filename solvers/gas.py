@@ -7,28 +7,25 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Carrier, Gas, sample_cells
+from taichi_plume.grid.fields import Carrier, GridGas
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass, Template
+from taichi_plume.grid.kernels import Pass
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.openings import Opening
+from taichi_plume.solvers.convection import LIMITED
 from taichi_plume.solvers.emission import Emission
-from taichi_plume.solvers.incoming import Incoming
-from taichi_plume.solvers.limited import LIMITED
 from taichi_plume.solvers.patches import VENTS, Patch, patch_of
 from taichi_plume.solvers.release import Release
-from taichi_plume.solvers.scalar import Scalar
 from taichi_plume.solvers.surface_exchange import SurfaceExchange
-from taichi_plume.solvers.transport import Transport
+from taichi_plume.solvers.transport import Incoming, Scalar, Transport
 
 
 @ti.data_oriented
-class EulerianSolver(Gas):
+class EulerianSolver(GridGas):
     """Gas on the grid of a wind that has face velocities. Field c: concentration [kg/m³]."""
 
     STATE = ("transport", "emissions", "emitted_kg", "initial_kg", "surfaces")
-    finer_than_cells = False
 
     def __init__(
         self,
@@ -158,17 +155,9 @@ class EulerianSolver(Gas):
             budget["taken_up_kg"] = -self.surfaces.given()
         return budget
 
-    def cells(self, t: float) -> np.ndarray:
-        return self.grid.read(self.c)
-
     def is_finite(self) -> bool:
         return isfinite(self.transport.inside())
 
     def least(self) -> float:
         """Smallest concentration [kg/m³]."""
         return self.transport.least()
-
-    @ti.func
-    def concentration(self, x: Template, t: float):
-        """Concentration [kg/m³] at point x [m], linear between the centres of cells that hold air."""
-        return sample_cells(self.c, self.air, x, self.grid.dx, self.grid.ghost, self.grid.padded)

@@ -8,12 +8,11 @@ faces of the domain along which the air moves.
 """
 
 from math import inf
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid.fields import Gas
+from taichi_plume.grid.fields import Field, Gas
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
@@ -49,9 +48,9 @@ class GaussianPuffs(Gas):
         self.wind = wind
         self.count = len(gas.releases)
         self.walls = reflecting(gas, grid)
-        self.mass: Any = ti.field(ti.f32, self.count)
-        self.centre: Any = ti.Vector.field(grid.dim, ti.f32, self.count)
-        self.variance: Any = ti.Vector.field(grid.dim, ti.f32, self.count)
+        self.mass: Field = ti.field(ti.f32, self.count)
+        self.centre: Field = ti.Vector.field(grid.dim, ti.f32, self.count)
+        self.variance: Field = ti.Vector.field(grid.dim, ti.f32, self.count)
         self._put = uploader(self.mass, self.centre, self.variance)
         self.begin(gas, t, 0)
 
@@ -110,10 +109,10 @@ class ContinuousPuffs(Gas):
         self.wind = wind
         self.count = len(gas.sources)
         self.walls = reflecting(gas, grid)
-        self.U: Any = ti.Vector.field(grid.dim, ti.f32, ())
-        self.D: Any = ti.Vector.field(grid.dim, ti.f32, ())
+        self.U: Field = ti.Vector.field(grid.dim, ti.f32, ())
+        self.D: Field = ti.Vector.field(grid.dim, ti.f32, ())
         self.root_B = ti.field(ti.f32, ())
-        self.place: Any = ti.Vector.field(grid.dim, ti.f32, self.count)
+        self.place: Field = ti.Vector.field(grid.dim, ti.f32, self.count)
         self.rate, self.spread = (ti.field(ti.f32, self.count) for _ in range(2))
         self.youngest, self.oldest = (ti.field(ti.f32, self.count) for _ in range(2))
         self.node, self.weight = (ti.field(ti.f32, NODES) for _ in range(2))

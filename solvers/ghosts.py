@@ -7,10 +7,10 @@ Beyond the viscous layer see `walls`.
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import taichi as ti
 
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.kernels import Pass, Template, visit
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.walls import Walls, straightness
@@ -36,7 +36,7 @@ class Ghosts:
 
         return visit([of_axis(d) for d in range(self.dim)], self.b.sides)
 
-    def filling_velocity(self, u: Any) -> Pass:
+    def filling_velocity(self, u: Field) -> Pass:
         """Sets all ghost values of the face velocities u."""
 
         @ti.func
@@ -45,7 +45,7 @@ class Ghosts:
 
         return self._visit(fill)
 
-    def prescribing(self, u: Any, u0: Any) -> Pass:
+    def prescribing(self, u: Field, u0: Field) -> Pass:
         """Sets prescribed faces at a share `a` of the step, between u0 at its begin and the targets at its end; and the
         upper faces of periodic axes.
         """
@@ -63,7 +63,7 @@ class Ghosts:
 
         return self._visit(prescribe)
 
-    def filling_pressure(self, p: Any, with_ambient: bool) -> Pass:
+    def filling_pressure(self, p: Field, with_ambient: bool) -> Pass:
         """Sets the ghost values of p that put the ambient pressure (or zero) on free faces."""
 
         @ti.func
@@ -72,7 +72,7 @@ class Ghosts:
 
         return self._visit(fill)
 
-    def updating_losses(self, u: Any) -> Pass:
+    def updating_losses(self, u: Field) -> Pass:
         """Sets the pressure on free faces from K/2 u|u|, relaxed over dt (a) at the rate that is stable for any K."""
 
         @ti.func

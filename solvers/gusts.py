@@ -7,9 +7,8 @@ one's steps change. In between Y is the cubic that has v as its slope at the kno
 to leading order in the knots' interval over T.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import ceil, expm1
-from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -39,7 +38,7 @@ def cubic(w, h, y, v):
     return y[0] + w * (h * v[0] + w * (bend + w * twist)), w * (2 * bend + 3 * w * twist)
 
 
-_cubic: Any = ti.func(cubic)
+_cubic: Callable = ti.func(cubic)
 
 
 @ti.data_oriented

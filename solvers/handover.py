@@ -6,7 +6,7 @@ variance than the puff, what is interpolated between them another 1/6 dx²: a pu
 much, and reads the same before and after.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import taichi as ti
@@ -15,9 +15,12 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, sample_cells
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
-from taichi_plume.solvers.limited import LIMITED
+from taichi_plume.solvers.convection import LIMITED
 from taichi_plume.solvers.puff_deposit import Deposit
 from taichi_plume.solvers.transport import Transport
+
+if TYPE_CHECKING:
+    from taichi_plume.solvers.puffs import PuffSolver
 
 WIDTH = 1.0  # cells
 WIDENED = (
@@ -31,8 +34,8 @@ class Handover:
 
     STATE = ("transport",)
 
-    def __init__(self, solver: Any, wind: Carrier, air: Air, convection: str):
-        """solver: a PuffSolver, whose puffs it takes. To be begun by its owner."""
+    def __init__(self, solver: "PuffSolver", wind: Carrier, air: Air, convection: str):
+        """solver: owner of the puffs, which calls `begin`."""
         self.solver, self.grid, self.wind = solver, solver.grid, wind
         self.limit = (WIDTH * self.grid.dx) ** 2
         self.air = self.grid.field()

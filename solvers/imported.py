@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from math import sqrt
-from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -123,7 +122,7 @@ class ImportedFilm:
     def begin(self, wind: ImportedWind) -> None:
         """Show the same frames with other viscosities and another Schmidt number."""
         self._wind = wind
-        self.attributes: dict[str, Any] = {"viscosity": wind.viscosity, "schmidt": wind.schmidt}
+        self.attributes: dict[str, float] = {"viscosity": wind.viscosity, "schmidt": wind.schmidt}
 
     def still(self, name: str) -> np.ndarray:
         """Variable open_u and so on: the faces inside the domain that let air through."""

@@ -8,11 +8,11 @@ cut the grid, what goes through a side of that volume counts with the share of t
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.fields import Faces, Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.tables import Tables
@@ -22,13 +22,44 @@ from taichi_plume.solvers.convection import FACE_VALUES
 from taichi_plume.solvers.turbulence import MODELS, mixing_lengths
 
 
+def _widest(area: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """The widest passage of the volume around each face, which counts as the volume that stores its momentum.
+
+    However little of a volume is air, it then does not shorten the step; what is steady does not depend on it.
+    """
+    result = []
+    for d, faces in enumerate(area):
+        widest = faces.copy()
+        for e, others in enumerate(area):
+            low = 0.5 * (others + np.roll(others, 1, axis=d))
+            widest = np.maximum(widest, np.maximum(low, np.roll(low, -1, axis=e)))
+        result.append(np.maximum(widest, 1e-6))
+    return result
+
+
+def opennesses(grid: Grid, area: Sequence[np.ndarray], is_free: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Per axis, area over stored volume, 0 where the velocity is not solved for; padded.
+
+    area: shares of the faces that are air, padded; is_free: of the domain's faces, see `Boundaries`.
+    """
+    g, result = grid.ghost, []
+    for d, widest in enumerate(_widest(area)):
+        faces = area[d] / widest
+        if not grid.periodic[d]:
+            along = np.moveaxis(faces, d, 0)
+            for side, face in enumerate((g, g + grid.shape[d])):
+                along[face] = (along[face] > 0.0) * np.take(is_free[d], side, axis=d)
+        result.append(faces)
+    return result
+
+
 @dataclass
 class Weighing:
     """What makes the air heavier: a cell field, and the relative change of the density per unit of it, which the flow
     takes over when it begins.
     """
 
-    field: Any
+    field: Field
     weight: float
 
 
@@ -47,12 +78,12 @@ class Momentum:
         self,
         model: CfdWind,
         grid: Grid,
-        u: tuple[Any, ...],
-        p: Any,
-        nu: Any,
+        u: Faces,
+        p: Field,
+        nu: Field,
         openness: Sequence[np.ndarray],
         areas: Sequence[np.ndarray] | None,
-        weighing: Sequence[Any],
+        weighing: Sequence[Field],
         tables: Tables,
         distance: np.ndarray | None,
     ):
@@ -63,12 +94,12 @@ class Momentum:
         self.grid, self.dim, self.dx = grid, grid.dim, grid.dx
         self.u, self.p, self.nu = u, p, nu
 
-        def put(values: np.ndarray) -> Any:
+        def put(values: np.ndarray) -> Field:
             return tables.put(grid.field(), values)
 
         self.open = tuple(put(values) for values in openness)
         self.cut = areas is not None
-        self.area: Any = None
+        self.area: Field = None
         self.spread, self.sheared = self.open, ()
         if areas is not None:
             self.area = tuple(put(area) for area in areas)
@@ -85,7 +116,7 @@ class Momentum:
         self.eddies = nu is not None
         self.rough = model.roughness is not None
         self.distance = self.mixing = None
-        self._near: Any = None  # distance, on the padded grid
+        self._near: Field = None  # distance, on the padded grid
         if distance is not None:
             self._near = grid.pad(distance)
             self.distance, self.mixing = put(self._near), grid.field()
@@ -95,7 +126,7 @@ class Momentum:
         self.driven = model.acceleration is not None
         self.weighing = tuple(weighing)
         self.viscosity, self.constant = ti.field(ti.f32, ()), ti.field(ti.f32, ())
-        self.force: Any = ti.Vector.field(grid.dim, ti.f32, ())
+        self.force: Field = ti.Vector.field(grid.dim, ti.f32, ())
         count = max(1, len(self.weighing))
         self.pull, self.half_pull = (ti.Vector.field(grid.dim, ti.f32, count) for _ in range(2))
         self._put = uploader(self.viscosity, self.constant, self.force, self.pull, self.half_pull)

@@ -10,11 +10,9 @@ wide as the intensity of the gusts times x. Beyond, the air forgets where its gu
 widens as by diffusion, with the root of x.
 """
 
-from typing import Any
-
 import taichi as ti
 
-from taichi_plume.grid.fields import Gas
+from taichi_plume.grid.fields import Field, Gas
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import generator
@@ -62,12 +60,12 @@ class Plumes(Gas):
         self.meanders = gas.kind == "meandering"
         self.most = most_walls(gas.reflecting(grid.dim), grid.dim)
         self.width: OrnsteinUhlenbeck | None = None
-        self.place: Any = ti.Vector.field(grid.dim, ti.f32, self.count)
+        self.place: Field = ti.Vector.field(grid.dim, ti.f32, self.count)
         self.flow, self.radius = (ti.field(ti.f32, self.count) for _ in range(2))
         self.speed, self.fluctuation = (ti.field(ti.f32, ()) for _ in range(2))
-        self.axes: Any = ti.Vector.field(grid.dim, ti.f32, grid.dim)
-        self.growth: Any = ti.Vector.field(3, ti.f32, grid.dim - 1)
-        self.walls: Any = ti.Vector.field(2, ti.f32, grid.dim - 1)
+        self.axes: Field = ti.Vector.field(grid.dim, ti.f32, grid.dim)
+        self.growth: Field = ti.Vector.field(3, ti.f32, grid.dim - 1)
+        self.walls: Field = ti.Vector.field(2, ti.f32, grid.dim - 1)
         self._put = uploader(
             self.place,
             self.flow,

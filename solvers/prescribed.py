@@ -5,9 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid.fields import Carrier, sample_faces
+from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
 
 Velocities = Callable[[np.ndarray], np.ndarray]
@@ -41,7 +40,3 @@ class PrescribedWind(Carrier):
 
     def advance(self, t: float, dt: float) -> None:
         """Nothing changes."""
-
-    @ti.func
-    def velocity(self, x: Template, t: float):
-        return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)

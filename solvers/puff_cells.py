@@ -8,11 +8,11 @@ Neither depends on threads, so sums are the same to the bit.
 """
 
 from math import prod
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template, on_cpu
 from taichi_plume.grid.transfer import uploader
@@ -36,23 +36,23 @@ class PuffCells:
         self.grid, self.dim, self.cutoff = grid, grid.dim, cutoff
         sizes, shapes = self._lists_of(0.0)
         capacity = sum(map(prod, shapes))
-        self._size: Any = ti.field(ti.f32, len(sizes))  # of the largest puff in each list [m]
-        self._shape: Any = ti.Vector.field(self.dim, ti.i32, len(sizes))
-        self._first: Any = ti.field(ti.i32, len(sizes) + 1)
-        self.lists: Any = ti.field(ti.i32, ())  # how many there are
-        self._cells: Any = ti.field(ti.i32, ())  # of all lists
-        self._largest: Any = ti.field(ti.f32, ())
-        self._per_smallest: Any = ti.field(ti.f32, ())
+        self._size: Field = ti.field(ti.f32, len(sizes))  # of the largest puff in each list [m]
+        self._shape: Field = ti.Vector.field(self.dim, ti.i32, len(sizes))
+        self._first: Field = ti.field(ti.i32, len(sizes) + 1)
+        self.lists: Field = ti.field(ti.i32, ())  # how many there are
+        self._cells: Field = ti.field(ti.i32, ())  # of all lists
+        self._largest: Field = ti.field(ti.f32, ())
+        self._per_smallest: Field = ti.field(ti.f32, ())
         self._put_lists = uploader(
             self._size, self._shape, self._first, self.lists, self._cells, self._largest, self._per_smallest
         )
-        self.start: Any = ti.field(ti.i32, capacity + 1)
-        self.farthest: Any = ti.field(ti.f32, ())  # that any puff reaches [m]
-        self.order: Any = ti.field(ti.i32, most)
-        self._cell: Any = ti.field(ti.i32, most)  # of each new puff; -1: gone
-        self._cursor: Any = ti.field(ti.i32, capacity)
-        self._blocks: Any = ti.field(ti.i32, capacity // BLOCK + 1)
-        self._rough_order: Any = None if on_cpu() else ti.field(ti.i32, most)
+        self.start: Field = ti.field(ti.i32, capacity + 1)
+        self.farthest: Field = ti.field(ti.f32, ())  # that any puff reaches [m]
+        self.order: Field = ti.field(ti.i32, most)
+        self._cell: Field = ti.field(ti.i32, most)  # of each new puff; -1: gone
+        self._cursor: Field = ti.field(ti.i32, capacity)
+        self._blocks: Field = ti.field(ti.i32, capacity // BLOCK + 1)
+        self._rough_order: Field = None if on_cpu() else ti.field(ti.i32, most)
 
     def begin(self, smallest: float) -> None:
         """smallest: size of a new puff [m]."""

@@ -6,16 +6,20 @@ and those that no straight row of air cells leads to get nothing, and the others
 """
 
 from math import sqrt
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.kernels import on_cpu
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.solvers.puff_list import FREE
 from taichi_plume.solvers.transport import raised
+
+if TYPE_CHECKING:
+    from taichi_plume.solvers.puffs import PuffSolver
 
 REACH = 4.0  # standard deviations to either side that are looked at
 LEAST = 0.01  # share of a cell that is air, below which it gets no gas of its own
@@ -35,20 +39,20 @@ def _below(z):
 class Deposit:
     """The cells of a solver's grid and what its puffs put into them. Field c: [kg/m³]."""
 
-    def __init__(self, solver: Any, air: Air, c: Any = None, rest: Any = None):
-        """solver: a PuffSolver, whose puffs it reads; c: what they are added to, one of its own unless given; rest:
-        what rounding leaves out of it.
+    def __init__(self, solver: "PuffSolver", air: Air, c: Field | None = None, rest: Field | None = None):
+        """solver: owner of the puffs; c: field that they are added to, a new one unless given; rest: rounding errors of
+        c.
         """
         self.solver, self.grid, self.dim = solver, solver.grid, solver.dim
-        self.c: Any = self.grid.field() if c is None else c
+        self.c: Field = self.grid.field() if c is None else c
         self.rest, self.exact = rest, rest is not None
         carrier = solver.wind.carrier
-        self._area: Any = (carrier.area if carrier is not None else None) or ()
-        self.room: Any = self.grid.field()
+        self._area: Field = (carrier.area if carrier is not None else None) or ()
+        self.room: Field = self.grid.field()
         uploader(self.room)(self.grid.pad(np.where(air.solid | (air.room < LEAST), 0.0, air.room)))
         # of the puff at hand, per axis and cell; on a GPU of each of some at a time
         self._lanes = 1 if on_cpu() else 4096
-        self._share: Any = ti.field(ti.f32, (self._lanes, self.dim, max(self.grid.shape)))
+        self._share: Field = ti.field(ti.f32, (self._lanes, self.dim, max(self.grid.shape)))
 
     def cells(self, t: float) -> np.ndarray:
         """Mean concentration of every cell [kg/m³] at the solver's time t [s]; shape of the grid."""

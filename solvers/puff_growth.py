@@ -14,12 +14,11 @@ a puff that is as wide grows on at the rate that it has then, which is never les
 """
 
 from math import gamma, sqrt
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid.fields import Wind, corner, corner_weight
+from taichi_plume.grid.fields import Field, Wind, corner, corner_weight
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import Numbers
@@ -50,9 +49,9 @@ class Growth:
         """To be begun by its owner."""
         self.grid, self.dim, self.wind = grid, grid.dim, wind
         carrier = wind.carrier
-        self.eddies: Any = carrier.nu if carrier is not None else None
+        self.eddies: Field = carrier.nu if carrier is not None else None
         self.eddying = self.eddies is not None
-        self.u: Any = carrier.u if carrier is not None else ()
+        self.u: Field = carrier.u if carrier is not None else ()
         law = gas.growth
         self.local = self.eddying and (law is None or (law.kind == "inertial" and law.dissipation is None))
         self.inertial = self.local or (law is not None and law.kind == "inertial")

@@ -29,8 +29,8 @@ from taichi_plume.grid.level_set import LevelSet
 from taichi_plume.grid.rng import generator, normal4, stream_id
 from taichi_plume.grid.transfer import Numbers
 from taichi_plume.scenario.gases import PuffGas
+from taichi_plume.solvers.emission import Portions
 from taichi_plume.solvers.handover import Handover
-from taichi_plume.solvers.portions import Portions
 from taichi_plume.solvers.puff_deposit import Deposit
 from taichi_plume.solvers.puff_growth import Growth
 from taichi_plume.solvers.puff_list import PuffList

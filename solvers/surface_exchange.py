@@ -9,7 +9,7 @@ given, or what diffuses through half a cell, or beyond the diffusive layer, wher
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import cast
 
 import numpy as np
 import taichi as ti
@@ -17,12 +17,50 @@ import taichi as ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass, Template
+from taichi_plume.grid.kernels import Pass, Template, double_field
 from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.windows import Region
 from taichi_plume.solvers.patches import Patch
-from taichi_plume.solvers.tally import Tally
 from taichi_plume.solvers.wall_law import transfer_velocity
+
+Touched = tuple[tuple[np.ndarray, ...] | np.ndarray, float | np.ndarray]
+"""Cells that a surface touches (indices or a mask), and its area in each of them over a face's."""
+
+FIRST, BETWEEN, LAST = 0.0, 1.0, 2.0
+"""Stage of a step."""
+
+
+@ti.data_oriented
+class Tally:
+    """Total in f64 of a flux. Each stage of a step sets it to its value before the step plus the step's length times
+    the sum of the rates of all stages so far.
+    """
+
+    STATE = ("_total",)
+
+    def __init__(self) -> None:
+        self._total, self._before, self._rate = (double_field() for _ in range(3))
+
+    @ti.func
+    def begin(self, stage):
+        """Start a stage."""
+        if stage == FIRST:
+            self._before[None] = self._total[None]
+            self._rate[None] = 0.0
+
+    @ti.func
+    def add(self, rate):
+        """Add the flux through one face or cell [1/s]."""
+        self._rate[None] += ti.cast(rate, ti.f64)
+
+    @ti.func
+    def end(self, h):
+        """Finish a stage; h: length [s] of which each stage has a share, see `transport`."""
+        self._total[None] = self._before[None] + ti.cast(h, ti.f64) * self._rate[None]
+
+    def read(self) -> float:
+        """Return the total."""
+        return cast(float, self._total[None])
 
 
 def in_series(first: float, second: float) -> float:
@@ -69,9 +107,7 @@ class SurfaceExchange:
         uploader(self._cell, self._stores)(np.argwhere(touched) + grid.ghost, self.room[self._where])
         self._set = uploader(self._rate, self._gain, self._film, self._film_gain, self._sticky)
 
-    def _of_walls(
-        self, walls: Sequence[Region], air: Air, vents: Sequence[Patch]
-    ) -> Iterator[tuple[Any, Any]]:
+    def _of_walls(self, walls: Sequence[Region], air: Air, vents: Sequence[Patch]) -> Iterator[Touched]:
         """Of each the cells that touch it, and its area in each of them over a face's."""
         for n, wall in enumerate(walls):
             patch = Patch(wall, self.grid, air.area)
@@ -84,7 +120,7 @@ class SurfaceExchange:
                 )
             yield patch.cells(), 1.0
 
-    def _of_obstacles(self, obstacles: Sequence[int], air: Air) -> Iterator[tuple[Any, Any]]:
+    def _of_obstacles(self, obstacles: Sequence[int], air: Air) -> Iterator[Touched]:
         surface = np.linalg.norm(air.surface(), axis=-1) * ~air.solid
         for n, number in enumerate(obstacles):
             cells = (air.body == number) & (surface > 0.0)

@@ -9,21 +9,50 @@ Smagorinsky's length and van Driest's damping D. Where a laminar layer separates
 (Thwaites 1949, doi:10.1017/S0001925900000184), so neither does the place, as long as the layer is thin beside the body.
 """
 
-from typing import Any
-
 import numpy as np
 import taichi as ti
+from scipy.ndimage import correlate1d, uniform_filter1d
 
 from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.kernels import Pass, Template
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import uploader
-from taichi_plume.solvers.curvature import CONVEX, curvatures
-from taichi_plume.solvers.extension import Extension
+from taichi_plume.solvers.extension import REACH, Extension
 from taichi_plume.solvers.momentum import Momentum
 from taichi_plume.solvers.turbulence import damped
 from taichi_plume.solvers.wall_law import near_surface
 from taichi_plume.solvers.walls import straightness
+
+# 1/cells: least curvature of a convex surface. Oblique planes that the grid cuts have up to 0.016.
+CONVEX = 0.02
+
+
+def curvatures(vectors: np.ndarray, cells: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Return the sum of the principal curvatures of the surface around the cells (n, dim), padded: (n,) [1/cells].
+
+    The sum is positive where the obstacle is convex. The normals of a surface of curvature k turn by k s over a length
+    s, so that the integral of n' s over all surface within REACH is -k times the integral of s².
+
+    vectors: areas of the surface, (*padded, dim); normals: of the surface at each cell, (n, dim); both out of the air.
+    """
+    dim, where = vectors.shape[-1], tuple(cells.T)
+    steps = np.arange(-REACH, REACH + 1.0)
+
+    def over_window(values: np.ndarray, skipped: int = -1) -> np.ndarray:
+        for axis in range(dim):
+            if axis != skipped:
+                values = uniform_filter1d(values, len(steps), axis=axis, mode="nearest")
+        return values
+
+    moments = np.empty((len(cells), dim, dim))  # of the areas' components i along the axes j
+    for j in range(dim):
+        along = correlate1d(vectors, steps / len(steps), axis=j, mode="nearest")
+        moments[:, :, j] = over_window(along, skipped=j)[where]
+    turning = np.einsum("ni,nij,nj->n", normals, moments, normals) - np.trace(moments, axis1=1, axis2=2)
+    area = over_window(np.linalg.norm(vectors, axis=-1))[where]
+    return turning / np.maximum(area * len(steps) ** 2 / 12.0, 1e-6)
+
 
 NEAREST = 0.05  # cells: no distance from a surface counts as less
 LEAST = 0.25  # cells: least distance over which the velocity of a layer that separates rises
@@ -57,13 +86,13 @@ class Surfaces:
         )
         self.faces: list[np.ndarray] = []
         self._count: list[int] = []
-        self._cell: list[Any] = []
-        self._distance: list[Any] = []  # of the face's middle from the surface [m]
-        self._rate: list[Any] = []  # surface over (distance times stored volume), in cells
-        self._stored: list[Any] = []  # volume that stores the momentum of the face, in cells
-        self._normal: list[Any] = []  # of the surface, out of the air
+        self._cell: list[Field] = []
+        self._distance: list[Field] = []  # of the face's middle from the surface [m]
+        self._rate: list[Field] = []  # surface over (distance times stored volume), in cells
+        self._stored: list[Field] = []  # volume that stores the momentum of the face, in cells
+        self._normal: list[Field] = []  # of the surface, out of the air
         # mixing length [m] of a layer that can separate, 0 on plane and concave surfaces
-        self._mixing: list[Any] = []
+        self._mixing: list[Field] = []
         normals: list[np.ndarray] = []
         for d in range(grid.dim):
             above, below = np.roll(area[d], -1, axis=d), np.roll(area[d], 1, axis=d)

@@ -16,16 +16,14 @@ with it the waves dissipate, int 2 nu k² E dk up to k_c, what the spectrum hand
 mixed by the part that is the eddies', over the turbulent Schmidt number, as in a computed flow.
 """
 
-from typing import Any
-
 import numpy as np
 import taichi as ti
 from scipy.ndimage import distance_transform_edt
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Carrier, sample_faces
+from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template, launch
+from taichi_plume.grid.kernels import launch
 from taichi_plume.grid.rng import generator
 from taichi_plume.grid.sweeps import sweep
 from taichi_plume.grid.transfer import uploader
@@ -150,8 +148,8 @@ class SyntheticSolver(Carrier):
         self.nu = grid.field()
         around = np.pad(self._air, grid.ghost)
         uploader(*self.open)(*(around & np.roll(around, 1, axis=d) for d in range(grid.dim)))
-        self._put: Any = uploader(*self._after)
-        self._put_eddies: Any = uploader(self.nu)
+        self._put = uploader(*self._after)
+        self._put_eddies = uploader(self.nu)
         self._build()
         self.begin(wind, t, seed)
 
@@ -285,7 +283,3 @@ class SyntheticSolver(Carrier):
         if self.dim == 3:
             told["as_of_air_changes_per_h"] = air_changes(K, float(self._air.sum()) * self.grid.cell_volume)
         return told
-
-    @ti.func
-    def velocity(self, x: Template, t: float):
-        return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)

@@ -1,4 +1,4 @@
-"""Convection and diffusion of a quantity of the air on the grid: what gas and heat share.
+"""Transport of a scalar by the air on the grid, convection and diffusion (scalar transport equation): gas and heat.
 
     dq/dt + div(u q) = div((K + nu_t/Sc_t) grad q) + sources
 
@@ -8,25 +8,52 @@ both sides and a cell's fluxes are summed in f64; what f32 cannot hold of q is k
 is conserved however many steps are taken and however little each one changes.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from math import ceil
-from typing import Any
+from typing import cast
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Carrier
+from taichi_plume.grid.fields import Carrier, Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template, launch, visit
 from taichi_plume.grid.sweeps import sweep
 from taichi_plume.grid.transfer import Numbers, uploader
-from taichi_plume.solvers.incoming import Incoming
-from taichi_plume.solvers.limited import Limited
-from taichi_plume.solvers.scalar import Scalar
-from taichi_plume.solvers.surface_exchange import SurfaceExchange
-from taichi_plume.solvers.tally import BETWEEN, FIRST, LAST, Tally
+from taichi_plume.solvers.convection import Limited
+from taichi_plume.solvers.patches import Patch
+from taichi_plume.solvers.surface_exchange import BETWEEN, FIRST, LAST, SurfaceExchange, Tally
+
+
+class Incoming:
+    """Inflow (Dirichlet) values of a scalar on the faces of the domain. fields: per axis, over its two faces."""
+
+    def __init__(self, grid: Grid):
+        """To be begun by its owner."""
+        shape = grid.shape
+        self.fields: list[Field] = [
+            ti.field(ti.f32, tuple(2 if a == d else n for a, n in enumerate(shape))) for d in range(grid.dim)
+        ]
+        self._put = uploader(*self.fields)
+
+    def begin(self, openings: Sequence[tuple[Patch, float]]) -> None:
+        """Set the scalar of the air that comes in through openings; elsewhere it is 0."""
+        values = [np.zeros(field.shape) for field in self.fields]
+        for patch, q in openings:
+            np.moveaxis(values[patch.axis], patch.axis, 0)[patch.side][patch.covered] = q
+        self._put(*values)
+
+
+class Scalar:
+    """A scalar q per volume of air in the cells of a grid; rest: field of what rounding to f32 has left out of q."""
+
+    STATE = ("q", "rest")
+
+    def __init__(self, grid: Grid):
+        self.q, self.rest = grid.field(), grid.field()
+
 
 FULLEST = 0.98  # largest share of what a cell holds that leaves it in one stage, at the steepest slope
 MOST_STAGES = 5  # of a step; the more, the more of what was there before it stays behind
@@ -85,7 +112,7 @@ class Transport:
         self.eddies = wind.nu is not None
         self._area = wind.area or ()
         self.cut = wind.area is not None
-        self.room: Any = None  # share of each cell's volume that stores q
+        self.room: Field = None  # share of each cell's volume that stores q
         if self.cut:
             self.room = grid.field()
             uploader(self.room)(grid.pad(air.room))
@@ -264,8 +291,7 @@ class Transport:
 
     def inside(self) -> float:
         """q summed over the domain's volume."""
-        total: Any = self._sum()
-        return total * self.grid.cell_volume
+        return cast(float, self._sum()) * self.grid.cell_volume
 
     def outflow(self) -> float:
         """What has left through the domain's faces so far, less what has come in."""

@@ -7,13 +7,13 @@ without the law.
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import taichi as ti
 from scipy.spatial import cKDTree
 
 from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template, visit
 from taichi_plume.grid.sweeps import sweep
@@ -32,7 +32,7 @@ class Walls:
     viscosity [m²/s]: that has the stress of the law with the slope that the ghost values make.
     """
 
-    def __init__(self, boundaries: Boundaries, molecular: Any, rough: bool):
+    def __init__(self, boundaries: Boundaries, molecular: Field, rough: bool):
         """molecular: field () of the viscosity [m²/s]; rough: whether they may be."""
         self.rough = rough
         self.b, self.molecular = boundaries, molecular
@@ -57,7 +57,7 @@ class Walls:
 
         return visit([of_axis(d) for d in axes], [self.b.sides[d] for d in axes])
 
-    def measuring(self, u: Any) -> list[Pass]:
+    def measuring(self, u: Field) -> list[Pass]:
         """Take the law from the velocities u."""
 
         def of_axis(d: int) -> Callable:
@@ -71,7 +71,7 @@ class Walls:
         inner = {d: [(0, n - (a != d)) for a, n in enumerate(self.b.sides[d])] for d in axes}
         return [sweep([of_axis(d)], [(self.bend[d], self.viscosity[d])], inner[d]) for d in axes]
 
-    def extending(self, nu: Any) -> Pass:
+    def extending(self, nu: Field) -> Pass:
         """Sets nu beyond the domain's faces: at walls such that the mean with the cell inside is that of the law,
         elsewhere as inside (zero gradient).
         """

@@ -46,8 +46,8 @@ from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import Forces
 from taichi_plume.solvers.momentum import Weighing
 from taichi_plume.solvers.patches import opening_cells, periodic_axes
-from taichi_plume.solvers.resistance import Resistance
-from taichi_plume.solvers.scalar import Scalar
+from taichi_plume.solvers.screens import Resistance
+from taichi_plume.solvers.transport import Scalar
 
 
 def assemble(

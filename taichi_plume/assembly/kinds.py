@@ -18,8 +18,8 @@ from taichi_plume.scenario.scenario import Scenario
 if TYPE_CHECKING:
     from taichi_plume.solvers.flow import FlowSolver
     from taichi_plume.solvers.momentum import Weighing
-    from taichi_plume.solvers.resistance import Resistance
-    from taichi_plume.solvers.scalar import Scalar
+    from taichi_plume.solvers.screens import Resistance
+    from taichi_plume.solvers.transport import Scalar
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from taichi_plume.grid.cut_cells import air_of
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.shapes import Ball, Shape, UprightBox
 from taichi_plume.scenario.obstacles import Box, Sphere
-from taichi_plume.solvers.curvature import CONVEX, curvatures
+from taichi_plume.solvers.surfaces import CONVEX, curvatures
 from taichi_plume.validation.body_cases import Outside
 
 CENTRE = np.array([20.2, 19.9])

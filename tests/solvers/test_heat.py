@@ -12,7 +12,7 @@ from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.momentum import Weighing
-from taichi_plume.solvers.scalar import Scalar
+from taichi_plume.solvers.transport import Scalar
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -5,7 +5,7 @@ import pytest
 import taichi as ti
 
 from taichi_plume.grid.transfer import reader, uploader
-from taichi_plume.solvers.limited import LIMITED
+from taichi_plume.solvers.convection import LIMITED
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
