@@ -17,7 +17,7 @@ from taichi_plume.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
     from taichi_plume.solvers.flow import FlowSolver
-    from taichi_plume.solvers.momentum import Weighing
+    from taichi_plume.solvers.momentum import BuoyantScalar
     from taichi_plume.solvers.screens import Resistance
     from taichi_plume.solvers.transport import Scalar
 
@@ -35,7 +35,7 @@ class Context:
     grid: Grid
     air: Air
     scalars: "dict[str, Scalar]"
-    weighing: "Sequence[Weighing]"
+    weighing: "Sequence[BuoyantScalar]"
     resistances: "Sequence[Callable[[tuple[Any, ...]], Resistance]]"
 
     @property
@@ -66,7 +66,7 @@ def _flow(solver: "type[FlowSolver]", model: Any, its: Context) -> "FlowSolver":
 def _imported(model: Any, its: Context) -> Wind:
     assert its.resources.site is not None
     film = _of("imported", "ImportedFilm")(its.resources.site, its.grid, its.air)
-    return _played(_of("imported", "ImportedFlow")(film, model, its.grid, *its.begin), its)
+    return _played(_of("imported", "ImportedFlow")(model, film, its.grid, *its.begin), its)
 
 
 def _played(wind: Any, its: Context) -> Wind:
@@ -125,7 +125,7 @@ GASES: dict[str, Callable[[Any, str, Context, Any], Gas]] = {
     "playback": lambda model, path, its, wind: _of("playback", "PlayedGas")(
         model, its.resources.films[path], its.grid, its.begin[0]
     ),
-    "movie": lambda model, path, its, wind: _of("movie", "PlayedMovie")(
+    "movie": lambda model, path, its, wind: _of("playback", "PlayedMovie")(
         model, its.resources.movies[path], its.grid, its.begin[0]
     ),
 }
