@@ -1,4 +1,4 @@
-"""Direct solution of the Poisson equation of the projection in a box with obstacles.
+"""Direct solution of the Poisson equation in a box with obstacles: the capacitance matrix method.
 
 In the K cells of air beside obstacles, A, and in all others B, the equations of the empty box, is solved. The rows of
 C = A - B that are not empty are these K. What they miss counts as sources s in their cells:
@@ -45,7 +45,7 @@ class Changes:
 
     @staticmethod
     def of(openness: Openness, grid: Grid) -> "Changes":
-        """Of each side of the domain, what most of its air meets is the box's."""
+        """Return the changes from the box whose sides are as most of the air at each side of the domain."""
         faces = [_faces(openness, d) for d in range(grid.dim)]
         total = int(np.prod(openness.shape))
         air = np.zeros(total + 1, bool)  # the last stands for what is outside
@@ -135,7 +135,7 @@ class GreensFunction:
         self.lines = np.ascontiguousarray(table).reshape(-1, self.height)
 
     def __call__(self, cells: np.ndarray, sources: np.ndarray) -> np.ndarray:
-        """In cells (P, dim), for sources in cells (Q, dim): (P, Q)."""
+        """Return the solutions in cells (P, dim) for unit sources in cells (Q, dim): (P, Q)."""
         (i, row, p), (j, column, q) = (_in_lines(x[:, self.order]) for x in (cells, sources))
         steps = [_images(kind, i[:, d], j[:, d]) for d, kind in enumerate(self.kinds[:2])]
         between = np.asarray(
@@ -145,7 +145,9 @@ class GreensFunction:
         return np.asarray(sum(s * between.reshape(-1)[first + m] for s, m in _images(self.kinds[2], p, q)))
 
     def apply(self, matrix: sp.csr_array, cells: np.ndarray, sources: np.ndarray) -> np.ndarray:
-        """matrix times the function in cells (P, dim) for sources in cells (Q, dim), as many as matrix has rows."""
+        """Return the matrix times the function in cells (P, dim) for sources in cells (Q, dim), as many as matrix has
+        rows.
+        """
         result = np.empty((len(sources), len(sources)))
         by_line = np.lexsort(sources[:, self.order[::-1]].T)
         blocks = -(-len(sources) * len(cells) * self.height // ENTRIES)

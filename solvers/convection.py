@@ -1,6 +1,6 @@
-"""Value of a transported quantity at a cell face, upwind and with as little wiggle as the scheme can.
+"""Convection schemes: upwind values of a transported quantity at a cell face, of high order and limited.
 
-`koren`: third order, limited so that no new extremum appears; it eats eddies of less than some 16 cells. `upwind5`:
+`koren`: third order, limited so that no new extremum appears; it damps eddies of less than some 16 cells. `upwind5`:
 fifth order, limited where the field is not smooth only, for little more work. `weno5`: fifth order, weighted by
 smoothness, for about twice the work. Of the energy of vortices that drift with the wind `upwind5` keeps 0.96 (16 cells
 across, over four of their sizes) and 0.90 (8 cells, one size), `weno5` 0.93 and 0.77, `koren` 0.57 and 0.38, with
@@ -39,7 +39,7 @@ def koren(a, b):
 
 @ti.func
 def koren_value(q: Template, I, e, v):
-    """q on the lower face of cell I along unit vector e, where the air moves with v [m/s] along e."""
+    """Return q on the lower face of cell I along unit vector e, where the air moves with v [m/s] along e."""
     m2, m1, p0, p1 = q[I - 2 * e], q[I - e], q[I], q[I + e]
     forward = v > 0.0
     center = ti.select(forward, m1, p0)
@@ -50,7 +50,7 @@ def koren_value(q: Template, I, e, v):
 
 @ti.func
 def weno5_value(q: Template, I, e, v, far):
-    """As `koren_value`: the mean over the cells around it decides on q, weighted essentially non-oscillatory. far: the
+    """Return q as `koren_value` does, by the fifth-order WENO scheme (weighted essentially non-oscillatory). far: the
     second cell after I, or the last one.
 
     Jiang & Shu 1996, doi:10.1006/jcph.1996.0130, for cell averages (Shu 1998, doi:10.1007/BFb0096355). Smoothness is
@@ -78,8 +78,8 @@ def weno5_value(q: Template, I, e, v, far):
 
 @ti.func
 def from_upwind(q: Template, I, e, v, far):
-    """The cell upwind of the lower face of cell I along e, and what the others have more: two upwind of it, the outer
-    one first, and two downwind. far: as of `weno5_value`. Exactly 0 in a uniform field.
+    """Return q of the cell upwind of the lower face of cell I along e, and differences from it: of two cells upwind,
+    the outer one first, and two downwind. far: as of `weno5_value`. Exactly 0 in a uniform field.
     """
     m3, m2, m1, p0, p1, p2 = q[I - 3 * e], q[I - 2 * e], q[I - e], q[I], q[I + e], q[far]
     forward = v > 0.0
@@ -93,13 +93,13 @@ def from_upwind(q: Template, I, e, v, far):
 
 @ti.func
 def fifth_order(a2, a1, b1, b2):
-    """Of the value at the face, what it is more than the upwind cell, from the differences of `from_upwind`."""
+    """Return the fifth-order face value less the upwind cell's, from the differences of `from_upwind`."""
     return (2.0 * a2 - 13.0 * a1 + 27.0 * b1 - 3.0 * b2) * (1.0 / 60.0)
 
 
 @ti.func
 def upwind5_value(q: Template, I, e, v, far):
-    """As `weno5_value`: fifth order from the cells around it (Wicker & Skamarock 2002,
+    """Return q as `weno5_value` does, by the linear fifth-order upwind scheme (Wicker & Skamarock 2002,
     doi:10.1175/1520-0493(2002)130<2088:TSMFEM>2.0.CO;2), held back only where q is not smooth.
 
     Without bounds, short waves grow behind the edges of obstacles. They let q lie between the two cells at the face,
@@ -119,7 +119,7 @@ def upwind5_value(q: Template, I, e, v, far):
 
 @ti.func
 def koren_between(q: Template, I, e, v, far):
-    """`koren_value`, which does not look as far."""
+    """Return `koren_value`, with the signature of the wider schemes."""
     return koren_value(q, I, e, v)
 
 
@@ -142,14 +142,14 @@ class Limited(NamedTuple):
 
 @ti.func
 def minmod(a, b, c, d):
-    """The one nearest to 0 where all are of one sign, otherwise 0."""
+    """Return the argument nearest to 0 where all are of one sign, otherwise 0 (minmod limiter)."""
     least, most = lesser(lesser(a, b), lesser(c, d)), greater(greater(a, b), greater(c, d))
     return greater(least, 0.0) + lesser(most, 0.0)
 
 
 @ti.func
 def fifth_order_value(q: Template, I, e, v):
-    """q on the lower face of cell I along unit vector e, where the air moves with v [m/s] along e; q is nowhere
+    """Return q on the lower face of cell I along unit vector e, where the air moves with v [m/s] along e; q is nowhere
     negative.
     """
     center, a2, a1, b1, b2 = from_upwind(q, I, e, v, I + 2 * e)

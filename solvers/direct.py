@@ -20,7 +20,8 @@ DENSE = 100  # cells of an axis up to which a product with a matrix takes less t
 
 
 class Balance:
-    """What cells lose where a right side can only be met without a net source: its mean in each such part of them.
+    """Mean of the right side in each closed part of the air, where the equations are only solvable without a net
+    source.
 
     part: number of the part that each cell belongs to; floating: whether phi = 0 nowhere touches the part.
     """
@@ -31,7 +32,7 @@ class Balance:
         self.size = np.maximum(np.bincount(part, minlength=len(floating)), 1)
 
     def excess(self, right: np.ndarray) -> np.ndarray:
-        """To be taken from the right side (cells,)."""
+        """Return the part to subtract from the right side (cells,)."""
         mean = np.bincount(self.part, right, len(self.floating)) / self.size
         return np.where(self.floating, mean, 0.0)[self.part]
 
@@ -140,12 +141,12 @@ class FastTransforms:
 
 
 def _type(kind: str) -> tuple[bool, int]:
-    """Whether the modes are odd at the lower end of an axis, and the type of their transform."""
+    """Return whether the modes are odd at the lower end of an axis, and the type of their transform."""
     return kind.startswith("free"), 4 if "-" in kind else 2
 
 
 class Window:
-    """Some places of a box: what waves are there, and what waves sources there make.
+    """Transforms between the modes of a box and some of its cells.
 
     By dense matrices over the rows, columns and layers that have such places, and for these only; where an axis wraps
     round, by transforms of the whole box.
@@ -170,13 +171,13 @@ class Window:
 
     @staticmethod
     def _place(cells: np.ndarray, used: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
-        """Numbers of cells in the array of what is used."""
+        """Return the numbers of cells in the array of used rows, columns and layers."""
         where = np.unravel_index(cells, shape, order="F")
         inside = [np.searchsorted(u, w) for u, w in zip(used, where, strict=True)]
         return np.ravel_multi_index(inside, [len(u) for u in used], order="F")
 
     def values(self, waves: np.ndarray) -> np.ndarray:
-        """In the cells."""
+        """Return the values in the cells of modes with these amplitudes."""
         if self.whole:
             return self.box.backward(waves.copy()).reshape(-1)[self.cells]
         for d, matrix in enumerate(self.back):
@@ -184,7 +185,7 @@ class Window:
         return waves.reshape(-1)[self.cells]
 
     def waves(self, sources: np.ndarray) -> np.ndarray:
-        """Amplitudes of the modes."""
+        """Return the amplitudes of the modes that sources make."""
         x = np.zeros(self.box.grid.shape[::-1] if self.whole else self.shape, np.float32)
         x.reshape(-1)[self.sources] = sources
         if self.whole:

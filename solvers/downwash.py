@@ -65,7 +65,7 @@ class Downwash:
         self.begin(body)
 
     def begin(self, body: Body) -> None:
-        """Take mass and measures from the scenario."""
+        """Set mass and dimensions."""
         dx = self.grid.dx
         mass, arm = body.mass or 0.0, body.arm or 0.0
         radius = max(body.rotor_radius or 0.0, LEAST_RADIUS * dx)
@@ -81,7 +81,7 @@ class Downwash:
         self.jet = sqrt(2.0 * thrust / (AIR_DENSITY * disc))  # m/s, of the far wake
 
     def advance(self, t: float, dt: float) -> None:
-        """Weigh the faces around the rotors where they are now; before t = 0 they are not there yet."""
+        """Compute the forces on the faces around the rotors; before t = 0 the drones are absent."""
         self.n.set(runs=float(t > -1e-9))
         if t > -1e-9:
             self._weigh()
@@ -133,7 +133,7 @@ class Downwash:
 
     @ti.func
     def _apart(self, x, middle):
-        """From a point to another [m], the short way where the box is periodic."""
+        """Return the vector between two points [m], the short way where the box is periodic."""
         apart = x - middle
         for e in ti.static(range(3)):
             if ti.static(self.grid.periodic[e]):
@@ -143,7 +143,7 @@ class Downwash:
 
     @ti.func
     def _weight(self, x, hub):
-        """How much of the disc around a hub is at a face at x, up to a factor that all its faces share."""
+        """Return the share of the disc around a hub at a face at x, up to a factor that all faces have in common."""
         apart = self._apart(x, hub)
         off = ti.sqrt(apart[0] * apart[0] + apart[1] * apart[1])
         covered = ti.math.clamp(0.5 + (self.n.radius[None] - off) / self.grid.dx, 0.0, 1.0)
@@ -158,7 +158,7 @@ class Downwash:
 
     @ti.func
     def _middle(self, b):
-        """Of the rotors of the b-th drone [m]."""
+        """Return the middle of the rotors of the b-th drone [m]."""
         p = self.place[self.first + b]
         return ti.Vector([p[0], p[1], self.altitude[self.first + b] + self.n.height[None]])
 

@@ -1,4 +1,4 @@
-"""When and how much a source emits."""
+"""Emission of sources: rate over time, pulses, evaporation from dishes, and the puffs that are released."""
 
 from math import ceil
 
@@ -15,16 +15,16 @@ INTERVAL = 0.1  # s: how often a dish feels the wind
 
 
 class Emission:
-    """When a source emits: its start and stop, and pulses of random length; and its rate, which may be a dish's."""
+    """Emission rate of a source: start, stop, pulses of random length, and evaporation if the source is a dish."""
 
     STATE = ("pulses", "rng", "_dish_rate", "_due")
 
     def __init__(self, name: str, wind: Wind | None = None):
-        """name: of the random stream; wind: over a dish. To be begun by its owner."""
+        """name: of the random stream; wind: over a dish. The owner calls `begin`."""
         self.name, self.wind = name, wind
 
     def begin(self, source: Source, t: float, seed: int, species: Species | None = None) -> None:
-        """t: begin of the run [s]; species: what is in a dish."""
+        """t: start of the run [s]; species: what is in a dish."""
         self.source = source
         self.evaporation = None
         if source.dish is not None:
@@ -72,17 +72,17 @@ class Emission:
 
 
 class Portions:
-    """The puffs of a source: each holds what it has emitted since the one before."""
+    """Puffs of a source: each holds what the source has emitted since the puff before."""
 
     STATE = ("emission", "rng", "pending", "_next")
 
     def __init__(self, name: str, wind: Wind):
-        """name: of the random streams; wind: over a dish. To be begun by its owner."""
+        """name: of the random streams; wind: over a dish. The owner calls `begin`."""
         self.name = name
         self.emission = Emission(name, wind)
 
     def begin(self, source: Source, gas: PuffGas, t: float, seed: int) -> None:
-        """t: begin of the run [s]."""
+        """t: start of the run [s]."""
         self.source = source
         self.rate, self.poisson = gas.release_rate, gas.poisson
         self.emission.begin(source, t, seed, gas.vapour)
@@ -94,7 +94,7 @@ class Portions:
         return self.rng.exponential(1.0 / self.rate, n) if self.poisson else np.full(n, 1.0 / self.rate)
 
     def _moments(self, end: float) -> np.ndarray:
-        """When puffs are let go up to `end` [s]."""
+        """Return the times up to `end` [s] at which puffs are released."""
         moments = [np.empty(0)]
         while self._next <= end:
             intervals = self._intervals(ceil((end - self._next) * self.rate) + 1)
@@ -107,7 +107,7 @@ class Portions:
         return np.concatenate(moments)
 
     def puffs(self, t: float, dt: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """Moments [s] and masses [kg] of the puffs between t and t + dt, and all that is emitted meanwhile [kg]."""
+        """Return times [s] and masses [kg] of the puffs between t and t + dt, and the total emission [kg]."""
         moments = self._moments(t + dt)
         emitted = self.emission.masses(np.concatenate([[t], moments, [t + dt]]))
         masses = emitted[:-1].copy()
@@ -118,7 +118,7 @@ class Portions:
         return moments[masses > 0.0], masses[masses > 0.0], float(emitted.sum())
 
     def places(self, n: int, dim: int) -> np.ndarray:
-        """Random places in the ball [m], (n, dim)."""
+        """Draw random positions in the ball [m], (n, dim)."""
         direction = self.rng.standard_normal((n, dim))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         radius = self.source.radius * self.rng.random((n, 1)) ** (1 / dim)

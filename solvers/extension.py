@@ -1,4 +1,4 @@
-"""Velocities on the faces that obstacles close, as the convection of the air beside them needs them.
+"""Extension of velocities to the closed faces of cut cells, for the convection of the air beside oblique surfaces.
 
 Where a surface cuts the cells, air that flows along it passes closed faces. With the velocity 0 there the surface takes
 the momentum of that air, as though it were a stair. So far as convection goes the air there keeps the velocity that it
@@ -31,7 +31,8 @@ FAR = 1000  # no distance squared
 
 
 def oblique_planes(vectors: np.ndarray, cells: np.ndarray, grid: Grid) -> np.ndarray:
-    """Of the cells (n, dim), padded: whether all surface within REACH of them is plane and along no axis, bool (n,).
+    """Return for cells (n, dim), padded, whether all surface within REACH of them is plane and along no axis, bool
+    (n,).
 
     vectors: areas of the surface, (*padded, dim). Opposite sides of a sheet count as one plane.
     """

@@ -31,7 +31,7 @@ class Forces:
         self._none = np.bincount(self._bodies, minlength=count) == 0
 
     def __call__(self) -> np.ndarray:
-        """As of now."""
+        """Return the forces at present."""
         grid = self.flow.grid
         pressure = grid.read(self.flow.p)[self._cells]
         loss = self.flow.momentum_loss()

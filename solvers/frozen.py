@@ -1,4 +1,4 @@
-"""A computed flow that is averaged and then stands still: a mean of divergence-free fields is divergence-free."""
+"""Frozen flow: the time average of a computed flow, which is divergence-free as the flow is."""
 
 from collections.abc import Callable, Sequence
 
@@ -10,7 +10,7 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import launch
 from taichi_plume.scenario.winds import FrozenWind
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.momentum import Weighing
+from taichi_plume.solvers.momentum import BuoyantScalar
 from taichi_plume.solvers.screens import Resistance
 
 
@@ -31,7 +31,7 @@ class FrozenSolver(FlowSolver):
         air: Air,
         t: float = 0.0,
         seed: int = 0,
-        weighing: Sequence[Weighing] = (),
+        weighing: Sequence[BuoyantScalar] = (),
         resistances: Sequence[Callable[[Faces], Resistance]] = (),
     ):
         """t: start of the warm-up [s]; else see `FlowSolver`."""
@@ -52,7 +52,7 @@ class FrozenSolver(FlowSolver):
         self._averaged = 0.0  # s
 
     def stable_dt(self, t: float = 0.0) -> float:
-        """The flow solver's; infinite once the air stands still."""
+        """Return the step of the flow solver; infinite once the air stands still."""
         return float("inf") if self.frozen else super().stable_dt(t)
 
     def advance(self, t: float, dt: float) -> None:

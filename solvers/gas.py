@@ -1,4 +1,4 @@
-"""A vapour on the grid: sources that emit into the air, which carries and spreads it (see `transport`)."""
+"""Gas dispersion on the grid (Eulerian): sources emit vapour, which the air carries and spreads (see `transport`)."""
 
 from collections.abc import Callable, Sequence
 from math import inf, isfinite
@@ -39,7 +39,7 @@ class EulerianSolver(GridGas):
         scalar: Scalar | None = None,
         openings: Sequence[Opening] = (),
     ):
-        """t: begin of the run [s]; name: of the gas among others; scalar: the concentration, where the flow feels its
+        """t: start of the run [s]; name: of the gas among others; scalar: the concentration, where the flow feels its
         weight; openings: of the wind. Raises ValueError for a source or a surface in no air.
         """
         self.grid = grid
@@ -96,7 +96,7 @@ class EulerianSolver(GridGas):
         self.emitted_kg = self.initial_kg = 0.0
 
     def _patches(self, gas: EulerianGas, openings: Sequence[Opening], air: Air) -> dict[int, Patch]:
-        """Where openings are, by their numbers, if it matters."""
+        """Return the patches of the openings by their numbers, if inflow or surfaces need them."""
         if not gas.inflow and gas.surfaces is None:
             return {}
         patches = {n: patch_of(opening, self.grid, air.area) for n, opening in enumerate(openings)}
@@ -124,7 +124,7 @@ class EulerianSolver(GridGas):
             self.transport.step(h)
 
     def _bring(self, t: float) -> None:
-        """Let air come in with what it carries at time t [s]."""
+        """Set the concentration of the inflow at time t [s]."""
         carried = [self._density(one.at(t)) for one in self._inflow]
         if self.incoming is not None and carried != self._carried:
             patches = [self._vents[one.opening] for one in self._inflow]
@@ -136,7 +136,7 @@ class EulerianSolver(GridGas):
         self.release.set_amounts(masses)
         self.emitted_kg += sum(masses)
 
-    # ---------------------------------------------------------------- what is known about the gas
+    # ---------------------------------------------------------------- budget
 
     def budget(self) -> dict[str, float]:
         """Mass that was there at the begin, where any was, emitted, in the domain and gone through its faces [kg];

@@ -25,7 +25,7 @@ NODES = 32  # of an integral over the logarithm of the age
 
 
 def diffusivities(gas: GaussianPuffGas | ContinuousGas, dim: int) -> np.ndarray:
-    """Per axis [m²/s]."""
+    """Return the diffusivity per axis [m²/s]."""
     given = (gas.vapour.diffusivity,) if gas.diffusivity is None else gas.diffusivity
     return np.broadcast_to(np.array(given), dim).astype(float)
 
@@ -43,7 +43,7 @@ class GaussianPuffs(Gas):
     STATE = ("mass", "centre", "variance", "_start")
 
     def __init__(self, gas: GaussianPuffGas, grid: Grid, wind: UniformSolver, t: float = 0.0):
-        """t: begin of the run [s], for which the wind has begun already."""
+        """t: start of the run [s]; the wind must have begun."""
         self.grid, self.dim = grid, grid.dim
         self.wind = wind
         self.count = len(gas.releases)
@@ -90,7 +90,7 @@ class GaussianPuffs(Gas):
 
 @ti.data_oriented
 class ContinuousPuffs(Gas):
-    """What steady sources emit, in a wind without gusts.
+    """Gas of steady sources in a wind without gusts: the integral of Gaussian puffs.
 
     A source is what has spread from a point for a while already: for s = a + radius²/(2 D), D the geometric mean of the
     diffusivities. So its Gaussian is round where they are equal. With A/s + B s the exponent of a puff at x, up to a
@@ -104,7 +104,7 @@ class ContinuousPuffs(Gas):
     STATE = ("youngest", "oldest")
 
     def __init__(self, gas: ContinuousGas, grid: Grid, wind: UniformSolver, t: float = 0.0):
-        """t: begin of the run [s], for which the wind has begun already."""
+        """t: start of the run [s]; the wind must have begun."""
         self.grid, self.dim = grid, grid.dim
         self.wind = wind
         self.count = len(gas.sources)

@@ -1,4 +1,4 @@
-"""Puffs that have become wider than the cells of the grid, as gas on the grid: the wind carries and mixes it there.
+"""Handover of puffs wider than a cell to gas on the grid, which the wind carries and mixes there.
 
 A puff is handed over once its standard deviation is WIDTH cells: from then on eddies larger than a cell mix it, which
 are the wind's, and until then smaller ones, which are not (see `puff_growth`). A mean over cells has 1/12 dx² more of
@@ -30,7 +30,7 @@ WIDENED = (
 
 @ti.data_oriented
 class Handover:
-    """The gas that was in puffs of a solver."""
+    """Gas on the grid that was in puffs before."""
 
     STATE = ("transport",)
 

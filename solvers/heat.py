@@ -1,4 +1,4 @@
-"""Temperature of the air: carried and spread like a gas, fed by heaters, and exchanged with surfaces.
+"""Heat equation of the air (temperature): convection, diffusion, heaters, and exchange with surfaces.
 
     dT/dt + div(u T) = div((alpha + nu_t/Pr_t) grad T) + P/(rho c_p V)
 
@@ -79,7 +79,7 @@ class HeatPuffs:
 
 
 def _temperature(vent: Patch) -> float | None:
-    """Of the air that comes in there [K], where it is given."""
+    """Return the temperature of the inflow through an opening [K], None if it is not given."""
     return cast(Vent, vent.opening).temperature
 
 
@@ -178,7 +178,7 @@ class HeatSolver:
         for _ in range(steps):
             self.transport.step(h)
 
-    # ---------------------------------------------------------------- what is known about it
+    # ---------------------------------------------------------------- budget and diagnostics
 
     def budget(self) -> dict[str, float]:
         """Heat [J] above the reference that was there at the begin, where any was, that heaters and surfaces gave, that

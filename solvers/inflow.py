@@ -1,4 +1,4 @@
-"""Turbulence of the air that openings blow in: random waves, free of divergence, that the wind carries in.
+"""Inflow turbulence: random waves, free of divergence, that the wind carries in (von Karman spectrum).
 
     u = curl A,   <|A(k)|²> ~ (k_L² + k²)^-(5/6 + (dim + 1)/2)
 
@@ -109,7 +109,7 @@ class Waves:
 
 
 def _share(x: float, dim: int) -> float:
-    """Of the energy of a von Karman spectrum k^(dim + 1)/(1 + k²)^(5/6 + (dim + 1)/2), the part below k = x."""
+    """Return the share of the energy of a von Karman spectrum k^(dim + 1)/(1 + k²)^(5/6 + (dim + 1)/2) below k = x."""
     return float(betainc(1.0 + 0.5 * dim, 1.0 / 3.0, x**2 / (1.0 + x**2)))
 
 
@@ -149,7 +149,7 @@ class Fluctuations:
         self._boxes: dict[int, np.ndarray] = {}
 
     def _scales(self) -> np.ndarray:
-        """What makes the deviation of each component what it is to be, at its place on the staggered grid.
+        """Return the factors that give each component its standard deviation, at its place on the staggered grid.
 
         Of the flow through the opening less its mean, where obstacles or a round rim leave one.
         """

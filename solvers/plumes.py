@@ -25,7 +25,7 @@ from taichi_plume.solvers.uniform import UniformSolver, memory
 
 
 def most_walls(faces: tuple[Face, ...], dim: int) -> tuple[int, ...]:
-    """How many walls there may be along each axis across the wind, whatever its direction along them.
+    """Return the largest number of walls along each axis across the wind, whatever the wind's direction along them.
 
     With a ground or a ceiling the wind is level, so that the second axis across it is upright.
     """
@@ -53,7 +53,7 @@ class Plumes(Gas):
         seed: int = 0,
         name: str = "gas",
     ):
-        """name: of the gas among others; t: begin of the run [s], for which the wind has begun already."""
+        """name: of the gas among others; t: start of the run [s]; the wind must have begun."""
         self.grid, self.dim, self.name = grid, grid.dim, name
         self.wind = wind
         self.count = len(gas.sources)
@@ -137,5 +137,5 @@ class Plumes(Gas):
 
     @ti.func
     def _component(self, x: Template, k: Template):
-        """Of x along an axis of the wind's frame [m]."""
+        """Return the component of x along an axis of the wind's frame [m]."""
         return self.axes[k].dot(x)

@@ -116,5 +116,5 @@ class PointCloud:
 
 
 def within_reach(place: np.ndarray, extent: np.ndarray | tuple[float, ...], reach: float) -> np.ndarray:
-    """Which points (n, 2) can be found from [0, extent] (x, y)."""
+    """Return a mask of the points (n, 2) that are within reach of [0, extent] (x, y)."""
     return np.all((place > -reach) & (place < np.asarray(extent)[:2] + reach), axis=1)

@@ -33,7 +33,7 @@ class Openness:
 
     @staticmethod
     def of(openness: tuple[np.ndarray, ...], grid: Grid) -> "Openness":
-        """From face arrays on the padded grid, 1 where open; free domain faces become 2."""
+        """Convert face arrays on the padded grid, 1 where open; free domain faces become 2."""
         n = three_axes(grid.shape)
         result = [np.zeros(tuple(m + 2 for m in n), np.float32) for _ in range(3)]
         for d, source in enumerate(openness):

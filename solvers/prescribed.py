@@ -1,4 +1,4 @@
-"""Air that moves as it is told, for problems with known answers."""
+"""Prescribed steady wind, for problems with exact solutions."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""Which solver makes the flow divergence-free."""
+"""Choice of the pressure solver: the Poisson equation of the projection."""
 
 from math import prod, sqrt
 from typing import Protocol

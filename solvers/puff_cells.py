@@ -1,4 +1,4 @@
-"""The cells that puffs are in, and their order by them.
+"""Cell lists of puffs, and the order of the puffs by cells.
 
 There are several lists of cells, one per octave of the puffs' size, each with cells half as wide as its largest puffs
 reach: a point looks at few cells of any list.
@@ -32,7 +32,7 @@ class PuffCells:
     STATE = ("start", "farthest")
 
     def __init__(self, most: int, cutoff: float, grid: Grid):
-        """Room for the cells of the smallest puffs. To be begun by its owner."""
+        """Room for the cells of the smallest puffs. The owner calls `begin`."""
         self.grid, self.dim, self.cutoff = grid, grid.dim, cutoff
         sizes, shapes = self._lists_of(0.0)
         capacity = sum(map(prod, shapes))
@@ -101,22 +101,22 @@ class PuffCells:
 
     @ti.func
     def stays(self, k: ti.i32):
-        """Whether new puff k stays in the domain."""
+        """Return whether new puff k stays in the domain."""
         return self._cell[k] >= 0
 
     @ti.func
     def alive(self):
-        """How many puffs there are."""
+        """Return the number of puffs."""
         return self.start[self._cells[None]]
 
     @ti.func
     def empty(self, which: ti.i32):
-        """Whether a list holds no puff."""
+        """Return whether a list holds no puff."""
         return self.start[self._first[which]] == self.start[self._first[which + 1]]
 
     @ti.func
     def reach(self, which: ti.i32):
-        """How far the puffs of a list reach [m]."""
+        """Return the distance that the puffs of a list reach [m]."""
         return self.cutoff * self._size[which]
 
     @ti.func

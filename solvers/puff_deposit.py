@@ -1,4 +1,4 @@
-"""Puffs on the grid: the mean concentration of every cell, for films and for gas that goes on there. No mass is lost.
+"""Deposit of puffs on the grid: the mean concentration of every cell, without loss of mass.
 
 A puff gives each cell the integral of its Gaussian over it, a product of differences of error functions; what lies
 beyond a closed face is mirrored back. Cells of obstacles, those behind the tangent plane of the surface next to a puff,
@@ -142,7 +142,7 @@ class Deposit:
 
     @ti.func
     def _part(self, lane, q, x, first, size, m):
-        """What cell m of a puff's block gets of it, of a sum that is not yet 1."""
+        """Return the share of a puff in cell m of the puff's block, not yet normalised."""
         part, left, before = 1.0, m, 0.0
         away = self.solver.puffs.plane_distance(q)
         for d in ti.static(range(self.dim)):

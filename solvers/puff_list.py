@@ -45,7 +45,7 @@ class PuffList:
     STATE = ("count", "now", "number", "cells", "_per_area", "_weight", "_plane", "_gone")
 
     def __init__(self, most: int, cutoff: float, grid: Grid, surfaces: LevelSet | None):
-        """To be begun by its owner."""
+        """The owner calls `begin`."""
         self.grid, self.dim, self.cutoff, self.surfaces = grid, grid.dim, cutoff, surfaces
         self.walled = surfaces is not None
         self.cells = PuffCells(most, cutoff, grid)
@@ -69,7 +69,7 @@ class PuffList:
         self.cells.begin(smallest)
         self.count = 0
 
-    # ---------------------------------------------------------------- what is known of them
+    # ---------------------------------------------------------------- columns
 
     @property
     def gone(self) -> float:
@@ -107,7 +107,7 @@ class PuffList:
 
     @ti.func
     def plane_distance(self, q: ti.i32):
-        """How far puff q is from the tangent plane of the next surface [m]; large where it reaches none."""
+        """Return the distance of puff q from the tangent plane of the next surface [m]; FREE if it reaches none."""
         away = FREE
         if ti.static(self.walled):
             away = self._plane[ti.static(self.dim)][q]
@@ -180,7 +180,7 @@ class PuffList:
 
     @ti.func
     def _prepare(self, q: ti.i32):
-        """What the sum needs to know of puff q."""
+        """Compute the weight, width and tangent plane of puff q for the sum."""
         s = self.cells.size(self.now[self.variance][q])
         self._per_area[q] = 0.5 / (s * s)
         self._weight[q] = self.now[self.mass][q] * self._unit / s**self.dim

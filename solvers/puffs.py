@@ -1,4 +1,5 @@
-"""Turbulent puffs that a wind carries (Farrell et al. 2002, doi:10.1023/A:1016283702837), improved.
+"""Lagrangian puffs (stochastic filament model) that a wind carries (Farrell et al. 2002, doi:10.1023/A:1016283702837),
+improved.
 
     dx = (u + u' + grad K + w) dt,  K = nu_t/Sc_t
     du' = -u'/T dt + s sqrt(2/T) dW
@@ -80,7 +81,7 @@ class PuffSolver(Gas):
         seed: int = 0,
         name: str = "gas",
     ):
-        """t: begin of the run [s]; name: of the gas among others. Raises ValueError for a source in no air."""
+        """t: start of the run [s]; name: of the gas among others. Raises ValueError for a source in no air."""
         self.grid, self.dim, self.wind = grid, grid.dim, wind
         self.alone = isinstance(wind, UniformSolver)
         self.fluctuates = self.alone or gas.fluctuation is not None
@@ -241,7 +242,7 @@ class PuffSolver(Gas):
         square = ti.static(8.0 / 3.0 * GRAVITY / DRAG) * excess * 2.0 * self.puffs.cells.size(variance)
         return ti.select(square < 0.0, -1.0, 1.0) * ti.sqrt(ti.abs(square))
 
-    # ---------------------------------------------------------------- what is known about the gas
+    # ---------------------------------------------------------------- budget and sampling
 
     def cells(self, t: float) -> np.ndarray:
         if self._deposit is None:

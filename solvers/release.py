@@ -1,4 +1,4 @@
-"""Balls (in 2-D discs) that release something evenly over their volume: vapour sources and heaters on the grid.
+"""Release from balls (in 2-D discs) on the grid: vapour sources and heaters of finite size.
 
 A small ball is released by a kernel (see `shares`) of one to two cells, wherever in a cell it sits and however small
 it is. A ball of radius R has the variance R²/(dim + 2) along an axis. From where that is more than the kernel's, each
@@ -53,8 +53,8 @@ def shares(f: float) -> np.ndarray:
 
 
 def spread(values: np.ndarray, f: np.ndarray) -> np.ndarray:
-    """An array of cells, each spread from a point f (dim,) behind its centre: larger by 2 REACH + 1 along each axis, by
-    REACH before it.
+    """Return an array of cells, each spread from a point f (dim,) behind its centre: larger by 2 REACH + 1 along each
+    axis, by REACH before it.
     """
     for axis, place in enumerate(f):
         along = np.moveaxis(values, axis, 0)
@@ -103,7 +103,7 @@ SAMPLES = 4  # per axis and cell, to measure how much of a cell a ball covers
 
 @ti.data_oriented
 class Release:
-    """Some balls on the grid. What each releases next is set by `amounts`; `add_to` gives it to the cells.
+    """Balls on the grid. `set_amounts` sets the next release of each, `add_to` adds it to the cells.
 
     balls: cells (n, dim) of each ball and the share of the release (n,) that each cell receives. blurred: whether the
     kernel spreads balls of any radius, which leaves the puffs of heaters (see `heat`) the width of a cell around
@@ -219,7 +219,7 @@ class Release:
         return np.stack([at[where[:, d]] for d, at in enumerate(axes)], axis=-1) % self.grid.shape, share
 
     def set_amounts(self, amounts: list[float]) -> None:
-        """What each ball releases at the next `add_to`."""
+        """Set the amount that each ball releases at the next `add_to`."""
         if amounts != self._amounts:
             self._amounts = amounts
             self._give(amounts)
@@ -251,8 +251,8 @@ def _even_ball(radii: np.ndarray, cells: Sequence[np.ndarray], middle: np.ndarra
 
 
 def _reached(start: np.ndarray, leads: Sequence[np.ndarray], within: np.ndarray) -> np.ndarray:
-    """Which cells of a block the air `within` a part of it connects to those of `start`; leads: whether a lower face is
-    open, per axis.
+    """Return a mask of the cells of a block that the air `within` it connects to those of `start`; leads: whether a
+    lower face is open, per axis.
     """
     reached, before = start.copy(), 0
     while (count := np.count_nonzero(reached)) > before:

@@ -50,7 +50,7 @@ def slowed(u, linear, square):
 class ScreenResistance:
     """One screen; satisfies `Resistance`.
 
-    openness: per axis 1 on faces whose velocity is solved for, on the padded grid. To be begun once `tables` are
+    openness: per axis 1 on faces whose velocity is solved for, on the padded grid. `begin` needs `tables` to be
     uploaded.
     """
 
@@ -74,7 +74,7 @@ class ScreenResistance:
         self.n = Numbers("a", "b", "transverse")
 
     def begin(self, screen: Screen, viscosity: float) -> None:
-        """Resist as the screen says; viscosity: kinematic [m²/s]."""
+        """Set the resistance; viscosity: kinematic [m²/s]."""
         a, b = screen.losses(viscosity)
         self.n.set(a=a, b=b, transverse=screen.transverse)
 
@@ -93,7 +93,7 @@ class ScreenResistance:
         return np.pad(covered, grid.ghost)
 
     def advance(self, t: float, dt: float) -> None:
-        """A screen stays as it is."""
+        """Do nothing: a screen does not change."""
 
     def fastest(self, t: float) -> float:
         return 0.0

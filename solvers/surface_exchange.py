@@ -1,4 +1,4 @@
-"""Walls and obstacles that exchange a quantity q of the air with the cells beside them.
+"""Exchange of heat or gas between surfaces and air: walls and obstacles as boundary conditions (Robin, Dirichlet).
 
     dq/dt = v A/V (q_s - q)
 
@@ -87,7 +87,7 @@ class SurfaceExchange:
         obstacles: Sequence[int],
         vents: Sequence[Patch],
     ):
-        """obstacles: their numbers; vents: openings, where there is no wall. To be begun by its owner. Raises
+        """obstacles: their numbers; vents: openings, where there is no wall. The owner calls `begin`. Raises
         ValueError for what touches no air.
         """
         self.grid, self.wind, self.room = grid, wind, air.room
@@ -108,7 +108,7 @@ class SurfaceExchange:
         self._set = uploader(self._rate, self._gain, self._film, self._film_gain, self._sticky)
 
     def _of_walls(self, walls: Sequence[Region], air: Air, vents: Sequence[Patch]) -> Iterator[Touched]:
-        """Of each the cells that touch it, and its area in each of them over a face's."""
+        """Yield for each wall the cells that touch it, and its area in each of them over a face's."""
         for n, wall in enumerate(walls):
             patch = Patch(wall, self.grid, air.area)
             for vent in vents:
@@ -137,7 +137,7 @@ class SurfaceExchange:
         held: Sequence[float],
         diffusivity: float,
     ) -> None:
-        """Of each wall and then of each obstacle: films, transfer velocity [m/s] of the air at it, where it is given;
+        """Set per wall and then per obstacle: films, transfer velocity [m/s] of the air at it, where it is given;
         takes, of the surface itself [m/s], infinite where it holds its q; held, its q. diffusivity [m²/s]: of still
         air.
         """
@@ -161,7 +161,7 @@ class SurfaceExchange:
         self._set(*(part[self._where] for part in (*known, film[0], film[1], sticky)))
 
     def into(self, rate: Template, q: Template) -> Pass:
-        """A pass that adds to the rate [1/s] of q what the surfaces give, and counts it."""
+        """Return the pass that adds the flux from the surfaces to the rate [1/s] of q, and counts it."""
 
         @ti.func
         def exchange(h, stage):
@@ -197,5 +197,5 @@ class SurfaceExchange:
         return transfer_velocity(ti.sqrt(square), y, nu, self.n.diffusivity[None])
 
     def given(self) -> float:
-        """What the surfaces have given so far, q times a volume."""
+        """Return the total that the surfaces have given so far, q times a volume."""
         return self._given.read() * self.grid.cell_volume

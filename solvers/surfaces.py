@@ -125,11 +125,11 @@ class Surfaces:
             self._extension = Extension(self, convex, area, tables)
 
     def begin(self, roughness: float | None) -> None:
-        """Take k_s [m] over."""
+        """Set the roughness k_s [m]."""
         self._put(roughness or 0.0)
 
     def slipping(self, convection: Pass) -> list[Pass]:
-        """The pass with velocities on closed faces as `extension` has them, which are 0 before and after."""
+        """Return the passes with velocities on closed faces extended by `extension`; they are 0 before and after."""
         if self._extension is None or self._extension.cells == 0:
             return [convection]
         return [self._extension.setting(), convection, self._extension.clearing()]
@@ -155,7 +155,7 @@ class Surfaces:
 
     @ti.func
     def _is_adverse(self, d: Template, k, along):
-        """Whether the pressure gradient at the k-th face of axis d slows the air that moves along the surface."""
+        """Return whether the pressure gradient at the k-th face of axis d slows the air along the surface."""
         I = self._cell[d][k]
         D = ti.Vector.unit(self.dim, d, ti.i32)
         rise = along[d] * (self.m.p[I] - self.m.p[I - D])

@@ -50,8 +50,9 @@ def curl(potential: Potential, dx: float) -> list[np.ndarray]:
 
 
 def distances(solid: np.ndarray) -> np.ndarray:
-    """From each cell's middle to the next surface, in cells, with a layer of cells all round; 0 where there is no
-    air."""
+    """Return the distance from each cell's middle to the next surface, in cells, with a layer of cells all round; 0
+    where there is no air.
+    """
     return np.maximum(np.asarray(distance_transform_edt(np.pad(~solid, 1))) - 0.5, 0.0)
 
 
@@ -123,8 +124,9 @@ def edges(grid: Grid, axis: int) -> list[np.ndarray]:
 
 
 def as_fast(speed: float, square: float) -> float:
-    """What a flow of mean square speed `square` [m²/s²] is multiplied by to have `speed` [m/s]; 0 where the room is so
-    narrow that there is none."""
+    """Return the factor that gives a flow of mean square speed `square` [m²/s²] the speed `speed` [m/s]; 0 where the
+    room is so narrow that there is none.
+    """
     return speed / float(np.sqrt(square)) if square > 0.0 else 0.0
 
 
@@ -140,7 +142,6 @@ class SyntheticSolver(Carrier):
     STATE = ("u", "outflow_rate", "_before", "_after", "_outflow", "_frame", "_rng", "_turn")
 
     def __init__(self, wind: SyntheticWind, grid: Grid, air: Air, t: float = 0.0, seed: int = 0):
-        """t: begin of the run [s]."""
         self.grid, self.dim = grid, grid.dim
         self._air, self._distance = ~air.solid, distances(air.solid)
         self.u, self.open = grid.faces_field(), grid.faces_field()
@@ -187,13 +188,13 @@ class SyntheticSolver(Carrier):
 
     @ti.kernel
     def _leave(self):
-        """The frame after becomes the one before."""
+        """Copy the frame after to the frame before."""
         for d in ti.static(range(self.dim)):
             for I in ti.grouped(self._after[d]):
                 self._before[d][I] = self._after[d][I]
 
     def _build(self) -> None:
-        """u between the two frames, ghost layers included."""
+        """Build the kernel that interpolates u between the two frames, ghost layers included."""
 
         def of_axis(d: int):
             before, after = self._before[d], self._after[d]
@@ -279,7 +280,7 @@ class SyntheticSolver(Carrier):
         """Eddy diffusivity [m²/s], its standard error, and how many air changes per hour a room of this volume has that
         mixes as much (see room_mixing)."""
         K, error = measured(self.room, generator(self._seed, "mixing of the air"))
-        told = {"eddy_diffusivity_m2_per_s": K, "eddy_diffusivity_error_m2_per_s": error}
+        mixing = {"eddy_diffusivity_m2_per_s": K, "eddy_diffusivity_error_m2_per_s": error}
         if self.dim == 3:
-            told["as_of_air_changes_per_h"] = air_changes(K, float(self._air.sum()) * self.grid.cell_volume)
-        return told
+            mixing["as_of_air_changes_per_h"] = air_changes(K, float(self._air.sum()) * self.grid.cell_volume)
+        return mixing

@@ -31,7 +31,7 @@ class Incoming:
     """Inflow (Dirichlet) values of a scalar on the faces of the domain. fields: per axis, over its two faces."""
 
     def __init__(self, grid: Grid):
-        """To be begun by its owner."""
+        """The owner calls `begin`."""
         shape = grid.shape
         self.fields: list[Field] = [
             ti.field(ti.f32, tuple(2 if a == d else n for a, n in enumerate(shape))) for d in range(grid.dim)
@@ -100,7 +100,7 @@ class Transport:
         incoming: Incoming | None = None,
         scalar: Scalar | None = None,
     ):
-        """To be begun by its owner."""
+        """The owner calls `begin`."""
         scalar = scalar or Scalar(grid)
         self.grid = grid
         self.dim = grid.dim
@@ -196,7 +196,7 @@ class Transport:
         return ti.Vector([q, ti.select(stage == LAST, rest, self.rest[I])])
 
     def _filling(self, d: int) -> Callable:
-        """Beyond an outflow q goes on unchanged; air that flows in has its own; periodic axes wrap round."""
+        """Return the body that fills ghost cells: zero gradient at outflow, inflow values, periodic axes."""
         n, g = self.grid.shape[d], self.grid.ghost
 
         @ti.func
@@ -220,7 +220,7 @@ class Transport:
 
     @ti.func
     def _count_outflow(self, h, stage):
-        """What leaves through the domain's faces, and how much of it comes in."""
+        """Count the outflow through the domain's faces, and the inflow."""
         self._outflow.begin(stage)
         if ti.static(len(self.inflow) > 0):
             self._inflow.begin(stage)
@@ -268,7 +268,7 @@ class Transport:
             self._stage(dt / (stages - 1), FIRST if n == 0 else BETWEEN)
         self._stage(dt / stages, LAST)
 
-    # ---------------------------------------------------------------- what is known about q
+    # ---------------------------------------------------------------- totals
 
     @ti.kernel
     def _sum(self) -> ti.f64:
@@ -294,9 +294,9 @@ class Transport:
         return cast(float, self._sum()) * self.grid.cell_volume
 
     def outflow(self) -> float:
-        """What has left through the domain's faces so far, less what has come in."""
+        """Return the outflow through the domain's faces so far, less the inflow."""
         return self._outflow.read() * self.grid.cell_volume * self.per_length
 
     def brought_in(self) -> float:
-        """What has come in through them so far."""
+        """Return the inflow through the domain's faces so far."""
         return self._inflow.read() * self.grid.cell_volume * self.per_length if self._inflow else 0.0

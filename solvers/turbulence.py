@@ -1,4 +1,4 @@
-"""Viscosity of what the grid does not resolve."""
+"""Turbulence models (large-eddy simulation): eddy viscosity of the scales that the grid does not resolve."""
 
 import numpy as np
 import taichi as ti

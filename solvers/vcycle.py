@@ -137,7 +137,7 @@ class VCycle:
 
     @ti.func
     def _jacobi_twice(self, first, i, n0, low: Template, high: Template, step: Template, _: Template):
-        """What two sweeps from zero make; the first is omega b/diagonal."""
+        """Return x after two sweeps from zero; the first is omega b/diagonal."""
         c = first + i
         once = self.damped[c] * self.b[c]
         ax = 0.0

@@ -1,4 +1,4 @@
-"""The law of the wall: how fast the air is near a surface whose friction it feels, and what that surface passes on.
+"""Law of the wall (wall functions): velocity near a surface, wall friction, and transfer of heat and gas.
 
 Reichardt's law (1951, doi:10.1002/zamm.19510310704), valid from the surface through the viscous layer to the outer one:
 

@@ -85,7 +85,7 @@ def imported(folder: Path, *overrides: str) -> SimpleNamespace:
     assert isinstance(scenario.wind, ImportedWind)
     grid, site = Grid.of(scenario.domain), Site(scenario.wind, scenario.domain.dim, folder)
     air = air_of([], grid, left=site.cubes.shares(grid) if site.cubes else None)
-    wind = ImportedFlow(ImportedFilm(site, grid, air), scenario.wind, grid)
+    wind = ImportedFlow(scenario.wind, ImportedFilm(site, grid, air), grid)
     return SimpleNamespace(model=scenario.wind, grid=grid, air=air, wind=wind)
 
 
