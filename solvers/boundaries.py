@@ -1,7 +1,7 @@
 """Boundary conditions of the air: per boundary face a prescribed velocity (Dirichlet) or an ambient pressure.
 
-Every boundary face has, per velocity component, a target V and a mirror factor, which `ghosts` turns into what lies
-beyond the face. The component through it is either prescribed (V) or free, with the ambient pressure outside. The
+Every boundary face has, per velocity component, a target V and a mirror factor, which `ghosts` turns into values beyond
+the face. The component through it is either prescribed (V) or free, with the ambient pressure outside. The
 targets along the face lie on the staggered grid, between the boundary face and the one below it.
 """
 
@@ -78,7 +78,7 @@ class Boundaries:
         self.is_free = self._kinds(tables)
         self.has_loss = any(p.kind == "honeycomb" and p not in self.jets for p in self.patches)
         self._put = uploader(*self.target, *self.loss)
-        # what blows may change in every step
+        # jets and walls may change in every step
         changing = {p.axis for p in self.patches if p in self.jets or p.kind == "wall"}
         self._put_targets = {d: uploader(self.target[d]) for d in sorted(changing)}
 
@@ -298,9 +298,8 @@ class Boundaries:
             flows = np.array(
                 [[s * o.speed_at(t) for s, o in zip(shares, openings, strict=True)] for t in times]
             )
-            curved = any(
-                m in self.curved for m in here
-            )  # no speed of another jet balances a fan with a curve
+            # no speed of another jet balances a fan with a curve
+            curved = any(m in self.curved for m in here)
             if curved or np.any(np.abs(flows.sum(axis=1)) > 1e-6 * np.abs(flows).sum(axis=1)):
                 result |= {jets[m][0] for m in here}
         return sorted(result)

@@ -48,7 +48,7 @@ class Changes:
         """Return the changes from the box whose sides are as most of the air at each side of the domain."""
         faces = [_faces(openness, d) for d in range(grid.dim)]
         total = int(np.prod(openness.shape))
-        air = np.zeros(total + 1, bool)  # the last stands for what is outside
+        air = np.zeros(total + 1, bool)  # the last entry stands for the outside
         for a, ends in faces:
             air[ends[a > 0]] = True
         air[-1] = False
@@ -65,7 +65,7 @@ class Changes:
             more.append(a - box)
         a, ends, more = (np.concatenate(x) for x in ([f[0] for f in faces], [f[1] for f in faces], more))
         changed = np.flatnonzero((np.abs(more) > 1e-6) & (ends[:, 0] != ends[:, 1]) & air[ends].any(axis=1))
-        # where nothing differs, the transforms leave out what cannot be solved
+        # without changes, the transforms leave out the mean, which cannot be solved for
         part, floating = _parts(ends[a > 0] if len(changed) else ends[:0], air[:-1])
         first = np.zeros(len(floating), int)
         first[part[::-1]] = np.flatnonzero(air)[::-1]
@@ -118,7 +118,7 @@ class GreensFunction:
     """
 
     def __init__(self, box: FastTransforms):
-        # what lies in one line along the last axis shares two of three steps: it is the shortest one
+        # cells in one line along the last axis share two of three steps: it is the shortest one
         self.order = sorted(range(len(box.kinds)), key=lambda d: -box.grid.shape[d])
         self.kinds = [box.kinds[d] for d in self.order]
         table = (1.0 / box.eigenvalues).transpose(self.order)

@@ -110,7 +110,7 @@ class FastTransforms:
         """The transform along axis d, which does not wrap round, and its inverse."""
         odd, kind = _type(self.kinds[d])
         make = (scipy.fft.dst, scipy.fft.idst) if odd else (scipy.fft.dct, scipy.fft.idct)
-        return [one(np.eye(self.grid.shape[d]), kind, axis=0).astype(np.float32) for one in make]
+        return [transform(np.eye(self.grid.shape[d]), kind, axis=0).astype(np.float32) for transform in make]
 
     def forward(self, x: np.ndarray) -> np.ndarray:
         """The amplitudes of the modes in x, f32 of the grid's shape reversed; x may be overwritten."""

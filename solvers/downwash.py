@@ -53,10 +53,8 @@ class Downwash:
         self.rotors = body.rotors or 1
         self.n = Numbers("mass", "radius", "arm", "height", "runs")
         """runs: whether the rotors turn, 1 or 0."""
-        self.hub: Field = ti.Vector.field(3, ti.f32, count * self.rotors)  # middles of the discs [m]
-        self.push: Field = ti.Vector.field(
-            3, ti.f32, count * self.rotors
-        )  # acceleration of a face of weight 1 [m/s²]
+        # middles of the discs [m]; acceleration of a face of weight 1 [m/s²]
+        self.hub, self.push = (ti.Vector.field(3, ti.f32, count * self.rotors) for _ in range(2))
         self.reach: Field = ti.Vector.field(3, ti.f32, ())
         """Half sizes of the box around the discs of a drone [m]."""
         self.block: Field = ti.Vector.field(3, ti.i32, ())

@@ -24,7 +24,7 @@ class Emission:
         self.name, self.wind = name, wind
 
     def begin(self, source: Source, t: float, seed: int, species: Species | None = None) -> None:
-        """t: start of the run [s]; species: what is in a dish."""
+        """t: start of the run [s]; species: liquid in a dish."""
         self.source = source
         self.evaporation = None
         if source.dish is not None:

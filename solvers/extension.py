@@ -2,7 +2,7 @@
 
 Where a surface cuts the cells, air that flows along it passes closed faces. With the velocity 0 there the surface takes
 the momentum of that air, as though it were a stair. So far as convection goes the air there keeps the velocity that it
-has beside the surface: what flows in flows out again, and friction takes what is to be taken (see `surfaces`).
+has beside the surface: what flows in flows out again, and friction alone takes momentum (see `surfaces`).
 
 Only beside plane surfaces: on curved ones and at edges the layers separate, for which the grid is too coarse, and with
 air that slips they do not (a cylinder of 8 cells at Re 10,000 had a drag coefficient of 0.2; with 0 on the closed faces
@@ -38,9 +38,7 @@ def oblique_planes(vectors: np.ndarray, cells: np.ndarray, grid: Grid) -> np.nda
     """
     vectors = vectors.copy()
     for a, (begin, end) in enumerate(grid.cells):
-        if not grid.periodic[
-            a
-        ]:  # faces of the domain are open or closed as a whole, so cells there tell no direction
+        if not grid.periodic[a]:  # faces of the domain are open or closed as a whole: they have no direction
             along = np.moveaxis(vectors, a, 0)
             along[: begin + 1] = along[end - 1 :] = 0.0
     dim, size = vectors.shape[-1], np.maximum(np.linalg.norm(vectors, axis=-1), 1e-6)
@@ -65,26 +63,22 @@ class Extension:
         """
         self.surfaces, self.grid = surfaces, surfaces.grid
         self._count: list[int] = []  # closed faces of each axis
-        self._face: list[Field] = []
-        self._end: list[Field] = []  # of a face's part of the next two
-        self._source: list[Field] = []  # number of one of the next two
-        self._weight: list[Field] = []
-        self._beside: list[Field] = []  # faces in `surfaces`
-        self._slip: list[Field] = []  # their velocity [m/s]
-        self._besides: list[int] = []
+        self._beside_count: list[int] = []
+        fields: list[list[Field]] = []  # per axis
         slips = oblique_planes(surfaces.vectors, np.concatenate(surfaces.faces), self.grid) & ~convex
         parts = np.split(slips, np.cumsum([len(faces) for faces in surfaces.faces])[:-1])
         for d in range(self.grid.dim):
             face, end, source, weight = self._sources(d, area[d], parts[d])
             beside, source = np.unique(source, return_inverse=True)
             self._count.append(len(face))
-            self._besides.append(len(beside))
-            self._face.append(tables.listed(face))
-            self._end.append(tables.listed(end))
-            self._source.append(tables.listed(source))
-            self._weight.append(tables.listed(weight))
-            self._beside.append(tables.listed(beside))
-            self._slip.append(tables.listed(np.zeros(len(beside))))
+            self._beside_count.append(len(beside))
+            per_face = (face, end, source, weight, beside, np.zeros(len(beside)))
+            fields.append([tables.listed(values) for values in per_face])
+        # face; end of its part of source and weight; source: number of a face in beside; beside: faces in `surfaces`,
+        # and slip, their velocity [m/s]
+        self._face, self._end, self._source, self._weight, self._beside, self._slip = zip(
+            *fields, strict=True
+        )
         self.cells = sum(self._count)
 
     def _sources(self, d: int, area: np.ndarray, slips: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -125,7 +119,7 @@ class Extension:
 
     def setting(self) -> Pass:
         """Return the pass that sets the velocities on closed faces; it needs those on others, ghosts included."""
-        return Pass(self._extend, sum(self._besides) + self.cells)
+        return Pass(self._extend, sum(self._beside_count) + self.cells)
 
     def clearing(self) -> Pass:
         """Return the pass that makes them 0 again."""
@@ -134,7 +128,7 @@ class Extension:
     @ti.func
     def _extend(self, a, b):
         for d in ti.static(range(self.grid.dim)):
-            for k in range(ti.static(self._besides[d])):
+            for k in range(ti.static(self._beside_count[d])):
                 self._slip[d][k] = self.surfaces.slip(d, self._beside[d][k])
         for d in ti.static(range(self.grid.dim)):
             for k in range(ti.static(self._count[d])):

@@ -37,7 +37,7 @@ class FilmBank:
         self.films, self.frames, self.nx, self.ny, channels = bank.values.shape
         self.gases, self.robots = channels - 2, robots
         self.species = tuple(dict.fromkeys(bank.species))
-        self._which = tuple(self.species.index(one) for one in bank.species)
+        self._which = tuple(self.species.index(species) for species in bank.species)
         self.film, self.gas_of = ti.field(ti.i32, count), ti.field(ti.i32, count)
         self.begin, self.now = ti.field(ti.f32, count), ti.field(ti.f32, count)
         self._air = ti.field(ti.f32, (2, self.nx, self.ny))

@@ -28,6 +28,7 @@ from taichi_plume.solvers.ghosts import Ghosts
 from taichi_plume.solvers.heat import HeatSolver
 from taichi_plume.solvers.limits import HUGE, Limits, stages_for
 from taichi_plume.solvers.momentum import BuoyantScalar, Momentum, eddy_viscosity, of_axis, opennesses
+from taichi_plume.solvers.prescribed import padded_faces
 from taichi_plume.solvers.pressure import pressure_solver
 from taichi_plume.solvers.screens import Resistance, ScreenResistance
 from taichi_plume.solvers.surfaces import Surfaces
@@ -83,7 +84,7 @@ class FlowSolver(Carrier):
         self.momentum = Momentum(model, grid, self.u, self.p, self.nu, openness, areas, fields, tables, away)
         self.walls = None
         if self.nu is not None and not all(grid.periodic):
-            self.walls = Walls(self.boundaries, self.momentum.viscosity, self.momentum.rough)
+            self.walls = Walls(self.boundaries, self.momentum)
         self.open, self.area = self.momentum.open, self.momentum.area
         self.screens = [ScreenResistance(screen, grid, openness, tables) for screen in model.screens]
         self.resistances: tuple[Resistance, ...] = (*self.screens, *(make(self.open) for make in resistances))
@@ -229,8 +230,6 @@ class FlowSolver(Carrier):
             if self.heat is not None and heat is not None:
                 self.heat.begin(heat, t, seed)
         self.momentum.begin(model, np.array(pull))
-        for slowing in filter(None, (self.walls, self.surfaces)):
-            slowing.begin(model.roughness)
         for resistance, screen in zip(self.screens, model.screens, strict=True):
             resistance.begin(screen, model.viscosity)
         self.max_speed, self.max_courant = 1.0, 0.0
@@ -247,17 +246,11 @@ class FlowSolver(Carrier):
         """Set u from a function of points (..., dim) [m] to velocities [m/s], made divergence-free; p starts at 0."""
         self._put_velocity(
             *(
-                np.where(area > 0.0, velocity(self.padded_faces(d))[..., d], 0.0)
+                np.where(area > 0.0, velocity(padded_faces(self.grid, d))[..., d], 0.0)
                 for d, area in enumerate(self._area)
             )
         )
         self._settle()
-
-    def padded_faces(self, d: int) -> np.ndarray:
-        """Return the positions of the lower d-faces of all cells, ghost layers included, (*padded, dim) [m]."""
-        places = np.stack(np.meshgrid(*map(np.arange, self.grid.padded), indexing="ij"), axis=-1)
-        shift = np.where(np.arange(self.dim) == d, 0.0, 0.5)
-        return (places - self.grid.ghost + shift) * self.grid.dx
 
     @cached_property
     def _put_velocity(self) -> Callable[..., None]:

@@ -19,7 +19,7 @@ class FrozenSolver(FlowSolver):
     """A flow solver whose u and nu become their own means over the last `average` seconds before `after`, for ever.
 
     From then on the air costs nothing and schedules no longer matter. The fluctuations are gone, and with them the
-    meandering and the intermittency of a plume: what they mixed in the mean is not made up for in nu.
+    meandering and the intermittency of a plume: nu does not make up for their mean mixing.
     """
 
     STATE = (*FlowSolver.STATE, "means", "frozen", "_averaged")
@@ -38,10 +38,9 @@ class FrozenSolver(FlowSolver):
         super().__init__(model, grid, air, t, seed, weighing, resistances)
         moving = [*self.u, *([self.nu] if self.nu is not None else [])]
         self.means = tuple(grid.field() for _ in moving)
-        self._take_in, self._stand_still = (
-            grid.blending(self.means, moving), grid.blending(moving, self.means)
-        )  # fmt: skip
-        # without what `_finish` does before: beyond the inlets the mean stands, not the last gust
+        self._average = grid.blending(self.means, moving)
+        self._stand_still = grid.blending(moving, self.means)
+        # unlike `_finish`, without filling ghosts: beyond the inlets the mean stands, not the last gust
         self._measure_mean = launch(*self.limits.passes())
 
     def begin(self, model: FrozenWind, t: float, seed: int) -> None:
@@ -62,9 +61,9 @@ class FrozenSolver(FlowSolver):
         end = t + dt + 1e-9 * dt
         if (
             end > self.since + dt or end >= self.until
-        ):  # the whole step lies in the span, or it is the last one
+        ):  # all of the step is in the span, or it is the last step
             self._averaged += dt
-            self._take_in(dt / self._averaged)
+            self._average(dt / self._averaged)
         if end >= self.until:
             self._stand_still(1.0)
             self._measure_mean()

@@ -9,7 +9,6 @@ import taichi as ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, GridGas
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.openings import Opening
@@ -18,7 +17,7 @@ from taichi_plume.solvers.emission import Emission
 from taichi_plume.solvers.patches import VENTS, Patch, patch_of
 from taichi_plume.solvers.release import Release
 from taichi_plume.solvers.surface_exchange import SurfaceExchange
-from taichi_plume.solvers.transport import Incoming, Scalar, Transport
+from taichi_plume.solvers.transport import Scalar, Transport
 
 
 @ti.data_oriented
@@ -50,13 +49,8 @@ class EulerianSolver(GridGas):
         room = np.where(air.solid, 0.0, 1.0) if wind.area is None else air.room
         self.release = Release("sources", gas.sources, grid, air, room)
 
-        @ti.func
-        def add_sources(dt, k):
-            self.release.add_to(self.c, self.transport.rest)
-
         self._carrier = wind
         self._vents = self._patches(gas, openings, air)
-        self.incoming = Incoming(grid) if gas.inflow else None
         self.surfaces: SurfaceExchange | None = None
         if gas.surfaces is not None:
             numbers = [obstacle.number for obstacle in gas.surfaces.obstacles]
@@ -65,17 +59,10 @@ class EulerianSolver(GridGas):
                 self.surfaces = SurfaceExchange(grid, wind, air, gas.surfaces.walls, numbers, vents)
             except ValueError as error:
                 raise ValueError(f"surfaces.{error}") from None
-        self.transport = Transport(
-            grid,
-            wind,
-            air,
-            LIMITED[gas.convection],
-            Pass(add_sources, self.release.cells),
-            self.surfaces,
-            self.incoming,
-            scalar,
-        )
-        self.c = self.transport.q
+        scalar, scheme = scalar or Scalar(grid), LIMITED[gas.convection]
+        adding = self.release.adding(scalar)
+        self.transport = Transport(grid, wind, air, scheme, scalar, adding, self.surfaces, bool(gas.inflow))
+        self.c = scalar.q
         self.begin(gas, t, seed)
 
     def begin(self, model: EulerianGas, t: float = 0.0, seed: int = 0) -> None:
@@ -88,9 +75,10 @@ class EulerianSolver(GridGas):
         self.transport.begin(self.species.diffusivity, self._carrier.schmidt)
         if self.surfaces is not None and model.surfaces is not None:
             named = (*model.surfaces.walls, *model.surfaces.obstacles)
-            takes = [inf if one.uptake is None else one.uptake for one in named]
-            held = [self._density(one.concentration or 0.0) for one in named]
-            self.surfaces.begin([one.transfer for one in named], takes, held, self.species.diffusivity)
+            uptake = [inf if surface.uptake is None else surface.uptake for surface in named]
+            held = [self._density(surface.concentration or 0.0) for surface in named]
+            films = [surface.transfer for surface in named]
+            self.surfaces.begin(films, uptake, held, self.species.diffusivity)
         self._carried: list[float] = []
         self._bring(t)
         self.emitted_kg = self.initial_kg = 0.0
@@ -125,10 +113,10 @@ class EulerianSolver(GridGas):
 
     def _bring(self, t: float) -> None:
         """Set the concentration of the inflow at time t [s]."""
-        carried = [self._density(one.at(t)) for one in self._inflow]
-        if self.incoming is not None and carried != self._carried:
-            patches = [self._vents[one.opening] for one in self._inflow]
-            self.incoming.begin(list(zip(patches, carried, strict=True)))
+        carried = [self._density(inflow.at(t)) for inflow in self._inflow]
+        if self.transport.inflow and carried != self._carried:
+            patches = [self._vents[inflow.opening] for inflow in self._inflow]
+            self.transport.set_inflow(list(zip(patches, carried, strict=True)))
             self._carried = carried
 
     def _emit(self, t: float, dt: float) -> None:
@@ -139,8 +127,8 @@ class EulerianSolver(GridGas):
     # ---------------------------------------------------------------- budget
 
     def budget(self) -> dict[str, float]:
-        """Mass that was there at the begin, where any was, emitted, in the domain and gone through its faces [kg];
-        where they may bring gas, also what came in with air and what surfaces took up.
+        """Return the mass balance [kg]: initial, if any, emitted, in the domain and gone through its faces; if inflow
+        or surfaces exchange gas, also the mass that came in with air and that surfaces took up.
         """
         budget = {
             **({"initial_kg": self.initial_kg} if self.initial_kg else {}),
@@ -148,7 +136,7 @@ class EulerianSolver(GridGas):
             "in_domain_kg": self.transport.inside(),
             "outflow_kg": self.transport.outflow(),
         }
-        if self.incoming is not None:
+        if self.transport.inflow:
             budget["inflow_kg"] = self.transport.brought_in()
             budget["outflow_kg"] += budget["inflow_kg"]
         if self.surfaces is not None:

@@ -127,7 +127,7 @@ class OrnsteinUhlenbeck:
         """Advance `now` to time t [s], which never goes back."""
         while (t - self._origin) / self.interval >= self._drawn - 1:
             self._draw()
-        self._be(*self._place(t), self.at(t)[0].astype(np.float32))
+        self._set_now(*self._place(t), self.at(t)[0].astype(np.float32))
 
     @ti.kernel
     def _store(self, first: ti.i32, values: ti.types.ndarray(dtype=ti.f32, ndim=2)):
@@ -135,7 +135,7 @@ class OrnsteinUhlenbeck:
             self.path[first + n][c] = values[n, c]
 
     @ti.kernel
-    def _be(self, knot: ti.i32, share: ti.f32, now: ti.types.ndarray(dtype=ti.f32, ndim=1)):
+    def _set_now(self, knot: ti.i32, share: ti.f32, now: ti.types.ndarray(dtype=ti.f32, ndim=1)):
         self.head[None] = knot
         self.share[None] = share
         for n in ti.static(range(self.size)):

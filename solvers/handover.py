@@ -17,15 +17,13 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.solvers.convection import LIMITED
 from taichi_plume.solvers.puff_deposit import Deposit
-from taichi_plume.solvers.transport import Transport
+from taichi_plume.solvers.transport import Scalar, Transport
 
 if TYPE_CHECKING:
     from taichi_plume.solvers.puffs import PuffSolver
 
 WIDTH = 1.0  # cells
-WIDENED = (
-    1.0 / 12.0 + 1.0 / 6.0
-)  # of the cells' area: what means over cells and lines between them add to a variance
+WIDENED = 1.0 / 12.0 + 1.0 / 6.0  # variance [cells²] that means over cells and interpolation add
 
 
 @ti.data_oriented
@@ -40,7 +38,7 @@ class Handover:
         self.limit = (WIDTH * self.grid.dx) ** 2
         self.air = self.grid.field()
         uploader(self.air)(self.grid.pad(~air.solid))
-        self.transport = Transport(self.grid, wind, air, LIMITED[convection], None)
+        self.transport = Transport(self.grid, wind, air, LIMITED[convection], Scalar(self.grid))
         self._deposit = Deposit(solver, air, self.transport.q, self.transport.rest)
 
     def begin(self, diffusivity: float) -> None:

@@ -17,7 +17,6 @@ import taichi as ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass
 from taichi_plume.grid.rng import generator
 from taichi_plume.scenario.any_opening import Vent
 from taichi_plume.scenario.heat import Heat
@@ -25,7 +24,7 @@ from taichi_plume.solvers.convection import LIMITED
 from taichi_plume.solvers.patches import VENTS, Patch
 from taichi_plume.solvers.release import Release
 from taichi_plume.solvers.surface_exchange import SurfaceExchange
-from taichi_plume.solvers.transport import Incoming, Scalar, Transport
+from taichi_plume.solvers.transport import Scalar, Transport
 
 WIDTH, DURATION = 0.5, 3.0  # found by trials of one source; durations of 2 and 5 differ by no more than seeds
 
@@ -111,25 +110,12 @@ class HeatSolver:
         if heat.walls or heat.obstacles:
             numbers = [obstacle.number for obstacle in heat.obstacles]
             self.surfaces = SurfaceExchange(grid, wind, air, heat.walls, numbers, self._vents)
-        self.incoming: Incoming | None = None
-        if any(_temperature(vent) is not None for vent in self._vents):
-            self.incoming = Incoming(grid)
 
-        @ti.func
-        def add_sources(dt, k):
-            self.release.add_to(self.theta, self.transport.rest)
-
-        self.transport = Transport(
-            grid,
-            wind,
-            air,
-            LIMITED["koren"],
-            Pass(add_sources, self.release.cells) if self.release else None,
-            self.surfaces,
-            self.incoming,
-            scalar,
-        )
-        self.theta = self.transport.q
+        scalar, scheme = scalar or Scalar(grid), LIMITED["koren"]
+        has_inflow = any(_temperature(vent) is not None for vent in self._vents)
+        adding = self.release.adding(scalar) if self.release else None
+        self.transport = Transport(grid, wind, air, scheme, scalar, adding, self.surfaces, has_inflow)
+        self.theta = scalar.q
         self.begin(heat)
 
     def begin(self, model: Heat, t: float = 0.0, seed: int = 0) -> None:
@@ -142,27 +128,22 @@ class HeatSolver:
             self.release.begin(model.heaters)
         if self.puffs is not None:
             self.puffs.begin(model, seed)
-        if self.incoming is not None:
-            self.incoming.begin(self._incoming())
         if self.surfaces is not None:
             named = (*model.walls, *model.obstacles)
-            films = [None if one.transfer is None else one.transfer / model.capacity for one in named]
-            held = [one.temperature - self.reference for one in named]
+            films = [None if wall.transfer is None else wall.transfer / model.capacity for wall in named]
+            held = [wall.temperature - self.reference for wall in named]
             self.surfaces.begin(films, [inf] * len(named), held, model.diffusivity)
         self.transport.begin(model.diffusivity, model.prandtl_turbulent)
+        if self.transport.inflow:
+            given = [(vent, _temperature(vent)) for vent in self._vents]
+            inflow = [(vent, kelvin - self.reference) for vent, kelvin in given if kelvin is not None]
+            self.transport.set_inflow(inflow)
 
     def start_from(self, temperature: Callable[[np.ndarray], np.ndarray]) -> None:
         """Set theta from a function of points (..., dim) [m] to temperatures [K]."""
         solid, reference = self.air.solid, self.reference
         self.transport.start_from(lambda points: np.where(solid, 0.0, temperature(points) - reference))
         self.initial_joule = self.transport.inside() * self.capacity
-
-    # ---------------------------------------------------------------- surfaces and openings
-
-    def _incoming(self) -> list[tuple[Patch, float]]:
-        """The openings of which the air has a temperature, and theta of it."""
-        given = [(vent, _temperature(vent)) for vent in self._vents]
-        return [(vent, one - self.reference) for vent, one in given if one is not None]
 
     # ---------------------------------------------------------------- the step
 
@@ -181,7 +162,7 @@ class HeatSolver:
     # ---------------------------------------------------------------- budget and diagnostics
 
     def budget(self) -> dict[str, float]:
-        """Heat [J] above the reference that was there at the begin, where any was, that heaters and surfaces gave, that
+        """Return the heat balance [J] above the reference: initial, if any, given by heaters and surfaces, that
         is in the air and that left through the openings.
         """
         return {

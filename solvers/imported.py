@@ -17,7 +17,7 @@ from taichi_plume.solvers.playback import PlayedWind
 from taichi_plume.solvers.pressure import pressure_solver
 
 LEFT = 1e-6  # divergence that may be left, over the largest |u|/dx
-ROUNDS = 8  # of the pressure solver, in single precision, on what was left
+ROUNDS = 8  # of the pressure solver, in single precision, on the residual
 
 
 class Projection:
@@ -67,7 +67,7 @@ class Projection:
             face *= factor[out, region]
 
     def __call__(self, u: list[np.ndarray]) -> tuple[list[np.ndarray], float, float]:
-        """The flow in single precision; what was changed of it where air is (root mean square over that of u); the
+        """Return the flow in single precision; its change in the air (root mean square over that of u); the
         divergence left over the largest |u|/dx.
         """
         air = [area > 0.0 for area in self.area]
@@ -80,7 +80,7 @@ class Projection:
             most = float(np.abs(net).max())
             if most < LEFT * fastest:
                 break
-            self.grid.write(self._b, net / most)  # single precision is enough for what is left
+            self.grid.write(self._b, net / most)  # single precision is enough for a residual
             self.solver.solve(self._b, self._phi, 1e-4)
             phi = most * self.grid.read(self._phi).astype(float)
             for d, v in enumerate(u):
@@ -95,8 +95,8 @@ class Projection:
 class ImportedFilm:
     """Frames of an imported wind in memory, with the interface of `WindFrames`.
 
-    correction: what making a frame divergence-free changed at most, root mean square over that of the velocity;
-    max_divergence: what is left, over the largest |u|/dx; max_speed: the largest through a face [m/s].
+    correction: largest change of a frame by the projection, root mean square over that of the velocity;
+    max_divergence: the remaining divergence, over the largest |u|/dx; max_speed: the largest through a face [m/s].
     """
 
     def __init__(self, site: Site, grid: Grid, air: Air):

@@ -66,9 +66,9 @@ class BuoyantScalar:
 class Momentum:
     """Inputs of the terms: the fields of the flow (see `FlowSolver`) and the parameters of the scenario.
 
-    viscosity [m²/s]; constant: of the turbulence model; force: g dx [m²/s²] per axis; weighing: cell fields of
-    buoyancy; pull: acceleration [m/s²] by a unit of each; half_pull: pull dx/2. distance, mixing [m]: of cells from the
-    next surface, and the mixing length that depends on it.
+    viscosity [m²/s]; constant: of the turbulence model; roughness: k_s of surfaces [m]; force: g dx [m²/s²] per axis;
+    weighing: cell fields of buoyancy; pull: acceleration [m/s²] by a unit of each; half_pull: pull dx/2. distance,
+    mixing [m]: of cells from the next surface, and the mixing length that depends on it.
 
     Where obstacles cut the grid, volumes in cells and areas in faces: spread[d], one over the volume that stores the
     momentum of a face, 0 where the velocity is not solved for; sheared[d][e], see `sheared_areas`.
@@ -125,18 +125,20 @@ class Momentum:
         self.face_value = FACE_VALUES[model.convection]
         self.driven = model.acceleration is not None
         self.weighing = tuple(weighing)
-        self.viscosity, self.constant = ti.field(ti.f32, ()), ti.field(ti.f32, ())
+        self.viscosity, self.constant, self.roughness = (ti.field(ti.f32, ()) for _ in range(3))
         self.force: Field = ti.Vector.field(grid.dim, ti.f32, ())
         count = max(1, len(self.weighing))
         self.pull, self.half_pull = (ti.Vector.field(grid.dim, ti.f32, count) for _ in range(2))
-        self._put = uploader(self.viscosity, self.constant, self.force, self.pull, self.half_pull)
+        self._put = uploader(
+            self.viscosity, self.constant, self.roughness, self.force, self.pull, self.half_pull
+        )
 
     def begin(self, model: CfdWind, pull: np.ndarray) -> None:
         """Set the parameters; pull: of each weighing field, (count, dim) [m/s²]."""
         constant = 0.0 if model.turbulence.kind == "none" else model.turbulence.constant
         force = np.array(model.acceleration or (0.0,) * self.dim) * self.dx
         pull = pull if len(pull) else np.zeros((1, self.dim))
-        self._put(model.viscosity, constant, force, pull, 0.5 * self.dx * pull)
+        self._put(model.viscosity, constant, model.roughness or 0.0, force, pull, 0.5 * self.dx * pull)
         if model.turbulence.kind != "none":
             grids, surface = mixing_lengths(self._near, self.dx, constant)
             smagorinsky = model.turbulence.kind == "smagorinsky"

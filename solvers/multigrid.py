@@ -31,7 +31,7 @@ class Multigrid(VCycle):
         self.iterations = 0
         tables.upload()
 
-    def _list_grounded(self, matrix: sp.csr_array, shape: tuple[int, int, int], tables: Tables) -> None:
+    def _list_grounded(self, matrix: sp.csr_array, shape: tuple[int, ...], tables: Tables) -> None:
         """The cells beside free faces of the domain, where phi = 0: their indices and the faces' coefficients."""
         excess = np.where(matrix.diagonal() > 0, np.asarray(matrix.sum(axis=1)).ravel(), 0.0)
         cells = np.flatnonzero(excess > 1e-6)
@@ -150,7 +150,7 @@ class Multigrid(VCycle):
 
     @ti.kernel
     def _store(self, phi: Template, rows: ti.i32):
-        """The solution, all of it shifted so that the free faces together let out exactly what comes in."""
+        """Write the solution, shifted so that the flux through the free faces balances the sources exactly."""
         for _ in range(1):
             out = ti.cast(0.0, ti.f64)
             for n in range(self.grounded.shape[0]):

@@ -237,8 +237,8 @@ class PlayedGas(GridGas):
 class MovieFrames:
     """Pictures of a movie on a grid, in the file's unit: the mean over the area of each cell.
 
-    Pixels are squares of one value and beyond the picture there is none, so the sum over cells is that over what the
-    domain holds of the picture, whether cells or pixels are the larger ones.
+    Pixels are squares of one value and beyond the picture there is none, so the sum over cells is that over the
+    part of the picture in the domain, whether cells or pixels are the larger ones.
     """
 
     def __init__(self, movie: Movie, grid: Grid):

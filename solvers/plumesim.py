@@ -22,7 +22,7 @@ STATIONS = 20  # of the meandering centre line
 TURN = 0.2  # standard deviation of its change of course per station, over their distance
 
 MOST_PERIODS = 1e15
-ROUNDING = 1.000001  # of a radius: what is as far counts
+ROUNDING = 1.000001  # factor of a radius, so that points at the radius count
 
 
 def density_per_percent(gas: PercentGas) -> float:

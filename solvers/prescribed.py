@@ -13,6 +13,12 @@ Velocities = Callable[[np.ndarray], np.ndarray]
 """Velocity [m/s] at points (..., dim) [m]."""
 
 
+def padded_faces(grid: Grid, d: int) -> np.ndarray:
+    """Return the positions of the lower d-faces of all cells, ghost layers included, (*padded, dim) [m]."""
+    index = np.stack(np.meshgrid(*map(np.arange, grid.padded), indexing="ij"), axis=-1)
+    return (index - grid.ghost + np.where(np.arange(grid.dim) == d, 0.0, 0.5)) * grid.dx
+
+
 @ti.data_oriented
 class PrescribedWind(Carrier):
     """A steady wind of known velocities. No eddies, no obstacles."""
@@ -28,9 +34,7 @@ class PrescribedWind(Carrier):
 
     def begin(self, model: Velocities, t: float, seed: int) -> None:
         grid = self.grid
-        index = np.stack(np.meshgrid(*map(np.arange, grid.padded), indexing="ij"), axis=-1) - grid.ghost
-        middles = [np.where(np.arange(grid.dim) == d, 0.0, 0.5) for d in range(grid.dim)]
-        u = [model((index + middle) * grid.dx)[..., d] for d, middle in enumerate(middles)]
+        u = [model(padded_faces(grid, d))[..., d] for d in range(grid.dim)]
         self._put(*u)
         inner = [
             v[tuple(slice(a, b + (axis == d)) for axis, (a, b) in enumerate(grid.cells))]

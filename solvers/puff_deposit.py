@@ -37,7 +37,7 @@ def _below(z):
 
 @ti.data_oriented
 class Deposit:
-    """The cells of a solver's grid and what its puffs put into them. Field c: [kg/m³]."""
+    """Deposit of a solver's puffs in the cells of the grid. Field c: [kg/m³]."""
 
     def __init__(self, solver: "PuffSolver", air: Air, c: Field | None = None, rest: Field | None = None):
         """solver: owner of the puffs; c: field that they are added to, a new one unless given; rest: rounding errors of
@@ -112,8 +112,8 @@ class Deposit:
 
     @ti.func
     def _along(self, lane, d: ti.template(), x, s, first, size, below, above):  # type: ignore[valid-type]
-        """Shares of a puff in the cells along an axis, whose faces are closed (1) or open (0); returns what does not
-        lie beyond open ones.
+        """Shares of a puff in the cells along an axis, whose faces are closed (1) or open (0); returns the share
+        that does not lie beyond open ones.
         """
         L, dx = ti.static(self.grid.extent[d]), ti.static(self.grid.dx)
         for k in range(size):

@@ -94,10 +94,10 @@ class PuffSolver(Gas):
         self.stream = stream_id(f"{name} fluctuations")
         self.portions = [Portions(f"{name}.sources[{n}]", wind) for n in range(len(gas.sources))]
         self._air, self._deposit = air, None  # fields that most runs do not need
-        hands = gas.handover if gas.handover is not None else self.growth.eddying and not gas.buoyancy
-        self.hands = hands and wind.carrier is not None
+        hands_over = gas.handover if gas.handover is not None else self.growth.eddying and not gas.buoyancy
+        self.hands_over = hands_over and wind.carrier is not None
         self.handover = None
-        if self.hands and wind.carrier is not None:
+        if self.hands_over and wind.carrier is not None:
             self.handover = Handover(self, wind.carrier, air, gas.convection)
         self._n = Numbers("weight")
         self.begin(gas, t, seed)
@@ -106,9 +106,8 @@ class PuffSolver(Gas):
         """Raises ValueError for a source in no air."""
         self.seed = seed
         self.species = model.vapour
-        self.deviation = (
-            (FLUCTUATION if self.alone else 0.0) if model.fluctuation is None else model.fluctuation
-        )
+        default = FLUCTUATION if self.alone else 0.0
+        self.deviation = default if model.fluctuation is None else model.fluctuation
         self.time = model.fluctuation_time
         self.initial_size = model.initial_size
         self.puffs.begin(model.initial_size)
@@ -120,9 +119,7 @@ class PuffSolver(Gas):
                     "move it by a cell or lower domain.spacing"
                 )
         self.growth.begin(model, self.alone)
-        if (
-            self.handover is not None
-        ):  # of eddies that are over soon, on the grid their long-time diffusivity is left
+        if self.handover is not None:  # on the grid, u' leaves its long-time diffusivity
             strayed = self.deviation**2 * self.time
             self.handover.begin(self.species.diffusivity + strayed + self.growth.diffusive)
         self._n.set(weight=self.species.weight_per_density)
@@ -143,7 +140,7 @@ class PuffSolver(Gas):
         if self.puffs.count > FULL * self.most:
             self.puffs.merge()
         if self.handover is not None:
-            self.handover.advance(t, dt)  # what it takes stays in the list until they move
+            self.handover.advance(t, dt)  # puffs that are handed over stay in the list until they move
         first, born = self._born(t, dt)
         self._put(first, t + dt - born, t + dt, dt)
 
@@ -165,7 +162,7 @@ class PuffSolver(Gas):
         for portions in self.portions:
             when, masses, emitted = portions.puffs(t, dt)
             self.emitted_kg += emitted
-            if len(when) > free:  # what finds no place goes into the next puff
+            if len(when) > free:  # the mass of puffs without a place goes into the next puff
                 portions.pending += masses[free:].sum()
                 when, masses = when[:free], masses[:free]
             n = len(when)
@@ -228,7 +225,7 @@ class PuffSolver(Gas):
             way += drift
             end, speed, stays = self.walls.travel(x, way, v, t)
             variance = self.growth.grown(variance, x, K, dt)
-            if ti.static(self.hands):
+            if ti.static(self.hands_over):
                 stays = stays and mass > 0.0  # it was handed over
             self.puffs.put(k, end, speed, variance, mass, number, stays)
 
@@ -276,6 +273,6 @@ class PuffSolver(Gas):
                 first, size, images = self.walls.images(x, self.puffs.cells.reach(which), below, above)
                 for n in range(images):
                     total += self.puffs.near(self.walls.image(x, first, size, n), which)
-        if ti.static(self.hands):
+        if ti.static(self.hands_over):
             total += self.handover.concentration(x)
         return total

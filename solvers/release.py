@@ -17,10 +17,11 @@ import taichi as ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid, block_mean
-from taichi_plume.grid.kernels import Template, double_field
+from taichi_plume.grid.kernels import Pass, Template, double_field
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.heat import Heater
 from taichi_plume.scenario.sources import Source
+from taichi_plume.solvers.transport import Scalar
 
 VARIANCE = 5.0 / 6.0
 """Variance [cells²] of the shares of a point and of the linear interpolation by which gas is read, together."""
@@ -103,7 +104,7 @@ SAMPLES = 4  # per axis and cell, to measure how much of a cell a ball covers
 
 @ti.data_oriented
 class Release:
-    """Balls on the grid. `set_amounts` sets the next release of each, `add_to` adds it to the cells.
+    """Balls on the grid. `set_amounts` sets the next release of each, `adding` adds it to the cells.
 
     balls: cells (n, dim) of each ball and the share of the release (n,) that each cell receives. blurred: whether the
     kernel spreads balls of any radius, which leaves the puffs of heaters (see `heat`) the width of a cell around
@@ -137,9 +138,9 @@ class Release:
         self._owner = ti.field(ti.i32, self.cells)
         self._count: Field = ti.field(ti.i32, ())  # of the cells
         self._amount = double_field((len(balls),))
-        self._place = uploader(self._cell, self._owner, self._count)
-        self._weigh = uploader(self._share)
-        self._give = uploader(self._amount)
+        self._put_cells = uploader(self._cell, self._owner, self._count)
+        self._put_shares = uploader(self._share)
+        self._put_amounts = uploader(self._amount)
 
     def begin(self, balls: Sequence[Source | Heater]) -> None:
         """Place the balls, of the radii that they were made with. Raises ValueError for a ball that covers no air."""
@@ -153,7 +154,7 @@ class Release:
             self.balls.append((where, part))
             owner[these] = n
             count += len(where)
-        self._place(cell, owner[:, 0], count)
+        self._put_cells(cell, owner[:, 0], count)
         self.set_shares([part for _, part in self.balls])
 
     def set_shares(self, shares: Sequence[np.ndarray]) -> None:
@@ -163,7 +164,7 @@ class Release:
             room = self.room[tuple(where.T)] * self.grid.cell_volume
             found[first : first + len(where)] = share / room
             first += len(where)
-        self._weigh(found)
+        self._put_shares(found)
 
     def _half(self, ball: Source | Heater) -> int:
         """Cells that a ball around a cell's centre touches on either side of it, along an axis."""
@@ -219,14 +220,22 @@ class Release:
         return np.stack([at[where[:, d]] for d, at in enumerate(axes)], axis=-1) % self.grid.shape, share
 
     def set_amounts(self, amounts: list[float]) -> None:
-        """Set the amount that each ball releases at the next `add_to`."""
+        """Set the amount that each ball releases in the next pass of `adding`."""
         if amounts != self._amounts:
             self._amounts = amounts
-            self._give(amounts)
+            self._put_amounts(amounts)
+
+    def adding(self, scalar: Scalar) -> Pass:
+        """Return the pass that adds the release to a scalar, an amount per volume, in the balls' cells."""
+
+        @ti.func
+        def add(a, b):
+            self._add_to(scalar.q, scalar.rest)
+
+        return Pass(add, self.cells)
 
     @ti.func
-    def add_to(self, q: Template, rest: Template):
-        """Raise q, an amount per volume, in the balls' cells; `rest` is what rounding has left out of it."""
+    def _add_to(self, q: Template, rest: Template):
         for _ in range(1):  # balls may share cells
             for n in range(self._count[None]):
                 I = self._cell[n]
@@ -258,7 +267,7 @@ def _reached(start: np.ndarray, leads: Sequence[np.ndarray], within: np.ndarray)
     while (count := np.count_nonzero(reached)) > before:
         before = count
         for axis, open_faces in enumerate(leads):
-            cells, faces, kept = (np.moveaxis(one, axis, 0) for one in (reached, open_faces, within))
+            cells, faces, kept = (np.moveaxis(array, axis, 0) for array in (reached, open_faces, within))
             for n in range(1, len(cells)):
                 cells[n] |= cells[n - 1] & faces[n] & kept[n]
             for n in range(len(cells) - 1, 0, -1):

@@ -170,7 +170,7 @@ def rates(
     places: np.ndarray, step: float, extent: np.ndarray, even: tuple[np.ndarray, np.ndarray]
 ) -> tuple[float, float]:
     """K [m²/s] of particles that were at `places` (steps + 1, airs, each, dim) [m], the mean over the axes, and its
-    standard error by the airs (a jackknife); even: as `RoomFlow.even` tells."""
+    standard error by the realisations (a jackknife); even: as of `RoomFlow.even`."""
     mean, quotient = even
     cosines = np.cos(pi * places / extent) - mean
     all_airs = np.arange(cosines.shape[1])

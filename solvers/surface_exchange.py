@@ -72,7 +72,7 @@ def in_series(first: float, second: float) -> float:
 class SurfaceExchange:
     """Some walls and obstacles and the cells that touch them.
 
-    fastest [1/s]: what they take at most, over q, beside what the law of the wall adds, which is implicit. A cell at
+    fastest [1/s]: largest rate of exchange, without the part by the law of the wall, which is implicit. A cell at
     several surfaces whose film is not given sees them as one.
     """
 
@@ -88,7 +88,7 @@ class SurfaceExchange:
         vents: Sequence[Patch],
     ):
         """obstacles: their numbers; vents: openings, where there is no wall. The owner calls `begin`. Raises
-        ValueError for what touches no air.
+        ValueError for a surface that touches no air.
         """
         self.grid, self.wind, self.room = grid, wind, air.room
         self.eddies = wind.nu is not None

@@ -17,7 +17,6 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Field
 from taichi_plume.grid.kernels import Pass, Template
 from taichi_plume.grid.tables import Tables
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.solvers.extension import REACH, Extension
 from taichi_plume.solvers.momentum import Momentum
 from taichi_plume.solvers.turbulence import damped
@@ -77,23 +76,14 @@ class Surfaces:
         tables: Tables,
     ):
         self.m = momentum
-        self.roughness = ti.field(ti.f32, ())
-        self._put = uploader(self.roughness)
         self.grid = grid = momentum.grid
         self.dim = grid.dim
         self.vectors = vectors = np.stack(
             [grid.pad(part) for part in np.moveaxis(air.surface(), -1, 0)], axis=-1
         )
         self.faces: list[np.ndarray] = []
-        self._count: list[int] = []
-        self._cell: list[Field] = []
-        self._distance: list[Field] = []  # of the face's middle from the surface [m]
-        self._rate: list[Field] = []  # surface over (distance times stored volume), in cells
-        self._stored: list[Field] = []  # volume that stores the momentum of the face, in cells
-        self._normal: list[Field] = []  # of the surface, out of the air
-        # mixing length [m] of a layer that can separate, 0 on plane and concave surfaces
-        self._mixing: list[Field] = []
         normals: list[np.ndarray] = []
+        fields: list[list[Field]] = []  # per axis
         for d in range(grid.dim):
             above, below = np.roll(area[d], -1, axis=d), np.roll(area[d], 1, axis=d)
             # a cell's surface acts on its two faces of an axis, in proportion to their areas
@@ -109,24 +99,22 @@ class Surfaces:
             normal = (upper + lower)[where]
             normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
             self.faces.append(cell)
-            self._count.append(len(cell))
-            self._cell.append(tables.listed(cell))
-            self._distance.append(tables.listed(distance * grid.dx))
-            self._rate.append(tables.listed(size[where] / (distance * stored)))
-            self._stored.append(tables.listed(stored))
-            self._normal.append(tables.listed(normal))
             normals.append(normal)
+            per_face = (cell, distance * grid.dx, size[where] / (distance * stored), stored, normal)
+            fields.append([tables.listed(values) for values in per_face])
+        # distance of the face's middle from the surface [m]; rate: surface over (distance times stored volume), in
+        # cells; stored: volume that stores the momentum of the face, in cells; normal of the surface, out of the air
+        self._cell, self._distance, self._rate, self._stored, self._normal = zip(*fields, strict=True)
+        self._count = [len(cell) for cell in self.faces]
         self.cells = sum(self._count)
         self._extension: Extension | None = None
+        # mixing length [m] of a layer that can separate, 0 on plane and concave surfaces
+        self._mixing: list[Field] = []
         if momentum.eddies:
             convex = curvatures(vectors, np.concatenate(self.faces), np.concatenate(normals)) > CONVEX
             parts = np.split(convex, np.cumsum(self._count)[:-1])
             self._mixing = [tables.listed(np.where(part, MIXING * grid.dx, 0.0)) for part in parts]
             self._extension = Extension(self, convex, area, tables)
-
-    def begin(self, roughness: float | None) -> None:
-        """Set the roughness k_s [m]."""
-        self._put(roughness or 0.0)
 
     def slipping(self, convection: Pass) -> list[Pass]:
         """Return the passes with velocities on closed faces extended by `extension`; they are 0 before and after."""
@@ -178,7 +166,7 @@ class Surfaces:
         wall = nu
         if ti.static(self.m.eddies):
             y, speed = self._distance[d][k], along.norm()
-            wall, _ = near_surface(speed, y, nu, self.roughness[None], self.m.rough)
+            wall, _ = near_surface(speed, y, nu, self.m.roughness[None], self.m.rough)
             if self._mixing[d][k] > 0.0 and self._is_adverse(d, k, along):
                 wide = ti.max(y, ti.static(LEAST * self.grid.dx))
                 wall = ti.max(wall, nu + damped(self._mixing[d][k], speed / wide, wide, nu))
@@ -194,7 +182,7 @@ class Surfaces:
         """
         speed = self._along(d, k).norm()
         y = ti.max(self._distance[d][k], ti.static(0.5 * self.grid.dx))
-        _, bend = near_surface(speed, y, self.m.viscosity[None], self.roughness[None], self.m.rough)
+        _, bend = near_surface(speed, y, self.m.viscosity[None], self.m.roughness[None], self.m.rough)
         return (1.0 - straightness(bend)) * self.m.u[d][self._cell[d][k]]
 
     @ti.func

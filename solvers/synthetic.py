@@ -85,7 +85,7 @@ class Waves:
         direction = rng.standard_normal((wind.modes, grid.dim))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         c = rng.standard_normal((wind.modes, 3)) + 1j * rng.standard_normal((wind.modes, 3))
-        if grid.dim == 3:  # what lies along k moves no air
+        if grid.dim == 3:  # components along k move no air
             c -= (c * direction).sum(axis=1, keepdims=True) * direction
         else:
             c[:, :2] = 0.0

@@ -27,27 +27,8 @@ from taichi_plume.solvers.patches import Patch
 from taichi_plume.solvers.surface_exchange import BETWEEN, FIRST, LAST, SurfaceExchange, Tally
 
 
-class Incoming:
-    """Inflow (Dirichlet) values of a scalar on the faces of the domain. fields: per axis, over its two faces."""
-
-    def __init__(self, grid: Grid):
-        """The owner calls `begin`."""
-        shape = grid.shape
-        self.fields: list[Field] = [
-            ti.field(ti.f32, tuple(2 if a == d else n for a, n in enumerate(shape))) for d in range(grid.dim)
-        ]
-        self._put = uploader(*self.fields)
-
-    def begin(self, openings: Sequence[tuple[Patch, float]]) -> None:
-        """Set the scalar of the air that comes in through openings; elsewhere it is 0."""
-        values = [np.zeros(field.shape) for field in self.fields]
-        for patch, q in openings:
-            np.moveaxis(values[patch.axis], patch.axis, 0)[patch.side][patch.covered] = q
-        self._put(*values)
-
-
 class Scalar:
-    """A scalar q per volume of air in the cells of a grid; rest: field of what rounding to f32 has left out of q."""
+    """A scalar q per volume of air in the cells of a grid; rest: field of the rounding errors of q in f32."""
 
     STATE = ("q", "rest")
 
@@ -55,8 +36,8 @@ class Scalar:
         self.q, self.rest = grid.field(), grid.field()
 
 
-FULLEST = 0.98  # largest share of what a cell holds that leaves it in one stage, at the steepest slope
-MOST_STAGES = 5  # of a step; the more, the more of what was there before it stays behind
+FULLEST = 0.98  # largest share of a cell's content that leaves it in one stage, at the steepest slope
+MOST_STAGES = 5  # of a step; more stages leave more of the old content behind
 
 
 @ti.func
@@ -67,7 +48,7 @@ def open_slope(q: Template, open_faces: Template, I, D, dx: float):
 
 @ti.func
 def raised(q, rest, rate, dt):
-    """q + rest + rate dt in f32, and what that leaves out; in f64, which no compiler takes for what it rounds to."""
+    """Return q + rest + rate dt in f32, and the rounding error; in f64, which compilers do not simplify away."""
     change = ti.cast(rest, ti.f64) + ti.cast(dt, ti.f64) * ti.cast(rate, ti.f64)
     exact = ti.cast(q, ti.f64) + change
     rounded = ti.cast(exact, ti.f32)
@@ -78,13 +59,11 @@ def raised(q, rest, rate, dt):
 class Transport:
     """A quantity q per volume of air that the wind carries and that diffuses.
 
-    scheme: of convection.
-    add_sources: a pass that adds to q and `rest` what a step of length a brings.
-    surfaces: what exchanges q with the air.
-    incoming: q of the air that comes in; clean air unless given.
-    scalar: the quantity; one of its own unless given.
+    scheme: of convection. add_sources: a pass that adds sources to q and `rest` for a step of length a. surfaces: walls
+    and obstacles that exchange q with the air. has_inflow: whether air may come in with q, see `set_inflow`; else it is
+    clean.
 
-    Fields: q; rest, what rounding has left out of q; rate [1/s], the sum of the tendencies in the step's stages so far.
+    Fields: q; rest, rounding errors of q; rate [1/s], the sum of the tendencies in the step's stages so far.
     """
 
     STATE = ("q", "rest", "_outflow", "_inflow")
@@ -95,18 +74,16 @@ class Transport:
         wind: Carrier,
         air: Air,
         scheme: Limited,
-        add_sources: Pass | None,
+        scalar: Scalar,
+        add_sources: Pass | None = None,
         surfaces: SurfaceExchange | None = None,
-        incoming: Incoming | None = None,
-        scalar: Scalar | None = None,
+        has_inflow: bool = False,
     ):
         """The owner calls `begin`."""
-        scalar = scalar or Scalar(grid)
         self.grid = grid
         self.dim = grid.dim
         self.wind = wind
         self.per_length = float(np.float32(1.0 / grid.dx))  # as the cells reckon it
-        self.inflow = tuple(incoming.fields if incoming else ())
         self.surfaces = surfaces
         self.q, self.rest = scalar.q, scalar.rest
         self.eddies = wind.nu is not None
@@ -119,8 +96,10 @@ class Transport:
         # a solver of the flow lends fields that it does not need meanwhile
         self._start, self.rate = wind.scratch or (grid.field(), grid.field())
         self._outflow = Tally()
-        self._inflow = Tally() if incoming else None
+        self._inflow = Tally() if has_inflow else None
         self._sides = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
+        self.inflow = tuple(ti.field(ti.f32, side) for side in self._sides) if has_inflow else ()
+        self._put_inflow = uploader(*self.inflow)
         self._n = Numbers("still", "per_schmidt")
         self._face_value, self._steepest = scheme
         cells = grid.cells
@@ -142,6 +121,13 @@ class Transport:
         viscosity = np.float32(self.wind.viscosity if self.eddies else 0.0)
         still = np.float32(diffusivity) - viscosity * per_schmidt  # with nu_t/Sc_t = (nu - viscosity)/Sc_t
         self._n.set(still=float(still), per_schmidt=float(per_schmidt))
+
+    def set_inflow(self, openings: Sequence[tuple[Patch, float]]) -> None:
+        """Set q of the air that comes in through openings (Dirichlet condition of the inflow); elsewhere it is 0."""
+        values = [np.zeros(side) for side in self._sides]
+        for patch, q in openings:
+            np.moveaxis(values[patch.axis], patch.axis, 0)[patch.side][patch.covered] = q
+        self._put_inflow(*values)
 
     def start_from(self, function: Callable[[np.ndarray], np.ndarray]) -> None:
         """Set q from a function of points (..., dim) [m]."""
@@ -191,7 +177,7 @@ class Transport:
 
     @ti.func
     def _advanced(self, I, h, stage):
-        """q after a stage, and what it leaves out, which only the last stage keeps."""
+        """Return q after a stage, and the rounding error, which only the last stage keeps."""
         q, rest = raised(self._start[I], self.rest[I], self.rate[I], h)
         return ti.Vector([q, ti.select(stage == LAST, rest, self.rest[I])])
 
@@ -258,9 +244,9 @@ class Transport:
         return max(1, ceil(self._euler_steps(dt) / (MOST_STAGES - 1) - 1e-9))
 
     def step(self, dt: float) -> None:
-        """One step, no longer than `steps` allows, of second order: s - 1 stages of Euler's method by dt/(s - 1) [s],
-        one more, and the mean of their rates over the step (SSP(s, 2), Spiteri & Ruuth 2002,
-        doi:10.1137/S0036142901389025; Heun's method where s = 2).
+        """Advance by one step, no longer than `steps` allows, of second order (strong stability preserving
+        Runge-Kutta): s - 1 stages of Euler's method by dt/(s - 1) [s], one more, and the mean of their rates over the
+        step (SSP(s, 2), Spiteri & Ruuth 2002, doi:10.1137/S0036142901389025; Heun's method where s = 2).
         """
         stages = 1 + max(1, ceil(self._euler_steps(dt) - 1e-9))
         self._start_step(dt)

@@ -44,7 +44,7 @@ class UniformSolver(Carrier):
         self.model = model
         self.mean = model.velocity
         self.across = model.frame[1:]
-        self._blow(np.array(self.mean), np.zeros(self.dim))
+        self._set_velocity(np.array(self.mean), np.zeros(self.dim))
         if model.gusts is None:
             return
         law = (
@@ -60,10 +60,10 @@ class UniformSolver(Carrier):
             self.gusts.begin(*law)
         self.advance(t, 0.0)
 
-    def _blow(self, carrying: np.ndarray, gust: np.ndarray) -> None:
+    def _set_velocity(self, carrying: np.ndarray, gust: np.ndarray) -> None:
         """Set the velocity; carrying: of the faces [m/s]; gust: present velocity less the mean [m/s]."""
         felt = np.array(self.mean, np.float32) + gust.astype(np.float32)
-        self._fill(*(np.append(one, [0.0] * (3 - self.dim)) for one in (carrying, felt)))
+        self._fill(*(np.append(u, [0.0] * (3 - self.dim)) for u in (carrying, felt)))
         self.outflow_rate = float(np.abs(carrying).sum()) / self.grid.dx
 
     @ti.kernel
@@ -81,7 +81,7 @@ class UniformSolver(Carrier):
         self.gusts.advance(t + dt)
         after, now = self.gusts.at(t + dt)
         carrying = self.mean + ((after - before) / dt if dt > 0.0 else gust) @ self.across
-        self._blow(carrying, now @ self.across)
+        self._set_velocity(carrying, now @ self.across)
 
     def displacement(self, t: float) -> np.ndarray:
         """Return the displacement [m] of the air by gusts up to time t, within the memory."""

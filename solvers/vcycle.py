@@ -42,7 +42,9 @@ class VCycle:
         self.layout = tables.put(ti.field(ti.i32, (len(levels), 7)), np.array(layout))
         total = int(begins[-1])
         self.a = [
-            tables.put(ti.field(ti.f32, total), np.concatenate([one.a[d].ravel(order="F") for one in levels]))
+            tables.put(
+                ti.field(ti.f32, total), np.concatenate([level.a[d].ravel(order="F") for level in levels])
+            )
             for d in range(3)
         ]
         damped = np.concatenate([self._damped(level).ravel(order="F") for level in levels])

@@ -17,8 +17,8 @@ from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template, visit
 from taichi_plume.grid.sweeps import sweep
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.solvers.boundaries import Boundaries
+from taichi_plume.solvers.momentum import Momentum
 from taichi_plume.solvers.wall_law import near_surface
 
 FAR = 1e3  # m: distance where there is no surface
@@ -32,20 +32,12 @@ class Walls:
     viscosity [m²/s]: that has the stress of the law with the slope that the ghost values make.
     """
 
-    def __init__(self, boundaries: Boundaries, molecular: Field, rough: bool):
-        """molecular: field () of the viscosity [m²/s]; rough: whether the walls may be rough."""
-        self.rough = rough
-        self.b, self.molecular = boundaries, molecular
+    def __init__(self, boundaries: Boundaries, momentum: Momentum):
+        self.b, self.m = boundaries, momentum
         self.grid, self.dim = boundaries.grid, boundaries.dim
         self.bend, self.viscosity = (
             tuple(self.grid.field(shape) for shape in boundaries.sides) for _ in range(2)
         )
-        self.roughness = ti.field(ti.f32, ())
-        self._put = uploader(self.roughness)
-
-    def begin(self, roughness: float | None) -> None:
-        """Set the roughness k_s [m]."""
-        self._put(roughness or 0.0)
 
     def measuring(self, u: Field) -> list[Pass]:
         """Return the passes that evaluate the law for the velocities u."""
@@ -96,8 +88,8 @@ class Walls:
                 C = ti.Vector.unit(self.dim, c, ti.i32)
                 V = 0.5 * (self.b.target[d][K][c] + self.b.target[d][K + C][c])
                 square += (0.5 * (u[c][cell] + u[c][cell + C]) - V) ** 2
-        speed, molecular, grain = ti.sqrt(square), self.molecular[None], self.roughness[None]
-        viscosity, bend = near_surface(speed, y, molecular, grain, self.rough)
+        speed, molecular, grain = ti.sqrt(square), self.m.viscosity[None], self.m.roughness[None]
+        viscosity, bend = near_surface(speed, y, molecular, grain, self.m.rough)
         bend = ti.select(self.b.mirror[d][K][d] < 0.0, bend, 1.0)
         straight = straightness(bend)
         return ti.Vector([bend, viscosity / (straight + (1.0 - straight) * bend)])
