@@ -119,7 +119,7 @@ class Bodies:
         return ti.math.clamp(0.5 - self.distance(x, b) / self.grid.dx, 0.0, SOLID)
 
     @ti.func
-    def is_next(self, x: Template, b, share):
+    def has_largest_share(self, x: Template, b, share):
         """Return 1 if body b has the largest share at x, so that no face is written twice; else 0."""
         result = 1
         for other in range(self.first, self.first + self.count):
@@ -166,7 +166,7 @@ class Bodies:
         if inside == 1 and self.n.pace[None] > 0.0:
             share = self.share(x, b)
             if share > 0.0 and self.open[d][I] > 0.0:
-                mine = self.is_next(x, b, share)
+                mine = self.has_largest_share(x, b, share)
                 if mine == 1:
                     v = 0.0
                     if ti.static(d < 2):

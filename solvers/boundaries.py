@@ -192,11 +192,11 @@ class Boundaries:
 
         Velocities through a face change linearly within a step, those along it are constant.
         """
-        slid = self._slide(t - dt, t)
-        if self._blow(self.speeds(t), dt, slid):
+        slid = self._set_wall_velocities(t - dt, t)
+        if self._set_targets(self.speeds(t), dt, slid):
             self.upload_targets()
 
-    def _slide(self, begin: float, end: float) -> bool:
+    def _set_wall_velocities(self, begin: float, end: float) -> bool:
         """Set the mean velocities of walls between two times [s]. Return whether any has changed."""
         changed = False
         for wall, p in self._sliding:
@@ -231,13 +231,13 @@ class Boundaries:
         pressure_of: gives the field phi that makes the flow divergence-free; the pressure is dx/dt phi.
         """
         for n, fan in self.curved.items():
-            self._blow([float(m == n) for m in range(len(self.jets))], 0.0)
+            self._set_targets([float(m == n) for m in range(len(self.jets))], 0.0)
             self.upload_targets()
             fan.inertia = max(0.0, self.grid.dx * fan.mean(pressure_of()))
         if self.curved:
             self.update(-np.inf, 0.0)
 
-    def _blow(self, speeds: list[float], dt: float, slid: bool = False) -> bool:
+    def _set_targets(self, speeds: list[float], dt: float, slid: bool = False) -> bool:
         """Set the targets of jets with these mean speeds. Return whether they may have changed.
 
         slid: whether the velocity of a wall has changed.

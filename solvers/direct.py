@@ -117,16 +117,16 @@ class FastTransforms:
         for d, (there, _) in self.dense.items():
             x = along(there, x, d)
         for (odd, kind), axes in self.transforms.items():
-            x = (scipy.fft.dstn if odd else scipy.fft.dctn)(x, kind, None, axes, **self.options)
-        return scipy.fft.rfftn(x, None, self.wrapped, workers=self.workers) if self.wrapped else x
+            x = np.asarray((scipy.fft.dstn if odd else scipy.fft.dctn)(x, kind, None, axes, **self.options))
+        return np.asarray(scipy.fft.rfftn(x, None, self.wrapped, workers=self.workers)) if self.wrapped else x
 
     def backward(self, x: np.ndarray) -> np.ndarray:
         """The inverse of `forward`; x may be overwritten."""
         if self.wrapped:
             shape = [self.grid.shape[::-1][d] for d in self.wrapped]
-            x = scipy.fft.irfftn(x, shape, self.wrapped, **self.options)
+            x = np.asarray(scipy.fft.irfftn(x, shape, self.wrapped, **self.options))
         for (odd, kind), axes in self.transforms.items():
-            x = (scipy.fft.idstn if odd else scipy.fft.idctn)(x, kind, None, axes, **self.options)
+            x = np.asarray((scipy.fft.idstn if odd else scipy.fft.idctn)(x, kind, None, axes, **self.options))
         for d, (_, back) in self.dense.items():
             x = along(back, x, d)
         return x

@@ -82,14 +82,14 @@ class Downwash:
         """Compute the forces on the faces around the rotors; before t = 0 the drones are absent."""
         self.n.set(runs=float(t > -1e-9))
         if t > -1e-9:
-            self._weigh()
+            self._compute_forces()
 
     def fastest(self, t: float) -> float:
         """The speed of the far wake at the largest thrust [m/s]."""
         return self.jet if t > -1e-9 else 0.0
 
     @ti.kernel
-    def _weigh(self):
+    def _compute_forces(self):
         for r in range(self.count * self.rotors):
             b = self.first + r // self.rotors
             angle = self.heading[b] + AHEAD_LEFT + 2.0 * pi * (r % self.rotors) / self.rotors
@@ -152,7 +152,7 @@ class Downwash:
         for d in ti.static(range(3)):
             block = self.block[None]
             for K in ti.grouped(ti.ndrange(self.count, block[0], block[1], block[2])):
-                self._blow(u, d, K, dt)
+                self._push_face(u, d, K, dt)
 
     @ti.func
     def _middle(self, b):
@@ -161,7 +161,7 @@ class Downwash:
         return ti.Vector([p[0], p[1], self.altitude[self.first + b] + self.n.height[None]])
 
     @ti.func
-    def _blow(self, u: Template, d: Template, K: Template, dt):
+    def _push_face(self, u: Template, d: Template, K: Template, dt):
         """Push face component d at place K[1:] of the block of drone K[0], for all drones at once: for the first one
         in whose block it lies, so that no face is written twice.
         """

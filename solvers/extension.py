@@ -10,7 +10,7 @@ it has 1.15, as measured ones about have). Along the axes no air passes closed f
 """
 
 from itertools import combinations_with_replacement, product
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -20,9 +20,6 @@ from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass
 from taichi_plume.grid.tables import Tables
-
-if TYPE_CHECKING:
-    from taichi_plume.solvers.surfaces import Surfaces
 
 REACH = 3  # cells: as far as schemes look
 PLANE = 0.994  # of the sum of squares of the normals' components, the share along one direction within REACH
@@ -57,8 +54,8 @@ class Extension:
     it: their mean, by area. None where the viscous layer is resolved (see `Surfaces.slip`).
     """
 
-    def __init__(self, surfaces: "Surfaces", convex: np.ndarray, area: list[np.ndarray], tables: Tables):
-        """convex: which of all faces in `surfaces` lie beside a convex surface, bool (n,); area:
+    def __init__(self, surfaces: Any, convex: np.ndarray, area: list[np.ndarray], tables: Tables):
+        """surfaces: `Surfaces`; convex: which of all faces in `surfaces` lie beside a convex surface, bool (n,); area:
         padded arrays of the field `area` of the flow.
         """
         self.surfaces, self.grid = surfaces, surfaces.grid

@@ -1,17 +1,10 @@
 """Frozen flow: the time average of a computed flow, which is divergence-free as the flow is."""
 
-from collections.abc import Callable, Sequence
-
 import taichi as ti
 
-from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Faces
-from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import launch
 from taichi_plume.scenario.winds import FrozenWind
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.momentum import BuoyantScalar
-from taichi_plume.solvers.screens import Resistance
 
 
 @ti.data_oriented
@@ -24,22 +17,12 @@ class FrozenSolver(FlowSolver):
 
     STATE = (*FlowSolver.STATE, "means", "frozen", "_averaged")
 
-    def __init__(
-        self,
-        model: FrozenWind,
-        grid: Grid,
-        air: Air,
-        t: float = 0.0,
-        seed: int = 0,
-        weighing: Sequence[BuoyantScalar] = (),
-        resistances: Sequence[Callable[[Faces], Resistance]] = (),
-    ):
-        """t: start of the warm-up [s]; else see `FlowSolver`."""
-        super().__init__(model, grid, air, t, seed, weighing, resistances)
+    def _compile_step(self) -> None:
+        super()._compile_step()
         moving = [*self.u, *([self.nu] if self.nu is not None else [])]
-        self.means = tuple(grid.field() for _ in moving)
-        self._average = grid.blending(self.means, moving)
-        self._stand_still = grid.blending(moving, self.means)
+        self.means = tuple(self.grid.field() for _ in moving)
+        self._average = self.grid.blending(self.means, moving)
+        self._stand_still = self.grid.blending(moving, self.means)
         # unlike `_finish`, without filling ghosts: beyond the inlets the mean stands, not the last gust
         self._measure_mean = launch(*self.limits.passes())
 
@@ -59,9 +42,8 @@ class FrozenSolver(FlowSolver):
             return
         super().advance(t, dt)
         end = t + dt + 1e-9 * dt
-        if (
-            end > self.since + dt or end >= self.until
-        ):  # all of the step is in the span, or it is the last step
+        # all of the step is in the span, or it is the last step
+        if end > self.since + dt or end >= self.until:
             self._averaged += dt
             self._average(dt / self._averaged)
         if end >= self.until:

@@ -6,7 +6,7 @@ variance than the puff, what is interpolated between them another 1/6 dx²: a pu
 much, and reads the same before and after.
 """
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -19,9 +19,6 @@ from taichi_plume.solvers.convection import LIMITED
 from taichi_plume.solvers.puff_deposit import Deposit
 from taichi_plume.solvers.transport import Scalar, Transport
 
-if TYPE_CHECKING:
-    from taichi_plume.solvers.puffs import PuffSolver
-
 WIDTH = 1.0  # cells
 WIDENED = 1.0 / 12.0 + 1.0 / 6.0  # variance [cells²] that means over cells and interpolation add
 
@@ -32,8 +29,8 @@ class Handover:
 
     STATE = ("transport",)
 
-    def __init__(self, solver: "PuffSolver", wind: Carrier, air: Air, convection: str):
-        """solver: owner of the puffs, which calls `begin`."""
+    def __init__(self, solver: Any, wind: Carrier, air: Air, convection: str):
+        """solver: `PuffSolver`, the owner of the puffs, which calls `begin`."""
         self.solver, self.grid, self.wind = solver, solver.grid, wind
         self.limit = (WIDTH * self.grid.dx) ** 2
         self.air = self.grid.field()

@@ -31,8 +31,6 @@ CARRIED = 4.0  # cells: integral lengths below become about as long
 WIDEST = 0.4  # of an opening's width: integral length of the eddies in it
 LENGTHS = 12.0  # integral lengths from one box of waves to the next: blending them shortens those by 2 %
 
-Window = tuple[slice, ...]
-
 
 class Waves:
     """The waves of one opening: their wave numbers, and how strong each may be.
@@ -127,7 +125,7 @@ class Fluctuations:
         spans = [np.flatnonzero(patch.covered.any(axis=a)) for a in reversed(range(self.dim - 1))]
         if self.dim == 2:
             spans = [np.flatnonzero(patch.covered)]
-        self._window: Window = tuple(slice(int(at[0]), int(at[-1]) + 1) for at in spans)
+        self._window = tuple(slice(int(at[0]), int(at[-1]) + 1) for at in spans)
         counts = [part.stop - part.start for part in self._window]
         self.waves = waves = Waves(patch, counts, length)
         dx = patch.grid.dx

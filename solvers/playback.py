@@ -194,7 +194,7 @@ class PlayedWind(Carrier):
 
     def _set_maxima(self) -> None:
         # between two frames a maximum is at most the larger of both
-        known = np.max(self.film.known, axis=0)
+        known = np.max([maxima for maxima in self.film.known if maxima is not None], axis=0)
         self.outflow_rate, self.max_viscosity, self.max_speed = (float(value) for value in known)
 
     def stable_dt(self, t: float = 0.0) -> float:

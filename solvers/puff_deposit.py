@@ -6,7 +6,7 @@ and those that no straight row of air cells leads to get nothing, and the others
 """
 
 from math import sqrt
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -17,9 +17,6 @@ from taichi_plume.grid.kernels import on_cpu
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.solvers.puff_list import FREE
 from taichi_plume.solvers.transport import raised
-
-if TYPE_CHECKING:
-    from taichi_plume.solvers.puffs import PuffSolver
 
 REACH = 4.0  # standard deviations to either side that are looked at
 LEAST = 0.01  # share of a cell that is air, below which it gets no gas of its own
@@ -39,13 +36,14 @@ def _below(z):
 class Deposit:
     """Deposit of a solver's puffs in the cells of the grid. Field c: [kg/m³]."""
 
-    def __init__(self, solver: "PuffSolver", air: Air, c: Field | None = None, rest: Field | None = None):
-        """solver: owner of the puffs; c: field that they are added to, a new one unless given; rest: rounding errors of
-        c.
+    def __init__(self, solver: Any, air: Air, c: Field | None = None, rest: Field | None = None):
+        """solver: `PuffSolver`, the owner of the puffs; c: field that they are added to, a new one unless given; rest:
+        rounding errors of c.
         """
         self.solver, self.grid, self.dim = solver, solver.grid, solver.dim
         self.c: Field = self.grid.field() if c is None else c
-        self.rest, self.exact = rest, rest is not None
+        self.rest: Field = rest
+        self.exact = rest is not None
         carrier = solver.wind.carrier
         self._area: Field = (carrier.area if carrier is not None else None) or ()
         self.room: Field = self.grid.field()

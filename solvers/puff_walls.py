@@ -11,7 +11,7 @@ STILL = 1e-4  # m/s: slower air does not go through a face
 
 
 @ti.data_oriented
-class Walls:
+class PuffWalls:
     """Faces of a grid's domain, closed where no air goes through, and surfaces in it (None: there are none)."""
 
     def __init__(self, grid: Grid, wind: Wind, surfaces: LevelSet | None):

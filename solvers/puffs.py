@@ -35,7 +35,7 @@ from taichi_plume.solvers.handover import Handover
 from taichi_plume.solvers.puff_deposit import Deposit
 from taichi_plume.solvers.puff_growth import Growth
 from taichi_plume.solvers.puff_list import PuffList
-from taichi_plume.solvers.puff_walls import Walls
+from taichi_plume.solvers.puff_walls import PuffWalls
 from taichi_plume.solvers.uniform import UniformSolver
 
 FLUCTUATION = 0.05  # m/s in a wind without eddies
@@ -88,7 +88,7 @@ class PuffSolver(Gas):
         self.sinks = gas.buoyancy
         self.growth = Growth(gas, grid, wind)
         self.surfaces = None if air.empty else LevelSet(air, grid)
-        self.walls = Walls(grid, wind, self.surfaces)
+        self.walls = PuffWalls(grid, wind, self.surfaces)
         self.most = gas.most
         self.puffs = PuffList(gas.most, gas.cutoff, grid, self.surfaces)
         self.stream = stream_id(f"{name} fluctuations")
@@ -141,7 +141,7 @@ class PuffSolver(Gas):
             self.puffs.merge()
         if self.handover is not None:
             self.handover.advance(t, dt)  # puffs that are handed over stay in the list until they move
-        first, born = self._born(t, dt)
+        first, born = self._new_puffs(t, dt)
         self._put(first, t + dt - born, t + dt, dt)
 
     def _put(self, rows: np.ndarray, ages: np.ndarray, t: float, dt: float) -> None:
@@ -155,7 +155,7 @@ class PuffSolver(Gas):
         self.puffs.sort(count + len(rows))
         self._step += 1
 
-    def _born(self, t: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    def _new_puffs(self, t: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Rows (x, u', variance, mass) of the new puffs, and their moments [s]."""
         rows, moments = [np.empty((0, 2 * self.dim + 2))], [np.empty(0)]
         free = self.most - self.puffs.count

@@ -139,7 +139,7 @@ class RoomFlow:
         return np.cos(angle).mean(axis=0), (slope**2).mean(axis=0) / np.cos(angle).var(axis=0)
 
 
-def followed(flow: RoomFlow, rng: np.random.Generator, step: float, steps: int) -> np.ndarray:
+def particle_paths(flow: RoomFlow, rng: np.random.Generator, step: float, steps: int) -> np.ndarray:
     """The places [m] of particles at every step [s], (steps + 1, AIRS, EACH, dim)."""
     n = AIRS * EACH
     x = flow.starts(n, rng)
@@ -201,7 +201,7 @@ def _autocovariance(series: np.ndarray, lag: int) -> float:
     return float((series[: len(series) - lag] * series[lag:]).mean())
 
 
-def measured(flow: RoomFlow, rng: np.random.Generator) -> tuple[float, float]:
+def measured_diffusivity(flow: RoomFlow, rng: np.random.Generator) -> tuple[float, float]:
     """K of a flow [m²/s] and its standard error."""
     turning = flow.turning
     if not turning:
@@ -209,4 +209,4 @@ def measured(flow: RoomFlow, rng: np.random.Generator) -> tuple[float, float]:
     longest = max(TURNS / turning, MEMORIES * flow.memory if any(flow.rolls.values()) else 0.0)
     step = STEP / turning
     steps = int(np.clip(longest / step, 60, MOST))
-    return rates(followed(flow, rng, step, steps), step, flow.extent, flow.even())
+    return rates(particle_paths(flow, rng, step, steps), step, flow.extent, flow.even())

@@ -29,7 +29,7 @@ from taichi_plume.grid.sweeps import sweep
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.species import AIR_VISCOSITY
 from taichi_plume.scenario.winds import SyntheticWind
-from taichi_plume.solvers.room_mixing import RoomFlow, air_changes, measured
+from taichi_plume.solvers.room_mixing import RoomFlow, air_changes, measured_diffusivity
 
 FRAMES_PER_PERIOD = 16  # of the fastest wave: linear in between, it loses 2 % of its amplitude
 DRAWS = 16  # of the phases, to measure the speed of unit waves
@@ -151,7 +151,7 @@ class SyntheticSolver(Carrier):
         uploader(*self.open)(*(around & np.roll(around, 1, axis=d) for d in range(grid.dim)))
         self._put = uploader(*self._after)
         self._put_eddies = uploader(self.nu)
-        self._build()
+        self._build_blending()
         self.begin(wind, t, seed)
 
     def begin(self, model: SyntheticWind, t: float, seed: int) -> None:
@@ -187,13 +187,13 @@ class SyntheticSolver(Carrier):
         self._put_eddies(self.grid.pad(nu))
 
     @ti.kernel
-    def _leave(self):
+    def _shift_frames(self):
         """Copy the frame after to the frame before."""
         for d in ti.static(range(self.dim)):
             for I in ti.grouped(self._after[d]):
                 self._before[d][I] = self._after[d][I]
 
-    def _build(self) -> None:
+    def _build_blending(self) -> None:
         """Build the kernel that interpolates u between the two frames, ghost layers included."""
 
         def of_axis(d: int):
@@ -242,7 +242,7 @@ class SyntheticSolver(Carrier):
         waves = self._waves.at(self._waves.frequency * t)
         potential = {m: self._strength * a + self._turn[m] * self._rolls[m] for m, a in waves.items()}
         velocity = self._velocity(potential)
-        self._leave()
+        self._shift_frames()
         self._put(*(self.grid.pad_faces(u, d) for d, u in enumerate(velocity)))
         self._outflow = [self._outflow[1], self.grid.largest_outflow(velocity)]
 
@@ -279,7 +279,7 @@ class SyntheticSolver(Carrier):
     def mixing(self) -> dict[str, float]:
         """Eddy diffusivity [m²/s], its standard error, and how many air changes per hour a room of this volume has that
         mixes as much (see room_mixing)."""
-        K, error = measured(self.room, generator(self._seed, "mixing of the air"))
+        K, error = measured_diffusivity(self.room, generator(self._seed, "mixing of the air"))
         mixing = {"eddy_diffusivity_m2_per_s": K, "eddy_diffusivity_error_m2_per_s": error}
         if self.dim == 3:
             mixing["as_of_air_changes_per_h"] = air_changes(K, float(self._air.sum()) * self.grid.cell_volume)

@@ -23,6 +23,7 @@ CELLS = 40
 def reconstructed(taichi):
     """Values by a scheme on the lower faces of up to CELLS periodic cells with these averages, as air of v goes by."""
     q, out = ti.field(ti.f32, CELLS + 6), {scheme: ti.field(ti.f32, CELLS + 6) for scheme in SCHEMES}
+    limited = {scheme: out[f"limited {scheme}"] for scheme in LIMITED}
     put, read = uploader(q), reader(*out.values())
 
     @ti.kernel
@@ -32,7 +33,7 @@ def reconstructed(taichi):
             for scheme in ti.static(tuple(FACE_VALUES)):
                 out[scheme][i] = FACE_VALUES[scheme](q, I, e, v, I + 2)
             for scheme in ti.static(tuple(LIMITED)):
-                out[f"limited {scheme}"][i] = LIMITED[scheme].value(q, I, e, v)
+                limited[scheme][i] = LIMITED[scheme].value(q, I, e, v)
 
     def values(scheme: str, averages: np.ndarray, v: float) -> np.ndarray:
         n = len(averages)

@@ -95,7 +95,7 @@ def test_the_particles_ride_the_flow_of_the_run(air):
 def test_they_stay_in_the_air_and_fill_it_evenly(air):
     grid, solid, wind = air
     room = wind.room
-    places = room_mixing.followed(room, np.random.default_rng(2), 1.0, 60)[-20:].reshape(-1, grid.dim)
+    places = room_mixing.particle_paths(room, np.random.default_rng(2), 1.0, 60)[-20:].reshape(-1, grid.dim)
     cells = tuple((places / grid.dx).astype(int).T)
     assert not solid[cells].any()
     halves = places < 0.5 * np.array(grid.extent)
