@@ -1,4 +1,4 @@
-"""Gaussians of unit area that walls reflect: what every gas that a formula tells is made of."""
+"""Gaussian kernels of unit area with reflecting walls (method of images), for gases with closed forms."""
 
 from collections.abc import Sequence
 from math import pi
@@ -14,7 +14,8 @@ FAR = 1e30  # m: where a wall is that is none
 
 
 def walls_along(faces: Sequence[Face], axes: np.ndarray, extent: tuple[float, ...]) -> np.ndarray:
-    """Lower and upper wall along each axis (a row of unit vectors) [m], (axes, 2), at FAR where there is none.
+    """Return the lower and upper wall along each axis (a row of unit vectors) [m], (axes, 2), at FAR where there is
+    none.
 
     faces: those of the domain that are walls.
     """

@@ -1,4 +1,4 @@
-"""Bodies that move through the air: obstacles of prescribed motion, and robots.
+"""Moving bodies in the air (immersed boundaries by penalisation): obstacles of prescribed motion, and robots.
 
 The air inside a body is made to move with it by penalisation (Angot, Bruneau & Fabrie 1999,
 doi:10.1007/s002110050401): a force (v - u) r, implicit in u, of a rate that grows without bound towards the inside.
@@ -12,11 +12,11 @@ its form drag, C_d/2 (v - u)|v - u| per frontal area, spread evenly over its dis
 
 from dataclasses import dataclass
 from math import cos, inf, prod, radians, sin
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.fields import Faces, Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import Numbers, uploader
@@ -30,7 +30,7 @@ DRAG = 1.0  # drag coefficient of a squat upright cylinder on the ground
 
 @dataclass(frozen=True)
 class Outline:
-    """What a body covers: all that is within `radius` [m] of a rectangle of half widths `half` [m] (0, 0: a disc) that
+    """Outline of a body: all points within `radius` [m] of a rectangle of half widths `half` [m] (0, 0: a disc) that
     is turned by `yaw` [rad], from `low` to `high` [m]; ball: whether it is round in the third direction too.
     """
 
@@ -44,7 +44,7 @@ class Outline:
 
 @ti.data_oriented
 class Bodies:
-    """Bodies of one outline; satisfies `resistance.Resistance` once `advance` is defined.
+    """Bodies of one outline; satisfies `screens.Resistance` once `advance` is defined.
 
     open: face fields, 1 where the velocity is solved for. place [m] and velocity [m/s]: fields of 2-vectors that others
     keep up to date; the bodies are entries first to first + count. ball: see `Outline`; permeable: whether they let air
@@ -54,10 +54,10 @@ class Bodies:
     def __init__(
         self,
         grid: Grid,
-        place: Any,
-        velocity: Any,
+        place: Field,
+        velocity: Field,
         count: int,
-        open: tuple[Any, ...],
+        open: Faces,
         first: int = 0,
         ball: bool = False,
         permeable: bool = False,
@@ -69,14 +69,14 @@ class Bodies:
         self.n = Numbers("radius", "middle", "half_height", "drag", "pace")
         """pace: 1/dt [1/s]; 0 while the bodies are not there."""
         self.half, self.turn = (ti.Vector.field(2, ti.f32, ()) for _ in range(2))
-        self.reach: Any = ti.Vector.field(grid.dim, ti.f32, ())
+        self.reach: Field = ti.Vector.field(grid.dim, ti.f32, ())
         """Half sizes of the box around a body [m]."""
-        self.block: Any = ti.Vector.field(grid.dim, ti.i32, ())
+        self.block: Field = ti.Vector.field(grid.dim, ti.i32, ())
         """Faces of a box half a cell wider, per axis."""
         self._put = uploader(self.half, self.turn, self.reach, self.block)
 
     def shape(self, outline: Outline, drag: float = 0.0) -> None:
-        """Give them an outline; drag: force per mass over the square of the relative speed [1/m], if permeable."""
+        """Set the outline; drag: force per mass over the square of the relative speed [1/m], if permeable."""
         top = self.grid.extent[2] if self.dim == 3 else 1.0
         margin = 0.0 if self.ball else self.grid.dx  # where it stands on the floor no air may slip under it
         low = outline.low - margin if outline.low <= 0 else outline.low
@@ -119,8 +119,8 @@ class Bodies:
         return ti.math.clamp(0.5 - self.distance(x, b) / self.grid.dx, 0.0, SOLID)
 
     @ti.func
-    def is_next(self, x: Template, b, share):
-        """Whether of all bodies b has the largest share at x, so that no face is written twice."""
+    def has_largest_share(self, x: Template, b, share):
+        """Return 1 if body b has the largest share at x, so that no face is written twice; else 0."""
         result = 1
         for other in range(self.first, self.first + self.count):
             if other != b:
@@ -166,7 +166,7 @@ class Bodies:
         if inside == 1 and self.n.pace[None] > 0.0:
             share = self.share(x, b)
             if share > 0.0 and self.open[d][I] > 0.0:
-                mine = self.is_next(x, b, share)
+                mine = self.has_largest_share(x, b, share)
                 if mine == 1:
                     v = 0.0
                     if ti.static(d < 2):
@@ -193,17 +193,17 @@ class Bodies:
 
 
 class MovingObstacle(Bodies):
-    """A cylinder, sphere or box of prescribed motion. At the end of each step it is where it ought to be."""
+    """A cylinder, sphere or box of prescribed motion. The position is exact at the end of each step."""
 
-    def __init__(self, model: Obstacle, grid: Grid, open: tuple[Any, ...]):
-        place: Any = ti.Vector.field(2, ti.f32, 1)
-        velocity: Any = ti.Vector.field(2, ti.f32, 1)
+    def __init__(self, model: Obstacle, grid: Grid, open: Faces):
+        place: Field = ti.Vector.field(2, ti.f32, 1)
+        velocity: Field = ti.Vector.field(2, ti.f32, 1)
         super().__init__(grid, place, velocity, 1, open, ball=model.kind == "sphere" and grid.dim == 3)
         self._move = uploader(place, velocity)
         self.begin(model)
 
     def begin(self, model: Obstacle) -> None:
-        """Take its outline and its way from the scenario."""
+        """Set outline and motion."""
         self.shape(outline(model, self.dim))
         motion = model.motion
         assert motion is not None
@@ -216,7 +216,7 @@ class MovingObstacle(Bodies):
         self.n.set(pace=1.0 / dt)
 
     def fastest(self, t: float) -> float:
-        """Its largest speed [m/s] from t to HORIZON later; of a loop that of all its legs."""
+        """Return the largest speed [m/s] from t to t + HORIZON; of a loop that of all path segments."""
         legs = self.motion.legs(self.center)
         return max(
             (speed for a, b, speed in legs if self.motion.loop or (a < t + HORIZON and t <= b)), default=0.0
@@ -232,13 +232,13 @@ class Wake(Bodies):
     """
 
     def __init__(
-        self, body: Body, grid: Grid, place: Any, velocity: Any, first: int, count: int, open: tuple[Any, ...]
+        self, body: Body, grid: Grid, place: Field, velocity: Field, first: int, count: int, open: Faces
     ):
         super().__init__(grid, place, velocity, count, open, first, permeable=grid.dim == 2)
         self.begin(body)
 
     def begin(self, body: Body) -> None:
-        """Take size and speed from the scenario."""
+        """Set size and speed."""
         drag = 0.0
         if self.permeable:  # frontal area over the volume of the disc through the whole slab, times C_d/2
             drag = DRAG * min(body.height / self.grid.depth, 1.0) / (np.pi * body.radius)
@@ -246,7 +246,7 @@ class Wake(Bodies):
         self.max_speed = body.max_speed
 
     def advance(self, t: float, dt: float) -> None:
-        """The swarm moves them; before t = 0 they are not there yet."""
+        """Set the rate of the step; the swarm moves the robots, which are absent before t = 0."""
         self.n.set(pace=1.0 / dt if t > -1e-9 else 0.0)
 
     def fastest(self, t: float) -> float:
@@ -254,7 +254,7 @@ class Wake(Bodies):
 
 
 def outline(model: Obstacle, dim: int) -> Outline:
-    """Of an obstacle that can move."""
+    """Return the outline of an obstacle that can move."""
     match model.kind:
         case "box":
             low, high = 0.0, inf

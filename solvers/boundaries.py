@@ -1,18 +1,18 @@
 """Boundary conditions of the air: per boundary face a prescribed velocity (Dirichlet) or an ambient pressure.
 
-Every boundary face has, per velocity component, a target V and a mirror factor, which `ghosts` turns into what lies
-beyond the face. The component through it is either prescribed (V) or free, with the ambient pressure outside. The
+Every boundary face has, per velocity component, a target V and a mirror factor, which `ghosts` turns into values beyond
+the face. The component through it is either prescribed (V) or free, with the ambient pressure outside. The
 targets along the face lie on the staggered grid, between the boundary face and the one below it.
 """
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from math import prod
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import uploader
@@ -24,11 +24,11 @@ from taichi_plume.solvers.patches import VENTS, JetPatch, Patch, patch_of
 AIR_DENSITY = 1.184  # kg/m³ at 25 °C
 HORIZON = 1.0  # s: a step is never longer
 MIRRORS = {"wall": -1.0, "slip": 1.0, "outlet": 1.0, "honeycomb": 0.0}
-"""By the kind of an opening that does not blow; what does has 0."""
+"""Mirror factors by the kind of an opening that does not blow; of those that blow it is 0."""
 
 
 def curve_of(opening: Opening) -> FanCurve | None:
-    """The curve of a fan that has one."""
+    """Return the curve of a fan, None for other openings."""
     return opening.curve if opening.kind == "fan" else None
 
 
@@ -37,7 +37,7 @@ class Boundaries:
     """Targets, mirror factors and ambient pressure of all boundary faces.
 
     patches: where the openings lie, with the openings as they are at present; jets: those of them that blow.
-    To be begun once `tables` are uploaded.
+    `begin` needs `tables` to be uploaded.
     """
 
     STATE = (
@@ -78,7 +78,7 @@ class Boundaries:
         self.is_free = self._kinds(tables)
         self.has_loss = any(p.kind == "honeycomb" and p not in self.jets for p in self.patches)
         self._put = uploader(*self.target, *self.loss)
-        # what blows may change in every step
+        # jets and walls may change in every step
         changing = {p.axis for p in self.patches if p in self.jets or p.kind == "wall"}
         self._put_targets = {d: uploader(self.target[d]) for d in sorted(changing)}
 
@@ -88,12 +88,12 @@ class Boundaries:
 
     @staticmethod
     def _face(array: np.ndarray, patch: Patch) -> np.ndarray:
-        """The view of a boundary array on a patch's face."""
+        """Return the view of a boundary array on a patch's face."""
         return np.moveaxis(array, patch.axis, 0)[patch.side]
 
     def _spread_indices(self, d: int) -> np.ndarray:
-        """For each face of axis d, ghost layers of the other axes included, the flat index of the inner face that it
-        repeats.
+        """Return for each face of axis d, ghost layers of the other axes included, the flat index of the inner face
+        that it repeats.
         """
         result = np.arange(prod(self._inner[d])).reshape(self._inner[d])
         for a in range(self.dim):
@@ -103,11 +103,11 @@ class Boundaries:
         return result
 
     def spread(self, array: np.ndarray, d: int) -> np.ndarray:
-        """A boundary array of axis d, spread over the ghost layers of the other axes."""
+        """Return a boundary array of axis d, spread over the ghost layers of the other axes."""
         return array.reshape(-1, *array.shape[self.dim :])[self._repeats[d]]
 
     def _kinds(self, tables: Tables) -> list[np.ndarray]:
-        """Set how velocities are mirrored, and which faces are free, as their kinds of opening say.
+        """Set the mirror factors and the free faces by the kinds of the openings.
 
         Returns the free faces per axis, ghost layers included.
         """
@@ -127,7 +127,7 @@ class Boundaries:
         return spread
 
     def begin(self, openings: tuple[Opening, ...], seed: int) -> None:
-        """Blow as the openings say before the first step."""
+        """Set the boundary conditions before the first step."""
         self._openings: list[Fan | Inlet | Honeycomb] = []  # of the jets
         self._swirl: list[dict[int, np.ndarray]] = []
         self._sliding: list[tuple[MovingWall, Patch]] = []
@@ -175,29 +175,29 @@ class Boundaries:
         return float(self.jets[n].profile.max()) + swirl + 3.0 * self._openings[n].turbulence_intensity
 
     def speeds(self, t: float) -> list[float]:
-        """Mean speed [m/s] of each jet at time t; fans with a curve have theirs."""
+        """Mean speed [m/s] of each jet at time t; fans with a curve have a state of their own."""
         return [
             self.curved[n].speed if n in self.curved else opening.speed_at(t)
             for n, opening in enumerate(self._openings)
         ]
 
-    def advance(self, p: Any, t: float, dt: float) -> None:
-        """Go on from time t [s] by dt [s]; p: field of the pressure, which fans with a curve feel."""
+    def advance(self, p: Field, t: float, dt: float) -> None:
+        """Advance from t to t + dt [s]. p: pressure field, which sets the operating point of fans with a curve."""
         for fan in self.curved.values():
             fan.advance(p, dt)
         self.update(t + dt, dt)
 
     def update(self, t: float, dt: float) -> None:
-        """Blow with the speeds of time t; the fluctuations move on by dt, and walls slide as they do in it on the mean.
+        """Set the targets for time t; inflow turbulence advances by dt, walls have their mean velocity over dt.
 
-        Prescribed velocities grow within a step, but those along a face act through all of it.
+        Velocities through a face change linearly within a step, those along it are constant.
         """
-        slid = self._slide(t - dt, t)
-        if self._blow(self.speeds(t), dt, slid):
+        slid = self._set_wall_velocities(t - dt, t)
+        if self._set_targets(self.speeds(t), dt, slid):
             self.upload_targets()
 
-    def _slide(self, begin: float, end: float) -> bool:
-        """Let walls move with their mean velocities between two times [s]. Returns whether they move otherwise now."""
+    def _set_wall_velocities(self, begin: float, end: float) -> bool:
+        """Set the mean velocities of walls between two times [s]. Return whether any has changed."""
         changed = False
         for wall, p in self._sliding:
             face = self._face(self._wall_velocities[p.axis], p)
@@ -209,8 +209,8 @@ class Boundaries:
         return changed
 
     def _along_walls(self, d: int) -> np.ndarray:
-        """Targets that the walls alone set on the faces of axis d: along the face the mean of the velocities of the two
-        boundary faces that a target lies between.
+        """Return the targets that the walls alone set on the faces of axis d: along the face the mean of the velocities
+        of the two boundary faces that a target lies between.
         """
         target = self._wall_velocities[d].copy()
         for c in range(self.dim):
@@ -219,24 +219,26 @@ class Boundaries:
         return target
 
     def _below(self, values: np.ndarray, axis: int) -> np.ndarray:
-        """Values of the boundary faces below, along an axis; the first one's are those of the last, or its own."""
+        """Return the values of the boundary faces below, along an axis; of the first face those of the last, or its
+        own.
+        """
         first = -1 if self.grid.periodic[axis] else 0
         return np.concatenate([np.take(values, [first], axis), np.delete(values, -1, axis)], axis)
 
-    def measure_inertia(self, pressure_of: Callable[[], Any]) -> None:
-        """Let each fan with a curve know what the air in front of it weighs.
+    def measure_inertia(self, pressure_of: Callable[[], Field]) -> None:
+        """Measure the inertia of the air in front of each fan with a curve.
 
         pressure_of: gives the field phi that makes the flow divergence-free; the pressure is dx/dt phi.
         """
         for n, fan in self.curved.items():
-            self._blow([float(m == n) for m in range(len(self.jets))], 0.0)
+            self._set_targets([float(m == n) for m in range(len(self.jets))], 0.0)
             self.upload_targets()
             fan.inertia = max(0.0, self.grid.dx * fan.mean(pressure_of()))
         if self.curved:
             self.update(-np.inf, 0.0)
 
-    def _blow(self, speeds: list[float], dt: float, slid: bool = False) -> bool:
-        """Set the targets of what blows with these mean speeds. Returns whether they may be others now.
+    def _set_targets(self, speeds: list[float], dt: float, slid: bool = False) -> bool:
+        """Set the targets of jets with these mean speeds. Return whether they may have changed.
 
         slid: whether the velocity of a wall has changed.
         """
@@ -258,7 +260,7 @@ class Boundaries:
         return True
 
     def upload_targets(self) -> None:
-        """Take the targets over from the host, of the axes along which openings blow or walls slide."""
+        """Upload the targets of the axes along which openings blow or walls slide."""
         for d, put in self._put_targets.items():
             put(self.spread(self._targets[d], d))
 
@@ -275,7 +277,8 @@ class Boundaries:
         return result
 
     def trapped(self, regions: np.ndarray) -> list[int]:
-        """Numbers of the openings whose air cannot leave: they blow into a region without an outlet or a balance.
+        """Return the numbers of the openings whose air cannot leave: they blow into a region without an outlet or a
+        balance.
 
         regions: of grid.shape, equal numbers where air is connected.
         """
@@ -295,7 +298,8 @@ class Boundaries:
             flows = np.array(
                 [[s * o.speed_at(t) for s, o in zip(shares, openings, strict=True)] for t in times]
             )
-            curved = any(m in self.curved for m in here)  # no speed of another's balances it
+            # no speed of another jet balances a fan with a curve
+            curved = any(m in self.curved for m in here)
             if curved or np.any(np.abs(flows.sum(axis=1)) > 1e-6 * np.abs(flows).sum(axis=1)):
                 result |= {jets[m][0] for m in here}
         return sorted(result)

@@ -1,4 +1,4 @@
-"""Direct solution of the Poisson equation of the projection in a box with obstacles.
+"""Direct solution of the Poisson equation in a box with obstacles: the capacitance matrix method.
 
 In the K cells of air beside obstacles, A, and in all others B, the equations of the empty box, is solved. The rows of
 C = A - B that are not empty are these K. What they miss counts as sources s in their cells:
@@ -11,13 +11,13 @@ Comp. 33, 849-879). In closed-off cells x continues harmonically, unseen by the 
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.solvers.direct import Balance, FastTransforms, Window, angles
 from taichi_plume.solvers.poisson import Openness
@@ -45,10 +45,10 @@ class Changes:
 
     @staticmethod
     def of(openness: Openness, grid: Grid) -> "Changes":
-        """Of each side of the domain, what most of its air meets is the box's."""
+        """Return the changes from the box whose sides are as most of the air at each side of the domain."""
         faces = [_faces(openness, d) for d in range(grid.dim)]
         total = int(np.prod(openness.shape))
-        air = np.zeros(total + 1, bool)  # the last stands for what is outside
+        air = np.zeros(total + 1, bool)  # the last entry stands for the outside
         for a, ends in faces:
             air[ends[a > 0]] = True
         air[-1] = False
@@ -65,7 +65,7 @@ class Changes:
             more.append(a - box)
         a, ends, more = (np.concatenate(x) for x in ([f[0] for f in faces], [f[1] for f in faces], more))
         changed = np.flatnonzero((np.abs(more) > 1e-6) & (ends[:, 0] != ends[:, 1]) & air[ends].any(axis=1))
-        # where nothing differs, the transforms leave out what cannot be solved
+        # without changes, the transforms leave out the mean, which cannot be solved for
         part, floating = _parts(ends[a > 0] if len(changed) else ends[:0], air[:-1])
         first = np.zeros(len(floating), int)
         first[part[::-1]] = np.flatnonzero(air)[::-1]
@@ -118,7 +118,7 @@ class GreensFunction:
     """
 
     def __init__(self, box: FastTransforms):
-        # what lies in one line along the last axis shares two of three steps: it is the shortest one
+        # cells in one line along the last axis share two of three steps: it is the shortest one
         self.order = sorted(range(len(box.kinds)), key=lambda d: -box.grid.shape[d])
         self.kinds = [box.kinds[d] for d in self.order]
         table = (1.0 / box.eigenvalues).transpose(self.order)
@@ -135,16 +135,19 @@ class GreensFunction:
         self.lines = np.ascontiguousarray(table).reshape(-1, self.height)
 
     def __call__(self, cells: np.ndarray, sources: np.ndarray) -> np.ndarray:
-        """In cells (P, dim), for sources in cells (Q, dim): (P, Q)."""
+        """Return the solutions in cells (P, dim) for unit sources in cells (Q, dim): (P, Q)."""
         (i, row, p), (j, column, q) = (_in_lines(x[:, self.order]) for x in (cells, sources))
         steps = [_images(kind, i[:, d], j[:, d]) for d, kind in enumerate(self.kinds[:2])]
-        between: Any = sum(s * t * self.lines[m * self.length + n] for (s, m), (t, n) in product(*steps))
+        between = np.asarray(
+            sum(s * t * self.lines[m * self.length + n] for (s, m), (t, n) in product(*steps))
+        )
         first = (row[:, None] * len(j) + column) * self.height
-        result: Any = sum(s * between.reshape(-1)[first + m] for s, m in _images(self.kinds[2], p, q))
-        return result
+        return np.asarray(sum(s * between.reshape(-1)[first + m] for s, m in _images(self.kinds[2], p, q)))
 
     def apply(self, matrix: sp.csr_array, cells: np.ndarray, sources: np.ndarray) -> np.ndarray:
-        """matrix times the function in cells (P, dim) for sources in cells (Q, dim), as many as matrix has rows."""
+        """Return the matrix times the function in cells (P, dim) for sources in cells (Q, dim), as many as matrix has
+        rows.
+        """
         result = np.empty((len(sources), len(sources)))
         by_line = np.lexsort(sources[:, self.order[::-1]].T)
         blocks = -(-len(sources) * len(cells) * self.height // ENTRIES)
@@ -195,7 +198,7 @@ class Capacitance:
         # single precision will do: its condition is 30
         self.inverse = scipy.linalg.inv(matrix.astype(np.float32), overwrite_a=True, check_finite=False)
 
-    def solve(self, b: Any, phi: Any, tolerance: float) -> None:
+    def solve(self, b: Field, phi: Field, tolerance: float) -> None:
         """Set the inner cells of field phi to the solution for field b; exact to rounding, whatever the tolerance."""
         del tolerance
         right = self.grid.read(b).T

@@ -1,21 +1,20 @@
-"""Pressure projection, which keeps the air incompressible: divergence of each cell, and the pressure that removes it.
+"""Continuity equation: divergence of each cell, and the pressure projection that removes it (incompressible flow).
 
     div u = 0,   u -= a dphi/dx,   p += dphi dx/dt
 
 phi, a velocity potential in units of dx, solves the Poisson equation (see `poisson`) of the flow's divergence.
 """
 
-from typing import Any
-
 import taichi as ti
 
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.kernels import Template
 from taichi_plume.solvers.momentum import Momentum
 
 
 @ti.func
 def net_inflow(m: Template, I):
-    """Into cell I over a face's area [m/s]."""
+    """Return the net inflow into cell I over a face's area [m/s]: the divergence times -dx."""
     total = 0.0
     for d in ti.static(range(m.dim)):
         above = I + ti.Vector.unit(m.dim, d, ti.i32)
@@ -28,18 +27,18 @@ def net_inflow(m: Template, I):
 
 @ti.func
 def corrected(m: Template, phi: Template, I, d: Template):
-    """u_d [m/s] at face I less the gradient of phi, as far as pressure moves the air there."""
+    """Return u_d [m/s] at face I less the gradient of phi, in proportion to the openness of the face."""
     return m.u[d][I] - m.open[d][I] * (phi[I] - phi[I - ti.Vector.unit(m.dim, d, ti.i32)])
 
 
 @ti.func
 def increased(m: Template, phi: Template, I, dt: float):
-    """p [m²/s²] of cell I with what the step of dt [s] has added to it."""
+    """Return p [m²/s²] of cell I, increased by the projection over a time dt [s]."""
     return m.p[I] + (m.dx / dt) * phi[I]
 
 
-def correction(m: Momentum, phi: Any, d: int):
-    """`corrected` as the formula of a sweep over the d-faces."""
+def correction(m: Momentum, phi: Field, d: int):
+    """Return `corrected` as the formula of a sweep over the d-faces."""
 
     @ti.func
     def formula(I, dt, k):

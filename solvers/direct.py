@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from threadpoolctl import ThreadpoolController
 
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import FEW_CELLS
 from taichi_plume.solvers.poisson import Openness
@@ -19,7 +20,8 @@ DENSE = 100  # cells of an axis up to which a product with a matrix takes less t
 
 
 class Balance:
-    """What cells lose where a right side can only be met without a net source: its mean in each such part of them.
+    """Mean of the right side in each closed part of the air, where the equations are only solvable without a net
+    source.
 
     part: number of the part that each cell belongs to; floating: whether phi = 0 nowhere touches the part.
     """
@@ -30,7 +32,7 @@ class Balance:
         self.size = np.maximum(np.bincount(part, minlength=len(floating)), 1)
 
     def excess(self, right: np.ndarray) -> np.ndarray:
-        """To be taken from the right side (cells,)."""
+        """Return the part to subtract from the right side (cells,)."""
         mean = np.bincount(self.part, right, len(self.floating)) / self.size
         return np.where(self.floating, mean, 0.0)[self.part]
 
@@ -55,7 +57,7 @@ class SparseFactors:
         self.lu = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
         self.iterations = 1
 
-    def solve(self, b: Any, phi: Any, tolerance: float) -> None:
+    def solve(self, b: Field, phi: Field, tolerance: float) -> None:
         """Set the inner cells of field phi to the solution for field b; exact, whatever the tolerance."""
         del tolerance
         right = self.grid.read(b).ravel(order="F")[self.air].astype(np.float64)
@@ -108,28 +110,28 @@ class FastTransforms:
         """The transform along axis d, which does not wrap round, and its inverse."""
         odd, kind = _type(self.kinds[d])
         make = (scipy.fft.dst, scipy.fft.idst) if odd else (scipy.fft.dct, scipy.fft.idct)
-        return [one(np.eye(self.grid.shape[d]), kind, axis=0).astype(np.float32) for one in make]
+        return [transform(np.eye(self.grid.shape[d]), kind, axis=0).astype(np.float32) for transform in make]
 
-    def forward(self, x: Any) -> Any:
+    def forward(self, x: np.ndarray) -> np.ndarray:
         """The amplitudes of the modes in x, f32 of the grid's shape reversed; x may be overwritten."""
         for d, (there, _) in self.dense.items():
             x = along(there, x, d)
         for (odd, kind), axes in self.transforms.items():
-            x = (scipy.fft.dstn if odd else scipy.fft.dctn)(x, kind, None, axes, **self.options)
-        return scipy.fft.rfftn(x, None, self.wrapped, workers=self.workers) if self.wrapped else x
+            x = np.asarray((scipy.fft.dstn if odd else scipy.fft.dctn)(x, kind, None, axes, **self.options))
+        return np.asarray(scipy.fft.rfftn(x, None, self.wrapped, workers=self.workers)) if self.wrapped else x
 
-    def backward(self, x: Any) -> Any:
+    def backward(self, x: np.ndarray) -> np.ndarray:
         """The inverse of `forward`; x may be overwritten."""
         if self.wrapped:
             shape = [self.grid.shape[::-1][d] for d in self.wrapped]
-            x = scipy.fft.irfftn(x, shape, self.wrapped, **self.options)
+            x = np.asarray(scipy.fft.irfftn(x, shape, self.wrapped, **self.options))
         for (odd, kind), axes in self.transforms.items():
-            x = (scipy.fft.idstn if odd else scipy.fft.idctn)(x, kind, None, axes, **self.options)
+            x = np.asarray((scipy.fft.idstn if odd else scipy.fft.idctn)(x, kind, None, axes, **self.options))
         for d, (_, back) in self.dense.items():
             x = along(back, x, d)
         return x
 
-    def solve(self, b: Any, phi: Any, tolerance: float) -> None:
+    def solve(self, b: Field, phi: Field, tolerance: float) -> None:
         """Set the inner cells of field phi to the solution for field b; exact to rounding, whatever the tolerance."""
         del tolerance
         with self.blas.limit(limits=1):
@@ -139,12 +141,12 @@ class FastTransforms:
 
 
 def _type(kind: str) -> tuple[bool, int]:
-    """Whether the modes are odd at the lower end of an axis, and the type of their transform."""
+    """Return whether the modes are odd at the lower end of an axis, and the type of their transform."""
     return kind.startswith("free"), 4 if "-" in kind else 2
 
 
 class Window:
-    """Some places of a box: what waves are there, and what waves sources there make.
+    """Transforms between the modes of a box and some of its cells.
 
     By dense matrices over the rows, columns and layers that have such places, and for these only; where an axis wraps
     round, by transforms of the whole box.
@@ -169,21 +171,21 @@ class Window:
 
     @staticmethod
     def _place(cells: np.ndarray, used: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
-        """Numbers of cells in the array of what is used."""
+        """Return the numbers of cells in the array of used rows, columns and layers."""
         where = np.unravel_index(cells, shape, order="F")
         inside = [np.searchsorted(u, w) for u, w in zip(used, where, strict=True)]
         return np.ravel_multi_index(inside, [len(u) for u in used], order="F")
 
-    def values(self, waves: Any) -> np.ndarray:
-        """In the cells."""
+    def values(self, waves: np.ndarray) -> np.ndarray:
+        """Return the values in the cells of modes with these amplitudes."""
         if self.whole:
             return self.box.backward(waves.copy()).reshape(-1)[self.cells]
         for d, matrix in enumerate(self.back):
             waves = along(matrix, waves, d)
         return waves.reshape(-1)[self.cells]
 
-    def waves(self, sources: np.ndarray) -> Any:
-        """Amplitudes of the modes."""
+    def waves(self, sources: np.ndarray) -> np.ndarray:
+        """Return the amplitudes of the modes that sources make."""
         x = np.zeros(self.box.grid.shape[::-1] if self.whole else self.shape, np.float32)
         x.reshape(-1)[self.sources] = sources
         if self.whole:

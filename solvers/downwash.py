@@ -13,10 +13,10 @@ and the body itself is no obstacle to the air.
 """
 
 from math import pi, prod, sqrt
-from typing import Any
 
 import taichi as ti
 
+from taichi_plume.grid.fields import Faces, Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import Numbers, uploader
@@ -30,7 +30,7 @@ AHEAD_LEFT = 0.25 * pi  # of the first rotor
 
 @ti.data_oriented
 class Downwash:
-    """The rotors of the drones of a group, put there at t = 0; satisfies `resistance.Resistance`, in 3-D.
+    """The rotors of the drones of a group, put there at t = 0; satisfies `screens.Resistance`, in 3-D.
 
     place (2,) [m], heading [rad], altitude [m], acceleration (3,) [m/s²]: fields that others keep up to date; the
     drones are entries first to first + count. open: face fields, 1 where the velocity is solved for.
@@ -40,32 +40,30 @@ class Downwash:
         self,
         body: Body,
         grid: Grid,
-        place: Any,
-        heading: Any,
-        altitude: Any,
-        acceleration: Any,
+        place: Field,
+        heading: Field,
+        altitude: Field,
+        acceleration: Field,
         first: int,
         count: int,
-        open: tuple[Any, ...],
+        open: Faces,
     ):
         self.grid, self.open, self.first, self.count = grid, open, first, count
         self.place, self.heading, self.altitude, self.acceleration = place, heading, altitude, acceleration
         self.rotors = body.rotors or 1
         self.n = Numbers("mass", "radius", "arm", "height", "runs")
         """runs: whether the rotors turn, 1 or 0."""
-        self.hub: Any = ti.Vector.field(3, ti.f32, count * self.rotors)  # middles of the discs [m]
-        self.push: Any = ti.Vector.field(
-            3, ti.f32, count * self.rotors
-        )  # acceleration of a face of weight 1 [m/s²]
-        self.reach: Any = ti.Vector.field(3, ti.f32, ())
+        # middles of the discs [m]; acceleration of a face of weight 1 [m/s²]
+        self.hub, self.push = (ti.Vector.field(3, ti.f32, count * self.rotors) for _ in range(2))
+        self.reach: Field = ti.Vector.field(3, ti.f32, ())
         """Half sizes of the box around the discs of a drone [m]."""
-        self.block: Any = ti.Vector.field(3, ti.i32, ())
+        self.block: Field = ti.Vector.field(3, ti.i32, ())
         """Faces of it per axis."""
         self._put = uploader(self.reach, self.block)
         self.begin(body)
 
     def begin(self, body: Body) -> None:
-        """Take mass and measures from the scenario."""
+        """Set mass and dimensions."""
         dx = self.grid.dx
         mass, arm = body.mass or 0.0, body.arm or 0.0
         radius = max(body.rotor_radius or 0.0, LEAST_RADIUS * dx)
@@ -81,17 +79,17 @@ class Downwash:
         self.jet = sqrt(2.0 * thrust / (AIR_DENSITY * disc))  # m/s, of the far wake
 
     def advance(self, t: float, dt: float) -> None:
-        """Weigh the faces around the rotors where they are now; before t = 0 they are not there yet."""
+        """Compute the forces on the faces around the rotors; before t = 0 the drones are absent."""
         self.n.set(runs=float(t > -1e-9))
         if t > -1e-9:
-            self._weigh()
+            self._compute_forces()
 
     def fastest(self, t: float) -> float:
         """The speed of the far wake at the largest thrust [m/s]."""
         return self.jet if t > -1e-9 else 0.0
 
     @ti.kernel
-    def _weigh(self):
+    def _compute_forces(self):
         for r in range(self.count * self.rotors):
             b = self.first + r // self.rotors
             angle = self.heading[b] + AHEAD_LEFT + 2.0 * pi * (r % self.rotors) / self.rotors
@@ -133,7 +131,7 @@ class Downwash:
 
     @ti.func
     def _apart(self, x, middle):
-        """From a point to another [m], the short way where the box is periodic."""
+        """Return the vector between two points [m], the short way where the box is periodic."""
         apart = x - middle
         for e in ti.static(range(3)):
             if ti.static(self.grid.periodic[e]):
@@ -143,7 +141,7 @@ class Downwash:
 
     @ti.func
     def _weight(self, x, hub):
-        """How much of the disc around a hub is at a face at x, up to a factor that all its faces share."""
+        """Return the share of the disc around a hub at a face at x, up to a factor that all faces have in common."""
         apart = self._apart(x, hub)
         off = ti.sqrt(apart[0] * apart[0] + apart[1] * apart[1])
         covered = ti.math.clamp(0.5 + (self.n.radius[None] - off) / self.grid.dx, 0.0, 1.0)
@@ -154,16 +152,16 @@ class Downwash:
         for d in ti.static(range(3)):
             block = self.block[None]
             for K in ti.grouped(ti.ndrange(self.count, block[0], block[1], block[2])):
-                self._blow(u, d, K, dt)
+                self._push_face(u, d, K, dt)
 
     @ti.func
     def _middle(self, b):
-        """Of the rotors of the b-th drone [m]."""
+        """Return the middle of the rotors of the b-th drone [m]."""
         p = self.place[self.first + b]
         return ti.Vector([p[0], p[1], self.altitude[self.first + b] + self.n.height[None]])
 
     @ti.func
-    def _blow(self, u: Template, d: Template, K: Template, dt):
+    def _push_face(self, u: Template, d: Template, K: Template, dt):
         """Push face component d at place K[1:] of the block of drone K[0], for all drones at once: for the first one
         in whose block it lies, so that no face is written twice.
         """

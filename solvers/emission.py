@@ -1,9 +1,12 @@
-"""When and how much a source emits."""
+"""Emission of sources: rate over time, pulses, evaporation from dishes, and the puffs that are released."""
+
+from math import ceil
 
 import numpy as np
 
 from taichi_plume.grid.fields import Wind
 from taichi_plume.grid.rng import generator
+from taichi_plume.scenario.gases import PuffGas
 from taichi_plume.scenario.sources import Source
 from taichi_plume.scenario.species import Species
 from taichi_plume.solvers.evaporation import Evaporation, speed_over
@@ -12,16 +15,16 @@ INTERVAL = 0.1  # s: how often a dish feels the wind
 
 
 class Emission:
-    """When a source emits: its start and stop, and pulses of random length; and its rate, which may be a dish's."""
+    """Emission rate of a source: start, stop, pulses of random length, and evaporation if the source is a dish."""
 
     STATE = ("pulses", "rng", "_dish_rate", "_due")
 
     def __init__(self, name: str, wind: Wind | None = None):
-        """name: of the random stream; wind: over a dish. To be begun by its owner."""
+        """name: of the random stream; wind: over a dish. The owner calls `begin`."""
         self.name, self.wind = name, wind
 
     def begin(self, source: Source, t: float, seed: int, species: Species | None = None) -> None:
-        """t: begin of the run [s]; species: what is in a dish."""
+        """t: start of the run [s]; species: liquid in a dish."""
         self.source = source
         self.evaporation = None
         if source.dish is not None:
@@ -66,3 +69,57 @@ class Emission:
             self._dish_rate = self.evaporation.rate(speed)
             self._due = t + INTERVAL
         return self._dish_rate
+
+
+class Portions:
+    """Puffs of a source: each holds what the source has emitted since the puff before."""
+
+    STATE = ("emission", "rng", "pending", "_next")
+
+    def __init__(self, name: str, wind: Wind):
+        """name: of the random streams; wind: over a dish. The owner calls `begin`."""
+        self.name = name
+        self.emission = Emission(name, wind)
+
+    def begin(self, source: Source, gas: PuffGas, t: float, seed: int) -> None:
+        """t: start of the run [s]."""
+        self.source = source
+        self.rate, self.poisson = gas.release_rate, gas.poisson
+        self.emission.begin(source, t, seed, gas.vapour)
+        self.rng = generator(seed, f"{self.name} puffs")
+        self.pending = 0.0  # kg, emitted but not yet in a puff
+        self._next = t + self._intervals(1)[0]
+
+    def _intervals(self, n: int) -> np.ndarray:
+        return self.rng.exponential(1.0 / self.rate, n) if self.poisson else np.full(n, 1.0 / self.rate)
+
+    def _moments(self, end: float) -> np.ndarray:
+        """Return the times up to `end` [s] at which puffs are released."""
+        moments = [np.empty(0)]
+        while self._next <= end:
+            intervals = self._intervals(ceil((end - self._next) * self.rate) + 1)
+            ahead = self._next + np.cumsum(np.concatenate([[0.0], intervals]))
+            due = int(np.searchsorted(ahead, end, side="right"))
+            moments.append(ahead[:due])
+            self._next = ahead[min(due, len(intervals))]
+            if due > len(intervals):
+                moments[-1] = moments[-1][:-1]  # it is the first of the next lot
+        return np.concatenate(moments)
+
+    def puffs(self, t: float, dt: float) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return times [s] and masses [kg] of the puffs between t and t + dt, and the total emission [kg]."""
+        moments = self._moments(t + dt)
+        emitted = self.emission.masses(np.concatenate([[t], moments, [t + dt]]))
+        masses = emitted[:-1].copy()
+        if len(masses):
+            masses[0] += self.pending
+            self.pending = 0.0
+        self.pending += emitted[-1]
+        return moments[masses > 0.0], masses[masses > 0.0], float(emitted.sum())
+
+    def places(self, n: int, dim: int) -> np.ndarray:
+        """Draw random positions in the ball [m], (n, dim)."""
+        direction = self.rng.standard_normal((n, dim))
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        radius = self.source.radius * self.rng.random((n, 1)) ** (1 / dim)
+        return np.array(self.source.position) + radius * direction

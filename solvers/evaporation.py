@@ -1,4 +1,4 @@
-"""How much evaporates from an open dish, given the wind over it.
+"""Evaporation from an open dish in the wind: mass transfer by Sherwood number, and the cooling of the liquid.
 
     m = Sh D/d A (p M / R T_f) ln(1/(1 - x_s)),    Sh³ = (0.664 Re^1/2 Sc^1/3)³ + (8/pi)³
 
@@ -46,7 +46,7 @@ def speed_over(source: Source, wind: Wind, t: float) -> float:
 
 
 class Evaporation:
-    """The mass that a dish of liquid gives off."""
+    """Mass flux from a dish of liquid."""
 
     def __init__(self, dish: Dish, species: Species):
         self.dish = dish

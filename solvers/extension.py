@@ -1,8 +1,8 @@
-"""Velocities on the faces that obstacles close, as the convection of the air beside them needs them.
+"""Extension of velocities to the closed faces of cut cells, for the convection of the air beside oblique surfaces.
 
 Where a surface cuts the cells, air that flows along it passes closed faces. With the velocity 0 there the surface takes
 the momentum of that air, as though it were a stair. So far as convection goes the air there keeps the velocity that it
-has beside the surface: what flows in flows out again, and friction takes what is to be taken (see `surfaces`).
+has beside the surface: what flows in flows out again, and friction alone takes momentum (see `surfaces`).
 
 Only beside plane surfaces: on curved ones and at edges the layers separate, for which the grid is too coarse, and with
 air that slips they do not (a cylinder of 8 cells at Re 10,000 had a drag coefficient of 0.2; with 0 on the closed faces
@@ -16,6 +16,7 @@ import numpy as np
 import taichi as ti
 from scipy.ndimage import maximum_filter, uniform_filter
 
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass
 from taichi_plume.grid.tables import Tables
@@ -27,15 +28,14 @@ FAR = 1000  # no distance squared
 
 
 def oblique_planes(vectors: np.ndarray, cells: np.ndarray, grid: Grid) -> np.ndarray:
-    """Of the cells (n, dim), padded: whether all surface within REACH of them is plane and along no axis, bool (n,).
+    """Return for cells (n, dim), padded, whether all surface within REACH of them is plane and along no axis, bool
+    (n,).
 
     vectors: areas of the surface, (*padded, dim). Opposite sides of a sheet count as one plane.
     """
     vectors = vectors.copy()
     for a, (begin, end) in enumerate(grid.cells):
-        if not grid.periodic[
-            a
-        ]:  # faces of the domain are open or closed as a whole, so cells there tell no direction
+        if not grid.periodic[a]:  # faces of the domain are open or closed as a whole: they have no direction
             along = np.moveaxis(vectors, a, 0)
             along[: begin + 1] = along[end - 1 :] = 0.0
     dim, size = vectors.shape[-1], np.maximum(np.linalg.norm(vectors, axis=-1), 1e-6)
@@ -60,26 +60,22 @@ class Extension:
         """
         self.surfaces, self.grid = surfaces, surfaces.grid
         self._count: list[int] = []  # closed faces of each axis
-        self._face: list[Any] = []
-        self._end: list[Any] = []  # of a face's part of the next two
-        self._source: list[Any] = []  # number of one of the next two
-        self._weight: list[Any] = []
-        self._beside: list[Any] = []  # faces in `surfaces`
-        self._slip: list[Any] = []  # their velocity [m/s]
-        self._besides: list[int] = []
+        self._beside_count: list[int] = []
+        fields: list[list[Field]] = []  # per axis
         slips = oblique_planes(surfaces.vectors, np.concatenate(surfaces.faces), self.grid) & ~convex
         parts = np.split(slips, np.cumsum([len(faces) for faces in surfaces.faces])[:-1])
         for d in range(self.grid.dim):
             face, end, source, weight = self._sources(d, area[d], parts[d])
             beside, source = np.unique(source, return_inverse=True)
             self._count.append(len(face))
-            self._besides.append(len(beside))
-            self._face.append(tables.listed(face))
-            self._end.append(tables.listed(end))
-            self._source.append(tables.listed(source))
-            self._weight.append(tables.listed(weight))
-            self._beside.append(tables.listed(beside))
-            self._slip.append(tables.listed(np.zeros(len(beside))))
+            self._beside_count.append(len(beside))
+            per_face = (face, end, source, weight, beside, np.zeros(len(beside)))
+            fields.append([tables.listed(values) for values in per_face])
+        # face; end of its part of source and weight; source: number of a face in beside; beside: faces in `surfaces`,
+        # and slip, their velocity [m/s]
+        self._face, self._end, self._source, self._weight, self._beside, self._slip = zip(
+            *fields, strict=True
+        )
         self.cells = sum(self._count)
 
     def _sources(self, d: int, area: np.ndarray, slips: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -119,32 +115,18 @@ class Extension:
         return face[kept], np.cumsum(used[kept].sum(axis=1)), number[places][used], weight[used]
 
     def setting(self) -> Pass:
-        """Sets the velocities on closed faces; that on others must be there, ghosts included."""
-
-        @ti.func
-        def extend(a, b):
-            self._take()
-            self._spread()
-
-        return Pass(extend, sum(self._besides) + self.cells)
+        """Return the pass that sets the velocities on closed faces; it needs those on others, ghosts included."""
+        return Pass(self._extend, sum(self._beside_count) + self.cells)
 
     def clearing(self) -> Pass:
-        """Makes them 0 again."""
-
-        @ti.func
-        def clear(a, b):
-            self._clear()
-
-        return Pass(clear, self.cells)
+        """Return the pass that makes them 0 again."""
+        return Pass(self._clear, self.cells)
 
     @ti.func
-    def _take(self):
+    def _extend(self, a, b):
         for d in ti.static(range(self.grid.dim)):
-            for k in range(ti.static(self._besides[d])):
+            for k in range(ti.static(self._beside_count[d])):
                 self._slip[d][k] = self.surfaces.slip(d, self._beside[d][k])
-
-    @ti.func
-    def _spread(self):
         for d in ti.static(range(self.grid.dim)):
             for k in range(ti.static(self._count[d])):
                 total = 0.0
@@ -153,7 +135,7 @@ class Extension:
                 self.surfaces.m.u[d][self._face[d][k]] = total
 
     @ti.func
-    def _clear(self):
+    def _clear(self, a, b):
         for d in ti.static(range(self.grid.dim)):
             for k in range(ti.static(self._count[d])):
                 self.surfaces.m.u[d][self._face[d][k]] = 0.0

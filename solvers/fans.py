@@ -1,4 +1,4 @@
-"""Fans that follow their curve: the pressure behind the opening decides how much they blow.
+"""Fans with a characteristic curve: the pressure behind the opening sets the flow rate.
 
 dp = dp0 (1 - (Q/Q0)²), Q the flow rate and dp the mean pressure behind the opening over that of the still air outside.
 What the fan can do beyond it sets the air in front, of inertia m (kinematic pressure over the acceleration that raises
@@ -56,7 +56,7 @@ class CurvedFan:
         return float(_mean(p, self.cells, self.weights, self.count))
 
     def advance(self, p, dt: float) -> None:
-        """Speed up for dt [s] by what the curve has left at the kinematic pressure p; it never blows backwards."""
+        """Advance the speed by dt [s] at the kinematic pressure p; it is never negative."""
         against = self.mean(p) - self.inertia * self.acceleration
         beyond = self.shut_off * (1.0 - (self.speed / self.free_speed) ** 2) - against
         speed = max(self.speed, LEAST * self.free_speed)

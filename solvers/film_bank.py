@@ -1,4 +1,4 @@
-"""Recorded airs in memory, several films at once: each environment of a learner plays one of them, from any time on.
+"""Recorded flow realisations in memory, several films at once: each environment of a learner plays one, from any time.
 
 The films are planes at the height of the sensors, half precision (11 bits: 0.05 %), linear in time between frames and
 bilinear in space over the cells that hold air there.
@@ -19,7 +19,7 @@ TOP = 2.0**15  # what the largest ppm of a gas in a film is stored as; half prec
 
 @ti.data_oriented
 class FilmBank:
-    """What environments smell and feel of recorded airs: wind and gas of robots, each by its environment's film.
+    """Wind and gas at robots, from the film of the environment that each robot belongs to.
 
     Robot i belongs to environment e = i // robots. It meets film[e] at begin[e] + now[e] [s] of the film, whose last
     frame holds at its end, and of its gases the one gas_of[e], or all of them where that is -1.
@@ -37,7 +37,7 @@ class FilmBank:
         self.films, self.frames, self.nx, self.ny, channels = bank.values.shape
         self.gases, self.robots = channels - 2, robots
         self.species = tuple(dict.fromkeys(bank.species))
-        self._which = tuple(self.species.index(one) for one in bank.species)
+        self._which = tuple(self.species.index(species) for species in bank.species)
         self.film, self.gas_of = ti.field(ti.i32, count), ti.field(ti.i32, count)
         self.begin, self.now = ti.field(ti.f32, count), ti.field(ti.f32, count)
         self._air = ti.field(ti.f32, (2, self.nx, self.ny))

@@ -1,24 +1,25 @@
-"""Wind and gas of an air that was solved before, as robots met it then: to the bit, at every tick and never between.
+"""Wind and gas of an earlier solution, played to the bit at every tick (shared flow of a study).
 
-A `Playback` is another thing: it plays a film at any time and rate, and gas can be dispersed on it.
+`playback` is another thing: it plays a film at any time and rate, and gas can be dispersed on it.
 """
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Gas, Wind, sample_cells, sample_faces
+from taichi_plume.grid.fields import GridGas, Wind, sample_faces
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
+from taichi_plume.scenario.gases import PureGas
 
 VELOCITIES = ("u", "v", "w")
 
 
 class Ticks(Protocol):
-    """What was filmed of an air: see files/air_film.py."""
+    """Film with a frame per tick: see files/air_film.py."""
 
     shape: tuple[int, ...]
     names: tuple[str, ...]
@@ -31,7 +32,8 @@ class Ticks(Protocol):
 
 
 class Reel:
-    """Holds the film that is shown: a reset may be given another one before, of the same shape and variables.
+    """Holder of the film that is played; before a reset another film of the same shape and variables may take its
+    place.
 
     wind: whether the wind is in it; gases: which of the scenario's gases are, by their places.
     """
@@ -41,9 +43,9 @@ class Reel:
         self.film: Ticks | None = None
 
     def put(self, film: Ticks, shape: tuple[int, ...], tick: float, ticks: int) -> None:
-        """Show this film from now on; shape, tick [s], ticks: of the run. Raises ValueError where it does not fit."""
-        wanted = {*(VELOCITIES[: len(shape)] if self.wind else ()), *map(variable, range(len(self.gases)))}
-        if tuple(film.shape) != tuple(shape) or film.tick != tick or set(film.names) != wanted:
+        """Play this film from now on; shape, tick [s], ticks: of the run. Raises ValueError if it does not fit."""
+        names = {*(VELOCITIES[: len(shape)] if self.wind else ()), *map(variable, range(len(self.gases)))}
+        if tuple(film.shape) != tuple(shape) or film.tick != tick or set(film.names) != names:
             raise ValueError("the film of the air is of another grid, tick, wind or gas")
         if film.frames <= ticks:
             raise ValueError(
@@ -59,24 +61,23 @@ class Reel:
 
 
 def variable(n: int) -> str:
-    """Of the n-th of the gases that are filmed."""
+    """Return the name of the variable of the n-th filmed gas."""
     return f"gas_{n}"
 
 
 @ti.data_oriented
 class FilmedWind(Wind):
-    """The velocities that a wind had at each tick. It carries nothing: that was filmed with it."""
+    """Velocities of a wind at each tick. No gas is solved for in it: the gas was filmed too."""
 
     STATE = ("u",)
 
     def __init__(self, reel: Reel, grid: Grid, t: float):
-        """t: begin of the run [s]."""
         self.reel, self.grid, self.dim = reel, grid, grid.dim
         self.u = grid.faces_field()
         uploader(*self.u)(*(0.0 for _ in self.u))
         self.begin(None, t, 0)
 
-    def begin(self, model: Any, t: float, seed: int) -> None:
+    def begin(self, model: object, t: float, seed: int) -> None:
         self._show(t)
 
     def advance(self, t: float, dt: float) -> None:
@@ -94,14 +95,13 @@ class FilmedWind(Wind):
 
 
 @ti.data_oriented
-class FilmedGas(Gas):
-    """The concentration that a gas on the grid had at each tick."""
+class FilmedGas(GridGas):
+    """Concentration of a gas on the grid at each tick."""
 
     STATE = ("c",)
-    finer_than_cells = False
 
-    def __init__(self, reel: Reel, number: int, model: Any, grid: Grid, air: Air, t: float):
-        """number: of the gas among those filmed; t: begin of the run [s]."""
+    def __init__(self, reel: Reel, number: int, model: PureGas, grid: Grid, air: Air, t: float):
+        """number: of the gas among those filmed; t: start of the run [s]."""
         self.reel, self.name = reel, variable(number)
         self.grid, self.dim = grid, grid.dim
         # in trees of their own, as those of a solver: else LLVM adds up in another order, and the last bit may differ
@@ -111,7 +111,7 @@ class FilmedGas(Gas):
         uploader(self.c)(0.0)
         self.begin(model, t, 0)
 
-    def begin(self, model: Any, t: float, seed: int) -> None:
+    def begin(self, model: PureGas, t: float, seed: int) -> None:
         self.species = model.vapour
         self._show(t)
 
@@ -122,10 +122,3 @@ class FilmedGas(Gas):
         frame = self.reel.frame(t)
         if frame is not None:
             self.grid.write(self.c, frame[self.name], 1)
-
-    def cells(self, t: float) -> np.ndarray:
-        return self.grid.read(self.c)
-
-    @ti.func
-    def concentration(self, x: Template, t: float):
-        return sample_cells(self.c, self.air, x, self.grid.dx, self.grid.ghost, self.grid.padded)

@@ -1,21 +1,20 @@
-"""Incompressible Navier-Stokes on the staggered grid.
+"""Incompressible Navier-Stokes equations on the staggered grid (finite volumes, projection method).
 
     du/dt + div(u u) = -grad p + div(nu (grad u + grad u^T)) + b + g,   div u = 0
 
 p is the kinematic pressure [m²/s²], b buoyancy and g a constant acceleration. The terms are in `momentum`: convection
-in flux form (see `convection`), central diffusion. In time three stages (see `stages`) with the last pressure's
+in flux form (see `convection`), central diffusion. In time three stages (see `limits`) with the last pressure's
 gradient, and projections (see `continuity`) for the pressure's increment: second order.
 """
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Carrier, sample_faces
+from taichi_plume.grid.fields import Carrier, Faces, Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template, launch
 from taichi_plume.grid.sweeps import flux_sweep, sweep
@@ -27,15 +26,13 @@ from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.continuity import correction, increased, net_inflow
 from taichi_plume.solvers.ghosts import Ghosts
 from taichi_plume.solvers.heat import HeatSolver
-from taichi_plume.solvers.limits import HUGE, Limits
-from taichi_plume.solvers.momentum import Momentum, Weighing, eddy_viscosity, of_axis
-from taichi_plume.solvers.openness import opennesses
+from taichi_plume.solvers.limits import HUGE, Limits, stages_for
+from taichi_plume.solvers.momentum import BuoyantScalar, Momentum, eddy_viscosity, of_axis, opennesses
+from taichi_plume.solvers.prescribed import padded_faces
 from taichi_plume.solvers.pressure import pressure_solver
-from taichi_plume.solvers.resistance import Resistance
-from taichi_plume.solvers.scalar import Scalar
-from taichi_plume.solvers.screens import ScreenResistance
-from taichi_plume.solvers.stages import stages_for
+from taichi_plume.solvers.screens import Resistance, ScreenResistance
 from taichi_plume.solvers.surfaces import Surfaces
+from taichi_plume.solvers.transport import Scalar
 from taichi_plume.solvers.turbulence import MODELS
 from taichi_plume.solvers.walls import Walls, distances
 
@@ -44,8 +41,8 @@ from taichi_plume.solvers.walls import Walls, distances
 class FlowSolver(Carrier):
     """Air flow in a box with solid cells and openings; satisfies `fields.Carrier`.
 
-    Fields besides the carrier's: p [m²/s²]. boundaries: what the openings do; heat: the temperature of the air, None
-    where it is not computed; weighing: what else makes it heavier; resistances: screens, and what else holds the air.
+    Fields besides the carrier's: p [m²/s²]. boundaries: boundary conditions; heat: the temperature of the air, None
+    where it is not computed; weighing: gases that change the density; resistances: screens, moving bodies.
     """
 
     STATE = (
@@ -60,11 +57,11 @@ class FlowSolver(Carrier):
         air: Air,
         t: float = 0.0,
         seed: int = 0,
-        weighing: Sequence[Weighing] = (),
-        resistances: Sequence[Callable[[tuple[Any, ...]], Resistance]] = (),
+        weighing: Sequence[BuoyantScalar] = (),
+        resistances: Sequence[Callable[[Faces], Resistance]] = (),
     ):
-        """weighing: what makes the air heavier besides heat; resistances: make what holds or drags the air, of the
-        fields `open`. Raises ValueError with the place in `model` of a jet, heater or warm surface that has no air.
+        """weighing: scalars besides heat that change the density; resistances: functions that make resistances, of the
+        fields `open`. Raises ValueError with the key in `model` of a jet, heater or warm surface that has no air.
         """
         self.grid = grid
         self.dim = grid.dim
@@ -77,19 +74,19 @@ class FlowSolver(Carrier):
         self.nu = grid.field() if model.turbulence.kind in MODELS else None
         self.scratch = (grid.field(), grid.field())
         self._divergence, self._phi = self.scratch
-        self._start, self._rate = grid.faces_field(), grid.faces_field()  # u at the begin of the step, du/dt
+        self._start, self._rate = grid.faces_field(), grid.faces_field()  # u at the start of the step, du/dt
         heat = model.buoyancy.heat if model.buoyancy is not None else None
         theta = Scalar(grid) if heat is not None else None
         self.weighing = tuple(weighing)
-        fields = [one.field for one in weighing] + ([theta.q] if theta is not None else [])
+        fields = [scalar.field for scalar in weighing] + ([theta.q] if theta is not None else [])
         areas = None if air.empty else self._area
         away = None if self.nu is None else distances(air, self.boundaries.is_wall, grid)
         self.momentum = Momentum(model, grid, self.u, self.p, self.nu, openness, areas, fields, tables, away)
         self.walls = None
         if self.nu is not None and not all(grid.periodic):
-            self.walls = Walls(self.boundaries, self.momentum.viscosity, self.momentum.rough)
+            self.walls = Walls(self.boundaries, self.momentum)
         self.open, self.area = self.momentum.open, self.momentum.area
-        self.screens = [ScreenResistance(one, grid, openness, tables) for one in model.screens]
+        self.screens = [ScreenResistance(screen, grid, openness, tables) for screen in model.screens]
         self.resistances: tuple[Resistance, ...] = (*self.screens, *(make(self.open) for make in resistances))
         self.surfaces = None if air.empty else Surfaces(self.momentum, air, self._area, openness, tables)
         self.limits = Limits(self.momentum)
@@ -109,7 +106,7 @@ class FlowSolver(Carrier):
     # ---------------------------------------------------------------- the step
 
     def _compile_step(self) -> None:
-        """The launches of a step: passes over the cells and faces, in the order of the scheme."""
+        """Build the kernels of a step from passes over the cells and faces, in the order of the scheme."""
         m, grid, phi = self.momentum, self.grid, self._phi
         ghosts, walls = Ghosts(self.boundaries, self.walls), self.walls
         u, u0, rate = self.u, self._start, self._rate
@@ -141,10 +138,10 @@ class FlowSolver(Carrier):
         def new_pressure(I, dt, k):
             return increased(m, phi, I, dt)
 
-        def on_faces(formula: Callable[[int], Callable], out: Any) -> Pass:
+        def on_faces(formula: Callable[[int], Callable], out: Faces) -> Pass:
             return sweep([formula(d) for d in axes], out, *faces)
 
-        def by_fluxes(term: Callable, out: Any) -> Pass:
+        def by_fluxes(term: Callable, out: Faces) -> Pass:
             inner = [[terms.through(m, d, e, d == e > 0) for e in axes] for d in axes]
             lasts = [terms.through(m, d, 0, d == 0) for d in axes]
             return flux_sweep(inner, lasts, [of_axis(term, m, d) for d in axes], out, *faces)
@@ -157,7 +154,7 @@ class FlowSolver(Carrier):
             *([ghosts.updating_losses(u)] if self.boundaries.has_loss else []),
             ghosts.filling_pressure(self.p, True),
         )
-        slipping = self.surfaces.slipping if self.surfaces else lambda one: [one]
+        slipping = self.surfaces.slipping if self.surfaces else lambda convection: [convection]
         self._stage = launch(
             fill,
             *([sweep([eddies], [self.nu], around)] if m.eddies else []),
@@ -165,7 +162,11 @@ class FlowSolver(Carrier):
             *slipping(by_fluxes(terms.tendency, rate)),
             *([Pass(self._slow, self.surfaces.cells)] if self.surfaces else []),
             on_faces(advanced, u),
-            *([Pass(self._resist, sum(one.cells for one in self.resistances))] if self.resistances else []),
+            *(
+                [Pass(self._resist, sum(resistance.cells for resistance in self.resistances))]
+                if self.resistances
+                else []
+            ),
         )
         self._prescribe = launch(ghosts.prescribing(u, u0))
         self._diverge = launch(sweep([divergence], [self._divergence], grid.cells))
@@ -190,8 +191,8 @@ class FlowSolver(Carrier):
 
     @ti.func
     def _resist(self, dt, k):
-        for one in ti.static(self.resistances):
-            one.apply(self.u, k * dt)
+        for resistance in ti.static(self.resistances):
+            resistance.apply(self.u, k * dt)
 
     def advance(self, t: float, dt: float) -> None:
         self.boundaries.advance(self.p, t, dt)
@@ -210,29 +211,27 @@ class FlowSolver(Carrier):
             self.heat.advance(t, dt)
 
     def _project(self, dt: float) -> None:
-        """Make u divergence-free by the gradient of phi, and add what that makes in dt [s] to the pressure."""
+        """Project u on divergence-free fields by the gradient of phi; dt [s] scales the increment of the pressure."""
         self._diverge()
         self.solver.solve(self._divergence, self._phi, self.tolerance * max(self.max_speed, 1e-3))
         self._correct(dt)
 
-    # ---------------------------------------------------------------- the begin of a run
+    # ---------------------------------------------------------------- the start of a run
 
     def begin(self, model: CfdWind, t: float, seed: int) -> None:
-        """Blow from rest: with the potential flow that the openings force."""
+        """Start from the potential flow that the openings force."""
         self._take_numbers(model)
         self.boundaries.begin(model.openings, seed)
         pull = []
         if model.buoyancy is not None:
             gravity, heat = np.array(model.buoyancy.pull(self.dim)), model.buoyancy.heat
-            pull = [gravity * one.weight for one in self.weighing]
+            pull = [gravity * scalar.weight for scalar in self.weighing]
             pull += [] if heat is None else [gravity * -heat.volume_expansion]
             if self.heat is not None and heat is not None:
                 self.heat.begin(heat, t, seed)
         self.momentum.begin(model, np.array(pull))
-        for slowing in filter(None, (self.walls, self.surfaces)):
-            slowing.begin(model.roughness)
-        for screen, one in zip(self.screens, model.screens, strict=True):
-            screen.begin(one, model.viscosity)
+        for resistance, screen in zip(self.screens, model.screens, strict=True):
+            resistance.begin(screen, model.viscosity)
         self.max_speed, self.max_courant = 1.0, 0.0
         self.boundaries.measure_inertia(self._impulse)
         self._zero(self.u)
@@ -247,34 +246,28 @@ class FlowSolver(Carrier):
         """Set u from a function of points (..., dim) [m] to velocities [m/s], made divergence-free; p starts at 0."""
         self._put_velocity(
             *(
-                np.where(area > 0.0, velocity(self.padded_faces(d))[..., d], 0.0)
+                np.where(area > 0.0, velocity(padded_faces(self.grid, d))[..., d], 0.0)
                 for d, area in enumerate(self._area)
             )
         )
         self._settle()
-
-    def padded_faces(self, d: int) -> np.ndarray:
-        """Places of the lower d-faces of all cells, ghost layers included, (*padded, dim) [m]."""
-        places = np.stack(np.meshgrid(*map(np.arange, self.grid.padded), indexing="ij"), axis=-1)
-        shift = np.where(np.arange(self.dim) == d, 0.0, 0.5)
-        return (places - self.grid.ghost + shift) * self.grid.dx
 
     @cached_property
     def _put_velocity(self) -> Callable[..., None]:
         return uploader(*self.u)
 
     def _settle(self) -> None:
-        """Make u divergence-free; p is 0 then."""
+        """Make u divergence-free and set p to 0."""
         self._begin(1.0)
         self._prescribe(1.0)
         self._project(1.0)
-        self._stage(0.0, 1.0)  # takes the eddies' viscosity
+        self._stage(0.0, 1.0)  # sets the eddy viscosity
         self._finish()
         self._read_limits()
         self._zero((self.p,))
 
-    def _impulse(self) -> Any:
-        """The field phi that sets air at rest in motion, to the velocities prescribed at the boundaries."""
+    def _impulse(self) -> Field:
+        """Return the field phi that sets air at rest in motion, to the velocities prescribed at the boundaries."""
         self._zero(self.u)
         self._begin(1.0)
         self._prescribe(1.0)
@@ -295,18 +288,21 @@ class FlowSolver(Carrier):
         self.max_viscosity = max(viscosity, self.viscosity)
 
     def stable_dt(self, t: float = 0.0) -> float:
-        """The step [s] that keeps the Courant number at its limit and diffusion stable; 0 when the flow blew up.
+        """Return the step [s] that keeps the Courant number at its limit (CFL) and diffusion stable; 0 if the flow is
+        not finite.
 
-        t: begin of the step; what a fan's schedule prescribes soon after counts already.
+        t: start of the step; speeds that a schedule prescribes soon after already count.
         """
         if not self.speed_rate * self.grid.dx < HUGE:
             return 0.0
-        driven = max([self.boundaries.fastest(t), *(one.fastest(t) for one in self.resistances)])
+        driven = max(
+            [self.boundaries.fastest(t), *(resistance.fastest(t) for resistance in self.resistances)]
+        )
         rate = max(self.speed_rate, driven / self.grid.dx)
         return self.limits.longest_step(rate, self.courant, self.max_viscosity)
 
     def diagnostics(self) -> dict[str, float]:
-        """max_divergence (over the largest |u|/dx), max_courant (of all steps so far), max_speed [m/s]."""
+        """Return max_divergence (over the largest |u|/dx), max_courant (of all steps so far), max_speed [m/s]."""
         u = [values.astype(np.float64) for values in self._read_velocity()]
         if self.area is not None:
             u = [v * area for v, area in zip(u, self._area, strict=True)]
@@ -319,13 +315,6 @@ class FlowSolver(Carrier):
         }
 
     def momentum_loss(self) -> list[np.ndarray]:
-        """What obstacles take from the air except by pressure, per axis on the lower faces of the cells [m/s²]."""
+        """Return the friction of obstacles on the air, per axis on the lower faces of the cells [m/s²]."""
         self._lose()
         return [self.grid.read(field) for field in self._rate]
-
-    # ---------------------------------------------------------------- sampling
-
-    @ti.func
-    def velocity(self, x: Template, t: float):
-        """Velocity [m/s] at point x [m], linear between the faces; the time is the solver's own."""
-        return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)

@@ -1,17 +1,10 @@
-"""A computed flow that is averaged and then stands still: a mean of divergence-free fields is divergence-free."""
-
-from collections.abc import Callable, Sequence
-from typing import Any
+"""Frozen flow: the time average of a computed flow, which is divergence-free as the flow is."""
 
 import taichi as ti
 
-from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import launch
 from taichi_plume.scenario.winds import FrozenWind
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.momentum import Weighing
-from taichi_plume.solvers.resistance import Resistance
 
 
 @ti.data_oriented
@@ -19,29 +12,18 @@ class FrozenSolver(FlowSolver):
     """A flow solver whose u and nu become their own means over the last `average` seconds before `after`, for ever.
 
     From then on the air costs nothing and schedules no longer matter. The fluctuations are gone, and with them the
-    meandering and the intermittency of a plume: what they mixed in the mean is not made up for in nu.
+    meandering and the intermittency of a plume: nu does not make up for their mean mixing.
     """
 
     STATE = (*FlowSolver.STATE, "means", "frozen", "_averaged")
 
-    def __init__(
-        self,
-        model: FrozenWind,
-        grid: Grid,
-        air: Air,
-        t: float = 0.0,
-        seed: int = 0,
-        weighing: Sequence[Weighing] = (),
-        resistances: Sequence[Callable[[tuple[Any, ...]], Resistance]] = (),
-    ):
-        """t: start of the warm-up [s]; else see `FlowSolver`."""
-        super().__init__(model, grid, air, t, seed, weighing, resistances)
+    def _compile_step(self) -> None:
+        super()._compile_step()
         moving = [*self.u, *([self.nu] if self.nu is not None else [])]
-        self.means = tuple(grid.field() for _ in moving)
-        self._take_in, self._stand_still = (
-            grid.blending(self.means, moving), grid.blending(moving, self.means)
-        )  # fmt: skip
-        # without what `_finish` does before: beyond the inlets the mean stands, not the last gust
+        self.means = tuple(self.grid.field() for _ in moving)
+        self._average = self.grid.blending(self.means, moving)
+        self._stand_still = self.grid.blending(moving, self.means)
+        # unlike `_finish`, without filling ghosts: beyond the inlets the mean stands, not the last gust
         self._measure_mean = launch(*self.limits.passes())
 
     def begin(self, model: FrozenWind, t: float, seed: int) -> None:
@@ -52,7 +34,7 @@ class FrozenSolver(FlowSolver):
         self._averaged = 0.0  # s
 
     def stable_dt(self, t: float = 0.0) -> float:
-        """The flow solver's; infinite once the air stands still."""
+        """Return the step of the flow solver; infinite once the air stands still."""
         return float("inf") if self.frozen else super().stable_dt(t)
 
     def advance(self, t: float, dt: float) -> None:
@@ -60,11 +42,10 @@ class FrozenSolver(FlowSolver):
             return
         super().advance(t, dt)
         end = t + dt + 1e-9 * dt
-        if (
-            end > self.since + dt or end >= self.until
-        ):  # the whole step lies in the span, or it is the last one
+        # all of the step is in the span, or it is the last step
+        if end > self.since + dt or end >= self.until:
             self._averaged += dt
-            self._take_in(dt / self._averaged)
+            self._average(dt / self._averaged)
         if end >= self.until:
             self._stand_still(1.0)
             self._measure_mean()

@@ -1,4 +1,4 @@
-"""A vapour on the grid: sources that emit into the air, which carries and spreads it (see `transport`)."""
+"""Gas dispersion on the grid (Eulerian): sources emit vapour, which the air carries and spreads (see `transport`)."""
 
 from collections.abc import Callable, Sequence
 from math import inf, isfinite
@@ -7,28 +7,24 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Carrier, Gas, sample_cells
+from taichi_plume.grid.fields import Carrier, GridGas
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass, Template
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.openings import Opening
+from taichi_plume.solvers.convection import LIMITED
 from taichi_plume.solvers.emission import Emission
-from taichi_plume.solvers.incoming import Incoming
-from taichi_plume.solvers.limited import LIMITED
 from taichi_plume.solvers.patches import VENTS, Patch, patch_of
 from taichi_plume.solvers.release import Release
-from taichi_plume.solvers.scalar import Scalar
 from taichi_plume.solvers.surface_exchange import SurfaceExchange
-from taichi_plume.solvers.transport import Transport
+from taichi_plume.solvers.transport import Scalar, Transport
 
 
 @ti.data_oriented
-class EulerianSolver(Gas):
+class EulerianSolver(GridGas):
     """Gas on the grid of a wind that has face velocities. Field c: concentration [kg/m³]."""
 
     STATE = ("transport", "emissions", "emitted_kg", "initial_kg", "surfaces")
-    finer_than_cells = False
 
     def __init__(
         self,
@@ -42,7 +38,7 @@ class EulerianSolver(Gas):
         scalar: Scalar | None = None,
         openings: Sequence[Opening] = (),
     ):
-        """t: begin of the run [s]; name: of the gas among others; scalar: the concentration, where the flow feels its
+        """t: start of the run [s]; name: of the gas among others; scalar: the concentration, where the flow feels its
         weight; openings: of the wind. Raises ValueError for a source or a surface in no air.
         """
         self.grid = grid
@@ -53,13 +49,8 @@ class EulerianSolver(Gas):
         room = np.where(air.solid, 0.0, 1.0) if wind.area is None else air.room
         self.release = Release("sources", gas.sources, grid, air, room)
 
-        @ti.func
-        def add_sources(dt, k):
-            self.release.add_to(self.c, self.transport.rest)
-
         self._carrier = wind
         self._vents = self._patches(gas, openings, air)
-        self.incoming = Incoming(grid) if gas.inflow else None
         self.surfaces: SurfaceExchange | None = None
         if gas.surfaces is not None:
             numbers = [obstacle.number for obstacle in gas.surfaces.obstacles]
@@ -68,17 +59,10 @@ class EulerianSolver(Gas):
                 self.surfaces = SurfaceExchange(grid, wind, air, gas.surfaces.walls, numbers, vents)
             except ValueError as error:
                 raise ValueError(f"surfaces.{error}") from None
-        self.transport = Transport(
-            grid,
-            wind,
-            air,
-            LIMITED[gas.convection],
-            Pass(add_sources, self.release.cells),
-            self.surfaces,
-            self.incoming,
-            scalar,
-        )
-        self.c = self.transport.q
+        scalar, scheme = scalar or Scalar(grid), LIMITED[gas.convection]
+        adding = self.release.adding(scalar)
+        self.transport = Transport(grid, wind, air, scheme, scalar, adding, self.surfaces, bool(gas.inflow))
+        self.c = scalar.q
         self.begin(gas, t, seed)
 
     def begin(self, model: EulerianGas, t: float = 0.0, seed: int = 0) -> None:
@@ -91,15 +75,16 @@ class EulerianSolver(Gas):
         self.transport.begin(self.species.diffusivity, self._carrier.schmidt)
         if self.surfaces is not None and model.surfaces is not None:
             named = (*model.surfaces.walls, *model.surfaces.obstacles)
-            takes = [inf if one.uptake is None else one.uptake for one in named]
-            held = [self._density(one.concentration or 0.0) for one in named]
-            self.surfaces.begin([one.transfer for one in named], takes, held, self.species.diffusivity)
+            uptake = [inf if surface.uptake is None else surface.uptake for surface in named]
+            held = [self._density(surface.concentration or 0.0) for surface in named]
+            films = [surface.transfer for surface in named]
+            self.surfaces.begin(films, uptake, held, self.species.diffusivity)
         self._carried: list[float] = []
         self._bring(t)
         self.emitted_kg = self.initial_kg = 0.0
 
     def _patches(self, gas: EulerianGas, openings: Sequence[Opening], air: Air) -> dict[int, Patch]:
-        """Where openings are, by their numbers, if it matters."""
+        """Return the patches of the openings by their numbers, if inflow or surfaces need them."""
         if not gas.inflow and gas.surfaces is None:
             return {}
         patches = {n: patch_of(opening, self.grid, air.area) for n, opening in enumerate(openings)}
@@ -127,11 +112,11 @@ class EulerianSolver(Gas):
             self.transport.step(h)
 
     def _bring(self, t: float) -> None:
-        """Let air come in with what it carries at time t [s]."""
-        carried = [self._density(one.at(t)) for one in self._inflow]
-        if self.incoming is not None and carried != self._carried:
-            patches = [self._vents[one.opening] for one in self._inflow]
-            self.incoming.begin(list(zip(patches, carried, strict=True)))
+        """Set the concentration of the inflow at time t [s]."""
+        carried = [self._density(inflow.at(t)) for inflow in self._inflow]
+        if self.transport.inflow and carried != self._carried:
+            patches = [self._vents[inflow.opening] for inflow in self._inflow]
+            self.transport.set_inflow(list(zip(patches, carried, strict=True)))
             self._carried = carried
 
     def _emit(self, t: float, dt: float) -> None:
@@ -139,11 +124,11 @@ class EulerianSolver(Gas):
         self.release.set_amounts(masses)
         self.emitted_kg += sum(masses)
 
-    # ---------------------------------------------------------------- what is known about the gas
+    # ---------------------------------------------------------------- budget
 
     def budget(self) -> dict[str, float]:
-        """Mass that was there at the begin, where any was, emitted, in the domain and gone through its faces [kg];
-        where they may bring gas, also what came in with air and what surfaces took up.
+        """Return the mass balance [kg]: initial, if any, emitted, in the domain and gone through its faces; if inflow
+        or surfaces exchange gas, also the mass that came in with air and that surfaces took up.
         """
         budget = {
             **({"initial_kg": self.initial_kg} if self.initial_kg else {}),
@@ -151,15 +136,12 @@ class EulerianSolver(Gas):
             "in_domain_kg": self.transport.inside(),
             "outflow_kg": self.transport.outflow(),
         }
-        if self.incoming is not None:
+        if self.transport.inflow:
             budget["inflow_kg"] = self.transport.brought_in()
             budget["outflow_kg"] += budget["inflow_kg"]
         if self.surfaces is not None:
             budget["taken_up_kg"] = -self.surfaces.given()
         return budget
-
-    def cells(self, t: float) -> np.ndarray:
-        return self.grid.read(self.c)
 
     def is_finite(self) -> bool:
         return isfinite(self.transport.inside())
@@ -167,8 +149,3 @@ class EulerianSolver(Gas):
     def least(self) -> float:
         """Smallest concentration [kg/m³]."""
         return self.transport.least()
-
-    @ti.func
-    def concentration(self, x: Template, t: float):
-        """Concentration [kg/m³] at point x [m], linear between the centres of cells that hold air."""
-        return sample_cells(self.c, self.air, x, self.grid.dx, self.grid.ghost, self.grid.padded)

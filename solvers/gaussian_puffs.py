@@ -8,12 +8,11 @@ faces of the domain along which the air moves.
 """
 
 from math import inf
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid.fields import Gas
+from taichi_plume.grid.fields import Field, Gas
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
@@ -26,7 +25,7 @@ NODES = 32  # of an integral over the logarithm of the age
 
 
 def diffusivities(gas: GaussianPuffGas | ContinuousGas, dim: int) -> np.ndarray:
-    """Per axis [m²/s]."""
+    """Return the diffusivity per axis [m²/s]."""
     given = (gas.vapour.diffusivity,) if gas.diffusivity is None else gas.diffusivity
     return np.broadcast_to(np.array(given), dim).astype(float)
 
@@ -44,14 +43,14 @@ class GaussianPuffs(Gas):
     STATE = ("mass", "centre", "variance", "_start")
 
     def __init__(self, gas: GaussianPuffGas, grid: Grid, wind: UniformSolver, t: float = 0.0):
-        """t: begin of the run [s], for which the wind has begun already."""
+        """t: start of the run [s]; the wind must have begun."""
         self.grid, self.dim = grid, grid.dim
         self.wind = wind
         self.count = len(gas.releases)
         self.walls = reflecting(gas, grid)
-        self.mass: Any = ti.field(ti.f32, self.count)
-        self.centre: Any = ti.Vector.field(grid.dim, ti.f32, self.count)
-        self.variance: Any = ti.Vector.field(grid.dim, ti.f32, self.count)
+        self.mass: Field = ti.field(ti.f32, self.count)
+        self.centre: Field = ti.Vector.field(grid.dim, ti.f32, self.count)
+        self.variance: Field = ti.Vector.field(grid.dim, ti.f32, self.count)
         self._put = uploader(self.mass, self.centre, self.variance)
         self.begin(gas, t, 0)
 
@@ -91,7 +90,7 @@ class GaussianPuffs(Gas):
 
 @ti.data_oriented
 class ContinuousPuffs(Gas):
-    """What steady sources emit, in a wind without gusts.
+    """Gas of steady sources in a wind without gusts: the integral of Gaussian puffs.
 
     A source is what has spread from a point for a while already: for s = a + radius²/(2 D), D the geometric mean of the
     diffusivities. So its Gaussian is round where they are equal. With A/s + B s the exponent of a puff at x, up to a
@@ -105,15 +104,15 @@ class ContinuousPuffs(Gas):
     STATE = ("youngest", "oldest")
 
     def __init__(self, gas: ContinuousGas, grid: Grid, wind: UniformSolver, t: float = 0.0):
-        """t: begin of the run [s], for which the wind has begun already."""
+        """t: start of the run [s]; the wind must have begun."""
         self.grid, self.dim = grid, grid.dim
         self.wind = wind
         self.count = len(gas.sources)
         self.walls = reflecting(gas, grid)
-        self.U: Any = ti.Vector.field(grid.dim, ti.f32, ())
-        self.D: Any = ti.Vector.field(grid.dim, ti.f32, ())
+        self.U: Field = ti.Vector.field(grid.dim, ti.f32, ())
+        self.D: Field = ti.Vector.field(grid.dim, ti.f32, ())
         self.root_B = ti.field(ti.f32, ())
-        self.place: Any = ti.Vector.field(grid.dim, ti.f32, self.count)
+        self.place: Field = ti.Vector.field(grid.dim, ti.f32, self.count)
         self.rate, self.spread = (ti.field(ti.f32, self.count) for _ in range(2))
         self.youngest, self.oldest = (ti.field(ti.f32, self.count) for _ in range(2))
         self.node, self.weight = (ti.field(ti.f32, NODES) for _ in range(2))

@@ -1,16 +1,16 @@
-"""Passes over the domain's faces: prescribed velocities, ghost layers, the pressure outside.
+"""Ghost cells: passes that impose the boundary conditions (Dirichlet, no-slip, slip, outflow, ambient pressure).
 
-Beyond slip walls and outlets a velocity goes on as in a mirror; where it is prescribed as V, so that V lies half-way
-between a cell and its image, which makes the values that schemes take at the face of second order. At a wall that moves
-with V the first image lies on the parabola through V and the two cells inside: so is its friction.
-Beyond the viscous layer see `walls`.
+Slip walls and outlets mirror the velocity (zero gradient). Where the velocity is prescribed as V (Dirichlet), V is the
+mean of a cell and its image, which makes face values of second order. At a wall that moves with V (no-slip) the first
+image lies on the parabola through V and the two cells inside, so that friction is of second order too. `walls` replaces
+that parabola by the law of the wall beyond the viscous layer.
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import taichi as ti
 
+from taichi_plume.grid.fields import Faces, Field
 from taichi_plume.grid.kernels import Pass, Template, visit
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.walls import Walls, straightness
@@ -18,71 +18,61 @@ from taichi_plume.solvers.walls import Walls, straightness
 
 @ti.data_oriented
 class Ghosts:
-    """What the boundaries make of the fields of a flow. walls: by the law of the wall, unless they are None."""
+    """Passes that fill the ghost cells of a flow's fields. walls: law of the wall, None without a turbulence model."""
 
     def __init__(self, boundaries: Boundaries, walls: Walls | None = None):
         self.b, self.walls, self.lawful = boundaries, walls, walls is not None
         self.grid, self.dim = boundaries.grid, boundaries.dim
 
-    def _visit(self, body: Callable[..., None]) -> Pass:
-        """A pass that calls ``body(K, d, a, b)`` for all faces of each axis d; K[d] is 0 on the lower side, else 1."""
+    def _visit(self, body: Callable[..., None], *given: Field | Faces | bool) -> Pass:
+        """Return the pass that calls ``body(*given, K, d, a)`` for all faces K of each axis d.
+
+        K[d] is 0 on the lower side of the domain and 1 on the upper one.
+        """
 
         def of_axis(d: int) -> Callable:
             @ti.func
             def visited(K, a, b):
-                body(K, d, a, b)
+                body(*given, K, d, a)
 
             return visited
 
         return visit([of_axis(d) for d in range(self.dim)], self.b.sides)
 
-    def filling_velocity(self, u: Any) -> Pass:
-        """Sets all ghost values of the face velocities u."""
+    def filling_velocity(self, u: Field) -> Pass:
+        """Return the pass that sets all ghost values of the face velocities u."""
+        return self._visit(self._fill_velocity_at, u)
 
-        @ti.func
-        def fill(K, d: Template, a, b):
-            self._fill_velocity_at(u, K, d)
-
-        return self._visit(fill)
-
-    def prescribing(self, u: Any, u0: Any) -> Pass:
-        """Sets prescribed faces at a share `a` of the step, between u0 at its begin and the targets at its end; and the
-        upper faces of periodic axes.
+    def prescribing(self, u: Field, u0: Field) -> Pass:
+        """Return the pass that sets prescribed faces at a share `a` of the step: between u0 at its start and the
+        targets at its end. It also sets the upper faces of periodic axes.
         """
+        return self._visit(self._prescribe_at, u, u0)
 
-        @ti.func
-        def prescribe(K, d: Template, a, b):
-            n = ti.static(self.grid.shape[d])
-            D = ti.Vector.unit(self.dim, d, ti.i32)
-            face = K + D * (self.grid.ghost + K[d] * n - K[d])
-            if ti.static(self.grid.periodic[d]):
-                if K[d] == 1:  # the lower face is the one that is solved
-                    u[d][face] = u[d][face - D * n]
-            elif self.b.free[d][K] == 0:
-                u[d][face] = u0[d][face] + a * (self.b.target[d][K][d] - u0[d][face])
+    def filling_pressure(self, p: Field, with_ambient: bool) -> Pass:
+        """Return the pass that sets the ghost values of p such that free faces have the ambient pressure (or zero)."""
+        return self._visit(self._fill_pressure_at, p, with_ambient)
 
-        return self._visit(prescribe)
+    def updating_losses(self, u: Field) -> Pass:
+        """Return the pass that sets the pressure on free faces from K/2 u|u|.
 
-    def filling_pressure(self, p: Any, with_ambient: bool) -> Pass:
-        """Sets the ghost values of p that put the ambient pressure (or zero) on free faces."""
-
-        @ti.func
-        def fill(K, d: Template, a, b):
-            self._fill_pressure_at(p, K, d, with_ambient)
-
-        return self._visit(fill)
-
-    def updating_losses(self, u: Any) -> Pass:
-        """Sets the pressure on free faces from K/2 u|u|, relaxed over dt (a) at the rate that is stable for any K."""
-
-        @ti.func
-        def update(K, d: Template, a, b):
-            self._update_loss_at(u, K, d, a)
-
-        return self._visit(update)
+        The pressure relaxes over dt (a) at the rate that is stable for any loss coefficient K.
+        """
+        return self._visit(self._update_loss_at, u)
 
     @ti.func
-    def _fill_velocity_at(self, u: Template, K, d: Template):
+    def _prescribe_at(self, u: Template, u0: Template, K, d: Template, a: float):
+        n = ti.static(self.grid.shape[d])
+        D = ti.Vector.unit(self.dim, d, ti.i32)
+        face = K + D * (self.grid.ghost + K[d] * n - K[d])
+        if ti.static(self.grid.periodic[d]):
+            if K[d] == 1:  # the lower face is the one that is solved
+                u[d][face] = u[d][face - D * n]
+        elif self.b.free[d][K] == 0:
+            u[d][face] = u0[d][face] + a * (self.b.target[d][K][d] - u0[d][face])
+
+    @ti.func
+    def _fill_velocity_at(self, u: Template, K, d: Template, a: float):
         n = ti.static(self.grid.shape[d])
         g = ti.static(self.grid.ghost)
         D = ti.Vector.unit(self.dim, d, ti.i32)
@@ -134,9 +124,9 @@ class Ghosts:
 
     @ti.func
     def _conditions(self, K: Template, d: Template, c: Template, outward):
-        """Shares of velocity component c at boundary face K of axis d that a wall holds (no slip) and that go on beyond
-        the face as inside (slip, outflow); the rest is prescribed. Component c lies between two boundary faces, and
-        each counts half.
+        """Return the shares of velocity component c at boundary face K of axis d that have a no-slip wall and that have
+        zero gradient (slip, outflow). The rest is prescribed (Dirichlet). Component c lies between two boundary faces,
+        and each counts half.
         """
         wall, drawn = 0.0, 0.0
         for step in ti.static(range(2)):
@@ -148,7 +138,7 @@ class Ghosts:
         return wall, drawn
 
     @ti.func
-    def _fill_pressure_at(self, p: Template, K, d: Template, with_ambient: Template):
+    def _fill_pressure_at(self, p: Template, with_ambient: Template, K, d: Template, a: float):
         n = ti.static(self.grid.shape[d])
         D = ti.Vector.unit(self.dim, d, ti.i32)
         inner = K + D * (self.grid.ghost + K[d] * (n - 1) - K[d])
@@ -165,6 +155,6 @@ class Ghosts:
             face = K + ti.Vector.unit(self.dim, d, ti.i32) * (self.grid.ghost + K[d] * n - K[d])
             out = u[d][face] * (2 * K[d] - 1)
             k = self.b.loss[d][K]
-            wanted = 0.5 * k * out * ti.abs(out)
+            drop = 0.5 * k * out * ti.abs(out)
             relax = 1.0 / (1.0 + 2.0 * k * ti.abs(out) * dt / ti.static(self.grid.dx))
-            self.b.ambient[d][K] += relax * (wanted - self.b.ambient[d][K])
+            self.b.ambient[d][K] += relax * (drop - self.b.ambient[d][K])

@@ -1,4 +1,4 @@
-"""Ornstein-Uhlenbeck processes and their integrals over time: gusts, and how far they have carried the air.
+"""Gusts: Ornstein-Uhlenbeck processes, and their integrals over time, which displace the air.
 
     dv = -v/T dt + s sqrt(2/T) dW,  dY = v dt
 
@@ -7,9 +7,8 @@ one's steps change. In between Y is the cubic that has v as its slope at the kno
 to leading order in the knots' interval over T.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import ceil, expm1
-from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -17,13 +16,13 @@ import taichi as ti
 from taichi_plume.grid.transfer import Numbers
 
 KNOTS_PER_TIME = 20  # in between v lacks 0.6 % of its variance, Y 0.1 % of s T
-KNOTS_PER_REACH = 50  # where the gusts are slower than what is told of them
+KNOTS_PER_REACH = 50  # where the integral time of the gusts is longer than the reach
 BLOCK = 64  # knots drawn at a time
 LEAST = 1 << 15  # knots that there is room for: a reset may make the wind slower, or the gusts shorter
 
 
 def knots(time: float, reach: float) -> int:
-    """How many have to be kept to tell of the last `reach` seconds of a process of integral time `time` [s]."""
+    """Return the number of knots that cover the last `reach` seconds of a process of integral time `time` [s]."""
     return BLOCK * (ceil(reach / interval(time, reach) / BLOCK) + 2)
 
 
@@ -39,7 +38,7 @@ def cubic(w, h, y, v):
     return y[0] + w * (h * v[0] + w * (bend + w * twist)), w * (2 * bend + 3 * w * twist)
 
 
-_cubic: Any = ti.func(cubic)
+_cubic: Callable = ti.func(cubic)
 
 
 @ti.data_oriented
@@ -109,7 +108,7 @@ class OrnsteinUhlenbeck:
         self._factor = np.linalg.cholesky([[variance_v, covariance], [covariance, variance_y]])
 
     def _draw(self) -> None:
-        """The next knots, after the last ones drawn."""
+        """Draw the next knots."""
         from scipy.signal import lfilter  # takes 0.3 s: for runs with gusts only
 
         noise = self._rng.standard_normal((BLOCK, self.size, 2)) @ self._factor.T
@@ -125,10 +124,10 @@ class OrnsteinUhlenbeck:
         self._drawn += BLOCK
 
     def advance(self, t: float) -> None:
-        """Let `now` be time t [s], which never goes back."""
+        """Advance `now` to time t [s], which never goes back."""
         while (t - self._origin) / self.interval >= self._drawn - 1:
             self._draw()
-        self._be(*self._place(t), self.at(t)[0].astype(np.float32))
+        self._set_now(*self._place(t), self.at(t)[0].astype(np.float32))
 
     @ti.kernel
     def _store(self, first: ti.i32, values: ti.types.ndarray(dtype=ti.f32, ndim=2)):
@@ -136,7 +135,7 @@ class OrnsteinUhlenbeck:
             self.path[first + n][c] = values[n, c]
 
     @ti.kernel
-    def _be(self, knot: ti.i32, share: ti.f32, now: ti.types.ndarray(dtype=ti.f32, ndim=1)):
+    def _set_now(self, knot: ti.i32, share: ti.f32, now: ti.types.ndarray(dtype=ti.f32, ndim=1)):
         self.head[None] = knot
         self.share[None] = share
         for n in ti.static(range(self.size)):
@@ -155,7 +154,7 @@ class OrnsteinUhlenbeck:
 
     @ti.func
     def before(self, age: float):
-        """By how much each Y has grown in the last `age` seconds, and v then."""
+        """Return the growth of each Y in the last `age` seconds, and v at its start."""
         interval = self.n.interval[None]
         place = self.share[None] - ti.math.clamp(age, 0.0, self.n.reach[None]) / interval
         below = ti.floor(place)

@@ -1,4 +1,4 @@
-"""Puffs that have become wider than the cells of the grid, as gas on the grid: the wind carries and mixes it there.
+"""Handover of puffs wider than a cell to gas on the grid, which the wind carries and mixes there.
 
 A puff is handed over once its standard deviation is WIDTH cells: from then on eddies larger than a cell mix it, which
 are the wind's, and until then smaller ones, which are not (see `puff_growth`). A mean over cells has 1/12 dx² more of
@@ -15,29 +15,27 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, sample_cells
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
-from taichi_plume.solvers.limited import LIMITED
+from taichi_plume.solvers.convection import LIMITED
 from taichi_plume.solvers.puff_deposit import Deposit
-from taichi_plume.solvers.transport import Transport
+from taichi_plume.solvers.transport import Scalar, Transport
 
 WIDTH = 1.0  # cells
-WIDENED = (
-    1.0 / 12.0 + 1.0 / 6.0
-)  # of the cells' area: what means over cells and lines between them add to a variance
+WIDENED = 1.0 / 12.0 + 1.0 / 6.0  # variance [cells²] that means over cells and interpolation add
 
 
 @ti.data_oriented
 class Handover:
-    """The gas that was in puffs of a solver."""
+    """Gas on the grid that was in puffs before."""
 
     STATE = ("transport",)
 
     def __init__(self, solver: Any, wind: Carrier, air: Air, convection: str):
-        """solver: a PuffSolver, whose puffs it takes. To be begun by its owner."""
+        """solver: `PuffSolver`, the owner of the puffs, which calls `begin`."""
         self.solver, self.grid, self.wind = solver, solver.grid, wind
         self.limit = (WIDTH * self.grid.dx) ** 2
         self.air = self.grid.field()
         uploader(self.air)(self.grid.pad(~air.solid))
-        self.transport = Transport(self.grid, wind, air, LIMITED[convection], None)
+        self.transport = Transport(self.grid, wind, air, LIMITED[convection], Scalar(self.grid))
         self._deposit = Deposit(solver, air, self.transport.q, self.transport.rest)
 
     def begin(self, diffusivity: float) -> None:

@@ -1,4 +1,4 @@
-"""Temperature of the air: carried and spread like a gas, fed by heaters, and exchanged with surfaces.
+"""Heat equation of the air (temperature): convection, diffusion, heaters, and exchange with surfaces.
 
     dT/dt + div(u T) = div((alpha + nu_t/Pr_t) grad T) + P/(rho c_p V)
 
@@ -8,7 +8,7 @@ transfer h is known, else alpha/(dx/2), and beyond the conductive layer, where t
 """
 
 from collections.abc import Callable, Sequence
-from math import inf
+from math import floor, inf
 from typing import cast
 
 import numpy as np
@@ -17,21 +17,68 @@ import taichi as ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass
+from taichi_plume.grid.rng import generator
 from taichi_plume.scenario.any_opening import Vent
 from taichi_plume.scenario.heat import Heat
-from taichi_plume.solvers.heat_puffs import HeatPuffs
-from taichi_plume.solvers.incoming import Incoming
-from taichi_plume.solvers.limited import LIMITED
+from taichi_plume.solvers.convection import LIMITED
 from taichi_plume.solvers.patches import VENTS, Patch
 from taichi_plume.solvers.release import Release
-from taichi_plume.solvers.scalar import Scalar
 from taichi_plume.solvers.surface_exchange import SurfaceExchange
-from taichi_plume.solvers.transport import Transport
+from taichi_plume.solvers.transport import Scalar, Transport
+
+WIDTH, DURATION = 0.5, 3.0  # found by trials of one source; durations of 2 and 5 differ by no more than seeds
+
+
+class HeatPuffs:
+    """Unsteady release of heat: the disturbance that makes the plume above a heater turbulent.
+
+    Warm air that rises from rest is unstable, but on a grid nothing disturbs it: above a heater that warms its cells
+    evenly the plume stays laminar for metres and entrains too little air. Real heat sources release warm air in puffs,
+    which follow one another about as fast as air rises through the source (Cetegen & Kasper 1996, Phys. Fluids 8,
+    2974).
+
+    A puff warms the cells of a heater around a random place with a Gaussian kernel, whose standard deviation is WIDTH
+    R, R being the radius of the heater. It lasts DURATION R/U, with U = (g beta P/(rho c_p R))^(1/3), the speed that
+    air gains over R. R is at least one cell here. The shares of all cells sum to 1 at any moment, so the power is
+    exact. The seed and the number of a puff determine it, so there is no state.
+    """
+
+    STATE = ()
+
+    def __init__(self, release: Release):
+        """The owner calls `begin`."""
+        self.release = release
+        self._periods = np.where(release.grid.periodic, release.grid.shape, np.inf)
+
+    def begin(self, heat: Heat, seed: int) -> None:
+        """Take over the heaters, which `release` has placed."""
+        self._share, self._seed = heat.unsteadiness, seed
+        self._radii = [max(heater.radius, self.release.grid.dx) for heater in heat.heaters]
+        self._rates = [
+            heat.rising_speed(heater.power, radius) / (DURATION * radius)
+            for heater, radius in zip(heat.heaters, self._radii, strict=True)
+        ]  # puffs per second
+        self._numbers: list[int] = []  # of the puffs that the cells receive now
+
+    def advance(self, t: float) -> None:
+        """Release the puffs of time t [s]."""
+        numbers = [floor(t * rate) for rate in self._rates]
+        if self._share > 0.0 and numbers != self._numbers:
+            self._numbers = numbers
+            self.release.set_shares([self.shares(n, number) for n, number in enumerate(numbers)])
+
+    def shares(self, n: int, number: int) -> np.ndarray:
+        """Shares of the power of heater n that its cells receive during puff `number`."""
+        cells, even = self.release.balls[n]
+        rng = generator(self._seed, f"heaters[{n}] puff {number}")
+        apart = np.abs(cells - cells[rng.choice(len(even), p=even / even.sum())])
+        square = (np.minimum(apart, self._periods - apart) ** 2).sum(axis=-1)
+        puff = even * np.exp(-0.5 * square * (self.release.grid.dx / (WIDTH * self._radii[n])) ** 2)
+        return (1.0 - self._share) * even + self._share * even.sum() * puff / puff.sum()
 
 
 def _temperature(vent: Patch) -> float | None:
-    """Of the air that comes in there [K], where it is given."""
+    """Return the temperature of the inflow through an opening [K], None if it is not given."""
     return cast(Vent, vent.opening).temperature
 
 
@@ -63,25 +110,12 @@ class HeatSolver:
         if heat.walls or heat.obstacles:
             numbers = [obstacle.number for obstacle in heat.obstacles]
             self.surfaces = SurfaceExchange(grid, wind, air, heat.walls, numbers, self._vents)
-        self.incoming: Incoming | None = None
-        if any(_temperature(vent) is not None for vent in self._vents):
-            self.incoming = Incoming(grid)
 
-        @ti.func
-        def add_sources(dt, k):
-            self.release.add_to(self.theta, self.transport.rest)
-
-        self.transport = Transport(
-            grid,
-            wind,
-            air,
-            LIMITED["koren"],
-            Pass(add_sources, self.release.cells) if self.release else None,
-            self.surfaces,
-            self.incoming,
-            scalar,
-        )
-        self.theta = self.transport.q
+        scalar, scheme = scalar or Scalar(grid), LIMITED["koren"]
+        has_inflow = any(_temperature(vent) is not None for vent in self._vents)
+        adding = self.release.adding(scalar) if self.release else None
+        self.transport = Transport(grid, wind, air, scheme, scalar, adding, self.surfaces, has_inflow)
+        self.theta = scalar.q
         self.begin(heat)
 
     def begin(self, model: Heat, t: float = 0.0, seed: int = 0) -> None:
@@ -94,27 +128,22 @@ class HeatSolver:
             self.release.begin(model.heaters)
         if self.puffs is not None:
             self.puffs.begin(model, seed)
-        if self.incoming is not None:
-            self.incoming.begin(self._incoming())
         if self.surfaces is not None:
             named = (*model.walls, *model.obstacles)
-            films = [None if one.transfer is None else one.transfer / model.capacity for one in named]
-            held = [one.temperature - self.reference for one in named]
+            films = [None if wall.transfer is None else wall.transfer / model.capacity for wall in named]
+            held = [wall.temperature - self.reference for wall in named]
             self.surfaces.begin(films, [inf] * len(named), held, model.diffusivity)
         self.transport.begin(model.diffusivity, model.prandtl_turbulent)
+        if self.transport.inflow:
+            given = [(vent, _temperature(vent)) for vent in self._vents]
+            inflow = [(vent, kelvin - self.reference) for vent, kelvin in given if kelvin is not None]
+            self.transport.set_inflow(inflow)
 
     def start_from(self, temperature: Callable[[np.ndarray], np.ndarray]) -> None:
         """Set theta from a function of points (..., dim) [m] to temperatures [K]."""
         solid, reference = self.air.solid, self.reference
         self.transport.start_from(lambda points: np.where(solid, 0.0, temperature(points) - reference))
         self.initial_joule = self.transport.inside() * self.capacity
-
-    # ---------------------------------------------------------------- surfaces and openings
-
-    def _incoming(self) -> list[tuple[Patch, float]]:
-        """The openings of which the air has a temperature, and theta of it."""
-        given = [(vent, _temperature(vent)) for vent in self._vents]
-        return [(vent, one - self.reference) for vent, one in given if one is not None]
 
     # ---------------------------------------------------------------- the step
 
@@ -130,10 +159,10 @@ class HeatSolver:
         for _ in range(steps):
             self.transport.step(h)
 
-    # ---------------------------------------------------------------- what is known about it
+    # ---------------------------------------------------------------- budget and diagnostics
 
     def budget(self) -> dict[str, float]:
-        """Heat [J] above the reference that was there at the begin, where any was, that heaters and surfaces gave, that
+        """Return the heat balance [J] above the reference: initial, if any, given by heaters and surfaces, that
         is in the air and that left through the openings.
         """
         return {

@@ -1,8 +1,7 @@
-"""Air flow from elsewhere, put on our grid and made divergence-free, frame by frame."""
+"""Imported flow (CFD results of other programs): interpolated to the grid and projected on divergence-free fields."""
 
 from collections.abc import Callable, Sequence
 from math import sqrt
-from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -18,7 +17,7 @@ from taichi_plume.solvers.playback import PlayedWind
 from taichi_plume.solvers.pressure import pressure_solver
 
 LEFT = 1e-6  # divergence that may be left, over the largest |u|/dx
-ROUNDS = 8  # of the pressure solver, in single precision, on what was left
+ROUNDS = 8  # of the pressure solver, in single precision, on the residual
 
 
 class Projection:
@@ -51,7 +50,7 @@ class Projection:
         )
 
     def _balance(self, u: list[np.ndarray]) -> None:
-        """What flows into each connected part of the air flows out: both change by a factor, towards their mean."""
+        """Balance inflow and outflow of each connected part of the air: both change by a factor, towards their mean."""
         flows = np.zeros((2, self.regions.max() + 1))  # in, out
         sides = []
         for d, v in enumerate(u):
@@ -68,7 +67,7 @@ class Projection:
             face *= factor[out, region]
 
     def __call__(self, u: list[np.ndarray]) -> tuple[list[np.ndarray], float, float]:
-        """The flow in single precision; what was changed of it where air is (root mean square over that of u); the
+        """Return the flow in single precision; its change in the air (root mean square over that of u); the
         divergence left over the largest |u|/dx.
         """
         air = [area > 0.0 for area in self.area]
@@ -81,7 +80,7 @@ class Projection:
             most = float(np.abs(net).max())
             if most < LEFT * fastest:
                 break
-            self.grid.write(self._b, net / most)  # single precision is enough for what is left
+            self.grid.write(self._b, net / most)  # single precision is enough for a residual
             self.solver.solve(self._b, self._phi, 1e-4)
             phi = most * self.grid.read(self._phi).astype(float)
             for d, v in enumerate(u):
@@ -94,13 +93,11 @@ class Projection:
 
 
 class ImportedFilm:
-    """The frames of an imported wind, with the interface of a `Film`; all of them in memory.
+    """Frames of an imported wind in memory, with the interface of `WindFrames`.
 
-    correction: what making a frame divergence-free changed at most, root mean square over that of the velocity;
-    max_divergence: what is left, over the largest |u|/dx; max_speed: the largest through a face [m/s].
+    correction: largest change of a frame by the projection, root mean square over that of the velocity;
+    max_divergence: the remaining divergence, over the largest |u|/dx; max_speed: the largest through a face [m/s].
     """
-
-    gas: tuple[str, ...] = ()
 
     def __init__(self, site: Site, grid: Grid, air: Air):
         """Raises WindFileError."""
@@ -121,16 +118,16 @@ class ImportedFilm:
         self.wind = list(self._frames[0])
 
     def begin(self, wind: ImportedWind) -> None:
-        """Show the same frames with other viscosities and another Schmidt number."""
+        """Set the viscosities and the Schmidt number."""
         self._wind = wind
-        self.attributes: dict[str, Any] = {"viscosity": wind.viscosity, "schmidt": wind.schmidt}
+        self.attributes: dict[str, float] = {"viscosity": wind.viscosity, "schmidt": wind.schmidt}
 
     def still(self, name: str) -> np.ndarray:
         """Variable open_u and so on: the faces inside the domain that let air through."""
         return self._project.inside[VELOCITIES.index(name.removeprefix("open_"))] > 0.0
 
     def air(self) -> Air:
-        """The air of the domain."""
+        """Return the air of the domain."""
         return self._air
 
     def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
@@ -139,9 +136,9 @@ class ImportedFilm:
         return {name: self._viscosity(kept[name]) if name == "viscosity" else kept[name] for name in names}
 
     def _viscosity(self, eddies: np.ndarray) -> np.ndarray:
-        """Of the air [m²/s], given that of the files' eddies."""
-        told, given = self._wind.viscosity, self._wind.eddy_viscosity
-        return np.asarray(told + (eddies if given is None else np.full_like(eddies, given)), np.float32)
+        """Return the viscosity [m²/s] of the air, given the eddy viscosity of the files."""
+        molecular, given = self._wind.viscosity, self._wind.eddy_viscosity
+        return np.asarray(molecular + (eddies if given is None else np.full_like(eddies, given)), np.float32)
 
     def _frame(self, points: Points) -> tuple[dict[str, np.ndarray], float, float, float]:
         """The variables, the correction, the divergence left, and the largest speed through a face [m/s]."""
@@ -173,22 +170,20 @@ class ImportedFilm:
 
 @ti.data_oriented
 class ImportedFlow(PlayedWind):
-    """A flow from elsewhere."""
+    """A flow that another program computed."""
 
-    def __init__(self, film: ImportedFilm, wind: ImportedWind, grid: Grid, t: float = 0.0, seed: int = 0):
-        self.imported = film
-        super().__init__(wind, film, grid, t, seed)
+    frames: ImportedFilm
 
     def begin(self, model: ImportedWind, t: float, seed: int) -> None:
-        self.imported.begin(model)
+        self.frames.begin(model)
         super().begin(model, t, seed)
 
     def diagnostics(self) -> dict[str, float]:
-        """Of all frames: what making them divergence-free changed at most, rms over that of the velocity; what is left
+        """Return of all frames the largest change by the projection, rms over that of the velocity; what is left
         of the divergence, over the largest |u|/dx; the largest speed [m/s].
         """
         return {
-            "correction": self.imported.correction,
-            "max_divergence": self.imported.max_divergence,
-            "max_speed": self.imported.max_speed,
+            "correction": self.frames.correction,
+            "max_divergence": self.frames.max_divergence,
+            "max_speed": self.frames.max_speed,
         }

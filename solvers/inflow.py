@@ -1,4 +1,4 @@
-"""Turbulence of the air that openings blow in: random waves, free of divergence, that the wind carries in.
+"""Inflow turbulence: random waves, free of divergence, that the wind carries in (von Karman spectrum).
 
     u = curl A,   <|A(k)|²> ~ (k_L² + k²)^-(5/6 + (dim + 1)/2)
 
@@ -7,11 +7,11 @@ The air moves past the opening as if frozen (Taylor's hypothesis), so time goes 
 and as it is free of divergence the pressure takes nothing from it. A wave that varies along the face has no net flux
 through it, and of those that do not, freedom from divergence leaves only motion along the face.
 
-Only what the cells carry is blown in: waves from 6 cells on, and the strongest at least 8 cells long; of shorter ones
+Only resolved turbulence is blown in: waves from 6 cells on, and the strongest at least 8 cells long; of shorter ones
 convection would erase too much on their first metres. The intensity is that of all these waves, and k_L such that
 their integral length is the one asked for, where the two limits allow it: at least about 4 cells. An opening of less
 than 10 cells across has no eddies as long as that: shaking its whole jet with the full intensity would make it spread
-half as fast again. There, what the cells do not carry of shorter eddies is left out, and the intensity is less.
+half as fast again. There, shorter eddies that the cells do not resolve are left out, and the intensity is less.
 """
 
 from math import ceil, pi, sqrt
@@ -31,15 +31,13 @@ CARRIED = 4.0  # cells: integral lengths below become about as long
 WIDEST = 0.4  # of an opening's width: integral length of the eddies in it
 LENGTHS = 12.0  # integral lengths from one box of waves to the next: blending them shortens those by 2 %
 
-Window = tuple[slice, ...]
-
 
 class Waves:
     """The waves of one opening: their wave numbers, and how strong each may be.
 
     k: per axis of the domain, as the differences of the grid see it [1/m], with a third that is zero in 2-D; along the
     wind first, then along the face's axes, of which the last has only one sign. amplitude: of each wave's potential;
-    shift: what each component's place on the staggered grid does to it; strength: deviation of all that is carried,
+    shift: phase factor by each component's place on the staggered grid; strength: deviation of all that is carried,
     over the nominal one.
     """
 
@@ -48,33 +46,29 @@ class Waves:
         dx, dim = patch.grid.dx, patch.grid.dim
         cut = 2.0 * pi / (SHORTEST * dx)
         self.spacing = SHORTEST * dx / PLANES  # of the planes along the wind [m]
-        self.overlap = ceil(
-            LENGTHS * max(length, SHORTEST * dx) / self.spacing
-        )  # planes that two boxes share
+        # planes that two boxes share
+        self.overlap = ceil(LENGTHS * max(length, SHORTEST * dx) / self.spacing)
         self.planes = 2 * self.overlap
         numbers = 2.0 * pi * np.fft.fftfreq(self.planes, self.spacing)
         self.kept = np.abs(numbers) <= cut
-        limits = [
-            cut,
-            *(max(cut, 2.0 * sqrt(2.0) * pi / (n * dx)) for n in counts),
-        ]  # of small openings, one wave
+        # small openings have one wave
+        limits = [cut, *(max(cut, 2.0 * sqrt(2.0) * pi / (n * dx)) for n in counts)]
         self.across = [self._fitting(n, dx, most) for n, most in zip(counts, limits[1:], strict=True)]
         self.across[-1] = np.unique(np.abs(self.across[-1]))
         mesh = np.meshgrid(numbers[self.kept], *self.across, indexing="ij")
         self.square = sum(k**2 for k in mesh)
         inside = sum((k / most) ** 2 for k, most in zip(mesh, limits, strict=True)) <= 1.0
-        self.weight = (
-            inside * (self.square > 0.0) * np.where(mesh[-1] > 0.0, 2.0, 1.0)
-        )  # twice: for both signs
+        # twice: for both signs
+        self.weight = inside * (self.square > 0.0) * np.where(mesh[-1] > 0.0, 2.0, 1.0)
         axes = (patch.axis, *patch.along)
         self.k = np.zeros((3, *self.square.shape))
         for axis, k in zip(axes, mesh, strict=True):
             self.k[axis] = 2.0 / dx * np.sin(0.5 * k * dx)
-        self.k[patch.axis] *= -1.0 if patch.side == 0 else 1.0  # what lies upstream comes later
+        self.k[patch.axis] *= -1.0 if patch.side == 0 else 1.0  # air from upstream comes later
         moved = [np.where(a == patch.axis, 0.0, mesh[axes.index(a)]) for a in range(dim)]
         self.shift = np.exp(-0.5j * dx * np.array(moved))
         self.potentials = range(3) if dim == 3 else (2,)
-        self.of_unit = sum(self.curl(one) ** 2 for one in np.eye(3)[list(self.potentials)])[:dim]
+        self.of_unit = sum(self.curl(unit) ** 2 for unit in np.eye(3)[list(self.potentials)])[:dim]
         self._through = patch.axis
         self.exponent = 5.0 / 6.0 + (dim + 1) / 2.0
         strongest = 2.0 * pi / (STRONGEST * dx) / sqrt(0.6 * (dim + 1))
@@ -103,13 +97,14 @@ class Waves:
         """The k_L [1/m] that makes the integral length `length` [m], or the next that is allowed."""
         scales = np.geomspace(strongest, min(INTEGRAL / length, strongest), SCALES)
         powers = [self._spectrum(scale) * self.of_unit[self._through] for scale in scales]
-        # half the power of what does not change along the wind, over all power and the spacing of the wave numbers
+        # half the power of the waves that are constant along the wind, over all power and the spacing of the wave
+        # numbers
         lengths = [0.5 * self.planes * self.spacing * p[0].sum() / max(p.sum(), 1e-300) for p in powers]
         return float(np.interp(length, lengths, scales))
 
 
 def _share(x: float, dim: int) -> float:
-    """Of the energy of a von Karman spectrum k^(dim + 1)/(1 + k²)^(5/6 + (dim + 1)/2), the part below k = x."""
+    """Return the share of the energy of a von Karman spectrum k^(dim + 1)/(1 + k²)^(5/6 + (dim + 1)/2) below k = x."""
     return float(betainc(1.0 + 0.5 * dim, 1.0 / 3.0, x**2 / (1.0 + x**2)))
 
 
@@ -130,7 +125,7 @@ class Fluctuations:
         spans = [np.flatnonzero(patch.covered.any(axis=a)) for a in reversed(range(self.dim - 1))]
         if self.dim == 2:
             spans = [np.flatnonzero(patch.covered)]
-        self._window: Window = tuple(slice(int(at[0]), int(at[-1]) + 1) for at in spans)
+        self._window = tuple(slice(int(at[0]), int(at[-1]) + 1) for at in spans)
         counts = [part.stop - part.start for part in self._window]
         self.waves = waves = Waves(patch, counts, length)
         dx = patch.grid.dx
@@ -149,7 +144,7 @@ class Fluctuations:
         self._boxes: dict[int, np.ndarray] = {}
 
     def _scales(self) -> np.ndarray:
-        """What makes the deviation of each component what it is to be, at its place on the staggered grid.
+        """Return the factors that give each component its standard deviation, at its place on the staggered grid.
 
         Of the flow through the opening less its mean, where obstacles or a round rim leave one.
         """

@@ -1,18 +1,18 @@
-"""The terms of the momentum equation on the staggered grid, one function each.
+"""Terms of the momentum equation (Navier-Stokes) on the staggered grid, one function each.
 
     du_d/dt = sum_e -d(u_e u_d)/dx_e + d(nu (du_d/dx_e + du_e/dx_d))/dx_e - dp/dx_d + b_d + g_d
 
 Face I of axis d is the lower d-face of cell I; the volume around it reaches half a cell to both sides. Where obstacles
-cut the grid, what goes through a side of that volume counts with the share of the side that is air.
+cut the grid, the flux through a side of that volume counts with the share of the side that is air.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.fields import Faces, Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.tables import Tables
@@ -22,22 +22,53 @@ from taichi_plume.solvers.convection import FACE_VALUES
 from taichi_plume.solvers.turbulence import MODELS, mixing_lengths
 
 
+def _widest(area: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return the widest passage of the volume around each face, which counts as the volume that stores its momentum.
+
+    A volume with little air then does not shorten the step; steady flows do not depend on this choice.
+    """
+    result = []
+    for d, faces in enumerate(area):
+        widest = faces.copy()
+        for e, others in enumerate(area):
+            low = 0.5 * (others + np.roll(others, 1, axis=d))
+            widest = np.maximum(widest, np.maximum(low, np.roll(low, -1, axis=e)))
+        result.append(np.maximum(widest, 1e-6))
+    return result
+
+
+def opennesses(grid: Grid, area: Sequence[np.ndarray], is_free: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return the openness of faces per axis, padded: area over stored volume, 0 where the velocity is not solved for.
+
+    area: shares of the faces that are air, padded; is_free: of the domain's faces, see `Boundaries`.
+    """
+    g, result = grid.ghost, []
+    for d, widest in enumerate(_widest(area)):
+        faces = area[d] / widest
+        if not grid.periodic[d]:
+            along = np.moveaxis(faces, d, 0)
+            for side, face in enumerate((g, g + grid.shape[d])):
+                along[face] = (along[face] > 0.0) * np.take(is_free[d], side, axis=d)
+        result.append(faces)
+    return result
+
+
 @dataclass
-class Weighing:
-    """What makes the air heavier: a cell field, and the relative change of the density per unit of it, which the flow
-    takes over when it begins.
+class BuoyantScalar:
+    """Cell field that changes the density of the air (Boussinesq), and the relative change of the density per unit of
+    the field, which the flow reads in `begin`.
     """
 
-    field: Any
+    field: Field
     weight: float
 
 
 class Momentum:
-    """What the terms read: the fields of the flow (see `FlowSolver`) and the numbers of the scenario.
+    """Inputs of the terms: the fields of the flow (see `FlowSolver`) and the parameters of the scenario.
 
-    viscosity [m²/s]; constant: of the eddy model; force: g dx [m²/s²] per axis; weighing: cell fields that make the air
-    rise or sink; pull: acceleration [m/s²] that a unit of each gives; half_pull: pull dx/2. distance, mixing [m]: of
-    cells from the next surface, and the mixing length that depends on it.
+    viscosity [m²/s]; constant: of the turbulence model; roughness: k_s of surfaces [m]; force: g dx [m²/s²] per axis;
+    weighing: cell fields of buoyancy; pull: acceleration [m/s²] by a unit of each; half_pull: pull dx/2. distance,
+    mixing [m]: of cells from the next surface, and the mixing length that depends on it.
 
     Where obstacles cut the grid, volumes in cells and areas in faces: spread[d], one over the volume that stores the
     momentum of a face, 0 where the velocity is not solved for; sheared[d][e], see `sheared_areas`.
@@ -47,12 +78,12 @@ class Momentum:
         self,
         model: CfdWind,
         grid: Grid,
-        u: tuple[Any, ...],
-        p: Any,
-        nu: Any,
+        u: Faces,
+        p: Field,
+        nu: Field,
         openness: Sequence[np.ndarray],
         areas: Sequence[np.ndarray] | None,
-        weighing: Sequence[Any],
+        weighing: Sequence[Field],
         tables: Tables,
         distance: np.ndarray | None,
     ):
@@ -63,12 +94,12 @@ class Momentum:
         self.grid, self.dim, self.dx = grid, grid.dim, grid.dx
         self.u, self.p, self.nu = u, p, nu
 
-        def put(values: np.ndarray) -> Any:
+        def put(values: np.ndarray) -> Field:
             return tables.put(grid.field(), values)
 
         self.open = tuple(put(values) for values in openness)
         self.cut = areas is not None
-        self.area: Any = None
+        self.area: Field = None
         self.spread, self.sheared = self.open, ()
         if areas is not None:
             self.area = tuple(put(area) for area in areas)
@@ -85,7 +116,7 @@ class Momentum:
         self.eddies = nu is not None
         self.rough = model.roughness is not None
         self.distance = self.mixing = None
-        self._near: Any = None  # distance, on the padded grid
+        self._near: Field = None  # distance, on the padded grid
         if distance is not None:
             self._near = grid.pad(distance)
             self.distance, self.mixing = put(self._near), grid.field()
@@ -94,18 +125,20 @@ class Momentum:
         self.face_value = FACE_VALUES[model.convection]
         self.driven = model.acceleration is not None
         self.weighing = tuple(weighing)
-        self.viscosity, self.constant = ti.field(ti.f32, ()), ti.field(ti.f32, ())
-        self.force: Any = ti.Vector.field(grid.dim, ti.f32, ())
+        self.viscosity, self.constant, self.roughness = (ti.field(ti.f32, ()) for _ in range(3))
+        self.force: Field = ti.Vector.field(grid.dim, ti.f32, ())
         count = max(1, len(self.weighing))
         self.pull, self.half_pull = (ti.Vector.field(grid.dim, ti.f32, count) for _ in range(2))
-        self._put = uploader(self.viscosity, self.constant, self.force, self.pull, self.half_pull)
+        self._put = uploader(
+            self.viscosity, self.constant, self.roughness, self.force, self.pull, self.half_pull
+        )
 
     def begin(self, model: CfdWind, pull: np.ndarray) -> None:
-        """Take the numbers over; pull: of each weighing field, (count, dim) [m/s²]."""
+        """Set the parameters; pull: of each weighing field, (count, dim) [m/s²]."""
         constant = 0.0 if model.turbulence.kind == "none" else model.turbulence.constant
         force = np.array(model.acceleration or (0.0,) * self.dim) * self.dx
         pull = pull if len(pull) else np.zeros((1, self.dim))
-        self._put(model.viscosity, constant, force, pull, 0.5 * self.dx * pull)
+        self._put(model.viscosity, constant, model.roughness or 0.0, force, pull, 0.5 * self.dx * pull)
         if model.turbulence.kind != "none":
             grids, surface = mixing_lengths(self._near, self.dx, constant)
             smagorinsky = model.turbulence.kind == "smagorinsky"
@@ -113,8 +146,8 @@ class Momentum:
 
 
 def sheared_areas(areas: Sequence[np.ndarray], d: int) -> list[np.ndarray]:
-    """Per axis e: area of the lower e-side of the volume around each face of axis d over the distance that the velocity
-    u_d changes across it. The middles of what is open of the two faces of axis d lie closer than dx.
+    """Return per axis e the area of the lower e-side of the volume around each face of axis d, over the distance across
+    which the velocity u_d changes. The middles of the open parts of the two faces of axis d lie closer than dx.
     """
     result = []
     for e, area in enumerate(areas):
@@ -125,14 +158,14 @@ def sheared_areas(areas: Sequence[np.ndarray], d: int) -> list[np.ndarray]:
     return result
 
 
-# ---------------------------------------------------------------- through the sides of the volume around a face
+# ---------------------------------------------------------------- fluxes through the sides of a face's volume
 
 
 @ti.func
 def convective_flux(m: Template, I, d: Template, e: Template, last: Template):
-    """u_e u_d [m²/s²] through the lower e-side of the volume around face I of axis d; u_d as `convection` has it.
+    """Return the convective flux u_e u_d [m²/s²] through the lower e-side of the volume around face I of axis d.
 
-    last: whether I may lie beyond the domain's upper face, where one face less is stored.
+    `convection` gives u_d there. last: whether I may lie beyond the domain's upper face, where one face less is stored.
     """
     D, E = ti.Vector.unit(m.dim, d, ti.i32), ti.Vector.unit(m.dim, e, ti.i32)
     v = 0.5 * (m.u[e][I] + m.u[e][I - D])
@@ -146,7 +179,9 @@ def convective_flux(m: Template, I, d: Template, e: Template, last: Template):
 
 @ti.func
 def viscosity_at(m: Template, I, d: Template, e: Template):
-    """Viscosity nu [m²/s], with that of the eddies, on the lower e-side of the volume around face I of axis d."""
+    """Return the viscosity nu [m²/s], eddy viscosity included, on the lower e-side of the volume around face I of axis
+    d.
+    """
     result = m.viscosity[None]
     if ti.static(m.eddies):
         D, E = ti.Vector.unit(m.dim, d, ti.i32), ti.Vector.unit(m.dim, e, ti.i32)
@@ -159,9 +194,9 @@ def viscosity_at(m: Template, I, d: Template, e: Template):
 
 @ti.func
 def stress(m: Template, I, d: Template, e: Template):
-    """nu (du_d/dx_e + du_e/dx_d) [m²/s²] on the lower e-side of the volume around face I of axis d.
+    """Return the viscous stress nu (du_d/dx_e + du_e/dx_d) [m²/s²] on the lower e-side of the volume around face I.
 
-    Of a constant viscosity div u = 0 leaves only the first part.
+    The second part vanishes for a constant viscosity, as div u = 0. I: face of axis d.
     """
     D, E = ti.Vector.unit(m.dim, d, ti.i32), ti.Vector.unit(m.dim, e, ti.i32)
     du_dx = (m.u[d][I] - m.u[d][I - E]) / m.dx
@@ -177,29 +212,29 @@ def stress(m: Template, I, d: Template, e: Template):
 
 @ti.func
 def flux(m: Template, I, d: Template, e: Template, last: Template):
-    """Of u_d [m²/s²] through the lower e-side of the volume around face I: convection less stress."""
+    """Return the flux of u_d [m²/s²] through the lower e-side of the volume around face I: convection less stress."""
     viscous = stress(m, I, d, e)
     return convective_flux(m, I, d, e, last) - viscous
 
 
-# ---------------------------------------------------------------- forces on it, times dx [m²/s²]
+# ---------------------------------------------------------------- forces on a face's volume, times dx [m²/s²]
 
 
 @ti.func
 def pressure_force(m: Template, I, d: Template):
-    """-dp/dx_d, p the kinematic pressure."""
+    """Return the pressure gradient term -dp/dx_d, p the kinematic pressure."""
     return -(m.p[I] - m.p[I - ti.Vector.unit(m.dim, d, ti.i32)])
 
 
 @ti.func
 def body_force(m: Template, d: Template):
-    """g_d, the same on all the air."""
+    """Return g_d, the body force that drives all the air."""
     return m.force[None][d]
 
 
 @ti.func
 def buoyancy(m: Template, I, d: Template, n: Template):
-    """b_d of the n-th of the fields that make the air lighter or heavier (Boussinesq)."""
+    """Return the buoyancy b_d of the n-th weighing field (Boussinesq approximation)."""
     q = ti.static(m.weighing[n])
     return m.half_pull[n][d] * (q[I] + q[I - ti.Vector.unit(m.dim, d, ti.i32)])
 
@@ -209,7 +244,10 @@ def buoyancy(m: Template, I, d: Template, n: Template):
 
 @ti.func
 def tendency(m: Template, I, d: Template, net):
-    """du_d/dt [m/s²] at face I; 0 where the velocity is not solved for. net: `flux` into the volume around it."""
+    """Return du_d/dt [m/s²] at face I, the right side of the momentum equation; 0 where the velocity is prescribed.
+
+    net: sum of `flux` into the volume around the face.
+    """
     push = pressure_force(m, I, d)
     if ti.static(m.driven):
         push += body_force(m, d)
@@ -222,19 +260,19 @@ def tendency(m: Template, I, d: Template, net):
 
 @ti.func
 def loss(m: Template, I, d: Template, net):
-    """Momentum [m/s² of a whole cell] that flows on to faces that obstacles close."""
+    """Return the momentum [m/s² of a whole cell] that flows to faces that obstacles close."""
     return ti.select(m.open[d][I] > 0.0, 0.0, net / m.dx)
 
 
 @ti.func
 def eddy_viscosity(m: Template, I):
-    """nu [m²/s] of cell I."""
+    """Return nu [m²/s] of cell I, the molecular viscosity included."""
     nu = m.viscosity[None]
     return nu + m.eddy_model(m, I)
 
 
 def through(m: Momentum, d: int, e: int, last: bool) -> Callable:
-    """`flux` as the formula of a sweep over the d-faces."""
+    """Return `flux` as the formula of a sweep over the d-faces."""
 
     @ti.func
     def formula(I):
@@ -244,7 +282,7 @@ def through(m: Momentum, d: int, e: int, last: bool) -> Callable:
 
 
 def of_axis(term: Callable, m: Momentum, d: int) -> Callable:
-    """A term (m, I, d, net) as the formula of a sweep over the d-faces."""
+    """Return a term (m, I, d, net) as the formula of a sweep over the d-faces."""
 
     @ti.func
     def formula(I, net, dt, k):

@@ -1,10 +1,10 @@
 """Conjugate gradients on the Poisson equation of the projection, preconditioned by a multigrid V-cycle."""
 
-from typing import Any
-
 import numpy as np
+import scipy.sparse as sp
 import taichi as ti
 
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import STRIP, Template
 from taichi_plume.grid.tables import Tables
@@ -31,7 +31,7 @@ class Multigrid(VCycle):
         self.iterations = 0
         tables.upload()
 
-    def _list_grounded(self, matrix: Any, shape: tuple[int, int, int], tables: Tables) -> None:
+    def _list_grounded(self, matrix: sp.csr_array, shape: tuple[int, ...], tables: Tables) -> None:
         """The cells beside free faces of the domain, where phi = 0: their indices and the faces' coefficients."""
         excess = np.where(matrix.diagonal() > 0, np.asarray(matrix.sum(axis=1)).ravel(), 0.0)
         cells = np.flatnonzero(excess > 1e-6)
@@ -150,7 +150,7 @@ class Multigrid(VCycle):
 
     @ti.kernel
     def _store(self, phi: Template, rows: ti.i32):
-        """The solution, all of it shifted so that the free faces together let out exactly what comes in."""
+        """Write the solution, shifted so that the flux through the free faces balances the sources exactly."""
         for _ in range(1):
             out = ti.cast(0.0, ti.f64)
             for n in range(self.grounded.shape[0]):
@@ -166,7 +166,7 @@ class Multigrid(VCycle):
                 value = self.phi[first + i]  # 0 where no air is
                 phi[self._cell(row, i)] = ti.select(value != 0.0, value + self.alpha[None], 0.0)
 
-    def solve(self, b: Any, phi: Any, tolerance: float, limit: int = 60) -> None:
+    def solve(self, b: Field, phi: Field, tolerance: float, limit: int = 60) -> None:
         """Set the inner cells of field phi to the solution for field b, to a largest residual below `tolerance`."""
         rows = self.rows[0]
         self._load(b, rows)

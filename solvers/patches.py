@@ -1,4 +1,4 @@
-"""Openings on the grid: which faces of the domain they cover, and with what profile they blow."""
+"""Openings (inlets, outlets, fans) on the grid: the boundary faces that they cover, and their velocity profiles."""
 
 from collections.abc import Callable, Sequence
 
@@ -21,7 +21,7 @@ Places = list[np.ndarray]
 
 
 def periodic_axes(openings: tuple[Opening, ...], dim: int) -> tuple[bool, ...]:
-    """Which axes are periodic."""
+    """Return per axis whether it is periodic."""
     wrapped = {opening.axis for opening in openings if opening.kind == "periodic"}
     return tuple(axis in wrapped for axis in "xyz"[:dim])
 
@@ -72,7 +72,7 @@ class Patch:
         return np.max([np.abs(p) for p in places], axis=0)
 
     def inside(self, places: Places) -> np.ndarray:
-        """Which places the region covers; places on the rim count, whatever rounding makes of them."""
+        """Return a mask of the places that the region covers, the rim included in spite of rounding."""
         return self.radius(places) <= 1.0 + RIM_ROUNDING
 
     def cells(self) -> tuple[np.ndarray, ...]:
@@ -137,7 +137,7 @@ class JetPatch(Patch):
 
 
 def opening_cells(openings: tuple[Opening, ...], grid: Grid) -> np.ndarray:
-    """Which cells lie behind an opening that lets air through, bool of grid.shape."""
+    """Return a mask of the cells behind an opening that lets air through, of grid.shape."""
     result, everywhere = np.zeros(grid.shape, bool), Air.everywhere(grid).area
     for opening in openings:
         patch = patch_of(opening, grid, everywhere)

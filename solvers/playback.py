@@ -1,84 +1,86 @@
-"""Wind and gas of a recorded run, linear in time between its frames.
+"""Playback of recorded wind and gas (films, movies), linear in time between frames.
 
 A mean of two divergence-free fields is divergence-free, so gas can be dispersed on a played flow as on a computed one.
 Two frames are on the device; the next one is read from the disk meanwhile.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from math import inf
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.files.film import VELOCITIES
+from taichi_plume.files.movie import Movie
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Carrier, Gas, sample_cells, sample_faces
+from taichi_plume.grid.fields import Carrier, GridGas
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.gases import PlaybackGas
 from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.played import MovieGas, PlaybackWind, Played
 
-CLOSE = 1e-12  # of a time: as good as equal
+CLOSE = 1e-12  # relative difference up to which times are equal
+
+Maxima = tuple[float, ...] | None
+"""Maxima of a frame; of a gas there are none."""
 
 
 class Frames(Protocol):
-    """What can be played: a `Film`, or frames in memory with the same meaning."""
+    """Frames that can be played: a `Film`, or frames in memory."""
 
     times: np.ndarray
     """Of the frames, ascending [s]."""
 
     def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
-        """Variables of frame n, axes (x, y, z)."""
+        """Return variables of frame n, axes (x, y, z)."""
+        ...
+
+    def still(self, name: str) -> np.ndarray:
+        """Return a variable that does not change, axes (x, y, z)."""
         ...
 
 
 class WindFrames(Frames, Protocol):
     """Frames of a wind."""
 
-    attributes: dict[str, Any]
-    """viscosity and schmidt."""
+    @property
+    def attributes(self) -> Mapping[str, float]:
+        """viscosity [m²/s] and schmidt, among others."""
+        ...
 
     @property
     def wind(self) -> list[str]:
         """Names of the wind's variables."""
         ...
 
-    def still(self, name: str) -> np.ndarray:
-        """A variable that does not change, axes (x, y, z)."""
-        ...
-
     def air(self) -> Air:
-        """The air that it blows through."""
+        """Return the air that the wind blows through."""
         ...
 
 
 class GasFrames(Frames, Protocol):
     """Frames of a gas."""
 
-    def gas_of(self, species: Any) -> str:
-        """The variable to play for a species."""
-        ...
-
-    def still(self, name: str) -> np.ndarray:
-        """A variable that does not change, axes (x, y, z)."""
+    def gas_of(self, species: object) -> str:
+        """Return the variable to play for a species."""
         ...
 
 
 class FramePlayer:
-    """Keeps fields as a film shows them at the time of the clock.
+    """Player of a film: sets fields to the film's values at the simulated time.
 
-    names: the film's variables; prepare: what the reading thread makes of a frame, (values with `margin` ghost layers
-    per name, numbers to be known about it). now: the fields by name; known: the numbers of the two frames around.
+    names: the film's variables; prepare: function that the reading thread applies to a frame, (values with `margin`
+    ghost layers per name, maxima). now: the fields by name; known: the maxima of the two frames
+    around.
     """
 
     STATE = ("now", "_goal", "known", "_reached", "_end")
 
     def __init__(self, film: Frames, grid: Grid, names: list[str], margin: int, prepare: Callable):
-        """It shows nothing before `begin`."""
+        """`begin` shows the first frame."""
         self.film, self.grid, self.names, self.margin = film, grid, names, margin
         self.prepare = prepare
         self.first = film.times[0]
@@ -88,10 +90,10 @@ class FramePlayer:
         self._goal = {name: grid.field() for name in names}
         self._approach = grid.blending(list(self.now.values()), list(self._goal.values()))
         self._pool = ThreadPoolExecutor(1, "film")
-        self.known: tuple[Any, Any] = (None, None)
+        self.known: tuple[Maxima, Maxima] = (None, None)
 
     def begin(self, model: Played, t: float) -> None:
-        """Show simulated time t [s], played as the model says."""
+        """Start at simulated time t [s], played at the rate and from the start of the model."""
         self.model = model
         self.ends = np.append(self.film.times[1:], self.first + self.period if model.loop else np.inf)
         self._frames: dict[int, Future] = {}  # a cache, and no state
@@ -112,17 +114,17 @@ class FramePlayer:
         self._reached = time
 
     def _snapped(self, time: float) -> float:
-        """The time of a frame where it is meant: sums of ticks miss it by their rounding."""
+        """Return the time of a frame if `time` equals it up to the rounding of sums of ticks."""
         near = CLOSE * max(1.0, abs(time))
         n = int(np.searchsorted(self.film.times, time - near))
-        meant = n < len(self.film.times) and self.film.times[n] <= time + near
-        return float(self.film.times[n]) if meant else time
+        equal = n < len(self.film.times) and self.film.times[n] <= time + near
+        return float(self.film.times[n]) if equal else time
 
     def _change(self, n: int) -> None:
-        """Put frame n and the next one on the device, and send for the one after."""
-        wanted = (n, self._next(n), self._next(self._next(n)))
-        self._frames = {k: self._frames.get(k) or self._pool.submit(self._read, k) for k in wanted}
-        frames = [self._frames[k].result() for k in wanted[:2]]
+        """Put frame n and the next one on the device, and start to read the frame after."""
+        numbers = (n, self._next(n), self._next(self._next(n)))
+        self._frames = {k: self._frames.get(k) or self._pool.submit(self._read, k) for k in numbers}
+        frames = [self._frames[k].result() for k in numbers[:2]]
         for fields, (values, _) in zip((self.now, self._goal), frames, strict=True):
             for name, field in fields.items():
                 self.grid.write(field, values[name], self.margin)
@@ -134,17 +136,17 @@ class FramePlayer:
             return n + 1
         return 0 if self.model.loop else n
 
-    def _read(self, n: int) -> Any:
+    def _read(self, n: int) -> tuple[dict[str, np.ndarray], Maxima]:
         return self.prepare(self.film.frame(n, self.names))
 
 
 @ti.data_oriented
 class PlayedWind(Carrier):
-    """A flow that was recorded or made elsewhere."""
+    """A flow that was recorded, or computed by another program."""
 
     STATE = ("film", "outflow_rate", "max_viscosity", "max_speed")
     carries = True
-    """Whether gas is solved for in it, and has to see it change."""
+    """Whether gas is solved for in the wind, which limits the step."""
 
     def __init__(
         self,
@@ -154,7 +156,6 @@ class PlayedWind(Carrier):
         t: float = 0.0,
         seed: int = 0,
     ):
-        """t: begin of the run [s]."""
         self.grid = grid
         self.dim = grid.dim
         self.frames = film
@@ -171,17 +172,13 @@ class PlayedWind(Carrier):
         ]
         cut = [grid.pad_faces(area, d) for d, area in enumerate(air.area)] if self.area else []
         uploader(*self.open, *(self.area or ()))(*still, *cut)
-        self._be(film)
         self.begin(wind, t, seed)
 
     def begin(self, model: PlaybackWind | ImportedWind, t: float, seed: int) -> None:
-        self._be(self.frames)
+        self.viscosity = float(self.frames.attributes["viscosity"])
+        self.schmidt = float(self.frames.attributes["schmidt"])
         self.film.begin(model, t)
-        self._know()
-
-    def _be(self, film: WindFrames) -> None:
-        self.viscosity = float(film.attributes["viscosity"])
-        self.schmidt = float(film.attributes["schmidt"])
+        self._set_maxima()
 
     def _prepare(self, frame: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], tuple[float, ...]]:
         """Values with a ghost layer; largest flow out of a cell over its volume [1/s], viscosity and speed."""
@@ -194,33 +191,27 @@ class PlayedWind(Carrier):
         viscosity = float(frame["viscosity"].max()) if "viscosity" in frame else self.viscosity
         return values, (self.grid.largest_outflow(faces), viscosity, speed)
 
-    def _know(self) -> None:
-        # the maxima of a mean are no larger than the larger ones
-        known = np.max(self.film.known, axis=0)
+    def _set_maxima(self) -> None:
+        # between two frames a maximum is at most the larger of both
+        known = np.max([maxima for maxima in self.film.known if maxima is not None], axis=0)
         self.outflow_rate, self.max_viscosity, self.max_speed = (float(value) for value in known)
 
     def stable_dt(self, t: float = 0.0) -> float:
-        """A step of the gas [s], so that it sees the flow change; the film itself has no limit."""
+        """Return the longest step [s] of gas that is solved for, so that it follows the flow; infinite without."""
         return inf if not self.carries else 0.5 / max(self.outflow_rate, 1e-9)
 
     def advance(self, t: float, dt: float) -> None:
         self.film.show(t + dt)
-        self._know()
-
-    @ti.func
-    def velocity(self, x: Template, t: float):
-        return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)
+        self._set_maxima()
 
 
 @ti.data_oriented
-class PlayedGas(Gas):
-    """A recorded gas; its frames were looked at when they were read."""
+class PlayedGas(GridGas):
+    """A recorded gas. Frames are checked when they are read."""
 
     STATE = ("film",)
-    finer_than_cells = False
 
     def __init__(self, gas: PlaybackGas | MovieGas, film: GasFrames, grid: Grid, t: float = 0.0):
-        """t: begin of the run [s]."""
         self.grid = grid
         self.dim = grid.dim
         name = film.gas_of(gas.species)
@@ -241,9 +232,61 @@ class PlayedGas(Gas):
     def advance(self, t: float, dt: float) -> None:
         self.film.show(t + dt)
 
-    def cells(self, t: float) -> np.ndarray:
-        return self.grid.read(self.c)
 
-    @ti.func
-    def concentration(self, x: Template, t: float):
-        return sample_cells(self.c, self.air, x, self.grid.dx, self.grid.ghost, self.grid.padded)
+class MovieFrames:
+    """Pictures of a movie on a grid, in the file's unit: the mean over the area of each cell.
+
+    Pixels are squares of one value and beyond the picture there is none, so the sum over cells is that over the
+    part of the picture in the domain, whether cells or pixels are the larger ones.
+    """
+
+    def __init__(self, movie: Movie, grid: Grid):
+        self.movie, self.grid = movie, grid
+        self.times = movie.times
+        self.edges = [
+            (np.arange(n + 1) * grid.dx - low) / movie.pixel
+            for n, low in zip(grid.shape[:2], movie.origin, strict=True)
+        ]
+
+    def gas_of(self, species: object) -> str:
+        return "concentration"
+
+    def still(self, name: str) -> np.ndarray:
+        """Return ones: there are no obstacles in pictures."""
+        return np.ones(self.grid.shape)
+
+    def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
+        """Return values of frame n, axes (x, y, z), the same at every height. Raises FilmError where it is damaged."""
+        values = self.movie.frame(n)
+        for axis, edges in enumerate(self.edges):
+            values = means(values, edges, axis)
+        if self.grid.dim == 3:
+            values = np.repeat(values[:, :, None], self.grid.shape[2], axis=2)
+        return dict.fromkeys(names, values)
+
+
+def means(values: np.ndarray, edges: np.ndarray, axis: int) -> np.ndarray:
+    """Return means along an axis between edges [in its steps]; values outside count as zero."""
+    values = np.moveaxis(values, axis, 0)
+    total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+    at = np.clip(edges, 0, len(values))
+    whole = np.minimum(at.astype(int), len(values) - 1)
+    upto = total[whole] + (at - whole)[:, None] * values[whole]
+    mean = np.diff(upto, axis=0) / np.diff(edges)[:, None]
+    return np.moveaxis(np.maximum(mean, 0.0), 0, axis)  # rounding
+
+
+@ti.data_oriented
+class PlayedMovie(PlayedGas):
+    """A recorded gas whose frames are pictures."""
+
+    def __init__(self, gas: MovieGas, movie: Movie, grid: Grid, t: float = 0.0):
+        super().__init__(gas, MovieFrames(movie, grid), grid, t)
+
+    def begin(self, model: MovieGas, t: float, seed: int) -> None:
+        self.density = model.ppm_per_unit / model.vapour.ppm_per_density
+        super().begin(model, t, seed)
+
+    def _prepare(self, frame: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], None]:
+        """Values [kg/m³] with all ghost layers."""
+        return {name: self.grid.pad(self.density * values) for name, values in frame.items()}, None

@@ -10,11 +10,9 @@ wide as the intensity of the gusts times x. Beyond, the air forgets where its gu
 widens as by diffusion, with the root of x.
 """
 
-from typing import Any
-
 import taichi as ti
 
-from taichi_plume.grid.fields import Gas
+from taichi_plume.grid.fields import Field, Gas
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import generator
@@ -27,7 +25,7 @@ from taichi_plume.solvers.uniform import UniformSolver, memory
 
 
 def most_walls(faces: tuple[Face, ...], dim: int) -> tuple[int, ...]:
-    """How many walls there may be along each axis across the wind, whatever its direction along them.
+    """Return the largest number of walls along each axis across the wind, whatever the wind's direction along them.
 
     With a ground or a ceiling the wind is level, so that the second axis across it is upright.
     """
@@ -55,19 +53,19 @@ class Plumes(Gas):
         seed: int = 0,
         name: str = "gas",
     ):
-        """name: of the gas among others; t: begin of the run [s], for which the wind has begun already."""
+        """name: of the gas among others; t: start of the run [s]; the wind must have begun."""
         self.grid, self.dim, self.name = grid, grid.dim, name
         self.wind = wind
         self.count = len(gas.sources)
         self.meanders = gas.kind == "meandering"
         self.most = most_walls(gas.reflecting(grid.dim), grid.dim)
         self.width: OrnsteinUhlenbeck | None = None
-        self.place: Any = ti.Vector.field(grid.dim, ti.f32, self.count)
+        self.place: Field = ti.Vector.field(grid.dim, ti.f32, self.count)
         self.flow, self.radius = (ti.field(ti.f32, self.count) for _ in range(2))
         self.speed, self.fluctuation = (ti.field(ti.f32, ()) for _ in range(2))
-        self.axes: Any = ti.Vector.field(grid.dim, ti.f32, grid.dim)
-        self.growth: Any = ti.Vector.field(3, ti.f32, grid.dim - 1)
-        self.walls: Any = ti.Vector.field(2, ti.f32, grid.dim - 1)
+        self.axes: Field = ti.Vector.field(grid.dim, ti.f32, grid.dim)
+        self.growth: Field = ti.Vector.field(3, ti.f32, grid.dim - 1)
+        self.walls: Field = ti.Vector.field(2, ti.f32, grid.dim - 1)
         self._put = uploader(
             self.place,
             self.flow,
@@ -139,5 +137,5 @@ class Plumes(Gas):
 
     @ti.func
     def _component(self, x: Template, k: Template):
-        """Of x along an axis of the wind's frame [m]."""
+        """Return the component of x along an axis of the wind's frame [m]."""
         return self.axes[k].dot(x)

@@ -22,7 +22,7 @@ STATIONS = 20  # of the meandering centre line
 TURN = 0.2  # standard deviation of its change of course per station, over their distance
 
 MOST_PERIODS = 1e15
-ROUNDING = 1.000001  # of a radius: what is as far counts
+ROUNDING = 1.000001  # factor of a radius, so that points at the radius count
 
 
 def density_per_percent(gas: PercentGas) -> float:
@@ -36,12 +36,12 @@ def periods(time: float, period: float) -> int:
 
 
 class PointFilm:
-    """Keeps a point cloud as frames show it at the time of the clock, with so many values per point."""
+    """Player of frames of points: sets a point cloud to the frame at the simulated time."""
 
     STATE = ("cloud", "shown")
 
     def __init__(self, frames: PointFrames, extent: tuple[float, ...], values: int):
-        """It shows nothing before `begin`."""
+        """values: numbers per point. `begin` shows the first frame."""
         self.frames = frames
         self.cloud = PointCloud(extent, frames.cell, values, int(np.diff(frames.begin).max()))
 
@@ -75,7 +75,6 @@ class PointGas(Gas):
     def __init__(
         self, gas: PlumeSimGas | FluentGas, frames: PointFrames, extent: tuple[float, ...], t: float = 0.0
     ):
-        """t: begin of the run [s]."""
         self.film = PointFilm(frames, extent, 1)
         self.cloud, self.interpolate = self.film.cloud, gas.interpolate
         self.begin(gas, t, 0)
@@ -111,7 +110,6 @@ class PointWind(Wind):
         t: float = 0.0,
         seed: int = 0,
     ):
-        """t: begin of the run [s]."""
         self.dim = len(extent)
         self.film = PointFilm(frames, extent, 2)
         self.cloud, self.interpolate = self.film.cloud, wind.interpolate
@@ -146,7 +144,6 @@ class ProgramPuff(Gas):
     STATE = ("number",)
 
     def __init__(self, gas: PlumeSimPuff, extent: tuple[float, ...], t: float = 0.0):
-        """t: begin of the run [s]."""
         self.extent = extent
         self.release, self.lowest, self.highest, self.spread = (
             ti.Vector.field(2, ti.f32, ()) for _ in range(4)

@@ -5,11 +5,11 @@ that a look-up sees three by three of them, a row of three at a time.
 """
 
 from math import ceil, prod, sqrt
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
 
@@ -35,10 +35,10 @@ class PointCloud:
         self.edge = max(SLACK * self.reach, sqrt(float(self.extent.prod()) / MOST_BINS))
         self.bins = tuple(max(1, ceil(width / self.edge)) for width in self.extent)
         self.capacity = max(1, capacity)
-        self.first: Any = ti.field(ti.i32, prod(self.bins) + 1)
-        self.order: Any = ti.field(ti.i32, self.capacity)
-        self.place: Any = ti.Vector.field(2, ti.f32, self.capacity)
-        self.value: Any = ti.Vector.field(values, ti.f32, self.capacity)
+        self.first: Field = ti.field(ti.i32, prod(self.bins) + 1)
+        self.order: Field = ti.field(ti.i32, self.capacity)
+        self.place: Field = ti.Vector.field(2, ti.f32, self.capacity)
+        self.value: Field = ti.Vector.field(values, ti.f32, self.capacity)
         self._put = uploader(self.first, self.order, self.place, self.value)
 
     def set(self, place: np.ndarray, value: np.ndarray) -> None:
@@ -116,5 +116,5 @@ class PointCloud:
 
 
 def within_reach(place: np.ndarray, extent: np.ndarray | tuple[float, ...], reach: float) -> np.ndarray:
-    """Which points (n, 2) can be found from [0, extent] (x, y)."""
+    """Return a mask of the points (n, 2) that are within reach of [0, extent] (x, y)."""
     return np.all((place > -reach) & (place < np.asarray(extent)[:2] + reach), axis=1)

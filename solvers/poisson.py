@@ -12,29 +12,23 @@ import scipy.sparse as sp
 from taichi_plume.grid.grid import Grid
 
 
-def three_axes(shape: tuple[int, ...]) -> tuple[int, int, int]:
-    """`shape` with ones appended."""
-    n = tuple(shape) + (1,) * (3 - len(shape))
-    return n[0], n[1], n[2]
-
-
 @dataclass(frozen=True)
 class Openness:
     """Face coefficients a per axis, arrays of shape n + 2 with one ghost layer, and which axes wrap round."""
 
-    a: tuple[np.ndarray, np.ndarray, np.ndarray]
-    periodic: tuple[bool, bool, bool]
+    a: tuple[np.ndarray, ...]
+    periodic: tuple[bool, ...]
 
     @property
-    def shape(self) -> tuple[int, int, int]:
-        """Inner cells per axis."""
-        n = tuple(m - 2 for m in self.a[0].shape)
-        return n[0], n[1], n[2]
+    def shape(self) -> tuple[int, ...]:
+        """Number of inner cells per axis."""
+        return tuple(m - 2 for m in self.a[0].shape)
 
     @staticmethod
     def of(openness: tuple[np.ndarray, ...], grid: Grid) -> "Openness":
-        """From face arrays on the padded grid, 1 where open; free domain faces become 2."""
-        n = three_axes(grid.shape)
+        """Convert face arrays on the padded grid, 1 where open; free domain faces become 2."""
+        beyond = 3 - grid.dim  # axes that a 2-D grid lacks
+        n = (*grid.shape, *(1,) * beyond)
         result = [np.zeros(tuple(m + 2 for m in n), np.float32) for _ in range(3)]
         for d, source in enumerate(openness):
             inner = [slice(b, e + (axis == d)) for axis, (b, e) in enumerate(grid.cells)]
@@ -44,13 +38,12 @@ class Openness:
                 faces[0] *= 2.0
                 faces[-1] *= 2.0
                 faces = np.moveaxis(faces, 0, d)
-            index = tuple(slice(1, 1 + m) for m in faces.shape) + (1,) * (3 - grid.dim)
+            index = tuple(slice(1, 1 + m) for m in faces.shape) + (1,) * beyond
             result[d][index] = faces
-        periodic = tuple(grid.periodic) + (False,) * (3 - grid.dim)
-        return Openness((result[0], result[1], result[2]), (periodic[0], periodic[1], periodic[2]))
+        return Openness(tuple(result), (*grid.periodic, *(False,) * beyond))
 
     def coarser(self) -> "Openness":
-        """Cells merged in twos; a coarse face is the mean of the fine faces it consists of.
+        """Merge cells in twos (multigrid coarsening); a coarse face is the mean of the fine faces that make it.
 
         An axis of one cell stays: its faces then weigh four times as much against those that doubled their spacing.
         """
@@ -72,10 +65,10 @@ class Openness:
             padded = np.zeros([n + 2 for n in shape], np.float32)
             padded[tuple(slice(1, 1 + n) for n in coarse.shape)] = coarse
             result.append(padded)
-        return Openness((result[0], result[1], result[2]), self.periodic)
+        return Openness(tuple(result), self.periodic)
 
     def matrix(self) -> sp.csr_array:
-        """The equations of all inner cells (axis 0 fastest); closed-off cells have an empty row."""
+        """Return the equations of all inner cells (axis 0 fastest); closed-off cells have an empty row."""
         shape = self.shape
         number = np.arange(np.prod(shape)).reshape(shape, order="F")
         total = len(number.ravel())

@@ -1,17 +1,22 @@
-"""Air that moves as it is told, for problems with known answers."""
+"""Prescribed steady wind, for problems with exact solutions."""
 
 from collections.abc import Callable
 
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid.fields import Carrier, sample_faces
+from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
 
 Velocities = Callable[[np.ndarray], np.ndarray]
 """Velocity [m/s] at points (..., dim) [m]."""
+
+
+def padded_faces(grid: Grid, d: int) -> np.ndarray:
+    """Return the positions of the lower d-faces of all cells, ghost layers included, (*padded, dim) [m]."""
+    index = np.stack(np.meshgrid(*map(np.arange, grid.padded), indexing="ij"), axis=-1)
+    return (index - grid.ghost + np.where(np.arange(grid.dim) == d, 0.0, 0.5)) * grid.dx
 
 
 @ti.data_oriented
@@ -29,9 +34,7 @@ class PrescribedWind(Carrier):
 
     def begin(self, model: Velocities, t: float, seed: int) -> None:
         grid = self.grid
-        index = np.stack(np.meshgrid(*map(np.arange, grid.padded), indexing="ij"), axis=-1) - grid.ghost
-        middles = [np.where(np.arange(grid.dim) == d, 0.0, 0.5) for d in range(grid.dim)]
-        u = [model((index + middle) * grid.dx)[..., d] for d, middle in enumerate(middles)]
+        u = [model(padded_faces(grid, d))[..., d] for d in range(grid.dim)]
         self._put(*u)
         inner = [
             v[tuple(slice(a, b + (axis == d)) for axis, (a, b) in enumerate(grid.cells))]
@@ -41,7 +44,3 @@ class PrescribedWind(Carrier):
 
     def advance(self, t: float, dt: float) -> None:
         """Nothing changes."""
-
-    @ti.func
-    def velocity(self, x: Template, t: float):
-        return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)

@@ -1,10 +1,11 @@
-"""Which solver makes the flow divergence-free."""
+"""Choice of the pressure solver: the Poisson equation of the projection."""
 
 from math import prod, sqrt
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import on_cpu
 from taichi_plume.scenario.size import ENTRIES_PER_CELL, MOST_BESIDE
@@ -20,7 +21,7 @@ class PressureSolver(Protocol):
     iterations: int
     """Taken by the last solve."""
 
-    def solve(self, b: Any, phi: Any, tolerance: float) -> None:
+    def solve(self, b: Field, phi: Field, tolerance: float) -> None:
         """Set the inner cells of field phi to the solution for field b, to a largest residual below `tolerance`."""
         ...
 

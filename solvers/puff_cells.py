@@ -1,4 +1,4 @@
-"""The cells that puffs are in, and their order by them.
+"""Cell lists of puffs, and the order of the puffs by cells.
 
 There are several lists of cells, one per octave of the puffs' size, each with cells half as wide as its largest puffs
 reach: a point looks at few cells of any list.
@@ -8,11 +8,11 @@ Neither depends on threads, so sums are the same to the bit.
 """
 
 from math import prod
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template, on_cpu
 from taichi_plume.grid.transfer import uploader
@@ -32,27 +32,27 @@ class PuffCells:
     STATE = ("start", "farthest")
 
     def __init__(self, most: int, cutoff: float, grid: Grid):
-        """Room for the cells of the smallest puffs. To be begun by its owner."""
+        """Room for the cells of the smallest puffs. The owner calls `begin`."""
         self.grid, self.dim, self.cutoff = grid, grid.dim, cutoff
         sizes, shapes = self._lists_of(0.0)
         capacity = sum(map(prod, shapes))
-        self._size: Any = ti.field(ti.f32, len(sizes))  # of the largest puff in each list [m]
-        self._shape: Any = ti.Vector.field(self.dim, ti.i32, len(sizes))
-        self._first: Any = ti.field(ti.i32, len(sizes) + 1)
-        self.lists: Any = ti.field(ti.i32, ())  # how many there are
-        self._cells: Any = ti.field(ti.i32, ())  # of all lists
-        self._largest: Any = ti.field(ti.f32, ())
-        self._per_smallest: Any = ti.field(ti.f32, ())
+        self._size: Field = ti.field(ti.f32, len(sizes))  # of the largest puff in each list [m]
+        self._shape: Field = ti.Vector.field(self.dim, ti.i32, len(sizes))
+        self._first: Field = ti.field(ti.i32, len(sizes) + 1)
+        self.lists: Field = ti.field(ti.i32, ())  # how many there are
+        self._cells: Field = ti.field(ti.i32, ())  # of all lists
+        self._largest: Field = ti.field(ti.f32, ())
+        self._per_smallest: Field = ti.field(ti.f32, ())
         self._put_lists = uploader(
             self._size, self._shape, self._first, self.lists, self._cells, self._largest, self._per_smallest
         )
-        self.start: Any = ti.field(ti.i32, capacity + 1)
-        self.farthest: Any = ti.field(ti.f32, ())  # that any puff reaches [m]
-        self.order: Any = ti.field(ti.i32, most)
-        self._cell: Any = ti.field(ti.i32, most)  # of each new puff; -1: gone
-        self._cursor: Any = ti.field(ti.i32, capacity)
-        self._blocks: Any = ti.field(ti.i32, capacity // BLOCK + 1)
-        self._rough_order: Any = None if on_cpu() else ti.field(ti.i32, most)
+        self.start: Field = ti.field(ti.i32, capacity + 1)
+        self.farthest: Field = ti.field(ti.f32, ())  # that any puff reaches [m]
+        self.order: Field = ti.field(ti.i32, most)
+        self._cell: Field = ti.field(ti.i32, most)  # of each new puff; -1: gone
+        self._cursor: Field = ti.field(ti.i32, capacity)
+        self._blocks: Field = ti.field(ti.i32, capacity // BLOCK + 1)
+        self._rough_order: Field = None if on_cpu() else ti.field(ti.i32, most)
 
     def begin(self, smallest: float) -> None:
         """smallest: size of a new puff [m]."""
@@ -101,22 +101,22 @@ class PuffCells:
 
     @ti.func
     def stays(self, k: ti.i32):
-        """Whether new puff k stays in the domain."""
+        """Return whether new puff k stays in the domain."""
         return self._cell[k] >= 0
 
     @ti.func
     def alive(self):
-        """How many puffs there are."""
+        """Return the number of puffs."""
         return self.start[self._cells[None]]
 
     @ti.func
     def empty(self, which: ti.i32):
-        """Whether a list holds no puff."""
+        """Return whether a list holds no puff."""
         return self.start[self._first[which]] == self.start[self._first[which + 1]]
 
     @ti.func
     def reach(self, which: ti.i32):
-        """How far the puffs of a list reach [m]."""
+        """Return the distance that the puffs of a list reach [m]."""
         return self.cutoff * self._size[which]
 
     @ti.func

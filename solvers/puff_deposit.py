@@ -1,4 +1,4 @@
-"""Puffs on the grid: the mean concentration of every cell, for films and for gas that goes on there. No mass is lost.
+"""Deposit of puffs on the grid: the mean concentration of every cell, without loss of mass.
 
 A puff gives each cell the integral of its Gaussian over it, a product of differences of error functions; what lies
 beyond a closed face is mirrored back. Cells of obstacles, those behind the tangent plane of the surface next to a puff,
@@ -12,6 +12,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.kernels import on_cpu
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.solvers.puff_list import FREE
@@ -33,22 +34,23 @@ def _below(z):
 
 @ti.data_oriented
 class Deposit:
-    """The cells of a solver's grid and what its puffs put into them. Field c: [kg/m³]."""
+    """Deposit of a solver's puffs in the cells of the grid. Field c: [kg/m³]."""
 
-    def __init__(self, solver: Any, air: Air, c: Any = None, rest: Any = None):
-        """solver: a PuffSolver, whose puffs it reads; c: what they are added to, one of its own unless given; rest:
-        what rounding leaves out of it.
+    def __init__(self, solver: Any, air: Air, c: Field | None = None, rest: Field | None = None):
+        """solver: `PuffSolver`, the owner of the puffs; c: field that they are added to, a new one unless given; rest:
+        rounding errors of c.
         """
         self.solver, self.grid, self.dim = solver, solver.grid, solver.dim
-        self.c: Any = self.grid.field() if c is None else c
-        self.rest, self.exact = rest, rest is not None
+        self.c: Field = self.grid.field() if c is None else c
+        self.rest: Field = rest
+        self.exact = rest is not None
         carrier = solver.wind.carrier
-        self._area: Any = (carrier.area if carrier is not None else None) or ()
-        self.room: Any = self.grid.field()
+        self._area: Field = (carrier.area if carrier is not None else None) or ()
+        self.room: Field = self.grid.field()
         uploader(self.room)(self.grid.pad(np.where(air.solid | (air.room < LEAST), 0.0, air.room)))
         # of the puff at hand, per axis and cell; on a GPU of each of some at a time
         self._lanes = 1 if on_cpu() else 4096
-        self._share: Any = ti.field(ti.f32, (self._lanes, self.dim, max(self.grid.shape)))
+        self._share: Field = ti.field(ti.f32, (self._lanes, self.dim, max(self.grid.shape)))
 
     def cells(self, t: float) -> np.ndarray:
         """Mean concentration of every cell [kg/m³] at the solver's time t [s]; shape of the grid."""
@@ -108,8 +110,8 @@ class Deposit:
 
     @ti.func
     def _along(self, lane, d: ti.template(), x, s, first, size, below, above):  # type: ignore[valid-type]
-        """Shares of a puff in the cells along an axis, whose faces are closed (1) or open (0); returns what does not
-        lie beyond open ones.
+        """Shares of a puff in the cells along an axis, whose faces are closed (1) or open (0); returns the share
+        that does not lie beyond open ones.
         """
         L, dx = ti.static(self.grid.extent[d]), ti.static(self.grid.dx)
         for k in range(size):
@@ -138,7 +140,7 @@ class Deposit:
 
     @ti.func
     def _part(self, lane, q, x, first, size, m):
-        """What cell m of a puff's block gets of it, of a sum that is not yet 1."""
+        """Return the share of a puff in cell m of the puff's block, not yet normalised."""
         part, left, before = 1.0, m, 0.0
         away = self.solver.puffs.plane_distance(q)
         for d in ti.static(range(self.dim)):

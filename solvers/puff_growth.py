@@ -1,4 +1,4 @@
-"""How puffs grow: by molecules, by the wind's eddy viscosity, and by the eddies of their own size.
+"""Growth of puffs: molecular diffusion, eddy viscosity of the wind, and relative dispersion (Richardson's law).
 
 A puff among eddies of the inertial range grows as R^(2/3) = R0^(2/3) + (g epsilon/6)^(1/3) t. Unless the dissipation is
 given, it is that of the wind about the puff, from the differences of the velocity over r = 4 cells, which are carried
@@ -14,12 +14,11 @@ a puff that is as wide grows on at the rate that it has then, which is never les
 """
 
 from math import gamma, sqrt
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid.fields import Wind, corner, corner_weight
+from taichi_plume.grid.fields import Field, Wind, corner, corner_weight
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import Numbers
@@ -34,7 +33,9 @@ HALF = 2  # cells to either side
 
 
 def rate_per_difference(dim: int) -> float:
-    """Of R^(2/3) [m^(2/3)/s], over the mean of |u(x + r) - u(x)| / r^(1/3), Gaussian in its components."""
+    """Return the growth rate of R^(2/3) [m^(2/3)/s], over the mean of |u(x + r) - u(x)| / r^(1/3), Gaussian in its
+    components.
+    """
     mean_per_rms = sqrt(2.0 / dim) * gamma(0.5 * (dim + 1)) / gamma(0.5 * dim)
     square = KOLMOGOROV * RESOLVED * (1.0 + 4.0 / 3.0 * (dim - 1))
     return (RICHARDSON / 6.0) ** (1 / 3) / (mean_per_rms * sqrt(square))
@@ -42,17 +43,17 @@ def rate_per_difference(dim: int) -> float:
 
 @ti.data_oriented
 class Growth:
-    """Of the puffs in a wind."""
+    """Growth of the puffs in a wind."""
 
     STATE = ()
 
     def __init__(self, gas: PuffGas, grid: Grid, wind: Wind):
-        """To be begun by its owner."""
+        """The owner calls `begin`."""
         self.grid, self.dim, self.wind = grid, grid.dim, wind
         carrier = wind.carrier
-        self.eddies: Any = carrier.nu if carrier is not None else None
+        self.eddies: Field = carrier.nu if carrier is not None else None
         self.eddying = self.eddies is not None
-        self.u: Any = carrier.u if carrier is not None else ()
+        self.u: Field = carrier.u if carrier is not None else ()
         law = gas.growth
         self.local = self.eddying and (law is None or (law.kind == "inertial" and law.dissipation is None))
         self.inertial = self.local or (law is not None and law.kind == "inertial")

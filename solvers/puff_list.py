@@ -5,11 +5,11 @@ stop it, a polynomial does not.
 """
 
 from math import ceil, erf, exp, log2, pi, sqrt
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template, double_field, on_cpu
 from taichi_plume.grid.level_set import LevelSet
@@ -45,19 +45,19 @@ class PuffList:
     STATE = ("count", "now", "number", "cells", "_per_area", "_weight", "_plane", "_gone")
 
     def __init__(self, most: int, cutoff: float, grid: Grid, surfaces: LevelSet | None):
-        """To be begun by its owner."""
+        """The owner calls `begin`."""
         self.grid, self.dim, self.cutoff, self.surfaces = grid, grid.dim, cutoff, surfaces
         self.walled = surfaces is not None
         self.cells = PuffCells(most, cutoff, grid)
         columns = 2 * grid.dim + 2
-        self.now: tuple[Any, ...] = tuple(ti.field(ti.f32, most) for _ in range(columns))
-        self.new: tuple[Any, ...] = tuple(ti.field(ti.f32, most) for _ in range(columns))
-        self.number: Any = ti.field(ti.i32, most)
-        self.new_number: Any = ti.field(ti.i32, most)
+        self.now: tuple[Field, ...] = tuple(ti.field(ti.f32, most) for _ in range(columns))
+        self.new: tuple[Field, ...] = tuple(ti.field(ti.f32, most) for _ in range(columns))
+        self.number: Field = ti.field(ti.i32, most)
+        self.new_number: Field = ti.field(ti.i32, most)
         self.variance, self.mass = 2 * grid.dim, 2 * grid.dim + 1  # columns
-        self._per_area: Any = ti.field(ti.f32, most)  # 1/(2 s²)
-        self._weight: Any = ti.field(ti.f32, most)  # concentration at the centre [kg/m³]
-        self._plane: Any = tuple(ti.field(ti.f32, most) for _ in range(grid.dim + 1)) if surfaces else ()
+        self._per_area: Field = ti.field(ti.f32, most)  # 1/(2 s²)
+        self._weight: Field = ti.field(ti.f32, most)  # concentration at the centre [kg/m³]
+        self._plane: Field = tuple(ti.field(ti.f32, most) for _ in range(grid.dim + 1)) if surfaces else ()
         self._gone = double_field()  # kg
         self._powers, self._squarings = exponential(0.5 * cutoff**2)
         self._unit = sqrt(2.0 * pi) ** -grid.dim / share_within(cutoff, grid.dim)
@@ -69,7 +69,7 @@ class PuffList:
         self.cells.begin(smallest)
         self.count = 0
 
-    # ---------------------------------------------------------------- what is known of them
+    # ---------------------------------------------------------------- columns
 
     @property
     def gone(self) -> float:
@@ -107,7 +107,7 @@ class PuffList:
 
     @ti.func
     def plane_distance(self, q: ti.i32):
-        """How far puff q is from the tangent plane of the next surface [m]; large where it reaches none."""
+        """Return the distance of puff q from the tangent plane of the next surface [m]; FREE if it reaches none."""
         away = FREE
         if ti.static(self.walled):
             away = self._plane[ti.static(self.dim)][q]
@@ -180,7 +180,7 @@ class PuffList:
 
     @ti.func
     def _prepare(self, q: ti.i32):
-        """What the sum needs to know of puff q."""
+        """Compute the weight, width and tangent plane of puff q for the sum."""
         s = self.cells.size(self.now[self.variance][q])
         self._per_area[q] = 0.5 / (s * s)
         self._weight[q] = self.now[self.mass][q] * self._unit / s**self.dim

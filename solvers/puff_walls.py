@@ -1,4 +1,4 @@
-"""What the domain's faces and obstacles do to puffs: they mirror their ways, and the gas in front of them."""
+"""Walls and obstacles for puffs: reflection of their paths, and mirror images of the gas in front of them."""
 
 import taichi as ti
 
@@ -11,7 +11,7 @@ STILL = 1e-4  # m/s: slower air does not go through a face
 
 
 @ti.data_oriented
-class Walls:
+class PuffWalls:
     """Faces of a grid's domain, closed where no air goes through, and surfaces in it (None: there are none)."""
 
     def __init__(self, grid: Grid, wind: Wind, surfaces: LevelSet | None):
@@ -31,7 +31,9 @@ class Walls:
 
     @ti.func
     def air_goes_through(self, x: Template, face: ti.i32, t: float):
-        """Whether air goes through a face of the domain next to x; face: 2 d at the lower, 2 d + 1 at the upper end."""
+        """Return whether air goes through a face of the domain next to x; face: 2 d at the lower, 2 d + 1 at the upper
+        end.
+        """
         p = self.inside(x)
         for d in ti.static(range(self.dim)):
             p[d] = ti.select(face == 2 * d, 0.0, p[d])
@@ -44,7 +46,7 @@ class Walls:
 
     @ti.func
     def travel(self, x: Template, way: Template, v: Template, t: float):
-        """Where a way from x ends, the velocity v there, and whether it stays in the domain."""
+        """Return the end of a displacement `way` from x, the velocity v there, and whether the end is in the domain."""
         end, speed, stays = x + way, v, True
         if ti.static(self.solid):
             end, speed = self.surfaces.bounce(x, way, v)
@@ -71,8 +73,8 @@ class Walls:
 
     @ti.func
     def closed(self, x: Template, farthest: float, t: float):
-        """Which lower and upper faces of the axes are closed next to x: 1, or 0; 1 where no puff within `farthest` [m]
-        reaches it.
+        """Return 1 for lower and upper faces of the axes that are closed next to x, else 0; 1 where no puff within
+        `farthest` [m] reaches it.
         """
         below, above = ti.Vector.one(ti.i32, self.dim), ti.Vector.one(ti.i32, self.dim)
         for face in range(ti.static(2 * self.dim)):

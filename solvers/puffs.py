@@ -1,4 +1,5 @@
-"""Turbulent puffs that a wind carries (Farrell et al. 2002, doi:10.1023/A:1016283702837), improved.
+"""Lagrangian puffs (stochastic filament model) that a wind carries (Farrell et al. 2002, doi:10.1023/A:1016283702837),
+improved.
 
     dx = (u + u' + grad K + w) dt,  K = nu_t/Sc_t
     du' = -u'/T dt + s sqrt(2/T) dW
@@ -29,12 +30,12 @@ from taichi_plume.grid.level_set import LevelSet
 from taichi_plume.grid.rng import generator, normal4, stream_id
 from taichi_plume.grid.transfer import Numbers
 from taichi_plume.scenario.gases import PuffGas
+from taichi_plume.solvers.emission import Portions
 from taichi_plume.solvers.handover import Handover
-from taichi_plume.solvers.portions import Portions
 from taichi_plume.solvers.puff_deposit import Deposit
 from taichi_plume.solvers.puff_growth import Growth
 from taichi_plume.solvers.puff_list import PuffList
-from taichi_plume.solvers.puff_walls import Walls
+from taichi_plume.solvers.puff_walls import PuffWalls
 from taichi_plume.solvers.uniform import UniformSolver
 
 FLUCTUATION = 0.05  # m/s in a wind without eddies
@@ -80,23 +81,23 @@ class PuffSolver(Gas):
         seed: int = 0,
         name: str = "gas",
     ):
-        """t: begin of the run [s]; name: of the gas among others. Raises ValueError for a source in no air."""
+        """t: start of the run [s]; name: of the gas among others. Raises ValueError for a source in no air."""
         self.grid, self.dim, self.wind = grid, grid.dim, wind
         self.alone = isinstance(wind, UniformSolver)
         self.fluctuates = self.alone or gas.fluctuation is not None
         self.sinks = gas.buoyancy
         self.growth = Growth(gas, grid, wind)
         self.surfaces = None if air.empty else LevelSet(air, grid)
-        self.walls = Walls(grid, wind, self.surfaces)
+        self.walls = PuffWalls(grid, wind, self.surfaces)
         self.most = gas.most
         self.puffs = PuffList(gas.most, gas.cutoff, grid, self.surfaces)
         self.stream = stream_id(f"{name} fluctuations")
         self.portions = [Portions(f"{name}.sources[{n}]", wind) for n in range(len(gas.sources))]
         self._air, self._deposit = air, None  # fields that most runs do not need
-        hands = gas.handover if gas.handover is not None else self.growth.eddying and not gas.buoyancy
-        self.hands = hands and wind.carrier is not None
+        hands_over = gas.handover if gas.handover is not None else self.growth.eddying and not gas.buoyancy
+        self.hands_over = hands_over and wind.carrier is not None
         self.handover = None
-        if self.hands and wind.carrier is not None:
+        if self.hands_over and wind.carrier is not None:
             self.handover = Handover(self, wind.carrier, air, gas.convection)
         self._n = Numbers("weight")
         self.begin(gas, t, seed)
@@ -105,9 +106,8 @@ class PuffSolver(Gas):
         """Raises ValueError for a source in no air."""
         self.seed = seed
         self.species = model.vapour
-        self.deviation = (
-            (FLUCTUATION if self.alone else 0.0) if model.fluctuation is None else model.fluctuation
-        )
+        default = FLUCTUATION if self.alone else 0.0
+        self.deviation = default if model.fluctuation is None else model.fluctuation
         self.time = model.fluctuation_time
         self.initial_size = model.initial_size
         self.puffs.begin(model.initial_size)
@@ -119,9 +119,7 @@ class PuffSolver(Gas):
                     "move it by a cell or lower domain.spacing"
                 )
         self.growth.begin(model, self.alone)
-        if (
-            self.handover is not None
-        ):  # of eddies that are over soon, on the grid their long-time diffusivity is left
+        if self.handover is not None:  # on the grid, u' leaves its long-time diffusivity
             strayed = self.deviation**2 * self.time
             self.handover.begin(self.species.diffusivity + strayed + self.growth.diffusive)
         self._n.set(weight=self.species.weight_per_density)
@@ -142,8 +140,8 @@ class PuffSolver(Gas):
         if self.puffs.count > FULL * self.most:
             self.puffs.merge()
         if self.handover is not None:
-            self.handover.advance(t, dt)  # what it takes stays in the list until they move
-        first, born = self._born(t, dt)
+            self.handover.advance(t, dt)  # puffs that are handed over stay in the list until they move
+        first, born = self._new_puffs(t, dt)
         self._put(first, t + dt - born, t + dt, dt)
 
     def _put(self, rows: np.ndarray, ages: np.ndarray, t: float, dt: float) -> None:
@@ -157,14 +155,14 @@ class PuffSolver(Gas):
         self.puffs.sort(count + len(rows))
         self._step += 1
 
-    def _born(self, t: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    def _new_puffs(self, t: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Rows (x, u', variance, mass) of the new puffs, and their moments [s]."""
         rows, moments = [np.empty((0, 2 * self.dim + 2))], [np.empty(0)]
         free = self.most - self.puffs.count
         for portions in self.portions:
             when, masses, emitted = portions.puffs(t, dt)
             self.emitted_kg += emitted
-            if len(when) > free:  # what finds no place goes into the next puff
+            if len(when) > free:  # the mass of puffs without a place goes into the next puff
                 portions.pending += masses[free:].sum()
                 when, masses = when[:free], masses[:free]
             n = len(when)
@@ -227,7 +225,7 @@ class PuffSolver(Gas):
             way += drift
             end, speed, stays = self.walls.travel(x, way, v, t)
             variance = self.growth.grown(variance, x, K, dt)
-            if ti.static(self.hands):
+            if ti.static(self.hands_over):
                 stays = stays and mass > 0.0  # it was handed over
             self.puffs.put(k, end, speed, variance, mass, number, stays)
 
@@ -241,7 +239,7 @@ class PuffSolver(Gas):
         square = ti.static(8.0 / 3.0 * GRAVITY / DRAG) * excess * 2.0 * self.puffs.cells.size(variance)
         return ti.select(square < 0.0, -1.0, 1.0) * ti.sqrt(ti.abs(square))
 
-    # ---------------------------------------------------------------- what is known about the gas
+    # ---------------------------------------------------------------- budget and sampling
 
     def cells(self, t: float) -> np.ndarray:
         if self._deposit is None:
@@ -275,6 +273,6 @@ class PuffSolver(Gas):
                 first, size, images = self.walls.images(x, self.puffs.cells.reach(which), below, above)
                 for n in range(images):
                     total += self.puffs.near(self.walls.image(x, first, size, n), which)
-        if ti.static(self.hands):
+        if ti.static(self.hands_over):
             total += self.handover.concentration(x)
         return total

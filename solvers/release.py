@@ -1,6 +1,6 @@
-"""Balls (in 2-D discs) that release something evenly over their volume: vapour sources and heaters on the grid.
+"""Release from balls (in 2-D discs) on the grid: vapour sources and heaters of finite size.
 
-A small ball is released by a kernel (see `spreading`) of one to two cells, wherever in a cell it sits and however small
+A small ball is released by a kernel (see `shares`) of one to two cells, wherever in a cell it sits and however small
 it is. A ball of radius R has the variance R²/(dim + 2) along an axis. From where that is more than the kernel's, each
 cell releases its part of the ball, narrowed along each axis by what means over cells and interpolation between them add
 to the variance: the plume of a large source is as wide as the source makes it. The kernel also spreads the ball of a
@@ -10,18 +10,93 @@ the air that a ball's own cells are connected to nearby: behind a thin wall noth
 
 from collections.abc import Sequence
 from math import ceil, prod
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid, block_mean
-from taichi_plume.grid.kernels import Template, double_field
+from taichi_plume.grid.kernels import Pass, Template, double_field
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.heat import Heater
 from taichi_plume.scenario.sources import Source
-from taichi_plume.solvers.spreading import REACH, VARIANCE, spread, tilted
+from taichi_plume.solvers.transport import Scalar
+
+VARIANCE = 5.0 / 6.0
+"""Variance [cells²] of the shares of a point and of the linear interpolation by which gas is read, together."""
+REACH = 2
+"""Cells on either side of the one at or before the point, and one more beyond it."""
+SMOOTHED = 1.0 / 6.0
+"""Measured: of thinner plumes weno5, of wider ones koren misses more of the way that the wind goes across the grid."""
+
+
+def shares(f: float) -> np.ndarray:
+    """Return the shares w of cells -REACH to REACH + 1, shape (2 REACH + 2,), in what is released at a point.
+
+    f [cells]: position of the point in [0, 1) from the centre of cell 0 to that of cell 1 (beyond 1/2, mirrored).
+    Linear interpolation, by which robots smell, spreads a value at f with the variance f (1 - f) [cells²]; w has the
+    rest of 5/6, so that what is smelt of a plume on its axis does not depend on where in a cell its source sits,
+    however far the plume has spread (within 3 %; the usual shares of the two nearest cells give 4 times as much at a
+    cell's centre as at its corner). No share is negative, and their centroid is f. As in Peskin's conditions for
+    immersed boundaries (2002, doi:10.1017/S0962492902000077), a few moments determine the shares: four cells whose
+    centroid is f, whose variance is 1/2 - f (1 - f), and whose interpolate at f is 1/2. They are smoothed by SMOOTHED
+    on either side. What is below zero then, in the last cell, is taken from its neighbours by a third difference, which
+    leaves the sum, the centroid and the variance.
+    """
+    if f > 0.5:
+        return shares(1.0 - f)[::-1]
+    before, beyond = (1.0 - f) * (1.0 - 2.0 * f) / 4.0, -f * (1.0 - 2.0 * f) / 4.0
+    second = f + before - 2.0 * beyond
+    four = np.array([0.0, before, 1.0 - before - second - beyond, second, beyond, 0.0])
+    w = np.convolve(four, [SMOOTHED, 1.0 - 2.0 * SMOOTHED, SMOOTHED], "same")
+    return w - w[-1] * np.array([0.0, 0.0, -1.0, 3.0, -3.0, 1.0])
+
+
+def spread(values: np.ndarray, f: np.ndarray) -> np.ndarray:
+    """Return an array of cells, each spread from a point f (dim,) behind its centre: larger by 2 REACH + 1 along each
+    axis, by REACH before it.
+    """
+    for axis, place in enumerate(f):
+        along = np.moveaxis(values, axis, 0)
+        wider = np.zeros((len(along) + 2 * REACH + 1, *along.shape[1:]))
+        for n, share in enumerate(shares(float(place))):
+            wider[n : n + len(along)] += share * along
+        values = np.moveaxis(wider, 0, axis)
+    return values
+
+
+def tilted(weights: np.ndarray, points: np.ndarray, centroid: np.ndarray) -> np.ndarray:
+    """Weights (n,) of points (n, dim) that differ least, in relative entropy, from those given and have that centroid.
+
+    Where the points do not surround it, they come near it. All lengths are in cells. The dual problem is convex, of dim
+    unknowns, here by Newton's method: scipy.optimize takes half a second to import.
+    """
+    away = points - centroid
+    near = 1e-3  # of the centroid, over the tilt: keeps it finite
+    tilt = np.zeros(points.shape[1])
+
+    def dual(tilt: np.ndarray) -> tuple[float, np.ndarray]:
+        exponent = away @ tilt
+        w = weights * np.exp(exponent - exponent.max())
+        return exponent.max() + np.log(w.sum()) + 0.5 * near * float(tilt @ tilt), w / w.sum()
+
+    value, w = dual(tilt)
+    for _ in range(100):
+        mean = w @ away
+        slope = mean + near * tilt
+        curvature = (w[:, None] * away).T @ away - np.outer(mean, mean) + near * np.eye(len(tilt))
+        step = -np.linalg.solve(curvature, slope)
+        if -(slope @ step) < 1e-14:
+            break
+        length = 1.0
+        while (new := dual(tilt + length * step))[0] > value + 1e-4 * length * float(slope @ step):
+            length *= 0.5
+            if length < 1e-6:
+                return w
+        tilt, (value, w) = tilt + length * step, new
+    return w
+
 
 CELL = 1.0 / 12.0  # variance that a cell adds along an axis to what its mean stands for [cells²]
 SAMPLES = 4  # per axis and cell, to measure how much of a cell a ball covers
@@ -29,10 +104,10 @@ SAMPLES = 4  # per axis and cell, to measure how much of a cell a ball covers
 
 @ti.data_oriented
 class Release:
-    """Some balls on the grid. What each releases next is set by `amounts`; `add_to` gives it to the cells.
+    """Balls on the grid. `set_amounts` sets the next release of each, `adding` adds it to the cells.
 
     balls: cells (n, dim) of each ball and the share of the release (n,) that each cell receives. blurred: whether the
-    kernel spreads balls of any radius, which leaves the puffs of heaters (see `heat_puffs`) the width of a cell around
+    kernel spreads balls of any radius, which leaves the puffs of heaters (see `heat`) the width of a cell around
     their ball to stir.
     """
 
@@ -61,11 +136,11 @@ class Release:
         self._cell = ti.Vector.field(grid.dim, ti.i32, self.cells)
         self._share = double_field((self.cells,))  # per volume that stores
         self._owner = ti.field(ti.i32, self.cells)
-        self._count: Any = ti.field(ti.i32, ())  # of the cells
+        self._count: Field = ti.field(ti.i32, ())  # of the cells
         self._amount = double_field((len(balls),))
-        self._place = uploader(self._cell, self._owner, self._count)
-        self._weigh = uploader(self._share)
-        self._give = uploader(self._amount)
+        self._put_cells = uploader(self._cell, self._owner, self._count)
+        self._put_shares = uploader(self._share)
+        self._put_amounts = uploader(self._amount)
 
     def begin(self, balls: Sequence[Source | Heater]) -> None:
         """Place the balls, of the radii that they were made with. Raises ValueError for a ball that covers no air."""
@@ -79,7 +154,7 @@ class Release:
             self.balls.append((where, part))
             owner[these] = n
             count += len(where)
-        self._place(cell, owner[:, 0], count)
+        self._put_cells(cell, owner[:, 0], count)
         self.set_shares([part for _, part in self.balls])
 
     def set_shares(self, shares: Sequence[np.ndarray]) -> None:
@@ -89,7 +164,7 @@ class Release:
             room = self.room[tuple(where.T)] * self.grid.cell_volume
             found[first : first + len(where)] = share / room
             first += len(where)
-        self._weigh(found)
+        self._put_shares(found)
 
     def _half(self, ball: Source | Heater) -> int:
         """Cells that a ball around a cell's centre touches on either side of it, along an axis."""
@@ -145,14 +220,22 @@ class Release:
         return np.stack([at[where[:, d]] for d, at in enumerate(axes)], axis=-1) % self.grid.shape, share
 
     def set_amounts(self, amounts: list[float]) -> None:
-        """What each ball releases at the next `add_to`."""
+        """Set the amount that each ball releases in the next pass of `adding`."""
         if amounts != self._amounts:
             self._amounts = amounts
-            self._give(amounts)
+            self._put_amounts(amounts)
+
+    def adding(self, scalar: Scalar) -> Pass:
+        """Return the pass that adds the release to a scalar, an amount per volume, in the balls' cells."""
+
+        @ti.func
+        def add(a, b):
+            self._add_to(scalar.q, scalar.rest)
+
+        return Pass(add, self.cells)
 
     @ti.func
-    def add_to(self, q: Template, rest: Template):
-        """Raise q, an amount per volume, in the balls' cells; `rest` is what rounding has left out of it."""
+    def _add_to(self, q: Template, rest: Template):
         for _ in range(1):  # balls may share cells
             for n in range(self._count[None]):
                 I = self._cell[n]
@@ -177,14 +260,14 @@ def _even_ball(radii: np.ndarray, cells: Sequence[np.ndarray], middle: np.ndarra
 
 
 def _reached(start: np.ndarray, leads: Sequence[np.ndarray], within: np.ndarray) -> np.ndarray:
-    """Which cells of a block the air `within` a part of it connects to those of `start`; leads: whether a lower face is
-    open, per axis.
+    """Return a mask of the cells of a block that the air `within` it connects to those of `start`; leads: whether a
+    lower face is open, per axis.
     """
     reached, before = start.copy(), 0
     while (count := np.count_nonzero(reached)) > before:
         before = count
         for axis, open_faces in enumerate(leads):
-            cells, faces, kept = (np.moveaxis(one, axis, 0) for one in (reached, open_faces, within))
+            cells, faces, kept = (np.moveaxis(array, axis, 0) for array in (reached, open_faces, within))
             for n in range(1, len(cells)):
                 cells[n] |= cells[n - 1] & faces[n] & kept[n]
             for n in range(len(cells) - 1, 0, -1):

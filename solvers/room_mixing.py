@@ -1,9 +1,9 @@
-"""How fast a synthetic flow mixes the air of its room: by particles that the same waves, rolls and eddies carry.
+"""Eddy diffusivity of a room with a synthetic flow, by particles that the same waves, rolls and eddies carry.
 
 The cosine that is half a wave long along an axis of length L decays by diffusion as exp(-K (pi/L)² t), walls included.
 So does its mean over particles that fill the room evenly, <cos(pi x(s + t)/L) cos(pi x(s)/L)>. K is the decay's rate
 once the air has forgotten where it went, between a third and two thirds of the time that is followed, or before it is
-lost in chance; of all axes the mean. No run is disturbed: all is drawn anew, from a stream of its own.
+lost in chance; of all axes the mean. The run is not disturbed: all random numbers are from a stream of their own.
 
 Between obstacles the cosine is no mode of diffusion. What its mean over the air leaves of it then decays by K times its
 Rayleigh quotient, the mean square of its slope over its variance: (pi/L)² in an empty room, and more where walls leave
@@ -39,7 +39,7 @@ def diffusivity(volume: float, changes: float) -> float:
 
 @dataclass(frozen=True)
 class RoomFlow:
-    """The flow at any point, in several airs at once.
+    """The flow at any point, for several realisations at once.
 
     k (n, 3) [1/m], c (n, 3) [m²/s] and frequency (n,) [rad/s] of the waves; rolls: largest potential [m²/s] by axis;
     memory: of the rolls [s]; distance: of cell middles to the next surface [m], negative in what is solid, with one
@@ -67,7 +67,7 @@ class RoomFlow:
 
     @property
     def turning(self) -> float:
-        """How often per second a particle goes through an eddy or through the room, about."""
+        """Return about how often per second a particle goes through an eddy or through the room."""
         across = pi / self.extent.min()
         k = np.linalg.norm(self.k, axis=1)
         waves = 0.5 * ((k * np.maximum(k, across)) ** 2 * (np.abs(self.c) ** 2).sum(axis=1)).sum()
@@ -131,7 +131,7 @@ class RoomFlow:
         return (air[rng.integers(len(air), size=n)] + rng.random((n, self.dim))) * self.dx
 
     def even(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of the cosines along each axis, (dim,): means over the air, and Rayleigh quotients [1/m²]."""
+        """Return for the cosines along each axis, (dim,): means over the air, and Rayleigh quotients [1/m²]."""
         air = np.argwhere(self.distance > 0.0) - 1
         points = np.concatenate([air + 0.25, air + 0.75])  # a single cell has a variance, too
         angle = pi * points * self.dx / self.extent
@@ -139,7 +139,7 @@ class RoomFlow:
         return np.cos(angle).mean(axis=0), (slope**2).mean(axis=0) / np.cos(angle).var(axis=0)
 
 
-def followed(flow: RoomFlow, rng: np.random.Generator, step: float, steps: int) -> np.ndarray:
+def particle_paths(flow: RoomFlow, rng: np.random.Generator, step: float, steps: int) -> np.ndarray:
     """The places [m] of particles at every step [s], (steps + 1, AIRS, EACH, dim)."""
     n = AIRS * EACH
     x = flow.starts(n, rng)
@@ -170,7 +170,7 @@ def rates(
     places: np.ndarray, step: float, extent: np.ndarray, even: tuple[np.ndarray, np.ndarray]
 ) -> tuple[float, float]:
     """K [m²/s] of particles that were at `places` (steps + 1, airs, each, dim) [m], the mean over the axes, and its
-    standard error by the airs (a jackknife); even: as `RoomFlow.even` tells."""
+    standard error by the realisations (a jackknife); even: as of `RoomFlow.even`."""
     mean, quotient = even
     cosines = np.cos(pi * places / extent) - mean
     all_airs = np.arange(cosines.shape[1])
@@ -184,22 +184,24 @@ def rates(
 def _rate(cosines: np.ndarray, step: float, quotient: np.ndarray, airs: np.ndarray) -> float:
     of = []
     for d, per_area in enumerate(quotient):
-        told = cosines[..., d][:, airs]
-        last = 2 * (len(told) - 1) // 3
-        while last > 2 and _together(told, last) < LEAST * _together(told, 0):
+        series = cosines[..., d][:, airs]
+        last = 2 * (len(series) - 1) // 3
+        while last > 2 and _autocovariance(series, last) < LEAST * _autocovariance(series, 0):
             last = max(2, int(0.8 * last))
         first = last // 2
-        decay = np.log(_together(told, first) / _together(told, last)) / (step * (last - first))
+        decay = np.log(_autocovariance(series, first) / _autocovariance(series, last)) / (
+            step * (last - first)
+        )
         of.append(decay / per_area)
     return float(np.mean(of))
 
 
-def _together(told: np.ndarray, lag: int) -> float:
-    """Mean product of a cosine and itself so many steps later, whenever that is."""
-    return float((told[: len(told) - lag] * told[lag:]).mean())
+def _autocovariance(series: np.ndarray, lag: int) -> float:
+    """Return the autocovariance of a cosine at a lag of so many steps."""
+    return float((series[: len(series) - lag] * series[lag:]).mean())
 
 
-def measured(flow: RoomFlow, rng: np.random.Generator) -> tuple[float, float]:
+def measured_diffusivity(flow: RoomFlow, rng: np.random.Generator) -> tuple[float, float]:
     """K of a flow [m²/s] and its standard error."""
     turning = flow.turning
     if not turning:
@@ -207,4 +209,4 @@ def measured(flow: RoomFlow, rng: np.random.Generator) -> tuple[float, float]:
     longest = max(TURNS / turning, MEMORIES * flow.memory if any(flow.rolls.values()) else 0.0)
     step = STEP / turning
     steps = int(np.clip(longest / step, 60, MOST))
-    return rates(followed(flow, rng, step, steps), step, flow.extent, flow.even())
+    return rates(particle_paths(flow, rng, step, steps), step, flow.extent, flow.even())

@@ -1,4 +1,4 @@
-"""Screens inside the domain: honeycombs and perforated sheets, as slabs that resist the air.
+"""Flow resistance inside the domain; screens (honeycombs, perforated sheets) as porous slabs (Darcy-Forchheimer).
 
 A Darcy-Forchheimer slab of thickness l takes dp/rho = (a + b |u|) u from air that goes through it with u, and holds air
 that moves along it `transverse` times as hard. The slab is a layer of whole cells. Through it, its faces share the
@@ -7,15 +7,36 @@ Every face solves u + h (a + b |u|) u = u* on its own, which no step makes unsta
 """
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import Numbers
 from taichi_plume.scenario.screens import Screen
+
+
+class Resistance(Protocol):
+    """Force on the air inside the domain: screens, moving obstacles, robots. Implementations are `ti.data_oriented`."""
+
+    cells: int
+    """Approximate number of faces that `apply` visits."""
+
+    def advance(self, t: float, dt: float) -> None:
+        """Prepare the step from time t [s] to t + dt."""
+        ...
+
+    def fastest(self, t: float) -> float:
+        """Return the largest velocity component [m/s] that the air is given soon after t [s]."""
+        ...
+
+    def apply(self, u: Field, dt: Field) -> None:
+        """ti.func: set u = (u + dt r v)/(1 + dt r) on faces, with rate r [1/s] and velocity v [m/s] of the body."""
+        ...
 
 
 @ti.func
@@ -27,9 +48,9 @@ def slowed(u, linear, square):
 
 @ti.data_oriented
 class ScreenResistance:
-    """One screen; satisfies `flow.Resistance`.
+    """One screen; satisfies `Resistance`.
 
-    openness: per axis 1 on faces whose velocity is solved for, on the padded grid. To be begun once `tables` are
+    openness: per axis 1 on faces whose velocity is solved for, on the padded grid. `begin` needs `tables` to be
     uploaded.
     """
 
@@ -53,7 +74,7 @@ class ScreenResistance:
         self.n = Numbers("a", "b", "transverse")
 
     def begin(self, screen: Screen, viscosity: float) -> None:
-        """Resist as the screen says; viscosity: kinematic [m²/s]."""
+        """Set the resistance; viscosity: kinematic [m²/s]."""
         a, b = screen.losses(viscosity)
         self.n.set(a=a, b=b, transverse=screen.transverse)
 
@@ -72,7 +93,7 @@ class ScreenResistance:
         return np.pad(covered, grid.ghost)
 
     def advance(self, t: float, dt: float) -> None:
-        """A screen stays as it is."""
+        """Do nothing: a screen does not change."""
 
     def fastest(self, t: float) -> float:
         return 0.0

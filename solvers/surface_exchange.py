@@ -1,4 +1,4 @@
-"""Walls and obstacles that exchange a quantity q of the air with the cells beside them.
+"""Exchange of heat or gas between surfaces and air: walls and obstacles as boundary conditions (Robin, Dirichlet).
 
     dq/dt = v A/V (q_s - q)
 
@@ -9,7 +9,7 @@ given, or what diffuses through half a cell, or beyond the diffusive layer, wher
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import cast
 
 import numpy as np
 import taichi as ti
@@ -17,12 +17,50 @@ import taichi as ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass, Template
+from taichi_plume.grid.kernels import Pass, Template, double_field
 from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.windows import Region
 from taichi_plume.solvers.patches import Patch
-from taichi_plume.solvers.tally import Tally
 from taichi_plume.solvers.wall_law import transfer_velocity
+
+Touched = tuple[tuple[np.ndarray, ...] | np.ndarray, float | np.ndarray]
+"""Cells that a surface touches (indices or a mask), and its area in each of them over a face's."""
+
+FIRST, BETWEEN, LAST = 0.0, 1.0, 2.0
+"""Stage of a step."""
+
+
+@ti.data_oriented
+class Tally:
+    """Total in f64 of a flux. Each stage of a step sets it to its value before the step plus the step's length times
+    the sum of the rates of all stages so far.
+    """
+
+    STATE = ("_total",)
+
+    def __init__(self) -> None:
+        self._total, self._before, self._rate = (double_field() for _ in range(3))
+
+    @ti.func
+    def begin(self, stage):
+        """Start a stage."""
+        if stage == FIRST:
+            self._before[None] = self._total[None]
+            self._rate[None] = 0.0
+
+    @ti.func
+    def add(self, rate):
+        """Add the flux through one face or cell [1/s]."""
+        self._rate[None] += ti.cast(rate, ti.f64)
+
+    @ti.func
+    def end(self, h):
+        """Finish a stage; h: length [s] of which each stage has a share, see `transport`."""
+        self._total[None] = self._before[None] + ti.cast(h, ti.f64) * self._rate[None]
+
+    def read(self) -> float:
+        """Return the total."""
+        return cast(float, self._total[None])
 
 
 def in_series(first: float, second: float) -> float:
@@ -34,7 +72,7 @@ def in_series(first: float, second: float) -> float:
 class SurfaceExchange:
     """Some walls and obstacles and the cells that touch them.
 
-    fastest [1/s]: what they take at most, over q, beside what the law of the wall adds, which is implicit. A cell at
+    fastest [1/s]: largest rate of exchange, without the part by the law of the wall, which is implicit. A cell at
     several surfaces whose film is not given sees them as one.
     """
 
@@ -49,8 +87,8 @@ class SurfaceExchange:
         obstacles: Sequence[int],
         vents: Sequence[Patch],
     ):
-        """obstacles: their numbers; vents: openings, where there is no wall. To be begun by its owner. Raises
-        ValueError for what touches no air.
+        """obstacles: their numbers; vents: openings, where there is no wall. The owner calls `begin`. Raises
+        ValueError for a surface that touches no air.
         """
         self.grid, self.wind, self.room = grid, wind, air.room
         self.eddies = wind.nu is not None
@@ -69,10 +107,8 @@ class SurfaceExchange:
         uploader(self._cell, self._stores)(np.argwhere(touched) + grid.ghost, self.room[self._where])
         self._set = uploader(self._rate, self._gain, self._film, self._film_gain, self._sticky)
 
-    def _of_walls(
-        self, walls: Sequence[Region], air: Air, vents: Sequence[Patch]
-    ) -> Iterator[tuple[Any, Any]]:
-        """Of each the cells that touch it, and its area in each of them over a face's."""
+    def _of_walls(self, walls: Sequence[Region], air: Air, vents: Sequence[Patch]) -> Iterator[Touched]:
+        """Yield for each wall the cells that touch it, and its area in each of them over a face's."""
         for n, wall in enumerate(walls):
             patch = Patch(wall, self.grid, air.area)
             for vent in vents:
@@ -84,7 +120,7 @@ class SurfaceExchange:
                 )
             yield patch.cells(), 1.0
 
-    def _of_obstacles(self, obstacles: Sequence[int], air: Air) -> Iterator[tuple[Any, Any]]:
+    def _of_obstacles(self, obstacles: Sequence[int], air: Air) -> Iterator[Touched]:
         surface = np.linalg.norm(air.surface(), axis=-1) * ~air.solid
         for n, number in enumerate(obstacles):
             cells = (air.body == number) & (surface > 0.0)
@@ -101,7 +137,7 @@ class SurfaceExchange:
         held: Sequence[float],
         diffusivity: float,
     ) -> None:
-        """Of each wall and then of each obstacle: films, transfer velocity [m/s] of the air at it, where it is given;
+        """Set per wall and then per obstacle: films, transfer velocity [m/s] of the air at it, where it is given;
         takes, of the surface itself [m/s], infinite where it holds its q; held, its q. diffusivity [m²/s]: of still
         air.
         """
@@ -125,7 +161,7 @@ class SurfaceExchange:
         self._set(*(part[self._where] for part in (*known, film[0], film[1], sticky)))
 
     def into(self, rate: Template, q: Template) -> Pass:
-        """A pass that adds to the rate [1/s] of q what the surfaces give, and counts it."""
+        """Return the pass that adds the flux from the surfaces to the rate [1/s] of q, and counts it."""
 
         @ti.func
         def exchange(h, stage):
@@ -161,5 +197,5 @@ class SurfaceExchange:
         return transfer_velocity(ti.sqrt(square), y, nu, self.n.diffusivity[None])
 
     def given(self) -> float:
-        """What the surfaces have given so far, q times a volume."""
+        """Return the total that the surfaces have given so far, q times a volume."""
         return self._given.read() * self.grid.cell_volume

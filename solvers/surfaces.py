@@ -9,21 +9,49 @@ Smagorinsky's length and van Driest's damping D. Where a laminar layer separates
 (Thwaites 1949, doi:10.1017/S0001925900000184), so neither does the place, as long as the layer is thin beside the body.
 """
 
-from typing import Any
-
 import numpy as np
 import taichi as ti
+from scipy.ndimage import correlate1d, uniform_filter1d
 
 from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.kernels import Pass, Template
 from taichi_plume.grid.tables import Tables
-from taichi_plume.grid.transfer import uploader
-from taichi_plume.solvers.curvature import CONVEX, curvatures
-from taichi_plume.solvers.extension import Extension
+from taichi_plume.solvers.extension import REACH, Extension
 from taichi_plume.solvers.momentum import Momentum
 from taichi_plume.solvers.turbulence import damped
 from taichi_plume.solvers.wall_law import near_surface
 from taichi_plume.solvers.walls import straightness
+
+# 1/cells: least curvature of a convex surface. Oblique planes that the grid cuts have up to 0.016.
+CONVEX = 0.02
+
+
+def curvatures(vectors: np.ndarray, cells: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Return the sum of the principal curvatures of the surface around the cells (n, dim), padded: (n,) [1/cells].
+
+    The sum is positive where the obstacle is convex. The normals of a surface of curvature k turn by k s over a length
+    s, so that the integral of n' s over all surface within REACH is -k times the integral of s².
+
+    vectors: areas of the surface, (*padded, dim); normals: of the surface at each cell, (n, dim); both out of the air.
+    """
+    dim, where = vectors.shape[-1], tuple(cells.T)
+    steps = np.arange(-REACH, REACH + 1.0)
+
+    def over_window(values: np.ndarray, skipped: int = -1) -> np.ndarray:
+        for axis in range(dim):
+            if axis != skipped:
+                values = uniform_filter1d(values, len(steps), axis=axis, mode="nearest")
+        return values
+
+    moments = np.empty((len(cells), dim, dim))  # of the areas' components i along the axes j
+    for j in range(dim):
+        along = correlate1d(vectors, steps / len(steps), axis=j, mode="nearest")
+        moments[:, :, j] = over_window(along, skipped=j)[where]
+    turning = np.einsum("ni,nij,nj->n", normals, moments, normals) - np.trace(moments, axis1=1, axis2=2)
+    area = over_window(np.linalg.norm(vectors, axis=-1))[where]
+    return turning / np.maximum(area * len(steps) ** 2 / 12.0, 1e-6)
+
 
 NEAREST = 0.05  # cells: no distance from a surface counts as less
 LEAST = 0.25  # cells: least distance over which the velocity of a layer that separates rises
@@ -48,23 +76,14 @@ class Surfaces:
         tables: Tables,
     ):
         self.m = momentum
-        self.roughness = ti.field(ti.f32, ())
-        self._put = uploader(self.roughness)
         self.grid = grid = momentum.grid
         self.dim = grid.dim
         self.vectors = vectors = np.stack(
             [grid.pad(part) for part in np.moveaxis(air.surface(), -1, 0)], axis=-1
         )
         self.faces: list[np.ndarray] = []
-        self._count: list[int] = []
-        self._cell: list[Any] = []
-        self._distance: list[Any] = []  # of the face's middle from the surface [m]
-        self._rate: list[Any] = []  # surface over (distance times stored volume), in cells
-        self._stored: list[Any] = []  # volume that stores the momentum of the face, in cells
-        self._normal: list[Any] = []  # of the surface, out of the air
-        # mixing length [m] of a layer that can separate, 0 on plane and concave surfaces
-        self._mixing: list[Any] = []
         normals: list[np.ndarray] = []
+        fields: list[list[Field]] = []  # per axis
         for d in range(grid.dim):
             above, below = np.roll(area[d], -1, axis=d), np.roll(area[d], 1, axis=d)
             # a cell's surface acts on its two faces of an axis, in proportion to their areas
@@ -80,27 +99,25 @@ class Surfaces:
             normal = (upper + lower)[where]
             normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
             self.faces.append(cell)
-            self._count.append(len(cell))
-            self._cell.append(tables.listed(cell))
-            self._distance.append(tables.listed(distance * grid.dx))
-            self._rate.append(tables.listed(size[where] / (distance * stored)))
-            self._stored.append(tables.listed(stored))
-            self._normal.append(tables.listed(normal))
             normals.append(normal)
+            per_face = (cell, distance * grid.dx, size[where] / (distance * stored), stored, normal)
+            fields.append([tables.listed(values) for values in per_face])
+        # distance of the face's middle from the surface [m]; rate: surface over (distance times stored volume), in
+        # cells; stored: volume that stores the momentum of the face, in cells; normal of the surface, out of the air
+        self._cell, self._distance, self._rate, self._stored, self._normal = zip(*fields, strict=True)
+        self._count = [len(cell) for cell in self.faces]
         self.cells = sum(self._count)
         self._extension: Extension | None = None
+        # mixing length [m] of a layer that can separate, 0 on plane and concave surfaces
+        self._mixing: list[Field] = []
         if momentum.eddies:
             convex = curvatures(vectors, np.concatenate(self.faces), np.concatenate(normals)) > CONVEX
             parts = np.split(convex, np.cumsum(self._count)[:-1])
             self._mixing = [tables.listed(np.where(part, MIXING * grid.dx, 0.0)) for part in parts]
             self._extension = Extension(self, convex, area, tables)
 
-    def begin(self, roughness: float | None) -> None:
-        """Take k_s [m] over."""
-        self._put(roughness or 0.0)
-
     def slipping(self, convection: Pass) -> list[Pass]:
-        """The pass with velocities on closed faces as `extension` has them, which are 0 before and after."""
+        """Return the passes with velocities on closed faces extended by `extension`; they are 0 before and after."""
         if self._extension is None or self._extension.cells == 0:
             return [convection]
         return [self._extension.setting(), convection, self._extension.clearing()]
@@ -126,7 +143,7 @@ class Surfaces:
 
     @ti.func
     def _is_adverse(self, d: Template, k, along):
-        """Whether the pressure gradient at the k-th face of axis d slows the air that moves along the surface."""
+        """Return whether the pressure gradient at the k-th face of axis d slows the air along the surface."""
         I = self._cell[d][k]
         D = ti.Vector.unit(self.dim, d, ti.i32)
         rise = along[d] * (self.m.p[I] - self.m.p[I - D])
@@ -149,7 +166,7 @@ class Surfaces:
         wall = nu
         if ti.static(self.m.eddies):
             y, speed = self._distance[d][k], along.norm()
-            wall, _ = near_surface(speed, y, nu, self.roughness[None], self.m.rough)
+            wall, _ = near_surface(speed, y, nu, self.m.roughness[None], self.m.rough)
             if self._mixing[d][k] > 0.0 and self._is_adverse(d, k, along):
                 wide = ti.max(y, ti.static(LEAST * self.grid.dx))
                 wall = ti.max(wall, nu + damped(self._mixing[d][k], speed / wide, wide, nu))
@@ -165,7 +182,7 @@ class Surfaces:
         """
         speed = self._along(d, k).norm()
         y = ti.max(self._distance[d][k], ti.static(0.5 * self.grid.dx))
-        _, bend = near_surface(speed, y, self.m.viscosity[None], self.roughness[None], self.m.rough)
+        _, bend = near_surface(speed, y, self.m.viscosity[None], self.m.roughness[None], self.m.rough)
         return (1.0 - straightness(bend)) * self.m.u[d][self._cell[d][k]]
 
     @ti.func

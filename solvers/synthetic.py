@@ -16,22 +16,20 @@ with it the waves dissipate, int 2 nu k² E dk up to k_c, what the spectrum hand
 mixed by the part that is the eddies', over the turbulent Schmidt number, as in a computed flow.
 """
 
-from typing import Any
-
 import numpy as np
 import taichi as ti
 from scipy.ndimage import distance_transform_edt
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Carrier, sample_faces
+from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template, launch
+from taichi_plume.grid.kernels import launch
 from taichi_plume.grid.rng import generator
 from taichi_plume.grid.sweeps import sweep
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.species import AIR_VISCOSITY
 from taichi_plume.scenario.winds import SyntheticWind
-from taichi_plume.solvers.room_mixing import RoomFlow, air_changes, measured
+from taichi_plume.solvers.room_mixing import RoomFlow, air_changes, measured_diffusivity
 
 FRAMES_PER_PERIOD = 16  # of the fastest wave: linear in between, it loses 2 % of its amplitude
 DRAWS = 16  # of the phases, to measure the speed of unit waves
@@ -52,8 +50,9 @@ def curl(potential: Potential, dx: float) -> list[np.ndarray]:
 
 
 def distances(solid: np.ndarray) -> np.ndarray:
-    """From each cell's middle to the next surface, in cells, with a layer of cells all round; 0 where there is no
-    air."""
+    """Return the distance from each cell's middle to the next surface, in cells, with a layer of cells all round; 0
+    where there is no air.
+    """
     return np.maximum(np.asarray(distance_transform_edt(np.pad(~solid, 1))) - 0.5, 0.0)
 
 
@@ -86,7 +85,7 @@ class Waves:
         direction = rng.standard_normal((wind.modes, grid.dim))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         c = rng.standard_normal((wind.modes, 3)) + 1j * rng.standard_normal((wind.modes, 3))
-        if grid.dim == 3:  # what lies along k moves no air
+        if grid.dim == 3:  # components along k move no air
             c -= (c * direction).sum(axis=1, keepdims=True) * direction
         else:
             c[:, :2] = 0.0
@@ -125,8 +124,9 @@ def edges(grid: Grid, axis: int) -> list[np.ndarray]:
 
 
 def as_fast(speed: float, square: float) -> float:
-    """What a flow of mean square speed `square` [m²/s²] is multiplied by to have `speed` [m/s]; 0 where the room is so
-    narrow that there is none."""
+    """Return the factor that gives a flow of mean square speed `square` [m²/s²] the speed `speed` [m/s]; 0 where the
+    room is so narrow that there is none.
+    """
     return speed / float(np.sqrt(square)) if square > 0.0 else 0.0
 
 
@@ -142,7 +142,6 @@ class SyntheticSolver(Carrier):
     STATE = ("u", "outflow_rate", "_before", "_after", "_outflow", "_frame", "_rng", "_turn")
 
     def __init__(self, wind: SyntheticWind, grid: Grid, air: Air, t: float = 0.0, seed: int = 0):
-        """t: begin of the run [s]."""
         self.grid, self.dim = grid, grid.dim
         self._air, self._distance = ~air.solid, distances(air.solid)
         self.u, self.open = grid.faces_field(), grid.faces_field()
@@ -150,9 +149,9 @@ class SyntheticSolver(Carrier):
         self.nu = grid.field()
         around = np.pad(self._air, grid.ghost)
         uploader(*self.open)(*(around & np.roll(around, 1, axis=d) for d in range(grid.dim)))
-        self._put: Any = uploader(*self._after)
-        self._put_eddies: Any = uploader(self.nu)
-        self._build()
+        self._put = uploader(*self._after)
+        self._put_eddies = uploader(self.nu)
+        self._build_blending()
         self.begin(wind, t, seed)
 
     def begin(self, model: SyntheticWind, t: float, seed: int) -> None:
@@ -188,14 +187,14 @@ class SyntheticSolver(Carrier):
         self._put_eddies(self.grid.pad(nu))
 
     @ti.kernel
-    def _leave(self):
-        """The frame after becomes the one before."""
+    def _shift_frames(self):
+        """Copy the frame after to the frame before."""
         for d in ti.static(range(self.dim)):
             for I in ti.grouped(self._after[d]):
                 self._before[d][I] = self._after[d][I]
 
-    def _build(self) -> None:
-        """u between the two frames, ghost layers included."""
+    def _build_blending(self) -> None:
+        """Build the kernel that interpolates u between the two frames, ghost layers included."""
 
         def of_axis(d: int):
             before, after = self._before[d], self._after[d]
@@ -243,7 +242,7 @@ class SyntheticSolver(Carrier):
         waves = self._waves.at(self._waves.frequency * t)
         potential = {m: self._strength * a + self._turn[m] * self._rolls[m] for m, a in waves.items()}
         velocity = self._velocity(potential)
-        self._leave()
+        self._shift_frames()
         self._put(*(self.grid.pad_faces(u, d) for d, u in enumerate(velocity)))
         self._outflow = [self._outflow[1], self.grid.largest_outflow(velocity)]
 
@@ -280,12 +279,8 @@ class SyntheticSolver(Carrier):
     def mixing(self) -> dict[str, float]:
         """Eddy diffusivity [m²/s], its standard error, and how many air changes per hour a room of this volume has that
         mixes as much (see room_mixing)."""
-        K, error = measured(self.room, generator(self._seed, "mixing of the air"))
-        told = {"eddy_diffusivity_m2_per_s": K, "eddy_diffusivity_error_m2_per_s": error}
+        K, error = measured_diffusivity(self.room, generator(self._seed, "mixing of the air"))
+        mixing = {"eddy_diffusivity_m2_per_s": K, "eddy_diffusivity_error_m2_per_s": error}
         if self.dim == 3:
-            told["as_of_air_changes_per_h"] = air_changes(K, float(self._air.sum()) * self.grid.cell_volume)
-        return told
-
-    @ti.func
-    def velocity(self, x: Template, t: float):
-        return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)
+            mixing["as_of_air_changes_per_h"] = air_changes(K, float(self._air.sum()) * self.grid.cell_volume)
+        return mixing

@@ -1,4 +1,4 @@
-"""Convection and diffusion of a quantity of the air on the grid: what gas and heat share.
+"""Transport of a scalar by the air on the grid, convection and diffusion (scalar transport equation): gas and heat.
 
     dq/dt + div(u q) = div((K + nu_t/Sc_t) grad q) + sources
 
@@ -8,28 +8,36 @@ both sides and a cell's fluxes are summed in f64; what f32 cannot hold of q is k
 is conserved however many steps are taken and however little each one changes.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from math import ceil
-from typing import Any
+from typing import cast
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Carrier
+from taichi_plume.grid.fields import Carrier, Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template, launch, visit
 from taichi_plume.grid.sweeps import sweep
 from taichi_plume.grid.transfer import Numbers, uploader
-from taichi_plume.solvers.incoming import Incoming
-from taichi_plume.solvers.limited import Limited
-from taichi_plume.solvers.scalar import Scalar
-from taichi_plume.solvers.surface_exchange import SurfaceExchange
-from taichi_plume.solvers.tally import BETWEEN, FIRST, LAST, Tally
+from taichi_plume.solvers.convection import Limited
+from taichi_plume.solvers.patches import Patch
+from taichi_plume.solvers.surface_exchange import BETWEEN, FIRST, LAST, SurfaceExchange, Tally
 
-FULLEST = 0.98  # largest share of what a cell holds that leaves it in one stage, at the steepest slope
-MOST_STAGES = 5  # of a step; the more, the more of what was there before it stays behind
+
+class Scalar:
+    """A scalar q per volume of air in the cells of a grid; rest: field of the rounding errors of q in f32."""
+
+    STATE = ("q", "rest")
+
+    def __init__(self, grid: Grid):
+        self.q, self.rest = grid.field(), grid.field()
+
+
+FULLEST = 0.98  # largest share of a cell's content that leaves it in one stage, at the steepest slope
+MOST_STAGES = 5  # of a step; more stages leave more of the old content behind
 
 
 @ti.func
@@ -40,7 +48,7 @@ def open_slope(q: Template, open_faces: Template, I, D, dx: float):
 
 @ti.func
 def raised(q, rest, rate, dt):
-    """q + rest + rate dt in f32, and what that leaves out; in f64, which no compiler takes for what it rounds to."""
+    """Return q + rest + rate dt in f32, and the rounding error; in f64, which compilers do not simplify away."""
     change = ti.cast(rest, ti.f64) + ti.cast(dt, ti.f64) * ti.cast(rate, ti.f64)
     exact = ti.cast(q, ti.f64) + change
     rounded = ti.cast(exact, ti.f32)
@@ -51,13 +59,11 @@ def raised(q, rest, rate, dt):
 class Transport:
     """A quantity q per volume of air that the wind carries and that diffuses.
 
-    scheme: of convection.
-    add_sources: a pass that adds to q and `rest` what a step of length a brings.
-    surfaces: what exchanges q with the air.
-    incoming: q of the air that comes in; clean air unless given.
-    scalar: the quantity; one of its own unless given.
+    scheme: of convection. add_sources: a pass that adds sources to q and `rest` for a step of length a. surfaces: walls
+    and obstacles that exchange q with the air. has_inflow: whether air may come in with q, see `set_inflow`; else it is
+    clean.
 
-    Fields: q; rest, what rounding has left out of q; rate [1/s], the sum of the tendencies in the step's stages so far.
+    Fields: q; rest, rounding errors of q; rate [1/s], the sum of the tendencies in the step's stages so far.
     """
 
     STATE = ("q", "rest", "_outflow", "_inflow")
@@ -68,32 +74,32 @@ class Transport:
         wind: Carrier,
         air: Air,
         scheme: Limited,
-        add_sources: Pass | None,
+        scalar: Scalar,
+        add_sources: Pass | None = None,
         surfaces: SurfaceExchange | None = None,
-        incoming: Incoming | None = None,
-        scalar: Scalar | None = None,
+        has_inflow: bool = False,
     ):
-        """To be begun by its owner."""
-        scalar = scalar or Scalar(grid)
+        """The owner calls `begin`."""
         self.grid = grid
         self.dim = grid.dim
         self.wind = wind
         self.per_length = float(np.float32(1.0 / grid.dx))  # as the cells reckon it
-        self.inflow = tuple(incoming.fields if incoming else ())
         self.surfaces = surfaces
         self.q, self.rest = scalar.q, scalar.rest
         self.eddies = wind.nu is not None
         self._area = wind.area or ()
         self.cut = wind.area is not None
-        self.room: Any = None  # share of each cell's volume that stores q
+        self.room: Field = None  # share of each cell's volume that stores q
         if self.cut:
             self.room = grid.field()
             uploader(self.room)(grid.pad(air.room))
         # a solver of the flow lends fields that it does not need meanwhile
         self._start, self.rate = wind.scratch or (grid.field(), grid.field())
         self._outflow = Tally()
-        self._inflow = Tally() if incoming else None
+        self._inflow = Tally() if has_inflow else None
         self._sides = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
+        self.inflow = tuple(ti.field(ti.f32, side) for side in self._sides) if has_inflow else ()
+        self._put_inflow = uploader(*self.inflow)
         self._n = Numbers("still", "per_schmidt")
         self._face_value, self._steepest = scheme
         cells = grid.cells
@@ -115,6 +121,13 @@ class Transport:
         viscosity = np.float32(self.wind.viscosity if self.eddies else 0.0)
         still = np.float32(diffusivity) - viscosity * per_schmidt  # with nu_t/Sc_t = (nu - viscosity)/Sc_t
         self._n.set(still=float(still), per_schmidt=float(per_schmidt))
+
+    def set_inflow(self, openings: Sequence[tuple[Patch, float]]) -> None:
+        """Set q of the air that comes in through openings (Dirichlet condition of the inflow); elsewhere it is 0."""
+        values = [np.zeros(side) for side in self._sides]
+        for patch, q in openings:
+            np.moveaxis(values[patch.axis], patch.axis, 0)[patch.side][patch.covered] = q
+        self._put_inflow(*values)
 
     def start_from(self, function: Callable[[np.ndarray], np.ndarray]) -> None:
         """Set q from a function of points (..., dim) [m]."""
@@ -164,12 +177,12 @@ class Transport:
 
     @ti.func
     def _advanced(self, I, h, stage):
-        """q after a stage, and what it leaves out, which only the last stage keeps."""
+        """Return q after a stage, and the rounding error, which only the last stage keeps."""
         q, rest = raised(self._start[I], self.rest[I], self.rate[I], h)
         return ti.Vector([q, ti.select(stage == LAST, rest, self.rest[I])])
 
     def _filling(self, d: int) -> Callable:
-        """Beyond an outflow q goes on unchanged; air that flows in has its own; periodic axes wrap round."""
+        """Return the body that fills ghost cells: zero gradient at outflow, inflow values, periodic axes."""
         n, g = self.grid.shape[d], self.grid.ghost
 
         @ti.func
@@ -193,7 +206,7 @@ class Transport:
 
     @ti.func
     def _count_outflow(self, h, stage):
-        """What leaves through the domain's faces, and how much of it comes in."""
+        """Count the outflow through the domain's faces, and the inflow."""
         self._outflow.begin(stage)
         if ti.static(len(self.inflow) > 0):
             self._inflow.begin(stage)
@@ -231,9 +244,9 @@ class Transport:
         return max(1, ceil(self._euler_steps(dt) / (MOST_STAGES - 1) - 1e-9))
 
     def step(self, dt: float) -> None:
-        """One step, no longer than `steps` allows, of second order: s - 1 stages of Euler's method by dt/(s - 1) [s],
-        one more, and the mean of their rates over the step (SSP(s, 2), Spiteri & Ruuth 2002,
-        doi:10.1137/S0036142901389025; Heun's method where s = 2).
+        """Advance by one step, no longer than `steps` allows, of second order (strong stability preserving
+        Runge-Kutta): s - 1 stages of Euler's method by dt/(s - 1) [s], one more, and the mean of their rates over the
+        step (SSP(s, 2), Spiteri & Ruuth 2002, doi:10.1137/S0036142901389025; Heun's method where s = 2).
         """
         stages = 1 + max(1, ceil(self._euler_steps(dt) - 1e-9))
         self._start_step(dt)
@@ -241,7 +254,7 @@ class Transport:
             self._stage(dt / (stages - 1), FIRST if n == 0 else BETWEEN)
         self._stage(dt / stages, LAST)
 
-    # ---------------------------------------------------------------- what is known about q
+    # ---------------------------------------------------------------- totals
 
     @ti.kernel
     def _sum(self) -> ti.f64:
@@ -264,13 +277,12 @@ class Transport:
 
     def inside(self) -> float:
         """q summed over the domain's volume."""
-        total: Any = self._sum()
-        return total * self.grid.cell_volume
+        return cast(float, self._sum()) * self.grid.cell_volume
 
     def outflow(self) -> float:
-        """What has left through the domain's faces so far, less what has come in."""
+        """Return the outflow through the domain's faces so far, less the inflow."""
         return self._outflow.read() * self.grid.cell_volume * self.per_length
 
     def brought_in(self) -> float:
-        """What has come in through them so far."""
+        """Return the inflow through the domain's faces so far."""
         return self._inflow.read() * self.grid.cell_volume * self.per_length if self._inflow else 0.0

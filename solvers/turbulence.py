@@ -1,4 +1,4 @@
-"""Viscosity of what the grid does not resolve."""
+"""Turbulence models (large-eddy simulation): eddy viscosity of the scales that the grid does not resolve."""
 
 import numpy as np
 import taichi as ti
@@ -54,9 +54,8 @@ def damped(length, rate, distance, viscosity):
     undamped = length * length * rate
     y_plus = distance * ti.sqrt((viscosity + undamped) * rate) / greater(viscosity, 1e-12)
     x = lesser(y_plus, 1e4) * (1.0 / 26.0)
-    damping = 1.0 - 1.0 / (
-        1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x * (1.0 / 24.0))))
-    )  # no CPU vectorises exp
+    exponential = 1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x * (1.0 / 24.0))))  # no CPU vectorises exp
+    damping = 1.0 - 1.0 / exponential
     return undamped * damping * damping
 
 

@@ -1,4 +1,4 @@
-"""The simplest wind: one velocity everywhere, constant or with gusts across it."""
+"""Uniform wind: one velocity everywhere, constant or with gusts across it."""
 
 import numpy as np
 import taichi as ti
@@ -15,7 +15,7 @@ LONGEST_TICK = 1.0  # s
 
 
 def memory(wind: UniformWind, extent: tuple[float, ...]) -> float:
-    """For how long [s] the gusts are remembered: for as long as air takes through the domain, and a tick."""
+    """Return the time [s] for which gusts are kept: as long as air takes through the domain, and a tick."""
     crossing = np.abs(wind.frame[0]) @ extent / wind.speed
     return float(crossing) + LONGEST_TICK
 
@@ -31,7 +31,6 @@ class UniformSolver(Carrier):
     STATE = ("u", "now", "outflow_rate", "gusts")
 
     def __init__(self, wind: UniformWind, grid: Grid, t: float = 0.0, seed: int = 0):
-        """t: begin of the run [s]."""
         self.grid = grid
         self.dim = grid.dim
         self.u = grid.faces_field()
@@ -45,7 +44,7 @@ class UniformSolver(Carrier):
         self.model = model
         self.mean = model.velocity
         self.across = model.frame[1:]
-        self._blow(np.array(self.mean), np.zeros(self.dim))
+        self._set_velocity(np.array(self.mean), np.zeros(self.dim))
         if model.gusts is None:
             return
         law = (
@@ -61,10 +60,10 @@ class UniformSolver(Carrier):
             self.gusts.begin(*law)
         self.advance(t, 0.0)
 
-    def _blow(self, carrying: np.ndarray, gust: np.ndarray) -> None:
-        """carrying: the faces' velocity [m/s]; gust: what is felt beyond the mean [m/s]."""
+    def _set_velocity(self, carrying: np.ndarray, gust: np.ndarray) -> None:
+        """Set the velocity; carrying: of the faces [m/s]; gust: present velocity less the mean [m/s]."""
         felt = np.array(self.mean, np.float32) + gust.astype(np.float32)
-        self._fill(*(np.append(one, [0.0] * (3 - self.dim)) for one in (carrying, felt)))
+        self._fill(*(np.append(u, [0.0] * (3 - self.dim)) for u in (carrying, felt)))
         self.outflow_rate = float(np.abs(carrying).sum()) / self.grid.dx
 
     @ti.kernel
@@ -82,10 +81,10 @@ class UniformSolver(Carrier):
         self.gusts.advance(t + dt)
         after, now = self.gusts.at(t + dt)
         carrying = self.mean + ((after - before) / dt if dt > 0.0 else gust) @ self.across
-        self._blow(carrying, now @ self.across)
+        self._set_velocity(carrying, now @ self.across)
 
     def displacement(self, t: float) -> np.ndarray:
-        """How far [m] gusts have carried the air up to time t, not further back than the memory goes, nor ahead."""
+        """Return the displacement [m] of the air by gusts up to time t, within the memory."""
         return np.zeros(self.dim) if self.gusts is None else self.gusts.at(t)[0] @ self.across
 
     @ti.func

@@ -42,7 +42,9 @@ class VCycle:
         self.layout = tables.put(ti.field(ti.i32, (len(levels), 7)), np.array(layout))
         total = int(begins[-1])
         self.a = [
-            tables.put(ti.field(ti.f32, total), np.concatenate([one.a[d].ravel(order="F") for one in levels]))
+            tables.put(
+                ti.field(ti.f32, total), np.concatenate([level.a[d].ravel(order="F") for level in levels])
+            )
             for d in range(3)
         ]
         damped = np.concatenate([self._damped(level).ravel(order="F") for level in levels])
@@ -137,7 +139,7 @@ class VCycle:
 
     @ti.func
     def _jacobi_twice(self, first, i, n0, low: Template, high: Template, step: Template, _: Template):
-        """What two sweeps from zero make; the first is omega b/diagonal."""
+        """Return x after two sweeps from zero; the first is omega b/diagonal."""
         c = first + i
         once = self.damped[c] * self.b[c]
         ax = 0.0

@@ -1,4 +1,4 @@
-"""The law of the wall: how fast the air is near a surface whose friction it feels, and what that surface passes on.
+"""Law of the wall (wall functions): velocity near a surface, wall friction, and transfer of heat and gas.
 
 Reichardt's law (1951, doi:10.1002/zamm.19510310704), valid from the surface through the viscous layer to the outer one:
 
@@ -21,6 +21,9 @@ from numpy.polynomial import Polynomial
 from taichi_plume.grid.kernels import Template
 from taichi_plume.solvers.convection import greater, lesser
 
+Real = Any
+"""A number or an array."""
+
 KAPPA = 0.41
 B = 5.2
 SMOOTH, ROUGH = float(np.exp(-KAPPA * B)), float(np.exp(-KAPPA * 8.5))  # of nu/u_tau and k_s, lengths z above
@@ -30,14 +33,14 @@ MIDDLE = 1200.0  # u y/nu at which the second polynomial takes over
 LAST = 1e9  # u y/nu beyond which u+ grows no more
 
 
-def law_of_the_wall(y_plus: Any) -> Any:
+def law_of_the_wall(y_plus: Real) -> Real:
     """u+ of y+."""
     outer = np.log1p(KAPPA * y_plus) / KAPPA
     inner = 1.0 - np.exp(-y_plus / 11.0) - y_plus / 11.0 * np.exp(-y_plus / 3.0)
     return outer + INNER * inner
 
 
-def mean_law(y_plus: Any) -> Any:
+def mean_law(y_plus: Real) -> Real:
     """Mean of u+ from the surface to 2 y+."""
     far = 2.0 * y_plus
     outer = ((1.0 + 1.0 / (KAPPA * far)) * np.log1p(KAPPA * far) - 1.0) / KAPPA
@@ -45,7 +48,7 @@ def mean_law(y_plus: Any) -> Any:
     return outer + INNER * inner / far
 
 
-def bend_of_law(y_plus: Any) -> Any:
+def bend_of_law(y_plus: Real) -> Real:
     """du+/dy+ at y+ over that mean's slope from the surface."""
     slope = 1.0 / (1.0 + KAPPA * y_plus) + INNER / 11.0 * (
         np.exp(-y_plus / 11.0) - (1.0 - y_plus / 3.0) * np.exp(-y_plus / 3.0)
@@ -56,7 +59,7 @@ def bend_of_law(y_plus: Any) -> Any:
 RESOLVED = (0.5 * VISCOUS) ** 2  # u y/nu up to which all of the cell is viscous
 
 
-def _fitted(law: Callable[[Any], Any]) -> tuple[list[float], list[float]]:
+def _fitted(law: Callable[[Real], Real]) -> tuple[list[float], list[float]]:
     """A function of y+ as polynomials of ln(u y/nu), below MIDDLE and above: their coefficients, the constant first."""
     y_plus = np.geomspace(0.25 * VISCOUS, 1e8, 3000)
     values, product = law(y_plus), mean_law(y_plus) * y_plus

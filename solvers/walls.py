@@ -1,24 +1,24 @@
-"""Friction of the air on the walls of the domain, by the law of the wall, and distances from all surfaces.
+"""Wall functions: friction on the walls of the domain by the law of the wall, and distances from all surfaces.
 
-Beyond the viscous layer the velocity bends far more at a wall than cells can tell. What lies beyond the wall then goes
-on as the law of the wall bends in the middle of the first cell, which is what convection and eddies need; and the
-viscosity there is the one that with that slope has the law's stress. Where the viscous layer is resolved both are as
-without the law.
+Beyond the viscous layer the velocity profile bends far more at a wall than cells resolve. The ghost values then
+continue the slope of the law of the wall in the middle of the first cell, which convection and eddy viscosity need; and
+the viscosity at the wall is the one that with that slope has the law's stress. Where the viscous layer is resolved the
+law changes neither.
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import taichi as ti
 from scipy.spatial import cKDTree
 
 from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template, visit
 from taichi_plume.grid.sweeps import sweep
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.solvers.boundaries import Boundaries
+from taichi_plume.solvers.momentum import Momentum
 from taichi_plume.solvers.wall_law import near_surface
 
 FAR = 1e3  # m: distance where there is no surface
@@ -26,39 +26,21 @@ FAR = 1e3  # m: distance where there is no surface
 
 @ti.data_oriented
 class Walls:
-    """What the law of the wall makes of the cells at the domain's walls, per boundary face.
+    """Law of the wall in the cells at the domain's walls, per boundary face.
 
     bend: d ln u/d ln y in the middle of the cell, 1 where the profile is straight and on all that is no wall;
     viscosity [m²/s]: that has the stress of the law with the slope that the ghost values make.
     """
 
-    def __init__(self, boundaries: Boundaries, molecular: Any, rough: bool):
-        """molecular: field () of the viscosity [m²/s]; rough: whether they may be."""
-        self.rough = rough
-        self.b, self.molecular = boundaries, molecular
+    def __init__(self, boundaries: Boundaries, momentum: Momentum):
+        self.b, self.m = boundaries, momentum
         self.grid, self.dim = boundaries.grid, boundaries.dim
         self.bend, self.viscosity = (
             tuple(self.grid.field(shape) for shape in boundaries.sides) for _ in range(2)
         )
-        self.roughness = ti.field(ti.f32, ())
-        self._put = uploader(self.roughness)
 
-    def begin(self, roughness: float | None) -> None:
-        """Take k_s [m] over."""
-        self._put(roughness or 0.0)
-
-    def _visit(self, body: Callable[..., None], axes: list[int]) -> Pass:
-        def of_axis(d: int) -> Callable:
-            @ti.func
-            def visited(K, a, b):
-                body(K, d)
-
-            return visited
-
-        return visit([of_axis(d) for d in axes], [self.b.sides[d] for d in axes])
-
-    def measuring(self, u: Any) -> list[Pass]:
-        """Take the law from the velocities u."""
+    def measuring(self, u: Field) -> list[Pass]:
+        """Return the passes that evaluate the law for the velocities u."""
 
         def of_axis(d: int) -> Callable:
             @ti.func
@@ -71,30 +53,33 @@ class Walls:
         inner = {d: [(0, n - (a != d)) for a, n in enumerate(self.b.sides[d])] for d in axes}
         return [sweep([of_axis(d)], [(self.bend[d], self.viscosity[d])], inner[d]) for d in axes]
 
-    def extending(self, nu: Any) -> Pass:
-        """Sets nu beyond the domain's faces: at walls such that the mean with the cell inside is that of the law,
-        elsewhere as inside (zero gradient).
+    def extending(self, nu: Field) -> Pass:
+        """Return the pass that sets nu beyond the domain's faces: at walls such that the mean with the cell inside is
+        that of the law, elsewhere as inside (zero gradient).
         """
 
-        @ti.func
-        def beyond(K, d: Template):
-            if ti.static(not self.grid.periodic[d]):
+        def of_axis(d: int) -> Callable:
+            @ti.func
+            def extend(K, a, b):
                 first, outward = self.first_cell(K, d)
                 wall = self.b.mirror[d][K][d] < 0.0
                 nu[first + outward] = ti.select(wall, 2.0 * self.viscosity[d][K] - nu[first], nu[first])
 
-        return self._visit(beyond, [d for d in range(self.dim) if not self.grid.periodic[d]])
+            return extend
+
+        axes = [d for d in range(self.dim) if not self.grid.periodic[d]]
+        return visit([of_axis(d) for d in axes], [self.b.sides[d] for d in axes])
 
     @ti.func
     def first_cell(self, K, d: Template):
-        """Index of the first cell inside of boundary face K of axis d, and the step out of the domain."""
+        """Return the first cell inside of boundary face K of axis d, and the step out of the domain."""
         D = ti.Vector.unit(self.dim, d, ti.i32)
         n, g = ti.static(self.grid.shape[d], self.grid.ghost)
         return K + D * (g + K[d] * (n - 1) - K[d]), D * (2 * K[d] - 1)
 
     @ti.func
     def _measured(self, u: Template, K, d: Template):
-        """(bend, viscosity) of the first cell inside of boundary face K of axis d."""
+        """Return (bend, viscosity) of the first cell inside of boundary face K of axis d."""
         cell, _ = self.first_cell(K, d)
         y = ti.static(0.5 * self.grid.dx)
         square = 0.0
@@ -103,15 +88,15 @@ class Walls:
                 C = ti.Vector.unit(self.dim, c, ti.i32)
                 V = 0.5 * (self.b.target[d][K][c] + self.b.target[d][K + C][c])
                 square += (0.5 * (u[c][cell] + u[c][cell + C]) - V) ** 2
-        speed, molecular, grain = ti.sqrt(square), self.molecular[None], self.roughness[None]
-        viscosity, bend = near_surface(speed, y, molecular, grain, self.rough)
+        speed, molecular, grain = ti.sqrt(square), self.m.viscosity[None], self.m.roughness[None]
+        viscosity, bend = near_surface(speed, y, molecular, grain, self.m.rough)
         bend = ti.select(self.b.mirror[d][K][d] < 0.0, bend, 1.0)
         straight = straightness(bend)
         return ti.Vector([bend, viscosity / (straight + (1.0 - straight) * bend)])
 
     @ti.func
     def bend_at(self, K: Template, d: Template, c: Template):
-        """d ln u/d ln y of component c, whose face is between the cells at K and below it."""
+        """Return d ln u/d ln y of component c, whose face is between the cells at K and below it."""
         below = K
         below[c] = ti.max(K[c] - 1, 0)
         return 0.5 * (self.bend[d][K] + self.bend[d][below])
@@ -119,12 +104,12 @@ class Walls:
 
 @ti.func
 def straightness(bend):
-    """How much a first cell counts as resolved: 1 in the viscous layer, 0 from where u goes with the root of y on."""
+    """Return how far a first cell is resolved: 1 in the viscous layer, 0 from where u grows as the root of y on."""
     return ti.math.clamp(2.0 * bend - 1.0, 0.0, 1.0)
 
 
 def distances(air: Air, walls: list[np.ndarray], grid: Grid) -> np.ndarray:
-    """Distance [m] of the cells' centres from the nearest surface, (*grid.shape), at least half a cell.
+    """Return the distance [m] of the cells' centres from the nearest surface, (*grid.shape), at least half a cell.
 
     Surfaces are the middles of the domain's wall faces and, in each cell that an obstacle cuts, the point of the
     obstacle's surface that is nearest to the centre.
@@ -145,7 +130,7 @@ def distances(air: Air, walls: list[np.ndarray], grid: Grid) -> np.ndarray:
 
 
 def _wall_points(sides: np.ndarray, d: int, grid: Grid) -> np.ndarray:
-    """Middles of the wall faces of axis d, (count, dim) [cells]."""
+    """Return the middles of the wall faces of axis d, (count, dim) [cells]."""
     index = np.argwhere(sides)
     points = index + 0.5
     points[:, d] = index[:, d] * grid.shape[d]
@@ -153,7 +138,9 @@ def _wall_points(sides: np.ndarray, d: int, grid: Grid) -> np.ndarray:
 
 
 def _obstacle_points(air: Air) -> np.ndarray:
-    """Points of the obstacles' surfaces nearest to the centres of the cells that they cut, (count, dim) [cells]."""
+    """Return the points of the obstacles' surfaces nearest to the centres of the cells that they cut, (count, dim)
+    [cells].
+    """
     vectors = air.surface()
     size = np.linalg.norm(vectors, axis=-1)
     cut = (size > 1e-6) & ~air.solid

@@ -43,10 +43,10 @@ from taichi_plume.solvers.downwash import Downwash
 from taichi_plume.solvers.filmed import FilmedGas, FilmedWind, Reel
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import Forces
-from taichi_plume.solvers.momentum import Weighing
+from taichi_plume.solvers.momentum import BuoyantScalar
 from taichi_plume.solvers.patches import opening_cells, periodic_axes
-from taichi_plume.solvers.resistance import Resistance
-from taichi_plume.solvers.scalar import Scalar
+from taichi_plume.solvers.screens import Resistance
+from taichi_plume.solvers.transport import Scalar
 
 
 def assemble(
@@ -103,7 +103,7 @@ def build(
     swarm = Swarm(scenario.robots, *starts, clearance, sources, scenario.seed, walkers, scenario.rivals)
     stirring = Stirring(scenario, swarm, grid)
     scalars = {path: Scalar(grid) for path in _weights(scenario)}
-    weighing = [Weighing(scalar.q, 0.0) for scalar in scalars.values()]
+    weighing = [BuoyantScalar(scalar.q, 0.0) for scalar in scalars.values()]
     _weigh(weighing, scenario)
     context = Context(scenario, resources, grid, air, scalars, weighing, stirring.makers)
     wind = _wind(context, reel)
@@ -265,7 +265,7 @@ def _weights(scenario: Scenario) -> dict[str, float]:
     return {path: model.vapour.weight_per_density for path, model in scenario.gases if model.weighs}
 
 
-def _weigh(weighing: list[Weighing], scenario: Scenario) -> None:
+def _weigh(weighing: list[BuoyantScalar], scenario: Scenario) -> None:
     for scalar, weight in zip(weighing, _weights(scenario).values(), strict=True):
         scalar.weight = weight
 

@@ -17,9 +17,9 @@ from taichi_plume.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
     from taichi_plume.solvers.flow import FlowSolver
-    from taichi_plume.solvers.momentum import Weighing
-    from taichi_plume.solvers.resistance import Resistance
-    from taichi_plume.solvers.scalar import Scalar
+    from taichi_plume.solvers.momentum import BuoyantScalar
+    from taichi_plume.solvers.screens import Resistance
+    from taichi_plume.solvers.transport import Scalar
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Context:
     grid: Grid
     air: Air
     scalars: "dict[str, Scalar]"
-    weighing: "Sequence[Weighing]"
+    weighing: "Sequence[BuoyantScalar]"
     resistances: "Sequence[Callable[[tuple[Any, ...]], Resistance]]"
 
     @property
@@ -64,7 +64,7 @@ def _flow(solver: "type[FlowSolver]", model: Any, ctx: Context) -> "FlowSolver":
 def _imported(model: Any, ctx: Context) -> Wind:
     assert ctx.resources.site is not None
     film = _of("imported", "ImportedFilm")(ctx.resources.site, ctx.grid, ctx.air)
-    return _played(_of("imported", "ImportedFlow")(film, model, ctx.grid, *ctx.begin), ctx)
+    return _played(_of("imported", "ImportedFlow")(model, film, ctx.grid, *ctx.begin), ctx)
 
 
 def _played(wind: Any, ctx: Context) -> Wind:
@@ -130,7 +130,7 @@ GASES: dict[str, Callable[[Any, str, Context, Wind], Gas]] = {
     "playback": lambda model, path, ctx, wind: _of("playback", "PlayedGas")(
         model, ctx.resources.films[path], ctx.grid, ctx.begin[0]
     ),
-    "movie": lambda model, path, ctx, wind: _of("movie", "PlayedMovie")(
+    "movie": lambda model, path, ctx, wind: _of("playback", "PlayedMovie")(
         model, ctx.resources.movies[path], ctx.grid, ctx.begin[0]
     ),
 }

@@ -14,6 +14,11 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Expression, Field, Template
 from taichi_plume.grid.transfer import uploader
 
+Field = Any
+"""Taichi field. Kernels read and write it; Taichi has no type of it that static checks understand."""
+Faces = tuple[Field, ...]
+"""Face fields of the staggered grid, one per axis."""
+
 
 class Wind(Protocol):
     """Moving air. Implementations are `ti.data_oriented`."""
@@ -97,6 +102,11 @@ class Carrier(Wind, Protocol):
         """The wind itself."""
         return self
 
+    @ti.func
+    def velocity(self, x: Template, t: float):
+        """Velocity [m/s] at point x [m], linear between the faces; the time is the solver's own."""
+        return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)
+
 
 class Species(Protocol):
     """A vapour; equal ones are the same species."""
@@ -150,6 +160,23 @@ class Gas(Protocol):
     def cells(self, t: float) -> np.ndarray | None:
         """Mean concentration of every cell [kg/m³] at time t [s], of the grid's shape; None if known at points only."""
         return None
+
+
+class GridGas(Gas, Protocol):
+    """A gas on the grid. c: padded field of the concentration [kg/m³]; air: padded field, 1 in cells that hold air."""
+
+    finer_than_cells = False
+    grid: Grid
+    c: Field
+    air: Field
+
+    def cells(self, t: float) -> np.ndarray:
+        return self.grid.read(self.c)
+
+    @ti.func
+    def concentration(self, x: Template, t: float):
+        """Concentration [kg/m³] at point x [m], linear between the centres of cells that hold air."""
+        return sample_cells(self.c, self.air, x, self.grid.dx, self.grid.ghost, self.grid.padded)
 
 
 class Odour(Protocol):

@@ -5,18 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import taichi as ti
+from rooms import LAMINAR, afresh, cfd, flow_in, march
 
-from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.state import State
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box, Cylinder, Sphere
 from taichi_plume.scenario.robots import Body
 from taichi_plume.scenario.shapes import shape
-from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.bodies import Bodies, MovingObstacle, Outline, Wake
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.validation.flow_cases import advance, velocities
+from taichi_plume.validation.flow_cases import advance, periodic, velocities
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -30,10 +28,8 @@ ENDS = [{"kind": "outlet", "face": "x-"}, {"kind": "outlet", "face": "x+"}]
 
 def still_air(shape=(60, 40), dx=0.05, openings=ENDS, solid=None, bodies=(), **more) -> FlowSolver:
     """bodies: functions of the grid and of the faces that are solved for."""
-    wind = CfdWind.model_validate({"kind": "cfd", "openings": openings, **more})
     grid = Grid(shape, dx)
-    air = Air.everywhere(grid) if solid is None else Air.of(solid, grid)
-    return FlowSolver(wind, grid, air, resistances=[partial(body, grid) for body in bodies])
+    return flow_in(grid, cfd(openings, **more), solid, resistances=[partial(body, grid) for body in bodies])
 
 
 def walker(path: list, **outline) -> Box | Cylinder | Sphere:
@@ -50,11 +46,9 @@ def moving(path: list, **outline) -> Callable[..., MovingObstacle]:
 def walked(taichi) -> Callable[..., FlowSolver]:
     """Still air with one body that moves along a path."""
     flow = still_air(bodies=[moving([[1.0, 0.8, 1.0]])])
-    model = CfdWind.model_validate({"kind": "cfd", "openings": ENDS})
 
     def begun(path: list, **outline) -> FlowSolver:
-        State(flow).clear()
-        flow.begin(model, 0.0, 0)
+        afresh(flow, cfd(ENDS))
         flow.resistances[0].begin(walker(path, **outline))
         return flow
 
@@ -82,9 +76,8 @@ def test_a_body_that_starts_at_once_gives_the_air_its_momentum():
     R, U, L = 0.2, 0.5, 3.2
     walls = [{"kind": "slip", "face": face} for face in ("x-", "x+", "y-", "y+")]
     body = moving([[1.0, L / 2 + U, L / 2]], kind="cylinder", center=[L / 2, L / 2], radius=R)
-    flow = still_air((96, 96), L / 96, walls, turbulence={"kind": "none"}, bodies=[body])
-    for n in range(12):
-        flow.advance(0.01 * n, 0.01)
+    flow = still_air((96, 96), L / 96, walls, bodies=[body], **LAMINAR)
+    march(12, 0.01, flow)
     u, v = velocities(flow)
     energy = 0.5 * ((u**2).sum() + (v**2).sum()) * flow.grid.dx**2
     assert energy == pytest.approx(2 * 0.5 * np.pi * R**2 * U**2, rel=0.15)  # inside, and as much around
@@ -109,7 +102,7 @@ def test_at_rest_it_has_the_wake_of_an_obstacle_of_cells():
         solid = np.linalg.norm(Grid(shape, dx).centers() - (0.8, 1.0), axis=-1) < D / 2
         solid &= kind == "cells"
         bodies = [moving([[1.0, 0.8, 1.0]])] if kind == "body" else []
-        flow = still_air(shape, dx, openings, solid, bodies, viscosity=0.006, turbulence={"kind": "none"})
+        flow = still_air(shape, dx, openings, solid, bodies, viscosity=0.006, **LAMINAR)
         advance(flow, 8.0)
         u = velocities(flow)[0]
         p = flow.grid.inner(flow.p.to_numpy().astype(float))
@@ -209,13 +202,11 @@ def test_robots_on_a_floor_plan_have_the_drag_of_their_height():
     """Force per density of C_d = 1 in a slab of 0.5 m: 1/2 (2 R h) w |w| each, w the relative velocity."""
     R, h, depth, dt = 0.2, 0.15, 0.5, 1e-3
     grid = Grid((60, 40), 0.05, depth=depth, periodic=(True, True))
-    openings = [{"kind": "periodic", "axis": axis} for axis in "xy"]
-    wind = CfdWind.model_validate({"kind": "cfd", "openings": openings, "turbulence": {"kind": "none"}})
     place, velocity = (ti.Vector.field(2, ti.f32, 1) for _ in range(2))
     place.from_numpy(np.array([[1.51, 1.02]], np.float32))
     velocity.from_numpy(np.array([[-0.2, 0.3]], np.float32))
     robots = partial(Wake, Body(radius=R, height=h), grid, place, velocity, 0, 1)
-    flow = FlowSolver(wind, grid, Air.everywhere(grid), resistances=[robots])
+    flow = flow_in(grid, cfd(periodic("xy"), **LAMINAR), resistances=[robots])
     flow.start_from(lambda points: np.zeros_like(points) + np.array([0.4, 0.3]))
     for begin, force in ((-1.0, 0.0), (0.0, 0.5 * 2 * R * h * 0.6**2)):
         before = velocities(flow)

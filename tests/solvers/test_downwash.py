@@ -3,23 +3,18 @@
 import numpy as np
 import pytest
 import taichi as ti
+from rooms import afresh, cfd, flow_in
 
-from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.bodies import GRAVITY, Body
 from taichi_plume.scenario.species import AIR_DENSITY
-from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.downwash import Downwash
-from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.validation.flow_cases import advance, velocities
+from taichi_plume.validation.flow_cases import advance, periodic, velocities
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
 DX, SHAPE = 0.1, (12, 10, 14)
-PERIODIC = [{"kind": "periodic", "axis": axis} for axis in "xyz"]
-WIND = {"kind": "cfd", "openings": PERIODIC}
 BODY = Body(kind="drone", mass=0.4, rotor_radius=0.12, arm=0.15, radius=0.3)
 
 
@@ -32,7 +27,7 @@ class Hover:
         self.heading, self.altitude = ti.field(ti.f32, count), ti.field(ti.f32, count)
         self.put = uploader(self.place, self.heading, self.altitude, self.push)
         self.grid = Grid(SHAPE, DX, periodic=periodic)
-        self.model = CfdWind.model_validate(wind)
+        self.model = wind
         made = []
 
         def make(open):
@@ -40,12 +35,11 @@ class Hover:
             made.append(Downwash(BODY, self.grid, *flight, 0, count, open))
             return made[-1]
 
-        self.flow = FlowSolver(self.model, self.grid, Air.everywhere(self.grid), resistances=[make])
+        self.flow = flow_in(self.grid, self.model, resistances=[make])
         (self.downwash,) = made
 
     def begin(self, places, altitudes, headings=(0.0, 0.0), push=((0, 0, 0), (0, 0, 0)), **body):
-        State(self.flow).clear()
-        self.flow.begin(self.model, 0.0, 0)
+        afresh(self.flow, self.model)
         self.downwash.begin(BODY.model_copy(update=body))
         self.put(np.array(places, float), headings, altitudes, np.array(push, float))
 
@@ -57,7 +51,7 @@ class Hover:
 
 @pytest.fixture(scope="module")
 def hover(taichi):
-    return Hover(WIND, (True, True, True))
+    return Hover(cfd(periodic("xyz")), (True, True, True))
 
 
 @pytest.mark.parametrize(
@@ -112,7 +106,7 @@ def test_rotors_rest_on_the_floor_and_before_the_run(hover):
 
 def test_strong_thrust_is_calm_for_the_steps_it_is_given(taichi):
     """30 kg on the grid of a drone of 0.4 kg, in a closed box: jets of 40 m/s, and still no divergence."""
-    hover = Hover({"kind": "cfd"}, (False, False, False))
+    hover = Hover(cfd(), (False, False, False))
     hover.begin([(0.6, 0.5), (0.3, 0.3)], (0.7, 0.0), mass=30.0)
     advance(hover.flow, 0.3)
     found = hover.flow.diagnostics()

@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 import yaml
@@ -99,16 +101,12 @@ def test_an_emission_follows_the_wind_over_the_dish():
 
 
 def test_the_wind_is_felt_again_as_it_changes():
-    class Gusts:
-        def __init__(self, grid):
-            winds = [UniformSolver(UniformWind(kind="uniform", velocity=(u, 0.0)), grid) for u in (0.1, 0.5)]
-            self.calm, self.gust = winds
-
-    both = Gusts(Grid((8, 8), 0.05))
+    grid = Grid((8, 8), 0.05)
+    weak, strong = (UniformSolver(UniformWind(kind="uniform", velocity=(u, 0.0)), grid) for u in (0.1, 0.5))
     source = Source.model_validate({"position": (0.2, 0.2), "dish": {"diameter": 0.085}})
-    emission = begun(source, both.calm)
+    emission = begun(source, weak)
     calm = emission.mass(0.0, 0.1)
-    emission.wind = both.gust
+    emission.wind = strong
     assert emission.mass(0.05, 0.1) == calm  # not yet
     assert emission.mass(0.1, 0.1) > 1.5 * calm
 
@@ -135,48 +133,24 @@ def with_source(**source) -> dict:
 @pytest.mark.parametrize(
     ("data", "lines"),
     [
-        (with_source(), ["gas.sources[0]: takes rate or dish, got neither"]),
-        (
-            with_source(rate=1e-6, dish={"diameter": 0.1}),
-            ["gas.sources[0]: takes rate or dish, got both"],
-        ),
-        (with_source(dish={}), ["gas.sources[0].dish: missing key 'diameter'"]),
-        (
-            with_source(dish={"diameter": 0.1, "temperature": 25}),
-            ["gas.sources[0].dish.temperature: got 25 K"],
-        ),
-        (
-            with_source(dish={"diameter": 0.1, "temperature": 360}),
-            ["gas.sources[0].dish.temperature: at 360 K ethanol boils, with a vapour pressure of 140.9 kPa"],
-        ),
-        *(
-            (
-                with_source(dish={"diameter": "20 cm"}, radius=radius),
-                [f"gas.sources[0]: radius = {radius} m is not half of dish.diameter = 0.2 m"],
-            )
-            for radius in (0.05, 0.2)
-        ),
-        (
-            with_gas(species=OTHER),
-            [
-                "gas.species: missing key 'vapour_pressure', at the temperature of gas.sources[0].dish",
-                "gas.species: missing key 'latent_heat'; without it, set gas.sources[0].dish.cooling: false",
-            ],
-        ),
-        (
-            with_gas(species=OTHER | {"latent_heat": 0.5}),
-            ["gas.species.latent_heat: got 0.5 J/kg; did you mean"],
-        ),
+        (with_source(), ["gas.sources[0]: .* got neither"]),
+        (with_source(rate=1e-6, dish={"diameter": 0.1}), ["gas.sources[0]: .* got both"]),
+        (with_source(dish={}), ["gas.sources[0].dish: .*'diameter'"]),
+        (with_source(dish={"diameter": 0.1, "temperature": 25}), ["gas.sources[0].dish.temperature: .*25 K"]),
+        (with_source(dish={"diameter": 0.1, "temperature": 360}), ["gas.sources[0].dish.temperature: .*140.9 kPa"]),
+        (with_source(dish={"diameter": "20 cm"}, radius=0.05), ["gas.sources[0]: .*0.05 m.* 0.2 m"]),
+        (with_source(dish={"diameter": "20 cm"}, radius=0.2), ["gas.sources[0]: .*0.2 m.* 0.2 m"]),
+        (with_gas(species=OTHER), ["gas.species: .*'vapour_pressure'", "gas.species: .*'latent_heat'"]),
+        (with_gas(species=OTHER | {"latent_heat": 0.5}), ["gas.species.latent_heat: .*0.5 J/kg"]),
     ],
-)
-def test_faults_are_told_in_a_line(tmp_path, data, lines):
+)  # fmt: skip
+def test_faults_name_the_key_and_the_value(tmp_path, data, lines):
     path = tmp_path / "a.yaml"
     path.write_text(yaml.safe_dump(data))
     with pytest.raises(ScenarioError) as caught:
         load_scenario(path)
-    assert len(caught.value.lines) == len(lines)
-    for got, wanted in zip(caught.value.lines, lines, strict=True):
-        assert got.startswith(f"{path}: {wanted}")
+    for found, expected in zip(caught.value.lines, lines, strict=True):
+        assert re.match(re.escape(f"{path}: ") + expected.replace("[", r"\["), found)
 
 
 @pytest.mark.parametrize(

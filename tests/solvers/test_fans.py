@@ -2,10 +2,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from rooms import afresh, cfd, flow_in
 
-from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.state import State
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.validation.flow_cases import advance
@@ -21,19 +20,17 @@ def model(curve: dict, loss: float, **more) -> CfdWind:
     """A fan as wide as a frictionless duct that ends in a resistance."""
     fan = {"kind": "fan", "face": "x-", "curve": curve} | more
     outlet = {"kind": "honeycomb", "face": "x+", "loss_coefficient": loss}
-    return CfdWind.model_validate({"kind": "cfd", "openings": [fan, outlet, *WALLS], "viscosity": 1e-2})
+    return cfd([fan, outlet, *WALLS], viscosity=1e-2)
 
 
 @pytest.fixture(scope="module")
 def duct(taichi) -> Callable[..., FlowSolver]:
     """A duct of 2 m whose fan begins with a curve and a resistance."""
     grid = Grid((40, 8), 0.05, depth=DEPTH)
-    flow = FlowSolver(model({"pressure": 1.0, "flow": 1.0}, 1.0), grid, Air.everywhere(grid))
+    flow = flow_in(grid, model({"pressure": 1.0, "flow": 1.0}, 1.0))
 
     def begun(curve: dict, loss: float, **more) -> FlowSolver:
-        State(flow).clear()
-        flow.begin(model(curve, loss, **more), 0.0, 0)
-        return flow
+        return afresh(flow, model(curve, loss, **more))
 
     return begun
 
@@ -65,7 +62,7 @@ def test_it_sets_the_air_of_a_long_duct_in_motion():
     pressure, full, loss = 0.05, 0.3, 2.0
     grid = Grid((40, 4), 0.1, depth=DEPTH)
     light = model({"pressure": pressure, "flow": full, "response": 1e-3}, loss)
-    flow = FlowSolver(light, grid, Air.everywhere(grid))
+    flow = flow_in(grid, light)
     area = WIDTH * DEPTH
     settled = (pressure / RHO / (loss / 2 + pressure / RHO * (area / full) ** 2)) ** 0.5
     for n in range(400):

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
+from rooms import LAMINAR, cfd
 
 from taichi_plume.grid.cut_cells import air_of
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.shapes import Ball
 from taichi_plume.scenario.obstacles import Sphere
 from taichi_plume.scenario.species import AIR_DENSITY
-from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import Forces
 from taichi_plume.validation.flow_cases import advance, periodic
@@ -21,17 +21,8 @@ def test_bodies_take_what_drives_the_air():
     places = ((0.3, 0.52, 0.15), (0.71, 0.33, 0.08))
     bodies = [Ball(Sphere(kind="sphere", center=(x, y), radius=r), 2) for x, y, r in places]
     push = (1.0, 0.4)
-    wind = CfdWind.model_validate(
-        {
-            "kind": "cfd",
-            "viscosity": 0.1,
-            "turbulence": {"kind": "none"},
-            "openings": periodic("xy"),
-            "acceleration": push,
-        }
-    )
     air = air_of(bodies, grid)
-    flow = FlowSolver(wind, grid, air)
+    flow = FlowSolver(cfd(periodic("xy"), viscosity=0.1, acceleration=push, **LAMINAR), grid, air)
     forces = Forces(flow, air, 2)
     begin, impulse = 0.3, np.zeros(2)
     t = 0.0

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rooms import afresh, blocks, cfd, eulerian, march
 from scipy.optimize import brentq
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.gases import EulerianGas
-from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.prescribed import PrescribedWind
 
@@ -21,9 +21,7 @@ MOLAR_MASS = 0.046
 
 
 def gas_of(diffusivity: float, **keys) -> EulerianGas:
-    species = {"molar_mass": MOLAR_MASS, "diffusivity": diffusivity}
-    sources = [{"position": (0.5, 0.1), "rate": 0.0}]
-    return EulerianGas.model_validate({"kind": "eulerian", "species": species, "sources": sources, **keys})
+    return eulerian(species={"molar_mass": MOLAR_MASS, "diffusivity": diffusivity}, **keys)
 
 
 PER_PPM = 1.0 / gas_of(0.0).vapour.ppm_per_density  # kg/m³
@@ -34,14 +32,10 @@ class Duct:
 
     def __init__(self, convection: str):
         self.grid, self.convection = Grid((24, 6), 0.05, depth=0.4), convection
-        openings = [
-            {"kind": "inlet", "face": "x-", "speed": 0.5},
-            {"kind": "outlet", "face": "x+"},
-        ]
-        openings = CfdWind.model_validate({"kind": "cfd", "openings": openings}).openings
+        ends = [{"kind": "inlet", "face": "x-", "speed": 0.5}, {"kind": "outlet", "face": "x+"}]
         wind = PrescribedWind(lambda x: np.broadcast_to((0.5, 0.0), x.shape), self.grid)
         air = Air.everywhere(self.grid)
-        self.gas = EulerianSolver(self.model(1.0, 7.0), self.grid, wind, air, openings=openings)
+        self.gas = EulerianSolver(self.model(1.0, 7.0), self.grid, wind, air, openings=cfd(ends).openings)
         self.state = State(self.gas)
 
     def model(self, concentration: float, until: float) -> EulerianGas:
@@ -55,27 +49,23 @@ class Duct:
 def test_air_comes_in_with_what_it_carries(taichi, convection):
     duct = Duct(convection)
     gas, state = duct.gas, duct.state
-    state.clear()
-    gas.begin(duct.model(20.0, 5.0), 0.0, 0)
+    afresh(gas, duct.model(20.0, 5.0))
     area = 0.3 * 0.4
-    for n in range(50):
-        gas.advance(0.1 * n, 0.1)
+    march(50, 0.1, gas)
     np.testing.assert_allclose(gas.cells(5.0), 20.0 * PER_PPM, rtol=1e-5)  # nothing of the air at the outlet
     brought = 0.5 * area * 5.0 * 20.0 * PER_PPM
     budget = gas.budget()
     assert budget["inflow_kg"] == pytest.approx(brought, rel=1e-5)
     assert budget["in_domain_kg"] + budget["outflow_kg"] == pytest.approx(budget["inflow_kg"], rel=1e-6)
     saved = state.save()
-    for n in range(50, 90):
-        gas.advance(0.1 * n, 0.1)
+    march((50, 90), 0.1, gas)
     late = gas.cells(9.0)
     assert late.max() < 1e-3 * 20.0 * PER_PPM
     assert gas.budget()["inflow_kg"] == pytest.approx(brought, rel=1e-5)
     gas.begin(duct.model(3.0, 100.0), 0.0, 0)  # a run that is resumed goes on with what is due
     gas.begin(duct.model(20.0, 5.0), 0.0, 0)
     state.restore(saved)
-    for n in range(50, 90):
-        gas.advance(0.1 * n, 0.1)
+    march((50, 90), 0.1, gas)
     np.testing.assert_array_equal(gas.cells(9.0), late)
 
 
@@ -88,7 +78,6 @@ class Box:
         model = self.model(1e-3, {"uptake": 0.1}, {"uptake": 0.2, "transfer": 0.1})
         wind = PrescribedWind(np.zeros_like, self.grid)
         self.gas = EulerianSolver(model, self.grid, wind, Air.everywhere(self.grid))
-        self.state = State(self.gas)
         self.x = self.grid.centers()[:, 0, 0]
 
     def model(self, diffusivity: float, left: dict, right: dict) -> EulerianGas:
@@ -97,8 +86,7 @@ class Box:
 
     def after(self, end: float, *model, start=np.zeros_like) -> np.ndarray:
         """Concentration [kg/m³] along the box."""
-        self.state.clear()
-        self.gas.begin(self.model(*model), 0.0, 0)
+        afresh(self.gas, self.model(*model))
         self.gas.start_from(lambda x: start(x[..., 0]))
         held = self.gas.budget()["in_domain_kg"]
         for _ in range(50):
@@ -156,8 +144,7 @@ def test_a_well_mixed_room_decays_by_uptake_times_area_over_volume(box):
 
 def test_obstacles_take_gas_up_over_their_surface(taichi):
     grid = Grid((20, 20), 0.05, depth=0.5)
-    solid = np.zeros(grid.shape, bool)
-    solid[8:12, 6:13] = True
+    solid = blocks(grid.shape, np.s_[8:12, 6:13])
     surfaces = {"obstacles": [{"number": 0, "uptake": 1e-3, "transfer": 1e-3}]}
     still = PrescribedWind(np.zeros_like, grid)
     gas = EulerianSolver(gas_of(0.0, surfaces=surfaces), grid, still, Air.of(solid, grid))

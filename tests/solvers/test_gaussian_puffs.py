@@ -6,14 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 from begun import Kept, assert_begins_anew
+from rooms import air_in, eulerian, march
 from scipy import integrate
 from scipy.special import erfc, exp1, k0e
 
-from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.closed_forms import ContinuousGas, GaussianPuffGas
-from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.gaussian_puffs import ContinuousPuffs, GaussianPuffs
@@ -226,10 +225,7 @@ def test_gas_on_the_grid_goes_with_the_same_gusts():
     release = {"position": (2.0, 4.5), "mass": 1.0, "radius": 0.5}
     data = {"kind": "gaussian_puff", "species": species, "releases": [release]}
     puff = GaussianPuffs(GaussianPuffGas.model_validate(data), grid, wind)
-    source = {"position": (2.0, 4.5), "rate": 0.0}
-    model = {"kind": "eulerian", "species": species, "sources": [source]}
-    air = Air.everywhere(grid)
-    gas = EulerianSolver(EulerianGas.model_validate(model), grid, wind, air)
+    gas = EulerianSolver(eulerian((2.0, 4.5), species=species), grid, wind, air_in(grid))
     gas.start_from(lambda x: concentration_at(puff, x, 0.0))
     for n in range(20):
         for part in (wind, puff, gas):
@@ -271,9 +267,7 @@ def test_a_gas_begins_anew(one, other):
     air = new(*one, **gusts)
 
     def play(first, last):
-        for n in range(first, last):
-            air.wind.advance(0.5 * n, 0.5)
-            air.gas.advance(0.5 * n, 0.5)
+        march((first, last), 0.5, air.wind, air.gas)
         return [concentration_at(air.gas, points(2), 0.0)]
 
     assert_begins_anew(air, lambda numbers: begin(air, *numbers, **gusts), one, other, play)

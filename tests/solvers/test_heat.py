@@ -1,18 +1,19 @@
 import numpy as np
 import pytest
+from rooms import LAMINAR, afresh, blocks, cfd, eulerian, flow_in
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.state import State
-from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
-from taichi_plume.solvers.momentum import Weighing
-from taichi_plume.solvers.scalar import Scalar
+from taichi_plume.solvers.momentum import BuoyantScalar
+from taichi_plume.solvers.transport import Scalar
+from taichi_plume.validation.flow_cases import periodic
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -20,31 +21,20 @@ pytestmark = pytest.mark.usefixtures("taichi")
 def warm_wind(dim, gravity=None, openings=(), heat=None, **more) -> CfdWind:
     """Air of 300 K; heat: keys of `buoyancy.heat`."""
     warm = {"gravity": gravity or (0.0,) * dim, "heat": {"reference": 300.0, **(heat or {})}}
-    keys = {"kind": "cfd", "turbulence": {"kind": "none"}, "openings": list(openings), "buoyancy": warm}
-    return CfdWind.model_validate(keys | more)
+    return cfd(openings, **LAMINAR | {"buoyancy": warm} | more)
 
 
 def warm_box(shape, wind: CfdWind, solid=None) -> FlowSolver:
-    grid = Grid(shape, 0.05, depth=0.4)
-    return FlowSolver(wind, grid, Air.everywhere(grid) if solid is None else Air.of(solid, grid))
-
-
-def afresh(box: tuple[FlowSolver, State], wind: CfdWind) -> FlowSolver:
-    """The flow at the begin of a run with other numbers."""
-    flow, state = box
-    state.clear()
-    flow.begin(wind, 0.0, 0)
-    return flow
+    return flow_in(Grid(shape, 0.05, depth=0.4), wind, solid)
 
 
 DOWN = (0.0, -9.81)
 
 
 @pytest.fixture(scope="module")
-def layers(taichi) -> tuple[FlowSolver, State]:
+def layers(taichi) -> FlowSolver:
     """A closed box for layers of air, made with other numbers than any test needs."""
-    flow = warm_box((16, 24), warm_wind(2, (1.0, 3.0), heat={"reference": 280.0, "diffusivity": 1e-3}))
-    return flow, State(flow)
+    return warm_box((16, 24), warm_wind(2, (1.0, 3.0), heat={"reference": 280.0, "diffusivity": 1e-3}))
 
 
 def run(flow, end, *others):
@@ -77,21 +67,12 @@ def test_a_heater_in_a_closed_box_warms_all_its_air(shape):
 @pytest.mark.slow
 def test_all_heat_is_accounted_for_with_warm_walls_bodies_and_openings():
     shape = (24, 20)
-    solid = np.zeros(shape, bool)
-    solid[10:13, 6:9] = True
+    solid = blocks(shape, np.s_[10:13, 6:9])
 
     def wind(inlet: float, wall: float, obstacle: float, power: float) -> CfdWind:
-        openings = [
-            {
-                "kind": "inlet",
-                "face": "x-",
-                "speed": 0.2,
-                "center": [0.7],
-                "size": [0.2],
-                "temperature": inlet,
-            },
-            {"kind": "outlet", "face": "x+", "center": [0.3], "size": [0.2]},
-        ]
+        window = {"kind": "inlet", "face": "x-", "speed": 0.2, "center": [0.7], "size": [0.2]}
+        outlet = {"kind": "outlet", "face": "x+", "center": [0.3], "size": [0.2]}
+        openings = [window | {"temperature": inlet}, outlet]
         heat = {
             "walls": [
                 {"face": "y-", "temperature": wall, "transfer": 5.0},
@@ -103,7 +84,7 @@ def test_all_heat_is_accounted_for_with_warm_walls_bodies_and_openings():
         return warm_wind(2, DOWN, openings, heat, turbulence={"kind": "smagorinsky"})
 
     flow = warm_box(shape, wind(280.0, 290.0, 310.0, -5.0), solid)
-    afresh((flow, State(flow)), wind(310.0, 305.0, 330.0, 30.0))
+    afresh(flow, wind(310.0, 305.0, 330.0, 30.0))
     heat = flow.heat
     run(flow, 8.0)
     budget = heat.budget()
@@ -174,20 +155,12 @@ def test_heavy_gas_falls_as_it_should_at_first():
     share the weight.
     """
     shape, x_mole = (64, 64), 0.01
-    keys = {
-        "kind": "cfd",
-        "turbulence": {"kind": "none"},
-        "openings": [{"kind": "periodic", "axis": axis} for axis in "xy"],
-        "buoyancy": {"gravity": (0.0, -9.81)},
-    }
     grid = Grid(shape, 0.05, periodic=(True, True))
     empty = Air.everywhere(grid)
-    model = EulerianGas.model_validate(
-        {"kind": "eulerian", "species": "acetone", "sources": [{"position": [1, 1], "rate": 0.0}]}
-    )
+    model = eulerian((1, 1), species="acetone")
     scalar = Scalar(grid)
-    heavy = Weighing(scalar.q, model.vapour.weight_per_density)
-    flow = FlowSolver(CfdWind.model_validate(keys), grid, empty, weighing=[heavy])
+    heavy = BuoyantScalar(scalar.q, model.vapour.weight_per_density)
+    flow = flow_in(grid, cfd(periodic("xy"), buoyancy={"gravity": DOWN}, **LAMINAR), weighing=[heavy])
     gas = EulerianSolver(model, grid, flow, empty, scalar=scalar)
     density = x_mole * 1e6 / gas.species.ppm_per_density
     gas.start_from(lambda x: density * 0.5 * (1.0 + np.sin(2.0 * np.pi * x[..., 0] / 3.2)))
@@ -219,27 +192,17 @@ def test_steps_from_rest_are_short_enough_for_the_fall(layers):
     ],
 )
 def test_what_touches_no_air_is_told(keys, where):
-    solid = np.zeros((10, 10), bool)
-    solid[0] = True
+    solid = blocks((10, 10), 0)
     with pytest.raises(ValueError, match=r"buoyancy\.heat\." + where):
         warm_box((10, 10), warm_wind(2, heat=keys), solid)
 
 
 def height_of_gas(**buoyancy) -> float:
     """Mean height [m] of acetone after 6 s in an upright section, released at 0.5 m."""
-    scenario = Scenario.model_validate(
-        {
-            "duration": 6,
-            "domain": {"size": [1.0, 1.0], "spacing": 0.05, "depth": 0.5},
-            "wind": {"kind": "cfd"} | buoyancy,
-            "gas": {
-                "kind": "eulerian",
-                "species": "acetone",
-                "sources": [{"position": [0.5, 0.5], "rate": 1e-4}],
-            },
-        }
-    )
-    sim = assemble(scenario)
+    domain = {"size": [1.0, 1.0], "spacing": 0.05, "depth": 0.5}
+    gas = {"kind": "eulerian", "species": "acetone", "sources": [{"position": [0.5, 0.5], "rate": 1e-4}]}
+    data = {"duration": 6, "domain": domain, "wind": {"kind": "cfd"} | buoyancy, "gas": gas}
+    sim = assemble(Scenario.model_validate(data))
     sim.run()
     c = sim.grid.read(sim.gas.gases[0].c).astype(float)
     return float((c * sim.grid.centers()[..., 1]).sum() / c.sum())
@@ -249,6 +212,5 @@ def height_of_gas(**buoyancy) -> float:
 def test_acetone_sinks_when_the_scenario_says_so():
     assert height_of_gas() == pytest.approx(0.5, abs=1e-5)
     assert height_of_gas(buoyancy={"gravity": [0, -9.81]}) < 0.4
-    assert height_of_gas(buoyancy={"gravity": [0, -9.81], "solutal": False, "heat": {}}) == pytest.approx(
-        0.5, abs=1e-5
-    )
+    thermal = {"gravity": [0, -9.81], "solutal": False, "heat": {}}
+    assert height_of_gas(buoyancy=thermal) == pytest.approx(0.5, abs=1e-5)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from rooms import cfd, flow_in
 
-from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.state import State
@@ -18,14 +18,13 @@ def warm_wind(dim: int, turbulence: str = "smagorinsky", **heat) -> CfdWind:
     """Still air with a heater of 30 W beside a wall, so that the wall cuts the ball."""
     heater = {"position": (0.09,) + (0.3,) * (dim - 1), "radius": 0.12, "power": 30.0}
     warm = {"gravity": (0.0,) * (dim - 1) + (-9.81,), "heat": {"heaters": [heater], **heat}}
-    return CfdWind.model_validate({"kind": "cfd", "turbulence": {"kind": turbulence}, "buoyancy": warm})
+    return cfd(turbulence={"kind": turbulence}, buoyancy=warm)
 
 
 def warm_box(
     wind: CfdWind, shape: tuple[int, ...], periodic: tuple[bool, ...] = (), seed: int = 0
 ) -> FlowSolver:
-    grid = Grid(shape, DX, depth=0.4, periodic=periodic)
-    return FlowSolver(wind, grid, Air.everywhere(grid), seed=seed)
+    return flow_in(Grid(shape, DX, depth=0.4, periodic=periodic), wind, seed=seed)
 
 
 @pytest.mark.parametrize("shape", [(12, 14), (10, 8, 12)])
@@ -60,12 +59,10 @@ def test_a_puff_reaches_across_a_periodic_boundary():
     """Moved by half a domain, the heater releases the same puff in the cells that have moved with it."""
     wind = warm_wind(2)
     heat = wind.buoyancy.heat
-    assert heat is not None
     moved = heat.heaters[0].model_copy(update={"position": (0.39, 0.3)})
     other = heat.model_copy(update={"heaters": (moved,)})
     flow = warm_box(wind, (12, 14), periodic=(True, False))
-    here = np.zeros((12, 14))
-    there = np.zeros((12, 14))
+    here, there = np.zeros((2, 12, 14))
     for model, out in ((heat, here), (other, there)):
         flow.heat.begin(model, 0.0, 0)
         for k in range(4):
@@ -100,11 +97,8 @@ def test_the_power_is_exact_and_a_restored_state_goes_on_to_the_bit():
 
 def test_without_eddies_or_at_zero_the_release_is_even():
     """Heat that is released evenly stays symmetric about a heater in the middle."""
-    for turbulence, unsteadiness, symmetric in (
-        ("none", 1.0, True),
-        ("smagorinsky", 0.0, True),
-        ("smagorinsky", 1.0, False),
-    ):
+    cases = (("none", 1.0, True), ("smagorinsky", 0.0, True), ("smagorinsky", 1.0, False))
+    for turbulence, unsteadiness, symmetric in cases:
         heaters = [{"position": (0.3, 0.2), "radius": 0.12, "power": 30.0}]
         wind = warm_wind(2, turbulence, heaters=heaters, unsteadiness=unsteadiness)
         assert wind.by_chance is not symmetric
@@ -121,17 +115,10 @@ def test_without_eddies_or_at_zero_the_release_is_even():
 )
 def test_a_puff_lasts_as_long_as_air_takes_to_rise_through_the_heater(power, radius, length):
     """A ball smaller than a cell counts as wide as a cell; without power there is only one puff."""
-    flow = warm_box(
-        warm_wind(2, heaters=[{"position": (0.3, 0.2), "radius": radius, "power": power}]), (12, 14)
-    )
+    heater = {"position": (0.3, 0.2), "radius": radius, "power": power}
+    puffs = warm_box(warm_wind(2, heaters=[heater]), (12, 14)).heat.puffs
     speed = (9.81 / 298.15 * abs(power) / (1191.0 * length)) ** (1 / 3)
-    flow.heat.puffs.advance(0.0)
-    first = flow.heat.puffs._numbers
-    if power:
-        flow.heat.puffs.advance(2.9 * length / speed)
-        assert flow.heat.puffs._numbers == first == [0]
-        flow.heat.puffs.advance(3.1 * length / speed)
-        assert flow.heat.puffs._numbers == [1]
-    else:
-        flow.heat.puffs.advance(1e6)
-        assert flow.heat.puffs._numbers == first == [0]
+    lasts = length / speed if power else np.inf
+    for t, number in ((0.0, 0), (min(2.9 * lasts, 1e6), 0), (min(3.1 * lasts, 1e7), int(power != 0))):
+        puffs.advance(t)
+        assert puffs._numbers == [number]

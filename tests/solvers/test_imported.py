@@ -1,12 +1,14 @@
 """Air flow from elsewhere: on our grid, free of divergence, around the obstacles, in time; what is refused."""
 
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from begun import assert_begins_anew
+from rooms import blocks, march
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import load_scenario
@@ -17,6 +19,7 @@ from taichi_plume.grid.fields import velocity_at
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.imported import ImportedFilm, ImportedFlow
 
@@ -65,27 +68,31 @@ def write(path: Path, flow, cells=(16, 12, 4), extra=None, scale=1.0) -> None:
     np.savetxt(path, np.hstack(columns), fmt="%.7g", delimiter=",", header=header, comments="")
 
 
+def write_cubes(path: Path, cubes: np.ndarray, header: str = TABLE) -> None:
+    layers = ("\n".join(" ".join(map(str, row)) for row in cubes[:, :, z]) for z in range(cubes.shape[2]))
+    path.write_text(header + "".join(f"{layer}\n;\n" for layer in layers))
+
+
 def write_block(path: Path) -> None:
-    solid = np.zeros((8, 6, 2), int)
-    solid[BLOCK] = 1
-    layers = ("\n".join(" ".join(map(str, row)) for row in solid[:, :, z]) for z in range(2))
-    path.write_text(TABLE + "".join(f"{layer}\n;\n" for layer in layers))
+    write_cubes(path, 1 * blocks((8, 6, 2), BLOCK))
+
+
+def scenario_in(folder: Path, *overrides: str) -> Scenario:
+    (folder / "room.yaml").write_text(ROOM)
+    return load_scenario(folder / "room.yaml", overrides)
 
 
 def simulation(folder: Path, *overrides: str) -> Simulation:
-    (folder / "room.yaml").write_text(ROOM)
-    scenario = load_scenario(folder / "room.yaml", overrides)
-    return assemble(scenario, folder)
+    return assemble(scenario_in(folder, *overrides), folder)
 
 
 def imported(folder: Path, *overrides: str) -> SimpleNamespace:
     """The air of such a simulation, without its gas."""
-    (folder / "room.yaml").write_text(ROOM)
-    scenario = load_scenario(folder / "room.yaml", overrides)
+    scenario = scenario_in(folder, *overrides)
     assert isinstance(scenario.wind, ImportedWind)
     grid, site = Grid.of(scenario.domain), Site(scenario.wind, scenario.domain.dim, folder)
     air = air_of([], grid, left=site.cubes.shares(grid) if site.cubes else None)
-    wind = ImportedFlow(ImportedFilm(site, grid, air), scenario.wind, grid)
+    wind = ImportedFlow(scenario.wind, ImportedFilm(site, grid, air), grid)
     return SimpleNamespace(model=scenario.wind, grid=grid, air=air, wind=wind)
 
 
@@ -207,8 +214,7 @@ def test_an_imported_wind_begins_anew(tmp_path):
     other = air.model.model_copy(update={"viscosity": 3e-5, "schmidt": 0.9, "rate": 1.4, "start": 0.1})
 
     def play(first: int, last: int) -> list[np.ndarray]:
-        for n in range(first, last):
-            air.wind.advance(0.3 * n, 0.3)
+        march((first, last), 0.3, air.wind)
         known = [air.wind.max_viscosity, air.wind.outflow_rate, air.wind.schmidt]
         return [*(air.grid.read(u) for u in (*air.wind.u, air.wind.nu)), np.array(known)]
 
@@ -222,8 +228,7 @@ def test_air_goes_on_through_outlets_in_the_walls(tmp_path):
     cubes[1:-1, 1:-1] = 0
     cubes[[0, -1], 2:4] = 2
     header = "#env_min(m) -5.2 1.8 0.5\n#env_max(m) -3.2 3.4 0.9\n#num_cells 10 8 2\n#cell_size(m) 0.2\n"
-    layers = ("\n".join(" ".join(map(str, row)) for row in cubes[:, :, z]) for z in range(2))
-    (tmp_path / "o.csv").write_text(header + "".join(f"{layer}\n;\n" for layer in layers))
+    write_cubes(tmp_path / "o.csv", cubes, header)
     sim = imported(tmp_path, "wind.occupancy=o.csv", "domain.size=[2.0, 1.6, 0.4]", "wind.walls=[z-, z+]")
     u = flux(sim)
     np.testing.assert_allclose(u[0].sum(axis=(1, 2)), 0.3 * 4 * 4, rtol=1e-6)
@@ -241,7 +246,7 @@ def case(tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
-SMALL = "wind.occupancy=small.csv"
+BLOCKED = "wind.occupancy=o.csv"
 ROBOT = "robots=[{{count: 1, start: {{kind: positions, positions: [{}]}}, algorithm: {{kind: casting}}}}]"
 
 
@@ -249,36 +254,30 @@ ROBOT = "robots=[{{count: 1, start: {{kind: positions, positions: [{}]}}, algori
     ("overrides", "fault"),
     [
         (["wind.files=no_%d.csv"], r"wind\.files: .*no_%d\.csv: there is no such file"),
-        (["domain.size=[1.7, 1.2, 0.4]"],
-         r"domain\.size\[0\]: .* x = -5 to -3\.3 m .*wind_0\.csv .* -5 to -3\.4 m; use at most 1\.6 m"),
-        (["wind.origin=[-5, 2.1, 0.5]"],
-         r"domain\.size\[1\]: .* y = 2\.1 to 3\.3 m .* 2 to 3\.2 m"),
-        (["wind.origin=[-5, 2]"], r"wind\.origin: has 2 numbers, a 3-D run takes 3 here"),
-        (["wind.height=0.6"], r"wind\.height: is for 2-D runs"),
-        (["wind.start=3"], r"wind\.start: 3 s is after .*wind_2\.csv at 2 s"),
-        (["wind.walls=[z-]", "domain.size=[1.6, 1.2]", "gas.sources.0.position=[0.3, 0.6]"],
-         r"wind\.walls\[0\]: 'z-' does not exist in a 2-D run"),
+        (["domain.size=[1.7, 1.2, 0.4]"], r"domain\.size\[0\]: .*-5 to -3\.3 m.*wind_0\.csv.*-5 to -3\.4 m.* 1\.6 m"),
+        (["wind.origin=[-5, 2.1, 0.5]"], r"domain\.size\[1\]: .*2\.1 to 3\.3 m.* 2 to 3\.2 m"),
+        (["wind.origin=[-5, 2]"], r"wind\.origin: .*2 numbers.* 3 "),
+        (["wind.height=0.6"], r"wind\.height: .*2-D"),
+        (["wind.start=3"], r"wind\.start: 3 s .*wind_2\.csv.* 2 s"),
+        (["wind.walls=[z-]", *FLAT[:2]], r"wind\.walls\[0\]: 'z-' .*2-D"),
         (["wind.walls=[up]"], r"wind\.walls\[0\]: got 'up'"),
         (["wind.occupancy=none.csv"], r"wind\.files: .*none\.csv: cannot be read: No such file"),
-        ([SMALL], r"domain\.size\[0\]: .*, but small\.csv has cells .* -5 to -4\.6 m"),
-        (["wind.occupancy=o.csv", "gas.sources.0.position=[0.7, 0.5, 0.1]"],
-         r"gas\.sources\[0\]\.position: is inside an obstacle of o\.csv"),
-        (["wind.occupancy=o.csv", ROBOT.format([0.55, 0.5])],
-         r"robots\[0\]\.start\.positions\[0\]: touches an obstacle of o\.csv"),
-        (["wind.occupancy=o.csv", ROBOT.format([0.55, 0.5]).replace("count: 1", "count: 2").replace(
+        (["wind.occupancy=small.csv"], r"domain\.size\[0\]: .*small\.csv.* -5 to -4\.6 m"),
+        ([BLOCKED, "gas.sources.0.position=[0.7, 0.5, 0.1]"], r"gas\.sources\[0\]\.position: .*o\.csv"),
+        ([BLOCKED, ROBOT.format([0.55, 0.5])], r"robots\[0\]\.start\.positions\[0\]: .*o\.csv"),
+        ([BLOCKED, ROBOT.format([0.55, 0.5]).replace("count: 1", "count: 2").replace(
             "kind: positions, positions: [[0.55, 0.5]]", "kind: line, begin: [0.2, 0.5], end: [0.55, 0.5]")],
-         r"robots\[0\]\.start: robot 1 touches an obstacle of o\.csv"),
-        (["wind.occupancy=floor.csv", ROBOT.format([0.2, 0.2])],
-         r"wind\.origin: the floor of floor\.csv is 0\.2 m above .*; use 0\.7 as third number"),
-        (["wind.files=flat.csv"], r"flat\.csv: names no column for z and w, which a 3-D run needs"),
-        (["wind.files=level.csv"], r"level\.csv: all its points have z = 0\.5 m, too few for a 3-D run"),
-        (["wind.files=mixed_%d.csv"], r"mixed_1\.csv: has other columns than mixed_0\.csv"),
-        ([*FLAT, "wind.height=3"], r"wind\.height: 3 m is outside of .*wind_0\.csv, z 0\.5 to 0\.9 m"),
-        ([*FLAT, "wind.occupancy=low.csv"], r"low\.csv: the section at z = 0\.7 m is outside its z 0\.1 to 0\.5 m"),
-        (["wind.file=wind_0.csv"], r"unknown key 'file'; did you mean 'files'"),
+         r"robots\[0\]\.start: robot 1 .*o\.csv"),
+        (["wind.occupancy=floor.csv", ROBOT.format([0.2, 0.2])], r"wind\.origin: .*floor\.csv.* 0\.2 m.* 0\.7 "),
+        (["wind.files=flat.csv"], r"flat\.csv: .* z and w"),
+        (["wind.files=level.csv"], r"level\.csv: .*z = 0\.5 m"),
+        (["wind.files=mixed_%d.csv"], r"mixed_1\.csv: .*columns.*mixed_0\.csv"),
+        ([*FLAT, "wind.height=3"], r"wind\.height: 3 m .*wind_0\.csv.* 0\.5 to 0\.9 m"),
+        ([*FLAT, "wind.occupancy=low.csv"], r"low\.csv: .*z = 0\.7 m.* 0\.1 to 0\.5 m"),
+        (["wind.file=wind_0.csv"], r"'file'.* 'files'"),
     ],
 )  # fmt: skip
-def test_faults_are_told_in_a_line(case, overrides, fault):
+def test_faults_name_the_key_the_value_and_the_limit(case, overrides, fault):
     (case / "flat.csv").write_text("x,y,u,v\n" + "".join(f"{n % 3},{n // 3},0,0\n" for n in range(9)))
     (case / "level.csv").write_text(
         "x,y,z,u,v,w\n" + "".join(f"{n % 3},{n // 3},0.5,0,0,0\n" for n in range(9))
@@ -286,8 +285,7 @@ def test_faults_are_told_in_a_line(case, overrides, fault):
     write(case / "mixed_0.csv", stream)
     write(case / "mixed_1.csv", stream, extra=lambda x: x[:, 0])
     (case / "low.csv").write_text((case / "o.csv").read_text().replace("0.5", "0.1").replace("0.9", "0.5"))
-    rows = ["1 1 1 1 1 1\n" * 8, "0 0 0 0 0 0\n" * 8]
-    (case / "floor.csv").write_text(TABLE + "".join(f"{layer};\n" for layer in rows))
+    write_cubes(case / "floor.csv", 1 * blocks((8, 6, 2), np.s_[:, :, 0]))
     (case / "small.csv").write_text("#env_min(m) -5 2 0.5\n#env_max(m) -4.6 2.2 0.7\n#num_cells 2 1 1\n"
                                     "#cell_size(m) 0.2\n0\n0\n;\n")  # fmt: skip
     with pytest.raises(ScenarioError, match=fault) as raised:
@@ -298,32 +296,22 @@ def test_faults_are_told_in_a_line(case, overrides, fault):
 def test_a_broken_file_in_the_middle_ends_the_run_before_it_begins(case, capsys):
     lines = (case / "wind_1.csv").read_text().splitlines()
     for text, fault in (
-        (lines[:-5], "has 763 points, but wind_0.csv has 768; is it whole?"),
-        (
-            [*lines[:7], lines[7].rsplit(",", 4)[0], *lines[8:]],
-            "line 8: has 2 columns, not 6; is the file whole?",
-        ),
+        (lines[:-5], r"has 763 points.* 768"),
+        ([*lines[:7], lines[7].rsplit(",", 4)[0], *lines[8:]], r"line 8: .*2 columns.* 6"),
     ):
         (case / "wind_1.csv").write_text("\n".join(text))
         assert run.main(["room.yaml", "--no-recording", "--quiet"]) == 2
         told = capsys.readouterr().err
-        assert told.startswith("wind.files: ")
-        assert f"wind_1.csv: {fault}" in told
+        assert re.match(r"wind\.files: .*wind_1\.csv: " + fault, told)
         assert told.count("\n") == 1
         assert not any(Path("runs").glob("*/result.json"))
 
 
 def test_a_run_from_the_command_line(case):
     robots = ROBOT.format("[1.3, 0.3]")
-    sets = ["wind.occupancy=o.csv", "wind.loop=true", robots, "duration=2"]
-    command = [
-        "room.yaml",
-        "--quiet",
-        "--out",
-        "out/first",
-        *(word for one in sets for word in ("--set", one)),
-    ]
-    assert run.main(command) == 0
+    sets = [BLOCKED, "wind.loop=true", robots, "duration=2"]
+    options = [word for override in sets for word in ("--set", override)]
+    assert run.main(["room.yaml", "--quiet", "--out", "out/first", *options]) == 0
     result = json.loads(Path("out/first/result.json").read_text())
     assert result["status"] == "completed"
     assert result["flow"]["max_divergence"] < 1e-5

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from begun import Kept, assert_begins_anew
+from rooms import march
 
 from taichi_plume.grid.fields import concentration_at, velocity_at
 from taichi_plume.grid.grid import Grid
@@ -208,9 +209,7 @@ def test_a_plume_begins_anew(case):
     x = np.random.default_rng(2).uniform(0.0, air.gas.grid.extent, (300, air.gas.dim))
 
     def play(first, last):
-        for n in range(first, last):
-            air.wind.advance(0.5 * n, 0.5)
-            air.gas.advance(0.5 * n, 0.5)
+        march((first, last), 0.5, air.wind, air.gas)
         return [concentration_at(air.gas, x, 0.0), velocity_at(air.wind, x, 0.0)]
 
     assert_begins_anew(air, lambda numbers: begin(air, numbers), one, other, play)

@@ -4,11 +4,11 @@ from itertools import product
 
 import numpy as np
 import pytest
+from rooms import afresh, blocks, eulerian
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.state import State
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.gas import EulerianSolver
@@ -25,21 +25,15 @@ class Room:
 
     def __init__(self, wind):
         self.grid = Grid((16, 12, 10), DX)
-        solid = np.zeros(self.grid.shape, bool)
-        solid[8, :, :5] = True
-        self.air = Air.of(solid, self.grid)
+        self.air = Air.of(blocks(self.grid.shape, np.s_[8, :, :5]), self.grid)
         self.gas = EulerianSolver(self.model((0.4, 0.6, 0.5), 0.24), self.grid, wind(self.grid), self.air)
-        self.state = State(self.gas)
 
     def model(self, place, radius: float = 0.01) -> EulerianGas:
-        source = {"position": place, "rate": 1e-3, "radius": radius}
-        species = {"molar_mass": 0.046, "diffusivity": 0.0}
-        return EulerianGas.model_validate({"kind": "eulerian", "species": species, "sources": [source]})
+        return eulerian(place, 1e-3, radius=radius, species={"molar_mass": 0.046, "diffusivity": 0.0})
 
     def released(self, place, span: float = 1.0, **keys) -> np.ndarray:
         """Shares of what a source releases, of the grid's shape."""
-        self.state.clear()
-        self.gas.begin(self.model(place, **keys), 0.0, 0)
+        afresh(self.gas, self.model(place, **keys))
         self.gas.advance(0.0, span)
         return self.gas.cells(0.0).astype(float) * self.grid.cell_volume / (1e-3 * span)
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from rooms import assert_same, blocks, march
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import velocity_at
@@ -20,13 +21,9 @@ def air(request, taichi):
     """A room of 3 m x 2.1 m (x 1.2 m) with a box, at its begin."""
     shape = request.param
     grid = Grid(shape, 3.0 / shape[0])
-    solid = np.zeros(shape, bool)
-    solid[tuple(slice(n // 3, n // 2) for n in shape)] = True
-    return (
-        grid,
-        solid,
-        SyntheticSolver(SyntheticWind(kind="synthetic", shortest=0.5), grid, Air.of(solid, grid)),
-    )
+    solid = blocks(shape, tuple(slice(n // 3, n // 2) for n in shape))
+    wind = SyntheticSolver(SyntheticWind(kind="synthetic", shortest=0.5), grid, Air.of(solid, grid))
+    return grid, solid, wind
 
 
 @pytest.mark.parametrize("K", [0.002, 0.3])
@@ -47,8 +44,7 @@ def test_walkers_in_a_box_diffuse_as_they_do(K):
 def test_what_obstacles_leave_of_a_room_mixes_by_itself(taichi, part):
     """Where a block fills one end of a room, the slowest mode is of the length that is left."""
     grid = Grid((60, 6), 0.1)
-    solid = np.zeros(grid.shape, bool)
-    solid[round(60 * part) :] = True
+    solid = blocks(grid.shape, np.s_[round(60 * part) :])
     wind = SyntheticSolver(SyntheticWind(kind="synthetic"), grid, Air.of(solid, grid))
     mean, quotient = wind.room.even()
     length = 6.0 * part  # by integrals over it
@@ -82,8 +78,7 @@ def test_air_that_rests_mixes_nothing(taichi):
 def test_the_particles_ride_the_flow_of_the_run(air):
     grid, _, wind = air
     wind.begin(SyntheticWind(kind="synthetic", shortest=0.5), 0.0, 4)
-    for n in range(3):
-        wind.advance(n * wind.interval, wind.interval)
+    march(3, wind.interval, wind)
     room, t = wind.room, 3 * wind.interval
     x = room.starts(2000, np.random.default_rng(0))
     x = x[room.around(x)[0] > grid.dx]
@@ -100,7 +95,7 @@ def test_the_particles_ride_the_flow_of_the_run(air):
 def test_they_stay_in_the_air_and_fill_it_evenly(air):
     grid, solid, wind = air
     room = wind.room
-    places = room_mixing.followed(room, np.random.default_rng(2), 1.0, 60)[-20:].reshape(-1, grid.dim)
+    places = room_mixing.particle_paths(room, np.random.default_rng(2), 1.0, 60)[-20:].reshape(-1, grid.dim)
     cells = tuple((places / grid.dx).astype(int).T)
     assert not solid[cells].any()
     halves = places < 0.5 * np.array(grid.extent)
@@ -132,8 +127,7 @@ def test_measuring_changes_nothing(air):
 
     plain, _ = frames(False)
     measured, told = frames(True)
-    for a, b in zip(plain, measured, strict=True):
-        np.testing.assert_array_equal(a, b)
+    assert_same(plain, measured)
     assert told == wind.mixing()
     assert told["eddy_diffusivity_m2_per_s"] > 0.0
     assert ("as_of_air_changes_per_h" in told) == (grid.dim == 3)

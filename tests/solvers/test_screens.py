@@ -2,18 +2,15 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from rooms import LAMINAR, afresh, cfd, flow_in
 
-from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.state import State
 from taichi_plume.grid.tables import Tables
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.patches import periodic_axes
 from taichi_plume.solvers.screens import ScreenResistance
 from taichi_plume.validation.flow_cases import advance
-
-pytestmark = pytest.mark.usefixtures("taichi")
 
 SPEED = 0.7
 SLIP = [{"kind": "slip", "face": face} for face in ("y-", "y+", "z-", "z+")]
@@ -29,21 +26,12 @@ def model(dim: int, screen: dict, inlet: dict | None = None, walls=SLIP, **more)
         {"kind": "outlet", "face": "x+"},
         *walls[: 2 * (dim - 1)],
     ]
-    return CfdWind.model_validate(
-        {
-            "kind": "cfd",
-            "openings": openings,
-            "screens": [{"kind": "honeycomb", "axis": "x", "at": 1.2} | screen],
-            "turbulence": {"kind": "none"},
-            **more,
-        }
-    )
+    return cfd(openings, screens=[{"kind": "honeycomb", "axis": "x", "at": 1.2} | screen], **LAMINAR, **more)
 
 
 def duct(shape, screen: dict, dx: float = 0.05, **more) -> FlowSolver:
     wind = model(len(shape), screen, **more)
-    grid = Grid(shape, dx, periodic=periodic_axes(wind.openings, len(shape)))
-    return FlowSolver(wind, grid, Air.everywhere(grid))
+    return flow_in(Grid(shape, dx, periodic=periodic_axes(wind.openings, len(shape))), wind)
 
 
 @pytest.fixture(scope="module")
@@ -55,10 +43,7 @@ def straight(taichi) -> Callable[[dict], FlowSolver]:
         thickness = screen.get("thickness", 0.05)
         if thickness not in made:
             made[thickness] = duct((48, 6), screen)
-        flow = made[thickness]
-        State(flow).clear()
-        flow.begin(model(2, screen), 0.0, 0)
-        return flow
+        return afresh(made[thickness], model(2, screen))
 
     return begun
 

@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
 from begun import Kept, assert_begins_anew
+from rooms import blocks, eulerian, march
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import velocity_at
 from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.gases import EulerianGas, PuffGas
+from taichi_plume.scenario.gases import PuffGas
 from taichi_plume.scenario.winds import SyntheticWind
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.puffs import PuffSolver
@@ -23,8 +24,7 @@ def room(taichi):
 
     def make(shape, seed=0, **keys):
         grid = Grid(shape, 3.0 / shape[0])
-        solid = np.zeros(shape, bool)
-        solid[tuple(slice(n // 3, n // 2) for n in shape)] = True
+        solid = blocks(shape, tuple(slice(n // 3, n // 2) for n in shape))
         model = SyntheticWind.model_validate({"kind": "synthetic"} | keys)
         wind = kept(
             shape,
@@ -138,8 +138,7 @@ def test_the_seed_decides_every_bit(room):
     seen = []
     for seed in (3, 3, 4):
         _, _, wind = room((30, 21, 12), seed)
-        for n in range(50):
-            wind.advance(0.1 * n, 0.1)
+        march(50, 0.1, wind)
         seen.append([u.to_numpy() for u in wind.u])
     for a, b, c in zip(*seen, strict=True):
         assert a.tobytes() == b.tobytes()
@@ -148,12 +147,10 @@ def test_the_seed_decides_every_bit(room):
 
 def test_steps_do_not_change_the_flow(room):
     _, _, wind = room((30, 21, 12))
-    for n in range(40):
-        wind.advance(0.25 * n, 0.25)
+    march(40, 0.25, wind)
     fine = [u.to_numpy() for u in wind.u]
     _, _, wind = room((30, 21, 12))
-    for n in range(2):
-        wind.advance(5.0 * n, 5.0)
+    march(2, 5.0, wind)
     for u, v in zip(wind.u, fine, strict=True):
         np.testing.assert_allclose(u.to_numpy(), v, atol=1e-7)
 
@@ -194,9 +191,7 @@ def test_shorter_eddies_mix_gas():
     for u in wind.u:
         grid.write(u, np.zeros([n + 2 for n in grid.shape]), 1)
     wind.outflow_rate = 0.0
-    source = {"position": (1.0, 0.1), "rate": 0.0}
-    model = EulerianGas.model_validate({"kind": "eulerian", "sources": [source]})
-    gas = EulerianSolver(model, grid, wind, Air.everywhere(grid))
+    gas = EulerianSolver(eulerian((1.0, 0.1)), grid, wind, Air.everywhere(grid))
     mode = np.cos(np.pi * grid.centers()[..., 0] / grid.extent[0])
     gas.start_from(lambda x: 1.0 + 0.5 * mode)
     K = gas.species.diffusivity + (wind.max_viscosity - wind.viscosity) / 0.5
@@ -228,9 +223,7 @@ def test_well_mixed_gas_stays_well_mixed_and_the_rest_of_it_stays_inside(room, s
     position = (0.5, 0.5, 0.3)[: grid.dim]
 
     def gas(rate):
-        source = {"position": position, "rate": rate, "radius": 0.1}
-        model = EulerianGas.model_validate({"kind": "eulerian", "sources": [source]})
-        return EulerianSolver(model, grid, wind, Air.of(solid, grid))
+        return EulerianSolver(eulerian(position, rate, radius=0.1), grid, wind, Air.of(solid, grid))
 
     even, plume = gas(0.0), gas(1e-6)
     even.start_from(lambda x: np.where(solid, 0.0, 1.0))
@@ -268,8 +261,6 @@ def test_puffs_grow_by_the_shorter_eddies_too():
     K = puffs.species.diffusivity + (wind.max_viscosity - wind.viscosity) / wind.schmidt
     variance = float(puffs.puffs.rows()[0, puffs.puffs.variance])
     assert variance >= 0.02**2 + 0.9 * K  # 0.9: the middle is not quite where nu is largest
-    for n in range(120):
-        wind.advance(0.5 * n, 0.5)
-        puffs.advance(0.5 * n, 0.5)
+    march(120, 0.5, wind, puffs)
     assert puffs.puffs.rows()[:, puffs.puffs.mass].sum() == 0.0
     assert puffs.budget()["in_domain_kg"] == pytest.approx(1e-6, rel=1e-5)

@@ -2,11 +2,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from rooms import cfd, flow_in
 
-from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.prescribed import padded_faces
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
@@ -20,16 +20,13 @@ def eddy_viscosity(taichi) -> Callable[[str, np.ndarray, float], float]:
         dim = len(gradient)
         openings = tuple({"kind": "outlet", "face": axis + side} for axis in "xyz"[:dim] for side in "-+")
         turbulence = {"kind": kind, "constant": constant}
-        wind = CfdWind.model_validate(
-            {"kind": "cfd", "viscosity": 1e-5, "turbulence": turbulence, "openings": openings}
-        )
+        wind = cfd(openings, viscosity=1e-5, turbulence=turbulence)
         if (kind, dim) not in made:
-            grid = Grid((8,) * dim, 0.1)
-            made[kind, dim] = FlowSolver(wind, grid, Air.everywhere(grid))
+            made[kind, dim] = flow_in(Grid((8,) * dim, 0.1), wind)
         flow = made[kind, dim]
         flow.begin(wind, 0.0, 0)
         middle = 4 * flow.grid.dx
-        flow._put_velocity(*((flow.padded_faces(d) - middle) @ gradient[d] for d in range(dim)))
+        flow._put_velocity(*((padded_faces(flow.grid, d) - middle) @ gradient[d] for d in range(dim)))
         flow._stage(0.0, 1.0)
         return float(flow.grid.read(flow.nu)[(4,) * dim]) - 1e-5
 

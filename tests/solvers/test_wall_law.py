@@ -4,20 +4,20 @@ from math import sqrt
 import numpy as np
 import pytest
 import taichi as ti
+from rooms import blocks, cfd, flow_in
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.patches import periodic_axes
 from taichi_plume.solvers.wall_law import (
     law_of_the_wall,
     near_surface,
     transfer_velocity,
 )
 from taichi_plume.solvers.walls import distances
+from taichi_plume.validation.flow_cases import periodic
 
 pytestmark = pytest.mark.usefixtures("taichi")
 NU = 1.5e-5
@@ -106,18 +106,8 @@ def resistance(y_plus: float, schmidt: float) -> float:
 
 
 def channel(kind: str, roughness: float | None = None, **more) -> FlowSolver:
-    wind = CfdWind.model_validate(
-        {
-            "kind": "cfd",
-            "viscosity": NU,
-            "turbulence": {"kind": kind},
-            "roughness": roughness,
-            "openings": [{"kind": "periodic", "axis": "x"}],
-        }
-        | more
-    )
-    grid = Grid((8, 8), 0.05, periodic=periodic_axes(wind.openings, 2))
-    return FlowSolver(wind, grid, Air.everywhere(grid))
+    wind = cfd(periodic("x"), viscosity=NU, turbulence={"kind": kind}, roughness=roughness, **more)
+    return flow_in(Grid((8, 8), 0.05, periodic=(True, False)), wind)
 
 
 def lost(flow: FlowSolver, speed: float) -> float:
@@ -165,7 +155,5 @@ def test_distances_are_those_of_walls_and_of_true_surfaces():
     walls[1][:, 0] = True
     y = grid.centers()[..., 1]
     np.testing.assert_allclose(distances(Air.everywhere(grid), walls, grid), y, rtol=1e-5)
-    solid = np.zeros(grid.shape, bool)
-    solid[:, -1] = True
-    away = distances(Air.of(solid, grid), walls, grid)
+    away = distances(Air.of(blocks(grid.shape, np.s_[:, -1]), grid), walls, grid)
     np.testing.assert_allclose(away[:, :-1], np.minimum(y, 0.7 - y)[:, :-1], atol=1e-6)
