@@ -7,17 +7,14 @@ or algorithm write it.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.few import few
+from taichi_plume.grid.kernels import Field
 
 Dtype = type[np.float32] | type[np.int32] | type[np.bool_]
-
-Field = Any
-"""A Taichi field, whose type is opaque to type checkers."""
 
 
 @dataclass

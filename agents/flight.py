@@ -16,8 +16,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.columns import Columns, Field
+from taichi_plume.agents.columns import Columns
 from taichi_plume.grid.elementary import cos_sin, wrap
+from taichi_plume.grid.kernels import Field
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.robots import Group
 

@@ -13,8 +13,7 @@ from typing import Any, ClassVar, Protocol, Self
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.columns import Field
-from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.kernels import Field, Template
 from taichi_plume.grid.series import Series
 
 

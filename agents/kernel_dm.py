@@ -26,10 +26,9 @@ from math import exp
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.columns import Field
 from taichi_plume.agents.few import few
 from taichi_plume.agents.gas_map import Floor, GasMap, Readers, cell_of, counts, ratio
-from taichi_plume.grid.kernels import STRIP, Template, double_field
+from taichi_plume.grid.kernels import STRIP, Field, Template, double_field
 from taichi_plume.grid.transfer import Numbers, reader
 from taichi_plume.scenario import maps as models
 

@@ -25,12 +25,12 @@ import taichi as ti
 
 from taichi_plume.agents.beliefs import Declaring
 from taichi_plume.agents.casting import IN_PLUME, LOST, SIDESTEP, Casting
-from taichi_plume.agents.columns import Field
 from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.releases import Releases
+from taichi_plume.grid.kernels import Field
 from taichi_plume.grid.rng import normal4, uniform4
 from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario.belief_algorithms import ParticleFilter as Model

@@ -11,7 +11,7 @@ from math import ceil
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.columns import Field, Rows, columns_of, further_gas_sensors
+from taichi_plume.agents.columns import Rows, columns_of, further_gas_sensors
 from taichi_plume.agents.contact import CLEAR, PINNED, PUSHED, SKIN, Contact
 from taichi_plume.agents.few import few
 from taichi_plume.agents.flight import FREE, Flying
@@ -20,6 +20,7 @@ from taichi_plume.agents.odometry import Odometry, Reckoning
 from taichi_plume.agents.referee import Referee
 from taichi_plume.agents.trials import OwnClocks, Trials
 from taichi_plume.grid.elementary import cos_sin, wrap
+from taichi_plume.grid.kernels import Field
 from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.robots import Group

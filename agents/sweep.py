@@ -15,10 +15,10 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.algorithm import KernelAlgorithm
-from taichi_plume.agents.columns import Field
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
+from taichi_plume.grid.kernels import Field
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario import algorithms
 

@@ -7,8 +7,7 @@ phi, a velocity potential in units of dx, solves the Poisson equation (see `pois
 
 import taichi as ti
 
-from taichi_plume.grid.fields import Field
-from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.kernels import Field, Template
 from taichi_plume.solvers.momentum import Momentum
 
 

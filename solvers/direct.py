@@ -11,9 +11,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from threadpoolctl import ThreadpoolController
 
-from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import FEW_CELLS
+from taichi_plume.grid.kernels import FEW_CELLS, Field
 from taichi_plume.solvers.poisson import Openness
 
 DENSE = 100  # cells of an axis up to which a product with a matrix takes less than a fast transform

@@ -16,9 +16,9 @@ from math import pi, prod, sqrt
 
 import taichi as ti
 
-from taichi_plume.grid.fields import Faces, Field
+from taichi_plume.grid.fields import Faces
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.kernels import Field, Template
 from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.bodies import GRAVITY, Body
 from taichi_plume.scenario.species import AIR_DENSITY

@@ -16,9 +16,8 @@ import numpy as np
 import taichi as ti
 from scipy.ndimage import maximum_filter, uniform_filter
 
-from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass
+from taichi_plume.grid.kernels import Field, Pass
 from taichi_plume.grid.tables import Tables
 
 REACH = 3  # cells: as far as schemes look

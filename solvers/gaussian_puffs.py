@@ -12,9 +12,9 @@ from math import inf
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid.fields import Field, Gas
+from taichi_plume.grid.fields import Gas
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.kernels import Field, Template
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.closed_forms import ContinuousGas, GaussianPuffGas
 from taichi_plume.solvers.bells import FAR, bell, walls_along

@@ -10,8 +10,8 @@ from collections.abc import Callable
 
 import taichi as ti
 
-from taichi_plume.grid.fields import Faces, Field
-from taichi_plume.grid.kernels import Pass, Template, visit
+from taichi_plume.grid.fields import Faces
+from taichi_plume.grid.kernels import Field, Pass, Template, visit
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.walls import Walls, straightness
 

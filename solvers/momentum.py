@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid.fields import Faces, Field
+from taichi_plume.grid.fields import Faces
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.kernels import Field, Template
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.winds import CfdWind

@@ -4,9 +4,8 @@ import numpy as np
 import scipy.sparse as sp
 import taichi as ti
 
-from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import STRIP, Template
+from taichi_plume.grid.kernels import STRIP, Field, Template
 from taichi_plume.grid.tables import Tables
 from taichi_plume.solvers.poisson import Openness
 from taichi_plume.solvers.vcycle import VCycle

@@ -12,9 +12,9 @@ widens as by diffusion, with the root of x.
 
 import taichi as ti
 
-from taichi_plume.grid.fields import Field, Gas
+from taichi_plume.grid.fields import Gas
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.kernels import Field, Template
 from taichi_plume.grid.rng import generator
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.closed_forms import GaussianPlumeGas, MeanderingGas

@@ -9,8 +9,7 @@ from math import ceil, prod, sqrt
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid.fields import Field
-from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.kernels import Field, Template
 from taichi_plume.grid.transfer import uploader
 
 MOST_BINS = 65_536

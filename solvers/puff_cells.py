@@ -12,9 +12,8 @@ from math import prod
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template, on_cpu
+from taichi_plume.grid.kernels import Field, Template, on_cpu
 from taichi_plume.grid.transfer import uploader
 
 STEP = 2.0  # from the sizes of one list to those of the next

@@ -12,8 +12,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Field
-from taichi_plume.grid.kernels import on_cpu
+from taichi_plume.grid.kernels import Field, on_cpu
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.solvers.puff_list import FREE
 from taichi_plume.solvers.transport import raised

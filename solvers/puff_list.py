@@ -9,9 +9,8 @@ from math import ceil, erf, exp, log2, pi, sqrt
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template, double_field, on_cpu
+from taichi_plume.grid.kernels import Field, Template, double_field, on_cpu
 from taichi_plume.grid.level_set import LevelSet
 from taichi_plume.solvers.puff_cells import PuffCells
 

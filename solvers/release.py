@@ -15,9 +15,8 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid, block_mean
-from taichi_plume.grid.kernels import Pass, Template, double_field
+from taichi_plume.grid.kernels import Field, Pass, Template, double_field
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.heat import Heater
 from taichi_plume.scenario.sources import Source

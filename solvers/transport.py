@@ -17,9 +17,9 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Carrier, Field
+from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass, Template, launch, visit
+from taichi_plume.grid.kernels import Field, Pass, Template, launch, visit
 from taichi_plume.grid.sweeps import sweep
 from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.solvers.convection import Limited

@@ -13,9 +13,8 @@ import taichi as ti
 from scipy.spatial import cKDTree
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Field
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass, Template, visit
+from taichi_plume.grid.kernels import Field, Pass, Template, visit
 from taichi_plume.grid.sweeps import sweep
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.momentum import Momentum

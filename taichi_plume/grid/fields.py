@@ -14,8 +14,6 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Expression, Field, Template
 from taichi_plume.grid.transfer import uploader
 
-Field = Any
-"""Taichi field. Kernels read and write it; Taichi has no type of it that static checks understand."""
 Faces = tuple[Field, ...]
 """Face fields of the staggered grid, one per axis."""
 
