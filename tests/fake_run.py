@@ -214,7 +214,7 @@ def scenario(dim: int = 3, **changes: Any) -> Scenario:
 def simulation(model: Scenario) -> Simulation:
     """The fake run of a scenario."""
     grid = Grid.of(model.domain)
-    swarm = FakeSwarm(model)
+    swarm: Any = FakeSwarm(model)
     about = {"algorithm": None, "state_names": ("search", "surge"), "act": lambda *_: None}
     teams: list[Any] = [SimpleNamespace(numbers=(n,), **about) for n in range(len(model.robots))]
     sensors: Any = SimpleNamespace(measure=lambda *_: None)

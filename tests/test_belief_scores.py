@@ -2,6 +2,7 @@
 
 import json
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,7 +39,8 @@ robots:
 
 def believed(p, **keys):
     model = SimpleNamespace(reach=0.5, capture="disc", **keys)
-    return GroupBeliefs(SimpleNamespace(model=model), 0.2, np.array([1.0, 0.0]), np.asarray(p, float))
+    group: Any = SimpleNamespace(model=model)
+    return GroupBeliefs(group, 0.2, np.array([1.0, 0.0]), np.asarray(p, float))
 
 
 def test_scores_of_simple_beliefs():

@@ -9,6 +9,7 @@ import math
 import zlib
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 import numcodecs
 from zarr.abc.codec import Codec
@@ -27,7 +28,7 @@ def unpack(codec: str, packed: bytes, most: int) -> bytes:
     """Return unpacked bytes. Raises ValueError if there are more than `most`, and errors of the codec."""
     if codec in SIZE_AT:
         size = int.from_bytes(packed[SIZE_AT[codec] :][:4], "little")
-        data = numcodecs.get_codec({"id": codec}).decode(packed) if size <= most else b""
+        data = numcodecs.get_codec({"id": codec}).decode(packed) or b"" if size <= most else b""
     elif codec == "zlib":
         try:
             data = zlib.decompressobj().decompress(packed, most + 1)
@@ -51,7 +52,7 @@ async def _unpacked(codec: str, chunk: Buffer, spec: ArraySpec) -> Buffer:
     return spec.prototype.buffer.from_bytes(data)
 
 
-def _subclass(base: type[Codec], codec: str) -> type[Codec]:
+def _subclass(base: type[Any], codec: str) -> type[Any]:
     """Return a subclass of a codec of Zarr 3 that decodes a chunk to a bounded size."""
 
     async def decode(_self: Codec, chunk_bytes: Buffer, chunk_spec: ArraySpec) -> Buffer:

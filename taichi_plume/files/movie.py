@@ -8,7 +8,7 @@ import itertools
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -156,9 +156,9 @@ def _hdf5(path: Path, variable: str | None) -> Opened:
     import h5py
 
     file = h5py.File(path, "r")
-    own = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
+    own = [str(name) for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
     names = sorted(name for name in own if isinstance(file[name], h5py.Dataset))
-    array: Pixels = file[_chosen(path, names, variable)]
+    array = cast(Pixels, file[_chosen(path, names, variable)])
     if array.is_virtual or array.external:
         raise FilmError(f"{path}: {visible(array.name, 40)} lies in other files; copy it into one")
     plan = array.id.get_create_plist()
@@ -172,7 +172,7 @@ def _require_declared_size(array: Pixels, n: int) -> None:
     """Raise ValueError if a gzip chunk of HDF5 unpacks to more than the declared size, as HDF5 would unpack all."""
     import h5py
 
-    if not isinstance(array, h5py.Dataset) or array.compression != "gzip":
+    if not isinstance(array, h5py.Dataset) or array.compression != "gzip" or array.chunks is None:
         return
     t, *sizes = array.chunks
     most = math.prod(array.chunks) * array.dtype.itemsize + 4  # fletcher32

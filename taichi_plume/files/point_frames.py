@@ -113,7 +113,7 @@ def points_of(table: Table, columns: tuple[str, ...], most: Mapping[str, float])
             np.abs(known[name]) > FARTHEST,
             lambda row, name=name: f"{name} must be within {FARTHEST:g} m, got {table.shown(row)}",
         )
-    for name, limit in ({"chemical": LARGEST_PERCENT} | most).items():
+    for name, limit in {"chemical": LARGEST_PERCENT, **most}.items():
         values = known[name]
         table.refuse(values < 0, lambda row: f"{name} must be not negative, got {values[row]:g}")
         table.refuse(values > limit, lambda row: f"{name} must be at most {limit:g}, got {values[row]:g}")

@@ -79,7 +79,7 @@ class Group:
             raise GroupError(f"{path}: {fault}")
         self.path, self.name, self.codecs = path, group, codecs
         with zarr.config.set(BOUNDED):
-            self._node = zarr.open(
+            self._node: Array = zarr.open(
                 path,
                 path=group,
                 mode=mode,
@@ -199,7 +199,7 @@ def reserve(
         dtype=kind,
         fill_value=np.nan if kind.kind == "f" else 0,
         dimension_names=dimensions,
-        attributes=attributes,
+        attributes=dict[str, Any](attributes),
         compressors=[BloscCodec(cname="zstd", clevel=3, shuffle="shuffle"), Crc32cCodec()],
         config={"write_empty_chunks": True},  # so that a missing chunk is noticed
     )

@@ -83,7 +83,7 @@ def _around(
     ways = _known.get(key)
     if ways is None:
         graph = _graph(places, step, free, goals, reach)
-        ways = dijkstra(graph, indices=graph.shape[0] - 1)[:-1].reshape(places.shape[:2])
+        ways = dijkstra(graph, indices=len(places.reshape(-1, 2)))[:-1].reshape(places.shape[:2])
         if len(_known) >= MOST_KNOWN:
             _known.popitem(last=False)
         _known[key] = ways

@@ -3,6 +3,7 @@ import json
 import os
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import fake_run
 import numpy as np
@@ -295,7 +296,7 @@ def test_map_score():
 
 def test_first_finder_counts():
     model = SimpleNamespace(begin=0.5, found="reached", algorithm=SimpleNamespace(may_declare=False))
-    group = SimpleNamespace(name="team", start=1, count=2, trials=2, model=model)
+    group: Any = SimpleNamespace(name="team", start=1, count=2, trials=2, model=model)
     snapshot = {
         "found": np.array([1, 1, 1, 0, 0]),
         "found_time": np.array([1.0, 9.0, 4.0, np.nan, np.nan]),

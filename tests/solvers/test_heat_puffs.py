@@ -59,6 +59,7 @@ def test_a_puff_reaches_across_a_periodic_boundary():
     """Moved by half a domain, the heater releases the same puff in the cells that have moved with it."""
     wind = warm_wind(2)
     heat = wind.buoyancy.heat
+    assert heat is not None
     moved = heat.heaters[0].model_copy(update={"position": (0.39, 0.3)})
     other = heat.model_copy(update={"heaters": (moved,)})
     flow = warm_box(wind, (12, 14), periodic=(True, False))

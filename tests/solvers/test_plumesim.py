@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from begun import Kept, assert_begins_anew
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
 from taichi_plume.assembly.assemble import assemble
@@ -42,9 +43,10 @@ def frames(counts: tuple[int, ...] = (300, 40, 0, 200), cell: float = 0.06) -> P
     return PointFrames(Path("a"), 0.5, cell, place, rng.normal(size=(n, 2)), rng.uniform(0, 100, n), begin)
 
 
-def points(place: np.ndarray, percent: Any, cell: float) -> PointFrames:
+def points(place: ArrayLike, percent: Any, cell: float) -> PointFrames:
     """One frame of gas in air at rest."""
-    place, n = np.array(place), len(place)
+    place = np.array(place)
+    n = len(place)
     percent = np.broadcast_to(np.asarray(percent, float), n)
     return PointFrames(Path("a"), 1.0, cell, place, np.zeros((n, 2)), percent, np.array([0, n]))
 

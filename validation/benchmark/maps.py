@@ -14,7 +14,6 @@ from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.mapping import mappers
 from taichi_plume.grid import kernels
 from taichi_plume.scenario.maps import Map
-from taichi_plume.simulation import Mapper
 
 WINDOW = 5.0  # s
 WARM_UP = 12  # windows, the first minute
@@ -118,7 +117,7 @@ def cost(
     return result
 
 
-def _window(made: Sequence[Mapper], robots: Robots, number: int, ticks: int) -> np.ndarray:
+def _window(made: Sequence[Any], robots: Robots, number: int, ticks: int) -> np.ndarray:
     """Times of all updates of a window, of the last of them, of the estimate and of the variance, (4, 2) [ms]."""
     first, dt = number * ticks, WINDOW / ticks
     spent = []
