@@ -9,6 +9,7 @@ from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.grid.kernels import data_flow_by_llvm
 
 
 class Algorithm(Protocol):
@@ -82,7 +83,8 @@ class KernelAlgorithm:
         self._start_all()
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        self._step_all(tick, t, dt)
+        with data_flow_by_llvm():
+            self._step_all(tick, t, dt)
 
     @ti.kernel
     def _start_all(self):

@@ -257,7 +257,7 @@ def _launcher(kernel: Any) -> Callable[..., None]:
     def run(a: float = 0.0, b: float = 0.0) -> None:
         nonlocal program, compiled, traced
         if impl.get_runtime().prog is not program or program is None:
-            with _data_flow_by_llvm():
+            with data_flow_by_llvm():
                 kernel(a, b)
                 program = impl.get_runtime().prog
                 (traced,) = kernel._primal.compiled_kernels.values()
@@ -272,7 +272,7 @@ def _launcher(kernel: Any) -> Callable[..., None]:
 
 
 @contextlib.contextmanager
-def _data_flow_by_llvm() -> Iterator[None]:
+def data_flow_by_llvm() -> Iterator[None]:
     """Compile without Taichi's analysis of which store reaches which load, and leave that to LLVM.
 
     The analysis takes up to half of the compile time, as it grows with the square of a kernel's length. The V-cycle
