@@ -35,15 +35,15 @@ PAGES = {
     "sensors": ("Sensors", ["robots[].sensors"]),
     "maps": ("Gas maps", ["maps[]"]),
     "outputs": (
-        "What a run writes",
+        "Outputs of a run",
         ["recording", "forces", "probes", "fields", "plumesim_log", "checkpoint"],
     ),
 }
-"""Of each page its title and the places that it tells of, with all below them that no other page names."""
+"""Title and paths of each page; a page includes everything below its paths that no other page names."""
 
 
 def page_of(path: str) -> str:
-    """The page that tells of a place."""
+    """Page that describes a path."""
     fits = [
         (len(prefix), page)
         for page, (_, prefixes) in PAGES.items()
@@ -54,7 +54,7 @@ def page_of(path: str) -> str:
 
 
 def pages() -> dict[str, str]:
-    """The text of every page, by its name."""
+    """Text of every page, by its name."""
     examples = yaml.safe_load(EXAMPLES.read_text(encoding="utf-8"))
     found = {name: [*_title(title, "=")] for name, (title, _) in PAGES.items()}
     for path, place in places().items():
@@ -65,7 +65,7 @@ def pages() -> dict[str, str]:
 
 
 def _study() -> Iterator[str]:
-    """The page of a study's keys, which are no objects: some have the names of a scenario's."""
+    """Page of the study keys. They are no Sphinx objects, as some share the names of scenario keys."""
     yield from _title("Study keys", "=")
     yield from _told(Study)
     yield from (
@@ -86,11 +86,11 @@ def _study() -> Iterator[str]:
 
 def _introduction(base: str) -> Iterator[str]:
     yield from (
-        "A scenario is a YAML file of these parts. All units are SI; a *quantity* is a number in the unit that is told "
-        "here, or a text with another one, such as ``20 cm``, ``10 mg/s`` or ``2 min``. A key with *list* in its type "
-        "takes several values in brackets, ``[]`` in a path stands for any of a list, and ``--set robots.0.count=6`` "
-        "changes one. ``python -m taichi_plume.scenario --explain KEY`` tells the same in a terminal, "
-        "``--check`` explains a whole scenario, and ``--schema`` gives it to editors.",
+        "A scenario is a YAML file of these parts. All units are SI; a *quantity* is a number in the unit given "
+        "here, or a text with another unit, such as ``20 cm``, ``10 mg/s`` or ``2 min``. A key with *list* in its type "
+        "takes several values in brackets, ``[]`` in a path stands for any element, and ``--set robots.0.count=6`` "
+        "changes one value. ``python -m taichi_plume.scenario --explain KEY`` prints the same in a terminal, "
+        "``--check`` explains a whole scenario, and ``--schema`` prints a JSON schema for editors.",
         "",
         "Examples replace or add parts of this scenario:",
         "",
@@ -138,7 +138,7 @@ def _place(place: Place, examples: dict[str, str]) -> Iterator[str]:
 
 
 def title_of(key: Key) -> str:
-    """What a key is called: its path, and its kinds where others have it otherwise."""
+    """Title of a key: its path, and its kinds if other kinds define the key differently."""
     alike = [
         one for one in places()[key.path.removesuffix(key.name).rstrip(".")].keys if one.name == key.name
     ]
@@ -160,13 +160,13 @@ def _figures(key: Key) -> str:
     """Type, unit, limits, default and kinds in a line."""
     its = key.facts
     told = [f"*{escaped(its.type)}*" + (f" in {escaped(its.unit)}" if its.unit else ""), its.limits]
-    told += [f"default: ``{its.default}``" if its.default else "has to be given"]
+    told += [f"default: ``{its.default}``" if its.default else "required"]
     told += [f"of kind {_names(key.kinds)}"] if key.kinds else []
     return " · ".join(filter(None, told))
 
 
 def _told(model: type[Model]) -> Iterator[str]:
-    """What a section is, as its class says."""
+    """Docstring of a section's class."""
     for paragraph in inspect.cleandoc(model.__doc__ or "").split("\n\n"):
         yield escaped(" ".join(paragraph.split()))
         yield ""
@@ -189,7 +189,7 @@ def _names(kinds: Any) -> str:
 
 
 def escaped(text: str) -> str:
-    """A text in which nothing but pairs of backticks, which mark code, means something to reStructuredText."""
+    """Escape a text for reStructuredText; only pairs of backticks, which mark code, keep a meaning."""
     parts = text.split("`")
     if len(parts) % 2 == 0:
         parts = [text]
@@ -210,7 +210,7 @@ def _signature(env: Any, text: str, node: Any) -> str:
 
 
 def write(app: Any) -> None:
-    """Write the pages, where they have changed: Sphinx reads again what is newer."""
+    """Write the pages that have changed, as Sphinx re-reads newer files."""
     folder = Path(app.srcdir) / "reference"
     folder.mkdir(exist_ok=True)
     new = {f"{name}.rst": text for name, text in pages().items()}
@@ -224,7 +224,7 @@ def write(app: Any) -> None:
 
 
 def setup(app: Any) -> dict[str, Any]:
-    """Enter it in Sphinx."""
+    """Register the extension in Sphinx."""
     app.add_object_type("key", "key", "single: %s", parse_node=_signature, objname="scenario key")
     app.connect("builder-inited", write)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
