@@ -12,7 +12,7 @@ from sphinx.writers.html5 import HTML5Translator
 
 # In TeX a fraction or a power takes one digit; docutils takes the whole number.
 DIGITS = {r"(\\[dt]?frac)\s*(\d)(\d)": r"\1{\2}{\3}", r"([\^_])(\d)(?=\d)": r"\1{\2}"}
-SIGNS = {"°": r"{}^{\circ}", "²": "^2", "³": "^3", "·": r"\cdot "}  # characters unknown to docutils in formulas
+SIGNS = {"°": r"{}^{\circ}", "²": "^2", "³": "^3", "·": r"\cdot "}  # unknown to docutils in formulas
 
 
 def made(node: nodes.Element, as_block: bool) -> str:

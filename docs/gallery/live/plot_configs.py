@@ -27,7 +27,7 @@ def print_success(name):
     """Print how many trials of a run found the source."""
     for group in json.loads((RUNS / name / "result.json").read_text())["groups"]:
         found = group["success_rate"] * group["trials"]
-        print(f"{group['name']}, {group['algorithm']}: {found:g} of {group['trials']} trials found the source")
+        print(f"{group['name']}, {group['algorithm']}: {found:g} of {group['trials']} trials succeeded")
 
 
 # %%
