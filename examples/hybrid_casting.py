@@ -144,7 +144,7 @@ def search(
     """Search with all robots of a team until all arrive or the service ends; return the last readings."""
     now = team.wait()
     if now is None:
-        raise ConnectionError(f"the service tells nothing of a group {team.group}")
+        raise ConnectionError(f"the service sends no readings of a group {team.group}")
     casting = Casting(len(now.robot), Settings(), now.heading, np.random.default_rng(seed))
     wheels = None if velocity else Wheels(now.position, now.heading, size, radius)
     last, before = now, now.t
@@ -170,7 +170,7 @@ def main() -> None:
     parser.add_argument("where", nargs="?", default="127.0.0.1:7447", help="HOST:PORT of the service")
     parser.add_argument("--group", default="roomba")
     parser.add_argument(
-        "--velocity", action="store_true", help="command velocities, where the group takes them"
+        "--velocity", action="store_true", help="send velocity commands instead of poses"
     )
     args = parser.parse_args()
     try:

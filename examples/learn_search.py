@@ -77,13 +77,13 @@ def words(told: dict[str, Any]) -> str:
     """Return a result as one line of text."""
     share, times = told["success"], told["time_s"]
     found = (
-        f", {times['mean']:.1f} s ({times['low']:.1f} to {times['high']:.1f} s) until then"
+        f", {times['mean']:.1f} s ({times['low']:.1f} to {times['high']:.1f} s) on success"
         if share["mean"]
         else ""
     )
     return (
         f"{share['mean']:.1%} ({share['low']:.1%} to {share['high']:.1%}) of {share['n']} find the source{found}; "
-        f"{told['censored_time_s']:.1f} s with those that do not"
+        f"{told['censored_time_s']:.1f} s including failures"
     )
 
 
@@ -375,13 +375,13 @@ def draw(out: Path, result: dict[str, Any]) -> None:
         [result[name]["censored_time_s"] for name in names],
         color=["tab:orange", "tab:blue", "tab:cyan"],
     )
-    axes[1].set(ylabel="mean time, failures with all of it [s]")
+    axes[1].set(ylabel="mean time, failures count in full [s]")
     figure.savefig(out / "comparison.png", dpi=150)
     plt.close("all")
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Learn a task by PPO, and compare with casting.")
+    parser = argparse.ArgumentParser(description="Learn a task by PPO, and compare the policy with casting.")
     parser.add_argument(
         "--task", type=Path, default=TASK, help="scenario with a mixture of gases of one source each"
     )
@@ -389,14 +389,14 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         "--set", action="append", default=[], metavar="PATH=VALUE", help="change a key of the task"
     )
-    parser.add_argument("--minutes", type=float, default=5.0, help="of learning")
+    parser.add_argument("--minutes", type=float, default=5.0, help="training time")
     parser.add_argument("--envs", type=int, default=256, help="environments at once")
-    parser.add_argument("--rollout", type=int, default=45, help="decisions of each between updates")
+    parser.add_argument("--rollout", type=int, default=45, help="decisions per environment between updates")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--threads", type=int, default=2, help="of torch")
-    parser.add_argument("--trials", type=int, default=100, help="of each held-out run")
-    parser.add_argument("--airs", type=int, default=4, help="held-out airs of each place")
-    parser.add_argument("--evaluate", action="store_true", help="only compare what was learnt before")
+    parser.add_argument("--threads", type=int, default=2, help="threads of torch")
+    parser.add_argument("--trials", type=int, default=100, help="trials of each held-out run")
+    parser.add_argument("--airs", type=int, default=4, help="held-out flow realisations per source position")
+    parser.add_argument("--evaluate", action="store_true", help="compare an existing policy, without training")
     return parser.parse_args()
 
 
