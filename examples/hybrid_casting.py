@@ -169,9 +169,7 @@ def main() -> None:
     )
     parser.add_argument("where", nargs="?", default="127.0.0.1:7447", help="HOST:PORT of the service")
     parser.add_argument("--group", default="roomba")
-    parser.add_argument(
-        "--velocity", action="store_true", help="send velocity commands instead of poses"
-    )
+    parser.add_argument("--velocity", action="store_true", help="send velocity commands instead of poses")
     args = parser.parse_args()
     try:
         with Team(args.where, group=args.group, patience=20.0) as team:

@@ -396,7 +396,9 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--threads", type=int, default=2, help="threads of torch")
     parser.add_argument("--trials", type=int, default=100, help="trials of each held-out run")
     parser.add_argument("--airs", type=int, default=4, help="held-out flow realisations per source position")
-    parser.add_argument("--evaluate", action="store_true", help="compare an existing policy, without training")
+    parser.add_argument(
+        "--evaluate", action="store_true", help="compare an existing policy, without training"
+    )
     return parser.parse_args()
 
 
