@@ -128,7 +128,7 @@ write(AIR.replace("duration: 20 s", "duration: 120 s") + ROBOTS)
 terminal("python -m taichi_plume.run room.yaml --out runs/robots --force")
 
 # %%
-# A picture, a moment before the first robot arrives:
+# A picture of the search:
 
 terminal("python -m taichi_plume.picture runs/robots --at 26 --out robots.png")
 # sphinx_gallery_thumbnail_number = 2
@@ -177,7 +177,8 @@ python -m taichi_plume.run room.yaml --duration 90 --set robots.0.trials=50 \
 
 # %%
 # The result has a confidence interval, as 50 trials are still few, and a warning: all trials share *one* flow
-# realisation. Another ``--seed`` gives another one. Another algorithm, in the same realisation, for a fair comparison:
+# realisation, an *air* for short. Another ``--seed`` gives another one. Another algorithm, in the same realisation, for
+# a fair comparison:
 
 terminal("""
 python -m taichi_plume.run room.yaml --duration 90 --set robots.0.trials=50 \
