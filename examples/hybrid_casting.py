@@ -1,11 +1,11 @@
-"""A robot outside of the simulator that searches for a simulated plume by casting, after Lochmatter & Martinoli 2008.
+"""External robot that searches for a simulated plume by casting, after Lochmatter & Martinoli 2008.
 
     python -m taichi_plume.serve configs/live/plumesim_hybrid.yaml      # in one terminal
     python examples/hybrid_casting.py                                   # in another one
 
-The program stands for a real robot: it knows its own wheels and its own algorithm, tells where it is, and is told what
-its gas sensor and its anemometer would read there. With --velocity the simulator carries the robots out as well, and
-takes commands (of a group with ``takes: velocity``). Any number of robots are driven, each on its own.
+The program replaces a real robot: it has its own kinematics and algorithm, sends its pose, and receives the readings of
+gas sensor and anemometer there. With --velocity the simulator also moves the robots, and the program sends velocity
+commands (group with ``takes: velocity``). Any number of robots are driven independently.
 """
 
 import argparse
@@ -21,7 +21,7 @@ MOST_CASTS = 4
 
 @dataclass
 class Settings:
-    """speed [m/s], threshold [ppm], distances [m], angle to the wind [rad], memory of the wind [s]."""
+    """Speed [m/s], threshold [ppm], distances [m], angle to the wind [rad], time constant of the wind mean [s]."""
 
     speed: float = 0.2
     threshold: float = 5.0
@@ -34,7 +34,7 @@ class Settings:
 
 
 class Casting:
-    """Zigzag upwind in the plume; out of it, sweep across the wind, wider each time; at first, look for it in lanes."""
+    """Casting: lanes until the first detection, a zigzag upwind in the plume, ever wider crosswind sweeps outside."""
 
     def __init__(self, n: int, settings: Settings, heading: np.ndarray, rng: np.random.Generator):
         self.at, self.state = settings, np.full(n, FIND)
@@ -42,11 +42,11 @@ class Casting:
         self.step_sign, self.cast, self.failed = np.ones(n), np.zeros(n), np.zeros(n, int)
         self.wind, self.upwind = np.zeros((n, 2)), np.column_stack([np.cos(heading), np.sin(heading)])
         self.peak, self.trough = np.zeros(n), np.full(n, np.inf)
-        self.way, self.stuck = np.zeros(n), np.zeros(n)  # way since the leg's begin [m], time blocked [s]
+        self.way, self.stuck = np.zeros(n), np.zeros(n)  # way on the path segment [m], time blocked [s]
         self.place: np.ndarray | None = None
 
     def course(self) -> np.ndarray:
-        """Unit vectors along which they want to go, (n, 2)."""
+        """Unit vectors of the desired courses, (n, 2)."""
         u = self.upwind
         across = self.side[:, None] * np.column_stack([-u[:, 1], u[:, 0]])
         zigzag = np.cos(self.at.angle) * u + np.sin(self.at.angle) * across
@@ -121,7 +121,7 @@ class Casting:
 
 
 class Wheels:
-    """Where robots of that radius [m] are in an empty arena, as a real robot knows by its own localisation."""
+    """Poses of robots of a radius [m] in an empty arena, as from the localisation of a real robot."""
 
     def __init__(self, position: np.ndarray, heading: np.ndarray, size: tuple[float, float], radius: float):
         self.position, self.heading = position.astype(float), heading.astype(float)
@@ -129,7 +129,7 @@ class Wheels:
         self.blocked = np.zeros(len(heading), bool)
 
     def drive(self, speed: np.ndarray, turn_rate: np.ndarray, dt: float, most_turn: float) -> None:
-        """Drive for dt [s]; walls stop them, and they slide along."""
+        """Drive for dt [s]; robots slide along walls."""
         turn = np.clip(turn_rate, -most_turn, most_turn) * dt
         course = self.heading + 0.5 * turn
         wanted = (speed * dt)[:, None] * np.column_stack([np.cos(course), np.sin(course)])
@@ -141,10 +141,10 @@ class Wheels:
 def search(
     team: Team, velocity: bool, seed: int = 0, size: tuple[float, float] = (4.0, 3.0), radius: float = 0.17
 ):
-    """Let all robots of a team search until all are there or the service ends; returns the last readings."""
+    """Search with all robots of a team until all arrive or the service ends; return the last readings."""
     now = team.wait()
     if now is None:
-        raise ConnectionError(f"the service tells nothing of a group {team.group}")
+        raise ConnectionError(f"the service sends no readings of a group {team.group}")
     casting = Casting(len(now.robot), Settings(), now.heading, np.random.default_rng(seed))
     wheels = None if velocity else Wheels(now.position, now.heading, size, radius)
     last, before = now, now.t
@@ -169,9 +169,7 @@ def main() -> None:
     )
     parser.add_argument("where", nargs="?", default="127.0.0.1:7447", help="HOST:PORT of the service")
     parser.add_argument("--group", default="roomba")
-    parser.add_argument(
-        "--velocity", action="store_true", help="command velocities, where the group takes them"
-    )
+    parser.add_argument("--velocity", action="store_true", help="send velocity commands instead of poses")
     args = parser.parse_args()
     try:
         with Team(args.where, group=args.group, patience=20.0) as team:

@@ -1,15 +1,15 @@
-"""Learn to find the source of a plume by PPO, and compare what was learnt with casting in airs that it never saw.
+"""Learn to find the source of a plume by PPO, and compare the policy with casting in held-out flow realisations.
 
     pip install "taichi_plume[learn]"
     python examples/learn_search.py --out runs/learn_search
 
-Two cores and five minutes of learning. Writes to the folder: bank.zarr (the airs it learnt in), policy.onnx,
-learning.json (success and return over time), result.json (both searches in the same held-out runs, and the policy in
-the environment), curves.png and comparison.png.
+Learning takes five minutes on two cores. Output files: bank.zarr (flow realisations of the training, called airs in
+the code), policy.onnx, learning.json (success and return over time), result.json (both searches in the same held-out
+runs, and the policy in the environment), curves.png and comparison.png.
 
-Held out: the seeds, the airs (other seeds of the air), and the places of the source, which lie between and beyond those
-that were learnt. Both searches run as scenarios, with the same starts in the same airs, each alone. Casting has the
-threshold at which it did best among some in airs of the training, so that it is not beaten for a bad choice.
+Held out are the seeds, the flow realisations (other air seeds), and the source positions, which lie between and beyond
+the training positions. Both searches run as scenarios, with the same starts in the same flows, each alone. Casting uses
+the best of several thresholds in training flows, for a fair comparison.
 """
 
 import argparse
@@ -44,9 +44,9 @@ HELD_OUT = (
     (0.9, 0.5),
     (1.3, 0.9),
     (1.3, 2.3),
-)  # places of the source [m]
-LEAST_SPREAD = 0.02  # of an observation that hardly changes
-FAR = 1000  # by which seeds of held-out airs lie off those that were learnt
+)  # source positions [m]
+LEAST_SPREAD = 0.02  # lower bound for nearly constant observations
+FAR = 1000  # offset of the held-out seeds from the training seeds
 
 
 def main() -> None:
@@ -74,16 +74,16 @@ def main() -> None:
 
 
 def words(told: dict[str, Any]) -> str:
-    """A result in a line."""
+    """Return a result as one line of text."""
     share, times = told["success"], told["time_s"]
     found = (
-        f", {times['mean']:.1f} s ({times['low']:.1f} to {times['high']:.1f} s) until then"
+        f", {times['mean']:.1f} s ({times['low']:.1f} to {times['high']:.1f} s) on success"
         if share["mean"]
         else ""
     )
     return (
         f"{share['mean']:.1%} ({share['low']:.1%} to {share['high']:.1%}) of {share['n']} find the source{found}; "
-        f"{told['censored_time_s']:.1f} s with those that do not"
+        f"{told['censored_time_s']:.1f} s including failures"
     )
 
 
@@ -91,10 +91,10 @@ def words(told: dict[str, Any]) -> str:
 
 
 class Progress(BaseCallback):
-    """Stops when the time is over, and keeps how episodes went, rollout by rollout."""
+    """Callback that stops at the time limit and records success and return of each rollout."""
 
     def __init__(self, minutes: float, begun: float, over: int):
-        """over: episodes that are told of, the last ones; fewer would be those that end early, as all began at once."""
+        """over: number of last episodes to average. A small number favours short episodes, as all start at once."""
         super().__init__()
         self.end, self.begun = begun + 60.0 * minutes, begun
         self.curve: list[dict[str, float]] = []
@@ -126,7 +126,7 @@ class Progress(BaseCallback):
 
 
 class Standardised(BaseFeaturesExtractor):
-    """Observations less their mean over their spread, of some random episodes: a whiff is a small number otherwise."""
+    """Standardised observations, by mean and spread of random episodes: raw values of whiffs are small."""
 
     def __init__(self, observation_space: Any, mean: np.ndarray, spread: np.ndarray):
         super().__init__(observation_space, len(mean))
@@ -134,12 +134,12 @@ class Standardised(BaseFeaturesExtractor):
         self.register_buffer("spread", torch.as_tensor(spread, dtype=torch.float32))
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """(batch, size) of observations (batch, size)."""
+        """Return standardised observations (batch, size)."""
         return (observation - self.mean) / self.spread
 
 
 def scales(envs: Any, steps: int = 100) -> dict[str, np.ndarray]:
-    """Mean and spread of what is observed while robots do anything."""
+    """Mean and spread of observations under random actions."""
     rng, low, high = np.random.default_rng(0), -1.0, 1.0
     envs.reset()
     actions = (envs.num_envs, envs.action_space.shape[0])
@@ -148,13 +148,13 @@ def scales(envs: Any, steps: int = 100) -> dict[str, np.ndarray]:
 
 
 def learn(scenario: Scenario, bank: Any, args: argparse.Namespace) -> None:
-    """PPO; leaves policy.onnx and learning.json."""
+    """Train by PPO; write policy.onnx and learning.json."""
     envs = sb3_env(scenario, args.envs, bank=bank)
     envs.seed(args.seed)
     begun = time.perf_counter()
 
     def rate(_: float) -> float:
-        """It falls with the time of the clock, as the number of steps is not known before."""
+        """Learning rate, falling with wall-clock time, as the number of steps is unknown beforehand."""
         return 1e-3 * max(0.1, 1.0 - (time.perf_counter() - begun) / (60.0 * args.minutes))
 
     model = PPO(
@@ -193,7 +193,7 @@ def learn(scenario: Scenario, bank: Any, args: argparse.Namespace) -> None:
 
 
 class Actor(torch.nn.Module):
-    """The mean action of a policy: what runs, without the noise that it was learnt with."""
+    """Mean action of a policy, without the exploration noise of the training."""
 
     def __init__(self, policy: Any):
         super().__init__()
@@ -201,7 +201,7 @@ class Actor(torch.nn.Module):
         self.body, self.head = policy.mlp_extractor.policy_net, policy.action_net
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """Actions (batch, actions) from -1 to 1 of observations (batch, size)."""
+        """Return actions (batch, actions) from -1 to 1 for observations (batch, size)."""
         return torch.clamp(self.head(self.body(self.seen(observation))), -1.0, 1.0)
 
 
@@ -226,7 +226,7 @@ def export(model: PPO, path: Path) -> None:
 
 
 def compare(scenario: Scenario, folder: Path, args: argparse.Namespace) -> dict[str, Any]:
-    """Both searches in the same held-out scenarios, and the policy in the environment."""
+    """Compare both searches in the same held-out scenarios, and the policy in the environment."""
     threshold = best_threshold(scenario, folder, args)
     casting = Casting(kind="casting", threshold_ppm=threshold)
     learners = scenario.learners
@@ -244,7 +244,7 @@ def compare(scenario: Scenario, folder: Path, args: argparse.Namespace) -> dict[
 def alone(
     scenario: Scenario, algorithm: Any, place: tuple[float, float], shift: int, trials: int
 ) -> Scenario:
-    """A search for one source at a place, in the air of another seed."""
+    """Scenario of a search for one source at a position, in the flow of another seed."""
     gas = scenario.gases[0][1]
     source = gas.sources[0].model_copy(update={"position": place})
     group = scenario.learners.model_copy(update={"algorithm": algorithm, "trials": trials})
@@ -262,7 +262,7 @@ def alone(
 def runs(
     scenario: Scenario, algorithm: Any, folder: Path, places: Any, shift: int, airs: int, trials: int
 ) -> dict[str, Any]:
-    """How a search does, as an ordinary scenario, from each place in each of some airs."""
+    """Result of a search, run as an ordinary scenario, for each source position in each of several flows."""
     sim, found, times, by_run = None, [], [], []
     for p, place in enumerate(places):
         for k in range(airs):
@@ -283,7 +283,7 @@ def runs(
 
 
 def summary(found: np.ndarray, times: np.ndarray) -> dict[str, Any]:
-    """Success with Wilson's interval, and times: in the censored one, those that find none count with all theirs."""
+    """Success with Wilson's interval, and times; in the censored time, a failure counts with the full duration."""
     return {
         "success": share_with_interval(int(found.sum()), len(found)),
         "time_s": mean_with_interval(times[found]),
@@ -292,7 +292,7 @@ def summary(found: np.ndarray, times: np.ndarray) -> dict[str, Any]:
 
 
 def best_threshold(scenario: Scenario, folder: Path, args: argparse.Namespace) -> float:
-    """Of casting: where it finds most in airs and with places that were learnt, in the shortest time."""
+    """Threshold of casting with the shortest mean time in training flows and with training positions."""
     places = [tuple(gas.sources[0].position[:2]) for _, gas in scenario.gases][::3]
     told = {
         threshold: runs(
@@ -304,7 +304,7 @@ def best_threshold(scenario: Scenario, folder: Path, args: argparse.Namespace) -
 
 
 def in_environment(scenario: Scenario, folder: Path, args: argparse.Namespace) -> dict[str, Any]:
-    """How the ONNX file does in the environment itself, in the held-out airs and with the held-out places."""
+    """Result of the ONNX file in the environment itself, with held-out flows and source positions."""
     import onnxruntime
 
     gas = scenario.gases[0][1]
@@ -327,7 +327,7 @@ def in_environment(scenario: Scenario, folder: Path, args: argparse.Namespace) -
     per, count = wanted // args.trials, np.zeros(args.trials, int)
     while (
         count.min() < per
-    ):  # as many episodes of each environment: else short ones would be counted more often
+    ):  # equal numbers of episodes per environment: otherwise short episodes would count more often
         seen, _, over, infos = envs.step(session.run(None, {"observation": seen})[0])
         ended += [infos[e]["search"] for e in np.flatnonzero(over & (count < per))]
         count += over
@@ -341,7 +341,7 @@ def in_environment(scenario: Scenario, folder: Path, args: argparse.Namespace) -
 
 
 def draw(out: Path, result: dict[str, Any]) -> None:
-    """curves.png of learning, comparison.png of success and time."""
+    """Draw curves.png of learning and comparison.png of success and time."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -375,13 +375,13 @@ def draw(out: Path, result: dict[str, Any]) -> None:
         [result[name]["censored_time_s"] for name in names],
         color=["tab:orange", "tab:blue", "tab:cyan"],
     )
-    axes[1].set(ylabel="mean time, failures with all of it [s]")
+    axes[1].set(ylabel="mean time, failures count in full [s]")
     figure.savefig(out / "comparison.png", dpi=150)
     plt.close("all")
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Learn a task by PPO, and compare with casting.")
+    parser = argparse.ArgumentParser(description="Learn a task by PPO, and compare the policy with casting.")
     parser.add_argument(
         "--task", type=Path, default=TASK, help="scenario with a mixture of gases of one source each"
     )
@@ -389,14 +389,16 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         "--set", action="append", default=[], metavar="PATH=VALUE", help="change a key of the task"
     )
-    parser.add_argument("--minutes", type=float, default=5.0, help="of learning")
+    parser.add_argument("--minutes", type=float, default=5.0, help="training time")
     parser.add_argument("--envs", type=int, default=256, help="environments at once")
-    parser.add_argument("--rollout", type=int, default=45, help="decisions of each between updates")
+    parser.add_argument("--rollout", type=int, default=45, help="decisions per environment between updates")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--threads", type=int, default=2, help="of torch")
-    parser.add_argument("--trials", type=int, default=100, help="of each held-out run")
-    parser.add_argument("--airs", type=int, default=4, help="held-out airs of each place")
-    parser.add_argument("--evaluate", action="store_true", help="only compare what was learnt before")
+    parser.add_argument("--threads", type=int, default=2, help="threads of torch")
+    parser.add_argument("--trials", type=int, default=100, help="trials of each held-out run")
+    parser.add_argument("--airs", type=int, default=4, help="held-out flow realisations per source position")
+    parser.add_argument(
+        "--evaluate", action="store_true", help="compare an existing policy, without training"
+    )
     return parser.parse_args()
 
 

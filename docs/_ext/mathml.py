@@ -1,4 +1,4 @@
-"""Formulas as MathML, made at build time by docutils: pages show them without a script and without another host."""
+"""Formulas as MathML, made at build time by docutils: pages need no script and no other host to show them."""
 
 import re
 from html import escape
@@ -10,13 +10,13 @@ from sphinx.application import Sphinx
 from sphinx.util import logging
 from sphinx.writers.html5 import HTML5Translator
 
-# In TeX what follows a fraction or a power is one digit, docutils takes the whole number.
+# In TeX a fraction or a power takes one digit; docutils takes the whole number.
 DIGITS = {r"(\\[dt]?frac)\s*(\d)(\d)": r"\1{\2}{\3}", r"([\^_])(\d)(?=\d)": r"\1{\2}"}
-SIGNS = {"°": r"{}^{\circ}", "²": "^2", "³": "^3", "·": r"\cdot "}  # that docutils does not know in formulas
+SIGNS = {"°": r"{}^{\circ}", "²": "^2", "³": "^3", "·": r"\cdot "}  # unknown to docutils in formulas
 
 
 def made(node: nodes.Element, as_block: bool) -> str:
-    """The MathML of a formula; what docutils cannot read is warned of, and shown as it was written."""
+    """MathML of a formula. A formula that docutils cannot parse gives a warning and is shown as source."""
     text = node.astext()
     for sign, tex in SIGNS.items():
         text = text.replace(sign, tex)
@@ -30,13 +30,13 @@ def made(node: nodes.Element, as_block: bool) -> str:
 
 
 def inline(writer: HTML5Translator, node: nodes.math) -> None:
-    """A formula in a line of text."""
+    """Write an inline formula."""
     writer.body.append(made(node, as_block=False))
     raise nodes.SkipNode
 
 
 def block(writer: HTML5Translator, node: nodes.math_block) -> None:
-    """A formula that stands by itself, with its number if it has one."""
+    """Write a displayed formula, with its number if present."""
     number = f'<span class="eqno">({node["number"]})</span>' if node.get("number") else ""
     identity = f' id="{node["ids"][0]}"' if node.get("ids") else ""
     writer.body.append(f'<div class="math"{identity}>{number}{made(node, as_block=True)}</div>')
@@ -44,6 +44,6 @@ def block(writer: HTML5Translator, node: nodes.math_block) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Tell Sphinx of the renderer `mathml`."""
+    """Register the renderer `mathml` in Sphinx."""
     app.add_html_math_renderer("mathml", (inline, None), (block, None))
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -38,11 +38,11 @@ PAGES = {
     "sensors": ("Sensors", ["robots[].sensors"]),
     "maps": ("Gas maps", ["maps[]"]),
     "outputs": (
-        "What a run writes",
+        "Outputs of a run",
         ["recording", "forces", "probes", "fields", "plumesim_log", "checkpoint"],
     ),
 }
-"""Title of each page, and its places, with all below them that no other page names."""
+"""Title and paths of each page; a page includes everything below its paths that no other page names."""
 
 
 def page_of(path: str) -> str:
@@ -91,10 +91,10 @@ def _introduction(base: str) -> Iterator[str]:
     """Yield the index page."""
     yield from (
         "A scenario is a YAML file of these parts. All units are SI; a *quantity* is a number in the unit given "
-        "here, or a text with another one, such as ``20 cm``, ``10 mg/s`` or ``2 min``. A key with *list* in its type "
-        "takes several values in brackets, ``[]`` in a path stands for any of a list, and ``--set robots.0.count=6`` "
-        "changes one. ``python -m taichi_plume.scenario --explain KEY`` prints the same in a terminal, "
-        "``--check`` explains a whole scenario, and ``--schema`` gives it to editors.",
+        "here, or a text with another unit, such as ``20 cm``, ``10 mg/s`` or ``2 min``. A key with *list* in its type "
+        "takes several values in brackets, ``[]`` in a path stands for any element, and ``--set robots.0.count=6`` "
+        "changes one value. ``python -m taichi_plume.scenario --explain KEY`` prints the same in a terminal, "
+        "``--check`` explains a whole scenario, and ``--schema`` prints a JSON schema for editors.",
         "",
         "Examples replace or add parts of this scenario:",
         "",
@@ -153,7 +153,7 @@ def _figures(key: Key) -> str:
     """Return type, unit, limits, default and kinds in a line."""
     fact = key.facts
     parts = [f"*{escaped(fact.type)}*" + (f" in {escaped(fact.unit)}" if fact.unit else ""), fact.limits]
-    parts += [f"default: ``{fact.default}``" if fact.default else "has to be given"]
+    parts += [f"default: ``{fact.default}``" if fact.default else "required"]
     parts += [f"of kind {_names(key.kinds)}"] if key.kinds else []
     return " · ".join(filter(None, parts))
 

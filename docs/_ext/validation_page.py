@@ -1,4 +1,4 @@
-"""Makes the tables and plots of the validation's pages from validation/results.json (see validation/make.py).
+"""Write the tables and plots of the validation pages from validation/results.json (see validation/make.py).
 
 A Sphinx extension: before a build it writes validation/tables.md, which validation.md includes, validation/repeated.md,
 which experiments.md includes, and validation/plots/.
@@ -12,54 +12,54 @@ from urllib.parse import quote
 
 GROUPS = (
     (
-        "Does the air move as it should?",
-        "Flows whose answer is known: vortices that die away, ducts, channels, a box with a sliding lid. They show "
-        "that the equations are solved, and how fast errors shrink with the cells.",
+        "Is the flow right?",
+        "Flows with a known solution: decaying vortices, ducts, channels, a lid-driven cavity. They show that the "
+        "equations are solved, and how fast errors shrink with the cell size.",
         r"taylor_green|kovasznay|ethier|poiseuille|couette|duct|cavity_\d|drifting_v|oscillating|conduction|"
         r"heated|thermal_plume|one_layer",
     ),
     (
-        "Around things, through openings, along walls",
-        "What rooms are made of: cylinders that shed eddies, pipes that the grid cuts, fans, rotors and their jets, "
-        "floors, gusts that are blown in, rooms that are mirrored and turned. Measured by others in laboratories, or "
-        "bound to be kept, as mass is.",
+        "Obstacles, openings and walls",
+        "The parts of a room: cylinders that shed eddies, pipes oblique to the grid, fans, rotors and their jets, "
+        "floors, inflow turbulence, mirrored and rotated rooms. The references are laboratory measurements, or "
+        "conservation laws such as that of mass.",
         r"symmetry|bluff|cylinder|shedding|pipe|oblique_channel|room_\dd|fan|hovering|floor|log_layer|inflow|imported",
     ),
     (
-        "Does the gas spread as it should?",
-        "A puff must drift with the wind and grow by diffusion; a thin plume must not be dragged along the grid; even "
-        "gas must stay even, and all that a source gives off must be somewhere.",
+        "Is the gas transport right?",
+        "A puff must drift with the wind and grow by diffusion; the grid must not bend a thin plume; uniform gas must "
+        "stay uniform, and the mass released by a source must be conserved.",
         r"puff_at|puff_drift|puff_moments|shear_|turning|slotted|taylor_dispersion|source_places|oblique_plume|"
         r"well_mixed|mass_budget|plume_on_the_grid|near_source",
     ),
     (
         "Closed forms, gusts and puffs",
-        "Plumes that are told by a formula, against other formulas; whiffs and blanks; and turbulent puffs, whose "
-        "spread must not depend on the step, and which must lose nothing at walls.",
+        "Plumes in closed form, against other formulas; whiffs and blanks; and turbulent puffs, whose spread must not "
+        "depend on the time step, and which must lose no mass at walls.",
         r"steady_plume|release_|plume_in|puff_between|meandering|whiffs|turbulent_whiffs|puffs_",
     ),
     (
-        "Experiments of others, repeated",
-        "Published searches and maps, in many trials, with intervals of 95 % confidence over airs. Here much is not "
-        "told in the papers, so the same order and the same size are what can be asked for. What is reproduced, what "
+        "Published experiments, repeated",
+        "Published searches and maps, in many trials, with 95 % confidence intervals over flow realisations (airs). "
+        "The papers omit many details, so agreement in ranking and magnitude is the target. What is reproduced, what "
         "is not, and why: [The papers again](experiments.md).",
         r"plumesim_casting|plumesim_hybrid|spiral_table2|dapso_arena|infotaxis_grid|odor_mapping",
     ),
     (
-        "Rooms and plumes that were measured",
-        "Air and gas that others have measured in rooms, channels and wind tunnels. More of them: "
+        "Measured rooms and plumes",
+        "Air and gas measured by others in rooms, channels and wind tunnels. More of them: "
         "[The papers again](experiments.md).",
         r"annex20|backward_step|helium_box|tunnel_plume|room_air",
     ),
 )
-"""Title, what it is about, and which cases belong to it."""
+"""Title, introduction, and a pattern of the names of its cases."""
 
 REPEATED = GROUPS[-2:]
-"""Whose cases are told of at length."""
+"""Groups whose cases are described at length."""
 
 
 class Known(NamedTuple):
-    """What is known of a case before it is run."""
+    """Description of a case, independent of its results."""
 
     about: str
     reference: str
@@ -70,7 +70,7 @@ WORDS = {True: "met", False: "**not met**", None: ""}
 
 
 def setup(app: Any) -> dict[str, Any]:
-    """Called by Sphinx."""
+    """Register the extension in Sphinx."""
     app.connect("builder-inited", lambda app: write(Path(app.srcdir) / "validation"))
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
@@ -93,14 +93,14 @@ def write(folder: Path) -> None:
 
 
 def cases() -> dict[str, Known]:
-    """What each case is about, what it is compared with, and what comes of it in words."""
+    """Description, reference and discussion of each case."""
     from taichi_plume.validation.cases import CASES
 
     return {name: Known(case.about, case.reference, case.discussion) for name, case in CASES.items()}
 
 
 def repeated(cases: dict[str, Known], results: dict[str, Any]) -> str:
-    """The page of experiments and measured rooms, of each paragraphs, figures and plots; cases as of `cases`."""
+    """Page of experiments and measured rooms, with text, figures and plots of each; cases: result of `cases`."""
     parts = []
     for title, _, pattern in REPEATED:
         parts.append(f"## {title}\n")
@@ -113,7 +113,7 @@ def repeated(cases: dict[str, Known], results: dict[str, Any]) -> str:
 
 
 def _figures(result: dict[str, Any]) -> list[str]:
-    """Tables of what is judged or was published, and of the rest, and the plots."""
+    """Tables of judged or published quantities, of the remaining ones, and the plots."""
     if result["message"]:
         return [f"**{_plain(result['message'])}**\n"]
     made = f"{result['date']}, commit `{result['commit'] or '?'}`"
@@ -126,7 +126,7 @@ def _figures(result: dict[str, Any]) -> list[str]:
     if first:
         parts.append(_means(first))
     if rest:
-        parts += ["<details><summary>What else was measured</summary>\n", _means(rest), "</details>\n"]
+        parts += ["<details><summary>Further quantities</summary>\n", _means(rest), "</details>\n"]
     if _panels(result):
         parts.append(
             f"```{{image}} validation/plots/{result['name']}.svg\n:alt: plots of {result['name']}\n```\n"
@@ -135,9 +135,9 @@ def _figures(result: dict[str, Any]) -> list[str]:
 
 
 def _means(rows: list[dict[str, Any]]) -> str:
-    """The table of an experiment; a condition is named once."""
+    """Table of an experiment; each condition is named once."""
     lines, last = (
-        ["| condition | quantity | found | published | wanted | verdict |", "|---|---|---|---|---|---|"],
+        ["| condition | quantity | found | published | target | verdict |", "|---|---|---|---|---|---|"],
         "",
     )
     for row in rows:
@@ -149,7 +149,7 @@ def _means(rows: list[dict[str, Any]]) -> str:
 
 
 def page(cases: dict[str, Known], results: dict[str, Any]) -> str:
-    """The part of the page that is made of the results; cases: as of `cases`."""
+    """Part of the page that shows the results; cases: result of `cases`."""
     run = [results[name] for name in cases if name in results]
     failed = [one["name"] for one in run if not one["passed"]]
     verdict = f"not all is met by {', '.join(f'`{name}`' for name in failed)}" if failed else "all is met"
@@ -169,7 +169,7 @@ def page(cases: dict[str, Known], results: dict[str, Any]) -> str:
 
 
 def _table(names: list[str], cases: dict[str, Known], results: dict[str, Any]) -> str:
-    rows = ["| what was compared | with what | wanted | measured | verdict |", "|---|---|---|---|---|"]
+    rows = ["| case | reference | target | measured | verdict |", "|---|---|---|---|---|"]
     for name in names:
         about, reference, _ = cases[name]
         first = f"{_plain(about)} (`{name}`)", _linked(reference)
@@ -180,12 +180,12 @@ def _table(names: list[str], cases: dict[str, Known], results: dict[str, Any]) -
 
 
 def _told(result: dict[str, Any]) -> list[tuple[str, str, str]]:
-    """What was wanted, what was measured, and the verdict, of all that is judged."""
+    """Target, measurement and verdict of every judged quantity."""
     if result["message"]:
         return [("", _plain(result["message"]), WORDS[False])]
     told = [(*_norm(row), WORDS[row["met"]]) for row in result.get("norms", ()) if row["met"] is not None]
     told += [(*_mean(row), WORDS[row["met"]]) for row in result.get("rows", ()) if row["met"] is not None]
-    return told or [("", "told, not judged", "")]
+    return told or [("", "reported, not judged", "")]
 
 
 def _norm(row: dict[str, Any]) -> tuple[str, str]:
@@ -202,14 +202,14 @@ def _mean(row: dict[str, Any]) -> tuple[str, str]:
 
 
 def _found(row: dict[str, Any]) -> str:
-    """A mean with its interval."""
+    """Mean with its confidence interval."""
     between = "" if row["low"] is None else f" ({row['low']:.3g} to {row['high']:.3g})"
     mean = "none" if row["mean"] is None else f"{row['mean']:.3g}{between}"
     return f"{mean}, n = {row['n']}" + (f" in {row['airs']} airs" if row.get("airs") else "")
 
 
 def _linked(reference: str) -> str:
-    """With a short link in place of a DOI, which would make the column wide."""
+    """Reference with a short link in place of a DOI, which would widen the column."""
     text, _, doi = reference.partition("doi:")
     number = re.match(r"[^\s,;)]+", doi)
     if number is None:
@@ -223,7 +223,7 @@ def _limit(expected: str) -> str:
 
 
 def _plain(text: str, lines: bool = False) -> str:
-    """A text of the report in a cell of a table: no character means anything. lines: it keeps its lines."""
+    """Escape a text for a table cell. lines: keep the line breaks."""
     return re.sub(r"([\\`*_{}\[\]|$<>~^#])", r"\\\1", text if lines else text.replace("\n", " "))
 
 
@@ -238,14 +238,14 @@ def _plots(names: list[str], results: dict[str, Any]) -> list[str]:
         for name in drawn
     )
     return (
-        [f"<details><summary>Plots of {len(drawn)} of them</summary>\n", *figures, "</details>\n"]
+        [f"<details><summary>Plots of {len(drawn)} cases</summary>\n", *figures, "</details>\n"]
         if drawn
         else []
     )
 
 
 def _panels(result: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
-    """What there is to draw: titles and pictures; converging errors first."""
+    """Titles and pictures to draw; converging errors first."""
     rows = [row for row in result.get("norms", ()) if row["order"] is not None and len(row["errors"]) > 1]
     first = [("Error over resolution", {"kind": "errors", "rows": rows})] if rows else []
     return first + list(result.get("pictures", {}).items())

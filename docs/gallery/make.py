@@ -1,8 +1,8 @@
 """Renew the gallery's pictures: ``python docs/gallery/make.py [NAMES]``.
 
-Runs each config and draws its recording with `python -m taichi_plume.picture`, two at a time; all of them take some
-five minutes on two cores. What was drawn of which config is kept in pictures.json: a test asks for new pictures where
-a config has changed since. `--runs FOLDER` draws runs that are there already, FOLDER/NAME each.
+Runs each config and draws its recording with `python -m taichi_plume.picture`, two at a time; all configs take some
+five minutes on two cores. pictures.json stores the pictures and the digest of each config: a test fails if a config has
+changed since. `--runs FOLDER` draws existing runs, FOLDER/NAME each.
 """
 
 import argparse
@@ -24,7 +24,7 @@ CONFIGS = ROOT / "configs"
 KEPT = HERE / "pictures.json"
 LOCK = threading.Lock()
 LARGEST = 300_000  # bytes of a picture
-COLOURS = {".png": (256, 128, 64, 32, 16), ".gif": (64, 48)}  # fewer and fewer, until a picture fits
+COLOURS = {".png": (256, 128, 64, 32, 16), ".gif": (64, 48)}  # tried in turn until a picture fits
 FEWER = 0.85  # of the frames of a film that does not fit with the fewest colours
 FILM = ("--frames", "30", "--fps", "6", "--width", "480")
 STILL = ("--width", "1000")
@@ -52,15 +52,15 @@ PICTURES: dict[str, dict[str, tuple[str, ...]]] = {
         "heated_room_gas.png": ("--view", "section"),
     },
 }
-"""What is drawn of a config, by its file; unless told, its end."""
+"""Picture files of each config, with their drawing options; the default is the end of the run."""
 
 
 def main() -> int:
-    """Run the command line; 1 where a config could not be drawn."""
+    """Run the command line. Return 1 if drawing of a config failed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("names", nargs="*", metavar="NAMES", help="configs (default: all)")
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="runs at a time (default: 2)")
-    parser.add_argument("--runs", type=Path, metavar="FOLDER", help="draw the runs that are in there")
+    parser.add_argument("--runs", type=Path, metavar="FOLDER", help="draw the runs in this folder")
     args = parser.parse_args()
     names = args.names or sorted(path.stem for path in CONFIGS.glob("*.yaml"))
     failed = []
@@ -72,7 +72,7 @@ def main() -> int:
 
 
 def _try(name: str, runs: Path | None) -> str:
-    """Draw a config; what went wrong, if anything did."""
+    """Draw a config. Return the error message, or an empty string."""
     try:
         if runs is not None:
             draw(name, runs / name)
@@ -88,7 +88,7 @@ def _try(name: str, runs: Path | None) -> str:
 
 
 def draw(name: str, run: Path) -> None:
-    """Draw what is shown of a run, and keep of which config it was."""
+    """Draw the pictures of a run, and store the digest of its config."""
     pictures = PICTURES.get(name, {f"{name}.png": ()})
     for file, options in pictures.items():
         path = HERE / "pictures" / file
@@ -104,12 +104,12 @@ def draw(name: str, run: Path) -> None:
 
 
 def digest(config: Path) -> str:
-    """SHA-256 of a config, whatever its line ends."""
+    """SHA-256 of a config, independent of its line ends."""
     return hashlib.sha256(config.read_bytes().replace(b"\r\n", b"\n")).hexdigest()
 
 
 def fit(path: Path) -> None:
-    """Take colours from a picture until it is small enough; of a film frames too, if that does not do."""
+    """Reduce the colours of a picture until its file is small enough; for a film, then the frames."""
     with Image.open(path) as image:
         duration = image.info.get("duration", 0)
         frames = []
@@ -121,7 +121,7 @@ def fit(path: Path) -> None:
         step = len(frames) / int(count)
         shown = [frames[int(n * step)] for n in range(int(count))]
         for colours in COLOURS[path.suffix]:
-            # what is rare in a film, such as a robot's colour, keeps it; a still has colours enough
+            # MAXCOVERAGE keeps rare colours of a film, such as those of robots; a still has enough colours
             how = Image.Quantize.MAXCOVERAGE if len(frames) > 1 else Image.Quantize.MEDIANCUT
             palette = _sheet(frames).quantize(colours, how, dither=Image.Dither.NONE)
             less = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in shown]
@@ -138,7 +138,7 @@ def fit(path: Path) -> None:
 
 
 def _sheet(frames: list[Image.Image]) -> Image.Image:
-    """An early, a middle and a late frame in one picture, whose colours are those of all."""
+    """Sheet of an early, a middle and a late frame, for one palette of the whole film."""
     width, height = frames[0].size
     sheet = Image.new("RGB", (width, 3 * height))
     for n in range(3):

@@ -3,14 +3,14 @@
 ================
 
 From an empty file to robots that find a leak of ethanol: you write one text file, step by step, and run one command.
-Everything here takes some seconds on a laptop.
+Each run takes some seconds on a laptop.
 
 You would do this in an empty folder: write the file ``room.yaml`` with your editor, and type commands in a terminal.
-This page is a Python file instead, so that it could be executed.
+This page is a Python file instead, so that the build can execute it.
 """
 
 # %%
-# Two helpers stand for your terminal and your editor; in these you need neither.
+# Two helpers replace your terminal and your editor here; you do not need them.
 
 import shlex
 import sys
@@ -34,18 +34,18 @@ def write(text):
 # %%
 # What a scenario needs
 # ---------------------
-# Begin with nothing, and ask. ``--check`` reads a scenario and says what is wrong with it, without running anything.
+# Start with an empty file. ``--check`` validates a scenario and reports its errors, without running anything.
 
 write("")
 terminal("python -m taichi_plume.run room.yaml --check")
 
 # %%
-# So four things are needed: how long it lasts, how large the room is, how the air moves, and what gas is in it.
+# So four things are needed: the duration, the size of the room, the wind, and the gas.
 #
-# The room is 5 m by 4 m. A run in 2-D is a view from above on a slab of air; ``depth`` says how high the slab is, which
-# decides how many ppm a leak of so many milligrams per second makes. The air is cut into square cells of ``spacing``:
-# smaller cells see more and take longer (:doc:`/air`). Air comes in through a window on the left wall (``x-``) and
-# leaves through the right one (``x+``); what no opening covers is wall. Numbers may have a unit, else they are SI.
+# The room is 5 m by 4 m. A run in 2-D is a view from above on a slab of air. ``depth`` is the height of the slab; it
+# determines how many ppm a leak of a given mg/s produces. The grid has square cells of ``spacing``: smaller cells
+# resolve more and take longer (:doc:`/air`). Air enters through a window in the left wall (``x-``) and leaves through
+# the right one (``x+``); the rest of the boundary is wall. Numbers may have a unit, else they are SI.
 
 write("""
 name: room
@@ -66,10 +66,10 @@ gas:
 terminal("python -m taichi_plume.run room.yaml --check")
 
 # %%
-# A mistake, told in one line with the path of the key and what is allowed there: an inlet has a ``speed``, as it always
-# blows straight in. Every such line looks the same, and nothing is run before all of them are gone.
+# One line per error, with the path of the key and the allowed values: an inlet has a ``speed``, as it always blows
+# straight in. A run starts only when no error is left.
 #
-# Here is the file again, put right, with furniture that reaches to the ceiling of the slab: a cupboard and a pillar.
+# Here is the corrected file, with furniture that reaches to the ceiling of the slab: a cupboard and a pillar.
 
 AIR = """
 name: room
@@ -78,7 +78,7 @@ duration: 20 s
 warm_up: 20 s                  # wind and gas before t = 0
 domain: {size: [5 m, 4 m], spacing: 5 cm, depth: 0.5 m}
 wind:
-  kind: cfd                    # solve for the flow of the air
+  kind: cfd                    # solve for the air flow
   openings:
     - kind: inlet
       face: x-
@@ -100,12 +100,12 @@ write(AIR)
 terminal("python -m taichi_plume.run room.yaml --out runs/air --force")
 
 # %%
-# That was the whole run: the air was solved for 40 seconds, of which the first 20 were a warm-up, and the ethanol was
-# carried with it. ``unaccounted for`` is the check on the books: gas that is neither in the room nor blown out.
+# That was the whole run: the flow was solved for 40 seconds, of which the first 20 were a warm-up, and the ethanol was
+# advected. ``unaccounted for`` is the mass balance: gas that is neither in the room nor blown out.
 #
-# ``--out`` names the folder of the run; without it, it would be ``runs/room-1``, and the next one ``runs/room-2``.
-# ``--force`` replaces what an earlier run left there. The folder holds a recording that you can look at, stop and wind
-# back, with ``rerun runs/air/recording.rrd``, and ``report.html``, which your browser opens. A picture for your talk:
+# ``--out`` names the folder of the run; the default is ``runs/room-1``, then ``runs/room-2``. ``--force`` replaces the
+# files of an earlier run. The folder holds a recording, which ``rerun runs/air/recording.rrd`` plays and rewinds, and
+# ``report.html`` for your browser. A picture for your talk:
 
 terminal("python -m taichi_plume.picture runs/air --at 20 --out air.png")
 
@@ -113,8 +113,8 @@ terminal("python -m taichi_plume.picture runs/air --at 20 --out air.png")
 # Robots
 # ------
 # A robot has a body, a gas sensor, perhaps an anemometer, and a search algorithm. These three are small wheeled robots
-# with a TGS2620, a metal-oxide sensor that needs seconds to rise and longer to fall, and an ultrasonic anemometer. They
-# *cast*: upwind while they smell gas, across the wind when they have lost it. Nobody tells them where the source is.
+# with a TGS2620, a metal-oxide sensor that rises within seconds and decays more slowly, and an ultrasonic anemometer.
+# They *cast*: upwind while they detect gas, across the wind after losing it. They do not know the source position.
 
 ROBOTS = """
 robots:
@@ -128,16 +128,16 @@ write(AIR.replace("duration: 20 s", "duration: 120 s") + ROBOTS)
 terminal("python -m taichi_plume.run room.yaml --out runs/robots --force")
 
 # %%
-# As a picture, a moment before the first of them arrives:
+# A picture of the search:
 
 terminal("python -m taichi_plume.picture runs/robots --at 26 --out robots.png")
 # sphinx_gallery_thumbnail_number = 2
 
 # %%
-# All three found it, long before the 120 seconds were over, so the run ended there. ("Found" means: within 35 cm of the
-# source, the key ``reach``. The robot itself does not know.)
+# All three found the source long before the 120 seconds were over, so the run ended there. ("Found" means: within 35 cm
+# of the source, the key ``reach``. The robot itself does not know.)
 #
-# What the robots did and felt is a table, one row per robot and tick.
+# A table records states and readings, one row per robot and tick.
 
 from taichi_plume import open_run
 
@@ -145,15 +145,15 @@ table = open_run("runs/robots").robots
 table.tail(3)
 
 # %%
-# Their ways, and what one of them smelt. The grey line is the true concentration at its nose; the reading lags behind
-# it and smooths it. This is what a search algorithm has to live with, and why it is tested with such a sensor here.
+# The paths of all robots, and the readings of one. The grey line is the true concentration at its gas sensor; the
+# reading is delayed and smoothed. Search algorithms have to cope with this, so they are tested with such a sensor here.
 
 import matplotlib.pyplot as plt
 
 figure, (plan, series) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")
-for number, way in table.groupby("robot"):
-    plan.plot(way.x, way.y, label=f"robot {number}")
-    plan.plot(way.x.iloc[0], way.y.iloc[0], "k.")
+for number, path in table.groupby("robot"):
+    plan.plot(path.x, path.y, label=f"robot {number}")
+    plan.plot(path.x.iloc[0], path.y.iloc[0], "k.")
 plan.plot(0.8, 2.1, "*", color="crimson", markersize=14, label="source")
 plan.set(xlim=(0, 5), ylim=(0, 4), aspect="equal", xlabel="x [m]", ylabel="y [m]")
 plan.legend(loc="upper right")
@@ -166,8 +166,9 @@ series.legend()
 # %%
 # Is that luck?
 # -------------
-# One search says little. ``trials`` puts many independent copies of the team into the same air, at once: they do not
-# meet, and each has its own sensors, noise and chance. ``--set`` changes any key for one run, without editing the file.
+# One search says little. ``trials`` puts many independent copies of the team into the same flow realisation, at once:
+# they do not meet, and each has its own sensors, noise and random numbers. ``--set`` changes any key for one run,
+# without editing the file.
 
 terminal("""
 python -m taichi_plume.run room.yaml --duration 90 --set robots.0.trials=50 \
@@ -175,8 +176,9 @@ python -m taichi_plume.run room.yaml --duration 90 --set robots.0.trials=50 \
 """)
 
 # %%
-# With an interval, as 50 trials are still few, and with a warning: all of these trials are in *one* air. Another
-# ``--seed`` makes another air. And another algorithm, in the same air, for a fair comparison:
+# The result has a confidence interval, as 50 trials are still few, and a warning: all trials share *one* flow
+# realisation, an *air* for short. Another ``--seed`` gives another one. Another algorithm, in the same realisation, for
+# a fair comparison:
 
 terminal("""
 python -m taichi_plume.run room.yaml --duration 90 --set robots.0.trials=50 \
@@ -185,7 +187,7 @@ python -m taichi_plume.run room.yaml --duration 90 --set robots.0.trials=50 \
 """)
 
 # %%
-# The figures are in ``result.json`` too, per trial and with 95 % intervals. Where two intervals overlap, the difference
+# ``result.json`` has the figures too, per trial and with 95 % intervals. Where two intervals overlap, the difference
 # may be chance.
 
 import json
@@ -199,6 +201,6 @@ for name in ("casting", "spiral"):
 # Where to go from here
 # ---------------------
 # - :doc:`plot_2_mesh` takes furniture from a CAD file and goes to 3-D.
-# - :doc:`/howto/results` reads what a run leaves: tables, fields, pictures, the report.
-# - :doc:`/howto/own_algorithm` puts your own search algorithm into this room.
-# - :doc:`/reference/index` has every key of a scenario, with its unit, range and default.
+# - :doc:`/howto/results` reads the files of a run: tables, fields, pictures, the report.
+# - :doc:`/howto/own_algorithm` adds your own search algorithm to this room.
+# - :doc:`/reference/index` lists every key of a scenario, with its unit, range and default.

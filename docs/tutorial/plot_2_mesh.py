@@ -2,12 +2,12 @@
 2. A CAD model and 3-D
 ======================
 
-Furniture from a CAD program, a fan, and a leak near the floor, in 3-D. What changes from :doc:`plot_1_room` is one
-number more in every position; the rest of the scenario is written alike.
+Furniture from a CAD program, a fan, and a leak near the floor, in 3-D. Compared with :doc:`plot_1_room`, every
+position has one more number; the rest of the scenario is the same.
 """
 
 # %%
-# The same two helpers as before stand for your terminal and your editor.
+# The same two helpers as before replace your terminal and your editor.
 
 import shlex
 import sys
@@ -33,8 +33,8 @@ def write(text):
 # %%
 # An STL file
 # -----------
-# You would export it from your CAD program: one closed body or several, in a file of kind STL, OBJ or PLY. Here an
-# L-shaped bench is made with NumPy, in millimetres, as most CAD programs do: an outline, pulled up to its height.
+# You would export it from your CAD program: one or more closed bodies, as STL, OBJ or PLY. Here NumPy makes an L-shaped
+# bench in millimetres, the unit of most CAD programs: an outline, extruded to its height.
 
 # corners in mm, counter-clockwise, and triangles that fill the outline
 OUTLINE = np.array([[0, 0], [1000, 0], [1000, 400], [400, 400], [400, 1200], [0, 1200]])
@@ -43,7 +43,7 @@ HEIGHT = 500  # mm
 
 
 def bench():
-    """The triangles of the bench, (n, 3, 3), all seen counter-clockwise from outside."""
+    """Triangles of the bench, (n, 3, 3), counter-clockwise from outside."""
     low, high = (np.column_stack([OUTLINE, np.full(len(OUTLINE), z)]) for z in (0, HEIGHT))
     sides = []
     for n in range(len(OUTLINE)):
@@ -68,8 +68,8 @@ save_stl(Path("bench.stl"), bench())
 # %%
 # Into a room
 # -----------
-# Three numbers in ``size`` make it 3-D. The fan hangs in the left wall, its middle 40 cm above the floor, and blows
-# with 0.8 m/s; an opening in the wall opposite lets the air out. The bench stands at (1.6, 1.8) m.
+# Three numbers in ``size`` make the scenario 3-D. The fan is in the left wall, its middle 40 cm above the floor, and
+# blows at 0.8 m/s; an outlet in the wall opposite lets the air out. The bench stands at (1.6, 1.8) m.
 
 LAB = """
 name: lab
@@ -99,9 +99,9 @@ write(LAB)
 terminal("python -m taichi_plume.run lab.yaml --check")
 
 # %%
-# The bench is a thousand times too large: STL files do not say their unit, and the message tells which factor fits.
-# With ``scale`` it stands in the room. There are 50 by 40 cells of 8 cm in each of 15 layers; at least six
-# of them across the fan make a jet that widens as real ones do (:doc:`/air` says what a cell size resolves).
+# The bench is a thousand times too large: STL files have no unit, and the message suggests a factor. With ``scale`` the
+# bench fits. There are 50 by 40 cells of 8 cm in each of 15 layers; at least six of them across the fan make a jet that
+# widens as real ones do (:doc:`/air` states what a cell size resolves).
 
 LAB = LAB.replace("file: bench.stl", "file: bench.stl, scale: 0.001")
 ROBOTS = """
@@ -121,7 +121,7 @@ python -m taichi_plume.run lab.yaml --set 'fields={rate: 1}' \
 # %%
 # Look at it
 # ----------
-# From above, each point shows the largest concentration over the height, so that a plume is seen wherever it is.
+# From above, each point shows the largest concentration over the height, so a plume at any height is visible.
 # ``--allow-outside`` lets the command read the bench, which lies beside the scenario and not in the folder of the run.
 
 terminal("""
@@ -129,7 +129,7 @@ python -m taichi_plume.picture runs/lab --at 14 --allow-outside --out above.png
 """)
 
 # %%
-# And from the side, in the plane of the source: in 3-D the heights of source and nose decide what is smelt.
+# And from the side, in the plane of the source: in 3-D the readings depend on the heights of source and gas sensor.
 
 terminal("""
 python -m taichi_plume.picture runs/lab --at 14 --view section \
@@ -137,12 +137,12 @@ python -m taichi_plume.picture runs/lab --at 14 --view section \
 """)
 
 # %%
-# In the recording, ``rerun runs/lab/recording.rrd``, you can walk around it, stop and go back.
+# In the recording, ``rerun runs/lab/recording.rrd``, you can walk around the room, pause and rewind.
 #
 # A profile
 # ---------
-# ``fields`` in the scenario records wind and gas of every cell, as an xarray Dataset with units. How does the gas lie
-# over the height, at a place half-way between source and robots?
+# ``fields`` in the scenario records wind and gas of every cell, as an xarray Dataset with units. This is the profile of
+# the gas over the height, half-way between source and robots:
 
 import matplotlib.pyplot as plt
 
@@ -157,6 +157,6 @@ axes.set(xlabel="acetone, mean [ppm]", ylabel="z [m]", ylim=(0, 1.2))
 # %%
 # Where to go from here
 # ---------------------
-# - What 8 cm cells show of a jet and of a floor, and what they do not: :doc:`/air`.
+# - What 8 cm cells resolve of a jet and of a floor: :doc:`/air`.
 # - Record one flow and search it a hundred times: :doc:`/howto/many_trials`.
 # - Open the fields in ParaView: :doc:`/howto/results`.

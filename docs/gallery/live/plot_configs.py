@@ -18,26 +18,26 @@ RUNS = Path(mkdtemp())
 
 
 def terminal(command):
-    """Type a command."""
+    """Run a command, with this checkout's configs and a temporary runs folder."""
     name, *options = shlex.split(command.removeprefix("python -m taichi_plume."))
     main([name, *(option.replace("configs", str(CONFIGS)).replace("runs", str(RUNS)) for option in options)])
 
 
-def told(name):
-    """Say what came of a run."""
+def print_success(name):
+    """Print how many trials of a run found the source."""
     for group in json.loads((RUNS / name / "result.json").read_text())["groups"]:
         found = group["success_rate"] * group["trials"]
-        print(f"{group['name']}, {group['algorithm']}: {found:g} of {group['trials']} trials found it")
+        print(f"{group['name']}, {group['algorithm']}: {found:g} of {group['trials']} trials succeeded")
 
 
 # %%
 # The plume of the textbooks
 # --------------------------
-# Smooth, and a gradient leads to its axis.
+# The plume is smooth, and a gradient leads to its axis.
 
 terminal("python -m taichi_plume.run configs/gaussian.yaml --out runs/gaussian --quiet")
 terminal("python -m taichi_plume.picture runs/gaussian --width 900 --out gaussian.png")
-told("gaussian")
+print_success("gaussian")
 
 # %%
 # PlumeSim's experiment
@@ -46,13 +46,13 @@ told("gaussian")
 
 terminal("python -m taichi_plume.run configs/plumesim_casting.yaml --out runs/plumesim_casting --quiet")
 terminal("python -m taichi_plume.picture runs/plumesim_casting --width 900 --out plumesim_casting.png")
-told("plumesim_casting")
+print_success("plumesim_casting")
 
 # %%
 # A plume from a file
 # -------------------
-# Wind and gas of a PlumeSim log, held at its nodes.
+# Wind and gas of a PlumeSim log, constant around each of its nodes.
 
 terminal("python -m taichi_plume.run configs/playback.yaml --out runs/playback --quiet")
 terminal("python -m taichi_plume.picture runs/playback --width 900 --out playback.png")
-told("playback")
+print_success("playback")
