@@ -1,12 +1,14 @@
 """Judging of declarations: the outcome of each trial and the localisation error of the declared source position."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichi_plume.agents.groups import GroupRange
 from taichi_plume.scenario.robots import Group
+
+if TYPE_CHECKING:
+    from taichi_plume.agents.groups import GroupRange
 
 Json = dict[str, Any]
 """A JSON object, as in result.json."""
@@ -19,13 +21,13 @@ OF_BELIEFS = ("peak_distance_m", "mean_distance_m", "expected_distance_m", "entr
 """Scores of a belief, see `scoring/beliefs.py`."""
 
 
-def by_trial(group: GroupRange, values: np.ndarray) -> np.ndarray:
+def by_trial(group: "GroupRange", values: np.ndarray) -> np.ndarray:
     """Return the rows of a group's robots as (trials, robots, ...)."""
     rows = values[group.start : group.start + group.trials * group.count]
     return rows.reshape(group.trials, group.count, *values.shape[1:])
 
 
-def declared_outcomes(group: GroupRange, snapshot: Snapshot, sources: np.ndarray) -> Json:
+def declared_outcomes(group: "GroupRange", snapshot: Snapshot, sources: np.ndarray) -> Json:
     """Return the outcome of each trial of a group, as columns; sources: (m, 2) [m].
 
     outcome: one of OUTCOMES, "declared" if both hold. A trial's declaration is the first right one of its team or,

@@ -109,11 +109,11 @@ def test_it_goes_on_from_a_checkpoint(sim: Any) -> None:
 @pytest.mark.parametrize(
     ("made", "keys", "told"),
     [
-        (lambda file: network(file, *upwind(9)), {}, "takes 9 numbers, but an observation has 7"),
+        (lambda file: network(file, *upwind(9)), {}, "takes 9 numbers, an observation has 7"),
         (
             lambda file: network(file, np.zeros((7, 3)), np.zeros(3)),
             {},
-            "gives 3 numbers, but an action has 2",
+            "gives 3 numbers, an action has 2",
         ),
         (lambda file: network(file, *upwind()), {"declares": True}, "has 8"),
         (lambda file: network(file, *upwind(), rows=1), {}, "any number of rows"),

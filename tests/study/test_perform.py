@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import tasks
-from rooms import ROOM, UNIFORM, changed
+from study_rooms import ROOM, UNIFORM, changed
 
 from taichi_plume.cli import run
 from taichi_plume.results.run import open_run

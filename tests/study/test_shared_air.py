@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tasks
-from rooms import ROOM, UNIFORM, changed
+from study_rooms import ROOM, UNIFORM, changed
 
 from taichi_plume.files.air_film import AirFilm, AirFilmError, NewAirFilm
 from taichi_plume.results.run import open_run

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import made_study
 import pytest
-from rooms import ROOM
+from study_rooms import ROOM
 
 from taichi_plume.study.store import Store
 from taichi_plume.study.study_run import missing_runs

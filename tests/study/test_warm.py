@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from rooms import UNIFORM, changed
+from study_rooms import UNIFORM, changed
 
 from taichi_plume.assembly.prepare import Prepared, checked
 from taichi_plume.grid import kernels
