@@ -114,8 +114,8 @@ def _examine(
     results, pictures = [], {}
     for case in cases:
         with waiting.status(f"{case.name}, {_size(case, args.trials)}"):
-            found, pictures[case.name] = _result(case, args)
-            results.append(found)
+            result, pictures[case.name] = _result(case, args)
+            results.append(result)
         _print_result(results[-1], console)
     wall = round(perf_counter() - begin, 1)
     failed = [result["name"] for result in results if not result["passed"]]
@@ -146,12 +146,12 @@ def _result(case: "Case | Experiment", args: argparse.Namespace) -> "tuple[Keys,
     from taichi_plume.validation.report import plain
 
     begin = perf_counter()
-    found, verdicts, pictures, message = {}, [], {}, ""
+    table, verdicts, pictures, message = {}, [], {}, ""
     try:
         if isinstance(case, Case):
-            found, verdicts, pictures = _norms(case, args.arch)
+            table, verdicts, pictures = _norms(case, args.arch)
         else:
-            found, verdicts, pictures = _rows(case, args.trials or case.trials, args.arch)
+            table, verdicts, pictures = _rows(case, args.trials or case.trials, args.arch)
     except Exception as error:
         message = f"{type(error).__name__}: {error}"
     result = {
@@ -162,7 +162,7 @@ def _result(case: "Case | Experiment", args: argparse.Namespace) -> "tuple[Keys,
         "passed": not message and all(met is not False for met in verdicts),
         "message": message,
         "wall_s": round(perf_counter() - begin, 1),
-        **found,
+        **table,
         "pictures": plain(pictures),
     }
     return result, pictures
@@ -236,8 +236,8 @@ def _print_result(result: "Keys", console: "Console") -> None:
             console.print(f"  {row['condition']}", style="italic")
             last = row["condition"]
         published = f"published: {row['published']}" if row["published"] else ""
-        told = f"    {row['quantity']:26}  {mean_with_interval(row):43}  {published:35}  {row['expected'] or '':15}  "
-        console.print(Text.assemble(told, VERDICTS[row["met"]]))
+        line = f"    {row['quantity']:26}  {mean_with_interval(row):43}  {published:35}  {row['expected'] or '':15}  "
+        console.print(Text.assemble(line, VERDICTS[row["met"]]))
     if result["message"]:
         console.print(Text.assemble("  ", VERDICTS[False], f": {result['message']}"))
 

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from taichi_plume.validation.case import Keys
-from taichi_plume.validation.experiment import Condition, Experiment, Lines, Range, Told, over_airs
+from taichi_plume.validation.experiment import Condition, Experiment, Lines, Range, Results, over_airs
 from taichi_plume.validation.measured_air import (
     Record,
     Times,
@@ -148,15 +148,15 @@ def found_along(mean: np.ndarray, dx: float) -> dict[str, np.ndarray]:
     return {name: along_x(mean, dx, line.places) for name, line in LINES.items()}
 
 
-def quantities(one: Record) -> dict[str, float]:
+def quantities(averages: Record) -> dict[str, float]:
     """Return the quantities of a record, over U0 or in m/s."""
-    u = found_along(one.mean, one.dx)
-    halves = [found_along(half, one.dx) for half in one.halves]
+    u = found_along(averages.mean, averages.dx)
+    halves = [found_along(half, averages.dx) for half in averages.halves]
     off = {name: (u[name] - line.u) / U0 for name, line in LINES.items()}
     heights = np.linspace(0.0, HEIGHT, 400)
-    at_6 = along_x(one.mean, one.dx, np.stack([np.full_like(heights, 6.0), heights], axis=-1))
+    at_6 = along_x(averages.mean, averages.dx, np.stack([np.full_like(heights, 6.0), heights], axis=-1))
     floor = along_x(
-        one.mean, one.dx, np.stack([x := np.linspace(0.0, 8.9, 400), np.full_like(x, LOW)], axis=-1)
+        averages.mean, averages.dx, np.stack([x := np.linspace(0.0, 8.9, 400), np.full_like(x, LOW)], axis=-1)
     )
     apart = np.concatenate([halves[1][name] - halves[0][name] for name in LINES]) / U0
     return {
@@ -174,16 +174,16 @@ def records(mesh: Mesh, trials: int) -> list[Record]:
     return [record(mesh, seed) for seed in range(1, min(trials, mesh.seeds) + 1)]
 
 
-def room(trials: int, mesh: Mesh) -> Told:
+def room(trials: int, mesh: Mesh) -> Results:
     """Return the quantities of the room on a mesh."""
-    found = [quantities(one) for one in records(mesh, trials)]
-    return {name: over_airs([one[name] for one in found]) for name in found[0]}
+    samples = [quantities(sample) for sample in records(mesh, trials)]
+    return {name: over_airs([sample[name] for sample in samples]) for name in samples[0]}
 
 
-def all_meshes(trials: int, last: Mesh) -> Told:
+def all_meshes(trials: int, last: Mesh) -> Results:
     """Return the quantities of the room on the last mesh, and pictures of u on all meshes."""
     means = {
-        mesh.name: [found_along(one.mean, one.dx) for one in records(mesh, trials)]
+        mesh.name: [found_along(run.mean, run.dx) for run in records(mesh, trials)]
         for mesh in (*MESHES, last)
     }
     pictures = {
@@ -192,7 +192,7 @@ def all_meshes(trials: int, last: Mesh) -> Told:
             "u/U0",
             line.along,
             {"measured": line.u / U0}
-            | {mesh: np.mean([one[name] for one in found], axis=0) / U0 for mesh, found in means.items()},
+            | {mesh: np.mean([run[name] for run in runs], axis=0) / U0 for mesh, runs in means.items()},
         )
         for name, line in LINES.items()
     }
@@ -244,7 +244,7 @@ CASES = (
             Condition(FINEST.name, partial(all_meshes, last=FINEST), PUBLISHED, EXPECTED),
         ),
         trials=3,
-        few=0,
+        test_trials=0,
         discussion=DISCUSSION,
     ),
 )

@@ -21,7 +21,7 @@ import numpy as np
 from taichi_plume.grid.shapes import UprightBox
 from taichi_plume.scenario.obstacles import Box
 from taichi_plume.validation.case import Curve, Keys
-from taichi_plume.validation.experiment import Condition, Experiment, Mean, Picture, Range, Told, over_airs
+from taichi_plume.validation.experiment import Condition, Experiment, Mean, Picture, Range, Results, over_airs
 from taichi_plume.validation.measured_air import (
     Record,
     Times,
@@ -128,10 +128,10 @@ def reattachment(mean: np.ndarray, cells: int) -> float:
     """Where u in the lowest cells turns forward for good [h behind the step]; NaN where it does not."""
     x = np.arange(len(mean)) / cells - BEFORE
     lowest = mean[:, 0]
-    some = np.flatnonzero((x[:-1] > 1.0) & (lowest[:-1] < 0.0) & (lowest[1:] >= 0.0))
-    if not len(some):
+    crossings = np.flatnonzero((x[:-1] > 1.0) & (lowest[:-1] < 0.0) & (lowest[1:] >= 0.0))
+    if not len(crossings):
         return float("nan")
-    k = some[-1]
+    k = crossings[-1]
     return float(x[k] - lowest[k] / (lowest[k + 1] - lowest[k]) / cells)
 
 
@@ -143,28 +143,28 @@ def behind(mean: np.ndarray, cells: int, distance: int) -> tuple[np.ndarray, np.
     return z, along_x(mean, 1.0 / cells, places, top="slip") / U0, u / SPEED
 
 
-def quantities(one: Record, cells: int) -> dict[str, float]:
+def quantities(averages: Record, cells: int) -> dict[str, float]:
     """Return the quantities of a record."""
-    early, late = (reattachment(half, cells) for half in one.halves)
-    found = {d: behind(one.mean, cells, d) for d in BEHIND_STEP}
+    early, late = (reattachment(half, cells) for half in averages.halves)
+    profiles = {d: behind(averages.mean, cells, d) for d in BEHIND_STEP}
     return {
-        "reattachment [h]": reattachment(one.mean, cells),
+        "reattachment [h]": reattachment(averages.mean, cells),
         "reattachment, second half of the time less the first [h]": late - early,
-        "least u/U0 4 h behind the step": float(found[4][1].min()),
-        **{f"u/U0, rms {d} h behind the step": rms(u - measured) for d, (_, u, measured) in found.items()},
+        "least u/U0 4 h behind the step": float(profiles[4][1].min()),
+        **{f"u/U0, rms {d} h behind the step": rms(u - measured) for d, (_, u, measured) in profiles.items()},
     }
 
 
-def behind_step(trials: int, cells: int) -> Told:
+def behind_step(trials: int, cells: int) -> Results:
     """The step with so many seeds of the turbulence that comes in."""
     records = [record(cells, seed) for seed in range(1, trials + 1)]
-    found = [quantities(one, cells) for one in records]
-    told: dict[str, Mean | Picture] = {name: over_airs([one[name] for one in found]) for name in found[0]}
-    mean = np.mean([one.mean for one in records], axis=0)
+    runs = [quantities(run, cells) for run in records]
+    results: dict[str, Mean | Picture] = {name: over_airs([run[name] for run in runs]) for name in runs[0]}
+    mean = np.mean([run.mean for run in records], axis=0)
     for d in BEHIND_STEP:
         z, u, measured = behind(mean, cells, d)
-        told[f"{d} h behind the step, {cells} cells"] = Curve("z/h", "u/U0", z, u, measured)
-    return told
+        results[f"{d} h behind the step, {cells} cells"] = Curve("z/h", "u/U0", z, u, measured)
+    return results
 
 
 def _condition(cells: int, expected: bool) -> Condition:
@@ -194,7 +194,7 @@ CASES = (
         "Jovic & Driver 1994, NASA TM 108807",
         (_condition(5, expected=False), _condition(8, expected=False), _condition(10, expected=True)),
         trials=3,
-        few=0,
+        test_trials=0,
         discussion=DISCUSSION,
     ),
 )

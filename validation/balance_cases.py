@@ -59,12 +59,12 @@ def mass_budget(n: int, dim: int, end: float) -> Answer:
             least = min(least, gas.least())
             budget = gas.budget()
             rows.append((t, budget["emitted_kg"], budget["in_domain_kg"] + budget["outflow_kg"]))
-    times, emitted, found = np.transpose(rows)
+    times, emitted, mass = np.transpose(rows)
     return {
-        "mass": float(np.abs(found[1:] / emitted[1:] - 1.0).max()),
+        "mass": float(np.abs(mass[1:] / emitted[1:] - 1.0).max()),
         "below 0": max(0.0, -least),
         "unaccounted for": Curve(
-            "t [s]", "mass over the mass emitted", times[1:], found[1:] / emitted[1:], np.ones(len(times) - 1)
+            "t [s]", "mass over the mass emitted", times[1:], mass[1:] / emitted[1:], np.ones(len(times) - 1)
         ),
     }
 

@@ -107,15 +107,15 @@ def shedding_positions(n: int) -> Errors:
     The amplitude is half the range, which leaves out the mean lift: that depends on the distance to the middle of the
     channel. Scatter is the range over the positions.
     """
-    mean, found = 1.0, []
+    mean, amplitudes = 1.0, []
     for offset in OFFSETS:
         _, flow, air = _around_cylinder(n, mean, offset)
         _, _, lift = _shed(flow, air, mean)
-        found.append(float(np.ptp(lift)) / 2.0 / LARGEST_LIFT)
+        amplitudes.append(float(np.ptp(lift)) / 2.0 / LARGEST_LIFT)
     return {
-        "lift amplitude, worst position": max(abs(part - 1.0) for part in found),
-        "lift amplitude, mean over positions": abs(float(np.mean(found)) - 1.0),
-        "lift amplitude, scatter": max(found) - min(found),
+        "lift amplitude, worst position": max(abs(part - 1.0) for part in amplitudes),
+        "lift amplitude, mean over positions": abs(float(np.mean(amplitudes)) - 1.0),
+        "lift amplitude, scatter": max(amplitudes) - min(amplitudes),
     }
 
 

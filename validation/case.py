@@ -135,4 +135,4 @@ def examine(
     unknown = case.expected.keys() - errors.keys()
     if unknown:
         raise KeyError(f"{case.name} has no norm {sorted(unknown)}")
-    return [Finding(norm, found, case.expected.get(norm)) for norm, found in errors.items()], curves
+    return [Finding(norm, values, case.expected.get(norm)) for norm, values in errors.items()], curves

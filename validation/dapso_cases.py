@@ -10,7 +10,7 @@ from functools import cache, partial
 import numpy as np
 
 from taichi_plume.validation.case import Keys
-from taichi_plume.validation.experiment import Condition, Experiment, Range, Told, over_airs
+from taichi_plume.validation.experiment import Condition, Experiment, Range, Results, over_airs
 from taichi_plume.validation.mapping_scenario import MARJOVI_WIND
 from taichi_plume.validation.searches import contest, pooled, spread
 
@@ -68,13 +68,13 @@ def found(trials: int) -> dict[str, dict[str, np.ndarray]]:
     return pooled(parts)
 
 
-def one_team(trials: int, name: str) -> Told:
+def one_team(trials: int, name: str) -> Results:
     """Return the success rate of a team and the time to the source; failures count with the whole duration."""
-    told = found(trials)[name]
-    time = np.where(told["success"], told["time_s"], DURATION)
+    columns = found(trials)[name]
+    time = np.where(columns["success"], columns["time_s"], DURATION)
     return {
-        "success": over_airs(told["success"], told["air"], share=True),
-        "time [s]": over_airs(time, told["air"]),
+        "success": over_airs(columns["success"], columns["air"], share=True),
+        "time [s]": over_airs(time, columns["air"]),
     }
 
 
@@ -99,7 +99,7 @@ CASES = (
             for name in TEAMS
         ),
         trials=96,
-        few=0,
+        test_trials=0,
         discussion=DISCUSSION,
     ),
 )

@@ -119,18 +119,18 @@ def shear(n: int, convection: str) -> Answer:
     gas = gas_on(grid, wind, convection=convection, species=ethanol(diffusivity))
     x, y = np.moveaxis(grid.centers() - (1.0, 0.5), -1, 0)
     gas.start_from(lambda _: np.exp(-(x**2 + y**2) / (2.0 * s0**2)))
-    found = []
+    moments = []
     for look in range(looks + 1):
         if look:
             ride(gas, end / looks, SHORT[convection] * grid.dx / (0.5 * rate))
         c = concentrations(gas)
-        found.append([(c * product).sum() / c.sum() for product in (x * x, x * y, y * y)])
+        moments.append([(c * product).sum() / c.sum() for product in (x * x, x * y, y * y)])
     t = np.linspace(0.0, end, looks + 1)
     yy = s0**2 + 2.0 * diffusivity * t
     xy = rate * (s0**2 * t + diffusivity * t**2)
     xx = yy + rate**2 * (s0**2 * t**2 + diffusivity * t**3 * 2.0 / 3.0)
     answer: dict[str, float | Curve] = {}
-    for name, values, exact in zip(("xx", "xy", "yy"), np.transpose(found), (xx, xy, yy), strict=True):
+    for name, values, exact in zip(("xx", "xy", "yy"), np.transpose(moments), (xx, xy, yy), strict=True):
         answer[f"sigma_{name}"] = float(abs(values[-1] / exact[-1] - 1.0))
         answer[f"sigma_{name} over time"] = Curve("t [s]", f"sigma_{name} [m²]", t, values, exact)
     return answer
@@ -166,11 +166,11 @@ def taylor_dispersion(n: int, convection: str = "koren") -> Answer:
         middle = (c * offset).sum() / c.sum()
         variances.append((c * (offset - middle) ** 2).sum() / c.sum())
     late = times >= settled - 1e-9
-    found = 0.5 * np.polyfit(times[late], np.array(variances)[late], 1)[0]
+    coefficient = 0.5 * np.polyfit(times[late], np.array(variances)[late], 1)[0]
     exact = diffusivity * (1.0 + 2.0 / 105.0 * peclet**2)
     line = variances[-1] + 2.0 * exact * (times - times[-1])
     return {
-        "K": float(abs(found / exact - 1.0)),
+        "K": float(abs(coefficient / exact - 1.0)),
         "variance over time": Curve(
             "t [s]", "variance along the channel [m²]", times, np.array(variances), line
         ),

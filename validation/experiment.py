@@ -97,10 +97,10 @@ def over_airs(
     from taichi_plume.study.intervals import estimates
 
     airs = np.arange(len(values)) if airs is None else airs
-    found = estimates(np.asarray(values, float), np.zeros(len(values)), airs, np.ones(len(values)), share)
-    if not found:
+    groups = estimates(np.asarray(values, float), np.zeros(len(values)), airs, np.ones(len(values)), share)
+    if not groups:
         return Mean(None, None, None, 0, 0)
-    (estimate,) = found.values()
+    (estimate,) = groups.values()
     low, high = (float(end) if np.isfinite(end) else None for end in (estimate.low, estimate.high))
     return Mean(estimate.mean, low, high, estimate.n, estimate.airs)
 
@@ -133,7 +133,7 @@ def ratio_over_airs(
     return Mean(mean, *ends, n, len(airs))
 
 
-Told = Mapping[str, Mean | Picture]
+Results = Mapping[str, Mean | Picture]
 """Means by quantity, and pictures by title."""
 
 
@@ -142,7 +142,7 @@ class Condition:
     """One set-up of an experiment. `run` takes a number of trials; `published`, `expected`: by quantity."""
 
     name: str
-    run: Callable[[int], Told]
+    run: Callable[[int], Results]
     published: Mapping[str, str] = field(default_factory=dict)
     expected: Mapping[str, Range] = field(default_factory=dict)
 
@@ -159,7 +159,7 @@ class Experiment:
     reference: str
     conditions: tuple[Condition, ...]
     trials: int = 200
-    few: int = 4
+    test_trials: int = 4
     slow: bool = False
     """Whether the few trials take longer than a few seconds."""
     discussion: str = ""
@@ -196,9 +196,9 @@ def examine(experiment: Experiment, trials: int, arch: str = "cpu") -> tuple[lis
     pictures: dict[str, Picture] = {}
     for condition in experiment.conditions:
         kernels.start(arch)
-        found = condition.run(trials)
-        means = {name: part for name, part in found.items() if isinstance(part, Mean)}
-        pictures |= {name: part for name, part in found.items() if not isinstance(part, Mean)}
+        results = condition.run(trials)
+        means = {name: part for name, part in results.items() if isinstance(part, Mean)}
+        pictures |= {name: part for name, part in results.items() if not isinstance(part, Mean)}
         unknown = (condition.published.keys() | condition.expected.keys()) - means.keys()
         if unknown:
             raise KeyError(f"{experiment.name}, {condition.name} has no quantity {sorted(unknown)}")

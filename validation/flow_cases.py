@@ -104,9 +104,9 @@ def taylor_green(n: int, dim: int = 2) -> Errors:
         flow.start_from(lambda x: exact(x, 0.0))
         energy = sum(float(np.mean(u**2)) for u in velocities(flow))
         advance(flow, end)
-        found = velocities(flow)
-        wrong = rms(*(found[d] - exact(faces(flow.grid, d), end)[..., d] for d in range(dim)))
-        rate = np.log(sum(float(np.mean(u**2)) for u in found) / energy) / end
+        computed = velocities(flow)
+        wrong = rms(*(computed[d] - exact(faces(flow.grid, d), end)[..., d] for d in range(dim)))
+        rate = np.log(sum(float(np.mean(u**2)) for u in computed) / energy) / end
         return {"u, rms": wrong, "decay of the energy": float(abs(rate / (-4.0 * viscosity) - 1.0))}
 
     wind = laminar_wind(viscosity, periodic("xyz"[:dim]))
@@ -137,8 +137,8 @@ def kovasznay(n: int, reynolds: float = 40.0) -> Errors:
     flow.boundaries.target[0].from_numpy(target)
     flow.start_from(exact)
     settle(flow, 0.5, 20.0)
-    found = velocities(flow)
-    return {"u, rms": rms(*(found[d] - exact(faces(grid, d))[..., d] for d in range(2)))}
+    computed = velocities(flow)
+    return {"u, rms": rms(*(computed[d] - exact(faces(grid, d))[..., d] for d in range(2)))}
 
 
 def drifting(n: int) -> Errors:
@@ -193,8 +193,8 @@ def ethier_steinman(n: int, viscosity: float, end: float = 0.25) -> Errors:
             blow(flow, partial(exact, t=t + dt))
             flow.advance(t, dt)
             t += dt
-        found = velocities(flow)
-        return {"u, rms": rms(*(found[d] - exact(faces(flow.grid, d), end)[..., d] for d in range(3)))}
+        computed = velocities(flow)
+        return {"u, rms": rms(*(computed[d] - exact(faces(flow.grid, d), end)[..., d] for d in range(3)))}
 
     walls = [
         {"kind": "wall", "face": f"{axis}{side}", "velocity": (0.0,) * 3} for axis in "xyz" for side in "-+"

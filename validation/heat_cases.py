@@ -135,17 +135,17 @@ def thermal_plume(n: int, **keys: object) -> Answer:
     height, rate = flow_rates(mean, flow.grid.dx)
     beta = 1.0 / heat.reference
     law = ENTRAINMENT * (9.81 * beta * POWER / heat.capacity) ** (1.0 / 3.0)
-    found = np.interp(HEIGHTS, height, rate)
+    rates = np.interp(HEIGHTS, height, rate)
     above = (height >= 0.3) & (height <= HEIGHTS[-1] + 1e-6)
     judged = (height > HEIGHTS[0] - 1e-6) & (height < HEIGHTS[-1] + 1e-6)
     exponent = float(np.polyfit(np.log(height[judged]), np.log(rate[judged]), 1)[0])
     return {
         **{
             f"flow rate at {z:g} m": abs(q / (law * z ** (5.0 / 3.0)) - 1.0)
-            for z, q in zip(HEIGHTS, found, strict=True)
+            for z, q in zip(HEIGHTS, rates, strict=True)
         },
         "exponent from 5/3": abs(exponent - 5.0 / 3.0),
-        **{f"Q at {z:g} m [m³/s]": float(q) for z, q in zip(HEIGHTS, found, strict=True)},
+        **{f"Q at {z:g} m [m³/s]": float(q) for z, q in zip(HEIGHTS, rates, strict=True)},
         "exponent": exponent,
         "flow rate of the plume": Curve(
             "height [m]",

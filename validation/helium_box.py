@@ -31,7 +31,7 @@ from scipy.optimize import root_scalar
 
 from taichi_plume.scenario.species import AIR_MOLAR_MASS, GAS_CONSTANT, PRESSURE, TEMPERATURE
 from taichi_plume.validation.case import Curve, Keys
-from taichi_plume.validation.experiment import Condition, Experiment, Lines, Mean, Range, Told
+from taichi_plume.validation.experiment import Condition, Experiment, Lines, Mean, Range, Results
 from taichi_plume.validation.searches import probed
 
 SIZE = (1.5, 1.5, 0.75)  # m
@@ -123,11 +123,11 @@ class Readings(NamedTuple):
 
 def readings(cell: float, seconds: float) -> Readings:
     """Run the scenario. Taichi must have been started."""
-    sim, times, told = probed(scenario(cell, seconds))
+    sim, times, table = probed(scenario(cell, seconds))
     volume = float(np.prod(SIZE))
     (gas,) = sim.gas.gases
     box = 1e-4 * gas.species.ppm_per_density * gas.budget()["in_domain_kg"] / volume
-    percent = 1e-4 * told["helium_ppm"].to_numpy().reshape(-1, len(HEIGHTS))
+    percent = 1e-4 * table["helium_ppm"].to_numpy().reshape(-1, len(HEIGHTS))
     return Readings(times, percent, float(box))
 
 
@@ -162,30 +162,30 @@ def alone(value: float) -> Mean:
     return Mean(value, None, None, 1)
 
 
-def filled(trials: int, cell: float, seconds: float) -> Told:
+def filled(trials: int, cell: float, seconds: float) -> Results:
     """Helium at the times of MEASURED up to `seconds`; `trials` has no effect, there is one air."""
-    found = readings(cell, seconds)
+    run = readings(cell, seconds)
     z, cells, last = np.array(HEIGHTS), f"cells of {100 * cell:g} cm", min(seconds, RELEASE)
-    told: Keys = {}
+    rows: Keys = {}
     for t, measured in MEASURED.items():
         if t > seconds:
             break
-        percent = found.percent[int(np.abs(found.times - t).argmin())]
-        told |= {f"{name}, {WHEN[t]}": alone(value) for name, value in summary(percent).items()}
-        told[f"helium {WHEN[t]}, {cells}"] = Curve("height [m]", "helium [%]", z, percent, np.array(measured))
+        percent = run.percent[int(np.abs(run.times - t).argmin())]
+        rows |= {f"{name}, {WHEN[t]}": alone(x) for name, x in summary(percent).items()}
+        rows[f"helium {WHEN[t]}, {cells}"] = Curve("height [m]", "helium [%]", z, percent, np.array(measured))
         if t == FULL:
-            told |= {f"at {h:.3f} m [%]": alone(float(one)) for h, one in zip(HEIGHTS, percent, strict=True)}
+            rows |= {f"at {h:.3f} m [%]": alone(float(x)) for h, x in zip(HEIGHTS, percent, strict=True)}
     if seconds <= RELEASE:
-        told["in the box in the end over released"] = alone(
-            found.box * float(np.prod(SIZE)) / (100.0 * FLOW * last)
+        rows["in the box in the end over released"] = alone(
+            run.box * float(np.prod(SIZE)) / (100.0 * FLOW * last)
         )
-    told[f"helium over time, {cells}"] = Lines(
+    rows[f"helium over time, {cells}"] = Lines(
         "time [h]",
         "helium [%]",
-        found.times / 3600.0,
-        {f"{h:.3f} m": found.percent[:, k] for k, h in enumerate(HEIGHTS)},
+        run.times / 3600.0,
+        {f"{h:.3f} m": run.percent[:, k] for k, h in enumerate(HEIGHTS)},
     )
-    return told
+    return rows
 
 
 def summary(percent: np.ndarray) -> dict[str, float]:
@@ -197,7 +197,7 @@ def summary(percent: np.ndarray) -> dict[str, float]:
     }
 
 
-def boxes(trials: int) -> Told:
+def boxes(trials: int) -> Results:
     """Linden's box; `trials` has no effect."""
     return {
         "one density [%]": alone(100.0 * mixed(True)),
@@ -209,15 +209,15 @@ def boxes(trials: int) -> Told:
 
 def published(seconds: float) -> dict[str, str]:
     """Return the measurements up to `seconds`, named as in `filled`."""
-    told = {
+    values = {
         f"{name}, {WHEN[t]}": f"{value:.2f}"
         for t, measured in MEASURED.items()
         if t <= seconds
         for name, value in summary(np.array(measured)).items()
     }
     if seconds >= FULL:
-        told |= {f"at {z:.3f} m [%]": f"{x:g}" for z, x in zip(HEIGHTS, MEASURED[FULL], strict=True)}
-    return told
+        values |= {f"at {z:.3f} m [%]": f"{x:g}" for z, x in zip(HEIGHTS, MEASURED[FULL], strict=True)}
+    return values
 
 
 DISCUSSION = (
@@ -254,7 +254,7 @@ CASES = (
             Condition("Linden's box, mixed well", boxes),
         ),
         trials=1,
-        few=0,
+        test_trials=0,
         discussion=DISCUSSION,
     ),
 )

@@ -106,8 +106,8 @@ def models(source: Sequence[Module]) -> dict[str, str]:
 
 def calls(module: Module, function: str) -> list[ast.Call]:
     """Return the calls of a function by its bare name."""
-    found = (node for node in ast.walk(module.tree) if isinstance(node, ast.Call))
-    return [call for call in found if isinstance(call.func, ast.Name) and call.func.id == function]
+    nodes = (node for node in ast.walk(module.tree) if isinstance(node, ast.Call))
+    return [call for call in nodes if isinstance(call.func, ast.Name) and call.func.id == function]
 
 
 def foreign_kinds(module: Module, known: dict[str, str]) -> int:
@@ -163,10 +163,10 @@ def collected(root: Path) -> int:
     environment = os.environ | {"PYTHONPATH": str(root.resolve())}
     run = partial(subprocess.run, capture_output=True, text=True, check=False)
     done = run([sys.executable, *options], cwd=root, env=environment)
-    found = re.search(r"^(\d+) tests? collected", done.stdout, re.MULTILINE)
-    if found is None:
+    match = re.search(r"^(\d+) tests? collected", done.stdout, re.MULTILINE)
+    if match is None:
         raise RuntimeError(f"{root}: {done.stdout[-2000:]}{done.stderr[-2000:]}")
-    return int(found[1])
+    return int(match[1])
 
 
 def table(old: dict[str, object], new: dict[str, object]) -> list[str]:

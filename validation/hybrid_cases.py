@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 import yaml
 
 from taichi_plume.results.run import open_run
-from taichi_plume.validation.experiment import Condition, Experiment, Range, Told
+from taichi_plume.validation.experiment import Condition, Experiment, Range, Results
 from taichi_plume.validation.plumesim_cases import ALIKE, LAMINAR, PLUME, ROOMBA, arena, in_airs
 from taichi_plume.validation.searches import Searches, scenario_of
 
@@ -23,7 +23,7 @@ ROBOT = Path(__file__).resolve().parents[1] / "examples/hybrid_casting.py"
 ANSWER_S = 30.0  # of the clock, after which a robot would be lost
 
 
-def outside(trials: int, takes: str) -> Told:
+def outside(trials: int, takes: str) -> Results:
     """Trials of robots that are driven by another process, which tells their poses or commands their velocities."""
     algorithm = {"kind": "external", "takes": takes, "timeout": ANSWER_S}
     data = arena(LAMINAR, PLUME, ROOMBA | {"algorithm": algorithm, "trials": trials})
@@ -44,22 +44,22 @@ def outside(trials: int, takes: str) -> Told:
                     raise RuntimeError(f"the service ended with code {serving.returncode}")
             finally:
                 serving.kill()
-        found = Searches()
-        found.add_run(open_run(folder / "run"))
-        return found.told(scenario_of(data), f"outside, {takes}")
+        searches = Searches()
+        searches.add_run(open_run(folder / "run"))
+        return searches.summary(scenario_of(data), f"outside, {takes}")
 
 
 def plain(data: object) -> object:
     """Tuples as the lists that YAML has."""
     if isinstance(data, dict):
         return {key: plain(value) for key, value in data.items()}
-    return [plain(one) for one in data] if isinstance(data, list | tuple) else data
+    return [plain(part) for part in data] if isinstance(data, list | tuple) else data
 
 
 def _free_port() -> int:
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
 
 
 FOUND = {"success": Range(least=0.95)}
@@ -81,7 +81,7 @@ CASES = (
             Condition("outside, which commands velocities", partial(outside, takes="velocity"), {}, FOUND),
             Condition("outside, which tells poses (hybrid)", partial(outside, takes="pose"), ALIKE, FOUND),
         ),
-        few=0,
+        test_trials=0,
         discussion=DISCUSSION,
     ),
 )

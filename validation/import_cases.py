@@ -51,13 +51,13 @@ def imported_wind(n: int, dim: int, jitter: float) -> Answer:
     points = rng.uniform(0.0, 1.0, (4000, dim))
     exact = vortices(points)
     error = velocity_at(wind, points, 0.0) - exact
-    found = wind.diagnostics()
+    diagnostics = wind.diagnostics()
     line = np.full((101, dim), 0.5)
     line[:, 0] = np.linspace(0.0, 1.0, 101)
     return {
         "u / u_max, rms": float(np.sqrt(np.mean(error**2)) / np.abs(exact).max()),
-        "correction": found["correction"],
-        "divergence": found["max_divergence"],
+        "correction": diagnostics["correction"],
+        "divergence": diagnostics["max_divergence"],
         "velocity across the line": Curve(
             "x [m]", "v [m/s]", line[:, 0], velocity_at(wind, line, 0.0)[:, 1], vortices(line)[:, 1]
         ),

@@ -58,17 +58,17 @@ def inflow_turbulence(n: int, length: float) -> Answer:
     x = np.arange(len(energy[0])) / n
     mean = energy.mean(axis=0)
     behind, far = round(BEHIND * n), round(3.0 * n)
-    told = max(length, CARRIED / n)
-    wanted = INTENSITY * SPEED
-    beyond = x + virtual_origin(told)
+    scale = max(length, CARRIED / n)
+    deviation = INTENSITY * SPEED
+    beyond = x + virtual_origin(scale)
     law = (beyond[behind:] / beyond[behind]) ** (-0.5 * EXPONENT)
     fitted = slice(behind, far + 1)
     exponent, _ = np.polyfit(np.log(beyond[fitted]), np.log(mean[fitted]), 1)
     return {
-        "intensity at the inlet": float(abs(sqrt(mean[0]) / wanted - 1.0)),
-        "its components, largest": float(np.abs(np.sqrt(energy[:, 0]) / wanted - 1.0).max()),
-        "intensity at 0.2 m": float(abs(sqrt(mean[behind]) / wanted - 1.0)),
-        "integral length at the inlet": float(abs(integral_length(at_inlet, dt * SPEED) / told - 1.0)),
+        "intensity at the inlet": float(abs(sqrt(mean[0]) / deviation - 1.0)),
+        "its components, largest": float(np.abs(np.sqrt(energy[:, 0]) / deviation - 1.0).max()),
+        "intensity at 0.2 m": float(abs(sqrt(mean[behind]) / deviation - 1.0)),
+        "integral length at the inlet": float(abs(integral_length(at_inlet, dt * SPEED) / scale - 1.0)),
         "flow rate": float(np.abs(np.array(inflows) / SPEED - 1.0).max()),
         "exponent of the decay": -float(exponent),
         "u' at 3 m over 0.2 m": float(sqrt(mean[far] / mean[behind])),

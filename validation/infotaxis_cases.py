@@ -20,7 +20,7 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.rng import stream_id, uniform4
 from taichi_plume.scenario.robots import Group
-from taichi_plume.validation.experiment import Condition, Experiment, Range, Told, over_airs, resampled
+from taichi_plume.validation.experiment import Condition, Experiment, Range, Results, over_airs, resampled
 
 CELLS = 19  # along each side
 LENGTH, INTENSITY = 1.0, 1.0  # range of detections [cells]; expected detections at half a cell in a step
@@ -136,8 +136,8 @@ class Reference:
     def chances(self, at: np.ndarray) -> np.ndarray:
         """Return the likelihood of each kind of observation at a cell, by place of source, (kinds, cells, cells)."""
         mean = expected_detections(np.hypot(self.x - at[0], self.y - at[1]))
-        some = poisson.pmf(np.arange(self.kinds - 1)[:, None, None], mean)
-        return np.concatenate([some, 1 - some.sum(axis=0, keepdims=True)])
+        counted = poisson.pmf(np.arange(self.kinds - 1)[:, None, None], mean)
+        return np.concatenate([counted, 1 - counted.sum(axis=0, keepdims=True)])
 
     def heard(self, least: int = 0) -> int:
         """A kind of observation, at least of that number, drawn where the searcher is."""
@@ -145,9 +145,9 @@ class Reference:
         chances[:least] = 0.0
         return int(self.rng.choice(self.kinds, p=chances / chances.sum()))
 
-    def learn(self, heard: int) -> None:
+    def learn(self, observation: int) -> None:
         """Bayes' rule; the source is not here."""
-        self.p *= self.chances(self.at)[heard]
+        self.p *= self.chances(self.at)[observation]
         self.p[tuple(self.at)] = 0.0
         self.p /= self.p.sum()
 
@@ -186,7 +186,7 @@ def by_definition(kind: str, cells: np.ndarray, kinds: int) -> np.ndarray:
     return np.array([Reference(kind, source, rng, kinds).search() for source in cells], float)
 
 
-def compared(trials: int, kind: str) -> Told:
+def compared(trials: int, kind: str) -> Results:
     """Mean steps to sources at the same places, and their ratio to those of the definitions."""
     cells = sources(trials)
     ours, same = Ours(kind, cells).play().astype(float), by_definition(kind, cells, 2)
@@ -225,7 +225,7 @@ CASES = (
             for kind in (PLAIN, SPACE_AWARE)
         ),
         trials=600,
-        few=40,
+        test_trials=40,
         discussion=DISCUSSION,
     ),
 )

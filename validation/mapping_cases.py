@@ -27,7 +27,7 @@ from taichi_plume.validation.experiment import (
     Lines,
     Mean,
     Range,
-    Told,
+    Results,
     over_airs,
     ratio_over_airs,
     resampled,
@@ -83,12 +83,12 @@ def chosen(
 
 def of_airs(airs: int, name: str, teams: np.ndarray) -> np.ndarray:
     """The mean over these teams of a quantity of `Fared`, in each air."""
-    return np.array([np.nanmean(one._asdict()[name][..., teams]) for one in in_airs(airs)])
+    return np.array([np.nanmean(result._asdict()[name][..., teams]) for result in in_airs(airs)])
 
 
 def mean_errors(airs: int, teams: np.ndarray, window: float = WINDOW) -> np.ndarray:
     """Forecast errors by eq 8 [ppm], means over snaps and teams, (maps, airs)."""
-    return np.stack([np.nanmean(one.errors[window][..., teams], axis=(1, 2)) for one in in_airs(airs)], -1)
+    return np.stack([np.nanmean(air.errors[window][..., teams], axis=(1, 2)) for air in in_airs(airs)], -1)
 
 
 def least(errors: np.ndarray, choice: Sequence[float] = ALPHAS) -> Mean:
@@ -105,8 +105,8 @@ def peaks(airs: int, team: int, number: int) -> tuple[np.ndarray, np.ndarray, np
     the snaps [m], whether it was within AT_SOURCE in most of them, and the distance at the end. NaN where none has.
     """
     rows = []
-    for one in in_airs(airs):
-        after = one.peak[number, one.times >= one.passed[team], team]
+    for result in in_airs(airs):
+        after = result.peak[number, result.times >= result.passed[team], team]
         after = after[np.isfinite(after)]
         if len(after):
             rows.append((after.mean(), float((after <= AT_SOURCE).mean() > 0.5), after[-1]))
@@ -129,28 +129,28 @@ def from_truth_of(alpha: float) -> str:
     return f"from the true mean, alpha {alpha:g} / {PURE}"
 
 
-def set_up(trials: int, navigation: str, source: tuple[float, float], title: str) -> Told:
+def set_up(trials: int, navigation: str, source: tuple[float, float], title: str) -> Results:
     """Return the quantities of the maps in the set-up that we assume for the paper."""
     (team,) = chosen(navigation, *PAPER, source)
     runs, best = in_airs(trials), 1 + ALPHAS.index(BEST)
     errors = mean_errors(trials, np.array([team]))
     off, alike = (
-        np.array([np.nanmean(one._asdict()[name][..., team], axis=1) for one in runs]).T
+        np.array([np.nanmean(run._asdict()[name][..., team], axis=1) for run in runs]).T
         for name in ("off", "alike")
     )
     result: dict[str, Mean | Lines] = {
         f"{PURE} [ppm]": over_airs(errors[0]),
         **{
-            error_of(alpha): ratio_over_airs(one, errors[0])
-            for alpha, one in zip(ALPHAS, errors[1:], strict=True)
+            error_of(alpha): ratio_over_airs(error, errors[0])
+            for alpha, error in zip(ALPHAS, errors[1:], strict=True)
         },
         "alpha of the least error": least(errors[1:]),
         **{
-            from_truth_of(alpha): ratio_over_airs(one, off[0])
-            for alpha, one in zip(ALPHAS, off[1:], strict=True)
+            from_truth_of(alpha): ratio_over_airs(error, off[0])
+            for alpha, error in zip(ALPHAS, off[1:], strict=True)
         },
         "runs that pass the source": over_airs(
-            np.isfinite([one.passed[team] for one in runs]).astype(float), share=True
+            np.isfinite([run.passed[team] for run in runs]).astype(float), share=True
         ),
     }
     for number, name in ((best, f"alpha {BEST:g}"), (0, PURE)):
@@ -162,14 +162,14 @@ def set_up(trials: int, navigation: str, source: tuple[float, float], title: str
             f"{HALF}, {name}": over_airs(at, share=True),
         }
     names = (PURE, *(f"alpha {alpha:g}" for alpha in ALPHAS))
-    over_time = np.nanmean([one.errors[WINDOW][..., team] for one in runs], axis=0)
+    over_time = np.nanmean([run.errors[WINDOW][..., team] for run in runs], axis=0)
     result[f"Forecast error, {title}"] = Lines(
         "t [s]", "MAE [ppm]", runs[0].times, dict(zip(names, over_time, strict=True))
     )
     return result
 
 
-def region(trials: int, navigation: str) -> Told:
+def region(trials: int, navigation: str) -> Results:
     """Where the finding holds, over speeds and sensors; both sources together."""
     result: dict[str, Mean | Lines] = {}
     of_sensor: dict[str, dict[str, np.ndarray]] = {sensor: {} for sensor in SENSORS}
@@ -177,21 +177,21 @@ def region(trials: int, navigation: str) -> Told:
     for sensor, speed in product(SENSORS, SPEEDS):
         teams, here = chosen(navigation, speed, sensor), f"{speed:g} m/s, {sensor}"
         errors = mean_errors(trials, teams)
-        shares = [ratio_over_airs(one, errors[0]) for one in errors[1:]]
-        known = {name: of_airs(trials, name, teams) for name in ("kept", "scatter", "endless", "met", "way")}
+        shares = [ratio_over_airs(row, errors[0]) for row in errors[1:]]
+        known = {k: of_airs(trials, k, teams) for k in ("correlation", "scatter", "endless", "met", "way")}
         result |= {
             f"{here}: worst alpha / {PURE}": worst(shares),
             f"{here}: alpha {BEST:g} / {PURE}": shares[ALPHAS.index(BEST)],
             f"{here}: alpha of the least error": least(errors[1:]),
             f"{here}: mean of all snaps / {PURE}": over_airs(known["endless"]),
-            f"{here}: correlation with the next snap": over_airs(known["kept"]),
+            f"{here}: correlation with the next snap": over_airs(known["correlation"]),
             f"{here}: standard deviation over mean, snap to snap": over_airs(known["scatter"]),
             f"{here}: share of time in gas": over_airs(known["met"]),
             f"{here}: way in a snap over {NEAR:g} m": over_airs(known["way"] / NEAR),
         }
         means = np.array([share.mean for share in shares])
         of_sensor[sensor][f"{speed:g} m/s"] = means
-        points.append((known["kept"].mean(), known["endless"].mean(), *means))
+        points.append((known["correlation"].mean(), known["endless"].mean(), *means))
     for sensor, lines in of_sensor.items():
         result[f"Forecast error, {navigation}, {sensor}"] = Lines(
             "alpha",
@@ -199,12 +199,12 @@ def region(trials: int, navigation: str) -> Told:
             np.array(ALPHAS),
             lines | {PURE: np.ones(len(ALPHAS))},
         )
-    kept, long, *error = np.array(points).T
-    result[f"Forecast error and what is kept, {navigation}"] = by_what_is_kept(kept, long, np.array(error))
+    r, long, *error = np.array(points).T
+    result[f"Forecast error and what is kept, {navigation}"] = by_what_is_kept(r, long, np.array(error))
     return result
 
 
-def windows(trials: int, navigation: str) -> Told:
+def windows(trials: int, navigation: str) -> Results:
     """Return the errors by the length of a snapshot, with the MiCS-5524; both sources together."""
     result: dict[str, Mean | Lines] = {}
     ascending = sorted(WINDOWS)
@@ -212,7 +212,7 @@ def windows(trials: int, navigation: str) -> Told:
     for speed, window in product(SPEEDS, ascending):
         choice = alphas(window)
         errors = mean_errors(trials, chosen(navigation, speed, PAPER[1]), window)
-        shares = [ratio_over_airs(one, errors[0]) for one in errors[1:]]
+        shares = [ratio_over_airs(row, errors[0]) for row in errors[1:]]
         lines[f"{speed:g} m/s"].append(shares[choice.index(BEST)].mean)
         if window != WINDOW:
             here = f"{speed:g} m/s, snaps of {window:g} s"
@@ -230,44 +230,44 @@ def windows(trials: int, navigation: str) -> Told:
     return result
 
 
-def without_air(trials: int) -> Told:
+def without_air(trials: int) -> Results:
     """Return the errors of maps of readings with a given memory (see `mapping_whiffs`); trials: number of draws."""
     drawn = [mapping_whiffs.mapped(seed=1 + trial) for trial in range(trials)]
-    known = {name: np.array([one[name] for one in drawn]) for name in drawn[0]}  # (trials, ..., cases)
+    known = {name: np.array([values[name] for values in drawn]) for name in drawn[0]}  # (trials, ..., cases)
     result: dict[str, Mean | Lines] = {}
     for n, (memory, speed) in enumerate(mapping_whiffs.CASES):
         here = f"{speed:g} m/s, memory {memory:g} s"
-        shares = [over_airs(one) for one in known["error"][..., n].T]
+        shares = [over_airs(values) for values in known["error"][..., n].T]
         result |= {
             f"{here}: worst alpha / {PURE}": worst(shares),
             f"{here}: alpha {BEST:g} / {PURE}": shares[ALPHAS.index(BEST)],
             f"{here}: mean of all snaps / {PURE}": over_airs(known["endless"][:, n]),
-            f"{here}: correlation with the next snap": over_airs(known["kept"][:, n]),
+            f"{here}: correlation with the next snap": over_airs(known["correlation"][:, n]),
         }
     means = {name: part.mean(axis=0) for name, part in known.items()}
     result["Forecast error and what is kept, readings without air"] = by_what_is_kept(
-        means["kept"], means["endless"], means["error"]
+        means["correlation"], means["endless"], means["error"]
     )
     return result
 
 
-def by_what_is_kept(kept: np.ndarray, long: np.ndarray, error: np.ndarray) -> Lines:
+def by_what_is_kept(correlation: np.ndarray, long: np.ndarray, error: np.ndarray) -> Lines:
     """Errors over that of the pure interpolation against the correlation with the next snap, beside closed forms.
 
     kept and long: (n,), `kept` and `endless` of `Fared`; error: (alphas, n).
     """
-    order = np.argsort(kept)
-    kept, long, error = kept[order], long[order], error[:, order]
+    order = np.argsort(correlation)
+    correlation, long, error = correlation[order], long[order], error[:, order]
     return Lines(
         "correlation with the next snap",
         f"over that of the {PURE}",
-        kept,
+        correlation,
         {
             **{f"alpha {a:g}": error[ALPHAS.index(a)] for a in (0.6, BEST, 0.98)},
-            f"alpha {BEST:g}, closed form": remembering(BEST, kept),
+            f"alpha {BEST:g}, closed form": remembering(BEST, correlation),
             "mean of all snaps": long,
-            "the same, closed form": endless(kept),
-            PURE: np.ones(len(kept)),
+            "the same, closed form": endless(correlation),
+            PURE: np.ones(len(correlation)),
         },
     )
 
@@ -319,7 +319,7 @@ CASES = (
             Condition("whiffs without air", without_air),
         ),
         trials=8,
-        few=0,
+        test_trials=0,
         discussion=DISCUSSION,
     ),
 )

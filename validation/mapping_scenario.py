@@ -71,7 +71,7 @@ class Team(NamedTuple):
     source: tuple[float, float]
 
 
-TEAMS = tuple(Team(*one) for one in product(NAVIGATIONS, SPEEDS, SENSORS, SOURCES))
+TEAMS = tuple(Team(*row) for row in product(NAVIGATIONS, SPEEDS, SENSORS, SOURCES))
 
 
 def maps(window: float) -> list[Keys]:
@@ -83,9 +83,9 @@ def maps(window: float) -> list[Keys]:
     ]
 
 
-def alphas(window: float, snaps: int = 1) -> tuple[float, ...]:
+def alphas(window: float, snapshots: int = 1) -> tuple[float, ...]:
     """Return the ALPHAS that see `snaps` past snapshots of this length [s]; beta = 0.5, time scale 0.1 m/s."""
-    return tuple(alpha for alpha in ALPHAS if (1.0 - alpha) * 0.1 * snaps * window < 0.5 - 1e-6)
+    return tuple(alpha for alpha in ALPHAS if (1.0 - alpha) * 0.1 * snapshots * window < 0.5 - 1e-6)
 
 
 def robots(number: int, team: Team) -> Keys:
@@ -123,16 +123,16 @@ def arena(air: int = 0, teams: Sequence[Team] = TEAMS, duration: float = DURATIO
             "parts": [
                 {
                     "kind": "puffs",
-                    "species": one,
+                    "species": gas,
                     "release_rate": 100,
                     "sources": [{"position": (*source, HEIGHT), "rate": "20 mg/s", "radius": 0.03}],
                 }
-                for one, source in zip(species, SOURCES, strict=True)
+                for gas, source in zip(species, SOURCES, strict=True)
             ],
         },
         "robots": [robots(number, team) for number, team in enumerate(teams)],
         "rivals": True,
-        "maps": [one for window in WINDOWS for one in maps(window)],
+        "maps": [keys for window in WINDOWS for keys in maps(window)],
     }
 
 
@@ -152,7 +152,7 @@ class Fared(NamedTuple):
     alike: np.ndarray
     peak: np.ndarray
     passed: np.ndarray
-    kept: np.ndarray
+    correlation: np.ndarray
     scatter: np.ndarray
     endless: np.ndarray
     met: np.ndarray
@@ -200,15 +200,15 @@ class Judge:
     def score(self, sim: Simulation) -> None:
         """A snap has ended: compare the maps with the true mean gas."""
         truth = self.sum / self.looks
-        estimates = np.stack([np.asarray(one.estimate())[self.rows] for one in self.maps])
-        found = np.full((3, *estimates.shape[:2]), np.nan)
+        estimates = np.stack([np.asarray(gas_map.estimate())[self.rows] for gas_map in self.maps])
+        values = np.full((3, *estimates.shape[:2]), np.nan)
         for gas, source in enumerate(SOURCES):
             mine = self.of == gas
             for n, estimate in enumerate(estimates[:, mine]):
                 score = scores.map_score(estimate, truth[..., gas])
                 peak = scores.peak_distance(estimate, CELL, np.array([source]))
-                found[:, n, mine] = score.mae, score.correlation, peak
-        self.scores.append(found)
+                values[:, n, mine] = score.mae, score.correlation, peak
+        self.scores.append(values)
         self.interpolated.append(estimates[0])
 
     def fared(self, sim: Simulation) -> Fared:
@@ -231,26 +231,26 @@ class Judge:
 
     def _errors(self, sim: Simulation, window: float) -> np.ndarray:
         """Return the forecast errors of the snapshots that count, (maps, snaps, teams)."""
-        of_maps = [list(one.errors) for one in sim.maps if one.window == window]
-        return np.array([[error for t, error in one if t > SETTLED + 1e-6] for one in of_maps])[
+        of_maps = [list(gas_map.errors) for gas_map in sim.maps if gas_map.window == window]
+        return np.array([[error for t, error in errors if t > SETTLED + 1e-6] for errors in of_maps])[
             ..., self.rows
         ]
 
 
-def persistence(snaps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def persistence(snapshots: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return correlation and scatter of consecutive snapshots, interpolations (snaps, teams, nx, ny).
 
     The correlation of a cell's deviation from its mean over time with that one snap later; the standard deviation over
     the mean, both with the variances of all cells together; and how far snaps are from that mean over how far they are
     from the snap before, as eq 8 counts: what a map that forgets nothing would come to, (teams,) each.
     """
-    deviation = snaps - snaps.mean(axis=0)
+    deviation = snapshots - snapshots.mean(axis=0)
     variance = (deviation**2).mean(axis=(0, 2, 3))
     together = (deviation[1:] * deviation[:-1]).mean(axis=(0, 2, 3))
-    steps = np.abs(np.diff(snaps, axis=0)).mean(axis=(0, 2, 3))
+    steps = np.abs(np.diff(snapshots, axis=0)).mean(axis=(0, 2, 3))
     return (
         together / variance,
-        np.sqrt(variance) / snaps.mean(axis=(0, 2, 3)),
+        np.sqrt(variance) / snapshots.mean(axis=(0, 2, 3)),
         np.abs(deviation).mean(axis=(0, 2, 3)) / steps,
     )
 
@@ -258,11 +258,11 @@ def persistence(snaps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @cache
 def in_airs(airs: int) -> tuple[Fared, ...]:
     """All teams in each of so many airs."""
-    sim, found = assemble(scenario_of(arena(0, TEAMS, DURATION))), []
+    sim, results = assemble(scenario_of(arena(0, TEAMS, DURATION))), []
     for air in range(airs):
         if air:
             sim.reset(scenario_of(arena(air, TEAMS, DURATION)))
         judge = Judge(sim, TEAMS)
         sim.run()
-        found.append(judge.fared(sim))
-    return tuple(found)
+        results.append(judge.fared(sim))
+    return tuple(results)

@@ -51,9 +51,9 @@ def plume(place: np.ndarray) -> np.ndarray:
 def whiffs(ticks: int, memory: float, rng: np.random.Generator) -> np.ndarray:
     """Lognormal, of mean and deviation 1, (ticks, 4); the logarithm is an autoregression."""
     normal = rng.standard_normal((ticks, 4))
-    kept = np.exp(-TICK / memory)
+    coefficient = np.exp(-TICK / memory)
     for n in range(1, ticks):
-        normal[n] = kept * normal[n - 1] + np.sqrt(1.0 - kept**2) * normal[n]
+        normal[n] = coefficient * normal[n - 1] + np.sqrt(1.0 - coefficient**2) * normal[n]
     square = np.log(2.0)
     return np.exp(np.sqrt(square) * normal - 0.5 * square)
 
@@ -64,39 +64,39 @@ def mapped(lasts: float = LASTS, seed: int = 1) -> dict[str, np.ndarray]:
     """
     rng, ticks, each = np.random.default_rng(seed), round(lasts / TICK), round(lasts / WINDOW)
     team, first = RecordedTeam(4), round(SETTLES / WINDOW)
-    models = [TypeAdapter(Map).validate_python(one) for one in maps(WINDOW)]
+    models = [TypeAdapter(Map).validate_python(gas_map) for gas_map in maps(WINDOW)]
     several = mappers(models, Floor(SIZE, 1, 4, TICK))
     rows = []
     for case, (memory, speed) in enumerate(CASES):
         place = ways(speed, ticks)
         reading = 1e3 * plume(place) * whiffs(ticks, memory, rng)
-        snaps = []
+        snapshots = []
         for n in range(ticks):
             team.show(place[n], np.zeros((4, 2)), reading[n])
-            for one in several:
-                one.update(team, (case * ticks + n + 1) * TICK, TICK)
+            for gas_map in several:
+                gas_map.update(team, (case * ticks + n + 1) * TICK, TICK)
             if (n + 1) % round(WINDOW / TICK) == 0:
-                snaps.append(np.asarray(several[0].estimate()))
+                snapshots.append(np.asarray(several[0].estimate()))
         late = case * each + first
         errors = [
-            np.mean([e[0] for t, e in one.errors if late * WINDOW < t <= (case + 1) * lasts + 1e-6])
-            for one in several
+            np.mean([e[0] for t, e in gas_map.errors if late * WINDOW < t <= (case + 1) * lasts + 1e-6])
+            for gas_map in several
         ]
-        known = [float(value[0]) for value in persistence(np.stack(snaps)[first:])]
+        known = [float(value[0]) for value in persistence(np.stack(snapshots)[first:])]
         rows.append([*known, *np.divide(errors[1:], errors[0])])
-    kept, scatter, long, *error = np.array(rows).T
-    return {"kept": kept, "scatter": scatter, "endless": long, "error": np.array(error)}
+    correlation, scatter, long, *error = np.array(rows).T
+    return {"correlation": correlation, "scatter": scatter, "endless": long, "error": np.array(error)}
 
 
 # ---------------------------------------------------------------- closed forms
 
 
-def endless(kept: np.ndarray) -> np.ndarray:
+def endless(correlation: np.ndarray) -> np.ndarray:
     """Error of the long mean over that of the last snap, of normal readings about a steady mean: 1/sqrt(2 (1 - r))."""
-    return 1.0 / np.sqrt(2.0 * (1.0 - kept))
+    return 1.0 / np.sqrt(2.0 * (1.0 - correlation))
 
 
-def remembering(alpha: float, kept: np.ndarray | float, window: float = WINDOW) -> np.ndarray:
+def remembering(alpha: float, correlation: np.ndarray | float, window: float = WINDOW) -> np.ndarray:
     """Error of a time series over that of the last snapshot: weights g of earlier snapshots, correlated as r^lag.
 
     g: what the neighbourhood of a cell gives each snap (eq 7), where robots are anywhere alike.
@@ -106,6 +106,6 @@ def remembering(alpha: float, kept: np.ndarray | float, window: float = WINDOW) 
     g /= g.sum()
     lags = np.arange(1, len(g) + 1)
     apart = np.abs(lags[:, None] - lags)
-    r = np.asarray(kept, float)[..., None]
+    r = np.asarray(correlation, float)[..., None]
     square = 1.0 - 2.0 * (g * r**lags).sum(-1) + (np.outer(g, g) * r[..., None] ** apart).sum((-1, -2))
     return np.sqrt(square / (2.0 * (1.0 - r[..., 0])))

@@ -52,15 +52,15 @@ def _readings(seconds: float, convection: str) -> dict[str, np.ndarray]:
     while t < SETTLED + seconds:
         dt = min(flow.stable_dt(t), SAMPLING)
         flow.advance(t, dt)
-        for some in gases.values():
-            for gas in some:
+        for solvers in gases.values():
+            for gas in solvers:
                 gas.advance(t, dt)
         t += dt
         if t >= last + SAMPLING:
             last = t
-            for kind, some in gases.items():
+            for kind, solvers in gases.items():
                 readings[kind].append(
-                    [concentration_at(gas, axis, t) for gas, axis in zip(some, axes, strict=False)]
+                    [concentration_at(gas, axis, t) for gas, axis in zip(solvers, axes, strict=False)]
                 )
     return {kind: np.array(values, float) for kind, values in readings.items()}
 
@@ -81,18 +81,18 @@ def on_the_axis(n: int, convection: str = "upwind5") -> Answer:
     """Readings of n seconds. Judged are puffs that are handed over; told are mean, fluctuation and presence of all."""
     answer: dict[str, float] = {}
     for kind, c in _readings(n, convection).items():
-        found, error = fluctuation(c), standard_error(c)
+        ratio, error = fluctuation(c), standard_error(c)
         mean = c.mean(axis=(0, 1))
         present = (c > LEAST * mean).mean(axis=(0, 1))
         if kind == "hand-over":
             answer |= {
-                f"c'/C at {x:g} m, off 1": abs(float(found[DISTANCES.index(x)]) - 1.0) for x in (0.25, 1.0)
+                f"c'/C at {x:g} m, off 1": abs(float(ratio[DISTANCES.index(x)]) - 1.0) for x in (0.25, 1.0)
             }
-            answer["c'/C at 3 m over 1 m"] = float(found[-1] / found[DISTANCES.index(1.0)])
+            answer["c'/C at 3 m over 1 m"] = float(ratio[-1] / ratio[DISTANCES.index(1.0)])
         for k, x in enumerate(DISTANCES):
             where = f"{kind} at {x:g} m"
             answer[f"{where}: mean [mg/m³]"] = float(1e6 * mean[k])
-            answer[f"{where}: c'/C"] = float(found[k])
+            answer[f"{where}: c'/C"] = float(ratio[k])
             answer[f"{where}: its standard error"] = float(error[k])
             answer[f"{where}: present"] = float(present[k])
     return answer

@@ -22,7 +22,7 @@ from taichi_plume.files.point_frames import PointFrames
 from taichi_plume.grid.fields import ppm_at
 from taichi_plume.running.plume_log import PlumeLogger
 from taichi_plume.validation.case import Keys
-from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Told
+from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Results
 from taichi_plume.validation.searches import WAY, scenario_of, searches, spread
 
 AIRS = 8
@@ -72,7 +72,7 @@ def arena(wind: Keys, gas: Keys, robot: Keys = ROOMBA) -> Keys:
     }
 
 
-def in_airs(trials: int, data: Keys, title: str, airs: int = 1) -> Told:
+def in_airs(trials: int, data: Keys, title: str, airs: int = 1) -> Results:
     """Trials spread over airs of different seeds."""
     shares = spread(trials, airs)
     return searches([data | {"seed": k + 1} for k in range(len(shares))], shares, title)
@@ -108,7 +108,7 @@ def export(frames: PointFrames, folder: Path) -> None:
         (folder / (FRAMES % (k + 1))).write_text(text, encoding="ascii")
 
 
-def from_logs(trials: int, title: str, robot: Keys) -> Told:
+def from_logs(trials: int, title: str, robot: Keys) -> Results:
     """Wind and gas of a log of each air."""
 
     def of_air(folder: Path, air: int) -> Keys:
@@ -119,21 +119,21 @@ def from_logs(trials: int, title: str, robot: Keys) -> Told:
     return from_files(trials, title, of_air)
 
 
-def from_fluent(trials: int, title: str, robot: Keys) -> Told:
+def from_fluent(trials: int, title: str, robot: Keys) -> Results:
     """Gas of files of each air as Fluent writes them, in the wind that the scenario tells."""
 
     def of_air(folder: Path, air: int) -> Keys:
-        of_it = folder / str(air)
-        of_it.mkdir()
-        (of_it / LOG).write_bytes(recorded(air))
-        export(read_log(of_it / LOG), of_it)
+        air_folder = folder / str(air)
+        air_folder.mkdir()
+        (air_folder / LOG).write_bytes(recorded(air))
+        export(read_log(air_folder / LOG), air_folder)
         files = {"kind": "fluent", "files": f"{air}/{FRAMES}", "largest": SCALE, **TARGET}
         return arena(LAMINAR, files, robot)
 
     return from_files(trials, title, of_air)
 
 
-def from_files(trials: int, title: str, of_air: Callable[[Path, int], Keys]) -> Told:
+def from_files(trials: int, title: str, of_air: Callable[[Path, int], Keys]) -> Results:
     """Trials spread over the airs of scenarios whose files `of_air` writes into a folder."""
     shares = spread(trials, AIRS)
     with TemporaryDirectory() as name:
@@ -158,7 +158,7 @@ def _air(name: str, airs: int, wind: Keys, gas: Keys, **keys: Any) -> Condition:
     return Condition(title, partial(in_airs, data=arena(wind, gas), title=title, airs=airs), **keys)
 
 
-def _both(name: str, run: Callable[..., Told], **keys: Any) -> tuple[Condition, Condition]:
+def _both(name: str, run: Callable[..., Results], **keys: Any) -> tuple[Condition, Condition]:
     """A condition with the lagging sensor, and with one that reads the plume at once as PlumeSim's robots do."""
     quick = f"{name}, at once"
     return (
@@ -167,17 +167,17 @@ def _both(name: str, run: Callable[..., Told], **keys: Any) -> tuple[Condition, 
     )
 
 
-def _program(trials: int, title: str, robot: Keys, gas: Keys, airs: int) -> Told:
+def _program(trials: int, title: str, robot: Keys, gas: Keys, airs: int) -> Results:
     return in_airs(trials, arena(LAMINAR, gas, robot), title, airs)
 
 
-def _its_own_threshold(trials: int, title: str) -> Told:
+def _its_own_threshold(trials: int, title: str) -> Results:
     """PSGaussian with the threshold that others have of their largest concentration: 5 % of its own, as it repeats."""
     sim = assemble(scenario_of(arena(LAMINAR, PUFF | {"start": REPEATS})))
     largest = float(ppm_at(sim.gas, sim.grid.centers(), sim.t).max())
     robot = ROOMBA | {"algorithm": ROOMBA["algorithm"] | {"threshold_ppm": 0.05 * largest}}
-    told = in_airs(trials, arena(LAMINAR, PUFF, robot), title)
-    return {**told, "largest concentration [ppm]": Mean(largest, None, None, 1)}
+    results = in_airs(trials, arena(LAMINAR, PUFF, robot), title)
+    return {**results, "largest concentration [ppm]": Mean(largest, None, None, 1)}
 
 
 DISCUSSION = """\
@@ -215,7 +215,7 @@ CASES = (
             *_both(f"PSLog, {AIRS} airs", from_logs),
             *_both(f"PSFluent, {AIRS} airs", from_fluent, published=SIMULATED, expected=LED),
         ),
-        few=0,
+        test_trials=0,
         discussion=DISCUSSION,
     ),
 )

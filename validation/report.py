@@ -104,8 +104,8 @@ def _case(case: Keys, pictures: Pictures) -> str:
     table = _norms(case.get("norms", [])) + _means(case.get("rows", []))
     picture = _picture(case, pictures)
     image = f'<img alt="plots of {name}" src="data:image/svg+xml;base64,{picture}">' if picture else ""
-    said = "".join(f"<p>{escape(part)}</p>" for part in case["discussion"].split("\n\n") if part)
-    return f'<h2 id="{name}">{name}</h2><p class=about>{escape(about)}</p>{message}{said}{table}{image}'
+    discussion = "".join(f"<p>{escape(part)}</p>" for part in case["discussion"].split("\n\n") if part)
+    return f'<h2 id="{name}">{name}</h2><p class=about>{escape(about)}</p>{message}{discussion}{table}{image}'
 
 
 def _norms(rows: list[Keys]) -> str:
@@ -119,8 +119,8 @@ def _means(rows: list[Keys]) -> str:
     for row in rows:
         first = "" if row["condition"] == last else row["condition"]
         last = row["condition"]
-        told = [first, row["quantity"], mean_with_interval(row), row["published"], row["expected"] or ""]
-        lines.append([*map(escape, told), _verdict(row["met"])])
+        cells = [first, row["quantity"], mean_with_interval(row), row["published"], row["expected"] or ""]
+        lines.append([*map(escape, cells), _verdict(row["met"])])
     return _table(["condition", "quantity", "mean, 95 % interval", "published", "expected", ""], lines)
 
 

@@ -62,11 +62,11 @@ def main(argv: Sequence[str] | None = None) -> int:
             path = CONFIGS / f"{name}.yaml"
             data = shortened(yaml.safe_load(path.read_text()), args.seconds)
             (keep / name).mkdir(parents=True, exist_ok=True)
-            one = keep / name / "scenario.yaml"
+            file = keep / name / "scenario.yaml"
             scenario = load_scenario(path, [f"{key}={json.dumps(value)}" for key, value in data.items()])
-            one.write_text(to_yaml(scenario, path.parent, one.parent))
+            file.write_text(to_yaml(scenario, path.parent, file.parent))
             # a process for each: what one leaves behind is not the next one's
-            command = [sys.executable, "-m", "taichi_plume.validation.resets", "--one", str(one)]
+            command = [sys.executable, "-m", "taichi_plume.validation.resets", "--one", str(file)]
             failed += bool(subprocess.run([*command, "--times", str(args.times)], check=False).returncode)
     return int(failed > 0)
 
@@ -87,8 +87,8 @@ def check(path: Path, times: int) -> int:
             file.write_text(to_yaml(other, path.parent, path.parent))
             command = [sys.executable, "-m", "taichi_plume.run", str(file), "--out", str(fresh), "--quiet"]
             subprocess.run([*command, "--no-recording", "--allow-outside"], check=True)
-        found = list(differences(fresh, path.parent / f"reset-{name}", ("steps", "gas")))
-        faults += [f"{name}: {fault}" for fault in found]
+        changes = list(differences(fresh, path.parent / f"reset-{name}", ("steps", "gas")))
+        faults += [f"{name}: {fault}" for fault in changes]
         if name != "same" and not list(differences(path.parent / "first", fresh, ("steps", "gas"))):
             idle.append(name)
     more, grown = kernels.compiled() - compiled, growth(sim, scenario, times)

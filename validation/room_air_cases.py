@@ -22,7 +22,7 @@ from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.room_mixing import air_changes, diffusivity
 from taichi_plume.solvers.synthetic import SyntheticSolver
 from taichi_plume.validation.case import Curve
-from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Told, over_airs
+from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Results, over_airs
 
 ROOM = ((50, 40, 25), 0.1)  # 50 m³
 HALL = ((40, 30, 16), 0.2)  # 154 m³
@@ -48,17 +48,17 @@ DISCUSSION = (
 )
 
 
-def of_particles(airs: int, shape: tuple[int, ...], dx: float, **keys: float) -> Told:
+def of_particles(airs: int, shape: tuple[int, ...], dx: float, **keys: float) -> Results:
     """K of a room in so many airs, and what it comes to."""
     grid = Grid(shape, dx)
     model = SyntheticWind.model_validate({"kind": "synthetic"} | keys)
     wind = SyntheticSolver(model, grid, Air.everywhere(grid))
-    found = []
+    values = []
     for seed in range(airs):
         wind.begin(model, 0.0, seed)
-        found.append(wind.mixing()["eddy_diffusivity_m2_per_s"])
-    K, volume = np.array(found), float(np.prod(grid.extent))
-    like = np.array([air_changes(one, volume) for one in K])
+        values.append(wind.mixing()["eddy_diffusivity_m2_per_s"])
+    K, volume = np.array(values), float(np.prod(grid.extent))
+    like = np.array([air_changes(k, volume) for k in K])
     return {
         OF_PARTICLES: over_airs(1e3 * K),
         LIKE: over_airs(like),
@@ -66,7 +66,7 @@ def of_particles(airs: int, shape: tuple[int, ...], dx: float, **keys: float) ->
     }
 
 
-def released(airs: int) -> Told:
+def released(airs: int) -> Results:
     """Gas of the default room, a ball in the middle at first: the cosines of a whole wave along and across the room.
 
     By diffusion their means over all airs decay as exp(-K (2 pi/L)² t). That of particles is of the same airs.
@@ -75,8 +75,8 @@ def released(airs: int) -> Told:
     model = SyntheticWind(kind="synthetic")
     wind = SyntheticSolver(model, grid, Air.everywhere(grid))
     source = {"position": tuple(0.5 * length for length in grid.extent), "rate": 0.0}
-    its = EulerianGas.model_validate({"kind": "eulerian", "sources": [source]})
-    gas = EulerianSolver(its, grid, wind, Air.everywhere(grid))
+    gas_model = EulerianGas.model_validate({"kind": "eulerian", "sources": [source]})
+    gas = EulerianSolver(gas_model, grid, wind, Air.everywhere(grid))
     x = grid.centers()
     ball = np.exp(-((x - 0.5 * np.array(grid.extent)) ** 2).sum(axis=-1) / (2.0 * RELEASED**2))
     modes = np.zeros((airs, len(LOOKS), len(axes)))
@@ -84,7 +84,7 @@ def released(airs: int) -> Told:
     for seed in range(airs):
         wind.begin(model, 0.0, seed)
         particles.append(wind.mixing()["eddy_diffusivity_m2_per_s"])
-        gas.begin(its)
+        gas.begin(gas_model)
         gas.start_from(lambda _: ball)
         for n in range(round(LOOKS[-1] / STEP)):
             wind.advance(n * STEP, STEP)
@@ -95,15 +95,15 @@ def released(airs: int) -> Told:
                 )
         along += grid.read(gas.c).astype(float).sum(axis=(1, 2)) / ball.sum() / grid.dx / airs
     K = pseudo_values(modes, grid.extent)
-    of = np.array(particles)
+    by_particles = np.array(particles)
     k = np.arange(1, 40)[:, None] * 2.0 * pi / grid.extent[0]  # of a ball in the middle only even ones
     place = (np.arange(grid.shape[0]) + 0.5) * grid.dx - 0.5 * grid.extent[0]
-    decay = np.exp(-(k**2) * (0.5 * RELEASED**2 + of.mean() * LOOKS[-1]))
+    decay = np.exp(-(k**2) * (0.5 * RELEASED**2 + by_particles.mean() * LOOKS[-1]))
     diffused = (1.0 + 2.0 * (decay * np.cos(k * place)).sum(axis=0)) / grid.extent[0]
     return {
         OF_GAS: over_airs(1e3 * K),
-        OF_PARTICLES: over_airs(1e3 * of),
-        RATIO: _over(over_airs(K), float(of.mean())),
+        OF_PARTICLES: over_airs(1e3 * by_particles),
+        RATIO: _over(over_airs(K), float(by_particles.mean())),
         f"{LOOKS[-1]:g} s after the release, and diffusion by K": Curve(
             "x - middle [m]", "share per metre [1/m]", place, along, diffused
         ),
@@ -185,7 +185,7 @@ CASES = (
             ),
         ),
         trials=8,
-        few=0,
+        test_trials=0,
         discussion=DISCUSSION,
     ),
 )

@@ -97,15 +97,15 @@ class Searches:
             self.ways.append(np.column_stack([rows["x"], rows["y"]]))
         self.airs += [max(self.airs, default=-1) + 1] * len(trials)
 
-    def told(self, scenario: Scenario, title: str) -> dict[str, Mean | Tracks]:
+    def summary(self, scenario: Scenario, title: str) -> dict[str, Mean | Tracks]:
         """The means over all trials, and some ways from all airs: up to half of them of failures.
 
         Intervals are over the airs, where there are several.
         """
         size, (_, source) = scenario.domain.extent[:2], scenario.sources[0]
         good = np.array(self.columns["success"], bool)
-        lost = _some(np.flatnonzero(~good), SHOWN // 2)
-        shown = [*lost, *_some(np.flatnonzero(good), SHOWN - len(lost))]
+        lost = _evenly(np.flatnonzero(~good), SHOWN // 2)
+        shown = [*lost, *_evenly(np.flatnonzero(good), SHOWN - len(lost))]
         ways = tuple(self.ways[k] for k in shown)
         return {
             **self._means(scenario.duration),
@@ -116,15 +116,15 @@ class Searches:
         if max(self.airs) == 0:
             summary = trial_summary(self.columns, duration)
             return {name: Mean(**summary[key]) for name, key in QUANTITIES.items()}
-        airs, told = np.array(self.airs), {}
+        airs, means = np.array(self.airs), {}
         for name, key in QUANTITIES.items():
             share = key == "success_rate"
             values = np.array(self.columns["success" if share else key], float)
-            told[name] = over_airs(values, airs, share)
-        return told
+            means[name] = over_airs(values, airs, share)
+        return means
 
 
-def _some(numbers: np.ndarray, most: int) -> np.ndarray:
+def _evenly(numbers: np.ndarray, most: int) -> np.ndarray:
     """At most so many of them, evenly."""
     return numbers[np.linspace(0, len(numbers) - 1, min(most, len(numbers))).astype(int)]
 
@@ -133,13 +133,13 @@ def searches(
     airs: Iterable[Keys], trials: Sequence[int], title: str, folder: Path = Path()
 ) -> dict[str, Mean | Tracks]:
     """Run the first group of scenarios in so many trials each; Taichi must have been started. title: of the picture."""
-    found, scenario = Searches(), None
+    trials_by_air, scenario = Searches(), None
     for data, count in zip(airs, trials, strict=True):
         group = data["robots"][0] | {"trials": count}
         scenario = scenario_of(data | {"robots": [group]}, folder)
-        found.add(assemble(scenario, folder))
+        trials_by_air.add(assemble(scenario, folder))
     assert scenario is not None
-    return found.told(scenario, title)
+    return trials_by_air.summary(scenario, title)
 
 
 def contest(data: Keys, folder: Path = Path(), limit: float = inf) -> dict[str, dict[str, list[Any]]]:
@@ -148,7 +148,7 @@ def contest(data: Keys, folder: Path = Path(), limit: float = inf) -> dict[str, 
     limit: of a search [s]: each group's outcomes are those so long after it set off, and the run ends with the last.
     """
     sim = assemble(scenario_of(data | {"rivals": True}, folder), folder)
-    told: dict[str, dict[str, list[Any]]] = {}
+    results: dict[str, dict[str, list[Any]]] = {}
     late = {group.name: group.model.begin + limit for group in sim.swarm.groups}
     sim.observe()
     while not sim.finished and late:
@@ -157,9 +157,9 @@ def contest(data: Keys, folder: Path = Path(), limit: float = inf) -> dict[str, 
         over = [name for name, end in late.items() if sim.t >= end]
         if over:
             now = outcomes(sim)
-            told |= {name: now[name] for name in over}
+            results |= {name: now[name] for name in over}
             late = {name: end for name, end in late.items() if name not in over}
-    return told | {name: one for name, one in outcomes(sim).items() if name in late}
+    return results | {name: columns for name, columns in outcomes(sim).items() if name in late}
 
 
 def probed(data: Keys) -> tuple[Simulation, np.ndarray, "pa.Table"]:

@@ -19,7 +19,7 @@ from taichi_plume.validation.experiment import (
     Condition,
     Experiment,
     Range,
-    Told,
+    Results,
     over_airs,
     ratio_over_airs,
 )
@@ -85,11 +85,11 @@ def table(trials: int) -> Mapping[tuple[str, int], Columns]:
             for k, share in places
         }
         afresh()
-        end = max(one["begin"] for one in robots.values()) + HOUR
-        found = contest(room(air, list(robots.values()), end), limit=HOUR)
+        end = max(robot["begin"] for robot in robots.values()) + HOUR
+        columns = contest(room(air, list(robots.values()), end), limit=HOUR)
         for (row, k), group in robots.items():
             numbers = {"air": [air] * group["trials"], "place": [k] * group["trials"]}
-            parts.append((row, found[group["name"]] | numbers))
+            parts.append((row, columns[group["name"]] | numbers))
     return pooled(parts)
 
 
@@ -98,7 +98,7 @@ def times(columns: Columns) -> np.ndarray:
     return np.where(columns["success"], columns["time_s"], HOUR)
 
 
-def one_row(trials: int, row: tuple[str, int]) -> Told:
+def one_row(trials: int, row: tuple[str, int]) -> Results:
     """A row of the table."""
     columns = table(trials)[row]
     air, time, steps = columns["air"], times(columns), columns["acquisitions"]
@@ -124,23 +124,23 @@ def fewer(distance: int) -> str:
 ORDER = (*pairwise(RANKING), ("SPIRAL", "E. coli 3 s"))
 
 
-def order(trials: int) -> Told:
+def order(trials: int) -> Results:
     """Return the ratios of times and of acquisitions of pairs of algorithms."""
-    rows, told = table(trials), {}
+    rows, results = table(trials), {}
     for d in DISTANCES:
         airs = {name: rows[name, d]["air"] for name in ALGORITHMS}
         for quick, slow in ORDER:
             both = times(rows[slow, d]), times(rows[quick, d])
-            told[longer(quick, slow, d)] = ratio_over_airs(*both, airs[slow], airs[quick])
+            results[longer(quick, slow, d)] = ratio_over_airs(*both, airs[slow], airs[quick])
         ours, other = (rows[name, d] for name in ("SPIRAL", "random SPIRAL"))
         counts = ours["acquisitions"], other["acquisitions"]
-        told[fewer(d)] = ratio_over_airs(*counts, ours["air"], other["air"])
+        results[fewer(d)] = ratio_over_airs(*counts, ours["air"], other["air"])
         for k in (0, SESSION - 1):
-            one = rows["SPIRAL", d]
-            here = one["place"] == k
+            columns = rows["SPIRAL", d]
+            here = columns["place"] == k
             name = f"acquisitions, SPIRAL, {d} cm, trial {k + 1} of a session"
-            told[name] = over_airs(one["acquisitions"][here], one["air"][here])
-    return told
+            results[name] = over_airs(columns["acquisitions"][here], columns["air"][here])
+    return results
 
 
 def _row(name: str, distance: int) -> Condition:
@@ -188,7 +188,7 @@ CASES = (
             Condition("indices of a known noise", lambda trials: noise(max(1, trials // 2))),
         ),
         trials=256,
-        few=0,
+        test_trials=0,
         discussion=DISCUSSION,
     ),
 )

@@ -17,7 +17,7 @@ from taichi_plume.grid.rng import normal4, stream_id
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scoring.trials import mean_with_interval
 from taichi_plume.validation.case import Keys
-from taichi_plume.validation.experiment import Lines, Mean, Told
+from taichi_plume.validation.experiment import Lines, Mean, Results
 from taichi_plume.validation.searches import outcomes, scenario_of
 from taichi_plume.validation.spiral_room import ALGORITHMS, DISTANCES, SOURCE, TABLE_2, at, floor, momo
 
@@ -78,19 +78,19 @@ def _searched(groups: list[Keys], spreads: list[float]) -> list[dict[str, np.nda
     sim = assemble(scenario_of(floor(groups, LONGEST) | {"rivals": True}))
     sim.sensors = NoisyIndex(sim.swarm, np.repeat(spreads, [g.size for g in sim.swarm.groups]))
     sim.run()
-    told = outcomes(sim)
-    return [{name: np.array(values) for name, values in told[g["name"]].items()} for g in groups]
+    columns = outcomes(sim)
+    return [{name: np.array(values) for name, values in columns[g["name"]].items()} for g in groups]
 
 
-def chi_square(published: list[tuple[float, int]], found: list[np.ndarray]) -> float:
+def chi_square(published: list[tuple[float, int]], samples: list[np.ndarray]) -> float:
     """Sum of squares of how far published means of n trials are from ours, in standard errors of n of our trials."""
     return sum(
         (mean - values.mean()) ** 2 / (values.var(ddof=1) / n)
-        for (mean, n), values in zip(published, found, strict=True)
+        for (mean, n), values in zip(published, samples, strict=True)
     )
 
 
-def arms(trials: int) -> Told:
+def arms(trials: int) -> Results:
     """Random SPIRAL along each set of arms: acquisitions, time for one, and chi-square of the two published means."""
     random = ALGORITHMS["random SPIRAL"]
     groups = [
@@ -98,19 +98,19 @@ def arms(trials: int) -> Told:
         for name, lengths in ARMS.items()
         for d in DISTANCES
     ]
-    found = _searched(groups, [0.0] * len(groups))
-    told: dict[str, Mean] = {}
+    columns = _searched(groups, [0.0] * len(groups))
+    results: dict[str, Mean] = {}
     for k, name in enumerate(ARMS):
-        both = found[2 * k : 2 * k + 2]
-        steps = [one["acquisitions"] for one in both]
+        both = columns[2 * k : 2 * k + 2]
+        steps = [sample["acquisitions"] for sample in both]
         published = [TABLE_2["random SPIRAL", d].acquisitions for d in DISTANCES]
         for d, values in zip(DISTANCES, steps, strict=True):
-            told[f"{name}: acquisitions, {d} cm"] = Mean(**mean_with_interval(values))
-        chi = chi_square([(one.mean, one.n) for one in published], steps)
-        told[f"{name}: chi-square, of 2"] = Mean(chi, None, None, trials)
-        each = sum(one["time_s"].sum() for one in both) / sum(values.sum() for values in steps)
-        told[f"{name}: time per acquisition [s]"] = Mean(float(each), None, None, 2 * trials)
-    return told
+            results[f"{name}: acquisitions, {d} cm"] = Mean(**mean_with_interval(values))
+        chi = chi_square([(sample.mean, sample.n) for sample in published], steps)
+        results[f"{name}: chi-square, of 2"] = Mean(chi, None, None, trials)
+        each = sum(sample["time_s"].sum() for sample in both) / sum(values.sum() for values in steps)
+        results[f"{name}: time per acquisition [s]"] = Mean(float(each), None, None, 2 * trials)
+    return results
 
 
 @cache
@@ -119,20 +119,20 @@ def noisy(trials: int) -> dict[tuple[str, int, float], np.ndarray]:
     algorithms = ALGORITHMS | {"SPIRAL": ALGORITHMS["SPIRAL"] | {"minimum_ppm": _minimum()}}
     cases = [(name, d, s) for name in NOISY for d in DISTANCES for s in SPREADS]
     groups = [momo(f"{name} {d} {s}", trials, at(d), algorithms[name]) for name, d, s in cases]
-    found = _searched(groups, [s for *_, s in cases])
-    return {case: one["acquisitions"] for case, one in zip(cases, found, strict=True)}
+    columns = _searched(groups, [s for *_, s in cases])
+    return {case: sample["acquisitions"] for case, sample in zip(cases, columns, strict=True)}
 
 
-def noise(trials: int) -> Told:
+def noise(trials: int) -> Results:
     """Acquisitions over the spread of the indices, with the published ones as lines."""
-    found, x = noisy(trials), np.array(SPREADS)
-    told: Keys = {}
+    counts, x = noisy(trials), np.array(SPREADS)
+    rows: Keys = {}
     for d in DISTANCES:
         lines = {}
         for name in NOISY:
-            lines[name] = np.array([found[name, d, s].mean() for s in SPREADS])
+            lines[name] = np.array([counts[name, d, s].mean() for s in SPREADS])
             lines[f"{name}, published"] = np.full(len(x), TABLE_2[name, d].acquisitions.mean)
             for s in (0.0, 0.2, 0.4, 0.6):
-                told[f"{name}, {d} cm, spread {s:g}"] = Mean(**mean_with_interval(found[name, d, s]))
-        told[f"acquisitions from {d} cm"] = Lines("standard deviation of ln(index)", "acquisitions", x, lines)
-    return told
+                rows[f"{name}, {d} cm, spread {s:g}"] = Mean(**mean_with_interval(counts[name, d, s]))
+        rows[f"acquisitions from {d} cm"] = Lines("standard deviation of ln(index)", "acquisitions", x, lines)
+    return rows

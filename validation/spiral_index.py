@@ -17,7 +17,7 @@ from taichi_plume.agents.spiral import FLAT, Spiral
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.simulation import Every, Simulation
 from taichi_plume.validation.case import Keys
-from taichi_plume.validation.experiment import Mean, Told, over_airs
+from taichi_plume.validation.experiment import Mean, Results, over_airs
 from taichi_plume.validation.searches import afresh, scenario_of
 from taichi_plume.validation.spiral_room import DISTANCES, OPENED, SOURCE, momo, room
 
@@ -98,7 +98,7 @@ def heard(air: int) -> tuple[np.ndarray, dict[tuple[int, str], Records]]:
     afresh()
     sim = assemble(scenario_of(data))
     near, alone = (Heard(team, sim.swarm) for team in sim.teams)
-    sim.observers += [Every(sim.dt, one.note) for one in (near, alone)]
+    sim.observers += [Every(sim.dt, log.note) for log in (near, alone)]
     sim.run()
     return alone.records("far").index[0], {kind: near.records(f"{kind[0]} {kind[1]}") for kind in kinds}
 
@@ -123,25 +123,25 @@ def spread(values: np.ndarray) -> np.ndarray:
     return np.sqrt((rest**2).sum(axis=0) / (len(log) - 2))
 
 
-def indices(trials: int, airs: int) -> Told:
+def indices(trials: int, airs: int) -> Results:
     """Return the statistics of the indices in the room; intervals over the airs."""
-    told: dict[str, Mean] = {}
+    results: dict[str, Mean] = {}
     records = [heard(air)[1] for air in range(airs)]
 
     def of(place: tuple[int, int], values: Sequence[np.ndarray]) -> Mean:
-        return over_airs([float(spread(one)[PLACES.index(place)]) for one in values])
+        return over_airs([float(spread(record)[PLACES.index(place)]) for record in values])
 
-    usual = [one[TIMES[-1], HEIGHTS[0]] for one in records]
-    told["records without a peak"] = over_airs(
-        [float((abs(one.index - FLAT * one.mean) <= 1e-4 * one.mean).mean()) for one in usual]
+    usual = [record[TIMES[-1], HEIGHTS[0]] for record in records]
+    results["records without a peak"] = over_airs(
+        [float((abs(record.index - FLAT * record.mean) <= 1e-4 * record.mean).mean()) for record in usual]
     )
     for height in HEIGHTS:
         for time in TIMES:
             name = f"pairs in order, {time} s, peaks {height.replace('_', ' ')}"
-            told[name] = over_airs([in_order(one[time, height].index) for one in records])
+            results[name] = over_airs([in_order(record[time, height].index) for record in records])
     for d in (*DISTANCES, ROW[0]):
-        told[f"spread of ln(index), {d} cm"] = of((d, 180), [one.index for one in usual])
-        short = [one[SHORT, HEIGHTS[0]].mean for one in records]
-        told[f"spread of ln(reading of 3 s), {d} cm"] = of((d, 180), short)
-    told["least index of a hit [ppm]"] = over_airs([float(heard(air)[0].mean()) for air in range(airs)])
-    return told
+        results[f"spread of ln(index), {d} cm"] = of((d, 180), [record.index for record in usual])
+        short = [record[SHORT, HEIGHTS[0]].mean for record in records]
+        results[f"spread of ln(reading of 3 s), {d} cm"] = of((d, 180), short)
+    results["least index of a hit [ppm]"] = over_airs([float(heard(air)[0].mean()) for air in range(airs)])
+    return results

@@ -81,7 +81,7 @@ def _largest_difference(a: list[np.ndarray], b: list[np.ndarray]) -> float:
 def room(n: int, dim: int, openings: tuple[dict, ...]) -> Errors:
     """A room of n cells along y, its mirror images and the room turned by 90 degrees, after DURATION."""
     shape, dx = tuple(round(size / SIZE[1] * n) for size in SIZE[:dim]), SIZE[1] / n
-    here = [_in_dimensions(one, dim) for one in openings]
+    here = [_in_dimensions(part, dim) for part in openings]
 
     def errors(courant: float) -> Errors:
         def flow_of(placed: list[dict], cells: tuple[int, ...]) -> FlowSolver:
@@ -98,10 +98,10 @@ def room(n: int, dim: int, openings: tuple[dict, ...]) -> Errors:
         steps = _steps(original)
         velocity, mirrored = _velocity(original), 0.0
         for axis in range(dim):
-            image = at_end([_mirrored(one, axis) for one in here], shape)
+            image = at_end([_mirrored(part, axis) for part in here], shape)
             back = [np.flip(u, axis) * (-1.0 if d == axis else 1.0) for d, u in enumerate(image)]
             mirrored = max(mirrored, _largest_difference(velocity, back))
-        turned = at_end([_transposed(_mirrored(one, 0)) for one in here], (shape[1], shape[0], *shape[2:]))
+        turned = at_end([_transposed(_mirrored(part, 0)) for part in here], (shape[1], shape[0], *shape[2:]))
         back = [np.flip(u.swapaxes(0, 1), 0) for u in (turned[1], turned[0], *turned[2:])]
         back[0] = -back[0]
         return {"mirrored, largest": mirrored, "turned, largest": _largest_difference(velocity, back)}

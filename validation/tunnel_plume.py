@@ -35,7 +35,7 @@ from taichi_plume.statistics.moments import moments
 from taichi_plume.statistics.space import gaussian_fit
 from taichi_plume.statistics.spectra import integral_time
 from taichi_plume.validation.case import Keys
-from taichi_plume.validation.experiment import Condition, Experiment, Lines, Range, Told, over_airs
+from taichi_plume.validation.experiment import Condition, Experiment, Lines, Range, Results, over_airs
 from taichi_plume.validation.searches import probed
 
 U, LENGTH, INTENSITY = 1.0, 0.3, 0.12  # m/s; m; over the speed
@@ -134,10 +134,10 @@ class Records(NamedTuple):
 @cache
 def records(seed: int, seconds: float = SECONDS) -> Records:
     """Run the scenario. Taichi must have been started."""
-    _, times, told = probed(scenario(seed, seconds))
+    _, times, table = probed(scenario(seed, seconds))
     shape = (-1, len(DISTANCES), COUNT)
-    wind = np.stack([told[f"wind_{axis}"].to_numpy().reshape(shape) for axis in "xyz"], axis=-1)
-    ppm = {kind: told[f"{one.gas}_ppm"].to_numpy().reshape(shape) for kind, one in KINDS.items()}
+    wind = np.stack([table[f"wind_{axis}"].to_numpy().reshape(shape) for axis in "xyz"], axis=-1)
+    ppm = {kind: table[f"{model.gas}_ppm"].to_numpy().reshape(shape) for kind, model in KINDS.items()}
     return Records(times, ppm, wind)
 
 
@@ -150,7 +150,7 @@ def taylor(width: float, speed: float, wind: np.ndarray, step: float) -> np.ndar
     x = np.array(DISTANCES)
     square = wind.var(axis=0).mean(axis=-1)
     eulerian = np.array(
-        [np.mean([integral_time(step, some) for some in place.T]) for place in wind.swapaxes(0, 1)]
+        [np.mean([integral_time(step, series) for series in place.T]) for place in wind.swapaxes(0, 1)]
     )
 
     def on_the_way(values: np.ndarray) -> np.ndarray:
@@ -184,7 +184,7 @@ class Found(NamedTuple):
 
 def found_in(air: Records, kind: str) -> Found:
     """Statistics of the readings of one air."""
-    told = np.full((len(Found._fields), len(DISTANCES)), np.nan)
+    values = np.full((len(Found._fields), len(DISTANCES)), np.nan)
     middle = slice(COUNT // 2 - 1, COUNT // 2 + 2)  # on the axis, where as many readings tell as in a fit
     speed = float(air.wind[..., 0].mean())
     reference = taylor(KINDS[kind].width, speed, air.wind[..., 1], STEP)
@@ -201,7 +201,7 @@ def found_in(air: Records, kind: str) -> Found:
         side = [int(np.abs(y - mean.centre - s * mean.width).argmin()) for s in (-1, 1)]
         here = c[:, side].mean(axis=0), c[:, side].std(axis=0)
         beside = stats.gamma((here[0] / here[1]) ** 2, scale=here[1] ** 2 / here[0])
-        told[:, n] = (  # as `Found` has them
+        values[:, n] = (  # as `Found` has them
             mean.width,
             mean.width / reference[n],
             mean.width / fluctuation.width,
@@ -213,7 +213,7 @@ def found_in(air: Records, kind: str) -> Found:
             float((c[:, side] > level).mean()),
             float(np.mean(beside.sf(level))),
         )
-    return Found(*told)
+    return Found(*values)
 
 
 @cache
@@ -222,12 +222,12 @@ def _airs(count: int) -> tuple[dict[str, Found], ...]:
     return tuple({kind: found_in(records(1 + k), kind) for kind in KINDS} for k in range(count))
 
 
-def plume(airs: int, kind: str) -> Told:
+def plume(airs: int, kind: str) -> Results:
     """Return the quantities of a kind of gas, with intervals over airs."""
-    found = _airs(airs)
-    own = {name: np.stack([one[kind]._asdict()[name] for one in found]) for name in Found._fields}
-    judged = _judged(own, found, kind)
-    told: Keys = {name: over_airs(values) for name, values in judged.items()}
+    statistics = _airs(airs)
+    own = {name: np.stack([air[kind]._asdict()[name] for air in statistics]) for name in Found._fields}
+    judged = _judged(own, statistics, kind)
+    results: Keys = {name: over_airs(values) for name, values in judged.items()}
     x = np.array(DISTANCES)
     for n, d in enumerate(DISTANCES):
         at = f"at {d:g} m"
@@ -238,44 +238,44 @@ def plume(airs: int, kind: str) -> Told:
             ("gas beside it, share of time", "beside"),
             ("99th percentile over mean", "peak"),
         ):
-            told[f"{words}, {at}"] = over_airs(own[name][:, n])
+            results[f"{words}, {at}"] = over_airs(own[name][:, n])
     if kind == GRID:
         names = {"width": "mean width [m]", "intensity": "c'/C on the axis", "present": "gas on the axis"}
         for name, words in names.items():
-            told[words] = Lines(
+            results[words] = Lines(
                 "distance from the source [m]",
                 words,
                 x,
-                {k: np.mean([one[k]._asdict()[name] for one in found], axis=0) for k in KINDS},
+                {k: np.mean([air[k]._asdict()[name] for air in statistics], axis=0) for k in KINDS},
             )
-    return told
+    return results
 
 
-def _judged(own: Mapping[str, np.ndarray], found: tuple, kind: str) -> dict[str, np.ndarray]:
+def _judged(own: Mapping[str, np.ndarray], statistics: tuple, kind: str) -> dict[str, np.ndarray]:
     """Return the judged quantities per air: of puffs everywhere, of gas on the grid where the plume is wide."""
     wide = own["width"].mean(axis=0) > WIDE if kind == GRID else np.ones(len(DISTANCES), bool)
     largest = own["intensity"].max(axis=1)
-    told = {
+    quantities = {
         "mean width over Taylor's": own["over_taylor"],
         "width of the mean over that of c'": own["narrower"],
         "99th percentile over a gamma distribution's": own["peak"] / own["peak_gamma"],
         "gas on the axis less a gamma distribution's": own["present"] - own["present_gamma"],
         "gas beside it less a gamma distribution's": own["beside"] - own["beside_gamma"],
     }
-    told = {name: values[:, wide].mean(axis=1) for name, values in told.items()}
-    small, large = (np.stack([one[k].intensity for one in found]) for k in (SMALL, LARGE))
+    quantities = {name: values[:, wide].mean(axis=1) for name, values in quantities.items()}
+    small, large = (np.stack([air[k].intensity for air in statistics]) for k in (SMALL, LARGE))
     if kind == GRID:
         ratio = own["intensity"] / large
-        told["c'/C over that of puffs of 35 mm, where wide"] = ratio[:, wide].mean(axis=1)
-        told["c'/C over that of puffs of 35 mm, nearest"] = ratio[:, 0]
-        told["c'/C over that of puffs of 35 mm, farthest"] = ratio[:, -1]
+        quantities["c'/C over that of puffs of 35 mm, where wide"] = ratio[:, wide].mean(axis=1)
+        quantities["c'/C over that of puffs of 35 mm, nearest"] = ratio[:, 0]
+        quantities["c'/C over that of puffs of 35 mm, farthest"] = ratio[:, -1]
     else:
-        told["largest c'/C on the axis"] = largest
-        told["c'/C farthest over largest"] = own["intensity"][:, -1] / largest
+        quantities["largest c'/C on the axis"] = largest
+        quantities["c'/C farthest over largest"] = own["intensity"][:, -1] / largest
     if kind == SMALL:
-        told["largest c'/C over that of 35 mm"] = largest / large.max(axis=1)
-        told["c'/C over that of 35 mm, farthest"] = small[:, -1] / large[:, -1]
-    return told
+        quantities["largest c'/C over that of 35 mm"] = largest / large.max(axis=1)
+        quantities["c'/C over that of 35 mm, farthest"] = small[:, -1] / large[:, -1]
+    return quantities
 
 
 COMMON = {
@@ -325,7 +325,7 @@ CASES = (
             for kind in KINDS
         ),
         trials=5,
-        few=0,
+        test_trials=0,
         discussion=DISCUSSION,
     ),
 )

@@ -126,9 +126,9 @@ class Records(NamedTuple):
 
 def records(seed: int, seconds: float) -> Records:
     """Run the scenario. Taichi must have been started."""
-    _, times, told = probed(scenario(seed, seconds))
+    _, times, table = probed(scenario(seed, seconds))
     shape = (-1, len(DISTANCES), ROWS, len(ACROSS))
-    ppm = {kind: told[f"{gas}_ppm"].to_numpy().reshape(shape) for kind, gas in GASES.items()}
+    ppm = {kind: table[f"{gas}_ppm"].to_numpy().reshape(shape) for kind, gas in GASES.items()}
     return Records(times, ppm)
 
 
@@ -145,15 +145,15 @@ def chosen(present: np.ndarray) -> np.ndarray:
 
 def durations(flows: Sequence[Records], kind: str, level: float) -> dict[str, Spells]:
     """Whiffs and blanks of all chosen sensors of all flows, one flow after the other."""
-    found: dict[str, list[Spells]] = {name: [] for name in KINDS}
+    spells_by_kind: dict[str, list[Spells]] = {name: [] for name in KINDS}
     for number, flow in enumerate(flows):
         c = flow.ppm[kind]
         present = c > thresholds(c, level)[:, None, None]
-        series, some = present.reshape(len(c), -1), np.flatnonzero(chosen(present))
-        for one in some:
-            for name, part in zip(KINDS, spells(flow.times, series[:, one]), strict=True):
-                found[name].append(part._replace(begin=part.begin + number * FLOW))
-    return {name: pooled(parts) for name, parts in found.items()}
+        series, sensors = present.reshape(len(c), -1), np.flatnonzero(chosen(present))
+        for sensor in sensors:
+            for name, part in zip(KINDS, spells(flow.times, series[:, sensor]), strict=True):
+                spells_by_kind[name].append(part._replace(begin=part.begin + number * FLOW))
+    return {name: pooled(parts) for name, parts in spells_by_kind.items()}
 
 
 def fitted(found: Spells, first: float = FIRST) -> Exponent | None:
@@ -183,16 +183,16 @@ def turbulent_whiffs(n: int) -> Answer:
 
 def _robustness(flows: Sequence[Records], kind: str) -> dict[str, float]:
     """Exponents with other thresholds, over other decades, and of each flow alone."""
-    told: dict[str, float] = {}
+    exponents: dict[str, float] = {}
     for words, variant in VARIANTS.items():
         for name, found in durations(flows, kind, variant.level).items():
             law = fitted(found, variant.first)
-            told[f"{name}, {kind}: exponent, {words}"] = law.value if law else np.nan
+            exponents[f"{name}, {kind}: exponent, {words}"] = law.value if law else np.nan
     for number, flow in enumerate(flows if len(flows) > 1 else ()):
         for name, found in durations([flow], kind, LEVEL).items():
             law = fitted(found)
-            told[f"{name}, {kind}: exponent, seed {number + 1}"] = law.value if law else np.nan
-    return told
+            exponents[f"{name}, {kind}: exponent, seed {number + 1}"] = law.value if law else np.nan
+    return exponents
 
 
 def _plume(flows: Sequence[Records], kind: str) -> dict[str, float]:
@@ -209,7 +209,7 @@ def _plume(flows: Sequence[Records], kind: str) -> dict[str, float]:
 def _sensors(flows: Sequence[Records], kind: str) -> dict[str, float | Curve]:
     """Which share of the whiffs a slow metal oxide and a fast detector tell apart, and what they read at one place."""
     gas, several = GASES[kind], noses()[:2]
-    whiffs, kept = 0, np.zeros(len(several))
+    whiffs, counts = 0, np.zeros(len(several))
     answer: dict[str, float | Curve] = {}
     for flow in flows:
         c = flow.ppm[kind]
@@ -218,22 +218,22 @@ def _sensors(flows: Sequence[Records], kind: str) -> dict[str, float | Curve]:
             line = line[:, chosen(line > least)]
             found = smelt(several, gas, STEP, line, float(least))
             whiffs += found.kept[0].whiffs
-            kept += [one.kept for one in found.kept]
+            counts += [count.kept for count in found.kept]
             if not answer:
-                some = slice(0, round(60.0 / STEP))
-                peak = found.true[some].max()
+                window = slice(0, round(60.0 / STEP))
+                peak = found.true[window].max()
                 for words, reading in zip(("12 s", "50 ms"), found.readings, strict=True):
                     answer[f"a sensor of {words}, {kind}"] = Curve(
                         "t [s]",
                         "reading, against the gas, over its peak",
-                        flow.times[some],
-                        reading[some] / max(reading[some].max(), 1e-12),
-                        found.true[some] / peak,
+                        flow.times[window],
+                        reading[window] / max(reading[window].max(), 1e-12),
+                        found.true[window] / peak,
                     )
-    for words, one in zip(
-        (f"metal oxide of {SLOW:g} s", f"detector of {1e3 * FAST:g} ms"), kept, strict=True
+    for words, count in zip(
+        (f"metal oxide of {SLOW:g} s", f"detector of {1e3 * FAST:g} ms"), counts, strict=True
     ):
-        answer[f"whiffs kept by a {words}, {kind}"] = float(one / max(whiffs, 1))
+        answer[f"whiffs kept by a {words}, {kind}"] = float(count / max(whiffs, 1))
     return answer
 
 

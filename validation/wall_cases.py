@@ -114,12 +114,12 @@ def log_layer(n: int, reynolds: float = 1000.0) -> Answer:
     u, y = 0.5 * (u + u[::-1])[: n // 2], (np.arange(n // 2) + 0.5) / n
     sides = np.arange(n // 2 + 1) / n
     whole = sides * (law(np.maximum(sides, 1e-9)) - u_tau / 0.41)  # the law's integral from the wall
-    wanted = np.diff(whole) * n
+    expected = np.diff(whole) * n
     return {
-        "u / law, first cell": float(abs(u[0] / wanted[0] - 1.0)),
-        "u / law, largest": float(np.abs(u / wanted - 1.0).max()),
+        "u / law, first cell": float(abs(u[0] / expected[0] - 1.0)),
+        "u / law, largest": float(np.abs(u / expected - 1.0).max()),
         "mean flow in a channel": Curve(
-            "y+", "u+", y * u_tau / VISCOSITY, u / u_tau, wanted / u_tau, log_x=True
+            "y+", "u+", y * u_tau / VISCOSITY, u / u_tau, expected / u_tau, log_x=True
         ),
     }
 

@@ -147,9 +147,9 @@ def whiffs(n: int) -> Answer:
         edges = (np.floor(np.geomspace(first, 60.0, 15) / dt) + 0.5) * dt  # between what durations there are
         density = np.histogram(lasted, edges)[0] / np.diff(edges)
         middle = np.sqrt(edges[:-1] * edges[1:])
-        some = density > 0
+        full = density > 0
         law = middle**-durations.CELANI * slope.count / (2.0 * (first**-0.5 - last**-0.5))
         answer[f"duration of {name}"] = Curve(
-            "T [s]", "number per second of T", middle[some], density[some], law[some], log_x=True, log_y=True
+            "T [s]", "number per second of T", middle[full], density[full], law[full], log_x=True, log_y=True
         )
     return answer

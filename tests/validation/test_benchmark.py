@@ -99,7 +99,7 @@ def test_environments_are_measured_beside_what_is_wanted(monkeypatch, capsys):
     assert rows.keys() >= {"reset of one of them", "reset of all", "memory over 200 resets"}
     for case in ("steps of 20 environments", "steps of a single environment"):
         assert rows[case]["figure"] > 0.0 < rows[case]["cpu_us"]
-        assert rows[case]["wanted"].startswith(">= ")
+        assert rows[case]["target"].startswith(">= ")
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ import pytest
 
 from taichi_plume.validation.benchmark import clock, openfoam
 from taichi_plume.validation.benchmark.__main__ import main
-from taichi_plume.validation.benchmark.clock import Found, Row
+from taichi_plume.validation.benchmark.clock import Row, Timing
 
 FIGURES = {
     "old": [{"s/s": 2.0, "CPU s/s": 1.5}, {"s/s": 1.8, "CPU s/s": 1.6}],
@@ -50,7 +50,7 @@ def test_a_misspelt_row_is_told(capsys):
 def test_of_costs_less_is_better_and_of_rates_more(unit, value, verdict):
     least, aim = (0.5, 0.2) if unit == "s/s" else (0.5, 0.6)
     figures = {"ms": 3.0} | ({} if value is None else {unit: value})
-    found = Found("row", "here", "ms", figures, unit, least, aim)
+    found = Timing("row", "here", "ms", figures, unit, least, aim)
     assert found.verdict == verdict
     assert verdict in str(found)
     assert ("<= 0.5, aim 0.2 s/s" in str(found)) == (unit == "s/s")

@@ -78,16 +78,16 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     rows: list[Any] = []
 
-    def tell(found: Sequence[Any]) -> None:
-        rows.extend(found)
+    def report(new_rows: Sequence[Any]) -> None:
+        rows.extend(new_rows)
         if not args.json:
-            for row in found:
+            for row in new_rows:
                 say(row, flush=True)
 
     for n in pressure.SIDES if args.pressure else ():
-        tell(pressure.solve(n, args.arch))
+        report(pressure.solve(n, args.arch))
     for name in () if args.pressure else args.names or known:
-        tell(
+        report(
             OTHER_CASES[name](args.arch) if name in OTHER_CASES else [measure(name, args.arch, args.seconds)]
         )
     if args.json:

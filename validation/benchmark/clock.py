@@ -36,7 +36,7 @@ JAX, FOAM = "x jax-cfd", "x OpenFOAM"
 
 @dataclass(frozen=True)
 class Row:
-    """A measurement: main figure, and least value and aim of the figure `wanted`.
+    """A timing: main figure, and least value and aim of the figure `wanted`.
 
     measure: the figures of a checkout. beside: what another program needs, in units of `figure`.
     """
@@ -46,38 +46,38 @@ class Row:
     measure: Callable[[str, Path, argparse.Namespace], Figures]
     least: float | None = None
     aim: float | None = None
-    wanted: str = ""
+    judged: str = ""
     beside: Callable[[argparse.Namespace], float | None] | None = None
     ratio: str = ""
 
 
 @dataclass(frozen=True)
-class Found:
+class Timing:
     """A row of a checkout. figure: its own unit; least and aim hold for the figure `wanted`."""
 
     row: str
     checkout: str
     figure: str
     figures: Figures
-    wanted: str
+    judged: str
     least: float | None
     aim: float | None
 
     @property
     def verdict(self) -> str:
         """Whether what is wanted was found, and by how much it is missed."""
-        found = self.figures.get(self.wanted)
-        if found is None or self.least is None or self.aim is None:
+        value = self.figures.get(self.judged)
+        if value is None or self.least is None or self.aim is None:
             return ""
-        if _better(self.wanted, found, self.aim) >= 1.0:
+        if _better(self.judged, value, self.aim) >= 1.0:
             return "aim reached"
-        share = _better(self.wanted, found, self.least)
+        share = _better(self.judged, value, self.least)
         return "enough" if share >= 1.0 else f"{1.0 / share:.1f} times too slow"
 
     def __str__(self) -> str:
         rest = ", ".join(f"{value:.3g} {unit}" for unit, value in self.figures.items() if unit != self.figure)
-        goal = f">= {self.least:g}, aim {self.aim:g} {self.wanted}" if self.least is not None else ""
-        if self.wanted in COSTS:
+        goal = f">= {self.least:g}, aim {self.aim:g} {self.judged}" if self.least is not None else ""
+        if self.judged in COSTS:
             goal = goal.replace(">=", "<=")
         main = f"{self.figures[self.figure]:7.3g} {self.figure:15}"
         return f"{self.row:18} {self.checkout:12} {main} {goal:32} {self.verdict:20} {rest}".rstrip()
@@ -93,9 +93,9 @@ def _better(unit: str, value: float, than: float) -> float:
 
 def _apart(name: str, checkout: Path, args: argparse.Namespace) -> Figures:
     """Return the figures of clock_rows.py. Raises RuntimeError if the process fails."""
-    told = {key: vars(args)[key] for key in ("arch", "seconds", "robots")}
-    told |= {"row": name, "checkout": str(checkout)}
-    command = [sys.executable, "-P", str(HERE / "clock_rows.py"), json.dumps(told)]
+    options = {key: vars(args)[key] for key in ("arch", "seconds", "robots")}
+    options |= {"row": name, "checkout": str(checkout)}
+    command = [sys.executable, "-P", str(HERE / "clock_rows.py"), json.dumps(options)]
     return json.loads(_output(command, checkout))
 
 
@@ -180,7 +180,7 @@ ROWS: dict[str, Row] = {
 }  # fmt: skip
 
 
-def measured(name: str, args: argparse.Namespace) -> Iterator[Found]:
+def measured(name: str, args: argparse.Namespace) -> Iterator[Timing]:
     """A row of each checkout in turns, as often as wanted. Raises RuntimeError where one cannot be measured."""
     row = ROWS[name]
     for _ in range(args.repeats):
@@ -190,26 +190,26 @@ def measured(name: str, args: argparse.Namespace) -> Iterator[Found]:
             if other is not None:
                 figures[row.ratio] = _better(row.figure, figures[row.figure], other)
                 figures[f"{row.figure} of {row.ratio[2:]}"] = other
-            yield Found(name, checkout.resolve().name, row.figure, figures, row.wanted, row.least, row.aim)
+            yield Timing(name, checkout.resolve().name, row.figure, figures, row.judged, row.least, row.aim)
 
 
-def compared(found: Sequence[Found], checkouts: Sequence[Path]) -> Iterator[str]:
+def compared(timings: Sequence[Timing], checkouts: Sequence[Path]) -> Iterator[str]:
     """Yield the speed-up of each checkout over the first and the ratio of CPU times, of the best runs."""
-    figure = found[0].figure
-    cpu = next((unit for unit in found[0].figures if unit.startswith("CPU")), None)
+    figure = timings[0].figure
+    cpu = next((unit for unit in timings[0].figures if unit.startswith("CPU")), None)
     names = [checkout.resolve().name for checkout in checkouts]
     for name in names[1:]:
-        times = _better(figure, *(_best(found, one, figure) for one in (name, names[0])))
-        line = f"{found[0].row:18} {name} is {times:.2f} times as fast as {names[0]}"
+        times = _better(figure, *(_best(timings, checkout, figure) for checkout in (name, names[0])))
+        line = f"{timings[0].row:18} {name} is {times:.2f} times as fast as {names[0]}"
         if cpu is not None:
-            share = _best(found, name, cpu) / _best(found, names[0], cpu)
+            share = _best(timings, name, cpu) / _best(timings, names[0], cpu)
             line += f", with {share:.2f} of its CPU time"
         yield line
 
 
-def _best(found: Sequence[Found], checkout: str, unit: str) -> float:
+def _best(timings: Sequence[Timing], checkout: str, unit: str) -> float:
     """Return the best figure of a checkout."""
-    values = [one.figures[unit] for one in found if one.checkout == checkout]
+    values = [timing.figures[unit] for timing in timings if timing.checkout == checkout]
     return min(values) if unit in COSTS or unit.startswith("CPU") else max(values)
 
 
@@ -220,24 +220,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     if unknown:
         say(f"unknown row {unknown[0]!r}; known: {', '.join(ROWS)}", error=True)
         return 2
-    rows: list[Found] = []
+    rows: list[Timing] = []
     failed = False
     for name in args.rows or ROWS:
-        found: list[Found] = []
+        timings: list[Timing] = []
         if not args.json:
             say(f"{name}: {ROWS[name].about}", flush=True)
         try:
-            for one in measured(name, args):
-                found.append(one)
+            for timing in measured(name, args):
+                timings.append(timing)
                 if not args.json:
-                    say(one, flush=True)
+                    say(timing, flush=True)
         except RuntimeError as error:
             failed = True
             say(f"{name}: {error}", error=True)
         else:
-            for line in () if args.json else compared(found, args.checkout):
+            for line in () if args.json else compared(timings, args.checkout):
                 say(line, flush=True)
-        rows += found
+        rows += timings
     if args.json:
         say(
             *json.dumps([asdict(row) | {"verdict": row.verdict} for row in rows], indent=2).splitlines(),

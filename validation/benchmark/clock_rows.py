@@ -55,11 +55,11 @@ def scenario(checkout: Path, arch: str, config: str, span: tuple[float, float], 
     Simulation.run = noting
     path = checkout / "configs" / f"{config}.yaml"
     with tempfile.TemporaryDirectory() as folder:
-        told = [str(path), "--out", f"{folder}/run", "--quiet", "--arch", arch, "--duration", str(span[1])]
-        code = main(["run", *told, "--set", "stop_early=false", *more])
+        args = [str(path), "--out", f"{folder}/run", "--quiet", "--arch", arch, "--duration", str(span[1])]
+        code = main(["run", *args, "--set", "stop_early=false", *more])
     if code:
         raise RuntimeError(f"{config} ended with exit code {code}")
-    first, last = (min(notes, key=lambda one: abs(one[0] - t)) for t in span)
+    first, last = (min(notes, key=lambda entry: abs(entry[0] - t)) for t in span)
     simulated, steps, wall, cpu = (b - a for a, b in zip(first, last, strict=True))
     return {
         "s/s": wall / simulated,
@@ -75,13 +75,13 @@ def steps(case: str, arch: str, seconds: float) -> Figures:
     from taichi_plume.validation.benchmark.steps import measure
 
     row = vars(measure(case, arch, seconds))
-    told = {
+    columns = {
         "M cell-steps/s": "Mcell_steps_per_s",
         "ms/step": "ms_per_step",
         "s/s": "wall_per_simulated",  # older checkouts do not tell it
         "iterations": "pressure_iterations",
     }
-    return {unit: row[key] for unit, key in told.items() if key in row}
+    return {unit: row[key] for unit, key in columns.items() if key in row}
 
 
 def robots(arch: str, count: int) -> Figures:
@@ -106,14 +106,14 @@ def figures(name: str, options: dict[str, Any]) -> Figures:
     triad = bandwidth()
     if name in SCENARIOS:
         config, span, more = SCENARIOS[name]
-        found = scenario(Path(options["checkout"]), arch, config, span, *more)
+        values = scenario(Path(options["checkout"]), arch, config, span, *more)
     elif name in STEPS:
-        found = steps(STEPS[name], arch, options["seconds"])
+        values = steps(STEPS[name], arch, options["seconds"])
     else:
-        found = robots(arch, options["robots"])
-    return found | {"triad GB/s": triad, "load": load}
+        values = robots(arch, options["robots"])
+    return values | {"triad GB/s": triad, "load": load}
 
 
 if __name__ == "__main__":
-    told = json.loads(sys.argv[1])
-    print(json.dumps(figures(told["row"], told)), flush=True)
+    options = json.loads(sys.argv[1])
+    print(json.dumps(figures(options["row"], options)), flush=True)

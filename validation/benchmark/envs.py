@@ -45,7 +45,7 @@ TASK: Keys = {
         }
     ],
 }
-WANTED = {"vector": 1e6, "single": 2e3}
+TARGETS = {"vector": 1e6, "single": 2e3}
 """Steps per second, of COUNT environments and of one."""
 RESET_MS = 5.0
 
@@ -57,12 +57,12 @@ class Measured:
     case: str
     figure: float
     unit: str
-    wanted: str
+    target: str
     cpu_us: float = 0.0
 
     def __str__(self) -> str:
         cpu = f", {self.cpu_us:.2f} us of CPU each" if self.cpu_us else ""
-        return f"{self.case:36} {self.figure:12,.2f} {self.unit:8} (wanted: {self.wanted}{cpu})"
+        return f"{self.case:36} {self.figure:12,.2f} {self.unit:8} (target: {self.target}{cpu})"
 
 
 def films() -> Any:
@@ -93,14 +93,14 @@ def rate(engine: Any, seconds: float) -> tuple[float, float]:
     """Steps per second, and time of all cores per step [s]."""
     rng = np.random.default_rng(1)
     shape = (engine.count * engine.robots, engine.action_size)
-    told = [rng.uniform(-1.0, 1.0, shape).astype(np.float32) for _ in range(ACTIONS)]
+    batches = [rng.uniform(-1.0, 1.0, shape).astype(np.float32) for _ in range(ACTIONS)]
     engine.reset(np.arange(engine.count, dtype=np.uint64))
-    for actions in told:
+    for actions in batches:
         engine.step(actions)
     steps, k, over = 0, 0, engine.terminated | engine.truncated
     cpu, begin = time.process_time(), time.perf_counter()
     while time.perf_counter() - begin < seconds:
-        engine.step(told[k % ACTIONS])
+        engine.step(batches[k % ACTIONS])
         steps += engine.count - int(over.sum())  # those that were over have begun anew
         over = engine.terminated | engine.truncated
         k += 1
@@ -134,7 +134,7 @@ def growth_mb(engine: Any) -> float:
 def steps_of(what: str, kind: str, engine: Any, seconds: float) -> Measured:
     """Return the rate of steps of an engine against its target."""
     steps, cpu = rate(engine, seconds)
-    return Measured(f"steps of {what}", steps, "1/s", f">= {WANTED[kind]:,.0f}", round(1e6 * cpu, 3))
+    return Measured(f"steps of {what}", steps, "1/s", f">= {TARGETS[kind]:,.0f}", round(1e6 * cpu, 3))
 
 
 def measure(arch: str, count: int, seconds: float) -> list[Measured]:
@@ -152,11 +152,11 @@ def measure(arch: str, count: int, seconds: float) -> list[Measured]:
         Measured("reset of one of them", reset_ms(many, one_of_them), "ms", f"<= {RESET_MS:g}"),
         Measured("reset of all", reset_ms(many, None), "ms", f"<= {RESET_MS:g}"),
     ]
-    one = Episodes(scenario, count=1, bank=bank)
+    single = Episodes(scenario, count=1, bank=bank)
     return [
         *rows,
-        steps_of("a single environment", "single", one, seconds),
-        Measured(f"memory over {RESETS:,} resets", growth_mb(one), "MB more", "flat"),
+        steps_of("a single environment", "single", single, seconds),
+        Measured(f"memory over {RESETS:,} resets", growth_mb(single), "MB more", "flat"),
     ]
 
 

@@ -46,9 +46,9 @@ START_S = 120.0
 
 def free_port() -> int:
     """One that nobody listens at."""
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
 
 
 class Relay:
@@ -64,10 +64,10 @@ class Relay:
     def cut(self) -> None:
         """Nothing passes any more."""
         self.whole = False
-        for one in self.links:
+        for link in self.links:
             with suppress(OSError):
-                one.shutdown(socket.SHUT_RDWR)
-            one.close()
+                link.shutdown(socket.SHUT_RDWR)
+            link.close()
         self.links = []
 
     def mend(self) -> None:
@@ -97,9 +97,9 @@ def _pump(a: socket.socket, b: socket.socket) -> None:
     with suppress(OSError):
         while data := a.recv(65536):
             b.sendall(data)
-    for one in (a, b):
+    for end in (a, b):
         with suppress(OSError):
-            one.shutdown(socket.SHUT_RDWR)
+            end.shutdown(socket.SHUT_RDWR)
 
 
 class Noting(Team):
@@ -125,7 +125,7 @@ class Driver:
         self.latencies: list[float] = []
         self.lost: list[bool] = []
         self.over = threading.Event()
-        self._threads = [threading.Thread(target=one, daemon=True) for one in (self._listen, self._drive)]
+        self._threads = [threading.Thread(target=work, daemon=True) for work in (self._listen, self._drive)]
         for thread in self._threads:
             thread.start()
 
@@ -137,10 +137,10 @@ class Driver:
 
     def _note(self, now: Readings, when: float) -> None:
         self.lost.append(bool(now.lost[0]))
-        for number in [one for one in list(self.sent) if one <= int(now.answered[0])]:
-            sent = self.sent.pop(number)
+        for number in [sent for sent in list(self.sent) if sent <= int(now.answered[0])]:
+            sent_at = self.sent.pop(number)
             if now.tick > 1:  # those before waited for the run to begin
-                self.latencies.append(when - sent)
+                self.latencies.append(when - sent_at)
 
     def _drive(self) -> None:
         while not self.over.wait(self.rng.uniform(0.5, 1.5) * self.pace):
@@ -226,10 +226,10 @@ def measure(seconds: float, clients: int, malformed: int) -> Keys:
         process = stack.enter_context(service(Path(name), port, seconds, clients))
         relay = Relay(port)
         everyone = [Driver(relay.port if k == CUT else port, k, PACE_S, k) for k in range(clients)]
-        for one in everyone:
-            stack.callback(one.close)
+        for driver in everyone:
+            stack.callback(driver.close)
         until(
-            lambda: any(one.ticks[-1:] > [0] for one in everyone) or process.poll() is not None,
+            lambda: any(driver.ticks[-1:] > [0] for driver in everyone) or process.poll() is not None,
             "the run to begin",
         )
         if process.poll():
@@ -242,9 +242,9 @@ def measure(seconds: float, clients: int, malformed: int) -> Keys:
         relay.cut()
         time.sleep(cut)
         relay.mend()
-        _, told = process.communicate(timeout=2 * seconds + START_S)
+        _, output = process.communicate(timeout=2 * seconds + START_S)
         result = json.loads((Path(name) / "run/result.json").read_text())["service"]
-    lat = 1e3 * np.concatenate([one.latencies for one in everyone if one is not everyone[CUT]])
+    lat = 1e3 * np.concatenate([driver.latencies for driver in everyone if driver is not everyone[CUT]])
     after = np.array(everyone[CUT].ticks)
     gap = np.diff(after).max() if len(after) > 1 else 0
     return {
@@ -259,11 +259,11 @@ def measure(seconds: float, clients: int, malformed: int) -> Keys:
         "ticks": result["ticks"],
         "ticks missed": result["ticks_missed"],
         "readings missed, of all but the cut": sum(
-            one.missed for one in everyone if one is not everyone[CUT]
+            driver.missed for driver in everyone if driver is not everyone[CUT]
         ),
         "cut [s]": cut,
         "longest gap of robot 2 [ticks]": int(gap),
-        "robot 2 was told to be back": " remote_2 back" in told,
+        "robot 2 was told to be back": " remote_2 back" in output,
         "robot 2 lost at the end": bool(everyone[CUT].lost[-1]),
         **{f"messages {name}": count for name, count in result["messages"]["remote"].items()},
     }
@@ -290,10 +290,10 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--malformed", type=int, default=MALFORMED, help="messages")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args(argv)
-    told = measure(60.0 * args.minutes, args.clients, args.malformed)
+    figures = measure(60.0 * args.minutes, args.clients, args.malformed)
     if args.json:
-        say(json.dumps(told))
+        say(json.dumps(figures))
     else:
-        for name, value in told.items():
+        for name, value in figures.items():
             say(f"{name:<40} {value:.4g}" if isinstance(value, float) else f"{name:<40} {value}")
-    return 0 if told["exit code"] == 0 else 1
+    return 0 if figures["exit code"] == 0 else 1

@@ -126,7 +126,7 @@ def _window(made: Sequence[Mapper], robots: Robots, number: int, ticks: int) -> 
         robots.wander()
         if tick == first + ticks:
             _wake(WAKING)
-        spent.append(_timed(lambda tick=tick: [one.update(robots, tick * dt, dt) for one in made]))
+        spent.append(_timed(lambda tick=tick: [mapper.update(robots, tick * dt, dt) for mapper in made]))
     variance = getattr(made[0], "variance", None)
     unsure = _timed(variance) if variance else np.full(2, np.nan)
     return np.array([np.sum(spent, axis=0), spent[-1], _timed(made[0].estimate), unsure])

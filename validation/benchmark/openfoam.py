@@ -125,7 +125,7 @@ def _files(dx: float, dt: float, steps: int) -> dict[str, str]:
     }
     for name, (kind, unit, within, *conditions) in FIELDS.items():
         patches = " ".join(
-            f"{patch} {{ {one} }}" for patch, one in zip(("in", "out", "solid"), conditions, strict=True)
+            f"{patch} {{ {rule} }}" for patch, rule in zip(("in", "out", "solid"), conditions, strict=True)
         )
         text = f"dimensions {unit}; internalField uniform {within}; boundaryField {{ {patches} }}"
         files[f"0/{name}"] = (kind, text)

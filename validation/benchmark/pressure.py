@@ -96,8 +96,8 @@ def solve(n: int, arch: str, tolerance: float = 1e-4) -> list[Solved]:
                 seconds.append(time.perf_counter() - begin)
             residual = float(np.abs(_applied(faces, grid.read(phi).astype(float), grid) - values).max())
             cells, ms = prod(grid.shape), 1e3 * min(seconds)
-            told = n, cells, name, type(solver).__name__, tolerance, solver.iterations, residual
-            rows.append(Solved(*told, ms, cells / ms / 1e3))
+            columns = n, cells, name, type(solver).__name__, tolerance, solver.iterations, residual
+            rows.append(Solved(*columns, ms, cells / ms / 1e3))
     return rows
 
 

@@ -76,14 +76,14 @@ def _measured(checkout: Path, config: Path, cold: bool, cache: str, arch: str) -
         command, cwd=checkout, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None
-        told = ""
-        while not told.startswith("{"):
-            told = process.stdout.readline()
-            if not told:
+        line = ""
+        while not line.startswith("{"):
+            line = process.stdout.readline()
+            if not line:
                 raise RuntimeError(f"{config.name} in {checkout}:\n{process.communicate()[1]}")
         seconds = time.perf_counter() - begin
         process.communicate()  # it keeps its kernels for the next one
-    return Start(checkout.name, config.stem, cold, seconds, **json.loads(told))
+    return Start(checkout.name, config.stem, cold, seconds, **json.loads(line))
 
 
 def starts(

@@ -87,11 +87,11 @@ def _shared(base: Keys, file: Path, folder: Path, args: Any) -> int:
     records, cpu, clock = _timed(perform, task)
     _tell(f"one air, filmed: {air.frames} frames, {air.bytes / 1e6:.0f} MB", cpu_air, clock_air)
     _tell(f"{n} searches shown it, their first start too", cpu, clock)
-    some = task._replace(requests=task.requests[: args.alone], film=None)
-    perform(some._replace(requests=some.requests[:1]))  # compiles
-    alone, cpu_warm, clock_warm = _timed(perform, some)
+    subset = task._replace(requests=task.requests[: args.alone], film=None)
+    perform(subset._replace(requests=subset.requests[:1]))  # compiles
+    alone, cpu_warm, clock_warm = _timed(perform, subset)
     same = [a._replace(cost=b.cost) == b for a, b in zip(alone, records, strict=False)]
-    cpu_apart, clock_apart = _commands(base, file, folder, some)
+    cpu_apart, clock_apart = _commands(base, file, folder, subset)
     for how, its_cpu, its_clock in (
         ("warm resets", cpu_warm / args.alone, clock_warm / args.alone),
         ("commands of their own", cpu_apart / args.alone, clock_apart / args.alone),
@@ -128,7 +128,7 @@ def _commands(base: Keys, file: Path, folder: Path, task: Task) -> tuple[float, 
 
 def _overhead(base: Keys, file: Path, folder: Path, runs: int) -> int:
     task = _task(base, file, folder, runs)
-    process, told = psutil.Process(), max(1, runs // STEPS)
+    process, each = psutil.Process(), max(1, runs // STEPS)
     records: list[Record] = perform(task._replace(requests=task.requests[:1]))
     records.clear()
     beyond, cpu = [], 0.0
@@ -139,11 +139,11 @@ def _overhead(base: Keys, file: Path, folder: Path, runs: int) -> int:
             return 1
         cpu += its
         beyond.append(record.cost.total_s - record.cost.simulation_s)
-        if (n + 1) % told == 0:
-            half = statistics.median(beyond[-told:])
+        if (n + 1) % each == 0:
+            half = statistics.median(beyond[-each:])
             say(
-                f"{n + 1:6} runs: {process.memory_info().rss / 1e6:7.1f} MB, CPU per run {1e3 * cpu / told:6.2f} ms, "
-                f"beyond the simulation {1e3 * half:6.2f} ms (median), {1e3 * sum(beyond[-told:]) / told:6.2f} ms "
+                f"{n + 1:6} runs: {process.memory_info().rss / 1e6:7.1f} MB, CPU per run {1e3 * cpu / each:6.2f} ms, "
+                f"beyond the simulation {1e3 * half:6.2f} ms (median), {1e3 * sum(beyond[-each:]) / each:6.2f} ms "
                 f"(mean); simulation {1e3 * record.cost.simulation_s:6.2f} ms; Taichi started {WARM.begun} times",
                 flush=True,
             )

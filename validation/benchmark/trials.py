@@ -56,8 +56,8 @@ def spiral_trials(
         sim = assemble(scenario_of(played, Path(folder)), Path(folder))
         sim.run()
         end = time.perf_counter()
-    told = outcomes(sim)["SPIRAL"]
-    good = [t for t, found in zip(told["time_s"], told["success"], strict=True) if found]
+    columns = outcomes(sim)["SPIRAL"]
+    good = [t for t, success in zip(columns["time_s"], columns["success"], strict=True) if success]
     steps = sum(good) / sim.dt + (trials - len(good)) * sim.tick
     mean = sum(good) / max(1, len(good))
     return [Trials(case, trials, len(good) / trials, mean, steps, middle - begin, end - middle)]
