@@ -1,7 +1,7 @@
-"""The command: ``python -m taichi_plume.validation [NAMES]`` solves cases with known answers and judges the errors, and
-repeats published experiments.
+"""Command line of the validation: ``python -m taichi_plume.validation [NAMES]``.
 
-Exit code 0: all as expected; 1: one is not; 2: no such case.
+The command solves cases with known answers, judges their errors and repeats published experiments. Exit code 0: all
+results are as expected; 1: a result is not; 2: unknown case.
 """
 
 import argparse
@@ -76,7 +76,7 @@ def _validate(args: argparse.Namespace) -> int:
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = Parser(
         prog="python -m taichi_plume.validation",
-        description="Solve cases with known answers, repeat published experiments, and judge what comes out; "
+        description="Solve cases with known answers, repeat published experiments, and judge the results; "
         "all of them take some minutes.",
     )
     parser.add_argument("names", nargs="*", metavar="NAMES", help="cases (default: all)")
@@ -84,9 +84,9 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         "--trials",
         type=whole_number(1, 10**6),
         metavar="N",
-        help="of every experiment, for a quick look (default: its own)",
+        help="number of trials of every experiment (default: set by each experiment)",
     )
-    parser.add_argument("--list", action="store_true", help="only tell what there is")
+    parser.add_argument("--list", action="store_true", help="list the cases and exit")
     add(parser, "--out", help="write report.html and report.json there")
     parser.add_argument("--json", action="store_true", help="print the report as JSON")
     add(parser, "--arch")
@@ -96,9 +96,9 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 def _examine(
     cases: list["Case | Experiment"], args: argparse.Namespace, backend: str
 ) -> "tuple[Keys, dict[str, Pictures]]":
-    """Solve the cases at fine resolutions and print each. A case that cannot be solved counts as failed.
+    """Solve the cases at fine resolutions and print each. A case that raises an error counts as failed.
 
-    Returns the report, and the pictures of each case.
+    Returns the report, and the pictures by case.
     """
     import platform
 
@@ -209,7 +209,7 @@ def _number(value: float | None) -> float | None:
     return value if value is not None and isfinite(value) else None
 
 
-# ---------------------------------------------------------------- for a person
+# ---------------------------------------------------------------- printed output
 
 
 def _print_list(cases: list["Case | Experiment"]) -> None:

@@ -1,8 +1,8 @@
 """Searches of teams of five for acetone in the odour arena: DAPSO with and without messages, and simple searches.
 
 Arena, wind, gas and robots are those of configs/dapso_arena.yaml, after Marjovi & Marques, ICRA 2014. No figures are
-published for it: what is judged is that DAPSO finds the source. All teams search the same airs, and the
-intervals are over these.
+published for it: what is judged is that DAPSO finds the source. All teams search the same airs (flow
+realisations), and the intervals are over these.
 """
 
 from functools import cache, partial
@@ -27,7 +27,7 @@ TEAMS: dict[str, Keys] = {
 
 
 def arena(robots: list[Keys]) -> Keys:
-    """The scenario as a YAML file would tell it."""
+    """Return the scenario as keys of a YAML file."""
     return {
         "name": "dapso_arena",
         "seed": 1,
@@ -45,7 +45,7 @@ def arena(robots: list[Keys]) -> Keys:
 
 
 def team(name: str, trials: int, keys: Keys) -> Keys:
-    """Five small robots in the corner downwind."""
+    """Return a group of five small robots in a downwind corner."""
     return {
         "name": name,
         "count": 5,
@@ -79,10 +79,10 @@ def one_team(trials: int, name: str) -> Results:
 
 
 DISCUSSION = """\
-The paper drives its robots by DAPSO, but tells no search times, so only this is judged: a team of five finds the
-source. Nothing here says that DAPSO searches better than others. A sweep across the wind is quicker, as it meets the
-plume on its first leg, and without messages the team is not slower than with them: in 4 x 3 m whoever meets the plume
-can follow it alone.
+The paper drives its robots by DAPSO, but gives no search times. So only the success is judged: a team of five finds
+the source. DAPSO is not shown to search better than others. A sweep across the wind is quicker, as it meets the plume
+on its first path segment, and without messages the team is not slower than with them: in 4 x 3 m a robot that meets
+the plume can follow it alone.
 """
 
 CASES = (

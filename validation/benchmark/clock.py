@@ -1,15 +1,14 @@
-"""The user's clock: seconds of wall time per simulated second, and the rates that make them, beside what is wanted.
+"""Wall-clock benchmark: wall time per simulated second and rates, beside their targets.
 
     python -m taichi_plume.validation.benchmark clock [ROW ...] [--checkout FOLDER ...] [--repeats N] [--jax PYTHON]
                                                       [--openfoam [BASHRC] | --openfoam-seconds S S]
                                                       [--arch ARCH] [--json]
 
-Each row is measured in a process of its own, one after the other, so that none disturbs another; several checkouts in
-turns, row by row. A run is timed in its steady state, past its first seconds; only `first_command` and the first ticks
-count the start. `triad` is the memory bandwidth of the same minute, `load` how many processes wanted a core before.
-With --jax and --openfoam, what the same machine needs for the same work with jax-cfd and with OpenFOAM's pisoFoam is
-measured as well, beside ours. pisoFoam's two processes wait for each other: with other load it takes ten times as long,
-and what was measured at a quiet time is better given by --openfoam-seconds.
+Each row is measured in its own process, one after the other; several checkouts in turns, row by row. A run is timed in
+its steady state, past its first seconds; only `first_command` and the first ticks include the start. `triad` is the
+memory bandwidth of the same minute, `load` the load average before. With --jax and --openfoam the same work is measured
+with jax-cfd and with OpenFOAM's pisoFoam on the same machine. The two processes of pisoFoam wait for each other: under
+other load pisoFoam takes ten times as long. Pass times of a quiet machine with --openfoam-seconds instead.
 """
 
 import argparse
@@ -30,15 +29,15 @@ from taichi_plume.validation.benchmark import openfoam, start
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 Figures = dict[str, float]
-COSTS = ("s/s", "s")  # of other figures more is better
+COSTS = ("s/s", "s")  # less is better; of other figures more
 JAX, FOAM = "x jax-cfd", "x OpenFOAM"
 
 
 @dataclass(frozen=True)
 class Row:
-    """A timing: main figure, and least value and aim of the figure `wanted`.
+    """Row of the table: main figure, and least value and aim of the figure `judged`.
 
-    measure: the figures of a checkout. beside: what another program needs, in units of `figure`.
+    measure: returns the figures of a checkout. beside: returns the value of another program, in units of `figure`.
     """
 
     about: str
@@ -53,7 +52,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Timing:
-    """A row of a checkout. figure: its own unit; least and aim hold for the figure `wanted`."""
+    """Figures of a row and checkout. figure: main unit; least and aim hold for the figure `judged`."""
 
     row: str
     checkout: str
@@ -65,7 +64,7 @@ class Timing:
 
     @property
     def verdict(self) -> str:
-        """Whether what is wanted was found, and by how much it is missed."""
+        """Verdict: aim reached, enough, or how many times too slow."""
         value = self.figures.get(self.judged)
         if value is None or self.least is None or self.aim is None:
             return ""
@@ -92,7 +91,7 @@ def _better(unit: str, value: float, than: float) -> float:
 
 
 def _apart(name: str, checkout: Path, args: argparse.Namespace) -> Figures:
-    """Return the figures of clock_rows.py. Raises RuntimeError if the process fails."""
+    """Run clock_rows.py and return its figures. Raises RuntimeError if the process fails."""
     options = {key: vars(args)[key] for key in ("arch", "seconds", "robots")}
     options |= {"row": name, "checkout": str(checkout)}
     command = [sys.executable, "-P", str(HERE / "clock_rows.py"), json.dumps(options)]
@@ -100,7 +99,7 @@ def _apart(name: str, checkout: Path, args: argparse.Namespace) -> Figures:
 
 
 def _first_command(name: str, checkout: Path, args: argparse.Namespace) -> Figures:
-    """The README's, with nothing compiled before."""
+    """Time the first command of the README with an empty kernel cache."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "taichi_plume.run", "configs/casting_room.yaml", "--arch", args.arch]
         begin, cpu = time.perf_counter(), _cpu_of_children()
@@ -109,27 +108,27 @@ def _first_command(name: str, checkout: Path, args: argparse.Namespace) -> Figur
 
 
 def _first_tick(config: str, name: str, checkout: Path, args: argparse.Namespace) -> Figures:
-    """Return the figures of a process whose kernels are in the cache."""
+    """Time the start to the first tick, with kernels from the cache."""
     cold, warm = start.starts([checkout], [config], arch=args.arch)
     return {"s": warm.seconds, "CPU s": warm.cpu_seconds, "s cold": cold.seconds, "kernels": warm.kernels}
 
 
 def _jax_box(n: int, dim: int, args: argparse.Namespace) -> float | None:
-    """M cell-steps/s of jax-cfd, None where no interpreter was given."""
+    """Return M cell-steps/s of jax-cfd; None without an interpreter."""
     if args.jax is None:
         return None
     return float(_output([args.jax, str(HERE / "jax_box.py"), str(n), str(dim), str(args.seconds)], HERE))
 
 
 def _openfoam(dx: float, steps: int, args: argparse.Namespace) -> float | None:
-    """Wall time of OpenFOAM per simulated second, None where it is not asked for."""
+    """Return the wall time of OpenFOAM per simulated second; None if not requested."""
     if args.openfoam_seconds is not None:
         return dict(zip(SPACINGS, args.openfoam_seconds, strict=True))[dx]
     return None if args.openfoam is None else openfoam.arena(dx, steps, args.openfoam)
 
 
 def _output(command: Sequence[str], folder: Path, **environment: str) -> str:
-    """Last line that a process prints, with PYTHONPATH on `folder`. Raises RuntimeError where it fails."""
+    """Run a process with PYTHONPATH set to `folder` and return its last line. Raises RuntimeError if it fails."""
     environment = os.environ | {"PYTHONPATH": str(folder), "ENABLE_TAICHI_HEADER_PRINT": "0"} | environment
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -181,7 +180,7 @@ ROWS: dict[str, Row] = {
 
 
 def measured(name: str, args: argparse.Namespace) -> Iterator[Timing]:
-    """A row of each checkout in turns, as often as wanted. Raises RuntimeError where one cannot be measured."""
+    """Yield the figures of a row for each checkout in turns, `repeats` times. Raises RuntimeError on failure."""
     row = ROWS[name]
     for _ in range(args.repeats):
         other = row.beside(args) if row.beside else None
@@ -214,7 +213,7 @@ def _best(timings: Sequence[Timing], checkout: str, unit: str) -> float:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line `argv` and return its exit code: 0, 1 where a row failed, 2 where there is none such."""
+    """Run the command line `argv` and return its exit code: 0, 1 if a row failed, 2 if a row is unknown."""
     args = _arguments(argv)
     unknown = [name for name in args.rows if name not in ROWS]
     if unknown:
@@ -253,10 +252,12 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog="\n".join(f"{name:18} {row.about}" for name, row in ROWS.items()),
     )
-    parser.add_argument("rows", nargs="*", metavar="ROW", help="of those below (default: all)")
+    parser.add_argument("rows", nargs="*", metavar="ROW", help="rows listed below (default: all)")
     parser.add_argument("--checkout", nargs="+", type=Path, default=[ROOT], metavar="FOLDER")
-    parser.add_argument("--repeats", type=int, default=1, metavar="N", help="of each row (default: 1)")
-    parser.add_argument("--jax", metavar="PYTHON", help="an interpreter that has jax-cfd")
+    parser.add_argument(
+        "--repeats", type=int, default=1, metavar="N", help="repeats of each row (default: 1)"
+    )
+    parser.add_argument("--jax", metavar="PYTHON", help="Python interpreter with jax-cfd")
     foam = parser.add_mutually_exclusive_group()
     foam.add_argument(
         "--openfoam",
@@ -270,10 +271,12 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         nargs=2,
         type=float,
         metavar="S",
-        help="that it takes per simulated second of the arena with 5 cm and with 2 cm",
+        help="wall time of pisoFoam per simulated second of the arena, with 5 cm and with 2 cm",
     )
     parser.add_argument("--arch", default="cpu", choices=("auto", "cpu", "cuda", "vulkan", "metal"))
-    parser.add_argument("--seconds", type=float, default=8.0, help="of steps alone (default: 8)")
-    parser.add_argument("--robots", type=int, default=100_000, metavar="N", help="(default: 100,000)")
+    parser.add_argument("--seconds", type=float, default=8.0, help="seconds per rate of steps (default: 8)")
+    parser.add_argument(
+        "--robots", type=int, default=100_000, metavar="N", help="number of robots (default: 100,000)"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON")
     return parser.parse_args(argv)

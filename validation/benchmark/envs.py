@@ -1,9 +1,9 @@
-"""Speed of environments against their targets: a film that is played to thousands of episodes in one process.
+"""Speed of reinforcement-learning environments: a film played to thousands of episodes in one process.
 
     python -m taichi_plume.validation.benchmark envs [--arch ARCH] [--count N] [--seconds S] [--json]
 
-Steps are counted as `gymnasium.utils.performance` does it: actions drawn before at random, a warm-up outside, and of
-the environments only those that step, not those that begin anew in between. Resets are the median of many.
+Steps are counted as in `gymnasium.utils.performance`: random actions are drawn beforehand and the warm-up is not timed.
+Only environments that step are counted, not those that reset in between. Reset times are medians.
 """
 
 import json
@@ -23,7 +23,7 @@ from taichi_plume.validation.case import Keys
 COUNT = 4096
 RESETS = 10_000
 FILMS, FRAMES = 4, 241
-ACTIONS = 16  # different ones, in turn
+ACTIONS = 16  # different batches, in turn
 TASK: Keys = {
     "duration": 60.0,
     "domain": {"size": [4.0, 3.0], "spacing": 0.04, "depth": 0.5},
@@ -46,13 +46,13 @@ TASK: Keys = {
     ],
 }
 TARGETS = {"vector": 1e6, "single": 2e3}
-"""Steps per second, of COUNT environments and of one."""
+"""Least steps per second, of COUNT environments and of a single environment."""
 RESET_MS = 5.0
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A figure and what is wanted; cpu_us: time of all cores per step of an environment, where it is a rate."""
+    """Figure and its target; cpu_us: CPU time of all cores per step of an environment, for rates."""
 
     case: str
     figure: float
@@ -66,7 +66,7 @@ class Measured:
 
 
 def films() -> Any:
-    """A bank of noise around a wind and a plume: it takes as long to play as one that was solved for."""
+    """Return a bank of films of random noise: playback takes as long as that of a computed flow."""
     rng = np.random.default_rng(0)
     shape = (FILMS, FRAMES, 100, 75)
     values = np.empty((*shape, 3), np.float16)
@@ -90,7 +90,7 @@ def films() -> Any:
 
 
 def rate(engine: Any, seconds: float) -> tuple[float, float]:
-    """Steps per second, and time of all cores per step [s]."""
+    """Return steps per second, and CPU time of all cores per step [s]."""
     rng = np.random.default_rng(1)
     shape = (engine.count * engine.robots, engine.action_size)
     batches = [rng.uniform(-1.0, 1.0, shape).astype(np.float32) for _ in range(ACTIONS)]
@@ -101,14 +101,14 @@ def rate(engine: Any, seconds: float) -> tuple[float, float]:
     cpu, begin = time.process_time(), time.perf_counter()
     while time.perf_counter() - begin < seconds:
         engine.step(batches[k % ACTIONS])
-        steps += engine.count - int(over.sum())  # those that were over have begun anew
+        steps += engine.count - int(over.sum())  # finished episodes were reset instead
         over = engine.terminated | engine.truncated
         k += 1
     return steps / (time.perf_counter() - begin), (time.process_time() - cpu) / max(1, steps)
 
 
 def reset_ms(engine: Any, mask: np.ndarray | None, times: int = 100) -> float:
-    """Median time of a reset [ms]."""
+    """Return the median time of a reset [ms]."""
     spent = []
     for k in range(times):
         begin = time.perf_counter()
@@ -121,7 +121,7 @@ def reset_ms(engine: Any, mask: np.ndarray | None, times: int = 100) -> float:
 
 
 def growth_mb(engine: Any) -> float:
-    """Return the growth of memory [MB] over RESETS resets, after a tenth of them."""
+    """Return the growth of memory [MB] over RESETS resets, after a warm-up of a tenth as many."""
     process = psutil.Process(os.getpid())
     for k in range(RESETS // 10):
         engine.reset(np.full(engine.count, k, np.uint64))
@@ -138,7 +138,7 @@ def steps_of(what: str, kind: str, engine: Any, seconds: float) -> Measured:
 
 
 def measure(arch: str, count: int, seconds: float) -> list[Measured]:
-    """All figures."""
+    """Return all figures."""
     from taichi_plume.envs.episodes import Episodes
     from taichi_plume.grid import kernels
     from taichi_plume.scenario.loading import scenario_from

@@ -1,6 +1,6 @@
-"""Steps of jax-cfd in a periodic box, for the clock: ``python jax_box.py N DIM SECONDS`` prints M cell-steps/s.
+"""Speed of jax-cfd in a periodic box: ``python jax_box.py N DIM SECONDS`` prints M cell-steps/s.
 
-It is run by an interpreter that has jax-cfd, which need not have this package.
+The script needs an interpreter with jax-cfd, but not this package.
 """
 
 import importlib
