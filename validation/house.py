@@ -39,17 +39,17 @@ class Module:
 
     @property
     def lines(self) -> int:
-        """Number of lines."""
+        """Number of lines of the file."""
         return len(self.text.splitlines())
 
     @property
     def folder(self) -> str:
-        """Folder in the checkout."""
+        """Folder of the file in the checkout."""
         return self.path.rpartition("/")[0]
 
     @property
     def functions(self) -> Iterator[tuple[int, str]]:
-        """Lines and name of every function, with those inside of others."""
+        """Number of lines and name of every function, nested functions included."""
         for node in ast.walk(self.tree):
             if isinstance(node, Function):
                 yield (node.end_lineno or node.lineno) - node.lineno + 1, f"{node.name} ({self.path})"
@@ -118,7 +118,7 @@ def foreign_kinds(module: Module, known: dict[str, str]) -> int:
 
 
 def counted(root: Path, cases: bool = True) -> dict[str, object]:
-    """Return the rows of a checkout by title."""
+    """Return the rows of the table for a checkout by title."""
     source, tests = modules(root, FOLDERS), modules(root, ("tests",))
     known = models(source)
     package = [module for module in source if module.path.startswith(PACKAGE)]
@@ -170,7 +170,7 @@ def collected(root: Path) -> int:
 
 
 def table(old: dict[str, object], new: dict[str, object]) -> list[str]:
-    """Return the lines of a Markdown table of both; folders of one checkout only come first."""
+    """Return the lines of a Markdown table of both checkouts; removed folders come first."""
     gone = [title for title in old if title not in new]
     rows = [(title, old.get(title, "0, 0"), new.get(title, "0, 0")) for title in (*gone, *new)]
     cells = [[f"{cell:,}" if isinstance(cell, int) else str(cell) for cell in row] for row in rows]

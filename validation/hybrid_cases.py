@@ -1,8 +1,8 @@
 """Hybrid experiment: an external robot samples the simulated plume, compared with a simulated robot.
 
 Cabrita, Sousa & Marques, "Player/Stage simulation of olfactory experiments", IROS 2010: a simulated and a hybrid robot
-go to the source along similar ways (figure 13, one run each). Here a program of its own stands for the real robot, with
-its own algorithm and wheels (examples/hybrid_casting.py); it is another process, and each tick waits for its answer.
+go to the source along similar paths (figure 13, one run each). Here a separate process stands for the real robot, with
+its own algorithm and wheels (examples/hybrid_casting.py). Each tick waits for its answer.
 """
 
 import socket
@@ -20,11 +20,11 @@ from taichi_plume.validation.plumesim_cases import ALIKE, LAMINAR, PLUME, ROOMBA
 from taichi_plume.validation.searches import Searches, scenario_of
 
 ROBOT = Path(__file__).resolve().parents[1] / "examples/hybrid_casting.py"
-ANSWER_S = 30.0  # of the clock, after which a robot would be lost
+ANSWER_S = 30.0  # wall time, after which a robot counts as lost
 
 
 def outside(trials: int, takes: str) -> Results:
-    """Trials of robots that are driven by another process, which tells their poses or commands their velocities."""
+    """Run trials of robots driven by another process, which sends poses or velocities (`takes`)."""
     algorithm = {"kind": "external", "takes": takes, "timeout": ANSWER_S}
     data = arena(LAMINAR, PLUME, ROOMBA | {"algorithm": algorithm, "trials": trials})
     port = _free_port()
@@ -50,7 +50,7 @@ def outside(trials: int, takes: str) -> Results:
 
 
 def plain(data: object) -> object:
-    """Tuples as the lists that YAML has."""
+    """Return data with tuples replaced by lists, as in YAML."""
     if isinstance(data, dict):
         return {key: plain(value) for key, value in data.items()}
     return [plain(part) for part in data] if isinstance(data, list | tuple) else data
@@ -64,11 +64,11 @@ def _free_port() -> int:
 
 FOUND = {"success": Range(least=0.95)}
 DISCUSSION = """\
-Published is one way to the source of each, and no figures. Reproduced: robots outside, which only get what their
-sensors would read and only tell where they are, find the source as often as the simulated one and on ways as long.
-Their algorithm was written anew, in NumPy, after the same paper; what differs are the noise that it meets and, where it
-tells poses, its own wheels. It tells its pose after the readings of a tick, and reads there a tick later: 0.1 s, beside
-a rise of the sensor of 3 s.
+Published is one path to the source per robot, and no figures. Reproduced: external robots, which only receive sensor
+readings and only send their poses, find the source as often as the simulated robot and on paths as long. Their
+algorithm is an independent NumPy implementation of the same paper. Different are the noise and, for poses, the model
+of the wheels. The external robot sends its pose after the readings of a tick, and is sampled there a tick later: a
+delay of 0.1 s, while the sensor rises in 3 s.
 """
 
 CASES = (
@@ -79,7 +79,7 @@ CASES = (
         (
             Condition("inside", partial(in_airs, data=arena(LAMINAR, PLUME), title="inside"), ALIKE, FOUND),
             Condition("outside, which commands velocities", partial(outside, takes="velocity"), {}, FOUND),
-            Condition("outside, which tells poses (hybrid)", partial(outside, takes="pose"), ALIKE, FOUND),
+            Condition("outside, which sends poses (hybrid)", partial(outside, takes="pose"), ALIKE, FOUND),
         ),
         test_trials=0,
         discussion=DISCUSSION,
