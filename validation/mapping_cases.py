@@ -1,17 +1,18 @@
 """Gas maps of time series that forecast readings: the experiment of Marjovi & Marques, ICRA 2014, figures 9 and 10.
 
-Published is that by eq 8 every time series forecasts the readings of the next snap better than the pure interpolation
-of the last, best with alpha = 0.9, with both navigations, and that the overall map has its peak at the source. See
-`mapping_scenario` for what is the paper's here and what ours. The paper normalises its mean errors in a way it does not
-tell; ours are over that of the pure interpolation. For alpha = 0.95 it lists [0.52 m, 250 s]: by its own equations the
-length is that of 0.95, which looks back 100 s, and the time that of 0.98, which looks 0.51 m around; both are here.
+Published results: by eq 8 every time series forecasts the readings of the next snapshot better than pure interpolation
+of the last, best with alpha = 0.9, with both navigations. The overall map has its peak at the source.
+`mapping_scenario` lists what is taken from the paper and what is assumed here. The paper does not state how its mean
+errors are normalised; ours are over that of pure interpolation. For alpha = 0.95 the paper lists [0.52 m, 250 s]. By
+its own equations the length belongs to 0.95, whose time is 100 s, and the time to 0.98, whose length is 0.51 m; both
+are run here.
 
-Judged is what we take for the paper's set-up, said before any run: robots of 0.1 m/s with the MiCS-5524 and snaps of
-5 s. The paper tells no speed. A miniQ can drive faster, but a metal oxide that takes seconds to answer blurs the plume
-by a metre at 0.2 m/s, and robots that map gas with such sensors are driven at 0.05 to 0.1 m/s (Lilienthal & Duckett
-2004, doi:10.1016/j.robot.2004.05.002, cited there).
+Judged is the set-up that we assume for the paper, fixed before any run: robots of 0.1 m/s with the MiCS-5524 and
+snapshots of 5 s. The paper gives no speed. A miniQ can drive faster, but a metal-oxide sensor that takes seconds to
+respond blurs the plume by a metre at 0.2 m/s. Robots that map gas with such sensors are driven at 0.05 to 0.1 m/s
+(Lilienthal & Duckett 2004, doi:10.1016/j.robot.2004.05.002, cited there).
 
-The other speeds, sensors and windows say where the paper's finding holds, closed forms in `mapping_whiffs` why.
+The other speeds, sensors and windows show where the paper's finding holds; closed forms in `mapping_whiffs` show why.
 """
 
 from collections.abc import Sequence
@@ -49,21 +50,21 @@ from taichi_plume.validation.mapping_whiffs import endless, remembering
 
 PURE = "pure interpolation"
 BEST = 0.9  # in the paper
-DISCUSSION = """Reproduced: with alpha = 0.9 the map is 5 to 14 % nearer to the true mean gas than the pure
-interpolation. And where sensors forget within a snap, the paper's finding: with a quarter of the lags of the MiCS-5524
-every alpha from 0.6 on forecasts better with DAPSO at all speeds, best 0.9 to 0.98, and in line from 0.1 m/s on, best
-0.98. Snaps of 10 s do the same for the MiCS-5524 itself.
+DISCUSSION = """Reproduced: with alpha = 0.9 the map is 5 to 14 % nearer to the true mean gas than pure
+interpolation. The paper's finding is reproduced for sensors that recover within a snapshot: with a quarter of the lags
+of the MiCS-5524 every alpha from 0.6 on forecasts better, with DAPSO at all speeds, best 0.9 to 0.98, and with the line
+from 0.1 m/s on, best 0.98. Snapshots of 10 s have the same effect for the MiCS-5524 itself.
 
 Not reproduced: at 0.1 m/s with the MiCS-5524 as modelled (8 s to recover, our estimate) DAPSO's time series forecast no
-better, the line's for one source only. Alpha = 0.4 sees one snap and repeats it. The paper tells neither speed nor
-sampling; for its finding its sensors must have forgotten faster.
+better, the line's for one source only. Alpha = 0.4 uses a single snapshot and repeats it. The paper gives neither speed
+nor sampling; for its finding its sensors must have recovered faster.
 
-Why: a long mean forecasts better than the last snap if the correlation from snap to snap is below 1/2, and gains
-nothing where gas is met seldom. Readings made without air agree.
+Reason: a long mean forecasts better than the last snapshot if consecutive snapshots correlate by less than 1/2, and
+gains nothing if gas is met seldom. Synthetic readings without air agree.
 
-The peak is within 0.5 m mostly in three of four runs with DAPSO; but so is that of the pure interpolation in nine of
-16, a difference by chance. In line it is 1 m off: robots are 1.1 m apart along the wind, and a slow sensor misses the
-thin plume near the source."""
+The peak is within 0.5 m for most of the time in three of four runs with DAPSO. For pure interpolation it is so in nine
+of 16, a difference by chance. With the line it is 1 m off: robots are 1.1 m apart along the wind, and a slow sensor
+misses the thin plume near the source."""
 PAPER = (0.1, "MiCS-5524")  # speed [m/s] and sensor, see above
 AT_SOURCE = 0.5  # m: two cells of the map
 HALF = "peak mostly within 0.5 m, share of runs"
@@ -75,24 +76,24 @@ def chosen(
     sensor: str | None = None,
     source: tuple[float, float] | None = None,
 ) -> np.ndarray:
-    """Numbers of the teams that are like that."""
+    """Return the indices of the teams with these properties; None matches any value."""
     asked = (navigation, speed, sensor, source)
     fits = [all(a is None or a == b for a, b in zip(asked, team, strict=True)) for team in TEAMS]
     return np.flatnonzero(fits)
 
 
 def of_airs(airs: int, name: str, teams: np.ndarray) -> np.ndarray:
-    """The mean over these teams of a quantity of `Fared`, in each air."""
+    """Return the mean over teams of a quantity of `Fared`, in each air."""
     return np.array([np.nanmean(result._asdict()[name][..., teams]) for result in in_airs(airs)])
 
 
 def mean_errors(airs: int, teams: np.ndarray, window: float = WINDOW) -> np.ndarray:
-    """Forecast errors by eq 8 [ppm], means over snaps and teams, (maps, airs)."""
+    """Return forecast errors by eq 8 [ppm], means over snapshots and teams, (maps, airs)."""
     return np.stack([np.nanmean(air.errors[window][..., teams], axis=(1, 2)) for air in in_airs(airs)], -1)
 
 
 def least(errors: np.ndarray, choice: Sequence[float] = ALPHAS) -> Mean:
-    """Where over all airs the mean error is least, (alphas, airs), with a bootstrapped interval."""
+    """Return the alpha of the least mean error over all airs, with a bootstrap interval; errors: (alphas, airs)."""
 
     def argmin(*parts: np.ndarray, axis: int = -1) -> np.ndarray:
         return np.array(choice)[np.stack([part.mean(axis=axis) for part in parts]).argmin(axis=0)]
@@ -101,8 +102,9 @@ def least(errors: np.ndarray, choice: Sequence[float] = ALPHAS) -> Mean:
 
 
 def peaks(airs: int, team: int, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of map `number`, in each air, once a robot has passed the source: mean distance of the peak from the source over
-    the snaps [m], whether it was within AT_SOURCE in most of them, and the distance at the end. NaN where none has.
+    """Return peak positions of map `number` in each air, after a robot has passed the source; NaN if none has.
+
+    Mean distance of the peak from the source [m], 1 if within AT_SOURCE in most snapshots, and final distance [m].
     """
     rows = []
     for result in in_airs(airs):
@@ -120,12 +122,12 @@ def peaks(airs: int, team: int, number: int) -> tuple[np.ndarray, np.ndarray, np
 
 
 def error_of(alpha: float) -> str:
-    """Name of a relative error."""
+    """Return the name of a relative forecast error."""
     return f"error, alpha {alpha:g} / {PURE}"
 
 
 def from_truth_of(alpha: float) -> str:
-    """Name of a relative error against the true mean of the gas."""
+    """Return the name of a relative error against the true mean of the gas."""
     return f"from the true mean, alpha {alpha:g} / {PURE}"
 
 
@@ -170,7 +172,7 @@ def set_up(trials: int, navigation: str, source: tuple[float, float], title: str
 
 
 def region(trials: int, navigation: str) -> Results:
-    """Where the finding holds, over speeds and sensors; both sources together."""
+    """Return the quantities of the maps by speed and sensor; both sources together."""
     result: dict[str, Mean | Lines] = {}
     of_sensor: dict[str, dict[str, np.ndarray]] = {sensor: {} for sensor in SENSORS}
     points = []
@@ -254,7 +256,7 @@ def without_air(trials: int) -> Results:
 def by_what_is_kept(correlation: np.ndarray, long: np.ndarray, error: np.ndarray) -> Lines:
     """Errors over that of the pure interpolation against the correlation with the next snap, beside closed forms.
 
-    kept and long: (n,), `kept` and `endless` of `Fared`; error: (alphas, n).
+    correlation, long: (n,), `correlation` and `endless` of `Fared`; error: (alphas, n).
     """
     order = np.argsort(correlation)
     correlation, long, error = correlation[order], long[order], error[:, order]
@@ -273,9 +275,9 @@ def by_what_is_kept(correlation: np.ndarray, long: np.ndarray, error: np.ndarray
 
 
 def worst(shares: Sequence[Mean], window: float = WINDOW) -> Mean:
-    """The largest of the ratios of `alphas(window)`: below 1, every time series forecasts better.
+    """Return the largest ratio of `alphas(window)`: below 1, every time series forecasts better.
 
-    Of those that see two past snaps: with one the series is but the last snap again, somewhat blurred.
+    Only alphas that use two past snapshots count: with one the map is only a blurred last snapshot.
     """
     return max(
         shares[-len(alphas(window, 2)) :], key=lambda share: -np.inf if share.mean is None else share.mean

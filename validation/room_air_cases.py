@@ -2,11 +2,11 @@
 
 Cheng et al. 2011 (doi:10.1021/es103080p) released carbon monoxide at a point in two homes with 30 to 37 monitors about
 it, 11 times, and fitted an isotropic eddy diffusivity K: 0.001 to 0.013 m²/s from less than 0.2 to more than 5 air
-changes per hour n, by K = V^(2/3) (0.52 n + 0.31) per hour. The range is of the paper's abstract, the line of a
-secondary source that gives its page (4020); we have not seen the measured points.
+changes per hour n, by K = V^(2/3) (0.52 n + 0.31) per hour. The range is from the paper's abstract, the law
+from a secondary source that cites page 4020; we have not seen the measured points.
 
-Here K is the decay of cosines as long as the room, by particles (see solvers/room_mixing.py), each air of a seed of its
-own, and in one condition by gas on the grid that was released in the middle.
+Here K is computed from the decay of cosines as long as the room, by particles (see solvers/room_mixing.py). Every air
+has its own seed. In one condition K is computed from gas on the grid, released in the middle.
 """
 
 from functools import partial
@@ -49,7 +49,7 @@ DISCUSSION = (
 
 
 def of_particles(airs: int, shape: tuple[int, ...], dx: float, **keys: float) -> Results:
-    """K of a room in so many airs, and what it comes to."""
+    """Return K of a room over several airs, and the equivalent air change rate."""
     grid = Grid(shape, dx)
     model = SyntheticWind.model_validate({"kind": "synthetic"} | keys)
     wind = SyntheticSolver(model, grid, Air.everywhere(grid))
@@ -67,9 +67,9 @@ def of_particles(airs: int, shape: tuple[int, ...], dx: float, **keys: float) ->
 
 
 def released(airs: int) -> Results:
-    """Gas of the default room, a ball in the middle at first: the cosines of a whole wave along and across the room.
+    """Return K of gas released as a ball in the middle of the default room, and K of particles in the same airs.
 
-    By diffusion their means over all airs decay as exp(-K (2 pi/L)² t). That of particles is of the same airs.
+    By diffusion the mean cosines of a whole wave along and across the room decay as exp(-K (2 pi/L)² t).
     """
     grid, axes = Grid(*ROOM), (0, 1)
     model = SyntheticWind(kind="synthetic")
@@ -96,7 +96,7 @@ def released(airs: int) -> Results:
         along += grid.read(gas.c).astype(float).sum(axis=(1, 2)) / ball.sum() / grid.dx / airs
     K = pseudo_values(modes, grid.extent)
     by_particles = np.array(particles)
-    k = np.arange(1, 40)[:, None] * 2.0 * pi / grid.extent[0]  # of a ball in the middle only even ones
+    k = np.arange(1, 40)[:, None] * 2.0 * pi / grid.extent[0]  # even cosines only, by symmetry
     place = (np.arange(grid.shape[0]) + 0.5) * grid.dx - 0.5 * grid.extent[0]
     decay = np.exp(-(k**2) * (0.5 * RELEASED**2 + by_particles.mean() * LOOKS[-1]))
     diffused = (1.0 + 2.0 * (decay * np.cos(k * place)).sum(axis=0)) / grid.extent[0]
@@ -117,7 +117,7 @@ def _cosines(c: np.ndarray, grid: Grid, axes: tuple[int, ...]) -> list[float]:
 
 
 def pseudo_values(modes: np.ndarray, extent: tuple[float, ...]) -> np.ndarray:
-    """K [m²/s] by each air, of which the mean is that by all airs less its bias, for intervals (Tukey's jackknife).
+    """Return the jackknife pseudo-values (Tukey) of K [m²/s] per air; their mean is the bias-corrected estimate.
 
     modes: cosines of a whole wave, (airs, 2 times, axes)."""
 
@@ -134,7 +134,7 @@ def pseudo_values(modes: np.ndarray, extent: tuple[float, ...]) -> np.ndarray:
 
 
 def _over(mean: Mean, by: float) -> Mean:
-    """A mean over a number."""
+    """Return a mean divided by a number."""
     low, high = (None if end is None else end / by for end in (mean.low, mean.high))
     return Mean(None if mean.mean is None else mean.mean / by, low, high, mean.n, mean.airs)
 

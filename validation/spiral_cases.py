@@ -1,11 +1,12 @@
 """SPIRAL experiment: four algorithms search for a dish of ethanol in a closed room without a fan, from two distances.
 
 Ferri, Caselli, Mattoli, Mondini, Mazzolai & Dario, Robotics and Autonomous Systems 57 (2009) 393-402, table 2. All
-algorithms search the same airs, an equal share of the trials each. As in the paper a session has four trials, after
-which the room is aired: the first begins 5 minutes after the dish was opened, each other one after the published mean
-time of its row, and a minute. A robot that has not found the dish after an hour has failed, and counts with that hour
-and what it did in it. The least index of a hit is found as in the paper: the mean index 5 minutes after opening,
-farther than 2 m from the dish. Intervals are over the airs. See spiral_room.py, spiral_index.py, spiral_floor.py.
+algorithms search the same airs (flow realisations), with an equal share of the trials in each. As in the paper a
+session has four trials, after which the room is aired. The first starts 5 minutes after the dish is opened, each other
+trial a minute after the published mean time of its row. A robot that has not found the dish after an hour has failed,
+and counts with that hour. The least index of a hit is determined as in the paper: the mean index 5 minutes after
+opening, farther than 2 m from the dish. Intervals are over the airs. See spiral_room.py, spiral_index.py,
+spiral_floor.py.
 """
 
 from collections.abc import Mapping
@@ -39,9 +40,9 @@ from taichi_plume.validation.spiral_room import (
 )
 
 AIRS = 8
-RANKING = ("SPIRAL", "random SPIRAL", "E. coli 30 s")  # by the published times
-HALF = 0.6  # of random SPIRAL's acquisitions, at most: about half
-# Random SPIRAL smells nothing: its two rows differ by less than ten trials can tell, and are taken together.
+RANKING = ("SPIRAL", "random SPIRAL", "E. coli 30 s")  # by published times
+HALF = 0.6  # bound of SPIRAL's acquisitions over random SPIRAL's: about half
+# Random SPIRAL uses no gas readings: its two rows do not differ significantly over ten trials, and are averaged.
 RANDOM = float(np.mean([TABLE_2["random SPIRAL", d].acquisitions.mean for d in DISTANCES]))
 NEAR_RANDOM = Range(round(0.8 * RANDOM, 1), round(1.2 * RANDOM, 1))
 Columns = Mapping[str, np.ndarray]
@@ -57,15 +58,15 @@ here it is the quickest. On a smooth field SPIRAL takes its 11.5 acquisitions on
 and E. coli its own where they vary by 0.25 to 0.4 (standard deviation of the logarithm): no room gives both. The
 published difference of the two times, 65 s, lies within its own interval, and is not judged.
 
-Why: in our room indices vary by 0.1 to 0.2 where the searches begin. The vapour rises soon beyond the least index of a
-hit, 0.9 to 3.1 ppm five minutes after opening; then any index is a hit once misses have lowered the threshold. The
-paper gives neither that index nor the arms: three sets fit its random rows alike (chi-square 1.3, 0.7 and 0.9), and the
-middle one was taken.
+Reason: in our room indices vary by 0.1 to 0.2 at the start of the searches. The vapour soon exceeds the least index of
+a hit, 0.9 to 3.1 ppm five minutes after opening; then any index is a hit once misses have lowered the threshold. The
+paper gives neither that index nor the arms: three sets fit its random rows equally well (chi-square 1.3, 0.7 and 0.9),
+and the middle one was chosen.
 """
 
 
 def spiral_of(minimum: float) -> dict[str, Keys]:
-    """The algorithms, of which SPIRAL has this least index of a hit [ppm]."""
+    """Return the algorithms, SPIRAL with `minimum` as least index of a hit [ppm]."""
     return ALGORITHMS | {"SPIRAL": ALGORITHMS["SPIRAL"] | {"minimum_ppm": minimum}}
 
 
@@ -99,7 +100,7 @@ def times(columns: Columns) -> np.ndarray:
 
 
 def one_row(trials: int, row: tuple[str, int]) -> Results:
-    """A row of the table."""
+    """Return the quantities of a row of table 2."""
     columns = table(trials)[row]
     air, time, steps = columns["air"], times(columns), columns["acquisitions"]
     return {
@@ -112,12 +113,12 @@ def one_row(trials: int, row: tuple[str, int]) -> Results:
 
 
 def longer(quick: str, slow: str, distance: int) -> str:
-    """Name of a ratio of mean times."""
+    """Return the name of a ratio of mean times."""
     return f"time, {slow} / {quick}, {distance} cm"
 
 
 def fewer(distance: int) -> str:
-    """Name of a ratio of acquisitions."""
+    """Return the name of a ratio of acquisitions."""
     return f"acquisitions, SPIRAL / random SPIRAL, {distance} cm"
 
 
