@@ -29,7 +29,8 @@ def _wake(flow: FlowSolver, place: tuple[float, float], moves: float) -> tuple[f
     """Return mean velocity deficit of the wake and largest reverse flow on the axis, over the wind speed.
 
     Velocities are relative to a body at `place` that `moves` [m/s] against x. The mean covers 1.45 diameters behind the
-    body, over the width of the body."""
+    body, over the width of the body.
+    """
     grid = flow.grid
     u = (grid.read(flow.u[0]) + moves) / SPEED
     x, y = np.arange(u.shape[0]) * grid.dx - place[0], (np.arange(u.shape[1]) + 0.5) * grid.dx - place[1]

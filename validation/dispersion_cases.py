@@ -234,7 +234,8 @@ def _of_scheme(convection: str) -> tuple[Case, ...]:
     """Return the cases of a convection scheme.
 
     At the top of a puff the Koren limiter is of first order. So its moments of third and fourth order, and the rotating
-    puff without diffusion, are reported but not judged."""
+    puff without diffusion, are reported but not judged.
+    """
     fifth = convection == "weno5"
     return (
         Case(

@@ -144,7 +144,8 @@ def kovasznay(n: int, reynolds: float = 40.0) -> Errors:
 def drifting(n: int) -> Errors:
     """Return energy errors of inviscid vortices of n cells in a wind ten times as fast.
 
-    They are carried over (n/8)² wavelengths. Exact solution: translation without change."""
+    They are carried over (n/8)² wavelengths. Exact solution: translation without change.
+    """
     distance = (n / 8) ** 2
     k = 2.0 * pi
 

@@ -79,10 +79,9 @@ def inflow_turbulence(n: int, length: float) -> Answer:
 
 
 def oscillating_wall(n: int) -> Errors:
-    """Return errors of air between a wall at rest and a wall that slides with V = sin wt, after a period.
+    """Return errors of air between a wall at rest and a wall that slides with V = sin wt, 1 m apart.
 
-    u = V y + sum b_k sin k pi y, db_k/dt = -k² pi² b_k + 2 (-1)^k/(k pi) dV/dt; the Stokes layer is sqrt(2 nu/w) = 0.3
-    of the distance, 1 m; nu = 1 m²/s.
+    u = V y + sum b_k sin k pi y, db_k/dt = -k² pi² b_k + 2 (-1)^k/(k pi) dV/dt; Stokes layer sqrt(2 nu/w) = 0.3 m.
     """
     rate = 2.0 / 0.3**2
     knots = np.linspace(0.0, 2.0 * pi / rate, 401)

@@ -4,8 +4,7 @@ Published results: by eq 8 every time series forecasts the readings of the next 
 of the last, best with alpha = 0.9, with both navigations. The overall map has its peak at the source.
 `mapping_scenario` lists what is taken from the paper and what is assumed here. The paper does not state how its mean
 errors are normalised; ours are over that of pure interpolation. For alpha = 0.95 the paper lists [0.52 m, 250 s]. By
-its own equations the length belongs to 0.95, whose time is 100 s, and the time to 0.98, whose length is 0.51 m; both
-are run here.
+its own equations the length belongs to 0.95 (time 100 s), the time to 0.98 (length 0.51 m); both are run here.
 
 Judged is the set-up that we assume for the paper, fixed before any run: robots of 0.1 m/s with the MiCS-5524 and
 snapshots of 5 s. The paper gives no speed. A miniQ can drive faster, but a metal-oxide sensor that takes seconds to

@@ -56,7 +56,8 @@ def spread(n: int) -> Answer:
 def sampled_mass(n: int, boxed: bool) -> Answer:
     """Return errors of the mass of sampled gas, n points per metre, over the released mass.
 
-    The source is 15 cm above the floor, free or beside a box. Puffs as in GADEN: 10 cm, growing by 10 cm²/s."""
+    The source is 15 cm above the floor, free or beside a box. Puffs as in GADEN: 10 cm, growing by 10 cm²/s.
+    """
     grid = Grid((40, 20, 15), 0.1)
     solid = np.zeros(grid.shape, bool)
     solid[12:18, 12:17, :6] = boxed
@@ -137,9 +138,7 @@ def well_mixed(n: int) -> Answer:
     solid[15:22, 10:16] = True
     air = Air.of(solid, grid)
     wind = SyntheticSolver(SyntheticWind(kind="synthetic", speed=0.1), grid, air)
-    wind.nu = (
-        None  # a gradient of nu would move the centres of puffs, so that gas with its widths stays uniform
-    )
+    wind.nu = None  # its gradient moves the centres of puffs, so that gas, not their number, stays uniform
     gas = puffs_on(grid, wind, air, sources=[{"position": (0.5, 0.5), "rate": 0.0}], fluctuation=0.05)
     rng = np.random.default_rng(1)
     x = rng.random((3000 * n, 2)) * grid.extent

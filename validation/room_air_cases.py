@@ -119,7 +119,8 @@ def _cosines(c: np.ndarray, grid: Grid, axes: tuple[int, ...]) -> list[float]:
 def pseudo_values(modes: np.ndarray, extent: tuple[float, ...]) -> np.ndarray:
     """Return the jackknife pseudo-values (Tukey) of K [m²/s] per air; their mean is the bias-corrected estimate.
 
-    modes: cosines of a whole wave, (airs, 2 times, axes)."""
+    modes: cosines of a whole wave, (airs, 2 times, axes).
+    """
 
     def rate(chosen: np.ndarray) -> float:
         early, late = chosen.mean(axis=0)

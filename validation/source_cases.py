@@ -83,7 +83,8 @@ def oblique_plume(n: int, convection: str) -> Answer:
     """Return errors of a thin plume in a wind askew to the grid, n cells per metre.
 
     Norms: relative error of the centroid's deflection 1 to 3 m behind the source; numerical diffusivity over U dx.
-    Slopes 0.02, 0.05, 0.1; the source at a cell's centre, at its face and elsewhere."""
+    Slopes 0.02, 0.05, 0.1; the source at a cell's centre, at its face and elsewhere.
+    """
     grid = Grid((round(3.6 * n), round(1.3 * n)), 1.0 / n)
     molecules = 1e-5
     plume, far = Plume(grid, molecules, convection), np.linspace(1.0, 3.0, 9)

@@ -5,8 +5,7 @@ algorithms search the same airs (flow realisations), with an equal share of the 
 session has four trials, after which the room is aired. The first starts 5 minutes after the dish is opened, each other
 trial a minute after the published mean time of its row. A robot that has not found the dish after an hour has failed,
 and counts with that hour. The least index of a hit is determined as in the paper: the mean index 5 minutes after
-opening, farther than 2 m from the dish. Intervals are over the airs. See spiral_room.py, spiral_index.py,
-spiral_floor.py.
+opening, farther than 2 m from the dish. Intervals are over airs. See spiral_room, spiral_index, spiral_floor.
 """
 
 from collections.abc import Mapping

@@ -1,9 +1,10 @@
 """SPIRAL and E. coli without air flow: random SPIRAL along several arms, and indices of a known noise.
 
 Random SPIRAL uses no gas readings, so that its two published rows depend on geometry and timing alone: on the arms,
-which the paper chose by the size of the area without giving their lengths. On a smooth field with noise, PI = 1/(0.3 m
-+ d) exp(s N(0, 1)) at a distance d from the dish, the number of acquisitions shows how much the indices in the paper's
-room can have varied. s is the standard deviation of their logarithm, drawn independently for each acquisition.
+which the paper chose by the size of the area without giving their lengths. On a smooth field with noise,
+PI = 1/(0.3 m + d) exp(s N(0, 1)) at a distance d from the dish, the number of acquisitions shows how much the
+indices in the paper's room can have varied. s is the standard deviation of their logarithm, drawn independently for
+each acquisition.
 """
 
 from functools import cache

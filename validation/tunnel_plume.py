@@ -54,7 +54,8 @@ WIDE = 3.0 * CELL  # m: least width of plumes for which gas on the grid is judge
 class Kind(NamedTuple):
     """Kind of gas: name of the species, standard deviation at the source [m], and puffs per second.
 
-    The rate keeps successive puffs closer than 1.8 widths."""
+    The rate keeps successive puffs closer than 1.8 widths.
+    """
 
     gas: str
     width: float

@@ -1,8 +1,8 @@
 """Meandering plume at fixed sensors: intermittency, moments and durations of whiffs and blanks.
 
 The centre of the plume is Gaussian, so that intermittency and moments of the concentration have closed forms. On times
-between the gusts' and the plume's age the centre is a random walk. Whiffs and blanks are its first returns, p(T) ~
-T^-3/2 (Celani, Villermaux & Vergassola 2014, doi:10.1103/PhysRevX.4.041015).
+between the gusts' and the plume's age the centre is a random walk. Whiffs and blanks are its first returns,
+p(T) ~ T^-3/2 (Celani, Villermaux & Vergassola 2014, doi:10.1103/PhysRevX.4.041015).
 """
 
 from math import erf, exp, log, pi, sqrt

@@ -254,9 +254,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("rows", nargs="*", metavar="ROW", help="rows listed below (default: all)")
     parser.add_argument("--checkout", nargs="+", type=Path, default=[ROOT], metavar="FOLDER")
-    parser.add_argument(
-        "--repeats", type=int, default=1, metavar="N", help="repeats of each row (default: 1)"
-    )
+    parser.add_argument("--repeats", type=int, default=1, metavar="N", help="runs per row (default: 1)")
     parser.add_argument("--jax", metavar="PYTHON", help="Python interpreter with jax-cfd")
     foam = parser.add_mutually_exclusive_group()
     foam.add_argument(
@@ -275,8 +273,6 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--arch", default="cpu", choices=("auto", "cpu", "cuda", "vulkan", "metal"))
     parser.add_argument("--seconds", type=float, default=8.0, help="seconds per rate of steps (default: 8)")
-    parser.add_argument(
-        "--robots", type=int, default=100_000, metavar="N", help="number of robots (default: 100,000)"
-    )
+    parser.add_argument("--robots", type=int, default=100_000, metavar="N", help="default: 100,000")
     parser.add_argument("--json", action="store_true", help="print JSON")
     return parser.parse_args(argv)

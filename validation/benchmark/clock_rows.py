@@ -49,9 +49,7 @@ def scenario(checkout: Path, arch: str, config: str, span: tuple[float, float], 
 
     def noting(sim: Simulation) -> None:
         cells.append(prod(sim.grid.shape))
-        sim.observers.append(
-            Every(sim.dt, note)
-        )  # last, so that the work of the others counts as part of the tick
+        sim.observers.append(Every(sim.dt, note))  # last, so that the tick includes all observers
         to_its_end(sim)
 
     Simulation.run = noting

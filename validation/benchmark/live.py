@@ -1,18 +1,14 @@
 """Latency of the live service under load: ``python -m taichi_plume.validation.benchmark live [--minutes 10]``.
 
 A separate process serves a 2-D room in real time, with gas, recording, fifty external robots and two internal robots.
-This process runs a client for each external robot. On the same loopback it also
+This process runs a client for each external robot on the same loopback. It cuts the link of robot 2, which goes through
+a relay, for 20 s, and sends malformed messages at random times. Figures:
 
-    cuts       the link of robot 2, which goes through a relay, for 20 s
-    disturbs   the service with malformed messages at random times
-
-and measures the time from sending a command to the arrival of the next readings. Figures:
-
-    reading after command [ms]   p50 and p99. A command waits for the next tick: half a tick in the mean for random
-                                 times, as here
-    reading after tick [ms]      computing time of a tick, the share of the service
-    ticks, missed                ticks whose readings came after the start of the next tick
-    readings missed              ticks whose readings a client did not receive, over all clients
+    reading after command [ms]   p50 and p99 of the time from sending a command to the arrival of the next
+                                 readings, which includes the wait for a tick, half a tick in the mean.
+    reading after tick [ms]      computing time of a tick, the share of the service.
+    ticks, missed                ticks whose readings came after the start of the next tick.
+    readings missed              ticks whose readings a client did not receive, over all clients.
 """
 
 import argparse

@@ -49,7 +49,8 @@ class MapCost:
     """Cost of a window of 5 s with 250 readings per trial: medians [ms] of wall time and of CPU time of all cores.
 
     `last_`: tick that ends the window, with all cores awake. estimate_ms, variance_ms: reading the first map; NaN if a
-    map has no variance."""
+    map has no variance.
+    """
 
     case: str
     ticks: int

@@ -70,7 +70,8 @@ def right_sides(grid: Grid, air: np.ndarray) -> dict[str, np.ndarray]:
 def solve(n: int, arch: str, tolerance: float = 1e-4) -> list[Solved]:
     """Solve the pressure in a cube of n³ cells for each right side, down to `tolerance` of its largest entry.
 
-    Solvers: the default of the flow solver, and multigrid."""
+    Solvers: the default of the flow solver, and multigrid.
+    """
     kernels.start(arch)
     grid, solid = cluttered(n)
     faces = []

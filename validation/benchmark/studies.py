@@ -42,13 +42,9 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("what", choices=("shared", "overhead"))
     parser.add_argument("config", nargs="?", help="a scenario (default: casting_room, or gaussian)")
     parser.add_argument("--searches", type=int, default=100, help="searches in one flow (default: 100)")
-    parser.add_argument(
-        "--alone", type=int, default=2, help="searches without sharing, each way (default: 2)"
-    )
+    parser.add_argument("--alone", type=int, default=2, help="searches without sharing (default: 2)")
     parser.add_argument("--runs", type=int, default=2000, help="runs of `overhead` (default: 2000)")
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="PATH=VALUE", help="change a key of the scenario"
-    )
+    parser.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="change a key")
     args = parser.parse_args(list(arguments))
     config = args.config or ("casting_room" if args.what == "shared" else "gaussian")
     file = Path(config) if Path(config).suffix else ROOT / "configs" / f"{config}.yaml"
