@@ -84,7 +84,7 @@ def test_other_programs_that_are_not_there(tmp_path):
     assert clock._openfoam(0.05, 2, args) is None
     args = clock._arguments(["--openfoam-seconds", "1.5", "130"])
     assert [clock._openfoam(dx, 2, args) for dx in clock.SPACINGS] == [1.5, 130.0]
-    with pytest.raises(RuntimeError, match="OpenFOAM made 0 steps"):
+    with pytest.raises(RuntimeError, match="OpenFOAM made 0 of 4 steps"):
         openfoam.arena(0.25, 1, str(tmp_path / "no_bashrc"))
 
 
