@@ -20,7 +20,7 @@ from taichi_plume.validation.setups import advance
 # Cylinder 2D-1 of Schäfer & Turek 1996, doi:10.1007/978-3-322-89849-4_39: values of G. Nabh's spectral solution, given
 # at featflow.de
 DRAG, LIFT, PRESSURE_DROP = 5.57953523384, 0.010618948146, 0.11752016697
-# Case 2D-2, Re 100: middles of the ranges of Schäfer & Turek, 0.295 to 0.305, 3.22 to 3.24 and 0.99 to 1.01
+# Case 2D-2, Re 100: mid-ranges of Schäfer & Turek, 0.295 to 0.305, 3.22 to 3.24 and 0.99 to 1.01
 STROUHAL, LARGEST_DRAG, LARGEST_LIFT = 0.300, 3.23, 1.00
 DIAMETER = 0.1  # m
 # Displacements of the cylinder [cells], away from the middle of the channel, where shedding would not start
@@ -57,7 +57,7 @@ def cylinder(n: int) -> Errors:
     wind, flow, air = _around_cylinder(n, mean)
 
     def errors() -> Errors:
-        advance(flow, 5.0)  # the drag then changes by less than 1e-4 of it
+        advance(flow, 5.0)  # the drag then changes by less than 1e-4 (relative)
         drag, lift = _drag_and_lift(flow, air, mean)
         front, back = (_pressure(flow, air, x, side) for x, side in ((0.15, -1), (0.25, 1)))
         return {

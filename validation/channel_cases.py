@@ -138,7 +138,7 @@ CASES = (
     ),
     Case(
         "couette_start",
-        "a wall begins to slide",
+        "a wall starts to slide",
         "Fourier series",
         couette_start,
         coarse=(8, 16),

@@ -1,7 +1,7 @@
 """Searches of teams of five for acetone in the odour arena: DAPSO with and without messages, and simple searches.
 
 Arena, wind, gas and robots are those of configs/dapso_arena.yaml, after Marjovi & Marques, ICRA 2014. No figures are
-published for it: what is judged is that DAPSO finds the source. All teams search the same airs (flow
+published for it: the only judged result is that DAPSO finds the source. All teams search the same airs (flow
 realisations), and the intervals are over these.
 """
 

@@ -266,7 +266,7 @@ def _of_scheme(convection: str) -> tuple[Case, ...]:
         Case(
             f"turning_puff_{convection}",
             f"a Gaussian puff, turned once, {convection}",
-            "the puff as it was",
+            "the initial puff",
             partial(turning_puff, convection=convection),
             coarse=(32, 64),
             fine=(32, 64, 128),
@@ -275,7 +275,7 @@ def _of_scheme(convection: str) -> tuple[Case, ...]:
         Case(
             f"slotted_disc_{convection}",
             f"a disc with a slot, turned once, {convection}",
-            "the disc as it was; Zalesak 1979, doi:10.1016/0021-9991(79)90051-2",
+            "the initial disc; Zalesak 1979, doi:10.1016/0021-9991(79)90051-2",
             partial(slotted_disc, convection=convection),
             coarse=(50, 100),
             fine=(50, 100),

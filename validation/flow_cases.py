@@ -77,7 +77,7 @@ def faces(grid: Grid, d: int) -> np.ndarray:
 
 
 def rms(*errors: np.ndarray) -> float:
-    """Root mean square of the length of a vector, given its components."""
+    """Return the root mean square of the length of a vector, given its components."""
     return sqrt(sum(float(np.mean(e**2)) for e in errors))
 
 

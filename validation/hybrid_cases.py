@@ -74,7 +74,7 @@ delay of 0.1 s, while the sensor rises in 3 s.
 CASES = (
     Experiment(
         "plumesim_hybrid",
-        "a casting Roomba inside the simulator, and outside of it",
+        "a casting Roomba simulated, and as an external process",
         "Cabrita, Sousa & Marques 2010, figure 13",
         (
             Condition("inside", partial(in_airs, data=arena(LAMINAR, PLUME), title="inside"), ALIKE, FOUND),

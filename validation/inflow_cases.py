@@ -102,7 +102,7 @@ def _turbulence(length: float) -> Case:
     return Case(
         f"inflow_turbulence_{100 * length:.0f}_cm",
         f"intensity 10 % and length {100 * length:.0f} cm at the inlet and behind it",
-        "as asked for; decay behind grids, Comte-Bellot & Corrsin 1966, doi:10.1017/S0022112066000338",
+        "as prescribed; decay behind grids, Comte-Bellot & Corrsin 1966, doi:10.1017/S0022112066000338",
         partial(inflow_turbulence, length=length),
         coarse=(20,),
         fine=(25,),

@@ -253,7 +253,7 @@ def without_air(trials: int) -> Results:
 
 
 def by_what_is_kept(correlation: np.ndarray, long: np.ndarray, error: np.ndarray) -> Lines:
-    """Errors over that of the pure interpolation against the correlation with the next snap, beside closed forms.
+    """Return a picture of errors over that of pure interpolation against the snapshot correlation, with closed forms.
 
     correlation, long: (n,), `correlation` and `endless` of `Fared`; error: (alphas, n).
     """

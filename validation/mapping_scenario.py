@@ -229,7 +229,7 @@ class Judge:
         )
 
     def _errors(self, sim: Simulation, window: float) -> np.ndarray:
-        """Return the forecast errors of the snapshots that count, (maps, snaps, teams)."""
+        """Return the forecast errors of the counted snapshots, (maps, snapshots, teams)."""
         of_maps = [list(gas_map.errors) for gas_map in sim.maps if gas_map.window == window]
         return np.array([[error for t, error in errors if t > SETTLED + 1e-6] for errors in of_maps])[
             ..., self.rows

@@ -233,18 +233,18 @@ CASES = (
     ),
     _case(
         10,
-        "A source that is wider than the kernel is as wide on the grid as its ball: each cell releases its own part of "
-        "the ball, narrowed by what cells and interpolation add to the variance.",
+        "A source wider than the kernel has the width of its ball on the grid: each cell releases its own part of the "
+        "ball, corrected for the variance added by cells and interpolation.",
     ),
     Case(
         "near_source_mean_taylor",
-        "mean concentration within 2 m of a source, puffs that stray, steps of 0.1 and 0.025 s",
+        "mean concentration within 2 m of a source, puffs with Taylor's spread, steps of 0.1 and 0.025 s",
         "Taylor 1921, doi:10.1112/plms/s2-20.1.196",
         of_straying_puffs,
         coarse=(10,),
         fine=(10, 40),
         slow=True,
-        # some 500 independent puffs are in the mean at 2 m: 1/sqrt(500)
+        # about 500 independent puffs in the mean at 2 m: 1/sqrt(500)
         expected={"mean": Expected(tolerance=0.15)},
     ),
 )

@@ -186,7 +186,7 @@ def plume_on_the_grid(n: int) -> Answer:
     def inner(gas: EulerianSolver) -> np.ndarray:
         return grid.inner(gas.c.to_numpy()).astype(float)
 
-    source = (0.4 + 0.5 / n, 1.2 + 0.5 / n)  # the middle of a cell
+    source = (0.4 + 0.5 / n, 1.2 + 0.5 / n)  # a cell centre
     gas = gas_on(grid, wind, species=species, sources=[{"position": source, "rate": Q, "radius": 0.1 / n}])
     gas.advance(0.0, 12.0)  # three flow-through times
     away = slice(round(0.8 * n), seen.stop)
@@ -220,7 +220,7 @@ def _steady(dim: int, reference: str) -> Case:
     norms = ("c along the axis", "c upwind", "c across the axis", "flux through a plane")
     return Case(
         f"steady_plume_{dim}d",
-        "the plume of a source that has emitted for ever, from a closed form",
+        "steady plume of a continuous source, from a closed form",
         reference,
         partial(steady_plume, dim=dim),
         coarse=(20,),

@@ -37,14 +37,14 @@ CLOSED = (0.0, 0.5)  # air changes per hour
 
 DISCUSSION = (
     "Measured in homes: 1 to 13e-3 m²/s, growing with the air changes per hour. Not reproduced is the closed room with "
-    "our default speeds, 3 cm/s in eddies of 1.4 m and 0.75 cm/s in rolls: they mix by 3.7e-3 m²/s, as 50 m³ do with "
-    "1.3 air changes per hour, which lies well inside what was measured but above the 1.2 to 2.1e-3 of the law for "
-    "rooms that are closed. Eddies of 2 m with rolls twice as fast come to 7.3e-3. Reproduced is the closed room by "
-    "half the speeds: 1.9e-3. K goes with the speed, and with the eddies' length: 0.06 to 0.07 of their "
-    "product without rolls, whatever the room; rolls of a quarter of the eddies' speed add a third. The law grows with "
-    "the room's size, which ours does only where eddies and rolls are made to: in 7.6 m³ the default mixes as with 5 "
-    "air changes. The line is known to us from a secondary source, without its scatter. Gas on the grid, released in "
-    "the middle, spreads by 0.93 of what particles say."
+    "our default speeds, 3 cm/s in eddies of 1.4 m and 0.75 cm/s in rolls: their K is 3.7e-3 m²/s, as in 50 m³ with "
+    "1.3 air changes per hour. This is well inside the measured range but above the 1.2 to 2.1e-3 of the law for "
+    "closed rooms. Eddies of 2 m with rolls twice as fast give 7.3e-3. Reproduced is the closed room with half the "
+    "speeds: 1.9e-3. K is proportional to the speed and to the eddies' length: 0.06 to 0.07 of their product without "
+    "rolls, in any room; rolls of a quarter of the eddies' speed add a third. The law grows with the room's size, ours "
+    "only if eddies and rolls are scaled: in 7.6 m³ the default mixes as with 5 air changes. The law is known to us "
+    "from a secondary source, without its scatter. Gas on the grid, released in the middle, has 0.93 times the K of "
+    "particles."
 )
 
 

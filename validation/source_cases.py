@@ -120,7 +120,7 @@ CASES = (
     Case(
         "source_places",
         "a source of 2 cm at 27 positions in a cell, largest over smallest concentration, less 1",
-        "the same wherever it is",
+        "independence of the position",
         source_places,
         coarse=(20,),
         fine=(20,),

@@ -48,9 +48,9 @@ Columns = Mapping[str, np.ndarray]
 
 DISCUSSION = """\
 Reproduced: SPIRAL finds the dish with half as many acquisitions as random SPIRAL (published: a third, 0.30 and 0.33),
-random SPIRAL takes as many as published, and by time SPIRAL comes before random SPIRAL, and that before E. coli with
-30 s. Nearly all robots find the dish within the hour. With the heights of peaks over the mean, indices follow the
-distance at least as well the longer the acquisition, as the paper says; with whole peaks they follow it worse.
+random SPIRAL takes as many as published, and by time SPIRAL comes before random SPIRAL, and that before E. coli with 30
+s. Nearly all robots find the dish within the hour. With peak heights over the mean, the order of indices by distance
+improves or stays the same with longer acquisitions, as in the paper; with absolute peak heights it gets worse.
 
 Not reproduced: SPIRAL takes 18 and 17 acquisitions, not 11.5 and 9.2, and E. coli with 3 s 38, not 67.8 and 50.3:
 here it is the quickest. On a smooth field SPIRAL takes its 11.5 acquisitions only where indices at a place hardly vary,

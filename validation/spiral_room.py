@@ -19,8 +19,8 @@ SESSION = 4  # trials, after which the room is aired
 SOURCE = (3.4, 1.9)  # m
 DISTANCES = (180, 150)  # cm
 # Noise of a reading of ln R that averaging does not remove (flicker noise of resistive gas sensors: Scandurra, Ciofi &
-# Smulko 2024, doi:10.3390/s24020405, abstract). Equal to the noise of a sample of ours, so that none of it averages
-# out. A step of the 10-bit converter of the paper's microcontroller is 0.004 in ln R at the load resistance.
+# Smulko 2024, doi:10.3390/s24020405, abstract). Equal to the noise of a sample of ours, so that the noise does not
+# average out. A step of the 10-bit converter of the paper's microcontroller is 0.004 in ln R at the load resistance.
 READING_NOISE = 0.003
 ALGORITHMS: dict[str, Keys] = {
     "SPIRAL": {"kind": "spiral"},

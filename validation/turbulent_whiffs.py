@@ -53,7 +53,7 @@ KINDS = ("whiffs", "blanks")
 
 
 class Variant(NamedTuple):
-    """Definition of durations: threshold over the largest mean on the line, and where the decade begins [s]."""
+    """Definition of durations: threshold over the largest mean on the line, and start of the decade [s]."""
 
     level: float = LEVEL
     first: float = FIRST

@@ -16,7 +16,7 @@ from typing import Any
 Figures = dict[str, float]
 # Rows of scenarios: file, timed span (from, to) [s], and further arguments of the command. The span starts after the
 # first window of the maps, which compiles the last kernels. At 2 cm, where a second takes minutes, the span is seven
-# ticks after those that compile.
+# ticks after the compiling ticks.
 SCENARIOS: dict[str, tuple[str, tuple[float, float], tuple[str, ...]]] = {
     "arena_3d": ("arena_3d", (6.0, 16.0), ()),
     "arena_3d_2cm": (
