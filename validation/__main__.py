@@ -1,7 +1,7 @@
-"""The command: ``python -m taichi_plume.validation [NAMES]`` solves cases with known answers and judges the errors, and
-repeats published experiments.
+"""Command line of the validation: ``python -m taichi_plume.validation [NAMES]``.
 
-Exit code 0: all as expected; 1: one is not; 2: no such case.
+The command solves cases with known answers, judges their errors and repeats published experiments. Exit code 0: all
+results are as expected; 1: a result is not; 2: unknown case.
 """
 
 import argparse
@@ -76,7 +76,7 @@ def _validate(args: argparse.Namespace) -> int:
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = Parser(
         prog="python -m taichi_plume.validation",
-        description="Solve cases with known answers, repeat published experiments, and judge what comes out; "
+        description="Solve cases with known answers, repeat published experiments, and judge the results; "
         "all of them take some minutes.",
     )
     parser.add_argument("names", nargs="*", metavar="NAMES", help="cases (default: all)")
@@ -84,9 +84,9 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         "--trials",
         type=whole_number(1, 10**6),
         metavar="N",
-        help="of every experiment, for a quick look (default: its own)",
+        help="number of trials of every experiment (default: set by each experiment)",
     )
-    parser.add_argument("--list", action="store_true", help="only tell what there is")
+    parser.add_argument("--list", action="store_true", help="list the cases and exit")
     add(parser, "--out", help="write report.html and report.json there")
     parser.add_argument("--json", action="store_true", help="print the report as JSON")
     add(parser, "--arch")
@@ -96,9 +96,9 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 def _examine(
     cases: list["Case | Experiment"], args: argparse.Namespace, backend: str
 ) -> "tuple[Keys, dict[str, Pictures]]":
-    """Solve the cases at fine resolutions and print each. A case that cannot be solved counts as failed.
+    """Solve the cases at fine resolutions and print each. A case that raises an error counts as failed.
 
-    Returns the report, and the pictures of each case.
+    Returns the report, and the pictures by case.
     """
     import platform
 
@@ -114,8 +114,8 @@ def _examine(
     results, pictures = [], {}
     for case in cases:
         with waiting.status(f"{case.name}, {_size(case, args.trials)}"):
-            found, pictures[case.name] = _result(case, args)
-            results.append(found)
+            result, pictures[case.name] = _result(case, args)
+            results.append(result)
         _print_result(results[-1], console)
     wall = round(perf_counter() - begin, 1)
     failed = [result["name"] for result in results if not result["passed"]]
@@ -146,12 +146,12 @@ def _result(case: "Case | Experiment", args: argparse.Namespace) -> "tuple[Keys,
     from taichi_plume.validation.report import plain
 
     begin = perf_counter()
-    found, verdicts, pictures, message = {}, [], {}, ""
+    table, verdicts, pictures, message = {}, [], {}, ""
     try:
         if isinstance(case, Case):
-            found, verdicts, pictures = _norms(case, args.arch)
+            table, verdicts, pictures = _norms(case, args.arch)
         else:
-            found, verdicts, pictures = _rows(case, args.trials or case.trials, args.arch)
+            table, verdicts, pictures = _rows(case, args.trials or case.trials, args.arch)
     except Exception as error:
         message = f"{type(error).__name__}: {error}"
     result = {
@@ -162,7 +162,7 @@ def _result(case: "Case | Experiment", args: argparse.Namespace) -> "tuple[Keys,
         "passed": not message and all(met is not False for met in verdicts),
         "message": message,
         "wall_s": round(perf_counter() - begin, 1),
-        **found,
+        **table,
         "pictures": plain(pictures),
     }
     return result, pictures
@@ -209,7 +209,7 @@ def _number(value: float | None) -> float | None:
     return value if value is not None and isfinite(value) else None
 
 
-# ---------------------------------------------------------------- for a person
+# ---------------------------------------------------------------- printed output
 
 
 def _print_list(cases: list["Case | Experiment"]) -> None:
@@ -236,8 +236,8 @@ def _print_result(result: "Keys", console: "Console") -> None:
             console.print(f"  {row['condition']}", style="italic")
             last = row["condition"]
         published = f"published: {row['published']}" if row["published"] else ""
-        told = f"    {row['quantity']:26}  {mean_with_interval(row):43}  {published:35}  {row['expected'] or '':15}  "
-        console.print(Text.assemble(told, VERDICTS[row["met"]]))
+        line = f"    {row['quantity']:26}  {mean_with_interval(row):43}  {published:35}  {row['expected'] or '':15}  "
+        console.print(Text.assemble(line, VERDICTS[row["met"]]))
     if result["message"]:
         console.print(Text.assemble("  ", VERDICTS[False], f": {result['message']}"))
 

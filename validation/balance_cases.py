@@ -14,10 +14,10 @@ from taichi_plume.validation.setups import cfd, gas_on
 
 
 def well_mixed(n: int, dim: int) -> Answer:
-    """Uniform gas in air that a force drives round and round past obstacles: in one moment's flow, then as it goes on.
+    """Return errors of uniform gas in a periodic flow past obstacles: in a frozen flow, then in the unsteady flow.
 
-    The room is that of `arena`, n cells long, without ends. The pressure is solved more exactly than it need be:
-    what divergence is left adds up along the way of the air, 6e-5 with the usual tolerance in 3-D.
+    The room is that of `arena`, n cells long, periodic, driven by a body force. The pressure tolerance is tighter than
+    usual: the remaining divergence adds up along the path of the air, to 6e-5 with the usual tolerance in 3-D.
     """
     grid, air = arena((n, 3 * n // 4, n // 8)[:dim], True, periodic=(True, True, False)[:dim])
     wind = cfd(periodic("xy"), acceleration=(0.3, 0.05, 0.0)[:dim], tolerance=1e-6)
@@ -40,9 +40,9 @@ def well_mixed(n: int, dim: int) -> Answer:
 
 
 def mass_budget(n: int, dim: int, end: float) -> Answer:
-    """A source in the odour arena with obstacles that cut the cells, gusts and openings: n cells along it, `end` [s].
+    """Return the mass balance of a source in the odour arena with cut cells, gusts and openings: n cells along x.
 
-    Mass emitted less what is in the room and what has left, over the mass emitted; and concentrations below 0.
+    Norms at `end` [s]: mass emitted less mass in the room and outflow, over mass emitted; concentrations below 0.
     """
     grid, air = arena((n, 3 * n // 4, n // 8)[:dim], True)
     gusts = {"turbulence_intensity": 0.08, "turbulence_length": 0.15}
@@ -59,12 +59,12 @@ def mass_budget(n: int, dim: int, end: float) -> Answer:
             least = min(least, gas.least())
             budget = gas.budget()
             rows.append((t, budget["emitted_kg"], budget["in_domain_kg"] + budget["outflow_kg"]))
-    times, emitted, found = np.transpose(rows)
+    times, emitted, mass = np.transpose(rows)
     return {
-        "mass": float(np.abs(found[1:] / emitted[1:] - 1.0).max()),
+        "mass": float(np.abs(mass[1:] / emitted[1:] - 1.0).max()),
         "below 0": max(0.0, -least),
         "unaccounted for": Curve(
-            "t [s]", "mass over the mass emitted", times[1:], found[1:] / emitted[1:], np.ones(len(times) - 1)
+            "t [s]", "mass over the mass emitted", times[1:], mass[1:] / emitted[1:], np.ones(len(times) - 1)
         ),
     }
 

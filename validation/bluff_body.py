@@ -21,13 +21,15 @@ from taichi_plume.validation.setups import cfd
 BLUFF, SPEED = 0.4, 0.4  # m, m/s
 BLUFF_PLACE = (1.6, 1.6)  # m
 FINEST = 32  # cells across the reference
-# s: drag and wake are averaged between the two, in both runs before the wake turns unsteady
+# s: drag and wake are averaged from BLUFF_FROM to BLUFF_TO, before the wake becomes unsteady
 BLUFF_FROM, BLUFF_TO = 2.0, 6.0
 
 
 def _wake(flow: FlowSolver, place: tuple[float, float], moves: float) -> tuple[float, float]:
-    """Mean deficit of the air behind the body and largest reverse flow on the axis, over the wind, as a body at `place`
-    that `moves` [m/s] against x sees them. The mean is over 1.45 diameters behind the body and as wide as the body.
+    """Return mean velocity deficit of the wake and largest reverse flow on the axis, over the wind speed.
+
+    Velocities are relative to a body at `place` that `moves` [m/s] against x. The mean covers 1.45 diameters behind the
+    body, over the width of the body.
     """
     grid = flow.grid
     u = (grid.read(flow.u[0]) + moves) / SPEED
@@ -43,7 +45,7 @@ def _wake(flow: FlowSolver, place: tuple[float, float], moves: float) -> tuple[f
 
 
 def _history(flow: FlowSolver, sample: Callable[[float], tuple[float, ...]]) -> np.ndarray:
-    """Mean of sample(t) from BLUFF_FROM to BLUFF_TO."""
+    """Return the time average of sample(t) from BLUFF_FROM to BLUFF_TO."""
     t, times, rows = 0.0, [], []
     while t < BLUFF_TO:
         dt = min(flow.stable_dt(t), BLUFF_TO - t + 1e-9)
@@ -56,13 +58,13 @@ def _history(flow: FlowSolver, sample: Callable[[float], tuple[float, ...]]) -> 
 
 
 def _bluff_grid(n: int, length: float) -> tuple[Grid, list[dict]]:
-    """Cells of a room 3.2 m wide, n across the body, and its sides, where air slips."""
+    """Return the grid of a room 3.2 m wide, n cells across the body, and its slip boundaries."""
     grid = Grid((round(length / BLUFF * n), 8 * n), BLUFF / n)
     return grid, [{"kind": "slip", "face": face} for face in ("y-", "y+")]
 
 
 def _standing(n: int) -> np.ndarray:
-    """Drag coefficient, deficit and reverse flow of the cylinder in a wind; n cells across."""
+    """Return drag coefficient, deficit and reverse flow of the cylinder in a wind; n cells across."""
     grid, sides = _bluff_grid(n, 5.2)
     ends = [{"kind": "inlet", "face": "x-", "speed": SPEED}, {"kind": "outlet", "face": "x+"}]
     body = Ball(Sphere(kind="sphere", center=BLUFF_PLACE, radius=BLUFF / 2), 2)
@@ -78,7 +80,7 @@ def _standing(n: int) -> np.ndarray:
 
 
 def _walking(n: int) -> np.ndarray:
-    """Deficit and reverse flow of the cylinder that walks; n cells across."""
+    """Return deficit and reverse flow of the cylinder that walks; n cells across."""
     grid, sides = _bluff_grid(n, 7.2)
     ends = [{"kind": "outlet", "face": face} for face in ("x-", "x+")]
     start, y = BLUFF_PLACE[0] + SPEED * BLUFF_TO, BLUFF_PLACE[1]
@@ -93,12 +95,12 @@ def _walking(n: int) -> np.ndarray:
 
 @cache
 def _finest() -> tuple[float, ...]:
-    """Drag coefficient, deficit and reverse flow with FINEST cells across."""
+    """Return drag coefficient, deficit and reverse flow with FINEST cells across."""
     return tuple(map(float, _standing(FINEST)))
 
 
 def bluff_body(n: int) -> Errors:
-    """Drag and wake of a cylinder that stands or walks, n cells across, against FINEST cells across."""
+    """Return errors of drag and wake of a cylinder that stands or walks: n cells across against FINEST."""
     stands, walks, (drag, deficit, reverse) = _standing(n), _walking(n), _finest()
     return {
         "drag coefficient": float(abs(stands[0] / drag - 1.0)),

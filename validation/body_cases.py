@@ -20,19 +20,19 @@ from taichi_plume.validation.setups import advance
 # Cylinder 2D-1 of Schäfer & Turek 1996, doi:10.1007/978-3-322-89849-4_39: values of G. Nabh's spectral solution, given
 # at featflow.de
 DRAG, LIFT, PRESSURE_DROP = 5.57953523384, 0.010618948146, 0.11752016697
-# Case 2D-2, Re 100: the middle of what Schäfer & Turek take for certain, 0.295 to 0.305, 3.22 to 3.24 and 0.99 to 1.01
+# Case 2D-2, Re 100: mid-ranges of Schäfer & Turek, 0.295 to 0.305, 3.22 to 3.24 and 0.99 to 1.01
 STROUHAL, LARGEST_DRAG, LARGEST_LIFT = 0.300, 3.23, 1.00
 DIAMETER = 0.1  # m
-# Displacements of the cylinder [cells], away from the middle of the channel, where it would not begin to shed
+# Displacements of the cylinder [cells], away from the middle of the channel, where shedding would not start
 OFFSETS = ((0.0, 0.0), (0.5, 0.0), (0.0, -0.25), (0.0, -0.5))
 
 
 def _around_cylinder(
     n: int, mean: float, offset: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[CfdWind, FlowSolver, Air]:
-    """Air with a mean speed [m/s] that passes a cylinder, 0.1 m, a little off the middle of a channel, 2.2 x 0.41 m.
+    """Return wind, solver and air volume of the flow past a 0.1 m cylinder, slightly off the middle of the channel.
 
-    offset: displacement of the cylinder [cells].
+    The channel is 2.2 x 0.41 m. mean: mean speed [m/s]; offset: displacement of the cylinder [cells].
     """
     grid = Grid((22 * n, round(4.1 * n)), DIAMETER / n)
     x, y = (0.2 + part * grid.dx for part in offset)
@@ -47,17 +47,17 @@ def _around_cylinder(
 
 
 def _drag_and_lift(flow: FlowSolver, air: Air, mean: float) -> np.ndarray:
-    """Coefficients of the cylinder."""
+    """Return the drag and lift coefficients of the cylinder."""
     return 2.0 * Forces(flow, air, 1)()[0] / (AIR_DENSITY * mean**2 * DIAMETER)
 
 
 def cylinder(n: int) -> Errors:
-    """Steady flow around the cylinder, Re 20; n cells across it."""
+    """Return errors of the steady flow around the cylinder, Re 20; n cells across."""
     mean = 0.2
     wind, flow, air = _around_cylinder(n, mean)
 
     def errors() -> Errors:
-        advance(flow, 5.0)  # the drag then changes by less than 1e-4 of it
+        advance(flow, 5.0)  # the drag then changes by less than 1e-4 (relative)
         drag, lift = _drag_and_lift(flow, air, mean)
         front, back = (_pressure(flow, air, x, side) for x, side in ((0.15, -1), (0.25, 1)))
         return {
@@ -70,7 +70,7 @@ def cylinder(n: int) -> Errors:
 
 
 def _shed(flow: FlowSolver, air: Air, mean: float) -> np.ndarray:
-    """Times [s], drag and lift coefficients over four periods, once the shedding of eddies is regular."""
+    """Return times [s], drag and lift coefficients over four periods of regular vortex shedding."""
     begin, end = 5.0, 6.5  # s
     advance(flow, begin)
     t, rows = begin, []
@@ -83,7 +83,7 @@ def _shed(flow: FlowSolver, air: Air, mean: float) -> np.ndarray:
 
 
 def shedding(n: int) -> Errors:
-    """The cylinder sheds eddies, Re 100: their frequency, and the largest drag and lift in some periods."""
+    """Return errors of vortex shedding at Re 100: frequency, and largest drag and lift over some periods."""
     mean = 1.0
     wind, flow, air = _around_cylinder(n, mean)
 
@@ -102,25 +102,25 @@ def shedding(n: int) -> Errors:
 
 
 def shedding_positions(n: int) -> Errors:
-    """Amplitude of the lift in `shedding` with the cylinder at several positions relative to the cells.
+    """Return errors of the lift amplitude in `shedding` at several positions of the cylinder relative to the cells.
 
-    The amplitude is half the range, which leaves out the mean lift: that depends on the distance to the middle of the
+    The amplitude is half the range. It excludes the mean lift, which depends on the distance to the middle of the
     channel. Scatter is the range over the positions.
     """
-    mean, found = 1.0, []
+    mean, amplitudes = 1.0, []
     for offset in OFFSETS:
         _, flow, air = _around_cylinder(n, mean, offset)
         _, _, lift = _shed(flow, air, mean)
-        found.append(float(np.ptp(lift)) / 2.0 / LARGEST_LIFT)
+        amplitudes.append(float(np.ptp(lift)) / 2.0 / LARGEST_LIFT)
     return {
-        "lift amplitude, worst position": max(abs(part - 1.0) for part in found),
-        "lift amplitude, mean over positions": abs(float(np.mean(found)) - 1.0),
-        "lift amplitude, scatter": max(found) - min(found),
+        "lift amplitude, worst position": max(abs(part - 1.0) for part in amplitudes),
+        "lift amplitude, mean over positions": abs(float(np.mean(amplitudes)) - 1.0),
+        "lift amplitude, scatter": max(amplitudes) - min(amplitudes),
     }
 
 
 def _pressure(flow: FlowSolver, air: Air, x: float, side: int) -> float:
-    """Pressure at (x, 0.2 m), linear along y and along x from the two whole cells that follow on one side of x."""
+    """Return the pressure at (x, 0.2 m): linear along y, extrapolated along x from the next two uncut cells."""
     grid = flow.grid
     places = (np.arange(grid.shape[1]) + 0.5) * grid.dx
     p = np.array([np.interp(0.2, places, line) for line in grid.read(flow.p)])
@@ -132,27 +132,27 @@ def _pressure(flow: FlowSolver, air: Air, x: float, side: int) -> float:
 
 
 class Outside(Shape):
-    """Everything but a band or a bore: what is left is the passage. `away`: distance [m] of points from its axis."""
+    """Solid with a straight passage, a band or a bore. `away`: distance [m] of points from the axis."""
 
     def __init__(self, grid: Grid, half: float, away: Callable[[np.ndarray], np.ndarray]):
         self.low, self.high = np.zeros(grid.dim), np.array(grid.extent)
         self.half, self.away = half, away
 
     def signed_distance(self, points: np.ndarray) -> np.ndarray:
-        """Distance [m] of points (..., dim) from the surface, negative in the body."""
+        """Return the distance [m] of points (..., dim) from the surface, negative in the solid."""
         return self.half - self.away(points)
 
     def horizontal_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
-        """Not needed: no robots are here."""
+        """Raise NotImplementedError: the cases have no robots."""
         raise NotImplementedError
 
 
 def pipe(n: int) -> Errors:
-    """A force drives air through a round pipe, 1 m wide, along z: u = G (R² - r²)/(4 nu); n cells across."""
+    """Return errors of Hagen-Poiseuille flow in a pipe 1 m wide along z: u = G (R² - r²)/(4 nu); n cells across."""
     radius, viscosity, force = 0.5, 1.0, 1.0
     m = n + 4
     grid = Grid((m, m, 1), 1.0 / n, periodic=(False, False, True))
-    center = np.array(grid.extent[:2]) / 2 + (0.013, 0.021)  # in no symmetric place of a cell
+    center = np.array(grid.extent[:2]) / 2 + (0.013, 0.021)  # not symmetric to the cells
     body = Outside(grid, radius, lambda x: np.linalg.norm(x[..., :2] - center, axis=-1))
     wind = laminar_wind(viscosity, periodic("z"), acceleration=(0.0, 0.0, force))
     air = air_of([body], grid)
@@ -167,7 +167,7 @@ def pipe(n: int) -> Errors:
 
 
 def oblique_channel(n: int) -> Errors:
-    """A force drives air along a channel at 45 degrees to the grid, 0.4 m wide: a parabola; n cells per metre."""
+    """Return errors of Poiseuille flow in a channel at 45 degrees to the grid, 0.4 m wide; n cells per metre."""
     width, viscosity, force = 0.4, 0.1, 1.0
     grid = Grid((n, n), 1.0 / n, periodic=(True, True))
 

@@ -17,8 +17,8 @@ Keys: TypeAlias = dict[str, Any]
 class Expected:
     """Bounds of an error: at least an order of accuracy, at most a tolerance.
 
-    The tolerance holds `at` a resolution; at n cells it is (at/n)² times as large, as the schemes are of second order.
-    Without `at` it holds at every resolution.
+    The tolerance holds at resolution `at`; at n cells it is (at/n)² times as large, as the schemes are of second order.
+    Without `at` the tolerance holds at every resolution.
     """
 
     order: float | None = None
@@ -83,14 +83,14 @@ class Case:
     fine: tuple[int, ...]
     expected: Mapping[str, Expected]
     slow: bool = False
-    """Whether the coarse resolutions take longer than a few seconds."""
+    """True if the coarse resolutions take longer than a few seconds."""
     discussion: str = ""
     """Text of the report: which results are reproduced, which are not, and why."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One norm of a solved case: errors by resolution and the verdict."""
+    """Norm of a solved case: errors by resolution and the verdict."""
 
     norm: str
     errors: dict[int, float]
@@ -98,18 +98,18 @@ class Finding:
 
     @property
     def met(self) -> bool | None:
-        """Whether the errors are within the bounds; None without bounds."""
+        """True if the errors are within the bounds; None without bounds."""
         return None if self.expected is None else self.expected.met(self.errors)
 
     @property
     def order(self) -> float:
-        """Observed order of accuracy; nan where the error does not depend on the resolution."""
+        """Observed order of accuracy; nan if no dependence on the resolution is expected."""
         constant = self.expected is not None and self.expected.order is None and self.expected.at is None
         return nan if constant else observed_order(self.errors)
 
 
 def observed_order(errors: Mapping[int, float]) -> float:
-    """Return the order of accuracy between the last two resolutions; nan where it has no meaning."""
+    """Return the order of accuracy between the last two resolutions; nan if undefined."""
     if len(errors) < 2:
         return nan
     (n, coarse), (m, fine) = list(errors.items())[-2:]
@@ -119,7 +119,7 @@ def observed_order(errors: Mapping[int, float]) -> float:
 def examine(
     case: Case, resolutions: tuple[int, ...], arch: str = "cpu"
 ) -> tuple[list[Finding], dict[str, Curve]]:
-    """Solve a case at ascending resolutions, each with a fresh Taichi.
+    """Solve a case at ascending resolutions; Taichi is restarted for each.
 
     Returns every norm with its verdict, and the curves of the finest resolution.
     """
@@ -135,4 +135,4 @@ def examine(
     unknown = case.expected.keys() - errors.keys()
     if unknown:
         raise KeyError(f"{case.name} has no norm {sorted(unknown)}")
-    return [Finding(norm, found, case.expected.get(norm)) for norm, found in errors.items()], curves
+    return [Finding(norm, values, case.expected.get(norm)) for norm, values in errors.items()], curves

@@ -2,7 +2,7 @@
 
 Reference: streamfunction and Newton's method on 256² and 512² nodes, extrapolated; estimated error 3e-6 (Re 100),
 5e-5 (400), 1.6e-4 (1000). The extrema agree with Botella & Peyret 1998 and Marchi et al. 2009 to 1e-5. The nodes are
-those of Ghia, Ghia & Shin 1982, whose own columns are off by up to 0.007 (u) and 0.018 (v), besides two misprints.
+those of Ghia, Ghia & Shin 1982, whose values have errors of up to 0.007 (u) and 0.018 (v), besides two misprints.
 """
 
 from functools import partial
@@ -67,7 +67,7 @@ COLUMN = {100: 1, 400: 2, 1000: 3}
 
 
 def cavity(n: int, reynolds: int) -> Errors:
-    """Largest errors of u(0.5, y) and v(x, 0.5) at the nodes of the tables; n, even, cells per side."""
+    """Return the largest errors of u(0.5, y) and v(x, 0.5) at the nodes of the tables; n (even) cells per side."""
     lid = {"kind": "wall", "face": "y+", "velocity": (1.0, 0.0)}
     wind = laminar_wind(1.0 / reynolds, [lid])
     flow = flow_on(wind, (n, n), 1.0 / n)
@@ -84,7 +84,7 @@ def cavity(n: int, reynolds: int) -> Errors:
 
 
 def error(profile: np.ndarray, table: np.ndarray, column: int, end: float) -> float:
-    """Largest difference of a profile at cell centres, 0 at 0 and `end` at 1, from a column of the table."""
+    """Return the largest difference of a profile at cell centres (0 at 0, `end` at 1) from a column of the table."""
     places = (np.arange(len(profile)) + 0.5) / len(profile)
     spline = CubicSpline([0.0, *places, 1.0], [0.0, *profile, end])
     return float(np.abs(spline(table[:, 0] / 128.0) - table[:, column]).max())

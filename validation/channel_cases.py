@@ -17,15 +17,15 @@ DUCT = {1: (0.294685, 0.140577), 6: (0.499917, 0.298320)}
 
 
 def across(flow: FlowSolver) -> tuple[np.ndarray, np.ndarray]:
-    """Places y [m] and velocity u(y) [m/s] along x in the middle of a plane channel."""
+    """Return y [m] and velocity u(y) [m/s] along x in the middle of a plane channel."""
     u = flow.grid.inner(flow.u[0].to_numpy()).astype(float)
     return flow.grid.centers()[0, :, 1], u[len(u) // 2]
 
 
 def poiseuille(n: int) -> Errors:
-    """Developed flow, mean speed U, Re 10: u = 6 U y (1 - y), and the pressure falls by 12 nu U per metre.
+    """Return errors of developed flow, mean speed U, Re 10: u = 6 U y (1 - y), pressure gradient -12 nu U.
 
-    Air enters evenly at x = 0 and leaves at x = 4; it is looked at in the middle.
+    Air enters evenly at x = 0 and leaves at x = 4; the profile is sampled in the middle.
     """
     viscosity = 0.1
     openings = [{"kind": "inlet", "face": "x-", "speed": 1.0}, {"kind": "outlet", "face": "x+"}]
@@ -41,7 +41,7 @@ def poiseuille(n: int) -> Errors:
 
 
 def poiseuille_start(n: int) -> Errors:
-    """Air at rest that a constant force G per mass sets in motion, at t = 0.1 H²/nu.
+    """Return errors of air at rest that a constant force G per mass sets in motion, at t = 0.1 H²/nu.
 
     u = G/(2 nu) y (1 - y) - 4 G/(pi³ nu) sum sin(k pi y) exp(-k² pi² nu t)/k³ over odd k. Here G = 8 nu, u_max = 1.
     """
@@ -55,7 +55,7 @@ def poiseuille_start(n: int) -> Errors:
 
 
 def couette_start(n: int) -> Errors:
-    """Air at rest beside a wall that begins to slide with 1 m/s, at t = 0.1 H²/nu.
+    """Return errors of air at rest beside a wall that starts to slide with 1 m/s, at t = 0.1 H²/nu.
 
     u = y + 2/pi sum (-1)^k/k sin(k pi y) exp(-k² pi² nu t).
     """
@@ -70,9 +70,9 @@ def couette_start(n: int) -> Errors:
 
 
 def duct(n: int, aspect: int) -> Errors:
-    """Steady flow along a duct with sides of 1 and `aspect` m that a constant force G per mass drives.
+    """Return errors of steady flow along a duct with sides of 1 and `aspect` m, driven by a force G per mass.
 
-    A quarter of it is solved, with slip where the flow is symmetric. a = 0.5 m, half the short side.
+    A quarter of the duct is solved, with slip on the planes of symmetry. a = 0.5 m, half the short side.
     """
     symmetric = [{"kind": "slip", "face": face} for face in ("x+", "y+")]
     force = 8.0
@@ -90,7 +90,7 @@ def duct(n: int, aspect: int) -> Errors:
 
 
 def on_the_axis(u: np.ndarray) -> float:
-    """A profile's value at the upper end of its axes, where it is symmetric; to fourth order."""
+    """Return a profile's value at the upper end of its axes, a plane of symmetry; fourth order."""
     for _ in range(u.ndim):
         u = (9.0 * u[-1] - u[-2]) / 8.0
     return float(u)
@@ -138,7 +138,7 @@ CASES = (
     ),
     Case(
         "couette_start",
-        "a wall begins to slide",
+        "a wall starts to slide",
         "Fourier series",
         couette_start,
         coarse=(8, 16),

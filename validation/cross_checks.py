@@ -16,7 +16,7 @@ SLIP = [{"kind": "slip", "face": face} for face in ("z-", "z+")]
 
 
 def room(shape: tuple[int, ...], dx: float, openings: list[dict]) -> FlowSolver:
-    """The flow of a room with a box-shaped obstacle a third from the inflow; in 3-D it stands on the floor."""
+    """Return the flow of a room with a box obstacle a third from the inflow; in 3-D the box stands on the floor."""
     solid = np.zeros(shape, bool)
     box = ((0.3, 0.4), (0.4, 0.7), (0.0, 0.6))[: len(shape)]
     solid[tuple(slice(round(a * n), round(b * n)) for n, (a, b) in zip(shape, box, strict=True))] = True
@@ -41,7 +41,7 @@ def air_balance(flow: FlowSolver, given: float) -> Errors:
 
 
 def honeycombs(n: int, dim: int) -> Errors:
-    """Air that passes a room, 4 x 3 (x 0.5) m, from one honeycomb wall to the other; n cells along it."""
+    """Return the air balance of a room, 4 x 3 (x 0.5) m, between two honeycomb walls; n cells along x."""
     speed = 0.7
     openings = [
         {"kind": "honeycomb", "face": "x-", "speed": speed},
@@ -54,7 +54,7 @@ def honeycombs(n: int, dim: int) -> Errors:
 
 
 def fan(n: int) -> Errors:
-    """A fan with swirl, 0.3 m wide, that blows through a room of 1.2 x 1 x 0.8 m; n cells per metre."""
+    """Return the air balance of a fan with swirl, 0.3 m wide, in a room of 1.2 x 1 x 0.8 m; n cells per metre."""
     speed, diameter = 2.0, 0.3
     blower = {"kind": "fan", "face": "x-", "center": (0.5, 0.4), "diameter": diameter, "speed": speed}
     blower |= {"swirl": 0.3, "turbulence_intensity": 0.1}
@@ -65,7 +65,7 @@ def fan(n: int) -> Errors:
 
 
 def one_layer(n: int) -> Errors:
-    """The flow around an obstacle in 2-D and in one layer of cells between slip walls; n cells along the room."""
+    """Return the difference of 2-D flow around an obstacle from a layer of 3-D cells between slip walls; n along x."""
     openings = [{"kind": "honeycomb", "face": "x-", "speed": 0.7}, {"kind": "honeycomb", "face": "x+"}]
     flows = [
         room((n, 3 * n // 4), 4.0 / n, openings),

@@ -1,8 +1,8 @@
 """Searches of teams of five for acetone in the odour arena: DAPSO with and without messages, and simple searches.
 
 Arena, wind, gas and robots are those of configs/dapso_arena.yaml, after Marjovi & Marques, ICRA 2014. No figures are
-published for it: what is judged is that DAPSO finds the source. All teams search the same airs, and the
-intervals are over these.
+published for it: the only judged result is that DAPSO finds the source. All teams search the same airs (flow
+realisations), and the intervals are over these.
 """
 
 from functools import cache, partial
@@ -10,7 +10,7 @@ from functools import cache, partial
 import numpy as np
 
 from taichi_plume.validation.case import Keys
-from taichi_plume.validation.experiment import Condition, Experiment, Range, Told, over_airs
+from taichi_plume.validation.experiment import Condition, Experiment, Range, Results, over_airs
 from taichi_plume.validation.mapping_scenario import MARJOVI_WIND
 from taichi_plume.validation.searches import contest, pooled, spread
 
@@ -27,7 +27,7 @@ TEAMS: dict[str, Keys] = {
 
 
 def arena(robots: list[Keys]) -> Keys:
-    """The scenario as a YAML file would tell it."""
+    """Return the scenario as keys of a YAML file."""
     return {
         "name": "dapso_arena",
         "seed": 1,
@@ -45,7 +45,7 @@ def arena(robots: list[Keys]) -> Keys:
 
 
 def team(name: str, trials: int, keys: Keys) -> Keys:
-    """Five small robots in the corner downwind."""
+    """Return a group of five small robots in a downwind corner."""
     return {
         "name": name,
         "count": 5,
@@ -68,21 +68,21 @@ def found(trials: int) -> dict[str, dict[str, np.ndarray]]:
     return pooled(parts)
 
 
-def one_team(trials: int, name: str) -> Told:
+def one_team(trials: int, name: str) -> Results:
     """Return the success rate of a team and the time to the source; failures count with the whole duration."""
-    told = found(trials)[name]
-    time = np.where(told["success"], told["time_s"], DURATION)
+    columns = found(trials)[name]
+    time = np.where(columns["success"], columns["time_s"], DURATION)
     return {
-        "success": over_airs(told["success"], told["air"], share=True),
-        "time [s]": over_airs(time, told["air"]),
+        "success": over_airs(columns["success"], columns["air"], share=True),
+        "time [s]": over_airs(time, columns["air"]),
     }
 
 
 DISCUSSION = """\
-The paper drives its robots by DAPSO, but tells no search times, so only this is judged: a team of five finds the
-source. Nothing here says that DAPSO searches better than others. A sweep across the wind is quicker, as it meets the
-plume on its first leg, and without messages the team is not slower than with them: in 4 x 3 m whoever meets the plume
-can follow it alone.
+The paper drives its robots by DAPSO, but gives no search times. So only the success is judged: a team of five finds
+the source. DAPSO is not shown to search better than others. A sweep across the wind is quicker, as it meets the plume
+on its first path segment, and without messages the team is not slower than with them: in 4 x 3 m a robot that meets
+the plume can follow it alone.
 """
 
 CASES = (
@@ -99,7 +99,7 @@ CASES = (
             for name in TEAMS
         ),
         trials=96,
-        few=0,
+        test_trials=0,
         discussion=DISCUSSION,
     ),
 )

@@ -13,11 +13,11 @@ from taichi_plume.validation.flow_cases import Errors, rms
 from taichi_plume.validation.setups import ethanol, gas_on, uniform
 
 SHORT = {"koren": 0.4, "weno5": 0.2}
-"""Courant numbers; Heun's method lets short waves of weno5 grow from 0.4 on."""
+"""Courant numbers; with Heun's method short waves of weno5 are unstable from 0.4 on."""
 
 
 def ride(gas: EulerianSolver, span: float, longest: float) -> None:
-    """Advance the gas by `span` [s] in equal steps, none above `longest` [s]; the wind is steady."""
+    """Advance the gas by `span` [s] in a steady wind, in equal steps of at most `longest` [s]."""
     steps = ceil(span / longest - 1e-9)
     for _ in range(steps):
         gas.advance(0.0, span / steps)
@@ -29,7 +29,7 @@ def concentrations(gas: EulerianSolver) -> np.ndarray:
 
 
 def around(x: np.ndarray, middle: float | np.ndarray, period: float) -> np.ndarray:
-    """x - middle, in a periodic domain the shortest way."""
+    """Return x - middle by the shortest way in a periodic domain."""
     return (x - middle + 0.5 * period) % period - 0.5 * period
 
 
@@ -37,7 +37,7 @@ def around(x: np.ndarray, middle: float | np.ndarray, period: float) -> np.ndarr
 
 
 def gaussian_puff(n: int, dim: int = 2, speed: float = 0.0) -> Errors:
-    """A puff of unit mass that spreads and drifts in a box 1 m wide, n cells per metre.
+    """Return errors of a puff of unit mass that spreads and drifts in a box 1 m wide, n cells per metre.
 
     c = (2 pi s²)^(-dim/2) exp(-|x - x0 - U t|²/(2 s²)), s² = s0² + 2 D t.
     """
@@ -67,7 +67,7 @@ def gaussian_puff(n: int, dim: int = 2, speed: float = 0.0) -> Errors:
 
 
 def puff_moments(n: int, convection: str) -> Answer:
-    """A puff of unit mass that drifts askew through a periodic box, 1 m wide of n cells, and spreads.
+    """Return errors of the moments of a puff that spreads and drifts askew in a periodic box of n² cells, 1 m wide.
 
     Mass, mean, variance, skewness and kurtosis along x; exact: 1, x0 + U t, s0² + 2 D t, 0, 3.
     """
@@ -105,7 +105,7 @@ def puff_moments(n: int, convection: str) -> Answer:
 
 
 def shear(n: int, convection: str) -> Answer:
-    """A puff in u = G y, in a box 2 m long and 1 m high, n cells per metre.
+    """Return errors of a puff in the shear flow u = G y, in a box 2 m long and 1 m high, n cells per metre.
 
     s_yy = s0² + 2 D t, s_xy = G (s0² t + D t²), s_xx = s_yy + G² (s0² t² + 2/3 D t³).
     """
@@ -119,29 +119,29 @@ def shear(n: int, convection: str) -> Answer:
     gas = gas_on(grid, wind, convection=convection, species=ethanol(diffusivity))
     x, y = np.moveaxis(grid.centers() - (1.0, 0.5), -1, 0)
     gas.start_from(lambda _: np.exp(-(x**2 + y**2) / (2.0 * s0**2)))
-    found = []
+    moments = []
     for look in range(looks + 1):
         if look:
             ride(gas, end / looks, SHORT[convection] * grid.dx / (0.5 * rate))
         c = concentrations(gas)
-        found.append([(c * product).sum() / c.sum() for product in (x * x, x * y, y * y)])
+        moments.append([(c * product).sum() / c.sum() for product in (x * x, x * y, y * y)])
     t = np.linspace(0.0, end, looks + 1)
     yy = s0**2 + 2.0 * diffusivity * t
     xy = rate * (s0**2 * t + diffusivity * t**2)
     xx = yy + rate**2 * (s0**2 * t**2 + diffusivity * t**3 * 2.0 / 3.0)
     answer: dict[str, float | Curve] = {}
-    for name, values, exact in zip(("xx", "xy", "yy"), np.transpose(found), (xx, xy, yy), strict=True):
+    for name, values, exact in zip(("xx", "xy", "yy"), np.transpose(moments), (xx, xy, yy), strict=True):
         answer[f"sigma_{name}"] = float(abs(values[-1] / exact[-1] - 1.0))
         answer[f"sigma_{name} over time"] = Curve("t [s]", f"sigma_{name} [m²]", t, values, exact)
     return answer
 
 
 def taylor_dispersion(n: int, convection: str = "koren") -> Answer:
-    """A cloud in Poiseuille flow between plates, n cells apart, that spreads along it by K = D (1 + 2/105 Pe²).
+    """Return the error of Taylor dispersion in Poiseuille flow between plates n cells apart: K = D (1 + 2/105 Pe²).
 
     Pe = U h/D with the mean speed U and half the distance h of the plates (Taylor 1953 for pipes; Wooding 1960 for
-    plates, whose 8/945 (u_max h/D)² is the same: u_max = 3/2 U). K is half the growth of the variance over time, once
-    diffusion across has forgotten the start: exp(-pi² D t/h²) = 4e-4.
+    plates, whose 8/945 (u_max h/D)² is the same: u_max = 3/2 U). K is half the growth rate of the variance,
+    after diffusion across has damped the initial condition: exp(-pi² D t/h²) = 4e-4.
     """
     half, mean, peclet, length = 0.5, 1.0, 10.0, 20.0
     diffusivity = mean * half / peclet
@@ -166,22 +166,22 @@ def taylor_dispersion(n: int, convection: str = "koren") -> Answer:
         middle = (c * offset).sum() / c.sum()
         variances.append((c * (offset - middle) ** 2).sum() / c.sum())
     late = times >= settled - 1e-9
-    found = 0.5 * np.polyfit(times[late], np.array(variances)[late], 1)[0]
+    coefficient = 0.5 * np.polyfit(times[late], np.array(variances)[late], 1)[0]
     exact = diffusivity * (1.0 + 2.0 / 105.0 * peclet**2)
     line = variances[-1] + 2.0 * exact * (times - times[-1])
     return {
-        "K": float(abs(found / exact - 1.0)),
+        "K": float(abs(coefficient / exact - 1.0)),
         "variance over time": Curve(
             "t [s]", "variance along the channel [m²]", times, np.array(variances), line
         ),
     }
 
 
-# ---------------------------------------------------------------- shapes in turning air
+# ---------------------------------------------------------------- solid-body rotation
 
 
 def turned(n: int, convection: str, start: np.ndarray) -> EulerianSolver:
-    """Gas of values `start` in a box 1 m wide of n² cells, after one turn of the air as a solid body."""
+    """Return gas of initial values `start` after one solid-body rotation, in a box 1 m wide of n² cells."""
     grid = Grid((n, n), 1.0 / n)
     wind = PrescribedWind(lambda x: np.stack([0.5 - x[..., 1], x[..., 0] - 0.5], axis=-1), grid)
     gas = gas_on(grid, wind, convection=convection, species=ethanol(0.0))
@@ -191,7 +191,7 @@ def turned(n: int, convection: str, start: np.ndarray) -> EulerianSolver:
 
 
 def turning_puff(n: int, convection: str) -> Answer:
-    """A Gaussian puff that is turned once: it should be as it was."""
+    """Return errors of a Gaussian puff after one rotation; the exact solution is the initial puff."""
     points = Grid((n, n), 1.0 / n).centers()
     before = np.exp(-((points - (0.5, 0.75)) ** 2).sum(axis=-1) / (2.0 * 0.05**2))
     after = concentrations(turned(n, convection, before))
@@ -205,7 +205,7 @@ def turning_puff(n: int, convection: str) -> Answer:
 
 
 def slotted_disc(n: int, convection: str) -> Answer:
-    """A disc with a slot that is turned once (Zalesak 1979): how much of its area is in the wrong place."""
+    """Return errors of a slotted disc after one rotation (Zalesak 1979), as L1 norm over the area of the disc."""
     fine = Grid((4 * n, 4 * n), 0.25 / n).centers() - (0.5, 0.75)
     shape = (np.hypot(fine[..., 0], fine[..., 1]) < 0.15) & ~(
         (np.abs(fine[..., 0]) < 0.025) & (fine[..., 1] < 0.1)
@@ -227,12 +227,14 @@ def slotted_disc(n: int, convection: str) -> Answer:
 # ---------------------------------------------------------------- the table
 
 NONE = Expected(tolerance=0.0)
-EXACT = Expected(tolerance=1e-6)  # what f32 can tell of sums over many cells, and better than that
+EXACT = Expected(tolerance=1e-6)  # accuracy of f32 sums over many cells, or better
 
 
 def _of_scheme(convection: str) -> tuple[Case, ...]:
-    """Cases of a scheme of convection. At the top of a puff the Koren limiter is of first order: its moments of third
-    and fourth order, and the puff that turns without diffusion, are told but not judged.
+    """Return the cases of a convection scheme.
+
+    At the top of a puff the Koren limiter is of first order. So its moments of third and fourth order, and the rotating
+    puff without diffusion, are reported but not judged.
     """
     fifth = convection == "weno5"
     return (
@@ -258,13 +260,13 @@ def _of_scheme(convection: str) -> tuple[Case, ...]:
             expected={
                 "sigma_xx": SECOND_ORDER,
                 "sigma_xy": EXACT if fifth else SECOND_ORDER,
-                "sigma_yy": EXACT,  # central differences spread a puff as they should on any grid
+                "sigma_yy": EXACT,  # central differences are exact for the variance of a puff on any grid
             },
         ),
         Case(
             f"turning_puff_{convection}",
             f"a Gaussian puff, turned once, {convection}",
-            "the puff as it was",
+            "the initial puff",
             partial(turning_puff, convection=convection),
             coarse=(32, 64),
             fine=(32, 64, 128),
@@ -273,13 +275,13 @@ def _of_scheme(convection: str) -> tuple[Case, ...]:
         Case(
             f"slotted_disc_{convection}",
             f"a disc with a slot, turned once, {convection}",
-            "the disc as it was; Zalesak 1979, doi:10.1016/0021-9991(79)90051-2",
+            "the initial disc; Zalesak 1979, doi:10.1016/0021-9991(79)90051-2",
             partial(slotted_disc, convection=convection),
             coarse=(50, 100),
             fine=(50, 100),
             slow=True,
             expected={
-                # a scheme of order p spreads a jump over h^(p/(p + 1)): 2/3 of a limited one; the slot is narrow
+                # a scheme of order p spreads a jump over h^(p/(p + 1)): exponent 2/3 with a limiter; the slot is narrow
                 "c, L1": Expected(order=0.6),
                 "below 0": EXACT,
                 "mass": EXACT,
@@ -300,7 +302,7 @@ def _puff(dim: int, speed: float) -> Case:
         expected={
             "c / c_max, rms": SECOND_ORDER,
             "mass": Expected(tolerance=1e-5),
-            # at rest the scheme spreads the puff as it should on any grid
+            # at rest the scheme is exact for the variance of a puff on any grid
             "variance along x": SECOND_ORDER if speed else Expected(tolerance=1e-5),
         },
     )
@@ -317,7 +319,7 @@ CASES = (
         taylor_dispersion,
         coarse=(8, 16),
         fine=(16, 32),
-        # the diffusion across, of second order, decides: h² = 0.4 % on 16 cells
+        # the second-order error of the diffusion across dominates: h² = 0.4 % on 16 cells
         expected={"K": Expected(tolerance=0.005, at=16)},
     ),
 )

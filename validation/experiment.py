@@ -16,7 +16,7 @@ from taichi_plume.validation.case import Curve
 class Mean:
     """Mean over n trials with its 95 % confidence interval from `low` to `high`; None if no trial has a value.
 
-    airs: in how many airs the trials were, where the interval is over these.
+    airs: number of airs (flow realisations) of the trials if the interval is over airs.
     """
 
     mean: float | None
@@ -28,7 +28,7 @@ class Mean:
 
 @dataclass(frozen=True)
 class Tracks:
-    """Paths of robots seen from above. size: of the arena [m]; ways: (k, 2) [m] each."""
+    """Paths of robots seen from above. size: of the arena [m]; ways: paths, (k, 2) [m] each."""
 
     size: tuple[float, float]
     source: tuple[float, float]
@@ -37,7 +37,7 @@ class Tracks:
 
 @dataclass(frozen=True)
 class Lines:
-    """Several quantities over one: arrays of one shape by name."""
+    """Several quantities over the same abscissa: arrays of one shape by name."""
 
     x_label: str
     y_label: str
@@ -66,10 +66,9 @@ class Range:
 
 
 def resampled(data: Sequence[np.ndarray], statistic: Callable[..., np.ndarray]) -> Mean:
-    """A statistic of samples, each (n,), whose n-th belong together, with the percentile interval of a bootstrap (Efron
-    1979, doi:10.1214/aos/1176344552).
+    """Return a statistic of paired samples, (n,) each, with the percentile interval of a bootstrap.
 
-    statistic: of arrays, along an `axis`.
+    statistic: function of arrays and `axis`. Efron 1979, doi:10.1214/aos/1176344552.
     """
     n, mean = len(data[0]), float(statistic(*data))
     if n < 2:
@@ -80,7 +79,7 @@ def resampled(data: Sequence[np.ndarray], statistic: Callable[..., np.ndarray]) 
 def _percentiles(
     data: Sequence[np.ndarray], statistic: Callable[..., np.ndarray], **options: Any
 ) -> tuple[float, float]:
-    """Return the percentile interval of a bootstrap; options: of SciPy's `bootstrap`."""
+    """Return the percentile interval of a bootstrap; options: arguments of SciPy's `bootstrap`."""
     options |= {"vectorized": True, "method": "percentile", "rng": np.random.default_rng(1)}
     interval = bootstrap(data, statistic, **options).confidence_interval
     return float(interval.low), float(interval.high)
@@ -89,18 +88,18 @@ def _percentiles(
 def over_airs(
     values: Sequence[float] | np.ndarray, airs: np.ndarray | None = None, share: bool = False
 ) -> Mean:
-    """The mean of trials, (n,) each, with an interval over the airs that they were in (see study/intervals.py).
+    """Return the mean of trials, (n,), with a confidence interval over their airs (see study/intervals.py).
 
-    values: NaN where a trial tells of nothing; of a share, 0 or 1. airs: what tells them apart; unless given each trial
-    was in one of its own.
+    values: NaN for trials without a value; 0 or 1 for a share. airs: index of the air of each trial; by default every
+    trial has its own air.
     """
     from taichi_plume.study.intervals import estimates
 
     airs = np.arange(len(values)) if airs is None else airs
-    found = estimates(np.asarray(values, float), np.zeros(len(values)), airs, np.ones(len(values)), share)
-    if not found:
+    groups = estimates(np.asarray(values, float), np.zeros(len(values)), airs, np.ones(len(values)), share)
+    if not groups:
         return Mean(None, None, None, 0, 0)
-    (estimate,) = found.values()
+    (estimate,) = groups.values()
     low, high = (float(end) if np.isfinite(end) else None for end in (estimate.low, estimate.high))
     return Mean(estimate.mean, low, high, estimate.n, estimate.airs)
 
@@ -110,8 +109,8 @@ def ratio_over_airs(
 ) -> Mean:
     """Return the ratio of the means of two samples, (n,) and (m,), in the same airs, which are resampled in pairs.
 
-    Percentiles of the bootstrap, raised as Student's t asks for; no interval below `FEWEST` airs. airs_a, airs_b: as in
-    `over_airs`.
+    Percentiles of the bootstrap at a level corrected for Student's t; no interval below `FEWEST` airs. airs_a, airs_b:
+    as in `over_airs`.
     """
     from taichi_plume.study.intervals import FEWEST, confidence
 
@@ -133,16 +132,16 @@ def ratio_over_airs(
     return Mean(mean, *ends, n, len(airs))
 
 
-Told = Mapping[str, Mean | Picture]
+Results = Mapping[str, Mean | Picture]
 """Means by quantity, and pictures by title."""
 
 
 @dataclass(frozen=True)
 class Condition:
-    """One set-up of an experiment. `run` takes a number of trials; `published`, `expected`: by quantity."""
+    """Set-up of an experiment. `run` takes a number of trials; `published`, `expected`: by quantity."""
 
     name: str
-    run: Callable[[int], Told]
+    run: Callable[[int], Results]
     published: Mapping[str, str] = field(default_factory=dict)
     expected: Mapping[str, Range] = field(default_factory=dict)
 
@@ -151,7 +150,7 @@ class Condition:
 class Experiment:
     """Conditions that are compared with published results. A quantity without `expected` is reported, not judged.
 
-    The command runs `trials` of each condition, tests `few`; with 0 it is too long for them.
+    The command runs `trials` of each condition, the tests `test_trials`; 0 if an experiment is too long for the tests.
     """
 
     name: str
@@ -159,16 +158,16 @@ class Experiment:
     reference: str
     conditions: tuple[Condition, ...]
     trials: int = 200
-    few: int = 4
+    test_trials: int = 4
     slow: bool = False
-    """Whether the few trials take longer than a few seconds."""
+    """True if the trials of the tests take longer than a few seconds."""
     discussion: str = ""
     """Text of the report: which results are reproduced, which are not, and why."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One quantity under one condition: our mean, the published result and the verdict."""
+    """Quantity under a condition: our mean, the published result and the verdict."""
 
     condition: str
     quantity: str
@@ -178,12 +177,12 @@ class Row:
 
     @property
     def met(self) -> bool | None:
-        """Whether the mean is as expected; None without expectation."""
+        """True if the mean is in the expected range; None without a range."""
         return None if self.expected is None else self.expected.met(self.found.mean)
 
     @property
     def refuted(self) -> bool:
-        """Whether the whole interval lies outside the expected range: few trials cannot say more."""
+        """True if the whole interval lies outside the expected range, the only verdict that few trials allow."""
         if self.expected is None:
             return False
         low, high = self.found.low, self.found.high
@@ -191,14 +190,14 @@ class Row:
 
 
 def examine(experiment: Experiment, trials: int, arch: str = "cpu") -> tuple[list[Row], dict[str, Picture]]:
-    """Run so many trials of every condition, each with a fresh Taichi. Returns all rows, and pictures by title."""
+    """Run `trials` of every condition; Taichi is restarted for each. Returns all rows, and pictures by title."""
     rows: list[Row] = []
     pictures: dict[str, Picture] = {}
     for condition in experiment.conditions:
         kernels.start(arch)
-        found = condition.run(trials)
-        means = {name: part for name, part in found.items() if isinstance(part, Mean)}
-        pictures |= {name: part for name, part in found.items() if not isinstance(part, Mean)}
+        results = condition.run(trials)
+        means = {name: part for name, part in results.items() if isinstance(part, Mean)}
+        pictures |= {name: part for name, part in results.items() if not isinstance(part, Mean)}
         unknown = (condition.published.keys() | condition.expected.keys()) - means.keys()
         if unknown:
             raise KeyError(f"{experiment.name}, {condition.name} has no quantity {sorted(unknown)}")

@@ -1,7 +1,7 @@
 """Flow solver against exact solutions without walls: Taylor-Green, Kovasznay, Ethier-Steinman.
 
-Each function solves a flow at a resolution and returns its errors by norm. Time steps are those of runs: of the default
-Courant number.
+Each function solves a flow at a resolution and returns its errors by norm. Time steps have the default Courant number
+(CFL), as in runs.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from taichi_plume.validation.case import SECOND_ORDER, Case, Expected
 from taichi_plume.validation.setups import Openings, advance, cfd, flow_on
 
 Errors = dict[str, float]
-STEADY = 2e-5  # largest change of u, over its maximum, within the time that counts
+STEADY = 2e-5  # largest change of u over its maximum within `span`, for a flow that counts as steady
 SMALL_COURANT = 0.2
 SMALL_STEPS = ", small steps"
 """Suffix of the norms of an error at SMALL_COURANT."""
@@ -38,7 +38,7 @@ def laminar_flow(
 
 
 def at_both_steps(flow: FlowSolver, wind: CfdWind, errors: Callable[[], Errors]) -> Errors:
-    """Return the errors of a flow with the usual time steps, and after a restart with SMALL_COURANT."""
+    """Return the errors of a flow with the default Courant number, and after a restart with SMALL_COURANT."""
     usual, state = errors(), State(flow)
     state.clear()
     flow.begin(wind.model_copy(update={"courant": SMALL_COURANT}), 0.0, 0)
@@ -46,7 +46,7 @@ def at_both_steps(flow: FlowSolver, wind: CfdWind, errors: Callable[[], Errors])
 
 
 def both_steps(expected: dict[str, Expected]) -> dict[str, Expected]:
-    """Expect the same of the errors with small steps."""
+    """Return the bounds, repeated for the norms at SMALL_COURANT."""
     return expected | {norm + SMALL_STEPS: bound for norm, bound in expected.items()}
 
 
@@ -65,29 +65,29 @@ def settle(flow: FlowSolver, span: float, longest: float) -> float:
 
 
 def velocities(flow: FlowSolver) -> list[np.ndarray]:
-    """Face velocities [m/s] per axis, on the lower faces of the inner cells."""
+    """Return face velocities [m/s] per axis, on the lower faces of the inner cells."""
     return [flow.grid.inner(field.to_numpy()).astype(float) for field in flow.u]
 
 
 def faces(grid: Grid, d: int) -> np.ndarray:
-    """Centres [m] of the lower d-faces of the inner cells, shape (*shape, dim)."""
+    """Return centres [m] of the lower d-faces of the inner cells, shape (*shape, dim)."""
     points = grid.centers()
     points[..., d] -= 0.5 * grid.dx
     return points
 
 
 def rms(*errors: np.ndarray) -> float:
-    """Root mean square of the length of a vector, given its components."""
+    """Return the root mean square of the length of a vector, given its components."""
     return sqrt(sum(float(np.mean(e**2)) for e in errors))
 
 
 def periodic(axes: str) -> list[dict]:
-    """Periodic openings along these axes."""
+    """Return periodic boundary conditions along these axes."""
     return [{"kind": "periodic", "axis": axis} for axis in axes]
 
 
 def taylor_green(n: int, dim: int = 2) -> Errors:
-    """Decaying vortices in a 2 pi box of n² cells; in 3-D extruded over a few cells.
+    """Return errors of Taylor-Green vortices in a 2 pi box of n² cells; in 3-D extruded over a few cells.
 
     u = sin x cos y F, v = -cos x sin y F, F = exp(-2 nu t).
     """
@@ -104,9 +104,9 @@ def taylor_green(n: int, dim: int = 2) -> Errors:
         flow.start_from(lambda x: exact(x, 0.0))
         energy = sum(float(np.mean(u**2)) for u in velocities(flow))
         advance(flow, end)
-        found = velocities(flow)
-        wrong = rms(*(found[d] - exact(faces(flow.grid, d), end)[..., d] for d in range(dim)))
-        rate = np.log(sum(float(np.mean(u**2)) for u in found) / energy) / end
+        computed = velocities(flow)
+        wrong = rms(*(computed[d] - exact(faces(flow.grid, d), end)[..., d] for d in range(dim)))
+        rate = np.log(sum(float(np.mean(u**2)) for u in computed) / energy) / end
         return {"u, rms": wrong, "decay of the energy": float(abs(rate / (-4.0 * viscosity) - 1.0))}
 
     wind = laminar_wind(viscosity, periodic("xyz"[:dim]))
@@ -115,10 +115,10 @@ def taylor_green(n: int, dim: int = 2) -> Errors:
 
 
 def kovasznay(n: int, reynolds: float = 40.0) -> Errors:
-    """Steady flow behind a grid of rods, from x = -0.5 to 1 and one period in y, with n cells per unit.
+    """Return errors of Kovasznay flow behind a grid of rods, x from -0.5 to 1, a period in y, n cells per unit.
 
-    u = 1 - exp(l x) cos 2 pi y, v = l/(2 pi) exp(l x) sin 2 pi y, l = Re/2 - sqrt(Re²/4 + 4 pi²). Its velocity is
-    prescribed where x ends.
+    u = 1 - exp(l x) cos 2 pi y, v = l/(2 pi) exp(l x) sin 2 pi y, l = Re/2 - sqrt(Re²/4 + 4 pi²). The velocity is
+    prescribed at both ends of x (Dirichlet).
     """
     rate = reynolds / 2.0 - sqrt(reynolds**2 / 4.0 + 4.0 * pi**2)
     left, length = -0.5, 1.5
@@ -131,19 +131,20 @@ def kovasznay(n: int, reynolds: float = 40.0) -> Errors:
     flow = laminar_flow((round(length * n), n), 1.0 / n, 1.0 / reynolds, periodic("y") + ends)
     grid, target = flow.grid, np.zeros((2, flow.grid.padded[1], 2), np.float32)
     for side in range(2):
-        for d, shift in enumerate((0.5, 0.0)):  # v lives on the corners of the boundary's cells
+        for d, shift in enumerate((0.5, 0.0)):  # v is stored at the corners of the boundary cells
             y = (np.arange(grid.padded[1]) - grid.ghost + shift) * grid.dx
             target[side, :, d] = exact(np.stack([np.full_like(y, side * length), y], axis=-1))[:, d]
     flow.boundaries.target[0].from_numpy(target)
     flow.start_from(exact)
     settle(flow, 0.5, 20.0)
-    found = velocities(flow)
-    return {"u, rms": rms(*(found[d] - exact(faces(grid, d))[..., d] for d in range(2)))}
+    computed = velocities(flow)
+    return {"u, rms": rms(*(computed[d] - exact(faces(grid, d))[..., d] for d in range(2)))}
 
 
 def drifting(n: int) -> Errors:
-    """Vortices of n cells that a wind ten times as fast carries on without viscosity: over one of their wavelengths
-    where n is 8, over (n/8)² in general. They only move.
+    """Return energy errors of inviscid vortices of n cells in a wind ten times as fast.
+
+    They are carried over (n/8)² wavelengths. Exact solution: translation without change.
     """
     distance = (n / 8) ** 2
     k = 2.0 * pi
@@ -171,7 +172,7 @@ def drifting(n: int) -> Errors:
 
 
 def ethier_steinman(n: int, viscosity: float, end: float = 0.25) -> Errors:
-    """Vortices of all three components in a box of 1 m with n³ cells, prescribed on its faces at every step.
+    """Return errors of Ethier-Steinman vortices in a box of 1 m with n³ cells, prescribed on the faces at every step.
 
     u = -a (exp(a x) sin(a y + d z) + exp(a z) cos(a x + d y)) F and its cyclic permutations, F = exp(-nu d² t).
     """
@@ -193,8 +194,8 @@ def ethier_steinman(n: int, viscosity: float, end: float = 0.25) -> Errors:
             blow(flow, partial(exact, t=t + dt))
             flow.advance(t, dt)
             t += dt
-        found = velocities(flow)
-        return {"u, rms": rms(*(found[d] - exact(faces(flow.grid, d), end)[..., d] for d in range(3)))}
+        computed = velocities(flow)
+        return {"u, rms": rms(*(computed[d] - exact(faces(flow.grid, d), end)[..., d] for d in range(3)))}
 
     walls = [
         {"kind": "wall", "face": f"{axis}{side}", "velocity": (0.0,) * 3} for axis in "xyz" for side in "-+"

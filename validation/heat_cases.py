@@ -12,32 +12,32 @@ from taichi_plume.validation.case import SECOND_ORDER, Answer, Case, Curve, Expe
 from taichi_plume.validation.flow_cases import Errors, advance, laminar_flow, rms, settle, velocities
 from taichi_plume.validation.setups import cfd, flow_on, samples
 
-POWER, RADIUS = 60.0, 0.08  # W, m: of the source of the plume
+POWER, RADIUS = 60.0, 0.08  # W, m: heat source of the plume
 WIDTH, TALL = 1.8, 1.5  # m, of the box around the plume; its height over its width
 ABOVE_FLOOR = 0.2  # m: middle of the source
-HEIGHTS = (1.4, 1.8, 2.2)  # m above the source; lower, cells of 5 cm hold no eddies of the plume
+HEIGHTS = (1.4, 1.8, 2.2)  # m above the source; lower, cells of 5 cm resolve no eddies of the plume
 SETTLED, AVERAGED, SAMPLE = 20.0, 40.0, 0.1  # s
-SEEDS = (0, 1)  # of the realisations: one alone is 5 % off
-EDGE = 0.02  # of the velocity on the axis: there the plume ends
+SEEDS = (0, 1)  # of the realisations; the mean of a single realisation varies by 5 %
+EDGE = 0.02  # velocity at the edge of the plume over that on the axis
 ENTRAINMENT = 0.153  # Q/(F^(1/3) z^(5/3)) in a plume, measured by Rouse, Yih & Humphreys 1952
 WARM_AND_COLD = [{"face": "x-", "temperature": 300.5}, {"face": "x+", "temperature": 299.5}]
 
 
 def heated(gravity: tuple[float, float] = (0.0, 0.0), **heat: object) -> dict[str, object]:
-    """Buoyancy of air at 300 K, with walls and heaters as in a scenario."""
+    """Return the keys of buoyancy of air at 300 K; heat: keys of walls and heaters."""
     return {"gravity": gravity, "heat": {"reference": 300.0, **heat}}
 
 
 def heat_of(flow: FlowSolver) -> HeatSolver:
-    """The temperature of a flow that has one."""
+    """Return the heat solver of a flow with temperature."""
     assert flow.heat is not None
     return flow.heat
 
 
 def conduction(n: int) -> Errors:
-    """Air at rest between a warm and a cold wall, 1 m apart, after the time in which warmth spreads half as far.
+    """Return errors of heat conduction between a warm and a cold wall, 1 m apart, during the transient and at its end.
 
-    theta/dT = 1/2 - x - sum_k sin(2 pi k x) exp(-(2 pi k)² alpha t)/(pi k), the linear profile in the end.
+    theta/dT = 1/2 - x - sum_k sin(2 pi k x) exp(-(2 pi k)² alpha t)/(pi k); linear in the steady state.
     """
     diffusivity = 1e-3
     warm = heated(walls=WARM_AND_COLD, diffusivity=diffusivity)
@@ -55,10 +55,10 @@ def conduction(n: int) -> Errors:
 
 
 def heated_cavity(n: int, rayleigh: float, flux: float, u_max: float, v_max: float) -> Errors:
-    """Steady flow in a square box, 1 m wide, with a warm and a cold side and an adiabatic floor and ceiling.
+    """Return errors of natural convection in a square cavity, 1 m wide, with a warm and a cold side.
 
-    Relative errors of the mean Nusselt number and, in alpha/L, of the largest u on the vertical and v on the horizontal
-    line through the middle, at Pr 0.71. Times are in units of L/sqrt(g beta dT L).
+    Floor and ceiling are adiabatic. Relative errors of the mean Nusselt number and, in alpha/L, of the largest u on the
+    vertical and v on the horizontal line through the middle, at Pr 0.71. Times are in units of L/sqrt(g beta dT L).
     """
     prandtl = 0.71
     diffusivity = (rayleigh * prandtl) ** -0.5
@@ -79,16 +79,16 @@ def heated_cavity(n: int, rayleigh: float, flux: float, u_max: float, v_max: flo
 
 
 def peak(profile: np.ndarray) -> float:
-    """Maximum of a parabola through the largest value and its neighbours."""
+    """Return the maximum of a parabola through the largest value and its neighbours."""
     k = int(profile[1:-1].argmax()) + 1
     before, top, after = profile[k - 1 : k + 2]
     return float(top - (after - before) ** 2 / (8.0 * (after - 2.0 * top + before)))
 
 
 def plume_flow(n: int, **keys: object) -> tuple[np.ndarray, FlowSolver]:
-    """Mean upward velocity [m/s] on the horizontal faces of a box of n² by 1.5 n cells with a plume, and its flow.
+    """Return the mean upward velocity [m/s] on the horizontal faces of n² by 1.5 n cells with a plume, and the flow.
 
-    The box has open sides and an open ceiling. The mean is over time and SEEDS. keys: of the wind's `buoyancy.heat`.
+    The box has open sides and an open ceiling. The mean is over time and SEEDS. keys: further keys of `buoyancy.heat`.
     """
     middle = (0.5 * WIDTH, 0.5 * WIDTH, ABOVE_FLOOR)
     heat = {"heaters": [{"position": middle, "radius": RADIUS, "power": POWER}]} | keys
@@ -106,9 +106,9 @@ def plume_flow(n: int, **keys: object) -> tuple[np.ndarray, FlowSolver]:
 
 
 def flow_rates(mean: np.ndarray, dx: float) -> tuple[np.ndarray, np.ndarray]:
-    """Heights of the horizontal faces above the source [m], and the flow rates of the plume through them [m³/s].
+    """Return heights of the horizontal faces above the source [m], and flow rates of the plume through them [m³/s].
 
-    The plume reaches from the axis to the ring in which the mean velocity falls below EDGE times that on the axis.
+    The plume ends at the ring in which the mean velocity falls below EDGE times that on the axis.
     """
     place = (np.arange(mean.shape[0]) + 0.5) * dx - 0.5 * mean.shape[0] * dx
     ring = (np.hypot(place[:, None], place) / dx).astype(int).ravel()  # one cell wide
@@ -123,7 +123,7 @@ def flow_rates(mean: np.ndarray, dx: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def thermal_plume(n: int, **keys: object) -> Answer:
-    """A turbulent plume in still air: Q = C F^(1/3) z^(5/3), F = g beta P/(rho c_p), z from the middle of the source.
+    """Return errors of a turbulent thermal plume: Q = C F^(1/3) z^(5/3), F = g beta P/(rho c_p), z from the source.
 
     Morton, Taylor & Turner 1956 derived the law for a point source; C as measured by Rouse, Yih & Humphreys 1952
     (Tellus 4, 201). In the theory a wide source above which air rises from rest has the same origin.
@@ -135,17 +135,17 @@ def thermal_plume(n: int, **keys: object) -> Answer:
     height, rate = flow_rates(mean, flow.grid.dx)
     beta = 1.0 / heat.reference
     law = ENTRAINMENT * (9.81 * beta * POWER / heat.capacity) ** (1.0 / 3.0)
-    found = np.interp(HEIGHTS, height, rate)
+    rates = np.interp(HEIGHTS, height, rate)
     above = (height >= 0.3) & (height <= HEIGHTS[-1] + 1e-6)
     judged = (height > HEIGHTS[0] - 1e-6) & (height < HEIGHTS[-1] + 1e-6)
     exponent = float(np.polyfit(np.log(height[judged]), np.log(rate[judged]), 1)[0])
     return {
         **{
             f"flow rate at {z:g} m": abs(q / (law * z ** (5.0 / 3.0)) - 1.0)
-            for z, q in zip(HEIGHTS, found, strict=True)
+            for z, q in zip(HEIGHTS, rates, strict=True)
         },
         "exponent from 5/3": abs(exponent - 5.0 / 3.0),
-        **{f"Q at {z:g} m [m³/s]": float(q) for z, q in zip(HEIGHTS, found, strict=True)},
+        **{f"Q at {z:g} m [m³/s]": float(q) for z, q in zip(HEIGHTS, rates, strict=True)},
         "exponent": exponent,
         "flow rate of the plume": Curve(
             "height [m]",

@@ -1,24 +1,24 @@
-"""Helium in a box with two small holes, measured for five hours: how far air of one density carries (Boussinesq).
+"""Helium in a box with two small holes, measured for five hours: limits of the Boussinesq approximation.
 
 Measured at NIST in 2009 (the `NIST_He_2009` tables of the validation of the Fire Dynamics Simulator, repository
 firemodels/fds, `Validation/NIST_He_2009`, case 14400_LC_ULV; works of the US government, free to use with
 acknowledgement): a box of acrylic sheets, 1.5 x 1.5 x 0.75 m inside, 13 mm thick, with holes of 2.15 cm square in the
 middle of one side from 2.54 and 70.31 cm above the floor; 3.54 L/min of helium for 14,400 s from a burner of 3.2 cm
-square, 21 cm above the middle of the floor. Sensors stand at (0.375, 0.375) m. The table's clock begins 60 s before the
-release, as its first reading and the begin of the decay tell.
+square, 21 cm above the middle of the floor. Sensors stand at (0.375, 0.375) m. The table starts 60 s before
+the release, as its first reading and the start of the decay show.
 
-The holes are smaller than a cell. Each is an opening of the cells that it touches with its loss: what goes through a
-hole of area A is Q = C_d A √(2 dp/rho) with C_d = 0.6 (a sharp-edged hole, as Linden 1999 has it,
-doi:10.1146/annurev.fluid.31.1.201), so the loss over the dynamic pressure of the speed in an opening of area B is
-(B/(C_d A))². Outside is still air, whose weight counts as nothing, so that light gas drives itself out above and draws
-in air below; the flow through the holes is found, not given. The source puts in mass and no volume.
+The holes are smaller than a cell. Each is an opening over the cells that it touches, with a loss coefficient. The
+flow rate through a hole of area A is Q = C_d A √(2 dp/rho) with C_d = 0.6 (a sharp-edged hole, as Linden 1999 has it,
+doi:10.1146/annurev.fluid.31.1.201), so the loss coefficient of an opening of area B is
+(B/(C_d A))². Outside is still air at hydrostatic pressure, so that light gas flows out above and air flows in below;
+the flow through the holes is computed, not given. The source adds mass but no volume.
 
-Linden's box, mixed well, has a closed form. With air of one density the volume that goes out has the fraction
-x = (Q/(C_d A √(g' H)))^(2/3), g' x being the reduced gravity; with the helium's own volume, which goes out as well and
-does not come in, and with the density of what goes through the upper hole, x is 9 % lower.
+Linden's well-mixed box has a closed form. In the Boussinesq approximation the outflow has the volume fraction
+x = (Q/(C_d A √(g' H)))^(2/3), where g' x is the reduced gravity. With the helium's own volume, which only leaves, and
+with the density of the outflow through the upper hole, x is 9 % lower.
 
-An opening of whole cells is wider than its hole: what diffuses out against the air that comes in does so through the
-whole of it. In a box of mixed gas that adds a tenth to what goes out on cells of 7.5 cm, and less on finer ones.
+An opening of whole cells is wider than its hole, and helium diffuses out against the inflow through the whole opening.
+In a box of mixed gas this adds a tenth to the outflow on cells of 7.5 cm, and less on finer cells.
 """
 
 from collections.abc import Mapping
@@ -31,18 +31,18 @@ from scipy.optimize import root_scalar
 
 from taichi_plume.scenario.species import AIR_MOLAR_MASS, GAS_CONSTANT, PRESSURE, TEMPERATURE
 from taichi_plume.validation.case import Curve, Keys
-from taichi_plume.validation.experiment import Condition, Experiment, Lines, Mean, Range, Told
+from taichi_plume.validation.experiment import Condition, Experiment, Lines, Mean, Range, Results
 from taichi_plume.validation.searches import probed
 
 SIZE = (1.5, 1.5, 0.75)  # m
-SIDE, LOW, HIGH = 0.0215, 0.0254, 0.7031  # m: of a hole; its lower edges above the floor
+SIDE, LOW, HIGH = 0.0215, 0.0254, 0.7031  # m: side of a hole; lower edges of both holes above the floor
 DISCHARGE = 0.6
 FLOW = 3.54e-3 / 60.0  # m³/s
 HELIUM = 4.0026e-3  # kg/mol, IUPAC
 DIFFUSIVITY = 7.0e-5  # m²/s in air, at 25 °C
 RELEASE, END = 14_400.0, 18_000.0  # s
 GRAVITY = 9.81  # m/s²
-HEIGHTS = (0.093, 0.185, 0.276, 0.372, 0.466, 0.559, 0.650)  # m, of the sensors in the set-up of the table
+HEIGHTS = (0.093, 0.185, 0.276, 0.372, 0.466, 0.559, 0.650)  # m, of the measuring sensors
 MEASURED: Mapping[int, tuple[float, ...]] = {
     600: (0.23, 0.43, 0.85, 1.56, 2.38, 3.17, 3.60),
     3_600: (5.59, 6.58, 7.66, 9.15, 10.29, 11.18, 11.45),
@@ -69,7 +69,7 @@ LIGHTER = 1.0 - HELIUM / AIR_MOLAR_MASS
 
 
 def opening(edge: float, cell: float) -> Keys:
-    """The cells [m] that a hole touches, whose lower edge is `edge` [m] above the floor, with the hole's loss."""
+    """Return the opening over the cells that a hole touches; `edge`: lower edge of the hole above the floor [m]."""
     lows, highs = zip(*(_touched(a, a + SIDE, cell) for a in (0.5 * SIZE[1], edge)), strict=True)
     size = tuple(high - low for low, high in zip(lows, highs, strict=True))
     return {
@@ -87,7 +87,7 @@ def _touched(low: float, high: float, cell: float) -> tuple[float, float]:
 
 
 def scenario(cell: float, seconds: float) -> Keys:
-    """The box as a YAML file would tell it."""
+    """Return the scenario of the box as keys of a YAML file."""
     rate = FLOW * HELIUM * PRESSURE / (GAS_CONSTANT * TEMPERATURE)
     place = (0.375, 0.375)
     return {
@@ -114,7 +114,7 @@ def scenario(cell: float, seconds: float) -> Keys:
 
 
 class Readings(NamedTuple):
-    """times (n,) [s], per cent of helium (n, HEIGHTS), mean of the box in the end [%]."""
+    """Readings of a run: times (n,) [s], helium (n, HEIGHTS) [%], and mean of the box at the end [%]."""
 
     times: np.ndarray
     percent: np.ndarray
@@ -122,17 +122,17 @@ class Readings(NamedTuple):
 
 
 def readings(cell: float, seconds: float) -> Readings:
-    """Run the scenario. Taichi must have been started."""
-    sim, times, told = probed(scenario(cell, seconds))
+    """Run the scenario and return the readings. Taichi must have been started."""
+    sim, times, table = probed(scenario(cell, seconds))
     volume = float(np.prod(SIZE))
     (gas,) = sim.gas.gases
     box = 1e-4 * gas.species.ppm_per_density * gas.budget()["in_domain_kg"] / volume
-    percent = 1e-4 * told["helium_ppm"].to_numpy().reshape(-1, len(HEIGHTS))
+    percent = 1e-4 * table["helium_ppm"].to_numpy().reshape(-1, len(HEIGHTS))
     return Readings(times, percent, float(box))
 
 
 def mixed(one_density: bool) -> float:
-    """Fraction of helium in Linden's box, mixed well, once it is steady. See the module's text."""
+    """Return the steady fraction of helium in Linden's well-mixed box (see the module docstring)."""
     height, passed = HIGH - LOW, DISCHARGE * SIDE**2
     if one_density:
         return (FLOW / (passed * sqrt(LIGHTER * GRAVITY * height))) ** (2.0 / 3.0)
@@ -147,9 +147,9 @@ def mixed(one_density: bool) -> float:
 
 
 def asked(percent: np.ndarray) -> float:
-    """Discharge coefficient of the holes by what was measured of a steady box at HEIGHTS [%].
+    """Return the discharge coefficient of the holes from steady measurements at HEIGHTS [%].
 
-    The column's weight drives; what goes out has the uppermost fraction, and takes the helium's volume along.
+    The weight of the column drives the flow. The outflow has the uppermost fraction, and carries the helium's volume.
     """
     head = LIGHTER * 1e-2 * float(percent.mean()) * GRAVITY * (HIGH - LOW)
     last = 1e-2 * float(percent[-1])
@@ -158,38 +158,38 @@ def asked(percent: np.ndarray) -> float:
 
 
 def alone(value: float) -> Mean:
-    """A number of one run, or of a closed form."""
+    """Return a number of a single run or of a closed form as a Mean without interval."""
     return Mean(value, None, None, 1)
 
 
-def filled(trials: int, cell: float, seconds: float) -> Told:
-    """Helium at the times of MEASURED up to `seconds`; `trials` has no effect, there is one air."""
-    found = readings(cell, seconds)
+def filled(trials: int, cell: float, seconds: float) -> Results:
+    """Return helium at the times of MEASURED up to `seconds`; `trials` has no effect, as there is a single air."""
+    run = readings(cell, seconds)
     z, cells, last = np.array(HEIGHTS), f"cells of {100 * cell:g} cm", min(seconds, RELEASE)
-    told: Keys = {}
+    rows: Keys = {}
     for t, measured in MEASURED.items():
         if t > seconds:
             break
-        percent = found.percent[int(np.abs(found.times - t).argmin())]
-        told |= {f"{name}, {WHEN[t]}": alone(value) for name, value in summary(percent).items()}
-        told[f"helium {WHEN[t]}, {cells}"] = Curve("height [m]", "helium [%]", z, percent, np.array(measured))
+        percent = run.percent[int(np.abs(run.times - t).argmin())]
+        rows |= {f"{name}, {WHEN[t]}": alone(x) for name, x in summary(percent).items()}
+        rows[f"helium {WHEN[t]}, {cells}"] = Curve("height [m]", "helium [%]", z, percent, np.array(measured))
         if t == FULL:
-            told |= {f"at {h:.3f} m [%]": alone(float(one)) for h, one in zip(HEIGHTS, percent, strict=True)}
+            rows |= {f"at {h:.3f} m [%]": alone(float(x)) for h, x in zip(HEIGHTS, percent, strict=True)}
     if seconds <= RELEASE:
-        told["in the box in the end over released"] = alone(
-            found.box * float(np.prod(SIZE)) / (100.0 * FLOW * last)
+        rows["in the box in the end over released"] = alone(
+            run.box * float(np.prod(SIZE)) / (100.0 * FLOW * last)
         )
-    told[f"helium over time, {cells}"] = Lines(
+    rows[f"helium over time, {cells}"] = Lines(
         "time [h]",
         "helium [%]",
-        found.times / 3600.0,
-        {f"{h:.3f} m": found.percent[:, k] for k, h in enumerate(HEIGHTS)},
+        run.times / 3600.0,
+        {f"{h:.3f} m": run.percent[:, k] for k, h in enumerate(HEIGHTS)},
     )
-    return told
+    return rows
 
 
 def summary(percent: np.ndarray) -> dict[str, float]:
-    """Return mean, least rise from height to height and lowest over highest of per cent of helium at HEIGHTS."""
+    """Return mean, least rise between heights and ratio of lowest to highest of helium at HEIGHTS [%]."""
     return {
         MEAN: float(percent.mean()),
         RISE: float(np.diff(percent).min()),
@@ -197,8 +197,8 @@ def summary(percent: np.ndarray) -> dict[str, float]:
     }
 
 
-def boxes(trials: int) -> Told:
-    """Linden's box; `trials` has no effect."""
+def boxes(trials: int) -> Results:
+    """Return the closed forms of Linden's box; `trials` has no effect."""
     return {
         "one density [%]": alone(100.0 * mixed(True)),
         "with the helium's volume and both densities [%]": alone(100.0 * mixed(False)),
@@ -209,32 +209,32 @@ def boxes(trials: int) -> Told:
 
 def published(seconds: float) -> dict[str, str]:
     """Return the measurements up to `seconds`, named as in `filled`."""
-    told = {
+    values = {
         f"{name}, {WHEN[t]}": f"{value:.2f}"
         for t, measured in MEASURED.items()
         if t <= seconds
         for name, value in summary(np.array(measured)).items()
     }
     if seconds >= FULL:
-        told |= {f"at {z:.3f} m [%]": f"{x:g}" for z, x in zip(HEIGHTS, MEASURED[FULL], strict=True)}
-    return told
+        values |= {f"at {z:.3f} m [%]": f"{x:g}" for z, x in zip(HEIGHTS, MEASURED[FULL], strict=True)}
+    return values
 
 
 DISCUSSION = (
-    "Reproduced: light gas drives itself out through the upper opening and draws in air through the lower one; between "
-    "two such holes of a mixed box goes 99 % of the textbook's flow (a test), so the weight of the air is right at "
-    "openings. All heights stand in the right order.\n\n"
-    "Not reproduced: the mean after 4 h, 18.0 % where 13.7 % was measured, 31 % too much. Three factors make it. The "
-    "measured box asks for holes of C_d = 0.75, as they are 13 mm deep; with the 0.6 of sharp edges, set beforehand, "
-    "1.16 times as much stays. Boussinesq's one density, and helium that takes no room, come to 1.10 in Linden's box. "
-    "The rest is 1.03. And the profile is too even, the lowest over the highest 0.81 instead of 0.54: a plume of one "
-    "cell's width takes in too much air. After 10 min, when the holes hardly matter, that ratio is 0.55, 0.32 and 0.22 "
-    "on cells of 7.5, 5 and 3.75 cm; 0.06 was measured.\n\n"
-    "So a vapour of some per mille is carried well; for tens of per cent of helium count 10 % for the density, more "
-    "for the holes, and take cells well below the plume's width."
+    "Reproduced: light gas flows out through the upper opening and draws in air through the lower one. The flow "
+    "between two such holes of a mixed box is 99 % of the textbook's (a test), so the hydrostatic pressure at "
+    "openings is right. All heights are in the right order.\n\n"
+    "Not reproduced: the mean after 4 h, 18.0 % where 13.7 % was measured, 31 % too much. Three factors cause it. "
+    "The measured box requires C_d = 0.75, as the holes are 13 mm deep; with the 0.6 of sharp edges, set "
+    "beforehand, 1.16 times as much helium stays. The Boussinesq approximation, in which helium has no volume, "
+    "gives a factor of 1.10 in Linden's box. The remaining factor is 1.03. The profile is too even, the lowest "
+    "over the highest 0.81 instead of 0.54: a plume of one cell's width entrains too much air. After 10 min, when "
+    "the holes hardly matter, that ratio is 0.55, 0.32 and 0.22 on cells of 7.5, 5 and 3.75 cm; 0.06 was measured.\n\n"
+    "So a vapour of some per mille is computed well. For tens of per cent of helium expect an error of 10 % from the "
+    "density, more from the holes, and use cells well below the plume's width."
 )
 RUNS = ((0.075, END), (0.05, 3_600.0), (0.0375, 600.0))
-"""Cells [m] and simulated time [s]: what takes a few minutes each."""
+"""Cells [m] and simulated time [s] of runs of a few minutes each."""
 
 CASES = (
     Experiment(
@@ -254,7 +254,7 @@ CASES = (
             Condition("Linden's box, mixed well", boxes),
         ),
         trials=1,
-        few=0,
+        test_trials=0,
         discussion=DISCUSSION,
     ),
 )

@@ -39,17 +39,17 @@ class Module:
 
     @property
     def lines(self) -> int:
-        """Number of lines."""
+        """Number of lines of the file."""
         return len(self.text.splitlines())
 
     @property
     def folder(self) -> str:
-        """Folder in the checkout."""
+        """Folder of the file in the checkout."""
         return self.path.rpartition("/")[0]
 
     @property
     def functions(self) -> Iterator[tuple[int, str]]:
-        """Lines and name of every function, with those inside of others."""
+        """Number of lines and name of every function, nested functions included."""
         for node in ast.walk(self.tree):
             if isinstance(node, Function):
                 yield (node.end_lineno or node.lineno) - node.lineno + 1, f"{node.name} ({self.path})"
@@ -106,8 +106,8 @@ def models(source: Sequence[Module]) -> dict[str, str]:
 
 def calls(module: Module, function: str) -> list[ast.Call]:
     """Return the calls of a function by its bare name."""
-    found = (node for node in ast.walk(module.tree) if isinstance(node, ast.Call))
-    return [call for call in found if isinstance(call.func, ast.Name) and call.func.id == function]
+    nodes = (node for node in ast.walk(module.tree) if isinstance(node, ast.Call))
+    return [call for call in nodes if isinstance(call.func, ast.Name) and call.func.id == function]
 
 
 def foreign_kinds(module: Module, known: dict[str, str]) -> int:
@@ -118,7 +118,7 @@ def foreign_kinds(module: Module, known: dict[str, str]) -> int:
 
 
 def counted(root: Path, cases: bool = True) -> dict[str, object]:
-    """Return the rows of a checkout by title."""
+    """Return the rows of the table for a checkout by title."""
     source, tests = modules(root, FOLDERS), modules(root, ("tests",))
     known = models(source)
     package = [module for module in source if module.path.startswith(PACKAGE)]
@@ -163,14 +163,14 @@ def collected(root: Path) -> int:
     environment = os.environ | {"PYTHONPATH": str(root.resolve())}
     run = partial(subprocess.run, capture_output=True, text=True, check=False)
     done = run([sys.executable, *options], cwd=root, env=environment)
-    found = re.search(r"^(\d+) tests? collected", done.stdout, re.MULTILINE)
-    if found is None:
+    match = re.search(r"^(\d+) tests? collected", done.stdout, re.MULTILINE)
+    if match is None:
         raise RuntimeError(f"{root}: {done.stdout[-2000:]}{done.stderr[-2000:]}")
-    return int(found[1])
+    return int(match[1])
 
 
 def table(old: dict[str, object], new: dict[str, object]) -> list[str]:
-    """Return the lines of a Markdown table of both; folders of one checkout only come first."""
+    """Return the lines of a Markdown table of both checkouts; removed folders come first."""
     gone = [title for title in old if title not in new]
     rows = [(title, old.get(title, "0, 0"), new.get(title, "0, 0")) for title in (*gone, *new)]
     cells = [[f"{cell:,}" if isinstance(cell, int) else str(cell) for cell in row] for row in rows]

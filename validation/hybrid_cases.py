@@ -1,8 +1,8 @@
 """Hybrid experiment: an external robot samples the simulated plume, compared with a simulated robot.
 
 Cabrita, Sousa & Marques, "Player/Stage simulation of olfactory experiments", IROS 2010: a simulated and a hybrid robot
-go to the source along similar ways (figure 13, one run each). Here a program of its own stands for the real robot, with
-its own algorithm and wheels (examples/hybrid_casting.py); it is another process, and each tick waits for its answer.
+go to the source along similar paths (figure 13, one run each). Here a separate process stands for the real robot, with
+its own algorithm and wheels (examples/hybrid_casting.py). Each tick waits for its answer.
 """
 
 import socket
@@ -15,16 +15,16 @@ from tempfile import TemporaryDirectory
 import yaml
 
 from taichi_plume.results.run import open_run
-from taichi_plume.validation.experiment import Condition, Experiment, Range, Told
+from taichi_plume.validation.experiment import Condition, Experiment, Range, Results
 from taichi_plume.validation.plumesim_cases import ALIKE, LAMINAR, PLUME, ROOMBA, arena, in_airs
 from taichi_plume.validation.searches import Searches, scenario_of
 
 ROBOT = Path(__file__).resolve().parents[1] / "examples/hybrid_casting.py"
-ANSWER_S = 30.0  # of the clock, after which a robot would be lost
+ANSWER_S = 30.0  # wall time, after which a robot counts as lost
 
 
-def outside(trials: int, takes: str) -> Told:
-    """Trials of robots that are driven by another process, which tells their poses or commands their velocities."""
+def outside(trials: int, takes: str) -> Results:
+    """Run trials of robots driven by another process, which sends poses or velocities (`takes`)."""
     algorithm = {"kind": "external", "takes": takes, "timeout": ANSWER_S}
     data = arena(LAMINAR, PLUME, ROOMBA | {"algorithm": algorithm, "trials": trials})
     port = _free_port()
@@ -44,44 +44,44 @@ def outside(trials: int, takes: str) -> Told:
                     raise RuntimeError(f"the service ended with code {serving.returncode}")
             finally:
                 serving.kill()
-        found = Searches()
-        found.add_run(open_run(folder / "run"))
-        return found.told(scenario_of(data), f"outside, {takes}")
+        searches = Searches()
+        searches.add_run(open_run(folder / "run"))
+        return searches.summary(scenario_of(data), f"outside, {takes}")
 
 
 def plain(data: object) -> object:
-    """Tuples as the lists that YAML has."""
+    """Return data with tuples replaced by lists, as in YAML."""
     if isinstance(data, dict):
         return {key: plain(value) for key, value in data.items()}
-    return [plain(one) for one in data] if isinstance(data, list | tuple) else data
+    return [plain(part) for part in data] if isinstance(data, list | tuple) else data
 
 
 def _free_port() -> int:
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
 
 
 FOUND = {"success": Range(least=0.95)}
 DISCUSSION = """\
-Published is one way to the source of each, and no figures. Reproduced: robots outside, which only get what their
-sensors would read and only tell where they are, find the source as often as the simulated one and on ways as long.
-Their algorithm was written anew, in NumPy, after the same paper; what differs are the noise that it meets and, where it
-tells poses, its own wheels. It tells its pose after the readings of a tick, and reads there a tick later: 0.1 s, beside
-a rise of the sensor of 3 s.
+Published is one path to the source per robot, and no figures. Reproduced: external robots, which only receive sensor
+readings and only send their poses, find the source as often as the simulated robot and on paths as long. Their
+algorithm is an independent NumPy implementation of the same paper. Different are the noise and, for poses, the model
+of the wheels. The external robot sends its pose after the readings of a tick, and is sampled there a tick later: a
+delay of 0.1 s, while the sensor rises in 3 s.
 """
 
 CASES = (
     Experiment(
         "plumesim_hybrid",
-        "a casting Roomba inside the simulator, and outside of it",
+        "a casting Roomba simulated, and as an external process",
         "Cabrita, Sousa & Marques 2010, figure 13",
         (
             Condition("inside", partial(in_airs, data=arena(LAMINAR, PLUME), title="inside"), ALIKE, FOUND),
             Condition("outside, which commands velocities", partial(outside, takes="velocity"), {}, FOUND),
-            Condition("outside, which tells poses (hybrid)", partial(outside, takes="pose"), ALIKE, FOUND),
+            Condition("outside, which sends poses (hybrid)", partial(outside, takes="pose"), ALIKE, FOUND),
         ),
-        few=0,
+        test_trials=0,
         discussion=DISCUSSION,
     ),
 )

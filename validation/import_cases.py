@@ -1,4 +1,4 @@
-"""Imported wind: interpolation of point files against the flow that they were made from."""
+"""Imported wind: error of the interpolation of point files of a known flow."""
 
 from functools import partial
 from math import pi
@@ -19,9 +19,7 @@ HEADER = '"U:0","U:1","U:2","Points:0","Points:1","Points:2"'
 
 
 def vortices(x: np.ndarray) -> np.ndarray:
-    """A flow free of divergence at points (..., 2 or 3) [m], of a period of 1 m (Taylor and Green; Arnold, Beltrami and
-    Childress).
-    """
+    """Return a divergence-free velocity at points (..., 2 or 3) [m], period 1 m (2-D: Taylor-Green, 3-D: ABC flow)."""
     turned = 2.0 * pi * x + [0.3, 0.7, 1.1][: x.shape[-1]]
     s, c = np.sin(turned), np.cos(turned)
     if x.shape[-1] == 2:
@@ -32,9 +30,9 @@ def vortices(x: np.ndarray) -> np.ndarray:
 
 
 def imported_wind(n: int, dim: int, jitter: float) -> Answer:
-    """A box 1 m wide of n cells per metre, from points 0.8 of their spacing apart.
+    """Return errors of a wind imported on n cells per metre, in a box 1 m wide, from points 0.8 cells apart.
 
-    jitter: how far the points lie from a lattice at most, over their distance; they come in no order.
+    jitter: largest displacement of the points from a lattice, over their distance; their order is random.
     """
     rng = np.random.default_rng(1)
     m = 5 * n // 4
@@ -51,13 +49,13 @@ def imported_wind(n: int, dim: int, jitter: float) -> Answer:
     points = rng.uniform(0.0, 1.0, (4000, dim))
     exact = vortices(points)
     error = velocity_at(wind, points, 0.0) - exact
-    found = wind.diagnostics()
+    diagnostics = wind.diagnostics()
     line = np.full((101, dim), 0.5)
     line[:, 0] = np.linspace(0.0, 1.0, 101)
     return {
         "u / u_max, rms": float(np.sqrt(np.mean(error**2)) / np.abs(exact).max()),
-        "correction": found["correction"],
-        "divergence": found["max_divergence"],
+        "correction": diagnostics["correction"],
+        "divergence": diagnostics["max_divergence"],
         "velocity across the line": Curve(
             "x [m]", "v [m/s]", line[:, 0], velocity_at(wind, line, 0.0)[:, 1], vortices(line)[:, 1]
         ),

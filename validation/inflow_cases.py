@@ -13,10 +13,10 @@ from taichi_plume.validation.flow_cases import Errors, laminar_flow, periodic, r
 from taichi_plume.validation.setups import advance, cfd, flow_on
 
 SPEED, INTENSITY = 0.5, 0.1  # m/s; over the speed
-DUCT, BEHIND = 4.0, 0.2  # m: long; where the intensity is looked at
+DUCT, BEHIND = 4.0, 0.2  # m: length of the duct; distance at which the intensity is judged
 SETTLED, SAMPLED = 8.0, 40.0  # s
-EXPONENT, DISSIPATION = 1.2, 0.7  # of the decay behind grids, 1.0 to 1.4; epsilon L/u'³, 0.5 to 0.9
-CARRIED = 4.0  # cells: no integral length is shorter
+EXPONENT, DISSIPATION = 1.2, 0.7  # decay behind grids (1.0 to 1.4); epsilon L/u'³ (0.5 to 0.9)
+CARRIED = 4.0  # cells: shortest integral length on the grid
 
 
 def virtual_origin(length: float) -> float:
@@ -36,7 +36,7 @@ def integral_length(planes: Sequence[np.ndarray], apart: float) -> float:
 
 
 def inflow_turbulence(n: int, length: float) -> Answer:
-    """Turbulent air through a duct of 4 x 1 x 1 m without walls, n cells per metre; `length` [m] as asked for."""
+    """Return errors of inflow turbulence with integral length `length` [m] in a periodic duct, n cells per metre."""
     inlet = {"turbulence_intensity": INTENSITY, "turbulence_length": length, "speed": SPEED}
     openings = [{"kind": "inlet", "face": "x-"} | inlet, {"kind": "outlet", "face": "x+"}, *periodic("yz")]
     flow = flow_on(cfd(openings), (round(DUCT * n), n, n), 1.0 / n)
@@ -53,22 +53,22 @@ def inflow_turbulence(n: int, length: float) -> Answer:
         squares += u**2
         at_inlet.append(u[0, 0])
         inflows.append(u[0, 0].mean())
-    # by place along the duct, of air that comes in at other speeds than the mean as well
+    # variance along the duct, which includes fluctuations of the inflow rate
     energy = squares.mean(axis=(2, 3)) / count - (total.mean(axis=(2, 3)) / count) ** 2
     x = np.arange(len(energy[0])) / n
     mean = energy.mean(axis=0)
     behind, far = round(BEHIND * n), round(3.0 * n)
-    told = max(length, CARRIED / n)
-    wanted = INTENSITY * SPEED
-    beyond = x + virtual_origin(told)
+    scale = max(length, CARRIED / n)
+    deviation = INTENSITY * SPEED
+    beyond = x + virtual_origin(scale)
     law = (beyond[behind:] / beyond[behind]) ** (-0.5 * EXPONENT)
     fitted = slice(behind, far + 1)
     exponent, _ = np.polyfit(np.log(beyond[fitted]), np.log(mean[fitted]), 1)
     return {
-        "intensity at the inlet": float(abs(sqrt(mean[0]) / wanted - 1.0)),
-        "its components, largest": float(np.abs(np.sqrt(energy[:, 0]) / wanted - 1.0).max()),
-        "intensity at 0.2 m": float(abs(sqrt(mean[behind]) / wanted - 1.0)),
-        "integral length at the inlet": float(abs(integral_length(at_inlet, dt * SPEED) / told - 1.0)),
+        "intensity at the inlet": float(abs(sqrt(mean[0]) / deviation - 1.0)),
+        "its components, largest": float(np.abs(np.sqrt(energy[:, 0]) / deviation - 1.0).max()),
+        "intensity at 0.2 m": float(abs(sqrt(mean[behind]) / deviation - 1.0)),
+        "integral length at the inlet": float(abs(integral_length(at_inlet, dt * SPEED) / scale - 1.0)),
         "flow rate": float(np.abs(np.array(inflows) / SPEED - 1.0).max()),
         "exponent of the decay": -float(exponent),
         "u' at 3 m over 0.2 m": float(sqrt(mean[far] / mean[behind])),
@@ -79,9 +79,9 @@ def inflow_turbulence(n: int, length: float) -> Answer:
 
 
 def oscillating_wall(n: int) -> Errors:
-    """Air between a wall at rest and one that slides with V = sin wt, after a period; 1 m apart, nu = 1.
+    """Return errors of air between a wall at rest and a wall that slides with V = sin wt, 1 m apart.
 
-    u = V y + sum b_k sin k pi y, db_k/dt = -k² pi² b_k + 2 (-1)^k/(k pi) dV/dt; air is reached to sqrt(2 nu/w) = 0.3.
+    u = V y + sum b_k sin k pi y, db_k/dt = -k² pi² b_k + 2 (-1)^k/(k pi) dV/dt; Stokes layer sqrt(2 nu/w) = 0.3 m.
     """
     rate = 2.0 / 0.3**2
     knots = np.linspace(0.0, 2.0 * pi / rate, 401)
@@ -102,12 +102,12 @@ def _turbulence(length: float) -> Case:
     return Case(
         f"inflow_turbulence_{100 * length:.0f}_cm",
         f"intensity 10 % and length {100 * length:.0f} cm at the inlet and behind it",
-        "as asked for; decay behind grids, Comte-Bellot & Corrsin 1966, doi:10.1017/S0022112066000338",
+        "as prescribed; decay behind grids, Comte-Bellot & Corrsin 1966, doi:10.1017/S0022112066000338",
         partial(inflow_turbulence, length=length),
         coarse=(20,),
         fine=(25,),
         slow=True,
-        # of 40 s of air intensities vary by 1.5 % by chance
+        # intensities over 40 s have a standard error of 1.5 %
         expected={
             "intensity at the inlet": Expected(tolerance=0.04),
             "its components, largest": Expected(tolerance=0.06),

@@ -1,9 +1,9 @@
-"""Infotaxis and space-aware infotaxis on the published grid: many searches through our kernels beside plain NumPy.
+"""Infotaxis and space-aware infotaxis on the published grid: searches by our kernels compared with plain NumPy.
 
 The world is that of Loisy & Eloy (2022, doi:10.1098/rspa.2022.0118) without wind, in the size of the benchmark of Loisy
 & Heinonen (2023, doi:10.1140/epje/s10189-023-00277-8), "isotropic 19 x 19": a searcher steps from cell to cell of a
-square, in each it detects patches by the Poisson law of the model that it believes in, and it has found the source when
-it enters its cell. Searches begin in the middle with a detection, and the source is drawn from the belief that follows.
+square. In each cell the number of detections has the Poisson law of the searcher's model. The search ends in the cell
+of the source. Searches start in the middle with a detection, and the source is drawn from the posterior belief.
 """
 
 from functools import partial
@@ -20,7 +20,7 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.rng import stream_id, uniform4
 from taichi_plume.scenario.robots import Group
-from taichi_plume.validation.experiment import Condition, Experiment, Range, Told, over_airs, resampled
+from taichi_plume.validation.experiment import Condition, Experiment, Range, Results, over_airs, resampled
 
 CELLS = 19  # along each side
 LENGTH, INTENSITY = 1.0, 1.0  # range of detections [cells]; expected detections at half a cell in a step
@@ -30,13 +30,13 @@ PLAIN, SPACE_AWARE = "infotaxis", "space_aware_infotaxis"
 
 
 def expected_detections(distance: np.ndarray) -> np.ndarray:
-    """In a step at a distance from the source [cells]."""
+    """Return the mean number of detections in a step at a distance from the source [cells]."""
     near = np.maximum(distance, 0.5)
     return INTENSITY / np.log(2.0 * LENGTH) * k0(near / LENGTH)
 
 
 def first_belief() -> np.ndarray:
-    """After a detection in the middle, (cells, cells)."""
+    """Return the posterior belief after a detection in the middle, (cells, cells)."""
     x, y = np.indices((CELLS, CELLS)) - CELLS // 2
     p = -np.expm1(-expected_detections(np.hypot(x, y)))
     p[CELLS // 2, CELLS // 2] = 0.0
@@ -44,7 +44,7 @@ def first_belief() -> np.ndarray:
 
 
 def sources(trials: int) -> np.ndarray:
-    """Cells of the sources of so many searches, (trials, 2)."""
+    """Return the cells of the sources of the searches, (trials, 2)."""
     drawn = np.random.default_rng(1).choice(CELLS**2, trials, p=first_belief().ravel())
     return np.stack([drawn // CELLS, drawn % CELLS], axis=-1)
 
@@ -54,7 +54,7 @@ def sources(trials: int) -> np.ndarray:
 
 @ti.data_oriented
 class Ours:
-    """Searches of the algorithm of robots, each in a world of its own; a cell is a metre, a step a second."""
+    """Searches by the robots' algorithm, each independent; a cell is a metre, a step a second."""
 
     def __init__(self, kind: str, cells: np.ndarray):
         algorithm = {
@@ -120,10 +120,10 @@ class Ours:
 
 
 class Reference:
-    """One searcher in f64, by the definitions: successor beliefs are made, and valued, one by one.
+    """Searcher in f64 by the papers' definitions: successor beliefs are evaluated explicitly.
 
-    kinds: of observations it tells apart, one of none, one of one detection and so on, the last of that many or more;
-    with 2 it knows detections from none, as robots do.
+    kinds: number of distinguished observations, 0, 1, ... detections, the last of kinds - 1 or more. With 2 the
+    searcher distinguishes detections from none, as robots do.
     """
 
     def __init__(self, kind: str, source: np.ndarray, rng: np.random.Generator, kinds: int):
@@ -134,25 +134,25 @@ class Reference:
         self.learn(self.heard(least=1))
 
     def chances(self, at: np.ndarray) -> np.ndarray:
-        """Return the likelihood of each kind of observation at a cell, by place of source, (kinds, cells, cells)."""
+        """Return the likelihood of each observation at a cell, by source position, (kinds, cells, cells)."""
         mean = expected_detections(np.hypot(self.x - at[0], self.y - at[1]))
-        some = poisson.pmf(np.arange(self.kinds - 1)[:, None, None], mean)
-        return np.concatenate([some, 1 - some.sum(axis=0, keepdims=True)])
+        counted = poisson.pmf(np.arange(self.kinds - 1)[:, None, None], mean)
+        return np.concatenate([counted, 1 - counted.sum(axis=0, keepdims=True)])
 
     def heard(self, least: int = 0) -> int:
-        """A kind of observation, at least of that number, drawn where the searcher is."""
+        """Draw an observation of at least `least` at the position of the searcher."""
         chances = self.chances(self.at)[(slice(None), *self.source)]
         chances[:least] = 0.0
         return int(self.rng.choice(self.kinds, p=chances / chances.sum()))
 
-    def learn(self, heard: int) -> None:
-        """Bayes' rule; the source is not here."""
-        self.p *= self.chances(self.at)[heard]
+    def learn(self, observation: int) -> None:
+        """Update the belief by Bayes' rule; the source is not in the searcher's cell."""
+        self.p *= self.chances(self.at)[observation]
         self.p[tuple(self.at)] = 0.0
         self.p /= self.p.sum()
 
     def value(self, p: np.ndarray, at: np.ndarray) -> float:
-        """Return the objective of a belief (posterior) and a place, which the search minimises."""
+        """Return the objective of a belief (posterior) and a position, which the search minimises."""
         known = p[p > 0]
         bits = -(known * np.log2(known)).sum()
         if self.kind == PLAIN:
@@ -161,7 +161,7 @@ class Reference:
         return np.log2(way + 2.0 ** (bits - 1) - 0.5)
 
     def cost(self, at: np.ndarray) -> float:
-        """Mean of the value after a step to a cell."""
+        """Return the expected objective after a step to a cell."""
         left = self.p.copy()
         left[tuple(at)] = 0.0
         parts = left * self.chances(at)
@@ -186,8 +186,8 @@ def by_definition(kind: str, cells: np.ndarray, kinds: int) -> np.ndarray:
     return np.array([Reference(kind, source, rng, kinds).search() for source in cells], float)
 
 
-def compared(trials: int, kind: str) -> Told:
-    """Mean steps to sources at the same places, and their ratio to those of the definitions."""
+def compared(trials: int, kind: str) -> Results:
+    """Return mean steps to sources at the same positions, and their ratio to those by the definitions."""
     cells = sources(trials)
     ours, same = Ours(kind, cells).play().astype(float), by_definition(kind, cells, 2)
     counting = by_definition(kind, cells, 3)
@@ -205,27 +205,27 @@ def compared(trials: int, kind: str) -> Told:
 
 
 DISCUSSION = """\
-The papers' mean search times are in figures and tables that are not in public text, so the searches of our kernels are
-compared with searches by the papers' definitions, written independently in NumPy in f64: beliefs of the successors are
-made one by one, and the definitions' searcher never stays where it is. Ours has a fifth choice, to stay, which it
-does not take here. The papers' searcher counts its detections, in this world as none, one, or two and more; a robot
-that listens knows only whether there was gas. What this costs tells the last line but one, which is not judged.
+The papers' mean search times are in figures and tables that are not public, so the searches of our kernels are
+compared with searches by the papers' definitions, written independently in NumPy in f64. That searcher evaluates the
+successor beliefs explicitly and never stays in its cell. Ours has a fifth choice, to stay, which is not taken here.
+The papers' searcher counts its detections, here as none, one, or two and more; a robot only knows whether there was
+gas. The last row but one shows the cost of this difference and is not judged.
 
-That space-aware infotaxis is the quicker of the two, as the paper finds in most of its worlds, is not to be seen in
-this small one: 5,000 searches of each by our kernels took 13.8 and 14.0 steps, with standard errors of 0.24 and 0.25.
+Space-aware infotaxis is quicker in most worlds of the paper, but not in this small one: 5,000 searches of each by our
+kernels took 13.8 and 14.0 steps, with standard errors of 0.24 and 0.25.
 """
 EXPECTED = {"found": Range(least=0.99), "steps, ours / by the definitions": Range(0.9, 1.1)}
 CASES = (
     Experiment(
         "infotaxis_grid",
-        f"searches on a grid of {CELLS} x {CELLS} cells without wind, in the world that the searcher believes in",
+        f"searches on a grid of {CELLS} x {CELLS} cells without wind, in the world of the searcher's own model",
         "Loisy & Eloy 2022, by the definitions",
         tuple(
             Condition(kind.replace("_", " "), partial(compared, kind=kind), expected=EXPECTED)
             for kind in (PLAIN, SPACE_AWARE)
         ),
         trials=600,
-        few=40,
+        test_trials=40,
         discussion=DISCUSSION,
     ),
 )

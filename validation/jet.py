@@ -1,11 +1,11 @@
 """Round turbulent jet of a fan into still air: decay and spread. n cells span the diameter d = 1 m; U0 = 1 m/s.
 
-Beyond its core the time-averaged jet is the same at every distance x but for its scales: the velocity on the axis
-falls as U_c/U0 = K d/x and the radius where it is half of U_c grows as r_half = S x, with x from the fan or nearly so.
+Beyond its core the time-averaged jet is self-similar: the velocity on the axis falls as U_c/U0 = K d/x and the radius
+of half velocity grows as r_half = S x, with x measured approximately from the fan.
 
-Smagorinsky's model, the default, has it right at six cells per diameter (core 5.8 d, K 5.3, S 0.099); Vreman's leaves
-the laminar shear layer at the fan alone and makes it a little too wide (core 5.2 d, K 4.9, S 0.106). With the full
-intensity at the lengths that six cells carry, the jet would shake as a whole and spread by 0.135.
+Smagorinsky's model, the default, is accurate at six cells per diameter (core 5.8 d, K 5.3, S 0.099). Vreman's model has
+no eddy viscosity in the laminar shear layer at the fan and makes the jet slightly too wide (core 5.2 d, K 4.9, S
+0.106). With the full turbulence intensity at scales that six cells resolve, the jet would sway and spread by S = 0.135.
 """
 
 import numpy as np
@@ -16,13 +16,13 @@ from taichi_plume.validation.flow_cases import Errors
 from taichi_plume.validation.setups import advance, cfd, flow_on, samples
 
 LENGTH, WIDTH = 16, 8  # of the box, in diameters
-SETTLE = 60.0  # s, until the jet has reached the far end and left its first eddies there
+SETTLE = 60.0  # s, until the first eddies of the jet have left the domain
 AVERAGED = 120.0  # s
 SAMPLE = 0.25  # s
 FAR = (8.0, 14.0)  # m, where the scales are fitted
 END_OF_CORE = 0.95  # of U0, on the axis
 
-# Middle and half range of what is published: K 5 to 6.5 and S 0.085 to 0.105 around Wygnanski & Fiedler 1969 (J. Fluid
+# Middle and half range of published values: K 5 to 6.5 and S 0.085 to 0.105 around Wygnanski & Fiedler 1969 (J. Fluid
 # Mech. 38, 577), Panchapakesan & Lumley 1993 (246, 197) and Hussein, Capp & George 1994 (258, 31); cores of 4 to 6.5 d.
 DECAY, SPREAD, CORE = (5.75, 0.75), (0.095, 0.01), (5.25, 1.25)
 
@@ -30,7 +30,7 @@ DECAY, SPREAD, CORE = (5.75, 0.75), (0.095, 0.01), (5.25, 1.25)
 def mean_jet(
     n: int, averaged: float = AVERAGED, turbulence: str = "smagorinsky"
 ) -> tuple[np.ndarray, FlowSolver]:
-    """Velocity along the axis [m/s] on the faces along x, averaged over `averaged` seconds, and the flow at the end."""
+    """Return the mean velocity along x [m/s] on the x-faces over `averaged` seconds, and the flow at the end."""
     fan = {"kind": "fan", "face": "x-", "center": (WIDTH / 2, WIDTH / 2), "diameter": 1.0, "speed": 1.0}
     fan["turbulence_intensity"] = 0.05
     still = [{"kind": "outlet", "face": face} for face in ("x+", "y-", "y+", "z-", "z+")]
@@ -44,13 +44,13 @@ def mean_jet(
 
 
 def on_the_axis(mean: np.ndarray) -> np.ndarray:
-    """Velocity of the four cells around the axis [m/s], per distance."""
+    """Return the mean velocity of the four cells around the axis [m/s], per distance."""
     middle = slice(mean.shape[1] // 2 - 1, mean.shape[1] // 2 + 1)
     return mean[:, middle, middle].mean(axis=(1, 2))
 
 
 def scales(mean: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Distance x [m], speed on the axis U_c [m/s] and half-width [m], where the mean around the axis is U_c/2."""
+    """Return distance x [m], speed on the axis U_c [m/s] and half-width [m], the radius at which u = U_c/2."""
     place = (np.arange(mean.shape[1]) + 0.5) / n - WIDTH / 2
     radius = np.hypot(place[:, None], place).ravel()
     ring = (radius * n).astype(int)  # one cell wide
@@ -66,10 +66,10 @@ def scales(mean: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def fan_jet(n: int) -> Errors:
-    """Decay constant K, spread S and length of the core in diameters, and how far they are from what is published.
+    """Return decay constant K, spread S and core length in diameters, and their differences from published values.
 
-    K and S are means of x U_c/(d U0) and r_half/x. Straight lines with an origin of their own (K', S') would need more
-    than these six diameters: they are told, not judged.
+    K and S are means of x U_c/(d U0) and r_half/x. Linear fits with a virtual origin (K', S') need more than these six
+    diameters, and are reported but not judged.
     """
     mean, flow = mean_jet(n)
     x, axis, half = scales(mean, n)

@@ -1,17 +1,17 @@
 """Gas maps of time series that forecast readings: the experiment of Marjovi & Marques, ICRA 2014, figures 9 and 10.
 
-Published is that by eq 8 every time series forecasts the readings of the next snap better than the pure interpolation
-of the last, best with alpha = 0.9, with both navigations, and that the overall map has its peak at the source. See
-`mapping_scenario` for what is the paper's here and what ours. The paper normalises its mean errors in a way it does not
-tell; ours are over that of the pure interpolation. For alpha = 0.95 it lists [0.52 m, 250 s]: by its own equations the
-length is that of 0.95, which looks back 100 s, and the time that of 0.98, which looks 0.51 m around; both are here.
+Published results: by eq 8 every time series forecasts the readings of the next snapshot better than pure interpolation
+of the last, best with alpha = 0.9, with both navigations. The overall map has its peak at the source.
+`mapping_scenario` lists what is taken from the paper and what is assumed here. The paper does not state how its mean
+errors are normalised; ours are over that of pure interpolation. For alpha = 0.95 the paper lists [0.52 m, 250 s]. By
+its own equations the length belongs to 0.95 (time 100 s), the time to 0.98 (length 0.51 m); both are run here.
 
-Judged is what we take for the paper's set-up, said before any run: robots of 0.1 m/s with the MiCS-5524 and snaps of
-5 s. The paper tells no speed. A miniQ can drive faster, but a metal oxide that takes seconds to answer blurs the plume
-by a metre at 0.2 m/s, and robots that map gas with such sensors are driven at 0.05 to 0.1 m/s (Lilienthal & Duckett
-2004, doi:10.1016/j.robot.2004.05.002, cited there).
+Judged is the set-up that we assume for the paper, fixed before any run: robots of 0.1 m/s with the MiCS-5524 and
+snapshots of 5 s. The paper gives no speed. A miniQ can drive faster, but a metal-oxide sensor that takes seconds to
+respond blurs the plume by a metre at 0.2 m/s. Robots that map gas with such sensors are driven at 0.05 to 0.1 m/s
+(Lilienthal & Duckett 2004, doi:10.1016/j.robot.2004.05.002, cited there).
 
-The other speeds, sensors and windows say where the paper's finding holds, closed forms in `mapping_whiffs` why.
+The other speeds, sensors and windows show where the paper's finding holds; closed forms in `mapping_whiffs` show why.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ from taichi_plume.validation.experiment import (
     Lines,
     Mean,
     Range,
-    Told,
+    Results,
     over_airs,
     ratio_over_airs,
     resampled,
@@ -49,21 +49,21 @@ from taichi_plume.validation.mapping_whiffs import endless, remembering
 
 PURE = "pure interpolation"
 BEST = 0.9  # in the paper
-DISCUSSION = """Reproduced: with alpha = 0.9 the map is 5 to 14 % nearer to the true mean gas than the pure
-interpolation. And where sensors forget within a snap, the paper's finding: with a quarter of the lags of the MiCS-5524
-every alpha from 0.6 on forecasts better with DAPSO at all speeds, best 0.9 to 0.98, and in line from 0.1 m/s on, best
-0.98. Snaps of 10 s do the same for the MiCS-5524 itself.
+DISCUSSION = """Reproduced: with alpha = 0.9 the map is 5 to 14 % nearer to the true mean gas than pure
+interpolation. The paper's finding is reproduced for sensors that recover within a snapshot: with a quarter of the lags
+of the MiCS-5524 every alpha from 0.6 on forecasts better, with DAPSO at all speeds, best 0.9 to 0.98, and with the line
+from 0.1 m/s on, best 0.98. Snapshots of 10 s have the same effect for the MiCS-5524 itself.
 
 Not reproduced: at 0.1 m/s with the MiCS-5524 as modelled (8 s to recover, our estimate) DAPSO's time series forecast no
-better, the line's for one source only. Alpha = 0.4 sees one snap and repeats it. The paper tells neither speed nor
-sampling; for its finding its sensors must have forgotten faster.
+better, the line's for one source only. Alpha = 0.4 uses a single snapshot and repeats it. The paper gives neither speed
+nor sampling; for its finding its sensors must have recovered faster.
 
-Why: a long mean forecasts better than the last snap if the correlation from snap to snap is below 1/2, and gains
-nothing where gas is met seldom. Readings made without air agree.
+Reason: a long mean forecasts better than the last snapshot if consecutive snapshots correlate by less than 1/2, and
+gains nothing if gas is met seldom. Synthetic readings without air agree.
 
-The peak is within 0.5 m mostly in three of four runs with DAPSO; but so is that of the pure interpolation in nine of
-16, a difference by chance. In line it is 1 m off: robots are 1.1 m apart along the wind, and a slow sensor misses the
-thin plume near the source."""
+The peak is within 0.5 m for most of the time in three of four runs with DAPSO. For pure interpolation it is so in nine
+of 16, a difference by chance. With the line it is 1 m off: robots are 1.1 m apart along the wind, and a slow sensor
+misses the thin plume near the source."""
 PAPER = (0.1, "MiCS-5524")  # speed [m/s] and sensor, see above
 AT_SOURCE = 0.5  # m: two cells of the map
 HALF = "peak mostly within 0.5 m, share of runs"
@@ -75,24 +75,24 @@ def chosen(
     sensor: str | None = None,
     source: tuple[float, float] | None = None,
 ) -> np.ndarray:
-    """Numbers of the teams that are like that."""
+    """Return the indices of the teams with these properties; None matches any value."""
     asked = (navigation, speed, sensor, source)
     fits = [all(a is None or a == b for a, b in zip(asked, team, strict=True)) for team in TEAMS]
     return np.flatnonzero(fits)
 
 
 def of_airs(airs: int, name: str, teams: np.ndarray) -> np.ndarray:
-    """The mean over these teams of a quantity of `Fared`, in each air."""
-    return np.array([np.nanmean(one._asdict()[name][..., teams]) for one in in_airs(airs)])
+    """Return the mean over teams of a quantity of `Fared`, in each air."""
+    return np.array([np.nanmean(result._asdict()[name][..., teams]) for result in in_airs(airs)])
 
 
 def mean_errors(airs: int, teams: np.ndarray, window: float = WINDOW) -> np.ndarray:
-    """Forecast errors by eq 8 [ppm], means over snaps and teams, (maps, airs)."""
-    return np.stack([np.nanmean(one.errors[window][..., teams], axis=(1, 2)) for one in in_airs(airs)], -1)
+    """Return forecast errors by eq 8 [ppm], means over snapshots and teams, (maps, airs)."""
+    return np.stack([np.nanmean(air.errors[window][..., teams], axis=(1, 2)) for air in in_airs(airs)], -1)
 
 
 def least(errors: np.ndarray, choice: Sequence[float] = ALPHAS) -> Mean:
-    """Where over all airs the mean error is least, (alphas, airs), with a bootstrapped interval."""
+    """Return the alpha of the least mean error over all airs, with a bootstrap interval; errors: (alphas, airs)."""
 
     def argmin(*parts: np.ndarray, axis: int = -1) -> np.ndarray:
         return np.array(choice)[np.stack([part.mean(axis=axis) for part in parts]).argmin(axis=0)]
@@ -101,12 +101,13 @@ def least(errors: np.ndarray, choice: Sequence[float] = ALPHAS) -> Mean:
 
 
 def peaks(airs: int, team: int, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of map `number`, in each air, once a robot has passed the source: mean distance of the peak from the source over
-    the snaps [m], whether it was within AT_SOURCE in most of them, and the distance at the end. NaN where none has.
+    """Return peak positions of map `number` in each air, after a robot has passed the source; NaN if none has.
+
+    Mean distance of the peak from the source [m], 1 if within AT_SOURCE in most snapshots, and final distance [m].
     """
     rows = []
-    for one in in_airs(airs):
-        after = one.peak[number, one.times >= one.passed[team], team]
+    for result in in_airs(airs):
+        after = result.peak[number, result.times >= result.passed[team], team]
         after = after[np.isfinite(after)]
         if len(after):
             rows.append((after.mean(), float((after <= AT_SOURCE).mean() > 0.5), after[-1]))
@@ -120,37 +121,37 @@ def peaks(airs: int, team: int, number: int) -> tuple[np.ndarray, np.ndarray, np
 
 
 def error_of(alpha: float) -> str:
-    """Name of a relative error."""
+    """Return the name of a relative forecast error."""
     return f"error, alpha {alpha:g} / {PURE}"
 
 
 def from_truth_of(alpha: float) -> str:
-    """Name of a relative error against the true mean of the gas."""
+    """Return the name of a relative error against the true mean of the gas."""
     return f"from the true mean, alpha {alpha:g} / {PURE}"
 
 
-def set_up(trials: int, navigation: str, source: tuple[float, float], title: str) -> Told:
+def set_up(trials: int, navigation: str, source: tuple[float, float], title: str) -> Results:
     """Return the quantities of the maps in the set-up that we assume for the paper."""
     (team,) = chosen(navigation, *PAPER, source)
     runs, best = in_airs(trials), 1 + ALPHAS.index(BEST)
     errors = mean_errors(trials, np.array([team]))
     off, alike = (
-        np.array([np.nanmean(one._asdict()[name][..., team], axis=1) for one in runs]).T
+        np.array([np.nanmean(run._asdict()[name][..., team], axis=1) for run in runs]).T
         for name in ("off", "alike")
     )
     result: dict[str, Mean | Lines] = {
         f"{PURE} [ppm]": over_airs(errors[0]),
         **{
-            error_of(alpha): ratio_over_airs(one, errors[0])
-            for alpha, one in zip(ALPHAS, errors[1:], strict=True)
+            error_of(alpha): ratio_over_airs(error, errors[0])
+            for alpha, error in zip(ALPHAS, errors[1:], strict=True)
         },
         "alpha of the least error": least(errors[1:]),
         **{
-            from_truth_of(alpha): ratio_over_airs(one, off[0])
-            for alpha, one in zip(ALPHAS, off[1:], strict=True)
+            from_truth_of(alpha): ratio_over_airs(error, off[0])
+            for alpha, error in zip(ALPHAS, off[1:], strict=True)
         },
         "runs that pass the source": over_airs(
-            np.isfinite([one.passed[team] for one in runs]).astype(float), share=True
+            np.isfinite([run.passed[team] for run in runs]).astype(float), share=True
         ),
     }
     for number, name in ((best, f"alpha {BEST:g}"), (0, PURE)):
@@ -162,36 +163,36 @@ def set_up(trials: int, navigation: str, source: tuple[float, float], title: str
             f"{HALF}, {name}": over_airs(at, share=True),
         }
     names = (PURE, *(f"alpha {alpha:g}" for alpha in ALPHAS))
-    over_time = np.nanmean([one.errors[WINDOW][..., team] for one in runs], axis=0)
+    over_time = np.nanmean([run.errors[WINDOW][..., team] for run in runs], axis=0)
     result[f"Forecast error, {title}"] = Lines(
         "t [s]", "MAE [ppm]", runs[0].times, dict(zip(names, over_time, strict=True))
     )
     return result
 
 
-def region(trials: int, navigation: str) -> Told:
-    """Where the finding holds, over speeds and sensors; both sources together."""
+def region(trials: int, navigation: str) -> Results:
+    """Return the quantities of the maps by speed and sensor; both sources together."""
     result: dict[str, Mean | Lines] = {}
     of_sensor: dict[str, dict[str, np.ndarray]] = {sensor: {} for sensor in SENSORS}
     points = []
     for sensor, speed in product(SENSORS, SPEEDS):
         teams, here = chosen(navigation, speed, sensor), f"{speed:g} m/s, {sensor}"
         errors = mean_errors(trials, teams)
-        shares = [ratio_over_airs(one, errors[0]) for one in errors[1:]]
-        known = {name: of_airs(trials, name, teams) for name in ("kept", "scatter", "endless", "met", "way")}
+        shares = [ratio_over_airs(row, errors[0]) for row in errors[1:]]
+        known = {k: of_airs(trials, k, teams) for k in ("correlation", "scatter", "endless", "met", "way")}
         result |= {
             f"{here}: worst alpha / {PURE}": worst(shares),
             f"{here}: alpha {BEST:g} / {PURE}": shares[ALPHAS.index(BEST)],
             f"{here}: alpha of the least error": least(errors[1:]),
             f"{here}: mean of all snaps / {PURE}": over_airs(known["endless"]),
-            f"{here}: correlation with the next snap": over_airs(known["kept"]),
+            f"{here}: correlation with the next snap": over_airs(known["correlation"]),
             f"{here}: standard deviation over mean, snap to snap": over_airs(known["scatter"]),
             f"{here}: share of time in gas": over_airs(known["met"]),
             f"{here}: way in a snap over {NEAR:g} m": over_airs(known["way"] / NEAR),
         }
         means = np.array([share.mean for share in shares])
         of_sensor[sensor][f"{speed:g} m/s"] = means
-        points.append((known["kept"].mean(), known["endless"].mean(), *means))
+        points.append((known["correlation"].mean(), known["endless"].mean(), *means))
     for sensor, lines in of_sensor.items():
         result[f"Forecast error, {navigation}, {sensor}"] = Lines(
             "alpha",
@@ -199,12 +200,12 @@ def region(trials: int, navigation: str) -> Told:
             np.array(ALPHAS),
             lines | {PURE: np.ones(len(ALPHAS))},
         )
-    kept, long, *error = np.array(points).T
-    result[f"Forecast error and what is kept, {navigation}"] = by_what_is_kept(kept, long, np.array(error))
+    r, long, *error = np.array(points).T
+    result[f"Forecast error and what is kept, {navigation}"] = by_what_is_kept(r, long, np.array(error))
     return result
 
 
-def windows(trials: int, navigation: str) -> Told:
+def windows(trials: int, navigation: str) -> Results:
     """Return the errors by the length of a snapshot, with the MiCS-5524; both sources together."""
     result: dict[str, Mean | Lines] = {}
     ascending = sorted(WINDOWS)
@@ -212,7 +213,7 @@ def windows(trials: int, navigation: str) -> Told:
     for speed, window in product(SPEEDS, ascending):
         choice = alphas(window)
         errors = mean_errors(trials, chosen(navigation, speed, PAPER[1]), window)
-        shares = [ratio_over_airs(one, errors[0]) for one in errors[1:]]
+        shares = [ratio_over_airs(row, errors[0]) for row in errors[1:]]
         lines[f"{speed:g} m/s"].append(shares[choice.index(BEST)].mean)
         if window != WINDOW:
             here = f"{speed:g} m/s, snaps of {window:g} s"
@@ -230,52 +231,52 @@ def windows(trials: int, navigation: str) -> Told:
     return result
 
 
-def without_air(trials: int) -> Told:
+def without_air(trials: int) -> Results:
     """Return the errors of maps of readings with a given memory (see `mapping_whiffs`); trials: number of draws."""
     drawn = [mapping_whiffs.mapped(seed=1 + trial) for trial in range(trials)]
-    known = {name: np.array([one[name] for one in drawn]) for name in drawn[0]}  # (trials, ..., cases)
+    known = {name: np.array([values[name] for values in drawn]) for name in drawn[0]}  # (trials, ..., cases)
     result: dict[str, Mean | Lines] = {}
     for n, (memory, speed) in enumerate(mapping_whiffs.CASES):
         here = f"{speed:g} m/s, memory {memory:g} s"
-        shares = [over_airs(one) for one in known["error"][..., n].T]
+        shares = [over_airs(values) for values in known["error"][..., n].T]
         result |= {
             f"{here}: worst alpha / {PURE}": worst(shares),
             f"{here}: alpha {BEST:g} / {PURE}": shares[ALPHAS.index(BEST)],
             f"{here}: mean of all snaps / {PURE}": over_airs(known["endless"][:, n]),
-            f"{here}: correlation with the next snap": over_airs(known["kept"][:, n]),
+            f"{here}: correlation with the next snap": over_airs(known["correlation"][:, n]),
         }
     means = {name: part.mean(axis=0) for name, part in known.items()}
     result["Forecast error and what is kept, readings without air"] = by_what_is_kept(
-        means["kept"], means["endless"], means["error"]
+        means["correlation"], means["endless"], means["error"]
     )
     return result
 
 
-def by_what_is_kept(kept: np.ndarray, long: np.ndarray, error: np.ndarray) -> Lines:
-    """Errors over that of the pure interpolation against the correlation with the next snap, beside closed forms.
+def by_what_is_kept(correlation: np.ndarray, long: np.ndarray, error: np.ndarray) -> Lines:
+    """Return a picture of errors over that of pure interpolation against the snapshot correlation, with closed forms.
 
-    kept and long: (n,), `kept` and `endless` of `Fared`; error: (alphas, n).
+    correlation, long: (n,), `correlation` and `endless` of `Fared`; error: (alphas, n).
     """
-    order = np.argsort(kept)
-    kept, long, error = kept[order], long[order], error[:, order]
+    order = np.argsort(correlation)
+    correlation, long, error = correlation[order], long[order], error[:, order]
     return Lines(
         "correlation with the next snap",
         f"over that of the {PURE}",
-        kept,
+        correlation,
         {
             **{f"alpha {a:g}": error[ALPHAS.index(a)] for a in (0.6, BEST, 0.98)},
-            f"alpha {BEST:g}, closed form": remembering(BEST, kept),
+            f"alpha {BEST:g}, closed form": remembering(BEST, correlation),
             "mean of all snaps": long,
-            "the same, closed form": endless(kept),
-            PURE: np.ones(len(kept)),
+            "the same, closed form": endless(correlation),
+            PURE: np.ones(len(correlation)),
         },
     )
 
 
 def worst(shares: Sequence[Mean], window: float = WINDOW) -> Mean:
-    """The largest of the ratios of `alphas(window)`: below 1, every time series forecasts better.
+    """Return the largest ratio of `alphas(window)`: below 1, every time series forecasts better.
 
-    Of those that see two past snaps: with one the series is but the last snap again, somewhat blurred.
+    Only alphas that use two past snapshots count: with one the map is only a blurred last snapshot.
     """
     return max(
         shares[-len(alphas(window, 2)) :], key=lambda share: -np.inf if share.mean is None else share.mean
@@ -319,7 +320,7 @@ CASES = (
             Condition("whiffs without air", without_air),
         ),
         trials=8,
-        few=0,
+        test_trials=0,
         discussion=DISCUSSION,
     ),
 )

@@ -1,16 +1,15 @@
 """Scenario of Marjovi & Marques, ICRA 2014: teams of robots map the gas of an arena; errors of their maps in one air.
 
-Arena, wind, sources, robots, sensors, maps and the measure of the error (eq 8) are the paper's. It tells neither how
-long a run took, how fast the robots drove, how often they read their sensors, nor of its navigation more than the
-names. These are ours:
+Arena, wind, sources, robots, sensors, maps and the measure of the error (eq 8) are the paper's. The paper does not give
+the duration of a run, the speed of the robots, their sampling rate, or details of the navigation. Assumed here:
 
 - air in 3-D on cells of 6.25 cm, with gusts of 0.1 m/s and 0.3 m as the paper's honeycombs and height allow;
-- gas in turbulent puffs of 1 cm, which go on as gas on the grid once they are as wide as a cell;
+- gas in turbulent puffs of 1 cm, which become gas on the grid when they are as wide as a cell;
 - a bubbler: a ball of 3 cm radius, a small wash bottle, which emits 20 mg/s (published: 10 to 30) at 0.1 m over the
   floor. A bottle on the floor lets its vapour out at about its height, which is also that of the robots' sensors.
 
-All teams are in one air, each as if alone. Both sources are in it too: they emit two gases with the numbers of acetone,
-and a team's sensors are blind to one of them. So each air is solved once, and what is compared is in the same air.
+All teams share one air (flow realisation), without interaction. Both sources emit in it, as two gases with the
+properties of acetone, and the sensors of a team respond to one of them. So each air is solved once for all teams.
 """
 
 from collections.abc import Sequence
@@ -39,8 +38,8 @@ ALPHAS = (0.4, 0.6, 0.8, 0.9, 0.95, 0.98)
 SOURCES = ((1.7, 2.0), (2.5, 1.2))
 SPEEDS = (0.05, 0.1, 0.2, 0.3)  # m/s
 HEIGHT = 0.1  # m, of sensors and sources
-MET = 1.0  # ppm: above it there is gas; the MiCS-5524 begins to tell gas from air at about as much
-NEAR = 0.55  # m, radius of the neighbourhood with alpha = 0.9: what passes so close tells of the source
+MET = 1.0  # ppm: threshold of gas; about the detection limit of the MiCS-5524
+NEAR = 0.55  # m, radius of the neighbourhood with alpha = 0.9: a robot within it has passed the source
 GASES = ("acetone", "other acetone")
 SENSORS: dict[str, Keys] = {
     "MiCS-5524": {},
@@ -63,7 +62,7 @@ NAVIGATIONS: dict[str, Keys] = {
 
 
 class Team(NamedTuple):
-    """Who maps what: navigation, speed [m/s], sensor and place of the source [m]."""
+    """Team of robots: navigation, speed [m/s], sensor and position of the source [m]."""
 
     navigation: str
     speed: float
@@ -71,11 +70,11 @@ class Team(NamedTuple):
     source: tuple[float, float]
 
 
-TEAMS = tuple(Team(*one) for one in product(NAVIGATIONS, SPEEDS, SENSORS, SOURCES))
+TEAMS = tuple(Team(*row) for row in product(NAVIGATIONS, SPEEDS, SENSORS, SOURCES))
 
 
 def maps(window: float) -> list[Keys]:
-    """The pure interpolation, then a time series for each alpha that sees a past snap of this length [s]."""
+    """Return the keys of pure interpolation and of a time series for each alpha that uses a past snapshot."""
     how = {"cell": CELL, "window": window}
     return [
         {"kind": "inverse_distance"} | how,
@@ -83,13 +82,13 @@ def maps(window: float) -> list[Keys]:
     ]
 
 
-def alphas(window: float, snaps: int = 1) -> tuple[float, ...]:
-    """Return the ALPHAS that see `snaps` past snapshots of this length [s]; beta = 0.5, time scale 0.1 m/s."""
-    return tuple(alpha for alpha in ALPHAS if (1.0 - alpha) * 0.1 * snaps * window < 0.5 - 1e-6)
+def alphas(window: float, snapshots: int = 1) -> tuple[float, ...]:
+    """Return the ALPHAS that use `snapshots` past snapshots of `window` [s]; beta = 0.5, time scale 0.1 m/s."""
+    return tuple(alpha for alpha in ALPHAS if (1.0 - alpha) * 0.1 * snapshots * window < 0.5 - 1e-6)
 
 
 def robots(number: int, team: Team) -> Keys:
-    """A team as a group of the scenario, whose sensors are blind to the gas of the other source."""
+    """Return a team as a group of the scenario, with sensors blind to the gas of the other source."""
     navigation = NAVIGATIONS[team.navigation]
     algorithm = navigation["algorithm"] | ({"line_speed": team.speed} if team.navigation == LINEUP else {})
     blind = {GASES[1 - SOURCES.index(team.source)]: 0.0}
@@ -108,7 +107,7 @@ def robots(number: int, team: Team) -> Keys:
 
 
 def arena(air: int = 0, teams: Sequence[Team] = TEAMS, duration: float = DURATION) -> Keys:
-    """The scenario, as a YAML file would tell it."""
+    """Return the scenario as keys of a YAML file."""
     species = (GASES[0], {"name": GASES[1], "molar_mass": 0.05808, "diffusivity": 1.1e-5})
     return {
         "name": "odor_mapping",
@@ -123,27 +122,27 @@ def arena(air: int = 0, teams: Sequence[Team] = TEAMS, duration: float = DURATIO
             "parts": [
                 {
                     "kind": "puffs",
-                    "species": one,
+                    "species": gas,
                     "release_rate": 100,
                     "sources": [{"position": (*source, HEIGHT), "rate": "20 mg/s", "radius": 0.03}],
                 }
-                for one, source in zip(species, SOURCES, strict=True)
+                for gas, source in zip(species, SOURCES, strict=True)
             ],
         },
         "robots": [robots(number, team) for number, team in enumerate(teams)],
         "rivals": True,
-        "maps": [one for window in WINDOWS for one in maps(window)],
+        "maps": [keys for window in WINDOWS for keys in maps(window)],
     }
 
 
 class Fared(NamedTuple):
     """Errors of the maps of all teams in an air, `teams` on the last axis.
 
-    times: ends of the snaps of WINDOW that count [s]. errors: of each window, (maps, snaps, teams) [ppm] by eq 8.
-    off, alike, peak: (maps, snaps, teams) of WINDOW: error against the true mean gas since the start [ppm], correlation
-    with it, distance of the peak from the source [m]. passed: when a robot first came within NEAR of the source [s],
-    inf if none did. kept, scatter, endless: see `persistence`. met: share of time in gas at the sensors. way: driven in
-    a snap [m] per robot.
+    times: ends of the counted snapshots of WINDOW [s]. errors: by window, (maps, snapshots, teams) [ppm] by eq 8.
+    off, alike, peak: (maps, snapshots, teams) of WINDOW: error against the true mean gas since the start [ppm],
+    correlation with it, distance of the peak from the source [m]. passed: first time of a robot within NEAR of the
+    source [s], inf if none. correlation, scatter, endless: see `persistence`. met: share of time in gas. way: path per
+    robot and snapshot [m].
     """
 
     times: np.ndarray
@@ -152,7 +151,7 @@ class Fared(NamedTuple):
     alike: np.ndarray
     peak: np.ndarray
     passed: np.ndarray
-    kept: np.ndarray
+    correlation: np.ndarray
     scatter: np.ndarray
     endless: np.ndarray
     met: np.ndarray
@@ -160,15 +159,15 @@ class Fared(NamedTuple):
 
 
 class Judge:
-    """Watches maps and robots of a run."""
+    """Observer of the maps and robots of a run."""
 
     def __init__(self, sim: Simulation, teams: Sequence[Team]):
         self.teams, self.groups = teams, sim.swarm.groups
         self.maps = sim.maps[: 1 + len(alphas(WINDOW))]
         cells = np.shape(self.maps[0].estimate())[1:]
         self.shape = (cells[0], cells[1])
-        self.rows = np.array([group.row for group in self.groups])  # of a team in the maps
-        self.of = np.array([SOURCES.index(team.source) for team in teams])  # its gas
+        self.rows = np.array([group.row for group in self.groups])  # row of each team in the maps
+        self.of = np.array([SOURCES.index(team.source) for team in teams])  # gas of each team
         self.robot_of = np.repeat(np.arange(len(teams)), [group.count for group in self.groups])
         self.points = np.concatenate([centers(self.shape, CELL), np.full((*self.shape, 1), HEIGHT)], axis=-1)
         self.sum, self.looks = np.zeros((*self.shape, len(SOURCES))), 0
@@ -179,7 +178,7 @@ class Judge:
         sim.observers += [Every(TICK, self.follow), Every(LOOKS, self.look), Every(WINDOW, self.score)]
 
     def follow(self, sim: Simulation) -> None:
-        """Note where the robots are, and whether in gas."""
+        """Record positions of the robots, path lengths and time in gas."""
         now = sim.swarm.snapshot()
         place = now["position"]
         points = np.column_stack([place, np.full(len(place), HEIGHT)])
@@ -193,22 +192,22 @@ class Judge:
         self.near[close] = np.minimum(self.near[close], sim.t)
 
     def look(self, sim: Simulation) -> None:
-        """Take in the true gas."""
+        """Add the true gas to its time average."""
         self.sum += fields.ppm_at(sim.gas, self.points, sim.t)
         self.looks += 1
 
     def score(self, sim: Simulation) -> None:
-        """A snap has ended: compare the maps with the true mean gas."""
+        """Compare the maps with the true mean gas at the end of a snapshot."""
         truth = self.sum / self.looks
-        estimates = np.stack([np.asarray(one.estimate())[self.rows] for one in self.maps])
-        found = np.full((3, *estimates.shape[:2]), np.nan)
+        estimates = np.stack([np.asarray(gas_map.estimate())[self.rows] for gas_map in self.maps])
+        values = np.full((3, *estimates.shape[:2]), np.nan)
         for gas, source in enumerate(SOURCES):
             mine = self.of == gas
             for n, estimate in enumerate(estimates[:, mine]):
                 score = scores.map_score(estimate, truth[..., gas])
                 peak = scores.peak_distance(estimate, CELL, np.array([source]))
-                found[:, n, mine] = score.mae, score.correlation, peak
-        self.scores.append(found)
+                values[:, n, mine] = score.mae, score.correlation, peak
+        self.scores.append(values)
         self.interpolated.append(estimates[0])
 
     def fared(self, sim: Simulation) -> Fared:
@@ -230,39 +229,39 @@ class Judge:
         )
 
     def _errors(self, sim: Simulation, window: float) -> np.ndarray:
-        """Return the forecast errors of the snapshots that count, (maps, snaps, teams)."""
-        of_maps = [list(one.errors) for one in sim.maps if one.window == window]
-        return np.array([[error for t, error in one if t > SETTLED + 1e-6] for one in of_maps])[
+        """Return the forecast errors of the counted snapshots, (maps, snapshots, teams)."""
+        of_maps = [list(gas_map.errors) for gas_map in sim.maps if gas_map.window == window]
+        return np.array([[error for t, error in errors if t > SETTLED + 1e-6] for errors in of_maps])[
             ..., self.rows
         ]
 
 
-def persistence(snaps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return correlation and scatter of consecutive snapshots, interpolations (snaps, teams, nx, ny).
+def persistence(snapshots: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return statistics of consecutive snapshots, interpolations (snapshots, teams, nx, ny); (teams,) each.
 
-    The correlation of a cell's deviation from its mean over time with that one snap later; the standard deviation over
-    the mean, both with the variances of all cells together; and how far snaps are from that mean over how far they are
-    from the snap before, as eq 8 counts: what a map that forgets nothing would come to, (teams,) each.
+    Lag-1 correlation of a cell's deviation from its mean over time, and standard deviation over the mean, both with the
+    variances of all cells pooled. Third, mean distance of snapshots from their mean over that from the previous
+    snapshot, as in eq 8: the error of a map without forgetting.
     """
-    deviation = snaps - snaps.mean(axis=0)
+    deviation = snapshots - snapshots.mean(axis=0)
     variance = (deviation**2).mean(axis=(0, 2, 3))
     together = (deviation[1:] * deviation[:-1]).mean(axis=(0, 2, 3))
-    steps = np.abs(np.diff(snaps, axis=0)).mean(axis=(0, 2, 3))
+    steps = np.abs(np.diff(snapshots, axis=0)).mean(axis=(0, 2, 3))
     return (
         together / variance,
-        np.sqrt(variance) / snaps.mean(axis=(0, 2, 3)),
+        np.sqrt(variance) / snapshots.mean(axis=(0, 2, 3)),
         np.abs(deviation).mean(axis=(0, 2, 3)) / steps,
     )
 
 
 @cache
 def in_airs(airs: int) -> tuple[Fared, ...]:
-    """All teams in each of so many airs."""
-    sim, found = assemble(scenario_of(arena(0, TEAMS, DURATION))), []
+    """Run all teams in each of several airs and return their errors."""
+    sim, results = assemble(scenario_of(arena(0, TEAMS, DURATION))), []
     for air in range(airs):
         if air:
             sim.reset(scenario_of(arena(air, TEAMS, DURATION)))
         judge = Judge(sim, TEAMS)
         sim.run()
-        found.append(judge.fared(sim))
-    return tuple(found)
+        results.append(judge.fared(sim))
+    return tuple(results)

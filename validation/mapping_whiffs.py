@@ -1,13 +1,13 @@
 """Gas maps of synthetic readings: a steady plume along the paths of a line of robots, times whiffs of known duration.
 
-What the mapping experiment finds is explained by how much of a snap is still in the next. Here that is set: four robots
-side by side sweep to and fro across a Gaussian plume, and each reads its mean times a lognormal whiff (standard
-deviation over mean 1, as in the middle of plumes; correlation exp(-t/memory), own to each robot). The maps are those of
-the robots, and what is told of them is the same.
+The correlation of consecutive snapshots explains the results of the mapping experiment. Here the correlation is
+prescribed: four robots side by side sweep across a Gaussian plume, and each reads its mean times a lognormal whiff
+(standard deviation over mean 1, as in the middle of plumes; correlation exp(-t/memory), independent per robot). The
+maps and their statistics are the same as in the experiment.
 
-Two closed forms beside it. Where normal readings scatter about a steady mean, with the correlation r from snap to snap,
-the last snap forecasts the next with the error sqrt(2 (1 - r)) of their deviation, a long mean with 1: it is better
-below r = 1/2 (`endless`). With weights of the snaps before it is `remembering`.
+Two closed forms are compared. For normal readings about a steady mean, with correlation r of consecutive snapshots, the
+last snapshot forecasts the next with an error of sqrt(2 (1 - r)) standard deviations, a long mean with 1. The mean is
+better below r = 1/2 (`endless`). For a weighted mean of earlier snapshots see `remembering`.
 """
 
 from itertools import product
@@ -25,10 +25,10 @@ from taichi_plume.validation.mapping_scenario import SOURCES, SPEEDS, WINDOW, ma
 SIZE = (4.0, 3.0)  # m
 TICK = 0.5  # s
 LASTS = 750.0  # s, of each speed and memory
-SETTLES = 250.0  # s, until alpha = 0.98 knows nothing of those before
-MEMORIES = (0.5, 5.0, 20.0)  # s: gusts; gusts and a metal oxide; a slow one
+SETTLES = 250.0  # s, until alpha = 0.98 has forgotten earlier readings
+MEMORIES = (0.5, 5.0, 20.0)  # s: gusts; gusts and a metal-oxide sensor; a slow sensor
 CASES = tuple(product(MEMORIES, SPEEDS))
-MARGIN = 0.3  # m from the walls, as in line
+MARGIN = 0.3  # m from the walls, as in the line-up
 AHEAD = 0.3  # m from robot to robot across the wind
 
 
@@ -42,70 +42,70 @@ def ways(speed: float, ticks: int) -> np.ndarray:
 
 
 def plume(place: np.ndarray) -> np.ndarray:
-    """Mean gas at places (..., 2) [m], over its largest near the source: a plume of 5 cm that widens by a tenth."""
+    """Return mean gas at points (..., 2) [m] over its maximum: a Gaussian plume of 5 cm that widens by x/10."""
     downwind, across = np.moveaxis(place - np.array(SOURCES[0]), -1, 0)
     width = 0.05 + 0.1 * np.maximum(downwind, 0.0)
     return np.where(downwind > 0.0, 0.05 / width * np.exp(-0.5 * (across / width) ** 2), 0.0)
 
 
 def whiffs(ticks: int, memory: float, rng: np.random.Generator) -> np.ndarray:
-    """Lognormal, of mean and deviation 1, (ticks, 4); the logarithm is an autoregression."""
+    """Return lognormal series of mean and standard deviation 1, (ticks, 4); the logarithm is autoregressive (AR(1))."""
     normal = rng.standard_normal((ticks, 4))
-    kept = np.exp(-TICK / memory)
+    coefficient = np.exp(-TICK / memory)
     for n in range(1, ticks):
-        normal[n] = kept * normal[n - 1] + np.sqrt(1.0 - kept**2) * normal[n]
+        normal[n] = coefficient * normal[n - 1] + np.sqrt(1.0 - coefficient**2) * normal[n]
     square = np.log(2.0)
     return np.exp(np.sqrt(square) * normal - 0.5 * square)
 
 
 def mapped(lasts: float = LASTS, seed: int = 1) -> dict[str, np.ndarray]:
-    """Return `error` over that of the pure interpolation (alphas, cases), and `kept`, `scatter`, `endless`
-    (see `persistence`), (cases,). Taichi must have been started.
+    """Return `error` over that of the pure interpolation (alphas, cases), and `correlation`, `scatter`,
+    `endless` (see `persistence`), (cases,). Taichi must have been started.
     """
     rng, ticks, each = np.random.default_rng(seed), round(lasts / TICK), round(lasts / WINDOW)
     team, first = RecordedTeam(4), round(SETTLES / WINDOW)
-    models = [TypeAdapter(Map).validate_python(one) for one in maps(WINDOW)]
+    models = [TypeAdapter(Map).validate_python(gas_map) for gas_map in maps(WINDOW)]
     several = mappers(models, Floor(SIZE, 1, 4, TICK))
     rows = []
     for case, (memory, speed) in enumerate(CASES):
         place = ways(speed, ticks)
         reading = 1e3 * plume(place) * whiffs(ticks, memory, rng)
-        snaps = []
+        snapshots = []
         for n in range(ticks):
             team.show(place[n], np.zeros((4, 2)), reading[n])
-            for one in several:
-                one.update(team, (case * ticks + n + 1) * TICK, TICK)
+            for gas_map in several:
+                gas_map.update(team, (case * ticks + n + 1) * TICK, TICK)
             if (n + 1) % round(WINDOW / TICK) == 0:
-                snaps.append(np.asarray(several[0].estimate()))
+                snapshots.append(np.asarray(several[0].estimate()))
         late = case * each + first
         errors = [
-            np.mean([e[0] for t, e in one.errors if late * WINDOW < t <= (case + 1) * lasts + 1e-6])
-            for one in several
+            np.mean([e[0] for t, e in gas_map.errors if late * WINDOW < t <= (case + 1) * lasts + 1e-6])
+            for gas_map in several
         ]
-        known = [float(value[0]) for value in persistence(np.stack(snaps)[first:])]
+        known = [float(value[0]) for value in persistence(np.stack(snapshots)[first:])]
         rows.append([*known, *np.divide(errors[1:], errors[0])])
-    kept, scatter, long, *error = np.array(rows).T
-    return {"kept": kept, "scatter": scatter, "endless": long, "error": np.array(error)}
+    correlation, scatter, long, *error = np.array(rows).T
+    return {"correlation": correlation, "scatter": scatter, "endless": long, "error": np.array(error)}
 
 
 # ---------------------------------------------------------------- closed forms
 
 
-def endless(kept: np.ndarray) -> np.ndarray:
-    """Error of the long mean over that of the last snap, of normal readings about a steady mean: 1/sqrt(2 (1 - r))."""
-    return 1.0 / np.sqrt(2.0 * (1.0 - kept))
+def endless(correlation: np.ndarray) -> np.ndarray:
+    """Return the error of a long mean over that of the last snapshot: 1/sqrt(2 (1 - r)), see the module docstring."""
+    return 1.0 / np.sqrt(2.0 * (1.0 - correlation))
 
 
-def remembering(alpha: float, kept: np.ndarray | float, window: float = WINDOW) -> np.ndarray:
-    """Error of a time series over that of the last snapshot: weights g of earlier snapshots, correlated as r^lag.
+def remembering(alpha: float, correlation: np.ndarray | float, window: float = WINDOW) -> np.ndarray:
+    """Return the error of a time series over that of the last snapshot, for snapshots correlated as r^lag.
 
-    g: what the neighbourhood of a cell gives each snap (eq 7), where robots are anywhere alike.
+    g: weight of each earlier snapshot in the neighbourhood of a cell (eq 7), for evenly distributed robots.
     """
     stencil = neighbourhood(TimeSeriesMap(kind="time_series", alpha=alpha, window=window), 15)
     g = np.bincount([lag for lag, *_ in stencil], [U for *_, U in stencil])[1:]
     g /= g.sum()
     lags = np.arange(1, len(g) + 1)
     apart = np.abs(lags[:, None] - lags)
-    r = np.asarray(kept, float)[..., None]
+    r = np.asarray(correlation, float)[..., None]
     square = 1.0 - 2.0 * (g * r**lags).sum(-1) + (np.outer(g, g) * r[..., None] ** apart).sum((-1, -2))
     return np.sqrt(square / (2.0 * (1.0 - r[..., 0])))

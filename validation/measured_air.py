@@ -1,7 +1,7 @@
 """Time averages of flows that are compared with measurements: mean of u along x at the points of the measurement.
 
-Means are over time and over y, or over the middle of it. They are kept in two halves of the record: if these are alike,
-it was long enough.
+Means are over time and over y, or over the middle part of y. The two halves of the time are stored separately: if both
+agree, the averaging time was long enough.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,7 +21,7 @@ from taichi_plume.validation.setups import advance
 
 
 def columns(table: str) -> np.ndarray:
-    """The columns of a table whose rows stand between spaces, and the numbers of a row between commas."""
+    """Return the columns of a table: rows separated by white space, numbers by commas."""
     return np.array([row.split(",") for row in table.split()], float).T
 
 
@@ -34,7 +34,7 @@ class Times(NamedTuple):
 
 
 class Record(NamedTuple):
-    """A flow that was averaged: cells of edge dx [m].
+    """Time-averaged flow on cells of edge dx [m].
 
     halves: u along x [m/s] on the lower faces of the cells, mean across and over each half of the time, (2, nx, nz).
     end: face velocities [m/s] per axis at the end.
@@ -46,7 +46,7 @@ class Record(NamedTuple):
 
     @property
     def mean(self) -> np.ndarray:
-        """Over the whole time, (nx, nz)."""
+        """Mean of u over the whole time, (nx, nz)."""
         return self.halves.mean(axis=0)
 
 
@@ -60,7 +60,7 @@ def flow_in_box(
 
 
 def recorded(flow: FlowSolver, times: Times, middle: int = 1) -> Record:
-    """Advance a flow from 0 s on and average it; in 3-D over the middle of y, one part in `middle`."""
+    """Advance a flow from 0 s on and average it; in 3-D over the middle 1/`middle` of y."""
     advance(flow, times.settled)
     grid, looks = flow.grid, round(0.5 * times.averaged / times.every)
     halves, off = np.zeros((2, grid.shape[0], grid.shape[-1])), (grid.shape[1] - grid.shape[1] // middle) // 2
@@ -76,9 +76,9 @@ def recorded(flow: FlowSolver, times: Times, middle: int = 1) -> Record:
 
 
 def as_before(record: Record) -> Callable[[np.ndarray], np.ndarray]:
-    """The air at the end of a record as a function of places (..., dim) [m]: for `start_from` on other cells.
+    """Return the final flow of a record as a function of points (..., dim) [m], for `start_from` on other cells.
 
-    Places beyond the outermost faces along x take the values there; the other components go on linearly.
+    Points beyond the outermost faces along x take the values there; other components are extrapolated linearly.
     """
     parts = []
     for d, u in enumerate(record.end):
@@ -93,9 +93,9 @@ def as_before(record: Record) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def along_x(mean: np.ndarray, dx: float, places: np.ndarray, top: str = "wall") -> np.ndarray:
-    """u [m/s] of a mean (nx, nz) at places (n, 2) [m], x and z, linear between faces; 0 at walls below and above.
+    """Interpolate a mean u (nx, nz) [m/s] linearly at points (n, 2) [m], x and z; 0 at the walls below and above.
 
-    Beyond the last lower face it is as there. top: "slip" for a plane of symmetry above.
+    Beyond the last lower face u is constant. top: "slip" for a plane of symmetry above.
     """
     nx, nz = mean.shape
     above = mean[:, -1:] if top == "slip" else np.zeros((nx, 1))
@@ -106,5 +106,5 @@ def along_x(mean: np.ndarray, dx: float, places: np.ndarray, top: str = "wall") 
 
 
 def rms(error: np.ndarray) -> float:
-    """Root mean square."""
+    """Return the root mean square."""
     return float(np.sqrt(np.mean(np.asarray(error) ** 2)))

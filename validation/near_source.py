@@ -1,8 +1,8 @@
 """Concentration statistics on the axis of a plume near the source: mean, fluctuation and intermittency.
 
-A duct with a wind of 0.5 m/s and an intensity of 10 %, cells of 5 cm and sources of 2 cm. Fluctuations over the mean
-are about 1 within the first metres and fall beyond: they are made next to the source (Fackrell & Robins 1982, J. Fluid
-Mech. 117, 1-26).
+A duct with a wind of 0.5 m/s and an intensity of 10 %, cells of 5 cm and sources of 2 cm. The fluctuation
+intensity is about 1 within the first metres and falls beyond: fluctuations are produced near the source (Fackrell &
+Robins 1982, J. Fluid Mech. 117, 1-26).
 """
 
 from collections.abc import Callable
@@ -22,17 +22,17 @@ from taichi_plume.validation.setups import cfd, gas_on, puffs_on
 
 INFLOW = {"speed": 0.5, "turbulence_intensity": 0.1, "turbulence_length": 0.2}
 DISTANCES = (0.25, 0.5, 1.0, 2.0, 3.0)  # m
-SETTLED, SAMPLING = 14.0, 0.1  # s: after two times through the duct; between readings
+SETTLED, SAMPLING = 14.0, 0.1  # s: two flow-through times; time between readings
 PLACES = tuple((0.51, y, z) for y in (0.21, 0.63, 1.02, 1.43) for z in (0.32, 0.93))
-"""Of sources, [m], two of the turbulence's lengths apart, anywhere in their cells: samples of one air."""
-LEAST = 0.1  # of the mean: what counts as gas
+"""Positions of sources [m], two integral lengths apart, at different positions in their cells."""
+LEAST = 0.1  # threshold of gas over the mean
 
 KINDS: dict[str, tuple[int, Callable[..., PuffSolver | EulerianSolver]]] = {
     "puffs": (4, partial(puffs_on, most=20_000, handover=False)),
     "hand-over": (8, partial(puffs_on, most=20_000, handover=True)),
     "grid": (2, gas_on),
 }
-"""Number of sources of each kind of gas, and the function that makes its solver."""
+"""By kind of gas: number of sources, and function that creates the solver."""
 
 
 def _readings(seconds: float, convection: str) -> dict[str, np.ndarray]:
@@ -52,21 +52,21 @@ def _readings(seconds: float, convection: str) -> dict[str, np.ndarray]:
     while t < SETTLED + seconds:
         dt = min(flow.stable_dt(t), SAMPLING)
         flow.advance(t, dt)
-        for some in gases.values():
-            for gas in some:
+        for solvers in gases.values():
+            for gas in solvers:
                 gas.advance(t, dt)
         t += dt
         if t >= last + SAMPLING:
             last = t
-            for kind, some in gases.items():
+            for kind, solvers in gases.items():
                 readings[kind].append(
-                    [concentration_at(gas, axis, t) for gas, axis in zip(some, axes, strict=False)]
+                    [concentration_at(gas, axis, t) for gas, axis in zip(solvers, axes, strict=False)]
                 )
     return {kind: np.array(values, float) for kind, values in readings.items()}
 
 
 def fluctuation(c: np.ndarray) -> np.ndarray:
-    """Standard deviation over the mean at each distance, of all times and sources."""
+    """Return the fluctuation intensity c'/C at each distance, over all times and sources."""
     return c.std(axis=(0, 1)) / c.mean(axis=(0, 1))
 
 
@@ -78,21 +78,21 @@ def standard_error(c: np.ndarray) -> np.ndarray:
 
 
 def on_the_axis(n: int, convection: str = "upwind5") -> Answer:
-    """Readings of n seconds. Judged are puffs that are handed over; told are mean, fluctuation and presence of all."""
+    """Return errors of c'/C over n seconds for puffs with hand-over, and statistics of all kinds of gas."""
     answer: dict[str, float] = {}
     for kind, c in _readings(n, convection).items():
-        found, error = fluctuation(c), standard_error(c)
+        ratio, error = fluctuation(c), standard_error(c)
         mean = c.mean(axis=(0, 1))
         present = (c > LEAST * mean).mean(axis=(0, 1))
         if kind == "hand-over":
             answer |= {
-                f"c'/C at {x:g} m, off 1": abs(float(found[DISTANCES.index(x)]) - 1.0) for x in (0.25, 1.0)
+                f"c'/C at {x:g} m, off 1": abs(float(ratio[DISTANCES.index(x)]) - 1.0) for x in (0.25, 1.0)
             }
-            answer["c'/C at 3 m over 1 m"] = float(found[-1] / found[DISTANCES.index(1.0)])
+            answer["c'/C at 3 m over 1 m"] = float(ratio[-1] / ratio[DISTANCES.index(1.0)])
         for k, x in enumerate(DISTANCES):
             where = f"{kind} at {x:g} m"
             answer[f"{where}: mean [mg/m³]"] = float(1e6 * mean[k])
-            answer[f"{where}: c'/C"] = float(found[k])
+            answer[f"{where}: c'/C"] = float(ratio[k])
             answer[f"{where}: its standard error"] = float(error[k])
             answer[f"{where}: present"] = float(present[k])
     return answer

@@ -6,7 +6,7 @@ mean over the ball of the Green's function of a point source at distance r,
     C = Q/(4 pi D r) exp(-U (r - x)/(2 D)),
 
 the flux through any plane downwind is Q, and the variance of the plume across the wind is R²/5 + 2 D x/U + 4 D²/U².
-Turbulence that is not uncorrelated from the start spreads puffs by Taylor's law (1921, doi:10.1112/plms/s2-20.1.196):
+Turbulence with a finite correlation time spreads puffs by Taylor's law (1921, doi:10.1112/plms/s2-20.1.196):
 then C is the integral over the age t of Q times a Gaussian of variance s0² + R²/5 + s²(t), for small R.
 """
 
@@ -25,28 +25,28 @@ from taichi_plume.validation.setups import ethanol, gas_on, puffs_on, uniform
 
 SPEED, RATE = 0.5, 1e-5  # m/s, kg/s
 DISTANCES = (0.25, 0.5, 1.0, 2.0)  # m
-DIFFUSIVITY = 2e-3  # m²/s: spreads gas 2 m downwind as a turbulence intensity of 10 % does
-MOLECULES = 1e-5  # m²/s
-SOURCE = np.array((0.431, 0.613, 0.587))  # m, at no special place in its cell
+DIFFUSIVITY = 2e-3  # m²/s: same spread 2 m downwind as with a turbulence intensity of 10 %
+MOLECULES = 1e-5  # m²/s, molecular diffusivity
+SOURCE = np.array((0.431, 0.613, 0.587))  # m, not symmetric to its cell
 SIZE = (2.8, 1.2, 1.2)  # m
 COURANT = (0.4, 1.2)
-KERNEL = 5.0 / 6.0  # cells²: variance that the release and the interpolation of readings have together
+KERNEL = 5.0 / 6.0  # cells²: variance added by release and interpolation together
 TRUSTED = 0.15
-"""Largest share of the variance of a plume on the grid that the kernel adds, where the mean on the axis is judged."""
-INITIAL = 0.01  # m: size of new puffs, as by default
+"""Largest share of the kernel in the variance of a gridded plume for which the mean on the axis is judged."""
+INITIAL = 0.01  # m: default size of new puffs
 READINGS, BETWEEN = 10, 0.2  # number of snapshots in the means of puffs; time between them [s]
 FLUCTUATION, MEMORY, FIRMNESS = 0.05, 0.5, 2000.0  # m/s, s, puffs per second of the case with Taylor's law
 
 
 def _ball(radius: float) -> np.ndarray:
-    """Points (n, 3) [m] evenly in a ball around 0."""
+    """Return evenly spaced points (n, 3) [m] in a ball around 0."""
     axis = radius * ((np.arange(20) + 0.5) / 10.0 - 1.0)
     points = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
     return points[np.linalg.norm(points, axis=1) <= radius]
 
 
 def steady_mean(radius: float) -> np.ndarray:
-    """Concentration [kg/m³] on the axis at DISTANCES, of a ball in a wind with a constant diffusivity."""
+    """Return the concentration [kg/m³] on the axis at DISTANCES, of a ball source with a constant diffusivity."""
     away = np.array(DISTANCES)[:, None, None] * (1.0, 0.0, 0.0) - _ball(radius)
     r = np.linalg.norm(away, axis=-1)
     decay = np.exp(-SPEED * (r - away[..., 0]) / (2.0 * DIFFUSIVITY))
@@ -54,23 +54,23 @@ def steady_mean(radius: float) -> np.ndarray:
 
 
 def gaussian_mean(source: float) -> np.ndarray:
-    """Concentration [kg/m³] on the axis at DISTANCES, of a Gaussian source of that variance [m²] along each axis."""
+    """Return the concentration [kg/m³] at DISTANCES on the axis; source: variance of a Gaussian source [m²]."""
     return _released_evenly(source, lambda age: 2.0 * DIFFUSIVITY * age)
 
 
 def steady_variance(source: float) -> np.ndarray:
-    """Variance across the wind [m²] at DISTANCES, for a source of that variance [m²]."""
+    """Return the variance across the wind [m²] at DISTANCES; source: variance of the source [m²]."""
     d = DIFFUSIVITY
     return source + 2.0 * d * np.array(DISTANCES) / SPEED + 4.0 * d**2 / SPEED**2
 
 
 def taylor_mean(source: float) -> np.ndarray:
-    """Concentration [kg/m³] on the axis at DISTANCES, of puffs that stray, for a source of that variance [m²]."""
+    """Return the concentration [kg/m³] on the axis at DISTANCES with Taylor's spread; source: variance [m²]."""
     return _released_evenly(source, lambda age: 2.0 * MOLECULES * age + taylor(age, FLUCTUATION, MEMORY))
 
 
 def _released_evenly(source: float, growth: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Integral over the age of Gaussians that begin with a variance and grow [m²], on the axis [kg/m³]."""
+    """Integrate Gaussians of variance source + growth(age) [m²] over their age, on the axis [kg/m³]."""
     step = 2e-4
     age = (np.arange(round(1.5 * DISTANCES[-1] / SPEED / step)) + 0.5) * step
     variance = source + growth(age)
@@ -89,14 +89,14 @@ def _source(radius: float) -> dict[str, object]:
 
 
 def _puffs(grid: Grid, radius: float, growth: float, keys: Keys) -> PuffSolver:
-    """Return puffs of a source with a radius [m] that grow by `growth` [m²/s]; keys: of their section."""
+    """Return puffs of a source with a radius [m] that grow by `growth` [m²/s]; keys: further keys of the gas."""
     law = {"kind": "diffusive", "rate": growth}
     source, species = _source(radius), ethanol(MOLECULES)
     return puffs_on(grid, uniform(grid, SPEED), sources=[source], species=species, growth=law, **keys)
 
 
 def _keep_worst(worst: dict[str, float], errors: dict[str, np.ndarray]) -> None:
-    """Raise the largest error known of each norm; a norm without values is left out."""
+    """Update the largest error of each norm; norms without values are skipped."""
     for name, values in errors.items():
         if len(values):
             worst[name] = max(worst.get(name, 0.0), float(np.abs(values).max()))
@@ -109,12 +109,12 @@ def _over_the_closed_form(ratio: np.ndarray, gas: str = "", when: str = "") -> d
 
 
 def _axis() -> np.ndarray:
-    """Points (n, 3) [m] at DISTANCES behind the source."""
+    """Return points (n, 3) [m] at DISTANCES behind the source."""
     return SOURCE + np.array(DISTANCES)[:, None] * (1.0, 0.0, 0.0)
 
 
 def _sections(c: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-    """Flux over the source's rate and variance across the wind [m²], (n,) each, at DISTANCES.
+    """Return flux over the source's rate and variance across the wind [m²], (n,) each, at DISTANCES.
 
     c: concentration of the cells [kg/m³].
     """
@@ -133,7 +133,7 @@ def _sections(c: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
 def _run(
     gas: EulerianSolver | PuffSolver, grid: Grid, courant: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean on the axis [kg/m³], flux over the source's rate and variance across the wind [m²] of a settled plume."""
+    """Return mean on the axis [kg/m³], flux over the source's rate and variance [m²] of a steady plume."""
     settled = 1.3 * SIZE[0] / SPEED
     steps = round(settled * SPEED / (courant * grid.dx))
     for n in range(steps):
@@ -150,7 +150,7 @@ def _run(
 
 
 def on_the_grid(n: int, radius: float) -> Answer:
-    """Gas on cells of 1/n m from a ball [m]: largest errors over DISTANCES and COURANT."""
+    """Return the largest errors of gas on cells of 1/n m from a ball, over DISTANCES and COURANT."""
     grid = _grid(n)
     f = (SOURCE[1] * n - 0.5) % 1.0
     ball, kernel = radius**2 / 5.0, KERNEL / n**2
@@ -175,7 +175,7 @@ def on_the_grid(n: int, radius: float) -> Answer:
 
 
 def of_puffs(n: int, radius: float) -> Answer:
-    """Puffs in a wind of constant diffusivity, from a ball [m], in the same steps: largest errors."""
+    """Return the largest errors of puffs from a ball with a constant diffusivity, in the same time steps."""
     grid, growth = _grid(n), 2.0 * (DIFFUSIVITY - MOLECULES)
     worst: dict[str, float] = {}
     for courant in COURANT:
@@ -190,7 +190,7 @@ def of_puffs(n: int, radius: float) -> Answer:
 
 
 def of_straying_puffs(n: int) -> Answer:
-    """Mean over 20 s of puffs that stray by Taylor's law, from a source of 2 cm, in steps of 1/n s."""
+    """Return the error of the mean over 20 s of puffs with Taylor's spread, source of 2 cm, steps of 1/n s."""
     radius, step, settled, sampled = 0.02, 1.0 / n, 7.0, 20.0
     straying = {"fluctuation": FLUCTUATION, "fluctuation_time": MEMORY}
     gas = _puffs(_grid(10), radius, 0.0, straying | {"release_rate": FIRMNESS, "most": 30_000})
@@ -204,7 +204,7 @@ def of_straying_puffs(n: int) -> Answer:
 
 
 def near_source_mean(n: int, radius: float) -> Answer:
-    """Gas on the grid, and puffs."""
+    """Return the errors of gas on the grid and of puffs."""
     return {**on_the_grid(n, radius), **of_puffs(n, radius)}
 
 
@@ -227,24 +227,24 @@ def _case(centimetres: int, about: str) -> Case:
 CASES = (
     _case(
         2,
-        "Puffs are right at every distance. The kernel of the release and linear interpolation widen gas on the grid "
-        "by 0.91 cells: near the source its mean is that of a source so wide. It is within 15 % of the closed form "
+        "Puffs are right at every distance. Release and linear interpolation widen gas on the grid by 0.91 cells: near "
+        "the source its mean is that of a source of this width. It is within 15 % of the closed form "
         "from where the standard deviation of the plume is 2.2 cells.",
     ),
     _case(
         10,
-        "A source that is wider than the kernel is as wide on the grid as its ball: each cell releases its own part of "
-        "the ball, narrowed by what cells and interpolation add to the variance.",
+        "A source wider than the kernel has the width of its ball on the grid: each cell releases its own part of the "
+        "ball, corrected for the variance added by cells and interpolation.",
     ),
     Case(
         "near_source_mean_taylor",
-        "mean concentration within 2 m of a source, puffs that stray, steps of 0.1 and 0.025 s",
+        "mean concentration within 2 m of a source, puffs with Taylor's spread, steps of 0.1 and 0.025 s",
         "Taylor 1921, doi:10.1112/plms/s2-20.1.196",
         of_straying_puffs,
         coarse=(10,),
         fine=(10, 40),
         slow=True,
-        # some 500 independent puffs are in the mean at 2 m: 1/sqrt(500)
+        # about 500 independent puffs in the mean at 2 m: 1/sqrt(500)
         expected={"mean": Expected(tolerance=0.15)},
     ),
 )

@@ -19,7 +19,7 @@ from taichi_plume.validation.setups import ethanol, gas_on, uniform
 from taichi_plume.validation.whiffs import meander, whiffs
 
 Q, D, U = 1e-5, 0.01, 0.5  # kg/s, m²/s, m/s
-POINT = 1e-4  # m, a radius that is as good as none
+POINT = 1e-4  # m, a negligible radius
 SOURCE = (1.0, 1.5, 0.7)  # m
 ROOM = (4.0, 3.0, 1.4)
 
@@ -38,7 +38,7 @@ def _continuous(
 
 
 def _point_source(dx: np.ndarray, speed: float) -> np.ndarray:
-    """Steady concentration [kg/m³] at dx (..., dim) [m] from a line or a point in a wind along x."""
+    """Return the steady concentration [kg/m³] at dx (..., dim) [m] from a line or point source, wind along x."""
     r = np.linalg.norm(dx, axis=-1)
     behind = np.exp(-speed * (r - dx[..., 0]) / (2.0 * D))
     if dx.shape[-1] == 2:
@@ -47,19 +47,19 @@ def _point_source(dx: np.ndarray, speed: float) -> np.ndarray:
 
 
 def _relative(computed: np.ndarray, reference: np.ndarray) -> float:
-    """Largest relative error, where there is a millionth of the largest concentration at least."""
+    """Return the largest relative error of concentrations above a millionth of the largest."""
     seen = reference > 1e-6 * reference.max()
     return float(np.abs(computed[seen] / reference[seen] - 1.0).max())
 
 
 def _across(x: float, dim: int, n: int, beyond: int = 0) -> np.ndarray:
-    """Middles of cells of a plane across the wind, n per metre, and so many metres beyond the room."""
+    """Return cell centres of a plane across the wind, n per metre, that extends `beyond` the room [m]."""
     axes = [(np.arange(-beyond * n, round((length + beyond) * n)) + 0.5) / n for length in ROOM[1:dim]]
     return np.stack(np.meshgrid([x], *axes, indexing="ij"), axis=-1).reshape(-1, dim)
 
 
 def _flux(gas: ContinuousPuffs | Plumes, places: np.ndarray, n: int, diffusivity: float) -> float:
-    """Mass per time that the wind and diffusion carry through the plane of `places`, over Q."""
+    """Return the flux by wind and diffusion through the plane of `places`, over Q."""
     dim = places.shape[1]
     step = np.eye(dim)[0] * 0.05
     c, low, high = (concentration_at(gas, places + s, 0.0).astype(float) for s in (0.0 * step, -step, step))
@@ -67,7 +67,7 @@ def _flux(gas: ContinuousPuffs | Plumes, places: np.ndarray, n: int, diffusivity
 
 
 def steady_plume(n: int, dim: int = 2) -> Answer:
-    """A source that has emitted for ever, along its axis, across it and far away; n points per metre across."""
+    """Return errors of a steady plume along its axis, across it and far away; n points per metre across."""
     gas = _continuous(dim, U)
     source = np.array(SOURCE[:dim])
     along = np.geomspace(1e-2, 3.0, 50)
@@ -78,7 +78,7 @@ def steady_plume(n: int, dim: int = 2) -> Answer:
     middle = middle[np.argsort(middle[:, 1])]
 
     def both(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        places = places.astype(np.float32)  # as the kernel sees them
+        places = places.astype(np.float32)  # precision of the kernel
         return concentration_at(gas, places, 0.0).astype(float), _point_source(places - source, U)
 
     answer: dict[str, float | Curve] = {
@@ -100,7 +100,7 @@ def steady_plume(n: int, dim: int = 2) -> Answer:
 
 
 def release(n: int, dim: int = 2) -> Answer:
-    """A source in still air for a while, and a while after it has stopped: n places."""
+    """Return errors of a release of finite duration in still air, during and after it; n points."""
     r = np.geomspace(0.02, 2.0, n)
     places = (np.array(SOURCE[:dim]) + r[:, None] * np.eye(dim)[0]).astype(np.float32)
     r = places[:, 0].astype(float) - SOURCE[0]
@@ -121,7 +121,7 @@ def release(n: int, dim: int = 2) -> Answer:
 
 
 def ducted(n: int) -> Answer:
-    """Between the ground, a lid and side walls: all of the gas goes through any plane, of n points per metre."""
+    """Return errors of the flux of plumes between ground, lid and side walls; planes of n points per metre."""
     walls = ("y-", "y+", "z-", "z+")
     grid = _grid(3)
     data = {"position": SOURCE, "rate": Q}
@@ -136,14 +136,14 @@ def ducted(n: int) -> Answer:
 
 
 def _modes(place: float, x: np.ndarray, length: float, variance: float) -> np.ndarray:
-    """A puff between walls that has spread to `variance` in free air: the cosines that fit in between."""
+    """Return the cosine series of a puff between walls, whose variance in free air is `variance`."""
     k = pi / length * np.arange(1, 200)
     waves = np.cos(x[..., None] * k) * np.cos(place * k) * np.exp(-(k**2) * variance / 2.0)
     return (1.0 + 2.0 * waves.sum(axis=-1)) / length
 
 
 def puff_between_walls(n: int, dim: int = 2) -> Answer:
-    """A puff beside a wall, in 3-D a corner: the closed form and gas on n cells per metre, both against cosines."""
+    """Return errors of a puff beside a wall (3-D: corner) against cosines: image sources, gas on n cells per metre."""
     place, s0, K, end, speed = (0.3, 0.1, 0.15)[:dim], 0.06, 5e-4, 8.0, 0.05
     shape = (3 * n // 2, n // 2, n // 2)[:dim]
     grid = Grid(shape, 1.0 / n)
@@ -172,23 +172,23 @@ def puff_between_walls(n: int, dim: int = 2) -> Answer:
 
 
 def plume_on_the_grid(n: int) -> Answer:
-    """Plumes in 2-D on n cells per metre: a steady one, away from its source, and one whose source has stopped.
+    """Return errors of 2-D plumes on n cells per metre: a steady plume, and a plume whose source has stopped.
 
-    The steady one comes of a source in one cell and is compared with K0. The other begins as the closed form's steady
-    plume of a Gaussian source at the moment at which it stops.
+    The steady plume of a source in one cell is compared with K0 away from the source. The other starts from the closed
+    form of a steady plume of a Gaussian source at the moment of the stop.
     """
     speed, s0, end = D / 0.02, 0.08, 1.0
     shape = (2 * n, round(2.4 * n))
     grid = Grid(shape, 1.0 / n)
     wind, x, species = uniform(grid, speed), grid.centers(), ethanol(D)
-    seen = slice(0, round(1.8 * n))  # no diffusion through the face where the air leaves
+    seen = slice(0, round(1.8 * n))  # excludes the outflow, which has no diffusion through its face
 
     def inner(gas: EulerianSolver) -> np.ndarray:
         return grid.inner(gas.c.to_numpy()).astype(float)
 
-    source = (0.4 + 0.5 / n, 1.2 + 0.5 / n)  # the middle of a cell
+    source = (0.4 + 0.5 / n, 1.2 + 0.5 / n)  # a cell centre
     gas = gas_on(grid, wind, species=species, sources=[{"position": source, "rate": Q, "radius": 0.1 / n}])
-    gas.advance(0.0, 12.0)  # the air has gone through three times
+    gas.advance(0.0, 12.0)  # three flow-through times
     away = slice(round(0.8 * n), seen.stop)
     steady, exact = inner(gas)[away], _point_source(x[away] - source, speed)
 
@@ -212,7 +212,7 @@ def plume_on_the_grid(n: int) -> Answer:
     }
 
 
-EXACT = Expected(tolerance=1e-4)  # what 32 bits leave of a sum of exponentials
+EXACT = Expected(tolerance=1e-4)  # rounding of a sum of exponentials in f32
 SEVERAL_SIGMA = Expected(tolerance=4.0)  # one of 16,000 fails by chance
 
 
@@ -220,7 +220,7 @@ def _steady(dim: int, reference: str) -> Case:
     norms = ("c along the axis", "c upwind", "c across the axis", "flux through a plane")
     return Case(
         f"steady_plume_{dim}d",
-        "the plume of a source that has emitted for ever, from a closed form",
+        "steady plume of a continuous source, from a closed form",
         reference,
         partial(steady_plume, dim=dim),
         coarse=(20,),
@@ -280,8 +280,8 @@ CASES = (
         fine=(20, 40, 80),
         slow=True,
         expected={
-            # a mean over a cell for its middle, and diffusion on the grid, err by (1/24 + 1/12) (dx/s)² where the plume
-            # is s = 0.13 m wide; how the source's cell and the limiter there err keeps the order from being seen
+            # cell mean and diffusion on the grid have an error of (1/24 + 1/12) (dx/s)² for a plume of s = 0.13 m;
+            # errors of the source cell and of the limiter there hide the order
             "steady, c / c_max, rms": Expected(tolerance=0.02, at=20),
             "stopped, c / c_max, rms": SECOND_ORDER,
         },
@@ -309,14 +309,14 @@ CASES = (
     ),
     Case(
         "whiffs",
-        "how long a sensor in a meandering plume smells gas, and how long none",
+        "durations of gas and of no gas at sensors in a meandering plume",
         "Celani et al. 2014, doi:10.1103/PhysRevX.4.041015",
         whiffs,
         coarse=(6000,),
         fine=(6000,),
         slow=True,
-        # 0.065 by which the law differs over this range, and two standard errors: some 1300 durations of nine sensors
-        # that see the same gusts are worth 400, of which each tells the exponent to 1.21
+        # 0.065 by which the law differs over this range, plus two standard errors: about 1300 durations of nine
+        # sensors in the same gusts count as 400 independent ones, with a standard deviation of 1.21 each
         expected={f"slope of {kind} + 3/2": Expected(tolerance=0.2) for kind in ("whiffs", "blanks")},
     ),
 )

@@ -1,13 +1,13 @@
 """Experiment of PlumeSim: a Roomba casts for a leak of ethanol in the arena, in air and in PlumeSim's kinds of plumes.
 
 Cabrita, Sousa & Marques, "Player/Stage simulation of olfactory experiments", IROS 2010. Published is that the
-simulated, the hybrid and the real robot went to the source in a zigzag along similar ways (figure 13; one run each), no
-figures. Arena, robot, wind and the make of the sensor are the paper's; what it does not tell of casting and of the
-plumes is ours. Its simulated and hybrid robots read a plume from Fluent as it is, which `PSFluent, at once` stands for;
-its real robot smells with a TGS 2620 in the arena's own air, which is `turbulent arena`.
+simulated, the hybrid and the real robot went to the source in a zigzag along similar paths (figure 13; one run each),
+without figures. Arena, robot, wind and type of sensor are the paper's; other details of casting and plumes are assumed
+here. Its simulated and hybrid robots read a plume from Fluent without lag: `PSFluent, at once`. Its real robot measures
+with a TGS 2620 in the real air: `turbulent arena`.
 
-Trials differ in their starts within 25 cm, headings and noise, and in the air where it is random: an equal share of
-them in each of several airs, over which the intervals are.
+Trials differ in their starts within 25 cm, headings and noise, and in the air (flow realisation) if it is random.
+Intervals are over airs, with an equal share of the trials in each.
 """
 
 from collections.abc import Callable
@@ -22,13 +22,13 @@ from taichi_plume.files.point_frames import PointFrames
 from taichi_plume.grid.fields import ppm_at
 from taichi_plume.running.plume_log import PlumeLogger
 from taichi_plume.validation.case import Keys
-from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Told
+from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Results
 from taichi_plume.validation.searches import WAY, scenario_of, searches, spread
 
 AIRS = 8
-LIMIT = 90.0  # s; without gas no sweep comes as far (see the control), so who is there by then was led by the plume
-SOURCE = (0.05, 1.5)  # its disc touches the middle of the left wall
-SCALE = 100.0  # ppm, about what there is at the source; 5 % of it is the threshold
+LIMIT = 90.0  # s; too short to reach the source by sweeps without gas (see the control)
+SOURCE = (0.05, 1.5)  # m; the disc of the source touches the middle of the left wall
+SCALE = 100.0  # ppm, about the concentration at the source; the threshold is 5 % of it
 RECORDED = 120.0  # s, of the log
 LOG, FRAMES = "plume.pslog", "plume%03d.txt"
 ROOMBA = {
@@ -59,7 +59,7 @@ POINTS |= {"dispersion": 0.005, "release_rate": 20.0}  # of the program's exampl
 
 
 def arena(wind: Keys, gas: Keys, robot: Keys = ROOMBA) -> Keys:
-    """The scenario, as a YAML file would tell it."""
+    """Return the scenario as keys of a YAML file."""
     return {
         "name": "plumesim_casting",
         "seed": 1,
@@ -72,8 +72,8 @@ def arena(wind: Keys, gas: Keys, robot: Keys = ROOMBA) -> Keys:
     }
 
 
-def in_airs(trials: int, data: Keys, title: str, airs: int = 1) -> Told:
-    """Trials spread over airs of different seeds."""
+def in_airs(trials: int, data: Keys, title: str, airs: int = 1) -> Results:
+    """Run trials spread over airs of different seeds."""
     shares = spread(trials, airs)
     return searches([data | {"seed": k + 1} for k in range(len(shares))], shares, title)
 
@@ -83,7 +83,7 @@ def in_airs(trials: int, data: Keys, title: str, airs: int = 1) -> Told:
 
 @cache
 def recorded(air: int) -> bytes:
-    """The turbulent plume of one of several airs as a log of PlumeSim."""
+    """Return the turbulent plume in an air as a log of PlumeSim."""
     lattice = {"rate": 1.0, "cell": 0.1, "full_scale_ppm": SCALE}
     data = arena(TURBULENT, GRID_GAS) | {"robots": [], "duration": RECORDED, "plumesim_log": lattice}
     scenario = scenario_of(data | {"seed": air + 1})
@@ -99,7 +99,7 @@ def recorded(air: int) -> bytes:
 
 
 def export(frames: PointFrames, folder: Path) -> None:
-    """Write frames as Fluent would, without their wind."""
+    """Write frames in Fluent's format, without wind."""
     for k in range(len(frames)):
         points = frames.frame(k)
         rows = zip(frames.place[points], frames.percent[points], strict=True)
@@ -108,8 +108,8 @@ def export(frames: PointFrames, folder: Path) -> None:
         (folder / (FRAMES % (k + 1))).write_text(text, encoding="ascii")
 
 
-def from_logs(trials: int, title: str, robot: Keys) -> Told:
-    """Wind and gas of a log of each air."""
+def from_logs(trials: int, title: str, robot: Keys) -> Results:
+    """Run trials with wind and gas from a log of each air."""
 
     def of_air(folder: Path, air: int) -> Keys:
         log = {"kind": "plumesim_log", "file": f"{air}.pslog"}
@@ -119,22 +119,22 @@ def from_logs(trials: int, title: str, robot: Keys) -> Told:
     return from_files(trials, title, of_air)
 
 
-def from_fluent(trials: int, title: str, robot: Keys) -> Told:
-    """Gas of files of each air as Fluent writes them, in the wind that the scenario tells."""
+def from_fluent(trials: int, title: str, robot: Keys) -> Results:
+    """Run trials with gas from Fluent files of each air, in the laminar wind of the scenario."""
 
     def of_air(folder: Path, air: int) -> Keys:
-        of_it = folder / str(air)
-        of_it.mkdir()
-        (of_it / LOG).write_bytes(recorded(air))
-        export(read_log(of_it / LOG), of_it)
+        air_folder = folder / str(air)
+        air_folder.mkdir()
+        (air_folder / LOG).write_bytes(recorded(air))
+        export(read_log(air_folder / LOG), air_folder)
         files = {"kind": "fluent", "files": f"{air}/{FRAMES}", "largest": SCALE, **TARGET}
         return arena(LAMINAR, files, robot)
 
     return from_files(trials, title, of_air)
 
 
-def from_files(trials: int, title: str, of_air: Callable[[Path, int], Keys]) -> Told:
-    """Trials spread over the airs of scenarios whose files `of_air` writes into a folder."""
+def from_files(trials: int, title: str, of_air: Callable[[Path, int], Keys]) -> Results:
+    """Run trials spread over the airs of scenarios whose files `of_air` writes into a folder."""
     shares = spread(trials, AIRS)
     with TemporaryDirectory() as name:
         folder = Path(name)
@@ -148,7 +148,7 @@ ALIKE = {WAY: "alike in program and arena"}
 SIMULATED = ALIKE | {"success": "2 of 2, simulated and hybrid"}
 REAL = ALIKE | {"success": "1 of 1, real"}
 LED = {"success": Range(least=0.9)}
-REPEATS = 24.0  # s: PSGaussian shows its last frame, before it repeats some
+REPEATS = 24.0  # s: PSGaussian shows its last frame, before it repeats frames
 OWN = "PSGaussian, 1 air, threshold 5 % of its own largest"
 CLEAN = PLUME | {"sources": [LEAK | {"rate": 0.0}]}
 
@@ -158,8 +158,8 @@ def _air(name: str, airs: int, wind: Keys, gas: Keys, **keys: Any) -> Condition:
     return Condition(title, partial(in_airs, data=arena(wind, gas), title=title, airs=airs), **keys)
 
 
-def _both(name: str, run: Callable[..., Told], **keys: Any) -> tuple[Condition, Condition]:
-    """A condition with the lagging sensor, and with one that reads the plume at once as PlumeSim's robots do."""
+def _both(name: str, run: Callable[..., Results], **keys: Any) -> tuple[Condition, Condition]:
+    """Return a condition with the lagging sensor, and a condition without lag, as in PlumeSim."""
     quick = f"{name}, at once"
     return (
         Condition(name, partial(run, title=name, robot=ROOMBA)),
@@ -167,34 +167,34 @@ def _both(name: str, run: Callable[..., Told], **keys: Any) -> tuple[Condition, 
     )
 
 
-def _program(trials: int, title: str, robot: Keys, gas: Keys, airs: int) -> Told:
+def _program(trials: int, title: str, robot: Keys, gas: Keys, airs: int) -> Results:
     return in_airs(trials, arena(LAMINAR, gas, robot), title, airs)
 
 
-def _its_own_threshold(trials: int, title: str) -> Told:
-    """PSGaussian with the threshold that others have of their largest concentration: 5 % of its own, as it repeats."""
+def _its_own_threshold(trials: int, title: str) -> Results:
+    """Run PSGaussian with a threshold of 5 % of its largest concentration while frames repeat, as for other plumes."""
     sim = assemble(scenario_of(arena(LAMINAR, PUFF | {"start": REPEATS})))
     largest = float(ppm_at(sim.gas, sim.grid.centers(), sim.t).max())
     robot = ROOMBA | {"algorithm": ROOMBA["algorithm"] | {"threshold_ppm": 0.05 * largest}}
-    told = in_airs(trials, arena(LAMINAR, PUFF, robot), title)
-    return {**told, "largest concentration [ppm]": Mean(largest, None, None, 1)}
+    results = in_airs(trials, arena(LAMINAR, PUFF, robot), title)
+    return {**results, "largest concentration [ppm]": Mean(largest, None, None, 1)}
 
 
 DISCUSSION = """\
-Published is a picture of three ways to the source (figure 13), one each: simulated, hybrid and real, with no figures.
+Published is a picture of three paths to the source (figure 13), one each: simulated, hybrid and real, with no figures.
 Reproduced: the counterparts of all three find the source, in a zigzag. The simulated and the hybrid robot read a plume
-from Fluent as it is (here "PSFluent, at once"); the real one smelt real vapour with a TGS 2620 (here "turbulent
-arena"). The paper finds its three ways alike. Ours differ by chance as much as by kind: from air to air a way is 1.4 to
-2.2 times the straight one; in the mean it is longer with the lagging sensor, as the robot learns late that it has left
-the plume. One run of each could not show that.
+from Fluent without lag (here "PSFluent, at once"); the real robot measured real vapour with a TGS 2620 (here "turbulent
+arena"). The paper finds its three paths alike. Ours differ by chance as much as by kind: a path is 1.4 to 2.2 times the
+straight distance, depending on the air. In the mean it is longer with the lagging sensor, as the robot detects late
+that it has left the plume. One run of each could not show that.
 
 Two rows stand out, PSGaussian and PSMeandering with the lagging sensor. Neither is in an experiment of the paper, which
-names models of sensors as work to come. PSMeandering draws the line that its points follow once, and in some airs the
-line leaves the arena through a side wall: with or without a lag nobody finds its source in one of eight, and few in
-another. So its share is one of airs, and its interval wide. PSGaussian spreads until, from 20 s on, 10 to 13 % of the
-full scale are left of it, of which the threshold is 5 %: across the wind a band of 0.4 to 0.7 m lies above it, which a
-robot crosses in 2 to 3.5 s while the sensor rises with 3 s, and half of the robots go astray. All that read at once
-find it, and with a threshold of 5 % of what there is, not of the full scale, all with the lagging sensor do.
+leaves sensor models to future work. PSMeandering draws the line that its points follow once, and in some airs the line
+leaves the arena through a side wall. With or without lag no robot finds the source in one of eight airs, and few in
+another; so its interval is wide. PSGaussian spreads until, from 20 s on, 10 to 13 % of the full scale are left, while
+the threshold is 5 %. Across the wind a band of 0.4 to 0.7 m is above the threshold. A robot crosses it in 2 to 3.5 s,
+while the sensor rises with 3 s, and half of the robots lose the plume. All robots without lag find the source, and with
+a threshold of 5 % of the present maximum, not of the full scale, so do all with the lagging sensor.
 """
 
 CASES = (
@@ -215,7 +215,7 @@ CASES = (
             *_both(f"PSLog, {AIRS} airs", from_logs),
             *_both(f"PSFluent, {AIRS} airs", from_fluent, published=SIMULATED, expected=LED),
         ),
-        few=0,
+        test_trials=0,
         discussion=DISCUSSION,
     ),
 )

@@ -21,12 +21,12 @@ STEPS = (5, 10, 20, 50)  # per second: 0.2 s to 0.02 s
 
 
 def taylor(t: np.ndarray, deviation: float, time: float) -> np.ndarray:
-    """Variance of the displacement [m²] (Taylor 1921, doi:10.1112/plms/s2-20.1.196, exponential correlation)."""
+    """Return the variance of displacement [m²] (Taylor 1921, doi:10.1112/plms/s2-20.1.196, exponential correlation)."""
     return 2.0 * (deviation * time) ** 2 * (t / time - 1.0 + np.exp(-t / time))
 
 
 def spread(n: int) -> Answer:
-    """Puffs released at one point in a wind of 0.5 m/s, n steps per second: how far apart they are 4 m downwind."""
+    """Return the error of the spread of puffs from a point in a wind of 0.5 m/s, 4 m downwind; n steps per second."""
     deviation, time, rate, end = 0.05, 0.5, 5000.0, 8.5
     grid = Grid((50, 20, 20), 0.1)
     gas = puffs_on(
@@ -54,8 +54,9 @@ def spread(n: int) -> Answer:
 
 
 def sampled_mass(n: int, boxed: bool) -> Answer:
-    """A source 15 cm above the floor, in the open or beside a box on it: the sampled gas, n points per metre, over what
-    was released. Puffs as GADEN's: 10 cm at first, growing by 10 cm²/s.
+    """Return errors of the mass of sampled gas, n points per metre, over the released mass.
+
+    The source is 15 cm above the floor, free or beside a box. Puffs as in GADEN: 10 cm, growing by 10 cm²/s.
     """
     grid = Grid((40, 20, 15), 0.1)
     solid = np.zeros(grid.shape, bool)
@@ -81,9 +82,9 @@ def sampled_mass(n: int, boxed: bool) -> Answer:
 
 
 def plume(n: int) -> Answer:
-    """Mean over n seconds of a continuous release in a uniform wind against the Gaussian plume.
+    """Return the error of the mean over n seconds of a continuous release in a uniform wind: Gaussian plume.
 
-    The ensemble's mean is the integral over the age t of Q N(x - U t, s(t)²), s² = R²(t) + Taylor's variance.
+    The ensemble mean is the integral over the age t of Q N(x - U t, s(t)²), s² = R²(t) + Taylor's variance.
     """
     speed, deviation, time, dt = 0.5, 0.05, 0.5, 0.1
     source, rate = np.array([0.3, 0.5, 0.5]), 1e-5
@@ -127,17 +128,17 @@ def plume(n: int) -> Answer:
 
 
 def well_mixed(n: int) -> Answer:
-    """A room full of puffs, evenly, with a box in it: after a minute of eddies they are still even; n thousand puffs.
+    """Return errors of the well-mixed condition: n thousand puffs in a room with a box, after a minute of eddies.
 
-    The deviation of the number in a cell from the mean, over its standard deviation by chance; and that of the numbers
-    in the cells along all surfaces taken together.
+    Norms: rms deviation of the number per cell over its standard deviation by chance; relative deviation of the number
+    in all cells along surfaces.
     """
     grid = Grid((40, 30), 0.1)
     solid = np.zeros(grid.shape, bool)
     solid[15:22, 10:16] = True
     air = Air.of(solid, grid)
     wind = SyntheticSolver(SyntheticWind(kind="synthetic", speed=0.1), grid, air)
-    wind.nu = None  # where it falls it moves the middles of puffs, so that gas, with their widths, stays even
+    wind.nu = None  # its gradient moves the centres of puffs, so that gas, not their number, stays uniform
     gas = puffs_on(grid, wind, air, sources=[{"position": (0.5, 0.5), "rate": 0.0}], fluctuation=0.05)
     rng = np.random.default_rng(1)
     x = rng.random((3000 * n, 2)) * grid.extent
@@ -166,7 +167,7 @@ def well_mixed(n: int) -> Answer:
 
 
 def on_the_grid(n: int) -> Answer:
-    """Puffs and the gas on the grid, carried by the same turbulent flow around a box: means over n seconds."""
+    """Return differences of puffs from gas on the grid in the same turbulent flow past a box; means over n seconds."""
     grid = Grid((80, 60), 0.05, depth=0.5)
     solid = np.zeros(grid.shape, bool)
     solid[30:36, 26:36] = True
@@ -210,7 +211,7 @@ CASES = (
         coarse=STEPS,
         fine=STEPS,
         slow=True,
-        # of the 10,000 offsets in a second's puffs the deviation is known to 0.7 %; two of 1.5 % are 3 % apart
+        # the 10,000 offsets of the puffs of a second give the deviation within 0.7 %
         expected={"spread at 4 m": Expected(tolerance=0.015)},
     ),
     Case(
@@ -239,7 +240,7 @@ CASES = (
         coarse=(30,),
         fine=(30, 120),
         slow=True,
-        # a thousand puffs a second, of which one in ten passes within its size of a point: 1/sqrt(3000) in 30 s
+        # of a thousand puffs a second a tenth passes a point within its size: 1/sqrt(3000) in 30 s
         expected={"mean / largest, rms": Expected(tolerance=0.04)},
     ),
     Case(
@@ -266,7 +267,7 @@ CASES = (
         coarse=(30,),
         fine=(30, 60),
         slow=True,
-        # the grid's own diffusion widens its plume: the two agree as far as a plume a few cells wide is resolved
+        # numerical diffusion widens the plume on the grid: agreement requires a plume several cells wide
         expected={
             "1 - correlation": Expected(tolerance=0.05),
             "mean over the mean": Expected(tolerance=0.05),

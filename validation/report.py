@@ -1,6 +1,4 @@
-"""The report of a validation as one HTML page: verdicts, norms and means, and plots of convergence and of what was
-computed.
-"""
+"""HTML report of a validation: verdicts, norms and means, and plots of convergence and of computed curves."""
 
 import base64
 import io
@@ -14,10 +12,10 @@ from taichi_plume.validation.case import Curve, Keys
 from taichi_plume.validation.experiment import Lines, Picture, Tracks
 
 Pictures = Mapping[str, Picture]
-"""By title."""
+"""Pictures by title."""
 
 POINTS = 80
-"""Of a curve in the report's JSON, at most."""
+"""Largest number of points of a curve in the report's JSON."""
 
 INK = {True: "#2e7d32", False: "#c62828", None: "#777"}
 WORD = {True: "met", False: "NOT MET", None: ""}
@@ -31,7 +29,7 @@ th { font-weight: 600; border-bottom: 1px solid #bbb } .about { color: #555 }
 
 
 def page(report: Keys, pictures: Mapping[str, Pictures]) -> str:
-    """The page of a report (see `__main__`), with the pictures of each case by its name."""
+    """Return the HTML page of a report (see `__main__`); pictures: by name of the case."""
     versions = ", ".join(f"{name} {version}" for name, version in report["versions"].items())
     verdict = "all as expected" if report["passed"] else "not all as expected"
     index = "".join(_index_row(case) for case in report["cases"])
@@ -47,7 +45,7 @@ def page(report: Keys, pictures: Mapping[str, Pictures]) -> str:
 
 
 def plain(pictures: Pictures) -> Keys:
-    """Pictures as JSON holds them, thinned to `POINTS` and rounded to four digits, each with its `kind`."""
+    """Return pictures as JSON data, thinned to `POINTS` and rounded to four digits, each with its `kind`."""
     return {
         title: {"kind": type(picture).__name__.lower(), **_plain(picture)}
         for title, picture in pictures.items()
@@ -68,7 +66,7 @@ def _plain(picture: Picture) -> Keys:
 
 
 def _thin(values: Any) -> np.ndarray:
-    """At most `POINTS` of them, the first and the last among them."""
+    """Return at most `POINTS` of the values, including the first and the last."""
     values = np.asarray(values, float)
     return values[np.unique(np.linspace(0, len(values) - 1, min(len(values), POINTS)).round().astype(int))]
 
@@ -104,8 +102,8 @@ def _case(case: Keys, pictures: Pictures) -> str:
     table = _norms(case.get("norms", [])) + _means(case.get("rows", []))
     picture = _picture(case, pictures)
     image = f'<img alt="plots of {name}" src="data:image/svg+xml;base64,{picture}">' if picture else ""
-    said = "".join(f"<p>{escape(part)}</p>" for part in case["discussion"].split("\n\n") if part)
-    return f'<h2 id="{name}">{name}</h2><p class=about>{escape(about)}</p>{message}{said}{table}{image}'
+    discussion = "".join(f"<p>{escape(part)}</p>" for part in case["discussion"].split("\n\n") if part)
+    return f'<h2 id="{name}">{name}</h2><p class=about>{escape(about)}</p>{message}{discussion}{table}{image}'
 
 
 def _norms(rows: list[Keys]) -> str:
@@ -114,18 +112,18 @@ def _norms(rows: list[Keys]) -> str:
 
 
 def _means(rows: list[Keys]) -> str:
-    """The table of an experiment; a condition is named once."""
+    """Return the HTML table of an experiment; a condition is named once."""
     lines, last = [], ""
     for row in rows:
         first = "" if row["condition"] == last else row["condition"]
         last = row["condition"]
-        told = [first, row["quantity"], mean_with_interval(row), row["published"], row["expected"] or ""]
-        lines.append([*map(escape, told), _verdict(row["met"])])
+        cells = [first, row["quantity"], mean_with_interval(row), row["published"], row["expected"] or ""]
+        lines.append([*map(escape, cells), _verdict(row["met"])])
     return _table(["condition", "quantity", "mean, 95 % interval", "published", "expected", ""], lines)
 
 
 def _table(titles: list[str], lines: list[list[str]]) -> str:
-    """A table of cells that are HTML already; nothing where there are no lines."""
+    """Return an HTML table of cells that are already HTML; empty without lines."""
     head = "".join(f"<th>{title}</th>" for title in titles)
     rows = ("<tr>" + "".join(f"<td>{cell}</td>" for cell in line) + "</tr>" for line in lines)
     return f"<table><tr>{head}</tr>{''.join(rows)}</table>" if lines else ""
@@ -150,8 +148,8 @@ def _norm(row: Keys, sizes: list[str]) -> list[str]:
 
 
 def _picture(case: Keys, pictures: Pictures) -> str:
-    """An SVG in base64: errors over resolution where an order is expected, curves, tracks. Empty if there is none."""
-    from matplotlib.figure import Figure  # half a second, which a run without a report need not wait for
+    """Return an SVG in base64: errors over resolution if an order is expected, curves, tracks. Empty without any."""
+    from matplotlib.figure import Figure  # slow to import (half a second)
 
     norms = case.get("norms", [])
     converging = [row for row in norms if row["order"] is not None and len(row["errors"]) > 1]

@@ -3,11 +3,11 @@
     python -m taichi_plume.validation.resets [NAME ...] [--seconds S] [--times N] [--keep DIR]
 
 Each scenario in `configs/` (or those named), shortened to S seconds of warm-up and S of robots, is assembled and run in
-one process. Then it is reset and run again: as it is; with another seed; with every speed of the air, every rate of
-release and every place where robots start changed; and as it is once more. Each time `robots.parquet` and the mass
-budget are compared with those of a fresh process that runs that scenario. Told are also how many kernels the resets
-compiled (none are allowed), and by how much the process grew over N resets with a tick after each. Exit code 0: all
-the same.
+one process. Then the simulation is reset and run again: unchanged; with another seed; with changed speeds of the air,
+rates of release and start positions; and unchanged once more. Each time `robots.parquet` and the mass budget are
+compared with those of a fresh process that runs the same scenario. The check also reports the number of kernels
+compiled by resets, which must be 0, and the growth of the process over N resets with a tick after each. Exit code 0: no
+differences.
 """
 
 import argparse
@@ -48,10 +48,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--seconds", type=float, default=5.0)
     parser.add_argument("--times", type=int, default=100)
+    parser.add_argument("--keep", type=Path, help="keep the runs here, and reuse fresh runs found here")
     parser.add_argument(
-        "--keep", type=Path, help="keep the runs here, and take the fresh ones that are there already"
-    )
-    parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)  # a shortened scenario, in this process
+        "--one", type=Path, help=argparse.SUPPRESS
+    )  # check a shortened scenario in this process
     args = parser.parse_args(argv)
     if args.one:
         return check(args.one, args.times)
@@ -62,18 +62,18 @@ def main(argv: Sequence[str] | None = None) -> int:
             path = CONFIGS / f"{name}.yaml"
             data = shortened(yaml.safe_load(path.read_text()), args.seconds)
             (keep / name).mkdir(parents=True, exist_ok=True)
-            one = keep / name / "scenario.yaml"
+            file = keep / name / "scenario.yaml"
             scenario = load_scenario(path, [f"{key}={json.dumps(value)}" for key, value in data.items()])
-            one.write_text(to_yaml(scenario, path.parent, one.parent))
-            # a process for each: what one leaves behind is not the next one's
-            command = [sys.executable, "-m", "taichi_plume.validation.resets", "--one", str(one)]
+            file.write_text(to_yaml(scenario, path.parent, file.parent))
+            # a process per scenario, so that no state carries over
+            command = [sys.executable, "-m", "taichi_plume.validation.resets", "--one", str(file)]
             failed += bool(subprocess.run([*command, "--times", str(args.times)], check=False).returncode)
     return int(failed > 0)
 
 
 def check(path: Path, times: int) -> int:
     """Compare the resets of the scenario at `path` with fresh processes; returns the exit code."""
-    scenario = load_scenario(path, allow_outside=True)  # in the folder of the config
+    scenario = load_scenario(path, allow_outside=True)  # files lie in the folder of the config
     kernels.start("cpu")
     sim = assemble(scenario, path.parent, allow_outside=True)
     _run(sim, path.parent / "first")
@@ -87,8 +87,8 @@ def check(path: Path, times: int) -> int:
             file.write_text(to_yaml(other, path.parent, path.parent))
             command = [sys.executable, "-m", "taichi_plume.run", str(file), "--out", str(fresh), "--quiet"]
             subprocess.run([*command, "--no-recording", "--allow-outside"], check=True)
-        found = list(differences(fresh, path.parent / f"reset-{name}", ("steps", "gas")))
-        faults += [f"{name}: {fault}" for fault in found]
+        changes = list(differences(fresh, path.parent / f"reset-{name}", ("steps", "gas")))
+        faults += [f"{name}: {fault}" for fault in changes]
         if name != "same" and not list(differences(path.parent / "first", fresh, ("steps", "gas"))):
             idle.append(name)
     more, grown = kernels.compiled() - compiled, growth(sim, scenario, times)
@@ -115,7 +115,7 @@ def growth(sim: Simulation, scenario: Scenario, times: int) -> float:
 
 
 def _run(sim: Simulation, out: Path) -> None:
-    """Run to the end, with the tables that a run writes."""
+    """Run a simulation to the end and write its table of robots and its result."""
     out.mkdir(parents=True, exist_ok=True)
     table = None
     if sim.swarm.count:
@@ -129,7 +129,7 @@ def _run(sim: Simulation, out: Path) -> None:
 
 
 def variants(scenario: Scenario) -> Iterator[tuple[str, Scenario]]:
-    """The scenario as it is, with another seed, with other speeds, rates and starts, and as it is again."""
+    """Yield the scenario unchanged, with another seed, other speeds, rates and starts, and unchanged again."""
     yield "same", scenario
     data = scenario.model_dump(mode="json", exclude_none=True)
     others = {
@@ -145,7 +145,7 @@ def variants(scenario: Scenario) -> Iterator[tuple[str, Scenario]]:
 
 
 def _scaled(value: Any, keys: Sequence[str], factor: float, within: bool = False) -> Any:
-    """Numbers under these keys times the factor."""
+    """Return `value` with the numbers under `keys` multiplied by `factor`."""
     if isinstance(value, dict):
         return {key: _scaled(part, keys, factor, key in keys) for key, part in value.items()}
     if isinstance(value, list):
@@ -154,7 +154,7 @@ def _scaled(value: Any, keys: Sequence[str], factor: float, within: bool = False
 
 
 def _moved(start: Keys) -> Keys:
-    """Places of a start, a little lower along y."""
+    """Return a start with its positions moved by -ASIDE along y."""
 
     def aside(value: Any) -> Any:
         if isinstance(value[0], list):

@@ -2,11 +2,11 @@
 
 Cheng et al. 2011 (doi:10.1021/es103080p) released carbon monoxide at a point in two homes with 30 to 37 monitors about
 it, 11 times, and fitted an isotropic eddy diffusivity K: 0.001 to 0.013 m²/s from less than 0.2 to more than 5 air
-changes per hour n, by K = V^(2/3) (0.52 n + 0.31) per hour. The range is of the paper's abstract, the line of a
-secondary source that gives its page (4020); we have not seen the measured points.
+changes per hour n, by K = V^(2/3) (0.52 n + 0.31) per hour. The range is from the paper's abstract, the law
+from a secondary source that cites page 4020; we have not seen the measured points.
 
-Here K is the decay of cosines as long as the room, by particles (see solvers/room_mixing.py), each air of a seed of its
-own, and in one condition by gas on the grid that was released in the middle.
+Here K is computed from the decay of cosines as long as the room, by particles (see solvers/room_mixing.py). Every air
+has its own seed. In one condition K is computed from gas on the grid, released in the middle.
 """
 
 from functools import partial
@@ -22,7 +22,7 @@ from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.room_mixing import air_changes, diffusivity
 from taichi_plume.solvers.synthetic import SyntheticSolver
 from taichi_plume.validation.case import Curve
-from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Told, over_airs
+from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Results, over_airs
 
 ROOM = ((50, 40, 25), 0.1)  # 50 m³
 HALL = ((40, 30, 16), 0.2)  # 154 m³
@@ -37,28 +37,28 @@ CLOSED = (0.0, 0.5)  # air changes per hour
 
 DISCUSSION = (
     "Measured in homes: 1 to 13e-3 m²/s, growing with the air changes per hour. Not reproduced is the closed room with "
-    "our default speeds, 3 cm/s in eddies of 1.4 m and 0.75 cm/s in rolls: they mix by 3.7e-3 m²/s, as 50 m³ do with "
-    "1.3 air changes per hour, which lies well inside what was measured but above the 1.2 to 2.1e-3 of the law for "
-    "rooms that are closed. Eddies of 2 m with rolls twice as fast come to 7.3e-3. Reproduced is the closed room by "
-    "half the speeds: 1.9e-3. K goes with the speed, and with the eddies' length: 0.06 to 0.07 of their "
-    "product without rolls, whatever the room; rolls of a quarter of the eddies' speed add a third. The law grows with "
-    "the room's size, which ours does only where eddies and rolls are made to: in 7.6 m³ the default mixes as with 5 "
-    "air changes. The line is known to us from a secondary source, without its scatter. Gas on the grid, released in "
-    "the middle, spreads by 0.93 of what particles say."
+    "our default speeds, 3 cm/s in eddies of 1.4 m and 0.75 cm/s in rolls: their K is 3.7e-3 m²/s, as in 50 m³ with "
+    "1.3 air changes per hour. This is well inside the measured range but above the 1.2 to 2.1e-3 of the law for "
+    "closed rooms. Eddies of 2 m with rolls twice as fast give 7.3e-3. Reproduced is the closed room with half the "
+    "speeds: 1.9e-3. K is proportional to the speed and to the eddies' length: 0.06 to 0.07 of their product without "
+    "rolls, in any room; rolls of a quarter of the eddies' speed add a third. The law grows with the room's size, ours "
+    "only if eddies and rolls are scaled: in 7.6 m³ the default mixes as with 5 air changes. The law is known to us "
+    "from a secondary source, without its scatter. Gas on the grid, released in the middle, has 0.93 times the K of "
+    "particles."
 )
 
 
-def of_particles(airs: int, shape: tuple[int, ...], dx: float, **keys: float) -> Told:
-    """K of a room in so many airs, and what it comes to."""
+def of_particles(airs: int, shape: tuple[int, ...], dx: float, **keys: float) -> Results:
+    """Return K of a room over several airs, and the equivalent air change rate."""
     grid = Grid(shape, dx)
     model = SyntheticWind.model_validate({"kind": "synthetic"} | keys)
     wind = SyntheticSolver(model, grid, Air.everywhere(grid))
-    found = []
+    values = []
     for seed in range(airs):
         wind.begin(model, 0.0, seed)
-        found.append(wind.mixing()["eddy_diffusivity_m2_per_s"])
-    K, volume = np.array(found), float(np.prod(grid.extent))
-    like = np.array([air_changes(one, volume) for one in K])
+        values.append(wind.mixing()["eddy_diffusivity_m2_per_s"])
+    K, volume = np.array(values), float(np.prod(grid.extent))
+    like = np.array([air_changes(k, volume) for k in K])
     return {
         OF_PARTICLES: over_airs(1e3 * K),
         LIKE: over_airs(like),
@@ -66,17 +66,17 @@ def of_particles(airs: int, shape: tuple[int, ...], dx: float, **keys: float) ->
     }
 
 
-def released(airs: int) -> Told:
-    """Gas of the default room, a ball in the middle at first: the cosines of a whole wave along and across the room.
+def released(airs: int) -> Results:
+    """Return K of gas released as a ball in the middle of the default room, and K of particles in the same airs.
 
-    By diffusion their means over all airs decay as exp(-K (2 pi/L)² t). That of particles is of the same airs.
+    By diffusion the mean cosines of a whole wave along and across the room decay as exp(-K (2 pi/L)² t).
     """
     grid, axes = Grid(*ROOM), (0, 1)
     model = SyntheticWind(kind="synthetic")
     wind = SyntheticSolver(model, grid, Air.everywhere(grid))
     source = {"position": tuple(0.5 * length for length in grid.extent), "rate": 0.0}
-    its = EulerianGas.model_validate({"kind": "eulerian", "sources": [source]})
-    gas = EulerianSolver(its, grid, wind, Air.everywhere(grid))
+    gas_model = EulerianGas.model_validate({"kind": "eulerian", "sources": [source]})
+    gas = EulerianSolver(gas_model, grid, wind, Air.everywhere(grid))
     x = grid.centers()
     ball = np.exp(-((x - 0.5 * np.array(grid.extent)) ** 2).sum(axis=-1) / (2.0 * RELEASED**2))
     modes = np.zeros((airs, len(LOOKS), len(axes)))
@@ -84,7 +84,7 @@ def released(airs: int) -> Told:
     for seed in range(airs):
         wind.begin(model, 0.0, seed)
         particles.append(wind.mixing()["eddy_diffusivity_m2_per_s"])
-        gas.begin(its)
+        gas.begin(gas_model)
         gas.start_from(lambda _: ball)
         for n in range(round(LOOKS[-1] / STEP)):
             wind.advance(n * STEP, STEP)
@@ -95,15 +95,15 @@ def released(airs: int) -> Told:
                 )
         along += grid.read(gas.c).astype(float).sum(axis=(1, 2)) / ball.sum() / grid.dx / airs
     K = pseudo_values(modes, grid.extent)
-    of = np.array(particles)
-    k = np.arange(1, 40)[:, None] * 2.0 * pi / grid.extent[0]  # of a ball in the middle only even ones
+    by_particles = np.array(particles)
+    k = np.arange(1, 40)[:, None] * 2.0 * pi / grid.extent[0]  # even cosines only, by symmetry
     place = (np.arange(grid.shape[0]) + 0.5) * grid.dx - 0.5 * grid.extent[0]
-    decay = np.exp(-(k**2) * (0.5 * RELEASED**2 + of.mean() * LOOKS[-1]))
+    decay = np.exp(-(k**2) * (0.5 * RELEASED**2 + by_particles.mean() * LOOKS[-1]))
     diffused = (1.0 + 2.0 * (decay * np.cos(k * place)).sum(axis=0)) / grid.extent[0]
     return {
         OF_GAS: over_airs(1e3 * K),
-        OF_PARTICLES: over_airs(1e3 * of),
-        RATIO: _over(over_airs(K), float(of.mean())),
+        OF_PARTICLES: over_airs(1e3 * by_particles),
+        RATIO: _over(over_airs(K), float(by_particles.mean())),
         f"{LOOKS[-1]:g} s after the release, and diffusion by K": Curve(
             "x - middle [m]", "share per metre [1/m]", place, along, diffused
         ),
@@ -117,9 +117,10 @@ def _cosines(c: np.ndarray, grid: Grid, axes: tuple[int, ...]) -> list[float]:
 
 
 def pseudo_values(modes: np.ndarray, extent: tuple[float, ...]) -> np.ndarray:
-    """K [m²/s] by each air, of which the mean is that by all airs less its bias, for intervals (Tukey's jackknife).
+    """Return the jackknife pseudo-values (Tukey) of K [m²/s] per air; their mean is the bias-corrected estimate.
 
-    modes: cosines of a whole wave, (airs, 2 times, axes)."""
+    modes: cosines of a whole wave, (airs, 2 times, axes).
+    """
 
     def rate(chosen: np.ndarray) -> float:
         early, late = chosen.mean(axis=0)
@@ -134,7 +135,7 @@ def pseudo_values(modes: np.ndarray, extent: tuple[float, ...]) -> np.ndarray:
 
 
 def _over(mean: Mean, by: float) -> Mean:
-    """A mean over a number."""
+    """Return a mean divided by a number."""
     low, high = (None if end is None else end / by for end in (mean.low, mean.high))
     return Mean(None if mean.mean is None else mean.mean / by, low, high, mean.n, mean.airs)
 
@@ -185,7 +186,7 @@ CASES = (
             ),
         ),
         trials=8,
-        few=0,
+        test_trials=0,
         discussion=DISCUSSION,
     ),
 )

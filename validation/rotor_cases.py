@@ -1,8 +1,8 @@
 """Downwash of a hovering rotor: momentum balance and momentum theory (actuator disc). n cells span the radius R.
 
-A thrust T on a disc of area A sucks the air through it at w = (T/(2 rho A))^½ in the mean and leaves it at 2 w, in a
-jet that has contracted to half of A (Rankine 1865, Froude 1889). Here R = 0.5 m and w = 1 m/s, in still air that comes
-in and goes out freely. In a box all of whose sides are periodic no wall takes momentum: all that was put in is there.
+A thrust T on a disc of area A induces a mean velocity w = (T/(2 rho A))^½ through the disc and 2 w in the jet, which
+contracts to half of A (Rankine 1865, Froude 1889). Here R = 0.5 m and w = 1 m/s, in still air with open boundaries. In
+a periodic box no wall takes up momentum, so that the momentum of the air equals the impulse.
 """
 
 from math import pi
@@ -24,15 +24,15 @@ from taichi_plume.validation.setups import advance, cfd, samples
 
 RADIUS, INDUCED = 0.5, 1.0  # m, m/s
 AREA = pi * RADIUS**2
-MASS = 2.0 * AIR_DENSITY * AREA * INDUCED**2 / GRAVITY  # kg, whose weight makes that
+MASS = 2.0 * AIR_DENSITY * AREA * INDUCED**2 / GRAVITY  # kg, whose weight gives INDUCED
 WIDTH, HEIGHT, ABOVE = 8, 12, 8  # of the box, and of the disc above the floor, in radii
 BELOW = 2.0  # radii below the disc, where the jet has contracted and is not yet mixed
 SETTLE, AVERAGED, SAMPLE = 8.0, 12.0, 0.25  # s
-PLACES = ((4.0, 4.0), (4.03, 4.12), (4.21, 3.87))  # in radii, on the grid in several ways
+PLACES = ((4.0, 4.0), (4.03, 4.12), (4.21, 3.87))  # in radii, at different positions relative to the cells
 
 
 def _hover(n: int, faces: list[dict], place: tuple[float, float], altitude: float) -> FlowSolver:
-    """The flow of a rotor at that place [radii]."""
+    """Return the flow of a rotor at `place` and `altitude` [radii]."""
     wind = cfd(faces)
     grid = Grid((WIDTH * n, WIDTH * n, HEIGHT * n), RADIUS / n, periodic=periodic_axes(wind.openings, 3))
     at, push = ti.Vector.field(2, ti.f32, 1), ti.Vector.field(3, ti.f32, 1)
@@ -46,7 +46,7 @@ def _hover(n: int, faces: list[dict], place: tuple[float, float], altitude: floa
 
 
 def hovering_rotor(n: int) -> Errors:
-    """Errors of the momentum, of the mean velocity through the disc and of the jet's, over those of the theory."""
+    """Return relative errors of the momentum, the mean velocity through the disc and the velocity of the jet."""
     thrust, momentum = MASS * GRAVITY, []
     around = [{"kind": "periodic", "axis": axis} for axis in "xyz"]
     for place in PLACES:
@@ -89,8 +89,8 @@ CASES = (
             "velocity of the jet over 2 w, error": Expected(tolerance=0.1),
             "divergence": Expected(tolerance=1e-4),
         },
-        discussion="Tolerances were set before the case was run. The air gets the thrust to rounding, and the jet is "
-        "that of momentum theory within 1 %. The mean flow through the disc is 1.06, 1.07 and 0.99 of the theory's "
-        "with 4, 6 and 8 cells per radius: it falls steeply at the rim, and depends on which cells there count.",
+        discussion="Tolerances were set before the case was run. The momentum of the air agrees to rounding, and the "
+        "jet with momentum theory within 1 %. The mean flow through the disc is 1.06, 1.07 and 0.99 of the theory's "
+        "with 4, 6 and 8 cells per radius: it falls steeply at the rim, and depends on the cells averaged there.",
     ),
 )

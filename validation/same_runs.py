@@ -2,9 +2,9 @@
 
     python -m taichi_plume.validation.same_runs OLD NEW [--seconds S] [--only NAME ...] [--keep DIR]
 
-runs every scenario in `configs/` that both have in each of the two checkouts, shortened to S seconds of warm-up and
-S of robots, and compares every column of `robots.parquet` and every number of the mass budget. Where something differs
-it says what, from when on and by how much. Exit code 0: all the same, 1: something differs or a run failed.
+The command runs every scenario in `configs/` that exists in both checkouts, shortened to S seconds of warm-up and S of
+robots. It compares every column of `robots.parquet` and every number of the mass budget, and reports the name, first
+time and size of differences. Exit code 0: no differences, 1: a difference or a failed run.
 """
 
 import json
@@ -29,7 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("checkouts", nargs=2, type=Path, metavar="FOLDER")
     parser.add_argument("--seconds", type=float, default=5.0)
     parser.add_argument("--only", nargs="*", help="names of scenarios")
-    parser.add_argument("--keep", type=Path, help="keep runs here, and take those that are there already")
+    parser.add_argument("--keep", type=Path, help="keep runs here, and reuse runs found here")
     args = parser.parse_args(argv)
     old, new = args.checkouts
     names = sorted(
@@ -47,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(checkout: Path, name: str, seconds: float, keep: Path) -> Path:
-    """The run directory of a shortened scenario, computed by the code of a checkout."""
+    """Run a shortened scenario with the code of a checkout and return the run folder."""
     out = keep.resolve() / name
     if (out / "result.json").exists():
         return out
@@ -61,11 +61,11 @@ def _run(checkout: Path, name: str, seconds: float, keep: Path) -> Path:
 
 
 def shortened(data: dict[str, Any], seconds: float) -> dict[str, Any]:
-    """The keys by which a scenario's data become a run of so many seconds, and of as much warm-up where it has one."""
+    """Return the keys that shorten a scenario to `seconds`, and its warm-up, if any, to as many."""
     shorter: dict[str, Any] = {"duration": seconds}
     if not str(data.get("warm_up", "0")).startswith("0"):
         shorter["warm_up"] = seconds
-    if "after" in data["wind"]:  # a frozen wind has to stand still before the end
+    if "after" in data["wind"]:  # a frozen wind has to be frozen before the end
         shorter |= {"wind.after": seconds, "wind.average": None}
     return shorter
 

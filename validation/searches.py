@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 Key = TypeVar("Key")
-SHOWN = 6  # paths in a picture
+SHOWN = 6  # paths in the picture
 WAY = "path / straight way"
 QUANTITIES = {"success": "success_rate", "time [s]": "time_s", WAY: "overhead"}
 
@@ -66,15 +66,15 @@ def pooled(parts: Iterable[tuple[Key, Mapping[str, Sequence[Any]]]]) -> dict[Key
 
 
 class Searches:
-    """Trials of the first group of several runs, each in an air of its own, one after the other."""
+    """Trials of the first group of several runs, each in its own air."""
 
     def __init__(self) -> None:
         self.columns: dict[str, list[Any]] = {}
         self.ways: list[np.ndarray] = []
-        self.airs: list[int] = []  # of each trial
+        self.airs: list[int] = []  # air of each trial
 
     def add(self, sim: Simulation) -> None:
-        """Run a simulation and take in its trials."""
+        """Run a simulation and add its trials."""
         group = sim.swarm.groups[0]
         places: list[np.ndarray] = []
         sim.observers.append(
@@ -87,7 +87,7 @@ class Searches:
         self.airs += [max(self.airs, default=-1) + 1] * group.trials
 
     def add_run(self, run: Run) -> None:
-        """Take in the trials of the first group of a run that has ended, whose robots are one per trial."""
+        """Add the trials of the first group of a finished run with one robot per trial."""
         name = run.trials["group"].iloc[0]
         trials = run.trials[run.trials["group"] == name]
         for column in trials.columns:
@@ -97,15 +97,15 @@ class Searches:
             self.ways.append(np.column_stack([rows["x"], rows["y"]]))
         self.airs += [max(self.airs, default=-1) + 1] * len(trials)
 
-    def told(self, scenario: Scenario, title: str) -> dict[str, Mean | Tracks]:
-        """The means over all trials, and some ways from all airs: up to half of them of failures.
+    def summary(self, scenario: Scenario, title: str) -> dict[str, Mean | Tracks]:
+        """Return the means over all trials, and a picture of some paths, up to half of them of failures.
 
-        Intervals are over the airs, where there are several.
+        With several airs the intervals are over airs.
         """
         size, (_, source) = scenario.domain.extent[:2], scenario.sources[0]
         good = np.array(self.columns["success"], bool)
-        lost = _some(np.flatnonzero(~good), SHOWN // 2)
-        shown = [*lost, *_some(np.flatnonzero(good), SHOWN - len(lost))]
+        lost = _evenly(np.flatnonzero(~good), SHOWN // 2)
+        shown = [*lost, *_evenly(np.flatnonzero(good), SHOWN - len(lost))]
         ways = tuple(self.ways[k] for k in shown)
         return {
             **self._means(scenario.duration),
@@ -116,39 +116,39 @@ class Searches:
         if max(self.airs) == 0:
             summary = trial_summary(self.columns, duration)
             return {name: Mean(**summary[key]) for name, key in QUANTITIES.items()}
-        airs, told = np.array(self.airs), {}
+        airs, means = np.array(self.airs), {}
         for name, key in QUANTITIES.items():
             share = key == "success_rate"
             values = np.array(self.columns["success" if share else key], float)
-            told[name] = over_airs(values, airs, share)
-        return told
+            means[name] = over_airs(values, airs, share)
+        return means
 
 
-def _some(numbers: np.ndarray, most: int) -> np.ndarray:
-    """At most so many of them, evenly."""
+def _evenly(numbers: np.ndarray, most: int) -> np.ndarray:
+    """Return at most `most` of the numbers, evenly spaced."""
     return numbers[np.linspace(0, len(numbers) - 1, min(most, len(numbers))).astype(int)]
 
 
 def searches(
     airs: Iterable[Keys], trials: Sequence[int], title: str, folder: Path = Path()
 ) -> dict[str, Mean | Tracks]:
-    """Run the first group of scenarios in so many trials each; Taichi must have been started. title: of the picture."""
-    found, scenario = Searches(), None
+    """Run the first group of each scenario with its number of trials. Taichi must have been started."""
+    trials_by_air, scenario = Searches(), None
     for data, count in zip(airs, trials, strict=True):
         group = data["robots"][0] | {"trials": count}
         scenario = scenario_of(data | {"robots": [group]}, folder)
-        found.add(assemble(scenario, folder))
+        trials_by_air.add(assemble(scenario, folder))
     assert scenario is not None
-    return found.told(scenario, title)
+    return trials_by_air.summary(scenario, title)
 
 
 def contest(data: Keys, folder: Path = Path(), limit: float = inf) -> dict[str, dict[str, list[Any]]]:
-    """Run a scenario with its groups as rivals; returns the columns of `trial_outcomes` by the names of the groups.
+    """Run a scenario with its groups as rivals; return the columns of `trial_outcomes` by group.
 
-    limit: of a search [s]: each group's outcomes are those so long after it set off, and the run ends with the last.
+    limit: duration of each search [s], from the start of its group; the run ends with the last search.
     """
     sim = assemble(scenario_of(data | {"rivals": True}, folder), folder)
-    told: dict[str, dict[str, list[Any]]] = {}
+    results: dict[str, dict[str, list[Any]]] = {}
     late = {group.name: group.model.begin + limit for group in sim.swarm.groups}
     sim.observe()
     while not sim.finished and late:
@@ -157,9 +157,9 @@ def contest(data: Keys, folder: Path = Path(), limit: float = inf) -> dict[str, 
         over = [name for name, end in late.items() if sim.t >= end]
         if over:
             now = outcomes(sim)
-            told |= {name: now[name] for name in over}
+            results |= {name: now[name] for name in over}
             late = {name: end for name, end in late.items() if name not in over}
-    return told | {name: one for name, one in outcomes(sim).items() if name in late}
+    return results | {name: columns for name, columns in outcomes(sim).items() if name in late}
 
 
 def probed(data: Keys) -> tuple[Simulation, np.ndarray, "pa.Table"]:

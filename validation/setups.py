@@ -41,7 +41,7 @@ def ethanol(diffusivity: float) -> dict[str, float]:
 def gas_on(
     grid: Grid, wind: Carrier, air: Air | None = None, seed: int = 0, name: str = "gas", **keys: object
 ) -> EulerianSolver:
-    """Return gas on the grid; `keys`: of its section. Without `sources` one that emits nothing."""
+    """Return gas on the grid; `keys`: of its section. Without `sources` nothing is emitted."""
     sources = {"sources": [{"position": (0.5 * grid.dx,) * grid.dim, "rate": 0.0}]}
     model = EulerianGas.model_validate({"kind": "eulerian"} | sources | keys)
     return EulerianSolver(model, grid, wind, air or Air.everywhere(grid), 0.0, seed, name)

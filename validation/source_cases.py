@@ -1,6 +1,6 @@
-"""Plumes of sources smaller than a cell: what they are must not depend on where in a cell the source sits, nor on how
-the wind blows across the grid. Functions solve at a resolution, see `case`.
-"""
+"""Plumes of sources smaller than a cell: independence of the source's position in its cell and of the wind direction.
+
+Functions solve at a resolution, see `case`."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -18,11 +18,11 @@ from taichi_plume.validation.setups import ethanol, gas_on, uniform
 
 SPEED, RADIUS = 0.5, 0.02  # m/s, m
 EDDIES = 1e-4
-"""m²/s: about what the eddies below cells of 5 cm spread gas with in a wind of 0.5 m/s with an intensity of 10 %."""
+"""Subgrid eddy diffusivity [m²/s], typical of cells of 5 cm in a wind of 0.5 m/s with an intensity of 10 %."""
 
 
 class Plume:
-    """Gas of one small source in a uniform wind, which is begun anew for each place and wind."""
+    """Gas of a small source in a uniform wind, restarted for each position and wind."""
 
     def __init__(self, grid: Grid, diffusivity: float, convection: str = "koren"):
         self.grid, self.wind = grid, uniform(grid, SPEED)
@@ -32,17 +32,17 @@ class Plume:
         self.state = State(self.gas)
 
     def blowing(self, slope: float) -> UniformWind:
-        """A wind along x, and so much of it along y."""
+        """Return a wind along x with `slope` times the speed along y."""
         velocity = (SPEED, SPEED * slope, 0.0)[: self.grid.dim]
         return UniformWind(kind="uniform", velocity=velocity)
 
     def emitting(self, place: tuple[float, ...]) -> EulerianGas:
-        """The gas of a source there."""
+        """Return the model of a gas with a source at `place`."""
         source = {"position": place, "rate": 1e-6, "radius": RADIUS}
         return EulerianGas.model_validate({**self.keys, "sources": [source]})
 
     def steady(self, place: tuple[float, ...], slope: float = 0.0, courant: float = 1.2) -> None:
-        """Emit until the air has gone through 1.25 times."""
+        """Restart and emit for 1.25 flow-through times."""
         self.wind.begin(self.blowing(slope), 0.0, 0)
         self.state.clear()
         self.gas.begin(self.emitting(place), 0.0, 0)
@@ -52,9 +52,7 @@ class Plume:
 
 
 def source_places(n: int) -> Answer:
-    """A source in 27 places of a cell, n cells per metre: the largest c over the smallest, less 1, on the plume's axis
-    as a robot would smell it.
-    """
+    """Return the scatter of c on the plume's axis over 27 source positions in a cell: largest over smallest, less 1."""
     grid = Grid((round(1.5 * n), 13, 13), 1.0 / n)
     plume, seen = Plume(grid, EDDIES), []
     for inside in product((0.0, 0.5, 1.0 - 1e-6), repeat=3):
@@ -72,9 +70,7 @@ def source_places(n: int) -> Answer:
 def _sections(
     plume: Plume, place: tuple[float, float], far: np.ndarray
 ) -> Iterator[tuple[float, float, float]]:
-    """Yield for sections about `far` [m] behind the source the exact distance [m], and centroid [m] and
-    variance [m²] of the gas.
-    """
+    """Yield exact distance [m], centroid [m] and variance [m²] of the gas in sections about `far` [m] downwind."""
     c, x = plume.gas.cells(0.0).astype(float), plume.grid.centers()
     for distance in far:
         row = int(np.abs(x[:, 0, 0] - place[0] - distance).argmin())
@@ -84,9 +80,10 @@ def _sections(
 
 
 def oblique_plume(n: int, convection: str) -> Answer:
-    """A thin plume in a wind askew to the grid, n cells per metre: how far its centroid is from where the wind carries
-    it, 1 to 3 m behind the source, over the way that it should have gone across; and by which diffusivity the grid
-    spreads it, over speed times cell. Slopes 0.02, 0.05, 0.1; the source at a cell's centre, at its face and elsewhere.
+    """Return errors of a thin plume in a wind askew to the grid, n cells per metre.
+
+    Norms: relative error of the centroid's deflection 1 to 3 m behind the source; numerical diffusivity over U dx.
+    Slopes 0.02, 0.05, 0.1; the source at a cell's centre, at its face and elsewhere.
     """
     grid = Grid((round(3.6 * n), round(1.3 * n)), 1.0 / n)
     molecules = 1e-5
@@ -122,8 +119,8 @@ def _oblique(convection: str) -> Case:
 CASES = (
     Case(
         "source_places",
-        "a source of 2 cm in 27 places of a cell, largest over smallest concentration, less 1",
-        "the same wherever it is",
+        "a source of 2 cm at 27 positions in a cell, largest over smallest concentration, less 1",
+        "independence of the position",
         source_places,
         coarse=(20,),
         fine=(20,),

@@ -1,11 +1,11 @@
 """SPIRAL experiment: four algorithms search for a dish of ethanol in a closed room without a fan, from two distances.
 
 Ferri, Caselli, Mattoli, Mondini, Mazzolai & Dario, Robotics and Autonomous Systems 57 (2009) 393-402, table 2. All
-algorithms search the same airs, an equal share of the trials each. As in the paper a session has four trials, after
-which the room is aired: the first begins 5 minutes after the dish was opened, each other one after the published mean
-time of its row, and a minute. A robot that has not found the dish after an hour has failed, and counts with that hour
-and what it did in it. The least index of a hit is found as in the paper: the mean index 5 minutes after opening,
-farther than 2 m from the dish. Intervals are over the airs. See spiral_room.py, spiral_index.py, spiral_floor.py.
+algorithms search the same airs (flow realisations), with an equal share of the trials in each. As in the paper a
+session has four trials, after which the room is aired. The first starts 5 minutes after the dish is opened, each other
+trial a minute after the published mean time of its row. A robot that has not found the dish after an hour has failed,
+and counts with that hour. The least index of a hit is determined as in the paper: the mean index 5 minutes after
+opening, farther than 2 m from the dish. Intervals are over airs. See spiral_room, spiral_index, spiral_floor.
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ from taichi_plume.validation.experiment import (
     Condition,
     Experiment,
     Range,
-    Told,
+    Results,
     over_airs,
     ratio_over_airs,
 )
@@ -39,33 +39,33 @@ from taichi_plume.validation.spiral_room import (
 )
 
 AIRS = 8
-RANKING = ("SPIRAL", "random SPIRAL", "E. coli 30 s")  # by the published times
-HALF = 0.6  # of random SPIRAL's acquisitions, at most: about half
-# Random SPIRAL smells nothing: its two rows differ by less than ten trials can tell, and are taken together.
+RANKING = ("SPIRAL", "random SPIRAL", "E. coli 30 s")  # by published times
+HALF = 0.6  # bound of SPIRAL's acquisitions over random SPIRAL's: about half
+# Random SPIRAL uses no gas readings: its two rows do not differ significantly over ten trials, and are averaged.
 RANDOM = float(np.mean([TABLE_2["random SPIRAL", d].acquisitions.mean for d in DISTANCES]))
 NEAR_RANDOM = Range(round(0.8 * RANDOM, 1), round(1.2 * RANDOM, 1))
 Columns = Mapping[str, np.ndarray]
 
 DISCUSSION = """\
 Reproduced: SPIRAL finds the dish with half as many acquisitions as random SPIRAL (published: a third, 0.30 and 0.33),
-random SPIRAL takes as many as published, and by time SPIRAL comes before random SPIRAL, and that before E. coli with
-30 s. Nearly all robots find the dish within the hour. With the heights of peaks over the mean, indices follow the
-distance at least as well the longer the acquisition, as the paper says; with whole peaks they follow it worse.
+random SPIRAL takes as many as published, and by time SPIRAL comes before random SPIRAL, and that before E. coli with 30
+s. Nearly all robots find the dish within the hour. With peak heights over the mean, the order of indices by distance
+improves or stays the same with longer acquisitions, as in the paper; with absolute peak heights it gets worse.
 
 Not reproduced: SPIRAL takes 18 and 17 acquisitions, not 11.5 and 9.2, and E. coli with 3 s 38, not 67.8 and 50.3:
 here it is the quickest. On a smooth field SPIRAL takes its 11.5 acquisitions only where indices at a place hardly vary,
 and E. coli its own where they vary by 0.25 to 0.4 (standard deviation of the logarithm): no room gives both. The
 published difference of the two times, 65 s, lies within its own interval, and is not judged.
 
-Why: in our room indices vary by 0.1 to 0.2 where the searches begin. The vapour rises soon beyond the least index of a
-hit, 0.9 to 3.1 ppm five minutes after opening; then any index is a hit once misses have lowered the threshold. The
-paper gives neither that index nor the arms: three sets fit its random rows alike (chi-square 1.3, 0.7 and 0.9), and the
-middle one was taken.
+Reason: in our room indices vary by 0.1 to 0.2 at the start of the searches. The vapour soon exceeds the least index of
+a hit, 0.9 to 3.1 ppm five minutes after opening; then any index is a hit once misses have lowered the threshold. The
+paper gives neither that index nor the arms: three sets fit its random rows equally well (chi-square 1.3, 0.7 and 0.9),
+and the middle one was chosen.
 """
 
 
 def spiral_of(minimum: float) -> dict[str, Keys]:
-    """The algorithms, of which SPIRAL has this least index of a hit [ppm]."""
+    """Return the algorithms, SPIRAL with `minimum` as least index of a hit [ppm]."""
     return ALGORITHMS | {"SPIRAL": ALGORITHMS["SPIRAL"] | {"minimum_ppm": minimum}}
 
 
@@ -85,11 +85,11 @@ def table(trials: int) -> Mapping[tuple[str, int], Columns]:
             for k, share in places
         }
         afresh()
-        end = max(one["begin"] for one in robots.values()) + HOUR
-        found = contest(room(air, list(robots.values()), end), limit=HOUR)
+        end = max(robot["begin"] for robot in robots.values()) + HOUR
+        columns = contest(room(air, list(robots.values()), end), limit=HOUR)
         for (row, k), group in robots.items():
             numbers = {"air": [air] * group["trials"], "place": [k] * group["trials"]}
-            parts.append((row, found[group["name"]] | numbers))
+            parts.append((row, columns[group["name"]] | numbers))
     return pooled(parts)
 
 
@@ -98,8 +98,8 @@ def times(columns: Columns) -> np.ndarray:
     return np.where(columns["success"], columns["time_s"], HOUR)
 
 
-def one_row(trials: int, row: tuple[str, int]) -> Told:
-    """A row of the table."""
+def one_row(trials: int, row: tuple[str, int]) -> Results:
+    """Return the quantities of a row of table 2."""
     columns = table(trials)[row]
     air, time, steps = columns["air"], times(columns), columns["acquisitions"]
     return {
@@ -112,35 +112,35 @@ def one_row(trials: int, row: tuple[str, int]) -> Told:
 
 
 def longer(quick: str, slow: str, distance: int) -> str:
-    """Name of a ratio of mean times."""
+    """Return the name of a ratio of mean times."""
     return f"time, {slow} / {quick}, {distance} cm"
 
 
 def fewer(distance: int) -> str:
-    """Name of a ratio of acquisitions."""
+    """Return the name of a ratio of acquisitions."""
     return f"acquisitions, SPIRAL / random SPIRAL, {distance} cm"
 
 
 ORDER = (*pairwise(RANKING), ("SPIRAL", "E. coli 3 s"))
 
 
-def order(trials: int) -> Told:
+def order(trials: int) -> Results:
     """Return the ratios of times and of acquisitions of pairs of algorithms."""
-    rows, told = table(trials), {}
+    rows, results = table(trials), {}
     for d in DISTANCES:
         airs = {name: rows[name, d]["air"] for name in ALGORITHMS}
         for quick, slow in ORDER:
             both = times(rows[slow, d]), times(rows[quick, d])
-            told[longer(quick, slow, d)] = ratio_over_airs(*both, airs[slow], airs[quick])
+            results[longer(quick, slow, d)] = ratio_over_airs(*both, airs[slow], airs[quick])
         ours, other = (rows[name, d] for name in ("SPIRAL", "random SPIRAL"))
         counts = ours["acquisitions"], other["acquisitions"]
-        told[fewer(d)] = ratio_over_airs(*counts, ours["air"], other["air"])
+        results[fewer(d)] = ratio_over_airs(*counts, ours["air"], other["air"])
         for k in (0, SESSION - 1):
-            one = rows["SPIRAL", d]
-            here = one["place"] == k
+            columns = rows["SPIRAL", d]
+            here = columns["place"] == k
             name = f"acquisitions, SPIRAL, {d} cm, trial {k + 1} of a session"
-            told[name] = over_airs(one["acquisitions"][here], one["air"][here])
-    return told
+            results[name] = over_airs(columns["acquisitions"][here], columns["air"][here])
+    return results
 
 
 def _row(name: str, distance: int) -> Condition:
@@ -188,7 +188,7 @@ CASES = (
             Condition("indices of a known noise", lambda trials: noise(max(1, trials // 2))),
         ),
         trials=256,
-        few=0,
+        test_trials=0,
         discussion=DISCUSSION,
     ),
 )

@@ -1,10 +1,9 @@
-"""Proximity indices at places in the SPIRAL room: how often a record has no peak, whether nearer places have higher
-ones and how much they vary.
+"""Proximity indices at fixed positions in the SPIRAL room: share of records without a peak, order and variation.
 
-As in the paper (section 2): five robots in a row, 30 to 130 cm from the dish, from 15 minutes after it was opened; here
-in three directions, which the arena has room for, and two more where the searches begin. They make indices one after
-the other and stay where they are. In the first half minute others, farther than 2 m from the dish, make those whose
-mean is the least index of a hit (section 3.2).
+As in the paper (section 2): five robots in a row, 30 to 130 cm from the dish, from 15 minutes after its opening. Here
+in three directions, for which the arena has room, and two more at the starts of the searches. The robots acquire
+indices repeatedly without moving. In the first half minute other robots, farther than 2 m from the dish, acquire the
+indices whose mean is the least index of a hit (section 3.2).
 """
 
 from collections.abc import Sequence
@@ -17,7 +16,7 @@ from taichi_plume.agents.spiral import FLAT, Spiral
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.simulation import Every, Simulation
 from taichi_plume.validation.case import Keys
-from taichi_plume.validation.experiment import Mean, Told, over_airs
+from taichi_plume.validation.experiment import Mean, Results, over_airs
 from taichi_plume.validation.searches import afresh, scenario_of
 from taichi_plume.validation.spiral_room import DISTANCES, OPENED, SOURCE, momo, room
 
@@ -28,22 +27,22 @@ DIRECTIONS = (135, 180, 225)  # deg
 PLACES = tuple((d, a) for a in DIRECTIONS for d in ROW) + tuple((d, 180) for d in DISTANCES)
 FAR = {"kind": "area", "low": [1.1, 0.95], "high": [1.4, 2.85]}  # more than 2 m from the dish
 FAR_PLACES = 20
-FIRST = 40.0  # s, in which these have made their index
+FIRST = 40.0  # s, in which these robots have acquired an index
 TIMES = (10, 20, 30)  # s, of an acquisition
 SHORT = 3  # s, of E. coli
 HEIGHTS = ("above_mean", "absolute")
-STILL = 1e-3  # m, the arms of a robot that stays
+STILL = 1e-3  # m, length of the arms of a robot that stays
 
 
 class Records(NamedTuple):
-    """Proximity indices and means [ppm] of acquisitions, in their order, at all places, (k, places)."""
+    """Proximity indices and means [ppm] of successive acquisitions at all positions, (k, positions)."""
 
     index: np.ndarray
     mean: np.ndarray
 
 
 class Heard:
-    """Notes what the robots of a team have heard, whenever an acquisition is over."""
+    """Log of the indices and means of a team's robots at the end of every acquisition."""
 
     def __init__(self, team: Any, swarm: Any):
         assert isinstance(team.algorithm, Spiral)
@@ -53,7 +52,7 @@ class Heard:
         self.before = np.zeros(self.members.size, int)
 
     def note(self, sim: Simulation) -> None:
-        """Take in what is new."""
+        """Append the acquisitions that have ended since the last call."""
         now = self.swarm.acquisitions.to_numpy()[self.robots]
         if (now == self.before).all():
             return
@@ -73,7 +72,7 @@ class Heard:
 
 
 def _listener(name: str, start: Keys, begin: float, trials: int = 1, **keys: Any) -> Keys:
-    """Robots that stay: no index is a hit."""
+    """Return a group of robots that stay in place, as no index is a hit."""
     stays = {"kind": "spiral", "arms": [STILL] * 100, "minimum_ppm": 1e6}
     return momo(name, trials, start, stays | keys, begin)
 
@@ -87,7 +86,7 @@ def _start() -> Keys:
 
 @cache
 def heard(air: int) -> tuple[np.ndarray, dict[tuple[int, str], Records]]:
-    """In an air: first indices far from the dish; and the records at all places, by time and height of peaks."""
+    """Return for an air the first indices far from the dish, and the records by acquisition time and peak height."""
     kinds = [(SHORT, HEIGHTS[0]), *((time, height) for time in TIMES for height in HEIGHTS)]
     groups = [
         _listener(f"{time} {height}", _start(), BEGIN, acquisition=time, peak_height=height)
@@ -98,50 +97,50 @@ def heard(air: int) -> tuple[np.ndarray, dict[tuple[int, str], Records]]:
     afresh()
     sim = assemble(scenario_of(data))
     near, alone = (Heard(team, sim.swarm) for team in sim.teams)
-    sim.observers += [Every(sim.dt, one.note) for one in (near, alone)]
+    sim.observers += [Every(sim.dt, log.note) for log in (near, alone)]
     sim.run()
     return alone.records("far").index[0], {kind: near.records(f"{kind[0]} {kind[1]}") for kind in kinds}
 
 
 def least_index(airs: int) -> float:
-    """Mean proximity index [ppm] far from the dish, 5 minutes after it was opened."""
+    """Return the mean proximity index [ppm] far from the dish, 5 minutes after its opening."""
     return float(np.mean([heard(air)[0] for air in range(airs)]))
 
 
 def in_order(index: np.ndarray) -> float:
-    """Share of pairs of places in one direction of which the nearer one has the higher index."""
+    """Return the share of pairs of positions in a direction of which the nearer has the higher index."""
     rows = index[:, : len(ROW) * len(DIRECTIONS)].reshape(len(index), len(DIRECTIONS), len(ROW))
     nearer, farther = np.triu_indices(len(ROW), 1)
     return float((rows[..., nearer] > rows[..., farther]).mean())
 
 
 def spread(values: np.ndarray) -> np.ndarray:
-    """Standard deviation in time of the logarithm of values (k, places) about its linear trend, of each place."""
+    """Return the standard deviation in time of ln(values), (k, positions), about its linear trend, per position."""
     log = np.log(np.maximum(values, 1e-6))
     basis = np.column_stack([np.ones(len(log)), np.arange(len(log))])
     rest = log - basis @ np.linalg.lstsq(basis, log, rcond=None)[0]
     return np.sqrt((rest**2).sum(axis=0) / (len(log) - 2))
 
 
-def indices(trials: int, airs: int) -> Told:
+def indices(trials: int, airs: int) -> Results:
     """Return the statistics of the indices in the room; intervals over the airs."""
-    told: dict[str, Mean] = {}
+    results: dict[str, Mean] = {}
     records = [heard(air)[1] for air in range(airs)]
 
     def of(place: tuple[int, int], values: Sequence[np.ndarray]) -> Mean:
-        return over_airs([float(spread(one)[PLACES.index(place)]) for one in values])
+        return over_airs([float(spread(record)[PLACES.index(place)]) for record in values])
 
-    usual = [one[TIMES[-1], HEIGHTS[0]] for one in records]
-    told["records without a peak"] = over_airs(
-        [float((abs(one.index - FLAT * one.mean) <= 1e-4 * one.mean).mean()) for one in usual]
+    usual = [record[TIMES[-1], HEIGHTS[0]] for record in records]
+    results["records without a peak"] = over_airs(
+        [float((abs(record.index - FLAT * record.mean) <= 1e-4 * record.mean).mean()) for record in usual]
     )
     for height in HEIGHTS:
         for time in TIMES:
             name = f"pairs in order, {time} s, peaks {height.replace('_', ' ')}"
-            told[name] = over_airs([in_order(one[time, height].index) for one in records])
+            results[name] = over_airs([in_order(record[time, height].index) for record in records])
     for d in (*DISTANCES, ROW[0]):
-        told[f"spread of ln(index), {d} cm"] = of((d, 180), [one.index for one in usual])
-        short = [one[SHORT, HEIGHTS[0]].mean for one in records]
-        told[f"spread of ln(reading of 3 s), {d} cm"] = of((d, 180), short)
-    told["least index of a hit [ppm]"] = over_airs([float(heard(air)[0].mean()) for air in range(airs)])
-    return told
+        results[f"spread of ln(index), {d} cm"] = of((d, 180), [record.index for record in usual])
+        short = [record[SHORT, HEIGHTS[0]].mean for record in records]
+        results[f"spread of ln(reading of 3 s), {d} cm"] = of((d, 180), short)
+    results["least index of a hit [ppm]"] = over_airs([float(heard(air)[0].mean()) for air in range(airs)])
+    return results

@@ -1,8 +1,8 @@
-"""The room of Ferri, Caselli, Mattoli, Mondini, Mazzolai & Dario, Robotics and Autonomous Systems 57 (2009) 393-402,
-and their table 2: facts and figures alone.
+"""Scenario and table 2 of Ferri, Caselli, Mattoli, Mondini, Mazzolai & Dario, Robotics and Autonomous Systems 57 (2009)
+393-402: a room with a dish of ethanol.
 
-Arena, dish, distances, robot, sensor and algorithms are the paper's. It does not tell of the room around the arena:
-ours has 50 m³ of air that drifts about at a few cm/s, see solvers/synthetic.py.
+Arena, dish, distances, robot, sensor and algorithms are the paper's. The room around the arena is not described; ours
+has 50 m³ of air that drifts at a few cm/s, see solvers/synthetic.py.
 """
 
 from math import sqrt
@@ -18,10 +18,9 @@ PAUSE = 60.0  # s between the trials of a session
 SESSION = 4  # trials, after which the room is aired
 SOURCE = (3.4, 1.9)  # m
 DISTANCES = (180, 150)  # cm
-# Of a reading of ln R, which averaging does not remove (flicker noise of resistive gas sensors: Scandurra, Ciofi &
-# Smulko 2024, doi:10.3390/s24020405, read in its abstract). As much as the noise of a sample of ours, so that none of
-# it averages out; a step of the 10-bit converter of the paper's microcontroller is 0.004 in ln R where the sensor has
-# the resistance of its load.
+# Noise of a reading of ln R that averaging does not remove (flicker noise of resistive gas sensors: Scandurra, Ciofi &
+# Smulko 2024, doi:10.3390/s24020405, abstract). Equal to the noise of a sample of ours, so that the noise does not
+# average out. A step of the 10-bit converter of the paper's microcontroller is 0.004 in ln R at the load resistance.
 READING_NOISE = 0.003
 ALGORITHMS: dict[str, Keys] = {
     "SPIRAL": {"kind": "spiral"},
@@ -32,7 +31,7 @@ ALGORITHMS: dict[str, Keys] = {
 
 
 class Sample(NamedTuple):
-    """A mean that was published with its standard deviation over n trials."""
+    """Published mean with its standard deviation over n trials."""
 
     mean: float
     deviation: float
@@ -40,7 +39,7 @@ class Sample(NamedTuple):
 
     @property
     def half(self) -> float:
-        """Half of Student's interval of 95 % confidence."""
+        """Half width of Student's 95 % confidence interval."""
         return float(stdtrit(self.n - 1, 0.975)) * self.deviation / sqrt(self.n)
 
     def __str__(self) -> str:
@@ -49,7 +48,7 @@ class Sample(NamedTuple):
 
 
 class Published(NamedTuple):
-    """A row of table 2: time to the source [s], and acquisitions."""
+    """Row of table 2: time to the source [s], and acquisitions."""
 
     time: Sample
     acquisitions: Sample
@@ -73,18 +72,18 @@ TABLE_2: dict[tuple[str, int], Published] = {
 
 
 def begins(row: tuple[str, int]) -> list[float]:
-    """When the trials of a session set off [s]: each after the row's published mean time and a pause."""
+    """Return the start times of the trials of a session [s], a mean published time and a pause apart."""
     return [round(k * (TABLE_2[row].time.mean + PAUSE), 1) for k in range(SESSION)]
 
 
 def at(distance: int) -> Keys:
-    """Start at so many centimetres from the dish, across the way to it."""
+    """Return a start at a distance [cm] from the dish, heading across the direction to it."""
     place = [round(SOURCE[0] - distance / 100, 2), SOURCE[1]]
     return {"kind": "positions", "positions": [place], "heading_deg": 90}
 
 
 def momo(name: str, trials: int, start: Keys, algorithm: Keys, begin: float = 0.0) -> Keys:
-    """The robot."""
+    """Return a group of the paper's robot."""
     gas = {"kind": "mox", "model": "tgs800", "period": 0.5, "averaged": 500, "calibration": "cubic"}
     return {
         "name": name,
@@ -101,7 +100,7 @@ def momo(name: str, trials: int, start: Keys, algorithm: Keys, begin: float = 0.
 
 
 def room(air: int, robots: list[Keys], duration: float) -> Keys:
-    """The scenario as a YAML file would tell it: one of several airs, five minutes after the dish was opened."""
+    """Return the scenario as keys of a YAML file; the warm-up is the time since the dish was opened."""
     return {
         "name": "spiral_room",
         "seed": air + 1,
@@ -129,7 +128,7 @@ def room(air: int, robots: list[Keys], duration: float) -> Keys:
 
 
 def floor(robots: list[Keys], duration: float) -> Keys:
-    """The arena alone, in two dimensions, for searches in which the air plays no part."""
+    """Return the scenario of the arena alone in 2-D, for searches that do not depend on the air."""
     return {
         "name": "spiral_floor",
         "duration": duration,

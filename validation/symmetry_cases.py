@@ -23,17 +23,17 @@ FULL_FACES = (
     {"kind": "honeycomb", "face": "x-", "center": (0.8, 0.6), "size": (1.6, 1.2), "speed": 0.6},
     {"kind": "outlet", "face": "x+", "center": (0.8, 0.6), "size": (1.6, 1.2)},
 )
-"""Openings without a rim inside their face: their eddies end at the edges of the room."""
+"""Openings over whole faces, without a rim: inflow eddies end at the edges of the room."""
 
 
 def _in_dimensions(opening: dict, dim: int) -> dict:
-    """An opening of the room in `dim` dimensions."""
+    """Return an opening of the room in `dim` dimensions."""
     vectors = {"center": dim - 1, "size": dim - 1, "velocity": dim}
     return {key: value[: vectors[key]] if key in vectors else value for key, value in opening.items()}
 
 
 def _mirrored(opening: dict, axis: int) -> dict:
-    """The opening in the room mirrored along an axis."""
+    """Return the opening in the room mirrored along an axis."""
     normal, result = "xyz".index(opening["face"][0]), dict(opening)
     if normal == axis:
         result["face"] = opening["face"][0] + ("-" if opening["face"][1] == "+" else "+")
@@ -48,7 +48,7 @@ def _mirrored(opening: dict, axis: int) -> dict:
 
 
 def _transposed(opening: dict) -> dict:
-    """The opening in the room with x and y exchanged, which together with a mirror turns the room by 90 degrees."""
+    """Return the opening with x and y exchanged; together with a mirror image this rotates the room by 90 degrees."""
     result = opening | {"face": opening["face"].translate(str.maketrans("xy", "yx"))}
     if "velocity" in opening:
         first, second, *rest = opening["velocity"]
@@ -57,7 +57,7 @@ def _transposed(opening: dict) -> dict:
 
 
 def _steps(flow: FlowSolver) -> list[float]:
-    """Advance a flow to DURATION; returns the steps [s]."""
+    """Advance a flow to DURATION and return the time steps [s]."""
     t, steps = 0.0, []
     while t < DURATION:
         steps.append(min(flow.stable_dt(t), DURATION - t + 1e-9))
@@ -67,21 +67,21 @@ def _steps(flow: FlowSolver) -> list[float]:
 
 
 def _velocity(flow: FlowSolver) -> list[np.ndarray]:
-    """Velocity components on all faces of the room."""
+    """Return the velocity components on all faces of the room."""
     inner = [tuple(slice(*cells) for cells in flow.grid.faces(d)) for d in range(flow.dim)]
     return [u.to_numpy().astype(float)[part] for u, part in zip(flow.u, inner, strict=True)]
 
 
 def _largest_difference(a: list[np.ndarray], b: list[np.ndarray]) -> float:
-    """Largest difference of two velocity fields over the largest velocity."""
+    """Return the largest difference of two velocity fields over the largest velocity."""
     difference = max(float(np.abs(x - y).max()) for x, y in zip(a, b, strict=True))
     return difference / max(float(np.abs(x).max()) for x in a)
 
 
 def room(n: int, dim: int, openings: tuple[dict, ...]) -> Errors:
-    """A room of n cells along y, its mirror images and the room turned by 90 degrees, after DURATION."""
+    """Return differences of a room's flow, n cells along y, from its mirror images and its rotation by 90 degrees."""
     shape, dx = tuple(round(size / SIZE[1] * n) for size in SIZE[:dim]), SIZE[1] / n
-    here = [_in_dimensions(one, dim) for one in openings]
+    here = [_in_dimensions(part, dim) for part in openings]
 
     def errors(courant: float) -> Errors:
         def flow_of(placed: list[dict], cells: tuple[int, ...]) -> FlowSolver:
@@ -98,10 +98,10 @@ def room(n: int, dim: int, openings: tuple[dict, ...]) -> Errors:
         steps = _steps(original)
         velocity, mirrored = _velocity(original), 0.0
         for axis in range(dim):
-            image = at_end([_mirrored(one, axis) for one in here], shape)
+            image = at_end([_mirrored(part, axis) for part in here], shape)
             back = [np.flip(u, axis) * (-1.0 if d == axis else 1.0) for d, u in enumerate(image)]
             mirrored = max(mirrored, _largest_difference(velocity, back))
-        turned = at_end([_transposed(_mirrored(one, 0)) for one in here], (shape[1], shape[0], *shape[2:]))
+        turned = at_end([_transposed(_mirrored(part, 0)) for part in here], (shape[1], shape[0], *shape[2:]))
         back = [np.flip(u.swapaxes(0, 1), 0) for u in (turned[1], turned[0], *turned[2:])]
         back[0] = -back[0]
         return {"mirrored, largest": mirrored, "turned, largest": _largest_difference(velocity, back)}

@@ -1,27 +1,28 @@
-"""Plume statistics in a wind tunnel: width, how much it fluctuates, how often there is gas, and how concentrations are
-distributed; gas on the grid and puffs from sources of two sizes, in the same air, in 3-D.
+"""Plume statistics in a wind tunnel: width, fluctuation intensity, intermittency and distribution of concentrations.
+
+Gas on the grid and puffs from sources of two sizes are compared in the same air, in 3-D.
 
 The tunnel is like that of Fackrell & Robins (1982, J. Fluid Mech. 117, 1-26, doi:10.1017/S0022112082001499) at the
 height of their elevated sources, 0.23 m in a boundary layer of 1.2 m: eddies of about 0.3 m, an intensity of about
-0.12, discs of 3 to 35 mm as sources. Ours has no floor and the same intensity along all axes, and is 10 of the eddies'
-lengths long, where theirs was about 25. A disc of diameter d spreads gas by d/4 as standard deviation; so wide are new
-puffs, of 9 and 35 mm. The grid has cells of 5 cm, on which a source is 4 cm wide whatever its diameter.
+0.12, discs of 3 to 35 mm as sources. Ours has no floor, the same intensity along all axes, and a length of 10 eddies,
+where theirs was about 25. A disc of diameter d has a standard deviation of d/4, the initial width of puffs for discs of
+9 and 35 mm. On the grid, with cells of 5 cm, a source is 4 cm wide for any diameter.
 
-No table of the measurements was to be had in public text, so expected are bands, set before any run:
+No table of the measurements is public, so that bands are expected, set before any run:
 
-- c'/C on the axis of an elevated source is 4 to 5 at most for the smallest (3 mm) and little more than 1 for the
-  largest, more the smaller the source, and falls downstream (Fackrell & Robins; Nironi et al. 2015,
-  doi:10.1007/s10546-015-0040-8, have 6 mm in between). So the largest on the axis has to be 1 to 5, the smaller
-  source's at least the larger one's, and at the end of the tunnel it has to be less than the largest.
-- Concentrations have a gamma distribution with the shape (C/c')² at all places; its 99th percentile is that of the
-  measurements, and the profile of the mean is 0.71 (1/√2) as wide as that of the fluctuation (Pang, Talluru & Chauhan
-  2026, arXiv:2601.20470, of wind-tunnel plumes).
-- The mean width is Taylor's (1921, doi:10.1112/plms/s2-20.1.196), σ² = σ0² + 2 v'² T (t - T (1 - exp(-t/T))), with v'
-  as measured on the way and T = 0.44/i times the integral time of v at a place (Pasquill & Smith 1983, Atmospheric
-  Diffusion, 3rd ed.), as the plumes of Nironi et al. are.
+- c'/C on the axis of an elevated source has a maximum of 4 to 5 for the smallest disc (3 mm) and little more than 1
+  for the largest. It rises with decreasing source size and falls downstream (Fackrell & Robins; Nironi et al. 2015,
+  doi:10.1007/s10546-015-0040-8, for 6 mm). So the maximum on the axis has to be 1 to 5, that of the smaller source at
+  least that of the larger, and c'/C at the end of the tunnel below the maximum.
+- Concentrations have a gamma distribution with shape (C/c')² everywhere, which also gives the measured 99th percentile.
+  The profile of the mean is 0.71 (1/√2) as wide as that of the fluctuation (Pang, Talluru & Chauhan 2026,
+  arXiv:2601.20470, wind-tunnel plumes).
+- The mean width follows Taylor (1921, doi:10.1112/plms/s2-20.1.196): σ² = σ0² + 2 v'² T (t - T (1 - exp(-t/T))). v' is
+  measured along the path, T = 0.44/i times the Eulerian integral time of v (Pasquill & Smith 1983, Atmospheric
+  Diffusion, 3rd ed.), as for the plumes of Nironi et al.
 
-Gas on the grid is judged where the plume is wider than three cells, as docs/air.md tells that it is too smooth before.
-The table tells from where on its c'/C is that of puffs.
+Gas on the grid is judged where the plume is wider than three cells, as it is too smooth nearer to the source
+(docs/air.md). The table also gives its c'/C over that of puffs.
 """
 
 from collections.abc import Mapping
@@ -35,24 +36,25 @@ from taichi_plume.statistics.moments import moments
 from taichi_plume.statistics.space import gaussian_fit
 from taichi_plume.statistics.spectra import integral_time
 from taichi_plume.validation.case import Keys
-from taichi_plume.validation.experiment import Condition, Experiment, Lines, Range, Told, over_airs
+from taichi_plume.validation.experiment import Condition, Experiment, Lines, Range, Results, over_airs
 from taichi_plume.validation.searches import probed
 
 U, LENGTH, INTENSITY = 1.0, 0.3, 0.12  # m/s; m; over the speed
 CELL, SIZE = 0.05, (3.0, 1.6, 1.2)  # m
-PLACE = (0.3, 0.8, 0.6)  # m: of all sources
+PLACE = (0.3, 0.8, 0.6)  # m: position of all sources
 DISTANCES = (0.3, 0.6, 1.2, 1.8, 2.4)  # m: from the sources
 STEP = 0.04  # s: the tick, between readings
 SECONDS = 25.0  # of each air
 COUNT = 31  # readings across
-LEVEL = 0.1  # of the mean on the axis: what counts as gas
+LEVEL = 0.1  # threshold of gas over the mean on the axis
 ON_GRID = 0.75 * CELL  # m: standard deviation of a small source there, see `Source.radius`
-WIDE = 3.0 * CELL  # m: of plumes in which gas on the grid is judged
+WIDE = 3.0 * CELL  # m: least width of plumes for which gas on the grid is judged
 
 
 class Kind(NamedTuple):
-    """A gas: how it is told in a scenario, how wide it is at the source, as standard deviation [m], and puffs per
-    second, so many that a new one is not as far from the next as 1.8 widths.
+    """Kind of gas: name of the species, standard deviation at the source [m], and puffs per second.
+
+    The rate keeps successive puffs closer than 1.8 widths.
     """
 
     gas: str
@@ -74,7 +76,7 @@ def across(distance: float) -> float:
 
 
 def scenario(seed: int, seconds: float) -> Keys:
-    """A tunnel without walls at the sides, three gases from one place, and readings across the wind behind it."""
+    """Return the scenario: a tunnel with periodic sides, three gases from one position, and probes across the wind."""
     source = {"position": PLACE, "rate": "10 mg/s", "radius": 0.001}
     x, y, z = PLACE
     lines = [
@@ -133,24 +135,24 @@ class Records(NamedTuple):
 
 @cache
 def records(seed: int, seconds: float = SECONDS) -> Records:
-    """Run the scenario. Taichi must have been started."""
-    _, times, told = probed(scenario(seed, seconds))
+    """Run the scenario and return its readings. Taichi must have been started."""
+    _, times, table = probed(scenario(seed, seconds))
     shape = (-1, len(DISTANCES), COUNT)
-    wind = np.stack([told[f"wind_{axis}"].to_numpy().reshape(shape) for axis in "xyz"], axis=-1)
-    ppm = {kind: told[f"{one.gas}_ppm"].to_numpy().reshape(shape) for kind, one in KINDS.items()}
+    wind = np.stack([table[f"wind_{axis}"].to_numpy().reshape(shape) for axis in "xyz"], axis=-1)
+    ppm = {kind: table[f"{model.gas}_ppm"].to_numpy().reshape(shape) for kind, model in KINDS.items()}
     return Records(times, ppm, wind)
 
 
 def taylor(width: float, speed: float, wind: np.ndarray, step: float) -> np.ndarray:
-    """Width [m] of a plume at DISTANCES that is `width` [m] wide at its source, in a wind of `speed` [m/s].
+    """Return the width [m] of a plume at DISTANCES by Taylor's law; width: at the source [m], speed: of the wind [m/s].
 
-    wind: its component across, (n, distances, COUNT) [m/s], every `step` [s]; on the way to a distance it counts by its
-    mean square, and by its mean integral time.
+    wind: velocity across, (n, distances, COUNT) [m/s], every `step` [s]. Its variance and integral time are averaged
+    along the path.
     """
     x = np.array(DISTANCES)
     square = wind.var(axis=0).mean(axis=-1)
     eulerian = np.array(
-        [np.mean([integral_time(step, some) for some in place.T]) for place in wind.swapaxes(0, 1)]
+        [np.mean([integral_time(step, series) for series in place.T]) for place in wind.swapaxes(0, 1)]
     )
 
     def on_the_way(values: np.ndarray) -> np.ndarray:
@@ -165,9 +167,10 @@ def taylor(width: float, speed: float, wind: np.ndarray, step: float) -> np.ndar
 
 
 class Found(NamedTuple):
-    """Statistics of one air and kind at DISTANCES: mean width [m], that over Taylor's, width of mean over that of the
-    fluctuation, c'/C, share of time with gas and what a gamma distribution has, 99th percentile over the mean and the
-    same of a gamma distribution, on the axis; share of time with gas one width off it, and the gamma distribution's.
+    """Statistics of an air and a kind of gas at DISTANCES; `_gamma`: value of the gamma distribution.
+
+    width: of the mean [m]. over_taylor: over Taylor's width. narrower: width of the mean over that of the fluctuation.
+    On the axis: intensity c'/C, share of time with gas, 99th percentile over the mean. beside: share one width off it.
     """
 
     width: np.ndarray
@@ -183,9 +186,9 @@ class Found(NamedTuple):
 
 
 def found_in(air: Records, kind: str) -> Found:
-    """Statistics of the readings of one air."""
-    told = np.full((len(Found._fields), len(DISTANCES)), np.nan)
-    middle = slice(COUNT // 2 - 1, COUNT // 2 + 2)  # on the axis, where as many readings tell as in a fit
+    """Return the statistics of the readings of an air."""
+    values = np.full((len(Found._fields), len(DISTANCES)), np.nan)
+    middle = slice(COUNT // 2 - 1, COUNT // 2 + 2)  # on the axis; as many readings as in a fit
     speed = float(air.wind[..., 0].mean())
     reference = taylor(KINDS[kind].width, speed, air.wind[..., 1], STEP)
     for n, distance in enumerate(DISTANCES):
@@ -201,7 +204,7 @@ def found_in(air: Records, kind: str) -> Found:
         side = [int(np.abs(y - mean.centre - s * mean.width).argmin()) for s in (-1, 1)]
         here = c[:, side].mean(axis=0), c[:, side].std(axis=0)
         beside = stats.gamma((here[0] / here[1]) ** 2, scale=here[1] ** 2 / here[0])
-        told[:, n] = (  # as `Found` has them
+        values[:, n] = (  # in the order of the fields of `Found`
             mean.width,
             mean.width / reference[n],
             mean.width / fluctuation.width,
@@ -213,7 +216,7 @@ def found_in(air: Records, kind: str) -> Found:
             float((c[:, side] > level).mean()),
             float(np.mean(beside.sf(level))),
         )
-    return Found(*told)
+    return Found(*values)
 
 
 @cache
@@ -222,12 +225,12 @@ def _airs(count: int) -> tuple[dict[str, Found], ...]:
     return tuple({kind: found_in(records(1 + k), kind) for kind in KINDS} for k in range(count))
 
 
-def plume(airs: int, kind: str) -> Told:
+def plume(airs: int, kind: str) -> Results:
     """Return the quantities of a kind of gas, with intervals over airs."""
-    found = _airs(airs)
-    own = {name: np.stack([one[kind]._asdict()[name] for one in found]) for name in Found._fields}
-    judged = _judged(own, found, kind)
-    told: Keys = {name: over_airs(values) for name, values in judged.items()}
+    statistics = _airs(airs)
+    own = {name: np.stack([air[kind]._asdict()[name] for air in statistics]) for name in Found._fields}
+    judged = _judged(own, statistics, kind)
+    results: Keys = {name: over_airs(values) for name, values in judged.items()}
     x = np.array(DISTANCES)
     for n, d in enumerate(DISTANCES):
         at = f"at {d:g} m"
@@ -238,44 +241,44 @@ def plume(airs: int, kind: str) -> Told:
             ("gas beside it, share of time", "beside"),
             ("99th percentile over mean", "peak"),
         ):
-            told[f"{words}, {at}"] = over_airs(own[name][:, n])
+            results[f"{words}, {at}"] = over_airs(own[name][:, n])
     if kind == GRID:
         names = {"width": "mean width [m]", "intensity": "c'/C on the axis", "present": "gas on the axis"}
         for name, words in names.items():
-            told[words] = Lines(
+            results[words] = Lines(
                 "distance from the source [m]",
                 words,
                 x,
-                {k: np.mean([one[k]._asdict()[name] for one in found], axis=0) for k in KINDS},
+                {k: np.mean([air[k]._asdict()[name] for air in statistics], axis=0) for k in KINDS},
             )
-    return told
+    return results
 
 
-def _judged(own: Mapping[str, np.ndarray], found: tuple, kind: str) -> dict[str, np.ndarray]:
+def _judged(own: Mapping[str, np.ndarray], statistics: tuple, kind: str) -> dict[str, np.ndarray]:
     """Return the judged quantities per air: of puffs everywhere, of gas on the grid where the plume is wide."""
     wide = own["width"].mean(axis=0) > WIDE if kind == GRID else np.ones(len(DISTANCES), bool)
     largest = own["intensity"].max(axis=1)
-    told = {
+    quantities = {
         "mean width over Taylor's": own["over_taylor"],
         "width of the mean over that of c'": own["narrower"],
         "99th percentile over a gamma distribution's": own["peak"] / own["peak_gamma"],
         "gas on the axis less a gamma distribution's": own["present"] - own["present_gamma"],
         "gas beside it less a gamma distribution's": own["beside"] - own["beside_gamma"],
     }
-    told = {name: values[:, wide].mean(axis=1) for name, values in told.items()}
-    small, large = (np.stack([one[k].intensity for one in found]) for k in (SMALL, LARGE))
+    quantities = {name: values[:, wide].mean(axis=1) for name, values in quantities.items()}
+    small, large = (np.stack([air[k].intensity for air in statistics]) for k in (SMALL, LARGE))
     if kind == GRID:
         ratio = own["intensity"] / large
-        told["c'/C over that of puffs of 35 mm, where wide"] = ratio[:, wide].mean(axis=1)
-        told["c'/C over that of puffs of 35 mm, nearest"] = ratio[:, 0]
-        told["c'/C over that of puffs of 35 mm, farthest"] = ratio[:, -1]
+        quantities["c'/C over that of puffs of 35 mm, where wide"] = ratio[:, wide].mean(axis=1)
+        quantities["c'/C over that of puffs of 35 mm, nearest"] = ratio[:, 0]
+        quantities["c'/C over that of puffs of 35 mm, farthest"] = ratio[:, -1]
     else:
-        told["largest c'/C on the axis"] = largest
-        told["c'/C farthest over largest"] = own["intensity"][:, -1] / largest
+        quantities["largest c'/C on the axis"] = largest
+        quantities["c'/C farthest over largest"] = own["intensity"][:, -1] / largest
     if kind == SMALL:
-        told["largest c'/C over that of 35 mm"] = largest / large.max(axis=1)
-        told["c'/C over that of 35 mm, farthest"] = small[:, -1] / large[:, -1]
-    return told
+        quantities["largest c'/C over that of 35 mm"] = largest / large.max(axis=1)
+        quantities["c'/C over that of 35 mm, farthest"] = small[:, -1] / large[:, -1]
+    return quantities
 
 
 COMMON = {
@@ -307,7 +310,7 @@ DISCUSSION = (
     "0.3 m, a fifth of that of puffs, and only rises. Where the plume is three cells wide, from 1.8 m (36 cells) on, "
     "its mean width is that of puffs within 2 %, but c'/C is 0.78 of theirs on average, below the band, and 0.82 at "
     "2.4 m; widths over Taylor's are 1.27, just above it.\n\n"
-    "The bands are wide, as no tables were to be had."
+    "The bands are wide, as no tables were available."
 )
 
 CASES = (
@@ -325,7 +328,7 @@ CASES = (
             for kind in KINDS
         ),
         trials=5,
-        few=0,
+        test_trials=0,
         discussion=DISCUSSION,
     ),
 )

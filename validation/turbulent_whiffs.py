@@ -1,20 +1,20 @@
 """Whiffs and blanks in turbulent air: gas on the grid of a large-eddy simulation and puffs in the same air, in 2-D.
 
-Long eddies move a plume that is thin against them, so a sensor in it loses the gas and finds it again as a walker comes
-back to where it was: durations are those of first returns, p(T) ~ T^-3/2 (Celani, Villermaux & Vergassola 2014,
-doi:10.1103/PhysRevX.4.041015). It can hold between two times only, which the scenario sets before any run:
+Eddies much longer than the width of a plume move it like a random walk, so that a sensor loses gas and meets it again.
+Durations are those of first returns, p(T) ~ T^-3/2 (Celani, Villermaux & Vergassola 2014,
+doi:10.1103/PhysRevX.4.041015). The law holds in a range of durations only, set before any run:
 
-- from the time in which the smallest eddies go by that the cells carry well, of 16 cells (docs/air.md): in shorter ones
-  the plume's edge is smooth and has no walk. A puff of 5 cm goes by in half of that.
-- to half of the time of the largest eddies, length over speed: over longer ones the plume forgets where it was.
+- from the passage time of the smallest well-resolved eddies, of 16 cells (docs/air.md): on shorter times the plume's
+  edge is smooth, not a random walk. A puff of 5 cm passes in half of that time.
+- to half of the time of the largest eddies, length over speed: on longer times the position of the plume decorrelates.
 
-To have a decade in between, the eddies blown in are 10 m long, 400 cells, in a domain as wide. Sensors stand where the
-plume has strayed by one to two and a half times its width: whiffs of a narrower plume end as it passes by, a wider one
-seldom leaves them. Each is in gas for 5 to 60 % of the time.
+To have a decade in between, the inflow eddies are 10 m long, 400 cells, in a domain as wide. At the sensors the plume
+wanders by one to two and a half times its width: whiffs of a narrower plume end as it passes, a wider plume seldom
+leaves the sensors. Each sensor is in gas for 5 to 60 % of the time.
 
-The air is two-dimensional, as a box of 400 cells each way is out of reach. Its eddies are carried and move the gas as
-those that are blown in do, but do not break up into smaller ones, for which they have little time from the source to
-the sensors. In 3-D in a box of 1.2 m, eddies between 1.2 m and 10 m are missing, and exponents are about 2.
+The flow is two-dimensional, as 400³ cells are too many. Its eddies are advected and move the gas as the inflow eddies
+do, but do not break up into smaller ones, for which there is little time between source and sensors. In 3-D in a box of
+1.2 m, eddies between 1.2 m and 10 m are missing, and exponents are about 2.
 """
 
 from collections.abc import Mapping, Sequence
@@ -42,18 +42,18 @@ WIDTH, ROWS = 10.0, 4  # m: of the domain; sources side by side in it
 SOURCE, RADIUS = 0.25, 0.15  # m: downstream of the inlet
 DISTANCES = (1.5, 2.0, 2.5)  # m: from the sources
 ACROSS = np.linspace(-0.8, 0.8, 17)  # m: of sensors from the axis
-STEP = 0.035  # s: the tick, which the air takes at once
-FLOW = 300.0  # s: of one seed
+STEP = 0.035  # s: the tick, a single step of the flow
+FLOW = 300.0  # s: duration of the flow of a seed
 FIRST = 16.0 * CELL / U  # s
 LAST = 10.0 * FIRST
-PRESENT = (0.05, 0.6)
+PRESENT = (0.05, 0.6)  # share of time with gas of chosen sensors
 LEVEL = 0.5  # threshold over the largest mean on the line
 GASES = {"grid": "acetone", "puffs": "ethanol"}
 KINDS = ("whiffs", "blanks")
 
 
 class Variant(NamedTuple):
-    """Definition of durations: threshold over the largest mean on the line, and where the decade begins [s]."""
+    """Definition of durations: threshold over the largest mean on the line, and start of the decade [s]."""
 
     level: float = LEVEL
     first: float = FIRST
@@ -68,7 +68,7 @@ VARIANTS = {
 
 
 def scenario(seed: int, seconds: float) -> Keys:
-    """Wind with long eddies, four sources side by side that emit two gases, and lines of probes behind each."""
+    """Return the scenario: wind with long eddies, four sources of two gases side by side, lines of probes downwind."""
     rows = (np.arange(ROWS) + 0.5) * WIDTH / ROWS
     length = SOURCE + max(DISTANCES) + 0.75
     inlet = {"speed": U, "turbulence_intensity": INTENSITY, "turbulence_length": LENGTH}
@@ -125,51 +125,51 @@ class Records(NamedTuple):
 
 
 def records(seed: int, seconds: float) -> Records:
-    """Run the scenario. Taichi must have been started."""
-    _, times, told = probed(scenario(seed, seconds))
+    """Run the scenario and return its readings. Taichi must have been started."""
+    _, times, table = probed(scenario(seed, seconds))
     shape = (-1, len(DISTANCES), ROWS, len(ACROSS))
-    ppm = {kind: told[f"{gas}_ppm"].to_numpy().reshape(shape) for kind, gas in GASES.items()}
+    ppm = {kind: table[f"{gas}_ppm"].to_numpy().reshape(shape) for kind, gas in GASES.items()}
     return Records(times, ppm)
 
 
 def thresholds(c: np.ndarray, level: float) -> np.ndarray:
-    """Threshold of each line [ppm]: a share of the largest mean over time and rows; c: (n, distances, rows, m)."""
+    """Return the threshold of each line [ppm]: `level` times the largest mean of c, (n, distances, rows, m)."""
     return level * c.mean(axis=(0, 2)).max(axis=-1)
 
 
 def chosen(present: np.ndarray) -> np.ndarray:
-    """Which sensors are in gas often and seldom enough; present: (n, ...)."""
+    """Return the mask of the sensors in gas for a share of time within PRESENT; present: (n, ...)."""
     share = present.mean(axis=0)
     return (share > PRESENT[0]) & (share < PRESENT[1])
 
 
 def durations(flows: Sequence[Records], kind: str, level: float) -> dict[str, Spells]:
-    """Whiffs and blanks of all chosen sensors of all flows, one flow after the other."""
-    found: dict[str, list[Spells]] = {name: [] for name in KINDS}
+    """Return whiffs and blanks of all chosen sensors of all flows, one flow after the other."""
+    spells_by_kind: dict[str, list[Spells]] = {name: [] for name in KINDS}
     for number, flow in enumerate(flows):
         c = flow.ppm[kind]
         present = c > thresholds(c, level)[:, None, None]
-        series, some = present.reshape(len(c), -1), np.flatnonzero(chosen(present))
-        for one in some:
-            for name, part in zip(KINDS, spells(flow.times, series[:, one]), strict=True):
-                found[name].append(part._replace(begin=part.begin + number * FLOW))
-    return {name: pooled(parts) for name, parts in found.items()}
+        series, sensors = present.reshape(len(c), -1), np.flatnonzero(chosen(present))
+        for sensor in sensors:
+            for name, part in zip(KINDS, spells(flow.times, series[:, sensor]), strict=True):
+                spells_by_kind[name].append(part._replace(begin=part.begin + number * FLOW))
+    return {name: pooled(parts) for name, parts in spells_by_kind.items()}
 
 
 def fitted(found: Spells, first: float = FIRST) -> Exponent | None:
-    """The exponent over a decade, which begins and ends between durations that can occur."""
+    """Return the exponent over a decade, whose ends lie between possible durations."""
     return exponent(found, halfway(first - 0.5 * STEP, STEP), halfway(10.0 * first, STEP))
 
 
 def turbulent_whiffs(n: int) -> Answer:
-    """Exponents of n seconds in all, in flows of 300 s with seeds 1, 2 ...; all distances and sensors together."""
+    """Return exponents from n seconds, in flows of 300 s with seeds 1, 2 ...; all distances and sensors together."""
     flows = [records(1 + k, FLOW) for k in range(max(1, round(n / FLOW)))]
     answer: dict[str, float | Curve] = {}
     for kind in GASES:
         for name, found in durations(flows, kind, LEVEL).items():
             law, what = fitted(found), f"{name}, {kind}"
             if law is None:
-                raise ValueError(f"{what}: there are too few")
+                raise ValueError(f"{what}: too few durations in the decade to fit an exponent")
             answer[f"{what}: exponent off 3/2"] = abs(law.value - CELANI)
             answer[f"{what}: half of its 95 % interval"] = 0.5 * (law.high - law.low)
             answer[f"{what}: exponent"] = law.value
@@ -182,21 +182,21 @@ def turbulent_whiffs(n: int) -> Answer:
 
 
 def _robustness(flows: Sequence[Records], kind: str) -> dict[str, float]:
-    """Exponents with other thresholds, over other decades, and of each flow alone."""
-    told: dict[str, float] = {}
+    """Return exponents with other thresholds, over other decades, and of each flow alone."""
+    exponents: dict[str, float] = {}
     for words, variant in VARIANTS.items():
         for name, found in durations(flows, kind, variant.level).items():
             law = fitted(found, variant.first)
-            told[f"{name}, {kind}: exponent, {words}"] = law.value if law else np.nan
+            exponents[f"{name}, {kind}: exponent, {words}"] = law.value if law else np.nan
     for number, flow in enumerate(flows if len(flows) > 1 else ()):
         for name, found in durations([flow], kind, LEVEL).items():
             law = fitted(found)
-            told[f"{name}, {kind}: exponent, seed {number + 1}"] = law.value if law else np.nan
-    return told
+            exponents[f"{name}, {kind}: exponent, seed {number + 1}"] = law.value if law else np.nan
+    return exponents
 
 
 def _plume(flows: Sequence[Records], kind: str) -> dict[str, float]:
-    """Return the wander of the plume's centre over the instantaneous width, and the share of chosen sensors."""
+    """Return the standard deviation of the plume's centre over its instantaneous width, by distance."""
     c = np.concatenate([flow.ppm[kind] for flow in flows])
     held = np.where(c > 0.05 * c.max(axis=-1, keepdims=True), c, 0.0)
     mass = held.sum(axis=-1) + 1e-12
@@ -207,9 +207,9 @@ def _plume(flows: Sequence[Records], kind: str) -> dict[str, float]:
 
 
 def _sensors(flows: Sequence[Records], kind: str) -> dict[str, float | Curve]:
-    """Which share of the whiffs a slow metal oxide and a fast detector tell apart, and what they read at one place."""
+    """Return shares of whiffs that a slow metal-oxide sensor and a fast detector resolve, and readings at a point."""
     gas, several = GASES[kind], noses()[:2]
-    whiffs, kept = 0, np.zeros(len(several))
+    whiffs, counts = 0, np.zeros(len(several))
     answer: dict[str, float | Curve] = {}
     for flow in flows:
         c = flow.ppm[kind]
@@ -218,27 +218,27 @@ def _sensors(flows: Sequence[Records], kind: str) -> dict[str, float | Curve]:
             line = line[:, chosen(line > least)]
             found = smelt(several, gas, STEP, line, float(least))
             whiffs += found.kept[0].whiffs
-            kept += [one.kept for one in found.kept]
+            counts += [count.kept for count in found.kept]
             if not answer:
-                some = slice(0, round(60.0 / STEP))
-                peak = found.true[some].max()
+                window = slice(0, round(60.0 / STEP))
+                peak = found.true[window].max()
                 for words, reading in zip(("12 s", "50 ms"), found.readings, strict=True):
                     answer[f"a sensor of {words}, {kind}"] = Curve(
                         "t [s]",
                         "reading, against the gas, over its peak",
-                        flow.times[some],
-                        reading[some] / max(reading[some].max(), 1e-12),
-                        found.true[some] / peak,
+                        flow.times[window],
+                        reading[window] / max(reading[window].max(), 1e-12),
+                        found.true[window] / peak,
                     )
-    for words, one in zip(
-        (f"metal oxide of {SLOW:g} s", f"detector of {1e3 * FAST:g} ms"), kept, strict=True
+    for words, count in zip(
+        (f"metal oxide of {SLOW:g} s", f"detector of {1e3 * FAST:g} ms"), counts, strict=True
     ):
-        answer[f"whiffs kept by a {words}, {kind}"] = float(one / max(whiffs, 1))
+        answer[f"whiffs kept by a {words}, {kind}"] = float(count / max(whiffs, 1))
     return answer
 
 
 def _picture(found: Spells, law: Exponent) -> Curve:
-    """The density of durations with T^-3/2 and the fitted power law through the same number in the decade."""
+    """Return the density of durations with T^-3/2 and the fitted power law, normalised to the count in the decade."""
     middle, rate, _ = density(found.lasted, STEP)
     share = law.count / len(found.lasted)
 
@@ -251,7 +251,7 @@ def _picture(found: Spells, law: Exponent) -> Curve:
 CASES = (
     Case(
         "turbulent_whiffs",
-        "how long a sensor smells gas and how long none, gas on the grid and puffs in air with eddies (2-D)",
+        "durations of whiffs and blanks at sensors, gas on the grid and puffs in air with eddies (2-D)",
         "Celani et al. 2014, doi:10.1103/PhysRevX.4.041015",
         turbulent_whiffs,
         coarse=(300,),

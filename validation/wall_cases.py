@@ -30,10 +30,10 @@ def _mean_profile(flow: FlowSolver, start: float, end: float, parts: int, at: in
 
 
 def floor(n: int, turbulence: str = "smagorinsky") -> Answer:
-    """Even wind of 0.5 m/s along a floor, 2 m from where it comes in.
+    """Return errors of a boundary layer in uniform wind of 0.5 m/s along a floor, 2 m behind the inlet.
 
-    At 5 cm turbulent and laminar plates have 0.90 to 1.00 of the outer wind, and displace it by 10.2 (Schlichting's
-    0.0463 x/Re^0.2, from the edge on) and 13.6 mm (Blasius).
+    Turbulent and laminar plates have 0.90 to 1.00 of the outer wind at 5 cm, and displacement thicknesses of 10.2
+    (Schlichting's 0.0463 x/Re^0.2 from the edge on) and 13.6 mm (Blasius).
     """
     flow = _flow((3 * n, 4, n), n, OVER_A_FLOOR, turbulence={"kind": turbulence})
     advance(flow, 8.0)
@@ -48,10 +48,10 @@ def floor(n: int, turbulence: str = "smagorinsky") -> Answer:
 
 
 def power_law_mean(x: float, speed: float, heights: np.ndarray) -> np.ndarray:
-    """Mean over each cell of u/U = (z/delta)^(1/7), the layer on a smooth plate that is turbulent from its edge on.
+    """Return the mean over each cell of u/U = (z/delta)^(1/7), the turbulent layer on a smooth plate.
 
     delta = 0.37 x Re_x^(-1/5) at distance x [m] from the edge, in wind of U = `speed` [m/s] (Prandtl; Schlichting &
-    Gersten 2017). heights: of the cells' sides above the plate [m], the lowest first.
+    Gersten 2017). heights: cell faces above the plate [m], ascending.
     """
     delta = 0.37 * x * (speed * x / VISCOSITY) ** -0.2
     inside = np.minimum(heights, delta)
@@ -60,11 +60,11 @@ def power_law_mean(x: float, speed: float, heights: np.ndarray) -> np.ndarray:
 
 
 def floor_layer(n: int) -> Answer:
-    """Layer that grows along a floor in even wind of 0.5 m/s: mean of u over the lowest cell at 1, 2 and 3 m.
+    """Return errors of the layer along a floor in uniform wind of 0.5 m/s: mean u of the lowest cell at 1, 2 and 3 m.
 
-    The layer is thinner than two cells, and a cell stores the mean of u. Between the middles of cells u is read on a
-    straight line, which cuts the bend of the profile: at 5 cm, a side of the cells for n = 20, such a reading of the
-    exact means is 0.03 to 0.06 below the law itself. Both are reported.
+    The layer is thinner than two cells, and a cell stores the mean of u. Linear interpolation between cell centres cuts
+    the bend of the profile: at 5 cm, a cell face for n = 20, the interpolated exact means are 0.03 to 0.06 below the
+    law itself. Both are reported.
     """
     flow = _flow((4 * n, 4, n), n, OVER_A_FLOOR)
     advance(flow, 12.0)
@@ -82,10 +82,10 @@ def floor_layer(n: int) -> Answer:
 
 
 def log_layer(n: int, reynolds: float = 1000.0) -> Answer:
-    """A force drives air between two walls 1 m apart: u+ = ln(y+)/0.41 + 5.2, of friction Reynolds number `reynolds`.
+    """Return errors of turbulent channel flow, walls 1 m apart: u+ = ln(y+)/0.41 + 5.2; `reynolds`: Re_tau.
 
-    Eddies keep themselves alive in it; u is a mean over 8 times of HALF/u_tau after 10 of them, and is compared with
-    the law's mean over each cell.
+    A body force drives the flow, and the turbulence sustains itself. u is averaged over 8 times HALF/u_tau after 10
+    such times, and compared with the law's mean over each cell.
     """
     u_tau = reynolds * VISCOSITY / HALF
     turnover = HALF / u_tau
@@ -95,7 +95,7 @@ def log_layer(n: int, reynolds: float = 1000.0) -> Answer:
         return u_tau * (np.log(y * u_tau / VISCOSITY) / 0.41 + 5.2)
 
     def stirred(x: np.ndarray) -> np.ndarray:
-        """The law with waves of u_tau's size across it."""
+        """Return the law plus waves of amplitude u_tau as initial velocity."""
         u = np.zeros_like(x)
         u[..., 0] = law(np.clip(np.minimum(x[..., 2], 1.0 - x[..., 2]), 0.01, None))
         rng = np.random.default_rng(0)
@@ -114,12 +114,12 @@ def log_layer(n: int, reynolds: float = 1000.0) -> Answer:
     u, y = 0.5 * (u + u[::-1])[: n // 2], (np.arange(n // 2) + 0.5) / n
     sides = np.arange(n // 2 + 1) / n
     whole = sides * (law(np.maximum(sides, 1e-9)) - u_tau / 0.41)  # the law's integral from the wall
-    wanted = np.diff(whole) * n
+    expected = np.diff(whole) * n
     return {
-        "u / law, first cell": float(abs(u[0] / wanted[0] - 1.0)),
-        "u / law, largest": float(np.abs(u / wanted - 1.0).max()),
+        "u / law, first cell": float(abs(u[0] / expected[0] - 1.0)),
+        "u / law, largest": float(np.abs(u / expected - 1.0).max()),
         "mean flow in a channel": Curve(
-            "y+", "u+", y * u_tau / VISCOSITY, u / u_tau, wanted / u_tau, log_x=True
+            "y+", "u+", y * u_tau / VISCOSITY, u / u_tau, expected / u_tau, log_x=True
         ),
     }
 

@@ -1,8 +1,8 @@
 """Meandering plume at fixed sensors: intermittency, moments and durations of whiffs and blanks.
 
-The centre of the plume is Gaussian, so the odds of being within it and the moments of the concentration are exact. How
-long whiffs and blanks last follows from it being a random walk on times between the gusts' and the plume's age: first
-returns, p(T) ~ T^-3/2 (Celani, Villermaux & Vergassola 2014, doi:10.1103/PhysRevX.4.041015).
+The centre of the plume is Gaussian, so that intermittency and moments of the concentration have closed forms. On times
+between the gusts' and the plume's age the centre is a random walk. Whiffs and blanks are its first returns,
+p(T) ~ T^-3/2 (Celani, Villermaux & Vergassola 2014, doi:10.1103/PhysRevX.4.041015).
 """
 
 from math import erf, exp, log, pi, sqrt
@@ -24,7 +24,7 @@ SOURCE_Y = 10.0
 
 
 class Meander:
-    """A meandering plume of a source at (0, SOURCE_Y) in a wind of U along x, in 2-D."""
+    """Meandering plume of a source at (0, SOURCE_Y) in a wind of U along x, in 2-D."""
 
     def __init__(self, length: float, intensity: float, time: float, slope: float):
         self.deviation, self.time, self.slope, self.radius = intensity * U, time, slope, 0.02
@@ -37,30 +37,30 @@ class Meander:
         self.gas = Plumes(gas, grid, self.wind)
 
     def relative(self, x: float) -> float:
-        """Standard deviation [m] of the plume at a moment."""
+        """Return the standard deviation [m] of the instantaneous plume."""
         return sqrt(self.radius**2 + (self.slope * x) ** 2)
 
     def peak(self, x: float) -> float:
-        """Concentration at its centre [kg/m³]."""
+        """Return the concentration at the centre of the plume [kg/m³]."""
         return Q / (U * sqrt(2.0 * pi) * self.relative(x))
 
     def wander(self, x: float) -> float:
-        """Standard deviation [m] of the plume's centre: integral of the gusts over its age (Taylor 1921)."""
+        """Return the standard deviation [m] of the plume's centre: integral of the gusts over its age (Taylor 1921)."""
         age = x / U / self.time
         return self.deviation * self.time * sqrt(2.0 * (age - 1.0 + exp(-age)))
 
     def moment(self, x: float, y: float, power: int) -> float:
-        """Mean of c^power at y [m] from the axis: a Gaussian in the Gaussian centre's place, integrated."""
+        """Return the mean of c^power at y [m] from the axis: a Gaussian, averaged over the Gaussian centre."""
         s2, m2 = self.relative(x) ** 2 / power, self.wander(x) ** 2
         return self.peak(x) ** power * sqrt(s2 / (s2 + m2)) * exp(-(y**2) / (2.0 * (s2 + m2)))
 
     def presence(self, x: float, y: float, threshold: float) -> float:
-        """Probability that c is above a share `threshold` of what it is at the plume's centre."""
+        """Return the probability that c is above `threshold` times its value at the plume's centre."""
         reach, m = self.relative(x) * sqrt(-2.0 * log(threshold)), self.wander(x)
         return 0.5 * (erf((y + reach) / (m * sqrt(2.0))) - erf((y - reach) / (m * sqrt(2.0))))
 
     def readings(self, places: np.ndarray, dt: float, count: int) -> np.ndarray:
-        """Concentration at places (n, 2), as x and y from the axis, at `count` times dt apart; shape (count, n)."""
+        """Return the concentration at points (n, 2), x and y from the axis, at `count` times dt apart, (count, n)."""
         points = places + np.array([0.0, SOURCE_Y])
         result = np.empty((count, len(places)))
         for n in range(count):
@@ -70,13 +70,13 @@ class Meander:
 
 
 def meander(n: int) -> Answer:
-    """Means over n times so far apart that they do not depend on one another; deviations in standard errors."""
+    """Return deviations of means over n independent times from the closed forms, in standard errors."""
     plume = Meander(length=12.0, intensity=0.3, time=1.0, slope=0.05)
     distances, y = np.array([0.3, 1.0, 3.0, 10.0]), np.linspace(-9.0, 9.0, 721)
     places = np.stack(np.meshgrid(distances, y, indexing="ij"), axis=-1).reshape(-1, 2)
     c = plume.readings(places, 18.0, n).reshape(
         n, len(distances), -1
-    )  # a plume's age and eight integral times
+    )  # the plume's age and eight integral times
     mass = c.sum(axis=2)
     centre = (c * y).sum(axis=2) / mass
     second = (c * y**2).sum(axis=2) / mass
@@ -117,12 +117,12 @@ def meander(n: int) -> Answer:
 
 
 def whiffs(n: int) -> Answer:
-    """Durations of whiffs and blanks in n seconds, where about half of the time is either.
+    """Return exponents of whiffs and blanks in n seconds at sensors with gas for about half of the time.
 
-    The plume is as wide as its wander and nine sensors are where the threshold is met when the centre is near the axis,
-    so that both a whiff and a blank end when the centre comes back there, not on the plume's far side. Over the range
-    that is looked at the exact law is about 0.065 less steep than T^-3/2 (40,000 s in NumPy alone): half
-    of it as the plume's age is finite, T^-3/2 (1 - T/(2 x/U))^-1/2 for gusts that last no time, half as they do last.
+    The plume is as wide as the wander of its centre. At nine sensors the threshold is met when the centre is near the
+    axis, so that whiffs and blanks end when the centre returns there, not on the far side of the plume. Over the fitted
+    range the exact law is about 0.065 less steep than T^-3/2 (40,000 s in NumPy alone). Half of this is due to the
+    finite age of the plume, T^-3/2 (1 - T/(2 x/U))^-1/2 for uncorrelated gusts, half to the duration of gusts.
     """
     time, dt = 0.05, 0.1
     plume = Meander(length=50.0, intensity=0.3, time=time, slope=0.02)
@@ -134,7 +134,7 @@ def whiffs(n: int) -> Answer:
     ]
     present = plume.readings(places, dt, round(n / dt)) > least
     several = [durations.spells(dt * np.arange(len(present)), series) for series in present.T]
-    first = durations.halfway(20.0 * time - dt, dt)  # walks forget the gust they began with
+    first = durations.halfway(20.0 * time - dt, dt)  # after the correlation time of gusts
     last = durations.halfway(0.5 * distances[0] / U, dt)
     answer: dict[str, float | Curve] = {}
     for name, parts in zip(("whiffs", "blanks"), zip(*several, strict=True), strict=True):
@@ -144,12 +144,12 @@ def whiffs(n: int) -> Answer:
         answer[f"slope of {name} + 3/2"] = abs(durations.CELANI - slope.value)
         answer[f"{name} counted"] = float(slope.count)
         lasted = found.lasted
-        edges = (np.floor(np.geomspace(first, 60.0, 15) / dt) + 0.5) * dt  # between what durations there are
+        edges = (np.floor(np.geomspace(first, 60.0, 15) / dt) + 0.5) * dt  # between possible durations
         density = np.histogram(lasted, edges)[0] / np.diff(edges)
         middle = np.sqrt(edges[:-1] * edges[1:])
-        some = density > 0
+        full = density > 0
         law = middle**-durations.CELANI * slope.count / (2.0 * (first**-0.5 - last**-0.5))
         answer[f"duration of {name}"] = Curve(
-            "T [s]", "number per second of T", middle[some], density[some], law[some], log_x=True, log_y=True
+            "T [s]", "number per second of T", middle[full], density[full], law[full], log_x=True, log_y=True
         )
     return answer

@@ -19,5 +19,5 @@ def test_clients_noise_and_a_link_that_is_cut():
     assert told["cut [s]"] == pytest.approx(2.4)
     assert told["longest gap of robot 2 [ticks]"] > 20
     assert told["messages times_lost"] >= 1
-    assert told["robot 2 was told to be back"]
+    assert told["robot 2 was reported back"]
     assert not told["robot 2 lost at the end"]

@@ -4,11 +4,11 @@ import json
 
 import numpy as np
 import pytest
+from tests.study.rooms import ROOM, UNIFORM, changed
 
 from taichi_plume.validation.benchmark import envs, pressure, puffs, robots, start, trials
 from taichi_plume.validation.benchmark.__main__ import main
 from taichi_plume.validation.benchmark.pressure import cluttered, right_sides
-from tests.study.rooms import ROOM, UNIFORM, changed
 
 
 def test_right_sides_can_be_solved():
@@ -99,7 +99,7 @@ def test_environments_are_measured_beside_what_is_wanted(monkeypatch, capsys):
     assert rows.keys() >= {"reset of one of them", "reset of all", "memory over 200 resets"}
     for case in ("steps of 20 environments", "steps of a single environment"):
         assert rows[case]["figure"] > 0.0 < rows[case]["cpu_us"]
-        assert rows[case]["wanted"].startswith(">= ")
+        assert rows[case]["target"].startswith(">= ")
 
 
 @pytest.mark.slow

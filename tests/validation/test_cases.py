@@ -15,7 +15,7 @@ def of_kind(kind):
     return [
         pytest.param(name, marks=pytest.mark.slow if case.slow else ())
         for name, case in CASES.items()
-        if isinstance(case, kind) and getattr(case, "few", 1)
+        if isinstance(case, kind) and getattr(case, "test_trials", 1)
     ]
 
 
@@ -23,7 +23,7 @@ def of_kind(kind):
 def test_experiment_is_as_expected(name):
     case = CASES[name]
     assert isinstance(case, Experiment)
-    rows, _ = experiment.examine(case, case.few)
+    rows, _ = experiment.examine(case, case.test_trials)
     wrong = [
         f"{row.condition}, {row.quantity}: {row.found}, not {row.expected}" for row in rows if row.refuted
     ]

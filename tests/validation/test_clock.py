@@ -4,7 +4,7 @@ import pytest
 
 from taichi_plume.validation.benchmark import clock, openfoam
 from taichi_plume.validation.benchmark.__main__ import main
-from taichi_plume.validation.benchmark.clock import Found, Row
+from taichi_plume.validation.benchmark.clock import Row, Timing
 
 FIGURES = {
     "old": [{"s/s": 2.0, "CPU s/s": 1.5}, {"s/s": 1.8, "CPU s/s": 1.6}],
@@ -50,7 +50,7 @@ def test_a_misspelt_row_is_told(capsys):
 def test_of_costs_less_is_better_and_of_rates_more(unit, value, verdict):
     least, aim = (0.5, 0.2) if unit == "s/s" else (0.5, 0.6)
     figures = {"ms": 3.0} | ({} if value is None else {unit: value})
-    found = Found("row", "here", "ms", figures, unit, least, aim)
+    found = Timing("row", "here", "ms", figures, unit, least, aim)
     assert found.verdict == verdict
     assert verdict in str(found)
     assert ("<= 0.5, aim 0.2 s/s" in str(found)) == (unit == "s/s")
@@ -84,7 +84,7 @@ def test_other_programs_that_are_not_there(tmp_path):
     assert clock._openfoam(0.05, 2, args) is None
     args = clock._arguments(["--openfoam-seconds", "1.5", "130"])
     assert [clock._openfoam(dx, 2, args) for dx in clock.SPACINGS] == [1.5, 130.0]
-    with pytest.raises(RuntimeError, match="OpenFOAM made 0 steps"):
+    with pytest.raises(RuntimeError, match="OpenFOAM made 0 of 4 steps"):
         openfoam.arena(0.25, 1, str(tmp_path / "no_bashrc"))
 
 

@@ -78,9 +78,9 @@ def test_what_is_forgotten_between_snaps_is_forecast_better_from_many(monkeypatc
     found = mapped()
     quick, slow = (short.index(case) for case in ((0.5, 0.2), (20.0, 0.05)))
     assert found["error"].shape == (len(ALPHAS), 2)
-    assert found["kept"][quick] < 0.1 < found["kept"][slow]
+    assert found["correlation"][quick] < 0.1 < found["correlation"][slow]
     assert (found["error"][1:, quick] < 0.95).all()
     assert (found["error"][1:, slow] > found["error"][1:, quick]).all()
     assert found["endless"][quick] == pytest.approx(
-        1.0 / np.sqrt(2.0 * (1.0 - found["kept"][quick])), rel=0.1
+        1.0 / np.sqrt(2.0 * (1.0 - found["correlation"][quick])), rel=0.1
     )

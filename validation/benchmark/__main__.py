@@ -1,4 +1,4 @@
-"""How fast whole steps are, beside the memory bandwidth of the same minute.
+"""Benchmarks of speed: time steps per second, beside the memory bandwidth measured in the same minute.
 
     python -m taichi_plume.validation.benchmark [NAMES] [--pressure] [--json] [--arch ARCH] [--seconds S]
     python -m taichi_plume.validation.benchmark start CONFIG ...
@@ -7,12 +7,12 @@
     python -m taichi_plume.validation.benchmark envs [--count N]
     python -m taichi_plume.validation.benchmark live [--minutes M]
 
-A step is the flow with its eddy viscosity and one gas, as a run takes it; puffs, robots and maps are measured by
-themselves. With --pressure, only the pressure is solved, of cubes of N³ cells with obstacles: how its iterations grow
-with N. Every figure is a rate on a machine that may be shared: compare the ratios to the bandwidth, and rates of one
-run with each other. `start` measures something else, the first tick of a scenario, `clock` what the user waits for,
-beside what is wanted, `studies` what a worker of a study costs, `envs` the environments of learners and `live` the
-service for robots from outside: see start.py, clock.py, studies.py, envs.py and live.py.
+A step advances the flow with its eddy viscosity and one gas; puffs, robots and maps are measured separately. With
+--pressure, only the pressure is solved, in cubes of N³ cells with obstacles: iterations against N. Every figure is a
+rate on a machine that may be shared: compare the ratios to the bandwidth, and rates of one run with each other.
+Other benchmarks: `start` measures the first tick of a scenario, `clock` the wall times that users see, beside their
+targets. `studies` measures the worker of a study, `envs` the environments of learners, `live` the service for
+external robots. See start.py, clock.py, studies.py, envs.py and live.py.
 """
 
 import json
@@ -32,13 +32,13 @@ def _arena_puffs(count: int) -> puffs.PuffSolver:
 
 
 def _studies(arguments: Sequence[str]) -> int:
-    from taichi_plume.validation.benchmark import studies  # it brings what workers need
+    from taichi_plume.validation.benchmark import studies  # imports the packages of workers
 
     return studies.main(arguments)
 
 
 def _live(arguments: Sequence[str]) -> int:
-    from taichi_plume.validation.benchmark import live  # it takes the packages of the extra ros
+    from taichi_plume.validation.benchmark import live  # needs the packages of the extra ros
 
     return live.main(list(arguments))
 
@@ -64,12 +64,12 @@ def main(argv: list[str] | None = None) -> int:
         return other(arguments[1:])
     known = [*CASES, *OTHER_CASES]
     parser = Parser(prog="python -m taichi_plume.validation.benchmark", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(known)}")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"cases: {', '.join(known)}")
     parser.add_argument(
-        "--pressure", action="store_true", help="iterations of the pressure solver against N instead"
+        "--pressure", action="store_true", help="measure iterations of the pressure solver against N instead"
     )
     parser.add_argument("--arch", default="cpu", choices=("auto", "cpu", "cuda", "vulkan", "metal"))
-    parser.add_argument("--seconds", type=float, default=8.0, help="per case (default: 8)")
+    parser.add_argument("--seconds", type=float, default=8.0, help="seconds per case (default: 8)")
     parser.add_argument("--json", action="store_true", help="print JSON")
     args = parser.parse_args(arguments)
     unknown = [name for name in args.names if name not in known]
@@ -78,16 +78,16 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     rows: list[Any] = []
 
-    def tell(found: Sequence[Any]) -> None:
-        rows.extend(found)
+    def report(new_rows: Sequence[Any]) -> None:
+        rows.extend(new_rows)
         if not args.json:
-            for row in found:
+            for row in new_rows:
                 say(row, flush=True)
 
     for n in pressure.SIDES if args.pressure else ():
-        tell(pressure.solve(n, args.arch))
+        report(pressure.solve(n, args.arch))
     for name in () if args.pressure else args.names or known:
-        tell(
+        report(
             OTHER_CASES[name](args.arch) if name in OTHER_CASES else [measure(name, args.arch, args.seconds)]
         )
     if args.json:

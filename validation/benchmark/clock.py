@@ -1,15 +1,14 @@
-"""The user's clock: seconds of wall time per simulated second, and the rates that make them, beside what is wanted.
+"""Wall-clock benchmark: wall time per simulated second and rates, beside their targets.
 
     python -m taichi_plume.validation.benchmark clock [ROW ...] [--checkout FOLDER ...] [--repeats N] [--jax PYTHON]
                                                       [--openfoam [BASHRC] | --openfoam-seconds S S]
                                                       [--arch ARCH] [--json]
 
-Each row is measured in a process of its own, one after the other, so that none disturbs another; several checkouts in
-turns, row by row. A run is timed in its steady state, past its first seconds; only `first_command` and the first ticks
-count the start. `triad` is the memory bandwidth of the same minute, `load` how many processes wanted a core before.
-With --jax and --openfoam, what the same machine needs for the same work with jax-cfd and with OpenFOAM's pisoFoam is
-measured as well, beside ours. pisoFoam's two processes wait for each other: with other load it takes ten times as long,
-and what was measured at a quiet time is better given by --openfoam-seconds.
+Each row is measured in its own process, one after the other; several checkouts in turns, row by row. A run is timed in
+its steady state, past its first seconds; only `first_command` and the first ticks include the start. `triad` is the
+memory bandwidth of the same minute, `load` the load average before. With --jax and --openfoam the same work is measured
+with jax-cfd and with OpenFOAM's pisoFoam on the same machine. The two processes of pisoFoam wait for each other: under
+other load pisoFoam takes ten times as long. Pass times of a quiet machine with --openfoam-seconds instead.
 """
 
 import argparse
@@ -30,15 +29,15 @@ from taichi_plume.validation.benchmark import openfoam, start
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 Figures = dict[str, float]
-COSTS = ("s/s", "s")  # of other figures more is better
+COSTS = ("s/s", "s")  # less is better; of other figures more
 JAX, FOAM = "x jax-cfd", "x OpenFOAM"
 
 
 @dataclass(frozen=True)
 class Row:
-    """A measurement: main figure, and least value and aim of the figure `wanted`.
+    """Row of the table: main figure, and least value and aim of the figure `judged`.
 
-    measure: the figures of a checkout. beside: what another program needs, in units of `figure`.
+    measure: returns the figures of a checkout. beside: returns the value of another program, in units of `figure`.
     """
 
     about: str
@@ -46,38 +45,38 @@ class Row:
     measure: Callable[[str, Path, argparse.Namespace], Figures]
     least: float | None = None
     aim: float | None = None
-    wanted: str = ""
+    judged: str = ""
     beside: Callable[[argparse.Namespace], float | None] | None = None
     ratio: str = ""
 
 
 @dataclass(frozen=True)
-class Found:
-    """A row of a checkout. figure: its own unit; least and aim hold for the figure `wanted`."""
+class Timing:
+    """Figures of a row and checkout. figure: main unit; least and aim hold for the figure `judged`."""
 
     row: str
     checkout: str
     figure: str
     figures: Figures
-    wanted: str
+    judged: str
     least: float | None
     aim: float | None
 
     @property
     def verdict(self) -> str:
-        """Whether what is wanted was found, and by how much it is missed."""
-        found = self.figures.get(self.wanted)
-        if found is None or self.least is None or self.aim is None:
+        """Verdict: aim reached, enough, or how many times too slow."""
+        value = self.figures.get(self.judged)
+        if value is None or self.least is None or self.aim is None:
             return ""
-        if _better(self.wanted, found, self.aim) >= 1.0:
+        if _better(self.judged, value, self.aim) >= 1.0:
             return "aim reached"
-        share = _better(self.wanted, found, self.least)
+        share = _better(self.judged, value, self.least)
         return "enough" if share >= 1.0 else f"{1.0 / share:.1f} times too slow"
 
     def __str__(self) -> str:
         rest = ", ".join(f"{value:.3g} {unit}" for unit, value in self.figures.items() if unit != self.figure)
-        goal = f">= {self.least:g}, aim {self.aim:g} {self.wanted}" if self.least is not None else ""
-        if self.wanted in COSTS:
+        goal = f">= {self.least:g}, aim {self.aim:g} {self.judged}" if self.least is not None else ""
+        if self.judged in COSTS:
             goal = goal.replace(">=", "<=")
         main = f"{self.figures[self.figure]:7.3g} {self.figure:15}"
         return f"{self.row:18} {self.checkout:12} {main} {goal:32} {self.verdict:20} {rest}".rstrip()
@@ -92,15 +91,15 @@ def _better(unit: str, value: float, than: float) -> float:
 
 
 def _apart(name: str, checkout: Path, args: argparse.Namespace) -> Figures:
-    """Return the figures of clock_rows.py. Raises RuntimeError if the process fails."""
-    told = {key: vars(args)[key] for key in ("arch", "seconds", "robots")}
-    told |= {"row": name, "checkout": str(checkout)}
-    command = [sys.executable, "-P", str(HERE / "clock_rows.py"), json.dumps(told)]
+    """Run clock_rows.py and return its figures. Raises RuntimeError if the process fails."""
+    options = {key: vars(args)[key] for key in ("arch", "seconds", "robots")}
+    options |= {"row": name, "checkout": str(checkout)}
+    command = [sys.executable, "-P", str(HERE / "clock_rows.py"), json.dumps(options)]
     return json.loads(_output(command, checkout))
 
 
 def _first_command(name: str, checkout: Path, args: argparse.Namespace) -> Figures:
-    """The README's, with nothing compiled before."""
+    """Time the first command of the README with an empty kernel cache."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "taichi_plume.run", "configs/casting_room.yaml", "--arch", args.arch]
         begin, cpu = time.perf_counter(), _cpu_of_children()
@@ -109,27 +108,27 @@ def _first_command(name: str, checkout: Path, args: argparse.Namespace) -> Figur
 
 
 def _first_tick(config: str, name: str, checkout: Path, args: argparse.Namespace) -> Figures:
-    """Return the figures of a process whose kernels are in the cache."""
+    """Time the start to the first tick, with kernels from the cache."""
     cold, warm = start.starts([checkout], [config], arch=args.arch)
     return {"s": warm.seconds, "CPU s": warm.cpu_seconds, "s cold": cold.seconds, "kernels": warm.kernels}
 
 
 def _jax_box(n: int, dim: int, args: argparse.Namespace) -> float | None:
-    """M cell-steps/s of jax-cfd, None where no interpreter was given."""
+    """Return M cell-steps/s of jax-cfd; None without an interpreter."""
     if args.jax is None:
         return None
     return float(_output([args.jax, str(HERE / "jax_box.py"), str(n), str(dim), str(args.seconds)], HERE))
 
 
 def _openfoam(dx: float, steps: int, args: argparse.Namespace) -> float | None:
-    """Wall time of OpenFOAM per simulated second, None where it is not asked for."""
+    """Return the wall time of OpenFOAM per simulated second; None if not requested."""
     if args.openfoam_seconds is not None:
         return dict(zip(SPACINGS, args.openfoam_seconds, strict=True))[dx]
     return None if args.openfoam is None else openfoam.arena(dx, steps, args.openfoam)
 
 
 def _output(command: Sequence[str], folder: Path, **environment: str) -> str:
-    """Last line that a process prints, with PYTHONPATH on `folder`. Raises RuntimeError where it fails."""
+    """Run a process with PYTHONPATH set to `folder` and return its last line. Raises RuntimeError if it fails."""
     environment = os.environ | {"PYTHONPATH": str(folder), "ENABLE_TAICHI_HEADER_PRINT": "0"} | environment
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -180,8 +179,8 @@ ROWS: dict[str, Row] = {
 }  # fmt: skip
 
 
-def measured(name: str, args: argparse.Namespace) -> Iterator[Found]:
-    """A row of each checkout in turns, as often as wanted. Raises RuntimeError where one cannot be measured."""
+def measured(name: str, args: argparse.Namespace) -> Iterator[Timing]:
+    """Yield the figures of a row for each checkout in turns, `repeats` times. Raises RuntimeError on failure."""
     row = ROWS[name]
     for _ in range(args.repeats):
         other = row.beside(args) if row.beside else None
@@ -190,54 +189,54 @@ def measured(name: str, args: argparse.Namespace) -> Iterator[Found]:
             if other is not None:
                 figures[row.ratio] = _better(row.figure, figures[row.figure], other)
                 figures[f"{row.figure} of {row.ratio[2:]}"] = other
-            yield Found(name, checkout.resolve().name, row.figure, figures, row.wanted, row.least, row.aim)
+            yield Timing(name, checkout.resolve().name, row.figure, figures, row.judged, row.least, row.aim)
 
 
-def compared(found: Sequence[Found], checkouts: Sequence[Path]) -> Iterator[str]:
+def compared(timings: Sequence[Timing], checkouts: Sequence[Path]) -> Iterator[str]:
     """Yield the speed-up of each checkout over the first and the ratio of CPU times, of the best runs."""
-    figure = found[0].figure
-    cpu = next((unit for unit in found[0].figures if unit.startswith("CPU")), None)
+    figure = timings[0].figure
+    cpu = next((unit for unit in timings[0].figures if unit.startswith("CPU")), None)
     names = [checkout.resolve().name for checkout in checkouts]
     for name in names[1:]:
-        times = _better(figure, *(_best(found, one, figure) for one in (name, names[0])))
-        line = f"{found[0].row:18} {name} is {times:.2f} times as fast as {names[0]}"
+        times = _better(figure, *(_best(timings, checkout, figure) for checkout in (name, names[0])))
+        line = f"{timings[0].row:18} {name} is {times:.2f} times as fast as {names[0]}"
         if cpu is not None:
-            share = _best(found, name, cpu) / _best(found, names[0], cpu)
+            share = _best(timings, name, cpu) / _best(timings, names[0], cpu)
             line += f", with {share:.2f} of its CPU time"
         yield line
 
 
-def _best(found: Sequence[Found], checkout: str, unit: str) -> float:
+def _best(timings: Sequence[Timing], checkout: str, unit: str) -> float:
     """Return the best figure of a checkout."""
-    values = [one.figures[unit] for one in found if one.checkout == checkout]
+    values = [timing.figures[unit] for timing in timings if timing.checkout == checkout]
     return min(values) if unit in COSTS or unit.startswith("CPU") else max(values)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line `argv` and return its exit code: 0, 1 where a row failed, 2 where there is none such."""
+    """Run the command line `argv` and return its exit code: 0, 1 if a row failed, 2 if a row is unknown."""
     args = _arguments(argv)
     unknown = [name for name in args.rows if name not in ROWS]
     if unknown:
         say(f"unknown row {unknown[0]!r}; known: {', '.join(ROWS)}", error=True)
         return 2
-    rows: list[Found] = []
+    rows: list[Timing] = []
     failed = False
     for name in args.rows or ROWS:
-        found: list[Found] = []
+        timings: list[Timing] = []
         if not args.json:
             say(f"{name}: {ROWS[name].about}", flush=True)
         try:
-            for one in measured(name, args):
-                found.append(one)
+            for timing in measured(name, args):
+                timings.append(timing)
                 if not args.json:
-                    say(one, flush=True)
+                    say(timing, flush=True)
         except RuntimeError as error:
             failed = True
             say(f"{name}: {error}", error=True)
         else:
-            for line in () if args.json else compared(found, args.checkout):
+            for line in () if args.json else compared(timings, args.checkout):
                 say(line, flush=True)
-        rows += found
+        rows += timings
     if args.json:
         say(
             *json.dumps([asdict(row) | {"verdict": row.verdict} for row in rows], indent=2).splitlines(),
@@ -253,10 +252,10 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog="\n".join(f"{name:18} {row.about}" for name, row in ROWS.items()),
     )
-    parser.add_argument("rows", nargs="*", metavar="ROW", help="of those below (default: all)")
+    parser.add_argument("rows", nargs="*", metavar="ROW", help="rows listed below (default: all)")
     parser.add_argument("--checkout", nargs="+", type=Path, default=[ROOT], metavar="FOLDER")
-    parser.add_argument("--repeats", type=int, default=1, metavar="N", help="of each row (default: 1)")
-    parser.add_argument("--jax", metavar="PYTHON", help="an interpreter that has jax-cfd")
+    parser.add_argument("--repeats", type=int, default=1, metavar="N", help="runs per row (default: 1)")
+    parser.add_argument("--jax", metavar="PYTHON", help="Python interpreter with jax-cfd")
     foam = parser.add_mutually_exclusive_group()
     foam.add_argument(
         "--openfoam",
@@ -270,10 +269,10 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         nargs=2,
         type=float,
         metavar="S",
-        help="that it takes per simulated second of the arena with 5 cm and with 2 cm",
+        help="wall time of pisoFoam per simulated second of the arena, with 5 cm and with 2 cm",
     )
     parser.add_argument("--arch", default="cpu", choices=("auto", "cpu", "cuda", "vulkan", "metal"))
-    parser.add_argument("--seconds", type=float, default=8.0, help="of steps alone (default: 8)")
-    parser.add_argument("--robots", type=int, default=100_000, metavar="N", help="(default: 100,000)")
+    parser.add_argument("--seconds", type=float, default=8.0, help="seconds per rate of steps (default: 8)")
+    parser.add_argument("--robots", type=int, default=100_000, metavar="N", help="default: 100,000")
     parser.add_argument("--json", action="store_true", help="print JSON")
     return parser.parse_args(argv)

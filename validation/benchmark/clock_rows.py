@@ -1,7 +1,7 @@
-"""Rows of the clock: ``python clock_rows.py OPTIONS``, OPTIONS in JSON, prints the figures in JSON.
+"""Rows of the wall-clock benchmark: ``python clock_rows.py OPTIONS``, OPTIONS in JSON, prints the figures in JSON.
 
-It is run by its path, with PYTHONPATH on the checkout that is to be measured: it needs nothing of the package around it
-and of a checkout only what has long been there. So it measures checkouts that are older than itself.
+The script is run by its path, with PYTHONPATH set to the measured checkout. As it imports only long-established parts
+of the package, it can measure checkouts older than itself.
 """
 
 import json
@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 Figures = dict[str, float]
-# What a row of a scenario runs: its file, the span (from, to) [s] that is timed, and further arguments of the command.
-# It begins after the maps' first window, with which their last kernels come. At 2 cm, where a second takes minutes, it
-# is seven ticks after those that compile.
+# Rows of scenarios: file, timed span (from, to) [s], and further arguments of the command. The span starts after the
+# first window of the maps, which compiles the last kernels. At 2 cm, where a second takes minutes, the span is seven
+# ticks after the compiling ticks.
 SCENARIOS: dict[str, tuple[str, tuple[float, float], tuple[str, ...]]] = {
     "arena_3d": ("arena_3d", (6.0, 16.0), ()),
     "arena_3d_2cm": (
@@ -32,7 +32,7 @@ STEPS = {"arena_2d": "arena_2d", "box_2d": "box_2d", "box_3d": "box_3d"}
 
 
 def scenario(checkout: Path, arch: str, config: str, span: tuple[float, float], *more: str) -> Figures:
-    """Run the command on a scenario, and time a span of it with all that it calls: recording, tables, maps."""
+    """Run the command on a scenario and time a span of it, with recording, tables and maps."""
     import taichi as ti
 
     from taichi_plume.__main__ import main
@@ -49,17 +49,17 @@ def scenario(checkout: Path, arch: str, config: str, span: tuple[float, float], 
 
     def noting(sim: Simulation) -> None:
         cells.append(prod(sim.grid.shape))
-        sim.observers.append(Every(sim.dt, note))  # the last one: what the others do belongs to the tick
+        sim.observers.append(Every(sim.dt, note))  # last, so that the tick includes all observers
         to_its_end(sim)
 
     Simulation.run = noting
     path = checkout / "configs" / f"{config}.yaml"
     with tempfile.TemporaryDirectory() as folder:
-        told = [str(path), "--out", f"{folder}/run", "--quiet", "--arch", arch, "--duration", str(span[1])]
-        code = main(["run", *told, "--set", "stop_early=false", *more])
+        args = [str(path), "--out", f"{folder}/run", "--quiet", "--arch", arch, "--duration", str(span[1])]
+        code = main(["run", *args, "--set", "stop_early=false", *more])
     if code:
         raise RuntimeError(f"{config} ended with exit code {code}")
-    first, last = (min(notes, key=lambda one: abs(one[0] - t)) for t in span)
+    first, last = (min(notes, key=lambda entry: abs(entry[0] - t)) for t in span)
     simulated, steps, wall, cpu = (b - a for a, b in zip(first, last, strict=True))
     return {
         "s/s": wall / simulated,
@@ -71,21 +71,21 @@ def scenario(checkout: Path, arch: str, config: str, span: tuple[float, float], 
 
 
 def steps(case: str, arch: str, seconds: float) -> Figures:
-    """Whole steps of a case of steps.py."""
+    """Return the figures of a case of steps.py."""
     from taichi_plume.validation.benchmark.steps import measure
 
     row = vars(measure(case, arch, seconds))
-    told = {
+    columns = {
         "M cell-steps/s": "Mcell_steps_per_s",
         "ms/step": "ms_per_step",
-        "s/s": "wall_per_simulated",  # older checkouts do not tell it
+        "s/s": "wall_per_simulated",  # missing in older checkouts
         "iterations": "pressure_iterations",
     }
-    return {unit: row[key] for unit, key in told.items() if key in row}
+    return {unit: row[key] for unit, key in columns.items() if key in row}
 
 
 def robots(arch: str, count: int) -> Figures:
-    """Ticks of robots that cast."""
+    """Return the figures of ticks of casting robots."""
     from taichi_plume.validation.benchmark.robots import ticks
 
     row = ticks("robots", arch, "casting", count)
@@ -106,14 +106,14 @@ def figures(name: str, options: dict[str, Any]) -> Figures:
     triad = bandwidth()
     if name in SCENARIOS:
         config, span, more = SCENARIOS[name]
-        found = scenario(Path(options["checkout"]), arch, config, span, *more)
+        values = scenario(Path(options["checkout"]), arch, config, span, *more)
     elif name in STEPS:
-        found = steps(STEPS[name], arch, options["seconds"])
+        values = steps(STEPS[name], arch, options["seconds"])
     else:
-        found = robots(arch, options["robots"])
-    return found | {"triad GB/s": triad, "load": load}
+        values = robots(arch, options["robots"])
+    return values | {"triad GB/s": triad, "load": load}
 
 
 if __name__ == "__main__":
-    told = json.loads(sys.argv[1])
-    print(json.dumps(figures(told["row"], told)), flush=True)
+    options = json.loads(sys.argv[1])
+    print(json.dumps(figures(options["row"], options)), flush=True)

@@ -1,9 +1,9 @@
-"""Speed of environments against their targets: a film that is played to thousands of episodes in one process.
+"""Speed of reinforcement-learning environments: a film played to thousands of episodes in one process.
 
     python -m taichi_plume.validation.benchmark envs [--arch ARCH] [--count N] [--seconds S] [--json]
 
-Steps are counted as `gymnasium.utils.performance` does it: actions drawn before at random, a warm-up outside, and of
-the environments only those that step, not those that begin anew in between. Resets are the median of many.
+Steps are counted as in `gymnasium.utils.performance`: random actions are drawn beforehand and the warm-up is not timed.
+Only environments that step are counted, not those that reset in between. Reset times are medians.
 """
 
 import json
@@ -23,7 +23,7 @@ from taichi_plume.validation.case import Keys
 COUNT = 4096
 RESETS = 10_000
 FILMS, FRAMES = 4, 241
-ACTIONS = 16  # different ones, in turn
+ACTIONS = 16  # different batches, in turn
 TASK: Keys = {
     "duration": 60.0,
     "domain": {"size": [4.0, 3.0], "spacing": 0.04, "depth": 0.5},
@@ -45,28 +45,28 @@ TASK: Keys = {
         }
     ],
 }
-WANTED = {"vector": 1e6, "single": 2e3}
-"""Steps per second, of COUNT environments and of one."""
+TARGETS = {"vector": 1e6, "single": 2e3}
+"""Least steps per second, of COUNT environments and of a single environment."""
 RESET_MS = 5.0
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A figure and what is wanted; cpu_us: time of all cores per step of an environment, where it is a rate."""
+    """Figure and its target; cpu_us: CPU time of all cores per step of an environment, for rates."""
 
     case: str
     figure: float
     unit: str
-    wanted: str
+    target: str
     cpu_us: float = 0.0
 
     def __str__(self) -> str:
         cpu = f", {self.cpu_us:.2f} us of CPU each" if self.cpu_us else ""
-        return f"{self.case:36} {self.figure:12,.2f} {self.unit:8} (wanted: {self.wanted}{cpu})"
+        return f"{self.case:36} {self.figure:12,.2f} {self.unit:8} (target: {self.target}{cpu})"
 
 
 def films() -> Any:
-    """A bank of noise around a wind and a plume: it takes as long to play as one that was solved for."""
+    """Return a bank of films of random noise: playback takes as long as that of a computed flow."""
     rng = np.random.default_rng(0)
     shape = (FILMS, FRAMES, 100, 75)
     values = np.empty((*shape, 3), np.float16)
@@ -90,25 +90,25 @@ def films() -> Any:
 
 
 def rate(engine: Any, seconds: float) -> tuple[float, float]:
-    """Steps per second, and time of all cores per step [s]."""
+    """Return steps per second, and CPU time of all cores per step [s]."""
     rng = np.random.default_rng(1)
     shape = (engine.count * engine.robots, engine.action_size)
-    told = [rng.uniform(-1.0, 1.0, shape).astype(np.float32) for _ in range(ACTIONS)]
+    batches = [rng.uniform(-1.0, 1.0, shape).astype(np.float32) for _ in range(ACTIONS)]
     engine.reset(np.arange(engine.count, dtype=np.uint64))
-    for actions in told:
+    for actions in batches:
         engine.step(actions)
     steps, k, over = 0, 0, engine.terminated | engine.truncated
     cpu, begin = time.process_time(), time.perf_counter()
     while time.perf_counter() - begin < seconds:
-        engine.step(told[k % ACTIONS])
-        steps += engine.count - int(over.sum())  # those that were over have begun anew
+        engine.step(batches[k % ACTIONS])
+        steps += engine.count - int(over.sum())  # finished episodes were reset instead
         over = engine.terminated | engine.truncated
         k += 1
     return steps / (time.perf_counter() - begin), (time.process_time() - cpu) / max(1, steps)
 
 
 def reset_ms(engine: Any, mask: np.ndarray | None, times: int = 100) -> float:
-    """Median time of a reset [ms]."""
+    """Return the median time of a reset [ms]."""
     spent = []
     for k in range(times):
         begin = time.perf_counter()
@@ -121,7 +121,7 @@ def reset_ms(engine: Any, mask: np.ndarray | None, times: int = 100) -> float:
 
 
 def growth_mb(engine: Any) -> float:
-    """Return the growth of memory [MB] over RESETS resets, after a tenth of them."""
+    """Return the growth of memory [MB] over RESETS resets, after a warm-up of a tenth as many."""
     process = psutil.Process(os.getpid())
     for k in range(RESETS // 10):
         engine.reset(np.full(engine.count, k, np.uint64))
@@ -134,11 +134,11 @@ def growth_mb(engine: Any) -> float:
 def steps_of(what: str, kind: str, engine: Any, seconds: float) -> Measured:
     """Return the rate of steps of an engine against its target."""
     steps, cpu = rate(engine, seconds)
-    return Measured(f"steps of {what}", steps, "1/s", f">= {WANTED[kind]:,.0f}", round(1e6 * cpu, 3))
+    return Measured(f"steps of {what}", steps, "1/s", f">= {TARGETS[kind]:,.0f}", round(1e6 * cpu, 3))
 
 
 def measure(arch: str, count: int, seconds: float) -> list[Measured]:
-    """All figures."""
+    """Return all figures."""
     from taichi_plume.envs.episodes import Episodes
     from taichi_plume.grid import kernels
     from taichi_plume.scenario.loading import scenario_from
@@ -152,11 +152,11 @@ def measure(arch: str, count: int, seconds: float) -> list[Measured]:
         Measured("reset of one of them", reset_ms(many, one_of_them), "ms", f"<= {RESET_MS:g}"),
         Measured("reset of all", reset_ms(many, None), "ms", f"<= {RESET_MS:g}"),
     ]
-    one = Episodes(scenario, count=1, bank=bank)
+    single = Episodes(scenario, count=1, bank=bank)
     return [
         *rows,
-        steps_of("a single environment", "single", one, seconds),
-        Measured(f"memory over {RESETS:,} resets", growth_mb(one), "MB more", "flat"),
+        steps_of("a single environment", "single", single, seconds),
+        Measured(f"memory over {RESETS:,} resets", growth_mb(single), "MB more", "flat"),
     ]
 
 

@@ -1,6 +1,6 @@
-"""Steps of jax-cfd in a periodic box, for the clock: ``python jax_box.py N DIM SECONDS`` prints M cell-steps/s.
+"""Speed of jax-cfd in a periodic box: ``python jax_box.py N DIM SECONDS`` prints M cell-steps/s.
 
-It is run by an interpreter that has jax-cfd, which need not have this package.
+The script needs an interpreter with jax-cfd, but not this package.
 """
 
 import importlib
@@ -19,15 +19,15 @@ def rate(n: int, dim: int, seconds: float) -> float:
     dt = base.equations.stable_time_step(
         max_velocity=1.0, max_courant_number=0.5, viscosity=VISCOSITY, grid=grid
     )
-    one = base.equations.semi_implicit_navier_stokes(density=1.0, viscosity=VISCOSITY, dt=dt, grid=grid)
-    several = jax.jit(base.funcutils.repeated(one, CHUNK))
+    step = base.equations.semi_implicit_navier_stokes(density=1.0, viscosity=VISCOSITY, dt=dt, grid=grid)
+    chunk = jax.jit(base.funcutils.repeated(step, CHUNK))
     u = base.initial_conditions.filtered_velocity_field(
         jax.random.PRNGKey(1), grid, maximum_velocity=1.0, peak_wavenumber=4
     )
-    u = jax.block_until_ready(several(u))
+    u = jax.block_until_ready(chunk(u))
     done, begin = 0, time.perf_counter()
     while time.perf_counter() - begin < seconds:
-        u = jax.block_until_ready(several(u))
+        u = jax.block_until_ready(chunk(u))
         done += CHUNK
     return 1e-6 * n**dim * done / (time.perf_counter() - begin)
 

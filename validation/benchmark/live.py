@@ -1,18 +1,14 @@
-"""Live service under load, noise and a cut link: ``python -m taichi_plume.validation.benchmark live [--minutes 10]``.
+"""Latency of the live service under load: ``python -m taichi_plume.validation.benchmark live [--minutes 10]``.
 
-A 2-D room with its air, gas, fifty robots from outside and two of its own runs in real time as a process of its own,
-with its recording. A second process has a client for each of the fifty, and on the same loopback
+A separate process serves a 2-D room in real time, with gas, recording, fifty external robots and two internal robots.
+This process runs a client for each external robot on the same loopback. It cuts the link of robot 2, which goes through
+a relay, for 20 s, and sends malformed messages at random times. Figures:
 
-    cuts       the link of robot 2, which goes through a relay, for 20 s
-    disturbs   with malformed messages at random times
-
-and measures from a command's sending to the arrival of the readings after it. What is told:
-
-    reading after command [ms]   p50 and p99. A command waits for the next tick, half a tick in the mean where it comes
-                                 at random, as here
-    reading after tick [ms]      the part of it that is the service's own: a tick's work
-    ticks, missed                whose readings came later than the next tick's begin
-    readings missed              ticks of which a client has not got the readings, over all clients
+    reading after command [ms]   p50 and p99 of the time from sending a command to the arrival of the next
+                                 readings, which includes the wait for a tick, half a tick in the mean.
+    reading after tick [ms]      computing time of a tick, the share of the service.
+    ticks, missed                ticks whose readings came after the start of the next tick.
+    readings missed              ticks whose readings a client did not receive, over all clients.
 """
 
 import argparse
@@ -37,7 +33,7 @@ from taichi_plume.validation.case import Keys
 
 ROOM = Path(__file__).resolve().parents[2] / "configs/live/room.yaml"
 CUT_S = 20.0
-CUT = 2  # whose link it is
+CUT = 2  # robot whose link is cut
 PACE_S = 0.2  # between commands of a client, in the mean
 CLIENTS = 50
 MALFORMED = 10_000
@@ -45,14 +41,14 @@ START_S = 120.0
 
 
 def free_port() -> int:
-    """One that nobody listens at."""
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
+    """Return the number of an unused port."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
 
 
 class Relay:
-    """Passes on what comes at its `port` to another one, until it is cut, and after it is mended."""
+    """TCP relay from `port` to another port, whose links can be cut and mended."""
 
     def __init__(self, to: int):
         self.to, self.whole = to, True
@@ -62,16 +58,16 @@ class Relay:
         threading.Thread(target=self._accept, daemon=True).start()
 
     def cut(self) -> None:
-        """Nothing passes any more."""
+        """Close all links and refuse new ones."""
         self.whole = False
-        for one in self.links:
+        for link in self.links:
             with suppress(OSError):
-                one.shutdown(socket.SHUT_RDWR)
-            one.close()
+                link.shutdown(socket.SHUT_RDWR)
+            link.close()
         self.links = []
 
     def mend(self) -> None:
-        """Whoever connects anew passes again."""
+        """Accept new connections again."""
         self.whole = True
 
     def _accept(self) -> None:
@@ -97,13 +93,13 @@ def _pump(a: socket.socket, b: socket.socket) -> None:
     with suppress(OSError):
         while data := a.recv(65536):
             b.sendall(data)
-    for one in (a, b):
+    for end in (a, b):
         with suppress(OSError):
-            one.shutdown(socket.SHUT_RDWR)
+            end.shutdown(socket.SHUT_RDWR)
 
 
 class Noting(Team):
-    """A client that notes the ticks whose readings have come, before any of them is overtaken by the next."""
+    """Client that records the tick of every received reading."""
 
     def __init__(self, *args: Any, **keys: Any):
         self.ticks: list[int] = []
@@ -116,7 +112,7 @@ class Noting(Team):
 
 
 class Driver:
-    """A client in a thread: it drives its robot at random times, and notes what it gets."""
+    """Client in a thread, which drives a robot at random times and records latencies."""
 
     def __init__(self, port: int, robot: int, pace: float, seed: int):
         self.team = Noting(f"127.0.0.1:{port}", "remote", [robot], patience=START_S)
@@ -125,7 +121,7 @@ class Driver:
         self.latencies: list[float] = []
         self.lost: list[bool] = []
         self.over = threading.Event()
-        self._threads = [threading.Thread(target=one, daemon=True) for one in (self._listen, self._drive)]
+        self._threads = [threading.Thread(target=work, daemon=True) for work in (self._listen, self._drive)]
         for thread in self._threads:
             thread.start()
 
@@ -137,10 +133,10 @@ class Driver:
 
     def _note(self, now: Readings, when: float) -> None:
         self.lost.append(bool(now.lost[0]))
-        for number in [one for one in list(self.sent) if one <= int(now.answered[0])]:
-            sent = self.sent.pop(number)
-            if now.tick > 1:  # those before waited for the run to begin
-                self.latencies.append(when - sent)
+        for number in [sent for sent in list(self.sent) if sent <= int(now.answered[0])]:
+            sent_at = self.sent.pop(number)
+            if now.tick > 1:  # earlier commands waited for the run to start
+                self.latencies.append(when - sent_at)
 
     def _drive(self) -> None:
         while not self.over.wait(self.rng.uniform(0.5, 1.5) * self.pace):
@@ -150,7 +146,7 @@ class Driver:
                 self.sent[self.team.drive(0.1, turn)] = when
 
     def close(self) -> None:
-        """Leave."""
+        """Stop the threads and close the client."""
         self.over.set()
         for thread in self._threads:
             thread.join()
@@ -164,12 +160,12 @@ class Driver:
 
     @property
     def missed(self) -> int:
-        """Ticks between its first and its last one of which it has not got the readings."""
+        """Number of ticks without readings between the first and the last received tick."""
         return len(range(self.ticks[0], self.ticks[-1] + 1)) - len(set(self.ticks)) if self.ticks else 0
 
 
 def disturb(port: int, count: int, seconds: float, over: threading.Event) -> None:
-    """Send so many malformed messages, spread over that time."""
+    """Send `count` malformed messages, spread over `seconds`."""
     rng = np.random.default_rng(7)
     team = Team(f"127.0.0.1:{port}", "remote", [0], patience=START_S)
     session: Any = team._session
@@ -192,7 +188,7 @@ def disturb(port: int, count: int, seconds: float, over: threading.Event) -> Non
 
 @contextmanager
 def service(folder: Path, port: int, seconds: float, clients: int) -> Iterator["subprocess.Popen[str]"]:
-    """The room, in real time."""
+    """Serve the room in real time in a process of its own."""
     changes = {
         "duration": seconds,
         "robots.0.count": clients,
@@ -206,7 +202,7 @@ def service(folder: Path, port: int, seconds: float, clients: int) -> Iterator["
     ]  # fmt: skip
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
-        until(lambda: process.poll() is not None or _answers(port), "the service to listen")
+        until(lambda: process.poll() is not None or _answers(port), "the service to accept connections")
         yield process
     finally:
         if process.poll() is None:
@@ -220,17 +216,17 @@ def _answers(port: int) -> bool:
 
 
 def measure(seconds: float, clients: int, malformed: int) -> Keys:
-    """Run the service for so long; what it was like."""
+    """Run the service for `seconds` and return the figures."""
     port, over = free_port(), threading.Event()
     with TemporaryDirectory() as name, ExitStack() as stack:
         process = stack.enter_context(service(Path(name), port, seconds, clients))
         relay = Relay(port)
         everyone = [Driver(relay.port if k == CUT else port, k, PACE_S, k) for k in range(clients)]
-        for one in everyone:
-            stack.callback(one.close)
+        for driver in everyone:
+            stack.callback(driver.close)
         until(
-            lambda: any(one.ticks[-1:] > [0] for one in everyone) or process.poll() is not None,
-            "the run to begin",
+            lambda: any(driver.ticks[-1:] > [0] for driver in everyone) or process.poll() is not None,
+            "the run to start",
         )
         if process.poll():
             raise RuntimeError(process.communicate()[1])
@@ -242,9 +238,9 @@ def measure(seconds: float, clients: int, malformed: int) -> Keys:
         relay.cut()
         time.sleep(cut)
         relay.mend()
-        _, told = process.communicate(timeout=2 * seconds + START_S)
+        _, output = process.communicate(timeout=2 * seconds + START_S)
         result = json.loads((Path(name) / "run/result.json").read_text())["service"]
-    lat = 1e3 * np.concatenate([one.latencies for one in everyone if one is not everyone[CUT]])
+    lat = 1e3 * np.concatenate([driver.latencies for driver in everyone if driver is not everyone[CUT]])
     after = np.array(everyone[CUT].ticks)
     gap = np.diff(after).max() if len(after) > 1 else 0
     return {
@@ -259,18 +255,18 @@ def measure(seconds: float, clients: int, malformed: int) -> Keys:
         "ticks": result["ticks"],
         "ticks missed": result["ticks_missed"],
         "readings missed, of all but the cut": sum(
-            one.missed for one in everyone if one is not everyone[CUT]
+            driver.missed for driver in everyone if driver is not everyone[CUT]
         ),
         "cut [s]": cut,
         "longest gap of robot 2 [ticks]": int(gap),
-        "robot 2 was told to be back": " remote_2 back" in told,
+        "robot 2 was reported back": " remote_2 back" in output,
         "robot 2 lost at the end": bool(everyone[CUT].lost[-1]),
         **{f"messages {name}": count for name, count in result["messages"]["remote"].items()},
     }
 
 
 def until(true: Callable[[], bool], what: str) -> None:
-    """Wait for it. Raises TimeoutError."""
+    """Wait until a condition is true. Raises TimeoutError after START_S."""
     end = time.monotonic() + START_S
     while not true():
         if time.monotonic() > end:
@@ -285,15 +281,17 @@ def main(argv: list[str]) -> int:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--minutes", type=float, default=10.0, help="of simulated and real time")
+    parser.add_argument(
+        "--minutes", type=float, default=10.0, help="duration of the run, real time (default: 10)"
+    )
     parser.add_argument("--clients", type=int, default=CLIENTS)
-    parser.add_argument("--malformed", type=int, default=MALFORMED, help="messages")
+    parser.add_argument("--malformed", type=int, default=MALFORMED, help="number of malformed messages")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args(argv)
-    told = measure(60.0 * args.minutes, args.clients, args.malformed)
+    figures = measure(60.0 * args.minutes, args.clients, args.malformed)
     if args.json:
-        say(json.dumps(told))
+        say(json.dumps(figures))
     else:
-        for name, value in told.items():
+        for name, value in figures.items():
             say(f"{name:<40} {value:.4g}" if isinstance(value, float) else f"{name:<40} {value}")
-    return 0 if told["exit code"] == 0 else 1
+    return 0 if figures["exit code"] == 0 else 1

@@ -1,4 +1,4 @@
-"""Speed of online gas maps: snapshots, updates by Gaussian weights, and Markov fields, early and late in a run."""
+"""Speed of online gas maps: time series, kernel DM+V and Gauss-Markov random fields, early and late in a run."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -18,13 +18,13 @@ from taichi_plume.scenario.maps import Map
 WINDOW = 5.0  # s
 WARM_UP = 12  # windows, the first minute
 LATE = 720  # windows, an hour
-READINGS = 250  # per window and trial: of 5 robots at 10 Hz, say
+READINGS = 250  # per window and trial, e.g. 5 robots at 10 Hz
 MEASURED = 8  # windows
-WAKING = 300  # sums: some 40 ms on two cores
+WAKING = 300  # terms: about 40 ms on two cores
 
 
 class Robots:
-    """Robots as maps see them, at random positions, `team` in each trial."""
+    """Stand-in for the swarm that maps read: robots at random positions, `team` per trial."""
 
     def __init__(self, trials: int, team: int, extent: tuple[float, float]):
         n = trials * team
@@ -37,7 +37,7 @@ class Robots:
         self.team_size.fill(team)
 
     def wander(self) -> None:
-        """Be and read anything."""
+        """Set random positions and readings."""
         n = self.reading.shape[0]
         self.believed_position.from_numpy(self.rng.uniform(0, self.extent, (n, 2)).astype(np.float32))
         self.reading.from_numpy(self.rng.exponential(20.0, n).astype(np.float32))
@@ -45,9 +45,10 @@ class Robots:
 
 @dataclass(frozen=True)
 class MapCost:
-    """Cost of a window of 5 s with 250 readings of a trial: medians [ms] of what passes and of the time of all cores;
-    `last_` of the tick that ends the window, with all cores awake. And of asking for the first map's estimate at its
-    end, and for the variance, NaN where there is none.
+    """Cost of a window of 5 s with 250 readings per trial: medians [ms] of wall time and of CPU time of all cores.
+
+    `last_`: tick that ends the window, with all cores awake. estimate_ms, variance_ms: reading the first map; NaN if a
+    map has no variance.
     """
 
     case: str
@@ -73,7 +74,7 @@ class MapCost:
 
 
 def _timed(work: Callable[[], object]) -> np.ndarray:
-    """Milliseconds that pass, and of all cores."""
+    """Return wall time and CPU time of a call [ms]."""
     ti.sync()
     begin, cpu = time.perf_counter(), time.process_time()
     work()
@@ -83,7 +84,7 @@ def _timed(work: Callable[[], object]) -> np.ndarray:
 
 @ti.kernel
 def _wake(sums: int) -> float:
-    """Keep all cores busy, as the step of the air does in a run: one that sleeps may take 15 ms to wake up."""
+    """Keep all cores busy, as the flow step does in a run: a sleeping core may take 15 ms to wake up."""
     total = 0.0
     for i in range(1 << 14):
         part = 0.0
@@ -118,14 +119,14 @@ def cost(
 
 
 def _window(made: Sequence[Any], robots: Robots, number: int, ticks: int) -> np.ndarray:
-    """Times of all updates of a window, of the last of them, of the estimate and of the variance, (4, 2) [ms]."""
+    """Return times of all updates of a window, the last update, the estimate and the variance, (4, 2) [ms]."""
     first, dt = number * ticks, WINDOW / ticks
     spent = []
     for tick in range(first + 1, first + ticks + 1):
         robots.wander()
         if tick == first + ticks:
             _wake(WAKING)
-        spent.append(_timed(lambda tick=tick: [one.update(robots, tick * dt, dt) for one in made]))
+        spent.append(_timed(lambda tick=tick: [mapper.update(robots, tick * dt, dt) for mapper in made]))
     variance = getattr(made[0], "variance", None)
     unsure = _timed(variance) if variance else np.full(2, np.nan)
     return np.array([np.sum(spent, axis=0), spent[-1], _timed(made[0].estimate), unsure])
@@ -145,5 +146,5 @@ CASES: dict[str, tuple[list[dict], tuple[float, float], int, int]] = {
 
 
 def maps(arch: str) -> list[MapCost]:
-    """All cases."""
+    """Return the costs of all cases."""
     return [row for case, about in CASES.items() for row in cost(case, arch, *about)]

@@ -1,7 +1,7 @@
 """Wall time of OpenFOAM's pisoFoam for the empty arena of 4 x 3 x 0.5 m: LES and a gas, 0.7 m/s from one end.
 
-Its step is of its own Courant number: 0.8 where the air blows with 0.9 m/s. Two processes share the cells. The first
-steps are left out, and so is what it takes to start.
+The time step has a Courant number of 0.8 at 0.9 m/s. Two processes share the cells. The start and the first steps are
+not timed.
 """
 
 import os
@@ -73,7 +73,7 @@ LES { LESModel Smagorinsky; turbulence on; delta cubeRootVol; cubeRootVolCoeffs 
 PARTS = """
 numberOfSubdomains %d; method simple; simpleCoeffs { n (%d 1 1); delta 0.001; }
 """
-# Of each field: its class, its unit, its value within, and its conditions where air enters, leaves, and at the walls.
+# By field: class, unit, internal value, and boundary conditions at the inlet, the outlet and the walls
 FIXED, FREE = "type fixedValue; value uniform", "type zeroGradient;"
 FIELDS = {
     "U": ("volVectorField", "[0 1 -1 0 0 0 0]", "(0.7 0 0)", f"{FIXED} (0.7 0 0);", FREE, "type noSlip;"),
@@ -84,10 +84,10 @@ FIELDS = {
 
 
 def arena(dx: float, steps: int, bashrc: str = "") -> float:
-    """Wall time per simulated second of cells of `dx` [m].
+    """Return the wall time per simulated second with cells of `dx` [m].
 
-    bashrc: sets OpenFOAM's environment; needless where its programs are on the PATH. Raises RuntimeError where they
-    are not, or fail.
+    bashrc: script that sets OpenFOAM's environment; empty if the programs are on the PATH. Raises RuntimeError if a
+    program is missing or fails.
     """
     dt = 0.8 * dx / 0.9
     with tempfile.TemporaryDirectory() as folder:
@@ -107,12 +107,12 @@ def arena(dx: float, steps: int, bashrc: str = "") -> float:
                 if line.startswith("ExecutionTime ="):
                     moments.append(time.perf_counter())
     if len(moments) != steps + START:
-        raise RuntimeError(f"OpenFOAM made {len(moments)} steps: {''.join(log[-20:])}")
+        raise RuntimeError(f"OpenFOAM made {len(moments)} of {steps + START} steps: {''.join(log[-20:])}")
     return (moments[-1] - moments[START - 1]) / (steps * dt)
 
 
 def _files(dx: float, dt: float, steps: int) -> dict[str, str]:
-    """The case, by the names of its files."""
+    """Return the texts of the OpenFOAM case by file name."""
     cells = tuple(round(length / dx) for length in SIZE)
     files = {
         "system/blockMeshDict": ("dictionary", MESH % cells),
@@ -125,7 +125,7 @@ def _files(dx: float, dt: float, steps: int) -> dict[str, str]:
     }
     for name, (kind, unit, within, *conditions) in FIELDS.items():
         patches = " ".join(
-            f"{patch} {{ {one} }}" for patch, one in zip(("in", "out", "solid"), conditions, strict=True)
+            f"{patch} {{ {rule} }}" for patch, rule in zip(("in", "out", "solid"), conditions, strict=True)
         )
         text = f"dimensions {unit}; internalField uniform {within}; boundaryField {{ {patches} }}"
         files[f"0/{name}"] = (kind, text)
@@ -136,9 +136,9 @@ def _files(dx: float, dt: float, steps: int) -> dict[str, str]:
 
 
 def _begun(command: str, case: Path, bashrc: str) -> subprocess.Popen[str]:
-    """A program in a shell that has OpenFOAM's environment; what it prints can be read line by line."""
+    """Start a program in a shell with OpenFOAM's environment; its output can be read line by line."""
     environment = dict(os.environ)
-    if DEBIAN.is_dir():  # its package brings no bashrc
+    if DEBIAN.is_dir():  # the Debian package has no bashrc
         environment = {"WM_PROJECT_DIR": str(DEBIAN), "FOAM_ETC": str(DEBIAN / "etc")} | environment
     line = f'. "$1" > /dev/null && {command}' if bashrc else command
     return subprocess.Popen(

@@ -19,7 +19,7 @@ SIDES = (64, 96, 128)  # N of the cubes whose pressure is solved
 
 @dataclass(frozen=True)
 class Solved:
-    """One solve of the pressure in a closed room with obstacles."""
+    """Solution of the pressure equation in a closed room with obstacles."""
 
     N: int
     cells: int
@@ -28,9 +28,9 @@ class Solved:
     tolerance: float
     iterations: int
     residual: float
-    """Largest of any cell, over the largest entry of the right side, reckoned anew from the solution.
+    """Largest residual over the largest entry of the right side, recomputed from the solution.
 
-    That of a smooth right side stays above the tolerance: phi is then of size N², and so is its rounding.
+    For a smooth right side the residual stays above the tolerance, as phi and its rounding error are of size N².
     """
     ms: float
     Mcell_per_s: float
@@ -43,7 +43,7 @@ class Solved:
 
 
 def cluttered(n: int) -> tuple[Grid, np.ndarray]:
-    """A cube of 1 m with two boxes and a pillar, n cells along each edge."""
+    """Return the grid and the solid cells of a 1 m cube with two boxes and a pillar, n cells along each edge."""
     grid = Grid((n, n, n), 1.0 / n)
     x = grid.centers()
     solid = (np.abs(x - (0.3, 0.35, 0.2)) < (0.12, 0.1, 0.2)).all(axis=-1)
@@ -68,8 +68,9 @@ def right_sides(grid: Grid, air: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def solve(n: int, arch: str, tolerance: float = 1e-4) -> list[Solved]:
-    """Solve the pressure in a cube of n³ cells for each right side, down to `tolerance` of its largest entry, by the
-    solver that a flow takes and by multigrid.
+    """Solve the pressure in a cube of n³ cells for each right side, down to `tolerance` of its largest entry.
+
+    Solvers: the default of the flow solver, and multigrid.
     """
     kernels.start(arch)
     grid, solid = cluttered(n)
@@ -96,13 +97,13 @@ def solve(n: int, arch: str, tolerance: float = 1e-4) -> list[Solved]:
                 seconds.append(time.perf_counter() - begin)
             residual = float(np.abs(_applied(faces, grid.read(phi).astype(float), grid) - values).max())
             cells, ms = prod(grid.shape), 1e3 * min(seconds)
-            told = n, cells, name, type(solver).__name__, tolerance, solver.iterations, residual
-            rows.append(Solved(*told, ms, cells / ms / 1e3))
+            columns = n, cells, name, type(solver).__name__, tolerance, solver.iterations, residual
+            rows.append(Solved(*columns, ms, cells / ms / 1e3))
     return rows
 
 
 def _applied(faces: list[np.ndarray], phi: np.ndarray, grid: Grid) -> np.ndarray:
-    """The equations' left side."""
+    """Return the discrete Laplace operator applied to phi."""
     result = np.zeros(grid.shape)
     for d, is_open in enumerate(faces):
         flux = (phi - np.roll(phi, 1, axis=d)) * grid.inner(is_open)

@@ -1,4 +1,4 @@
-"""Speed of puffs: a whole step of many, and the concentration at many points among them."""
+"""Speed of Gaussian puffs: a whole time step, and the concentration at many points."""
 
 import time
 from collections.abc import Callable
@@ -23,7 +23,7 @@ REPEATS = 15
 
 @dataclass(frozen=True)
 class PuffStep:
-    """A whole step: release, motion, walls, sorting."""
+    """Cost of a whole time step: release, motion, walls, sorting."""
 
     case: str
     puffs: int
@@ -41,7 +41,7 @@ class PuffStep:
 
 @dataclass(frozen=True)
 class PuffQuery:
-    """The concentration at some points at once; seeing: puffs that reach a point, on average."""
+    """Cost of a query of the concentration at many points; seeing: puffs that reach a point, on average."""
 
     case: str
     where: str
@@ -60,7 +60,7 @@ class PuffQuery:
 
 
 def filled(gas: PuffSolver, puffs: int) -> tuple[float, float]:
-    """Let the sources release until there are so many puffs: the time then [s], and what the first step took [s]."""
+    """Release puffs until there are `puffs`; return the time [s] and the wall time of the first step [s]."""
     begin = time.perf_counter()
     gas.advance(0.0, STEP)
     ti.sync()
@@ -72,7 +72,7 @@ def filled(gas: PuffSolver, puffs: int) -> tuple[float, float]:
 
 
 def in_arena(grid: Grid, air: Air, openings: tuple, puffs: int) -> PuffSolver:
-    """Puffs in the still picture of a computed flow, with a little fluctuation of their own."""
+    """Return puffs in a frozen computed flow, with a small velocity fluctuation."""
     flow = FlowSolver(cfd(openings), grid, air)
     for _ in range(50):
         flow.advance(0.0, flow.stable_dt())
@@ -82,7 +82,7 @@ def in_arena(grid: Grid, air: Air, openings: tuple, puffs: int) -> PuffSolver:
 
 
 def in_room(puffs: int) -> PuffSolver:
-    """Puffs in a room of 10 x 6 x 2.6 m with a wind of 0.5 m/s."""
+    """Return puffs in a room of 10 x 6 x 2.6 m with a wind of 0.5 m/s."""
     grid = Grid((100, 60, 26), 0.1)
     source = {"position": (1.0, 3.0, 1.3), "rate": 2e-5}
     keys = {"sources": [source], "release_rate": puffs / 17.0, "most": 2 * puffs}
@@ -90,7 +90,7 @@ def in_room(puffs: int) -> PuffSolver:
 
 
 def median_ms(work: Callable[[int], object]) -> tuple[float, float]:
-    """Median time of a piece of work, called with its number: on the wall, and of all CPU cores together [ms]."""
+    """Return median wall and CPU time of repeated calls of work(n) [ms]; CPU time of all cores together."""
     times = []
     for n in range(REPEATS):
         begin = time.perf_counter(), time.process_time()
@@ -102,7 +102,7 @@ def median_ms(work: Callable[[int], object]) -> tuple[float, float]:
 
 
 def step(case: str, arch: str, make: Callable[[int], PuffSolver], puffs: int = 100_000) -> list[PuffStep]:
-    """A whole step."""
+    """Measure whole time steps."""
     kernels.start(arch)
     gas = make(puffs)
     t, first = filled(gas, puffs)
@@ -111,7 +111,7 @@ def step(case: str, arch: str, make: Callable[[int], PuffSolver], puffs: int = 1
 
 
 def query(case: str, arch: str, make: Callable[[int], PuffSolver], puffs: int = 200_000) -> list[PuffQuery]:
-    """The concentration at points anywhere, and at places of puffs."""
+    """Measure queries of the concentration at random points and at centres of puffs."""
     kernels.start(arch)
     gas = make(puffs)
     filled(gas, puffs)

@@ -26,7 +26,7 @@ OPENINGS = ({"kind": "honeycomb", "face": "x-", "speed": 0.7}, {"kind": "honeyco
 
 @dataclass(frozen=True)
 class RobotTick:
-    """One tick of many robots: medians of its parts [ms], and the time of all cores per robot [us]."""
+    """Cost of a tick of many robots: medians of the parts [ms], and CPU time of all cores per robot [us]."""
 
     case: str
     algorithm: str
@@ -36,7 +36,7 @@ class RobotTick:
     move_ms: float
     Mrobot_steps_per_s: float
     cpu_us: float
-    """CPU time of a robot-step; on a busy machine it says more than wall time."""
+    """CPU time of a robot-step; more reliable than wall time on a busy machine."""
 
     def __str__(self) -> str:
         return (
@@ -47,7 +47,7 @@ class RobotTick:
 
 
 def ticks(case: str, arch: str, algorithm: str, robots: int = 100_000) -> RobotTick:
-    """Ticks of robots with MiCS-5524 sensors all over the empty arena of 4 x 3 x 0.52 m, 0.04 m cells."""
+    """Measure ticks of robots with MiCS-5524 sensors spread over the empty arena of 4 x 3 x 0.52 m, 0.04 m cells."""
     kernels.start(arch)
     wind = flow_on(cfd(OPENINGS), (100, 75, 13), 0.04)
     source = {"position": (0.6, 1.5, 0.1), "rate": 2e-5}

@@ -2,9 +2,9 @@
 
     python -m taichi_plume.validation.benchmark start CONFIG ... [--checkout FOLDER ...] [--repeats N] [--arch ARCH]
 
-Each run is a process of its own, which imports the code of one checkout: cold, with an empty cache of kernels, then
-warm, with what the cold one left there, N times. A warm-up is left out, so that the tick is one of robots and maps
-too. The file needs nothing of the package around it: it can measure checkouts that are older than itself, side by side.
+Each run is a process that imports the code of one checkout: once cold, with an empty kernel cache, then N times warm,
+with the cache of the cold run. The warm-up of the scenario is skipped, so that the tick includes robots and maps. As
+the file imports nothing of the package around it, it can measure checkouts older than itself.
 """
 
 import argparse
@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @dataclass(frozen=True)
 class Start:
-    """Start of one process; `cold`: with an empty cache of kernels."""
+    """Cost of the start of a process; `cold`: with an empty kernel cache."""
 
     checkout: str
     config: str
@@ -40,7 +40,7 @@ class Start:
 
 
 def first_tick(config: Path, arch: str = "cpu") -> int:
-    """Run a scenario to the end of its first tick; returns the number of kernels, compiled or found in the cache."""
+    """Run a scenario to the end of its first tick; return the number of kernels, compiled or cached."""
     import taichi as ti
     from taichi.lang import impl
 
@@ -49,11 +49,11 @@ def first_tick(config: Path, arch: str = "cpu") -> int:
 
     try:
         from taichi_plume.grid import kernels
-    except ImportError:  # before the package had rooms
+    except ImportError:  # older checkouts without subpackages
         from taichi_plume import kernels
     try:
         scenario = load_scenario(config, ["warm_up=0"])
-    except ValueError:  # one that needs its warm-up
+    except ValueError:  # a scenario that requires a warm-up
         scenario = load_scenario(config)
     kernels.start(arch)
     sim = assemble(scenario, config.parent)
@@ -68,7 +68,7 @@ def first_tick(config: Path, arch: str = "cpu") -> int:
 
 
 def _measured(checkout: Path, config: Path, cold: bool, cache: str, arch: str) -> Start:
-    """One process. Raises RuntimeError where it fails."""
+    """Measure the start of a process. Raises RuntimeError if it fails."""
     environment = os.environ | {"PYTHONPATH": str(checkout), "TI_OFFLINE_CACHE_FILE_PATH": cache}
     command = [sys.executable, __file__, "--tick", str(config), "--arch", arch]
     begin = time.perf_counter()
@@ -76,20 +76,20 @@ def _measured(checkout: Path, config: Path, cold: bool, cache: str, arch: str) -
         command, cwd=checkout, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None
-        told = ""
-        while not told.startswith("{"):
-            told = process.stdout.readline()
-            if not told:
+        line = ""
+        while not line.startswith("{"):
+            line = process.stdout.readline()
+            if not line:
                 raise RuntimeError(f"{config.name} in {checkout}:\n{process.communicate()[1]}")
         seconds = time.perf_counter() - begin
-        process.communicate()  # it keeps its kernels for the next one
-    return Start(checkout.name, config.stem, cold, seconds, **json.loads(told))
+        process.communicate()  # the process saves its kernels for the next one
+    return Start(checkout.name, config.stem, cold, seconds, **json.loads(line))
 
 
 def starts(
     checkouts: Sequence[Path], configs: Sequence[str], repeats: int = 1, arch: str = "cpu"
 ) -> Iterator[Start]:
-    """Cold and warm starts of scenarios: names of files in `configs/`, or paths."""
+    """Yield cold and warm starts of scenarios, given by their name in `configs/` or by path."""
     for name in configs:
         for checkout in (path.resolve() for path in checkouts):
             here = checkout / "configs" / f"{name}.yaml"
@@ -105,9 +105,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m taichi_plume.validation.benchmark start", description=__doc__
     )
-    parser.add_argument(
-        "configs", nargs="+", metavar="CONFIG", help="a scenario: its name in configs/, or its file"
-    )
+    parser.add_argument("configs", nargs="+", metavar="CONFIG", help="scenario: name in configs/, or file")
     parser.add_argument("--checkout", nargs="+", type=Path, default=[ROOT], metavar="FOLDER")
     parser.add_argument("--repeats", type=int, default=1, metavar="N", help="warm starts (default: 1)")
     parser.add_argument("--arch", default="cpu", choices=("auto", "cpu", "cuda", "vulkan", "metal"))

@@ -20,7 +20,7 @@ from taichi_plume.validation.setups import cfd, gas_on
 
 @dataclass(frozen=True)
 class Measured:
-    """One case; bandwidth in GB/s. wall_per_simulated: of a second, as a longer step may be worth more work."""
+    """Figures of a case; bandwidth in GB/s. wall_per_simulated: wall time per simulated second."""
 
     case: str
     cells: int
@@ -42,7 +42,7 @@ class Measured:
 
 
 def bandwidth(size: int = 1 << 24) -> float:
-    """Memory bandwidth [GB/s] of a = b + s c in NumPy on all cores: five arrays pass, three read and two written."""
+    """Return the memory bandwidth [GB/s] of the triad a = b + s c in NumPy on all cores: three reads, two writes."""
     threads = os.cpu_count() or 1
     a, b, c = (np.ones(size, np.float32) for _ in range(3))
     parts = np.array_split(np.arange(size), threads)
@@ -64,7 +64,7 @@ def bandwidth(size: int = 1 << 24) -> float:
 
 
 def arena_step(shape: tuple[int, ...], obstacles: bool) -> tuple[FlowSolver, Callable[[], float]]:
-    """The solver and one whole step of flow, eddies and gas, which tells its length [s]."""
+    """Return the flow solver, and a function that advances flow and gas by a step and returns dt [s]."""
     grid, air = arena(shape, obstacles)
     flow = FlowSolver(cfd(ARENA), grid, air)
     source = {"position": (0.6, 1.3, 0.1)[: len(shape)], "rate": 2e-5}
@@ -80,7 +80,7 @@ def arena_step(shape: tuple[int, ...], obstacles: bool) -> tuple[FlowSolver, Cal
 
 
 def periodic_step(shape: tuple[int, ...]) -> tuple[FlowSolver, Callable[[], float]]:
-    """The solver and one step of the flow alone in a periodic box, which tells its length [s]."""
+    """Return the flow solver of a periodic box, and a function that advances it by a step and returns dt [s]."""
     flow = laminar_flow(shape, 2 * np.pi / shape[0], 1e-3, periodic("xyz"[: len(shape)]))
     rng = np.random.default_rng(0)
     k = rng.integers(1, 4, (3, 3))

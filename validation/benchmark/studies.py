@@ -1,12 +1,12 @@
-"""Overhead of a study's worker beside the simulations, and savings by a shared air.
+"""Overhead of the worker of a study, and savings by sharing a computed flow between searches.
 
     python -m taichi_plume.validation.benchmark studies shared [CONFIG] [--searches N] [--alone N] [--duration S]
     python -m taichi_plume.validation.benchmark studies overhead [CONFIG] [--runs N]
 
-`shared` makes searches in one air that is filmed once, and the same ones each by a command of its own and each by a
-reset of a warm simulation; of these only some are made, and their mean counts for all. `overhead` makes runs of a cheap
-scenario one after the other in this process: seconds per run beyond those in which simulated time went by, and the
-memory of the process over the runs. Times are of the process' CPU and of the clock.
+`shared` runs searches in one flow that is filmed once, and compares them with the same searches run by a command each,
+and by resets of a warm simulation. Of the latter only N are run, and their mean is scaled up. `overhead` runs a cheap
+scenario repeatedly in this process. It reports the seconds per run outside the simulation and the memory of the
+process. Times are CPU time of the process and wall time.
 """
 
 import json
@@ -33,18 +33,18 @@ from taichi_plume.study.warm import WARM
 from taichi_plume.validation.case import Keys
 
 ROOT = Path(__file__).resolve().parents[2]
-STEPS = 10  # lines of a table of runs
+STEPS = 10  # lines of the table of `overhead`
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Measure what the command line asks for."""
+    """Run the measurement named on the command line and return the exit code."""
     parser = Parser(prog="python -m taichi_plume.validation.benchmark studies", description=__doc__)
     parser.add_argument("what", choices=("shared", "overhead"))
     parser.add_argument("config", nargs="?", help="a scenario (default: casting_room, or gaussian)")
-    parser.add_argument("--searches", type=int, default=100, help="in one air (default: 100)")
-    parser.add_argument("--alone", type=int, default=2, help="made without sharing, each way (default: 2)")
-    parser.add_argument("--runs", type=int, default=2000, help="of `overhead` (default: 2000)")
-    parser.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="change any key")
+    parser.add_argument("--searches", type=int, default=100, help="searches in one flow (default: 100)")
+    parser.add_argument("--alone", type=int, default=2, help="searches without sharing (default: 2)")
+    parser.add_argument("--runs", type=int, default=2000, help="runs of `overhead` (default: 2000)")
+    parser.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="change a key")
     args = parser.parse_args(list(arguments))
     config = args.config or ("casting_room" if args.what == "shared" else "gaussian")
     file = Path(config) if Path(config).suffix else ROOT / "configs" / f"{config}.yaml"
@@ -56,7 +56,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _task(base: Keys, file: Path, out: Path, runs: int, film: Path | None = None) -> Task:
-    """So many searches, by the seed, in one air."""
+    """Return a task of searches with different seeds in one flow."""
     options = Options(out, (), {}, False, True, __version__)
     seed = base.get("air_seed", base["seed"])
     requests = tuple(
@@ -67,7 +67,7 @@ def _task(base: Keys, file: Path, out: Path, runs: int, film: Path | None = None
 
 
 def _timed(work: Any, *given: Any) -> tuple[Any, float, float]:
-    """Return the result of a call, CPU time of this process, and wall time [s]."""
+    """Return the result of a call, its CPU time in this process and its wall time [s]."""
     cpu, clock = time.process_time(), time.perf_counter()
     result = work(*given)
     return result, time.process_time() - cpu, time.perf_counter() - clock
@@ -86,20 +86,20 @@ def _shared(base: Keys, file: Path, folder: Path, args: Any) -> int:
         return 1
     records, cpu, clock = _timed(perform, task)
     _tell(f"one air, filmed: {air.frames} frames, {air.bytes / 1e6:.0f} MB", cpu_air, clock_air)
-    _tell(f"{n} searches shown it, their first start too", cpu, clock)
-    some = task._replace(requests=task.requests[: args.alone], film=None)
-    perform(some._replace(requests=some.requests[:1]))  # compiles
-    alone, cpu_warm, clock_warm = _timed(perform, some)
+    _tell(f"{n} searches in its film, with the start of Taichi", cpu, clock)
+    subset = task._replace(requests=task.requests[: args.alone], film=None)
+    perform(subset._replace(requests=subset.requests[:1]))  # compiles
+    alone, cpu_warm, clock_warm = _timed(perform, subset)
     same = [a._replace(cost=b.cost) == b for a, b in zip(alone, records, strict=False)]
-    cpu_apart, clock_apart = _commands(base, file, folder, some)
+    cpu_apart, clock_apart = _commands(base, file, folder, subset)
     for how, its_cpu, its_clock in (
         ("warm resets", cpu_warm / args.alone, clock_warm / args.alone),
-        ("commands of their own", cpu_apart / args.alone, clock_apart / args.alone),
+        ("separate commands", cpu_apart / args.alone, clock_apart / args.alone),
     ):
-        _tell(f"one of {args.alone} {how}", its_cpu, its_clock)
+        _tell(f"mean of {args.alone} {how}", its_cpu, its_clock)
         ratios = n * its_cpu / (cpu + cpu_air), n * its_clock / (clock + clock_air)
         say(
-            f"  {n} {how}: {ratios[0]:.1f} times the CPU time of a shared air, {ratios[1]:.1f} times the clock's"
+            f"  {n} {how}: {ratios[0]:.1f} times the CPU time of a shared air, {ratios[1]:.1f} times its wall time"
         )
     say(f"  the same to the bit: {sum(same)} of {len(same)}")
     return 0 if all(same) else 1
@@ -110,7 +110,7 @@ def _tell(what: str, cpu: float, clock: float) -> None:
 
 
 def _commands(base: Keys, file: Path, folder: Path, task: Task) -> tuple[float, float]:
-    """CPU and clock time [s] of the runs of a task, each by the command, without recording and report."""
+    """Return CPU and wall time [s] of the runs of a task, each by the command, without recording and report."""
     source = folder / "scenario.yaml"
     source.write_text(json.dumps(base))
     clock, cpu = 0.0, 0.0
@@ -128,7 +128,7 @@ def _commands(base: Keys, file: Path, folder: Path, task: Task) -> tuple[float, 
 
 def _overhead(base: Keys, file: Path, folder: Path, runs: int) -> int:
     task = _task(base, file, folder, runs)
-    process, told = psutil.Process(), max(1, runs // STEPS)
+    process, each = psutil.Process(), max(1, runs // STEPS)
     records: list[Record] = perform(task._replace(requests=task.requests[:1]))
     records.clear()
     beyond, cpu = [], 0.0
@@ -139,11 +139,11 @@ def _overhead(base: Keys, file: Path, folder: Path, runs: int) -> int:
             return 1
         cpu += its
         beyond.append(record.cost.total_s - record.cost.simulation_s)
-        if (n + 1) % told == 0:
-            half = statistics.median(beyond[-told:])
+        if (n + 1) % each == 0:
+            half = statistics.median(beyond[-each:])
             say(
-                f"{n + 1:6} runs: {process.memory_info().rss / 1e6:7.1f} MB, CPU per run {1e3 * cpu / told:6.2f} ms, "
-                f"beyond the simulation {1e3 * half:6.2f} ms (median), {1e3 * sum(beyond[-told:]) / told:6.2f} ms "
+                f"{n + 1:6} runs: {process.memory_info().rss / 1e6:7.1f} MB, CPU per run {1e3 * cpu / each:6.2f} ms, "
+                f"beyond the simulation {1e3 * half:6.2f} ms (median), {1e3 * sum(beyond[-each:]) / each:6.2f} ms "
                 f"(mean); simulation {1e3 * record.cost.simulation_s:6.2f} ms; Taichi started {WARM.begun} times",
                 flush=True,
             )

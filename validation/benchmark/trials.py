@@ -1,4 +1,4 @@
-"""Wall time of many trials of SPIRAL in a recorded room."""
+"""Wall time of many trials of the SPIRAL search algorithm in a recorded room."""
 
 import time
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ from taichi_plume.running.filming import Filming
 from taichi_plume.validation.searches import outcomes, scenario_of
 from taichi_plume.validation.spiral_room import HOUR, at, momo, room
 
-RECORDED = 600.0  # s, shown again and again
+RECORDED = 600.0  # s, played in a loop
 FILM = "room.zarr"
 
 
 @dataclass(frozen=True)
 class Trials:
-    """Trials of a search to their end, and how long the room took to be recorded."""
+    """Cost of search trials run to their end, and of recording the room."""
 
     case: str
     trials: int
@@ -37,7 +37,7 @@ class Trials:
 def spiral_trials(
     case: str, arch: str, trials: int = 10_000, recorded: float = RECORDED, limit: float = HOUR
 ) -> list[Trials]:
-    """SPIRAL from 180 cm, until all have found the dish or the time is over [s]."""
+    """Run SPIRAL from 180 cm until all robots have found the dish or `limit` [s] is over."""
     with TemporaryDirectory() as folder:
         begin = time.perf_counter()
         kernels.start(arch)
@@ -56,8 +56,8 @@ def spiral_trials(
         sim = assemble(scenario_of(played, Path(folder)), Path(folder))
         sim.run()
         end = time.perf_counter()
-    told = outcomes(sim)["SPIRAL"]
-    good = [t for t, found in zip(told["time_s"], told["success"], strict=True) if found]
+    columns = outcomes(sim)["SPIRAL"]
+    good = [t for t, success in zip(columns["time_s"], columns["success"], strict=True) if success]
     steps = sum(good) / sim.dt + (trials - len(good)) * sim.tick
     mean = sum(good) / max(1, len(good))
     return [Trials(case, trials, len(good) / trials, mean, steps, middle - begin, end - middle)]
