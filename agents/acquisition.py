@@ -5,7 +5,7 @@ import taichi as ti
 
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
-from taichi_plume.scenario.listening import Listening
+from taichi_plume.scenario.search_algorithm import Listening
 
 
 def ticks_between(model: Listening, tick: float) -> int:

@@ -4,10 +4,10 @@ from typing import Any, ClassVar, Protocol
 
 import taichi as ti
 
-from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.agents.serial import runs_serially
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.kernels import data_flow_by_llvm
 
@@ -52,7 +52,7 @@ class KernelAlgorithm:
     TALKS: ClassVar[bool] = False
     """True if robots send messages: `p.radio` is then the key of the random stream of their losses."""
     WORK: ClassVar[int] = 1
-    """Work of a robot, as a multiple of that of a simple algorithm, see `few`."""
+    """Work of a robot, as a multiple of that of a simple algorithm, see `serial`."""
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):
         self.swarm, self.members, self.tick = swarm, members, tick
@@ -88,13 +88,13 @@ class KernelAlgorithm:
 
     @ti.kernel
     def _start_all(self):
-        ti.loop_config(serialize=ti.static(few(self.WORK * self.size)))
+        ti.loop_config(serialize=ti.static(runs_serially(self.WORK * self.size)))
         for n in range(self.size):
             self._start(n)
 
     @ti.kernel
     def _step_all(self, tick: int, t: float, dt: float):
-        ti.loop_config(serialize=ti.static(few(self.WORK * self.size)))
+        ti.loop_config(serialize=ti.static(runs_serially(self.WORK * self.size)))
         for n in range(self.size):
             self._step(n, tick, t, dt)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.few import few
+from taichi_plume.agents.serial import runs_serially
 from taichi_plume.grid.kernels import Field
 
 Dtype = type[np.float32] | type[np.int32] | type[np.bool_]
@@ -237,7 +237,7 @@ def _kernels(
 
     @ti.kernel
     def get(table: ti.types.ndarray(dtype=ti.f32, ndim=2)):
-        ti.loop_config(serialize=ti.static(few(size)))
+        ti.loop_config(serialize=ti.static(runs_serially(size)))
         for n in range(size):
             for field, row, d, real in ti.static(parts):
                 if ti.static(not real):
@@ -249,7 +249,7 @@ def _kernels(
 
     @ti.kernel
     def put(table: ti.types.ndarray(dtype=ti.f32, ndim=2)):
-        ti.loop_config(serialize=ti.static(few(size)))
+        ti.loop_config(serialize=ti.static(runs_serially(size)))
         for n in range(size):
             for field, row, d, real in ti.static(parts):
                 if ti.static(not real):

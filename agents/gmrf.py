@@ -23,8 +23,8 @@ from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from taichi_plume.agents.few import few
 from taichi_plume.agents.gas_map import Floor, GasMap, Readers, cell_of, counts, window_of, windows
+from taichi_plume.agents.serial import runs_serially
 from taichi_plume.grid.grid import centers
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import reader
@@ -219,7 +219,7 @@ def _collect(
     shape: Template, count: Template, total: Template,
 ):  # fmt: skip
     """Add the readings of each trial's robots to their cells."""
-    ti.loop_config(serialize=ti.static(few(team_size.shape[0])))
+    ti.loop_config(serialize=ti.static(runs_serially(team_size.shape[0])))
     for k in team_size:
         for m in range(team_size[k]):
             robot = members[k, m]

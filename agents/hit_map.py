@@ -36,7 +36,7 @@ from taichi_plume.agents.beliefs import LEAST, Beliefs, Declaring
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
-from taichi_plume.agents.ways import FAR, Ways
+from taichi_plume.agents.shortest_paths import FAR, Ways
 from taichi_plume.grid.elementary import direction, exp, log
 from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario.belief_algorithms import HitMap as Model

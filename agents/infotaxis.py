@@ -26,8 +26,8 @@ from taichi_plume.agents.acquisition import Acquisition
 from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.beliefs import LEAST, Beliefs, Declaring
 from taichi_plume.agents.groups import GroupRange
-from taichi_plume.agents.legs import Legs
 from taichi_plume.agents.parameters import Numbers
+from taichi_plume.agents.path_segments import Legs
 from taichi_plume.agents.swarm import wrap
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.grid.transfer import reader, uploader

@@ -26,8 +26,8 @@ from math import exp
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.few import few
 from taichi_plume.agents.gas_map import Floor, GasMap, Readers, cell_of, counts, ratio
+from taichi_plume.agents.serial import runs_serially
 from taichi_plume.grid.kernels import STRIP, Field, Template, double_field
 from taichi_plume.grid.transfer import Numbers, reader
 from taichi_plume.scenario import maps as models
@@ -148,7 +148,7 @@ class KernelMap(GasMap):
         """Fade all weights and add the readings of each trial's robots from number `first` on, as many as there are
         slots.
         """
-        ti.loop_config(serialize=ti.static(few(self.fresh.shape[0])))
+        ti.loop_config(serialize=ti.static(runs_serially(self.fresh.shape[0])))
         for k in self.fresh:
             for m in ti.static(range(3)):
                 self.totals[k, m] *= fade
@@ -171,7 +171,7 @@ class KernelMap(GasMap):
                 self.totals[k, 0] += 1.0
                 self.totals[k, 1] += _sample(self.kept[k, at % self.exact]).reading
         strips = ti.static(self.weights.shape[0] * self.shape[0] * self.parts)
-        ti.loop_config(serialize=ti.static(few(4 * strips)))
+        ti.loop_config(serialize=ti.static(runs_serially(4 * strips)))
         for k, x, part in ti.ndrange(self.weights.shape[0], self.shape[0], self.parts):
             y0 = part * STRIP
             weights = ti.Vector([0.0] * STRIP)

@@ -17,10 +17,10 @@ import taichi as ti
 from scipy import ndimage
 
 from taichi_plume.agents.algorithm import KernelAlgorithm
-from taichi_plume.agents.few import few
 from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
+from taichi_plume.agents.serial import runs_serially
 from taichi_plume.agents.swarm import GroupRange
 from taichi_plume.agents.time_series import TimeSeriesMap
 from taichi_plume.grid.grid import centers
@@ -118,13 +118,13 @@ class LeastKnown(KernelAlgorithm):
 
     @ti.kernel
     def _ask(self):
-        ti.loop_config(serialize=ti.static(few(self.size)))
+        ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             self.asks[n] = self.potential.is_over(n, self.potential.clear(n, self.goal[n]), NEAR)
 
     @ti.kernel
     def _set_out(self, goal: ti.types.ndarray()):
-        ti.loop_config(serialize=ti.static(few(self.size)))
+        ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             self.goal[n] = ti.Vector([goal[n, 0], goal[n, 1]])
             if self.asks[n]:
@@ -132,6 +132,6 @@ class LeastKnown(KernelAlgorithm):
 
     @ti.kernel
     def _drive(self, dt: float):
-        ti.loop_config(serialize=ti.static(few(self.size)))
+        ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             self.potential.drive(n, self.potential.clear(n, self.goal[n]), dt)

@@ -23,10 +23,10 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.algorithm import KernelAlgorithm
-from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import Potential
+from taichi_plume.agents.serial import runs_serially
 from taichi_plume.grid.tables import Tables
 from taichi_plume.scenario import algorithms
 
@@ -96,7 +96,7 @@ class LineUp(KernelAlgorithm):
 
     @ti.kernel
     def _step_all(self, tick: int, t: float, dt: float):
-        ti.loop_config(serialize=ti.static(few(self.size)))
+        ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for k in range(self.lines):
             if self.mode[k] == FEEL:
                 self._feel(k, tick)

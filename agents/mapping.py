@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from taichi_plume.agents.gas_map import Floor, GasMap
 from taichi_plume.agents.gmrf import MarkovMap
 from taichi_plume.agents.kernel_dm import KernelMap
-from taichi_plume.agents.snaps import InverseDistanceMap
+from taichi_plume.agents.snapshots import InverseDistanceMap
 from taichi_plume.agents.time_series import TimeSeriesMap
 from taichi_plume.scenario.maps import Map
 

@@ -25,11 +25,11 @@ import taichi as ti
 
 from taichi_plume.agents.beliefs import Declaring
 from taichi_plume.agents.casting import IN_PLUME, LOST, SIDESTEP, Casting
-from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.releases import Releases
+from taichi_plume.agents.serial import runs_serially
 from taichi_plume.grid.kernels import Field
 from taichi_plume.grid.rng import normal4, uniform4
 from taichi_plume.grid.transfer import reader
@@ -119,7 +119,7 @@ class ParticleFilter(Casting):
     @ti.kernel
     def _sense(self, due: bool, dt: float):
         """Process wind, gas and contact; at an update, look back at the wind."""
-        ti.loop_config(serialize=ti.static(few(self.size)))
+        ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             i = self.robot[n]
             if not self.swarm.searches(i):
@@ -146,7 +146,7 @@ class ParticleFilter(Casting):
         """Draw the particles of robots that detect gas for the first time, and update the weights of all by the
         likelihood.
         """
-        ti.loop_config(serialize=ti.static(few(10 * self.size * self.count)))
+        ti.loop_config(serialize=ti.static(runs_serially(10 * self.size * self.count)))
         for n, m in self.weight:
             if not self.swarm.searches(self.robot[n]):
                 continue
@@ -188,7 +188,7 @@ class ParticleFilter(Casting):
     @ti.kernel
     def _conclude(self, tick: int):
         """Normalise, estimate, and resample degenerate weights."""
-        ti.loop_config(serialize=ti.static(few(self.size)))
+        ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             i = self.robot[n]
             if not self.swarm.searches(i):
@@ -292,7 +292,7 @@ class ParticleFilter(Casting):
     @ti.kernel
     def _drive(self, t: float, dt: float):
         """Set out for the estimate, declare it there, and command the next dt [s]."""
-        ti.loop_config(serialize=ti.static(few(self.size)))
+        ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             i = self.robot[n]
             if not self.swarm.searches(i):

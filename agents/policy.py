@@ -9,9 +9,9 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.commands import Commands
-from taichi_plume.agents.few import few
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.observation import Observation
+from taichi_plume.agents.serial import runs_serially
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.files.network import Network, NetworkError
 from taichi_plume.scenario.policy import Policy
@@ -53,14 +53,14 @@ class PolicyAlgorithm:
 
     @ti.kernel
     def _clear(self):
-        ti.loop_config(serialize=ti.static(few(self.size)))
+        ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             self.observation.clear(n)
             self.commands.clear(n)
 
     @ti.kernel
     def _follow(self, dt: float, decides: int, elapsed: float, table: ti.types.ndarray(dtype=ti.f32, ndim=2)):
-        ti.loop_config(serialize=ti.static(few(self.size)))
+        ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             self.observation.follow(n, dt)
             if decides == 1:
@@ -68,7 +68,7 @@ class PolicyAlgorithm:
 
     @ti.kernel
     def _command(self, decides: int, t: float, dt: float, actions: ti.types.ndarray(dtype=ti.f32, ndim=2)):
-        ti.loop_config(serialize=ti.static(few(self.size)))
+        ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             if decides == 1:
                 self.commands.take(n, 1.0, n, actions, t)

@@ -7,10 +7,10 @@ message of each mate.
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.agents.serial import runs_serially
 from taichi_plume.grid.rng import uniform4
 
 NEVER = -1.0  # s, time of a message that has not come
@@ -73,7 +73,7 @@ class Radio:
 
     @ti.kernel
     def _deliver(self, tick: int, t: float):
-        ti.loop_config(serialize=ti.static(few(self.size)))
+        ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n, m in self.value:
             other = n - self.p.mate[n] + m
             if m < self.p.count[n] and other != n and self.speaks[other] == 1:
@@ -85,6 +85,6 @@ class Radio:
                     self.value[n, m], self.place[n, m] = self.said_value[other], self.said_place[other]
                     self.sender[n, m] = self.swarm.believed_position[j]
                     self.time[n, m] = t
-        ti.loop_config(serialize=ti.static(few(self.size)))
+        ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             self.speaks[n] = 0

@@ -7,7 +7,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.columns import Columns
-from taichi_plume.agents.few import few
+from taichi_plume.agents.serial import runs_serially
 from taichi_plume.grid.kernels import Template
 
 
@@ -78,7 +78,7 @@ class Referee(Columns):
 
     @ti.kernel
     def _declare_all(self, start: int, places: ti.types.ndarray(dtype=ti.f32, ndim=2), t: float):
-        ti.loop_config(serialize=ti.static(few(self.count)))
+        ti.loop_config(serialize=ti.static(runs_serially(self.count)))
         for n in range(places.shape[0]):
             if not ti.math.isnan(places[n, 0]):
                 self.declare(start + n, ti.Vector([places[n, 0], places[n, 1]]), t)

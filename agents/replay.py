@@ -15,7 +15,7 @@ import numpy as np
 from taichi_plume.agents.columns import Columns, Rows
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.files.bag_ways import Way
+from taichi_plume.files.trajectories import Way
 from taichi_plume.scenario.external import Replay
 
 WAITING, REPLAYED, ENDED = range(3)

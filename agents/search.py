@@ -9,8 +9,8 @@ positioning) and writes `speed_command`, `turn_rate_command` and `state`. It mus
 walls and mates that a robot senses go on its map by `swarm.as_believed`. It may declare a source by `swarm.declare`.
 Its belief maps, if any, are offered as `beliefs`, and are recorded and scored.
 
-Numbers of the model reach kernels by `parameters`, so that other numbers compile nothing. `legs` and `potential`
-drive for an algorithm, `acquisition` samples, and `radio` carries messages between the robots of a team.
+Numbers of the model reach kernels by `parameters`, so that other numbers compile nothing. `path_segments` and
+`potential` drive for an algorithm, `acquisition` samples, and `radio` carries messages between the robots of a team.
 """
 
 from taichi_plume.agents.algorithm import Algorithm

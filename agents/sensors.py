@@ -7,12 +7,12 @@ from typing import cast
 import taichi as ti
 
 from taichi_plume.agents.anemometers import Anemometers
-from taichi_plume.agents.few import few
 from taichi_plume.agents.gas_laws import LAWS
 from taichi_plume.agents.gas_sensors import GasSensors
 from taichi_plume.agents.heated_sensors import HeatedSensors
 from taichi_plume.agents.line_sensors import LineSensors, Surroundings
 from taichi_plume.agents.members import Members
+from taichi_plume.agents.serial import runs_serially
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.fields import Odour, Species, Wind
 from taichi_plume.grid.kernels import Template, on_cpu
@@ -86,7 +86,7 @@ class Sensors:
         t: float,
         cold: float,
     ):
-        ti.loop_config(serialize=ti.static(few(sensor.members.size)))
+        ti.loop_config(serialize=ti.static(runs_serially(sensor.members.size)))
         for k in range((sensor.members.size + self.strip - 1) // self.strip):
             self.sense_strip(sensor, anemometer, gas, wind, k * self.strip, tick, t, cold)
 

@@ -11,13 +11,13 @@ from math import ceil
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.collisions import CLEAR, PINNED, PUSHED, SKIN, Contact
 from taichi_plume.agents.columns import Rows, columns_of, further_gas_sensors
-from taichi_plume.agents.contact import CLEAR, PINNED, PUSHED, SKIN, Contact
-from taichi_plume.agents.few import few
 from taichi_plume.agents.flight import FREE, Flying
 from taichi_plume.agents.groups import GroupRange, ranges
 from taichi_plume.agents.odometry import Odometry, Reckoning
 from taichi_plume.agents.referee import Referee
+from taichi_plume.agents.serial import runs_serially
 from taichi_plume.agents.trials import OwnClocks, Trials
 from taichi_plume.grid.elementary import cos_sin, wrap
 from taichi_plume.grid.kernels import Field
@@ -211,7 +211,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     @ti.kernel
     def _move(self, tick: int, t: float, dt: float):
-        ti.loop_config(serialize=ti.static(few(self.count)))
+        ti.loop_config(serialize=ti.static(runs_serially(self.count)))
         for k in range(self.trials):
             for m in range(self.team_size[k]):
                 self.go(self.members[k, m], k, tick, t, dt)
@@ -219,7 +219,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
     @ti.kernel
     def _give_way(self, rate: float, dt: float):
         """Push robots out of walkers; rate: 1 over the tick [1/s]; dt [s]: added to the time of those pinned."""
-        ti.loop_config(serialize=ti.static(few(self.count)))
+        ti.loop_config(serialize=ti.static(runs_serially(self.count)))
         for k in range(self.trials):
             for m in range(self.team_size[k]):
                 i = self.members[k, m]

@@ -5,15 +5,15 @@ from collections.abc import Mapping, Sequence
 import taichi as ti
 
 from taichi_plume.agents.algorithm import Algorithm
-from taichi_plume.agents.few import few
 from taichi_plume.agents.members import Members
-from taichi_plume.agents.own import OwnAlgorithm
+from taichi_plume.agents.own_algorithm import OwnAlgorithm
 from taichi_plume.agents.policy import PolicyAlgorithm
 from taichi_plume.agents.replay import ReplayAlgorithm
 from taichi_plume.agents.search import ALGORITHMS
+from taichi_plume.agents.serial import runs_serially
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.files.bag_ways import Way
 from taichi_plume.files.network import Network
+from taichi_plume.files.trajectories import Way
 
 HANDED = ("own", "policy", "replay")  # kinds with a class, network or paths from files
 BEFORE = "BEFORE_BEGIN"  # state of robots that have not set off; no algorithm has it
@@ -82,7 +82,7 @@ class Team:
     @ti.kernel
     def _swap(self, wait: int):
         """Store the states and let the robots wait, in a state > 0; or with 0 restore them."""
-        ti.loop_config(serialize=ti.static(few(self.members.size)))
+        ti.loop_config(serialize=ti.static(runs_serially(self.members.size)))
         for n in range(self.members.size):
             i = self.members.robot[n]
             if wait > 0:

@@ -1,4 +1,4 @@
-"""Gas map from a neighbourhood in space and time: eq 4-7 of Marjovi & Marques, ICRA 2014 (see `snaps`).
+"""Gas map from a neighbourhood in space and time: eq 4-7 of Marjovi & Marques, ICRA 2014 (see `snapshots`).
 
 The past snapshots k forecast the next one, t, from the neighbourhood N_j in space and time,
 
@@ -17,7 +17,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.gas_map import Floor, shape
-from taichi_plume.agents.snaps import Needs, SnapMap, Snaps
+from taichi_plume.agents.snapshots import Needs, SnapMap, Snaps
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario import maps as models

@@ -19,7 +19,7 @@ from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.openings import Fan, FanCurve, Honeycomb, Inlet, MovingWall, Opening
 from taichi_plume.solvers.fans import CurvedFan
 from taichi_plume.solvers.inflow import Fluctuations
-from taichi_plume.solvers.patches import VENTS, JetPatch, Patch, patch_of
+from taichi_plume.solvers.openings import VENTS, JetPatch, Patch, patch_of
 
 AIR_DENSITY = 1.184  # kg/m³ at 25 °C
 HORIZON = 1.0  # s: a step is never longer

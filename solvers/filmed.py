@@ -19,7 +19,7 @@ VELOCITIES = ("u", "v", "w")
 
 
 class Ticks(Protocol):
-    """Film with a frame per tick: see files/air_film.py."""
+    """Film with a frame per tick: see files/shared_film.py."""
 
     shape: tuple[int, ...]
     names: tuple[str, ...]

@@ -3,7 +3,7 @@
     du/dt + div(u u) = -grad p + div(nu (grad u + grad u^T)) + b + g,   div u = 0
 
 p is the kinematic pressure [m²/s²], b buoyancy and g a constant acceleration. The terms are in `momentum`: convection
-in flux form (see `convection`), central diffusion. In time three stages (see `limits`) with the last pressure's
+in flux form (see `convection`), central diffusion. In time three stages (see `time_stepping`) with the last pressure's
 gradient, and projections (see `continuity`) for the pressure's increment: second order.
 """
 
@@ -26,12 +26,12 @@ from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.continuity import correction, increased, net_inflow
 from taichi_plume.solvers.ghosts import Ghosts
 from taichi_plume.solvers.heat import HeatSolver
-from taichi_plume.solvers.limits import HUGE, Limits, stages_for
 from taichi_plume.solvers.momentum import BuoyantScalar, Momentum, eddy_viscosity, of_axis, opennesses
 from taichi_plume.solvers.prescribed import padded_faces
 from taichi_plume.solvers.pressure import pressure_solver
 from taichi_plume.solvers.screens import Resistance, ScreenResistance
 from taichi_plume.solvers.surfaces import Surfaces
+from taichi_plume.solvers.time_stepping import HUGE, Limits, stages_for
 from taichi_plume.solvers.transport import Scalar
 from taichi_plume.solvers.turbulence import MODELS
 from taichi_plume.solvers.walls import Walls, distances

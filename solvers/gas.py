@@ -14,7 +14,7 @@ from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.openings import Opening
 from taichi_plume.solvers.convection import LIMITED
 from taichi_plume.solvers.emission import Emission
-from taichi_plume.solvers.patches import VENTS, Patch, patch_of
+from taichi_plume.solvers.openings import VENTS, Patch, patch_of
 from taichi_plume.solvers.release import Release
 from taichi_plume.solvers.surface_exchange import SurfaceExchange
 from taichi_plume.solvers.transport import Scalar, Transport

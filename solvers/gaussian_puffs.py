@@ -17,7 +17,7 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Field, Template
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.closed_forms import ContinuousGas, GaussianPuffGas
-from taichi_plume.solvers.bells import FAR, bell, walls_along
+from taichi_plume.solvers.gaussian_kernels import FAR, bell, walls_along
 from taichi_plume.solvers.uniform import UniformSolver
 
 FAINT = 16.0  # exp(-FAINT) of the largest part of an integral is left out

@@ -21,7 +21,7 @@ from taichi_plume.grid.rng import generator
 from taichi_plume.scenario.any_opening import Vent
 from taichi_plume.scenario.heat import Heat
 from taichi_plume.solvers.convection import LIMITED
-from taichi_plume.solvers.patches import VENTS, Patch
+from taichi_plume.solvers.openings import VENTS, Patch
 from taichi_plume.solvers.release import Release
 from taichi_plume.solvers.surface_exchange import SurfaceExchange
 from taichi_plume.solvers.transport import Scalar, Transport

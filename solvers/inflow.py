@@ -21,7 +21,7 @@ from scipy.fft import ifft
 from scipy.special import betainc
 
 from taichi_plume.grid.rng import generator
-from taichi_plume.solvers.patches import JetPatch
+from taichi_plume.solvers.openings import JetPatch
 
 SHORTEST, STRONGEST = 6.0, 8.0  # cells: the shortest waves, and the shortest that may be the strongest
 INTEGRAL = 0.7468  # length times k_L of all waves, Gamma(1/3)^-1 Gamma(5/6) sqrt(pi)

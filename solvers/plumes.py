@@ -19,7 +19,7 @@ from taichi_plume.grid.rng import generator
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.closed_forms import GaussianPlumeGas, MeanderingGas
 from taichi_plume.scenario.vocabulary import Face
-from taichi_plume.solvers.bells import bell, walls_along
+from taichi_plume.solvers.gaussian_kernels import bell, walls_along
 from taichi_plume.solvers.gusts import OrnsteinUhlenbeck
 from taichi_plume.solvers.uniform import UniformSolver, memory
 

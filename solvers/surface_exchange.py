@@ -20,7 +20,7 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template, double_field
 from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.windows import Region
-from taichi_plume.solvers.patches import Patch
+from taichi_plume.solvers.openings import Patch
 from taichi_plume.solvers.wall_law import transfer_velocity
 
 Touched = tuple[tuple[np.ndarray, ...] | np.ndarray, float | np.ndarray]

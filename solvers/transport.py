@@ -23,7 +23,7 @@ from taichi_plume.grid.kernels import Field, Pass, Template, launch, visit
 from taichi_plume.grid.sweeps import sweep
 from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.solvers.convection import Limited
-from taichi_plume.solvers.patches import Patch
+from taichi_plume.solvers.openings import Patch
 from taichi_plume.solvers.surface_exchange import BETWEEN, FIRST, LAST, SurfaceExchange, Tally
 
 

@@ -74,7 +74,7 @@ def test_a_boundary_is_known_in_three_files():
             "MovingWall",
             "Periodic",
         ):  # "wall" and "periodic" are words of other things, too
-            assert files <= {"solvers/boundaries.py", "solvers/patches.py"}
+            assert files <= {"solvers/boundaries.py", "solvers/openings.py"}
 
 
 def test_a_metal_oxide_sensor_is_an_entry_in_one_file():

@@ -15,7 +15,7 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.patches import opening_cells, periodic_axes
+from taichi_plume.solvers.openings import opening_cells, periodic_axes
 from taichi_plume.validation.flow_cases import velocities
 from taichi_plume.validation.setups import advance
 

@@ -17,7 +17,7 @@ from taichi_plume.scenario.bodies import GRAVITY, Body
 from taichi_plume.scenario.species import AIR_DENSITY
 from taichi_plume.solvers.downwash import Downwash
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.patches import periodic_axes
+from taichi_plume.solvers.openings import periodic_axes
 from taichi_plume.validation.case import Case, Expected
 from taichi_plume.validation.flow_cases import Errors, velocities
 from taichi_plume.validation.setups import advance, cfd, samples

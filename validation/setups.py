@@ -10,7 +10,7 @@ from taichi_plume.scenario.gases import EulerianGas, PuffGas
 from taichi_plume.scenario.winds import CfdWind, UniformWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
-from taichi_plume.solvers.patches import periodic_axes
+from taichi_plume.solvers.openings import periodic_axes
 from taichi_plume.solvers.puffs import PuffSolver
 from taichi_plume.solvers.uniform import UniformSolver
 

@@ -32,7 +32,7 @@ from taichi_plume.statistics.durations import (
     pooled,
     spells,
 )
-from taichi_plume.statistics.noses import FAST, SLOW, noses, smelt
+from taichi_plume.statistics.sensor_comparison import FAST, SLOW, noses, smelt
 from taichi_plume.validation.case import Answer, Case, Curve, Expected, Keys
 from taichi_plume.validation.searches import probed
 

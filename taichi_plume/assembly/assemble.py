@@ -20,9 +20,9 @@ from taichi_plume.assembly.kinds import GASES, WINDS, Context
 from taichi_plume.assembly.own_code import execute
 from taichi_plume.assembly.prepare import Prepared, again, checked
 from taichi_plume.assembly.resources import Resources
-from taichi_plume.files.bag_ways import Way
 from taichi_plume.files.gaden import Cubes
 from taichi_plume.files.network import Network, NetworkError
+from taichi_plume.files.trajectories import Way
 from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.grid import kernels
 from taichi_plume.grid.clearance import ClearanceMap
@@ -44,7 +44,7 @@ from taichi_plume.solvers.filmed import FilmedGas, FilmedWind, Reel
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import Forces
 from taichi_plume.solvers.momentum import BuoyantScalar
-from taichi_plume.solvers.patches import opening_cells, periodic_axes
+from taichi_plume.solvers.openings import opening_cells, periodic_axes
 from taichi_plume.solvers.screens import Resistance
 from taichi_plume.solvers.transport import Scalar
 
@@ -88,8 +88,8 @@ def build(
     """Return the simulation of a checked scenario, at the start of its warm-up; Taichi must have been started.
 
     Files of own algorithms must have been executed, see own_code. algorithms: own classes by the name of their group,
-    whose algorithm is of kind own (see agents/own.py). reel: a film of wind or gas that is shown instead of solving for
-    them. driven: whether external robots are driven. Raises ScenarioError if robots do not fit, or nothing drives them.
+    whose algorithm is of kind own (see agents/own_algorithm.py). reel: a film of wind or gas that is
+    shown instead of solving for them. driven: whether external robots are driven. Raises ScenarioError if robots do not fit, or nothing drives them.
     """
     scenario, resources = prepared
     if not driven:

@@ -24,10 +24,10 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Model
 
 if TYPE_CHECKING:  # they bring zarr and Taichi, for runs that need them
-    from taichi_plume.files.bag_ways import Way
     from taichi_plume.files.film import Film
     from taichi_plume.files.movie import Movie
     from taichi_plume.files.site import Site
+    from taichi_plume.files.trajectories import Way
     from taichi_plume.grid.cut_cells import Air
 
 
@@ -214,7 +214,7 @@ def _network(resources: Resources, path: str, model: Policy, folder: Path) -> No
 
 def _ways(resources: Resources, path: str, model: Replay, folder: Path) -> None:
     """Read the paths of recorded robots."""
-    from taichi_plume.files.bag_ways import WayError, read
+    from taichi_plume.files.trajectories import WayError, read
 
     try:
         resources.ways[path] = read(folder / model.file, model.frame, model.topics, model.poses)

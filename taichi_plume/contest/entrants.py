@@ -16,8 +16,8 @@ from taichi_plume.files.own_class import OwnAlgorithmError, OwnFile
 from taichi_plume.guard.opening import unopenable
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.algorithms import Algorithm
-from taichi_plume.scenario.listening import AnyAlgorithm
 from taichi_plume.scenario.loading import ScenarioError, read_mapping
+from taichi_plume.scenario.search_algorithm import AnyAlgorithm
 
 FLOOR = "random_walk"
 """An algorithm that is not better has learnt nothing from the gas."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.few import few
+from taichi_plume.agents.serial import runs_serially
 from taichi_plume.agents.trials import FAR
 from taichi_plume.grid.kernels import Template, data_flow_by_llvm, on_cpu
 from taichi_plume.grid.transfer import Numbers, uploader
@@ -130,7 +130,7 @@ class Rounds:
         table: ti.types.ndarray(dtype=ti.f32, ndim=2),
         outcomes: ti.types.ndarray(dtype=ti.f32, ndim=1),
     ):
-        ti.loop_config(serialize=ti.static(few(4 * self.count * self.robots)))
+        ti.loop_config(serialize=ti.static(runs_serially(4 * self.count * self.robots)))
         for e in range(self.count):  # Taichi gives threads 512 or more: few enough strips are in 512
             if e % self.strip == 0:
                 end = ti.min(e + self.strip, self.count)

@@ -2,7 +2,7 @@
 
 The signed distance to the surfaces is taken as linear between nodes half a cell apart: the fractions are of second
 order in the spacing, exact where a plane surface runs along the cells. Parts thinner than half a cell may be missed
-(see `missed`). Shapes may give fractions of their own (`Shape.shares`).
+(see `unresolved`). Shapes may give fractions of their own (`Shape.shares`).
 """
 
 from collections.abc import Sequence

@@ -9,7 +9,7 @@ import numpy as np
 from taichi_plume import __version__
 from taichi_plume.files import disk
 from taichi_plume.files.film import GAS, VELOCITIES
-from taichi_plume.files.new_film import NewFilm
+from taichi_plume.files.film_writer import NewFilm
 from taichi_plume.grid.fields import Carrier, concentration_at
 from taichi_plume.scenario.outputs import Fields
 from taichi_plume.scenario.scenario import Scenario

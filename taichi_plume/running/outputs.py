@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from taichi_plume import __version__
-from taichi_plume.agents.own import OwnAlgorithm
+from taichi_plume.agents.own_algorithm import OwnAlgorithm
 from taichi_plume.files import checkpoint, disk, manifest
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.files.run_folder import LISTED, RunFolderError

@@ -166,9 +166,9 @@ def _recording(path: Path) -> str | None:
 def _film(path: Path) -> str | None:
     if not path.is_dir():
         return None
-    from taichi_plume.files import new_film
+    from taichi_plume.files import film_writer
 
-    return f"{new_film.complete(path)} frames"
+    return f"{film_writer.complete(path)} frames"
 
 
 def _maps(path: Path) -> None:

@@ -7,10 +7,10 @@ from pydantic import Field
 from taichi_plume.scenario import si
 from taichi_plume.scenario.belief_algorithms import HitMap, Infotaxis, ParticleFilter, SpaceAwareInfotaxis
 from taichi_plume.scenario.external import External, Replay
-from taichi_plume.scenario.listening import AnyAlgorithm, EColi, Spiral
 from taichi_plume.scenario.plume_tracking import Casting, Casting3D, SurgeCast, SurgeSpiral
 from taichi_plume.scenario.policy import Policy
 from taichi_plume.scenario.quantities import number
+from taichi_plume.scenario.search_algorithm import AnyAlgorithm, EColi, Spiral
 from taichi_plume.scenario.team_algorithms import Dapso, LeastKnown, LineUp, Sweep
 from taichi_plume.scenario.vocabulary import INPUT_FILE
 
@@ -30,7 +30,7 @@ class RandomWalk(AnyAlgorithm):
 
 
 class Own(AnyAlgorithm):
-    """An algorithm of the user's own: a class in a Python file, in NumPy. See agents/own.py."""
+    """An algorithm of the user's own: a class in a Python file, in NumPy. See agents/own_algorithm.py."""
 
     may_declare: ClassVar[bool] = True  # unknown: the class decides
     kind: Literal["own"]

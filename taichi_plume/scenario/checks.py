@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichi_plume.scenario import unlikely
+from taichi_plume.scenario import warnings
 from taichi_plume.scenario.domain import Arena, Context, Located
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.scenario import Scenario
@@ -40,7 +40,7 @@ def remarks(scenario: Scenario, resources: "Resources") -> list[str]:
     """Return warnings ``path: message`` of a scenario without errors."""
     context = Context(scenario, resources)
     lines = [line for where, section in every(scenario) for line in section.remarks(where, context)]
-    return [*lines, *unlikely.remarks(context)]
+    return [*lines, *warnings.remarks(context)]
 
 
 def problems(scenario: Scenario, resources: "Resources") -> list[str]:

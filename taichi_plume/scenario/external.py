@@ -8,11 +8,11 @@ from pydantic import Field
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Arena, Context, span
-from taichi_plume.scenario.listening import AnyAlgorithm
+from taichi_plume.scenario.search_algorithm import AnyAlgorithm
 from taichi_plume.scenario.vocabulary import COMPILED, FileName
 
 if TYPE_CHECKING:
-    from taichi_plume.files.bag_ways import Way
+    from taichi_plume.files.trajectories import Way
     from taichi_plume.scenario.robots import Group
 
 

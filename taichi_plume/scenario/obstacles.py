@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from taichi_plume.grid.floor_plans import FloorPlan
-from taichi_plume.grid.missed import SAMPLES, missed
+from taichi_plume.grid.unresolved import SAMPLES, missed
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain, span
 from taichi_plume.scenario.motion import Motion

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from pydantic import Field
 
 from taichi_plume.scenario import si
-from taichi_plume.scenario.listening import AnyAlgorithm
 from taichi_plume.scenario.quantities import number
+from taichi_plume.scenario.search_algorithm import AnyAlgorithm
 from taichi_plume.scenario.vocabulary import FREE
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from taichi_plume.scenario import si
-from taichi_plume.scenario.listening import AnyAlgorithm
 from taichi_plume.scenario.quantities import fault
+from taichi_plume.scenario.search_algorithm import AnyAlgorithm
 from taichi_plume.scenario.vocabulary import COMPILED, INPUT_FILE
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ import numpy as np
 from pydantic import Field
 
 from taichi_plume.scenario import si
-from taichi_plume.scenario.listening import AnyAlgorithm, Listening
 from taichi_plume.scenario.maps import MOST_CELLS, TimeSeriesMap
 from taichi_plume.scenario.quantities import round_up
+from taichi_plume.scenario.search_algorithm import AnyAlgorithm, Listening
 from taichi_plume.scenario.starts import GAP
 from taichi_plume.scenario.vocabulary import COMPILED, Model
 

@@ -7,8 +7,8 @@ import numpy as np
 from taichi_plume.report import look
 from taichi_plume.statistics import durations
 from taichi_plume.statistics.analysis import Correlation, OfProbe, Profile
-from taichi_plume.statistics.noses import Smelt
 from taichi_plume.statistics.records import AXES
+from taichi_plume.statistics.sensor_comparison import Smelt
 from taichi_plume.statistics.spectra import KOLMOGOROV
 
 if TYPE_CHECKING:

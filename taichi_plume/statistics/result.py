@@ -12,7 +12,7 @@ import numpy as np
 from taichi_plume import __version__
 from taichi_plume.files import disk, own_folder
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.statistics import noses
+from taichi_plume.statistics import sensor_comparison
 from taichi_plume.statistics.analysis import OfProbe
 from taichi_plume.statistics.filmed import FilmRecord
 from taichi_plume.statistics.records import AXES
@@ -54,7 +54,7 @@ class Statistics:
     samples: int
     steps: tuple[float, float]
     probes: list[OfProbe]
-    smelt: noses.Smelt | None = None
+    smelt: sensor_comparison.Smelt | None = None
     film: FilmRecord | None = None
     gamma: np.ndarray | None = None
     notes: list[str] = field(default_factory=list)

@@ -12,7 +12,7 @@ from taichi_plume.guard.opening import unopenable
 from taichi_plume.results.run import Run
 from taichi_plume.scenario.domain import Located
 from taichi_plume.scenario.sensors import GasSensor
-from taichi_plume.statistics import noses, spectra
+from taichi_plume.statistics import sensor_comparison, spectra
 from taichi_plume.statistics.analysis import OfProbe, Settings, of_probe
 from taichi_plume.statistics.filmed import FilmRecord
 from taichi_plume.statistics.records import Probe, ProbeRecord
@@ -45,7 +45,7 @@ def of(
 
     gas: species (default: the first); probe: the only probe to use; threshold: [ppm] (default: a tenth of the largest
     mean); start: earliest time [s]; bounds: of the durations for exponents [s]; sensors: models besides those of
-    `noses.noses`.
+    `sensor_comparison.noses`.
     """
     path, options = Path(source), Options(gas, probe, threshold, start, bounds)
     fault = unopenable(path, folder=True)
@@ -168,17 +168,19 @@ def _smelt(
     probes: list[OfProbe],
     sensors: Sequence[GasSensor],
     notes: list[str],
-) -> noses.Smelt | None:
+) -> sensor_comparison.Smelt | None:
     """Count the whiffs that sensors keep at points with whiffs, the point with most whiffs first."""
-    several = noses.noses(sensors)
+    several = sensor_comparison.noses(sensors)
     lively = [
         (int(n), one.probe.first + k) for one in probes for k, n in enumerate(one.points["whiffs"]) if n
     ]
     if not lively:
         notes.append("No whiff is whole, so that sensors are not compared.")
         return None
-    ticks = min(len(record.times), noses.MOST_TICKS)
-    most = max(1, min(noses.MOST_POINTS, int(noses.MOST_NUMBERS / len(several) / ticks)))
+    ticks = min(len(record.times), sensor_comparison.MOST_TICKS)
+    most = max(
+        1, min(sensor_comparison.MOST_POINTS, int(sensor_comparison.MOST_NUMBERS / len(several) / ticks))
+    )
     points = np.array([point for _, point in sorted(lively, key=lambda one: (-one[0], one[1]))])
     if len(points) > most:
         notes.append(f"Sensors are compared at {most} of the {len(points):,} points that have whiffs.")
@@ -186,12 +188,12 @@ def _smelt(
     order = np.argsort(points)
     ppm = record.values(points[order], f"{settings.gas}_ppm")[:, np.argsort(order)]
     step, even = spectra.evenly(record.times, ppm)
-    if len(even) > noses.MOST_TICKS:
-        even = even[: noses.MOST_TICKS]
+    if len(even) > sensor_comparison.MOST_TICKS:
+        even = even[: sensor_comparison.MOST_TICKS]
         notes.append(f"Sensors are compared over the first {step * len(even):.4g} s.")
-    if step > noses.FAST / 2:
+    if step > sensor_comparison.FAST / 2:
         notes.append(
-            f"Samples every {step:.3g} s are too far apart for sensors of {noses.FAST * 1e3:g} ms; `every: step` and a "
-            "shorter `tick` give more."
+            f"Samples every {step:.3g} s are too far apart for sensors of {sensor_comparison.FAST * 1e3:g} ms; "
+            "`every: step` and a shorter `tick` give more."
         )
-    return noses.smelt(several, settings.gas, step, even, settings.threshold)
+    return sensor_comparison.smelt(several, settings.gas, step, even, settings.threshold)

@@ -14,11 +14,11 @@ from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.maps import MapScores
 from taichi_plume.study import shared_air
-from taichi_plume.study.leaving import run_with_files
+from taichi_plume.study.kept_files import run_with_files
 from taichi_plume.study.messages import Cost, Record, Request, Row, Task
 from taichi_plume.study.rows import outcomes_of, probed, trial_rows
+from taichi_plume.study.simulation_cache import WARM, Kept
 from taichi_plume.study.store import forget_failed, leave_failed
-from taichi_plume.study.warm import WARM, Kept
 
 
 def perform(task: Task) -> list[Record]:

@@ -9,7 +9,7 @@ import numpy as np
 import psutil
 
 from taichi_plume.assembly.prepare import checked
-from taichi_plume.files.air_film import AirFilm, NewAirFilm
+from taichi_plume.files.shared_film import AirFilm, NewAirFilm
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.running.job import explain
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
@@ -18,7 +18,7 @@ from taichi_plume.simulation import Every, Simulation
 from taichi_plume.solvers.filmed import VELOCITIES, Reel, variable
 from taichi_plume.study.messages import AirRecord, Task
 from taichi_plume.study.sharing import filmed
-from taichi_plume.study.warm import WARM
+from taichi_plume.study.simulation_cache import WARM
 
 SHARE = 0.5  # of the free memory per core, for frames of films
 

@@ -5,7 +5,7 @@ import pytest
 from arena import TICK, Run, Script
 
 from taichi_plume.agents.ecoli import ACQUIRE, RUN, TUMBLE
-from taichi_plume.scenario.listening import EColi
+from taichi_plume.scenario.search_algorithm import EColi
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from robots import NOWHERE, Driver, group
 
-from taichi_plume.agents.contact import SKIN
+from taichi_plume.agents.collisions import SKIN
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.layers import MOST_LAYERS, Layers, levels

@@ -21,8 +21,8 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.kernels import compiled
 from taichi_plume.scenario.algorithms import SurgeCast
-from taichi_plume.scenario.listening import Spiral
 from taichi_plume.scenario.robots import Communication, Odometry
+from taichi_plume.scenario.search_algorithm import Spiral
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

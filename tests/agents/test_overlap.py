@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from robots import NOWHERE, group
 
-from taichi_plume.agents.contact import SKIN
+from taichi_plume.agents.collisions import SKIN
 from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap

@@ -9,7 +9,7 @@ from robots import room, team
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import checked
-from taichi_plume.files.bag_ways import WayError, read
+from taichi_plume.files.trajectories import WayError, read
 from taichi_plume.grid.state import State
 from taichi_plume.running.result import _beside_recorded
 from taichi_plume.running.summary import _recorded_line

@@ -6,7 +6,7 @@ from readers import COUNT, EXTENT, TRIALS, Stock, centers, same
 
 from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.mapping import mappers
-from taichi_plume.agents.snaps import InverseDistanceMap, SnapMap
+from taichi_plume.agents.snapshots import InverseDistanceMap, SnapMap
 from taichi_plume.agents.time_series import TimeSeriesMap, neighbourhood
 from taichi_plume.scenario import maps as map_models
 

@@ -6,7 +6,7 @@ from arena import TICK, Run, Script
 from scipy.signal import find_peaks
 
 from taichi_plume.agents.spiral import ACQUIRE, ESCAPE
-from taichi_plume.scenario.listening import Spiral
+from taichi_plume.scenario.search_algorithm import Spiral
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -14,7 +14,7 @@ from refusals import cut, gone, replaced
 from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.files import manifest
 from taichi_plume.files.film import Film, FilmError, dimensions
-from taichi_plume.files.new_film import NewFilm, complete
+from taichi_plume.files.film_writer import NewFilm, complete
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.species import SPECIES
 

@@ -17,7 +17,7 @@ import zarr
 from refusals import refused
 
 import taichi_plume
-from taichi_plume.files import air_film, maps_file, new_film
+from taichi_plume.files import film_writer, maps_file, shared_film
 from taichi_plume.files.film import Film, FilmError
 from taichi_plume.files.movie import Movie
 from taichi_plume.files.zarr_groups import (
@@ -42,7 +42,7 @@ FORMATS = {
         "periodic": [False, False],
     },
     "air": {
-        "format": air_film.FORMAT,
+        "format": shared_film.FORMAT,
         "tick": 0.1,
         "frames": 1,
         "shape": [3],
@@ -86,8 +86,8 @@ def pickled(folder: Path, trap: Path, name: str, shape: tuple[int, ...]) -> None
 def read_by(kind: str, path: Path) -> None:
     """Read a group with every reader that its format has. Each is expected to refuse it in one line."""
     readers = {
-        "film": (Film, new_film.complete),
-        "air": (lambda file: air_film.AirFilm(file).frame(0),),
+        "film": (Film, film_writer.complete),
+        "air": (lambda file: shared_film.AirFilm(file).frame(0),),
         "maps": (maps_file.read,),
         "movie": (lambda file: Movie(file, MovieGas(kind="movie", file=file.name)).frame(0),),
     }

@@ -307,7 +307,7 @@ def _write_boxes(folder: Path) -> None:
 def _write_film(path: Path) -> None:
     """Three frames of noise, of a wind and a gas."""
     from taichi_plume.files.film import dimensions
-    from taichi_plume.files.new_film import NewFilm
+    from taichi_plume.files.film_writer import NewFilm
     from taichi_plume.scenario.species import SPECIES
 
     shape = (6, 5, 4)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from taichi_plume import statistics
-from taichi_plume.files.new_film import NewFilm
+from taichi_plume.files.film_writer import NewFilm
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.scenario.species import SPECIES

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from taichi_plume.scenario.sensors import IdealGasSensor, MoxSensor, PidSensor
-from taichi_plume.statistics.noses import Nose, noses, readings, smelt
+from taichi_plume.statistics.sensor_comparison import Nose, noses, readings, smelt
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

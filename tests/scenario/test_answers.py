@@ -11,11 +11,11 @@ from taichi_plume.scenario.algorithms import Algorithm
 from taichi_plume.scenario.any_opening import AnyOpening
 from taichi_plume.scenario.any_wind import GUST, AnyWind
 from taichi_plume.scenario.domain import Domain
-from taichi_plume.scenario.listening import AnyAlgorithm
 from taichi_plume.scenario.maps import AnyMap, Map
 from taichi_plume.scenario.obstacles import AnyObstacle, Obstacle
 from taichi_plume.scenario.openings import MovingWall, Opening
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.search_algorithm import AnyAlgorithm
 from taichi_plume.scenario.shapes import SHAPES
 from taichi_plume.scenario.starts import AnyStart, Start
 from taichi_plume.scenario.winds import Wind

@@ -8,7 +8,7 @@ from PIL import Image
 from taichi_plume.assembly.assemble import _box
 from taichi_plume.assembly.prepare import load
 from taichi_plume.scenario.loading import ScenarioError
-from taichi_plume.solvers.patches import patch_of
+from taichi_plume.solvers.openings import patch_of
 
 MAP = "image: plan.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
 KINDS = {

@@ -8,7 +8,7 @@ from test_messages import DUCT, FLOOR, ROOM, said
 from taichi_plume.assembly.prepare import load
 from taichi_plume.cli import run
 from taichi_plume.scenario.domain import Context
-from taichi_plume.scenario.unlikely import course, peak
+from taichi_plume.scenario.warnings import course, peak
 
 
 def of_obstacles(tmp_path, *overrides):

@@ -7,7 +7,7 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.openings import Inlet
 from taichi_plume.solvers.inflow import Fluctuations
-from taichi_plume.solvers.patches import JetPatch
+from taichi_plume.solvers.openings import JetPatch
 
 DX = 0.05
 FACE = {"kind": "inlet", "face": "x-", "speed": 1.0}

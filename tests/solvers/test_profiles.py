@@ -5,7 +5,7 @@ from scipy.integrate import quad
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.openings import Inlet
-from taichi_plume.solvers.patches import JetPatch
+from taichi_plume.solvers.openings import JetPatch
 
 DX = 0.05
 SHAPES = {2: (8, 20), 3: (8, 12, 20)}  # 1 m high

@@ -8,7 +8,7 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.tables import Tables
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.patches import periodic_axes
+from taichi_plume.solvers.openings import periodic_axes
 from taichi_plume.solvers.screens import ScreenResistance
 from taichi_plume.validation.flow_cases import advance
 

@@ -16,8 +16,8 @@ from taichi_plume.cli import run
 from taichi_plume.results.run import open_run
 from taichi_plume.study.perform import perform
 from taichi_plume.study.rows import found
+from taichi_plume.study.simulation_cache import WARM
 from taichi_plume.study.store import _SCHEMA, _row
-from taichi_plume.study.warm import WARM
 
 PROBES = {"points": [{"kind": "line", "name": "a.b", "start": [0.5, 0.6], "end": [1.5, 0.6], "count": 3}]}
 BAD_CODE = """

@@ -7,7 +7,7 @@ import pytest
 import tasks
 from study_rooms import ROOM, UNIFORM, changed
 
-from taichi_plume.files.air_film import AirFilm, AirFilmError, NewAirFilm
+from taichi_plume.files.shared_film import AirFilm, AirFilmError, NewAirFilm
 from taichi_plume.results.run import open_run
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study.perform import perform

@@ -8,8 +8,8 @@ from study_rooms import UNIFORM, changed
 from taichi_plume.assembly.prepare import Prepared, checked
 from taichi_plume.grid import kernels
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.study import warm
-from taichi_plume.study.warm import Warm
+from taichi_plume.study import simulation_cache
+from taichi_plume.study.simulation_cache import Warm
 
 
 @pytest.fixture
@@ -32,14 +32,14 @@ def test_what_was_assembled_is_found_until_others_were_used_more_lately(prepared
 
 
 def test_taichi_starts_anew_before_it_has_no_place_left(prepared, monkeypatch):
-    monkeypatch.setattr(warm, "PLACES", 100)
+    monkeypatch.setattr(simulation_cache, "PLACES", 100)
     its = Warm(most=100)
     seen = []
     for n in range(12):
         its.add(n, prepared).sim.run()
-        seen.append(warm._trees())
+        seen.append(simulation_cache._trees())
     assert its.begun > 1
-    assert max(seen) < warm.PLACES
+    assert max(seen) < simulation_cache.PLACES
     assert its.find(11) is not None
     assert its.find(0) is None, "it has fields in a Taichi that is gone"
 

@@ -29,7 +29,7 @@ from taichi_plume.study.messages import Options, Record, Request, Task
 from taichi_plume.study.perform import perform
 from taichi_plume.study.shared_air import solve_air
 from taichi_plume.study.sharing import why_not
-from taichi_plume.study.warm import WARM
+from taichi_plume.study.simulation_cache import WARM
 from taichi_plume.validation.case import Keys
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -21,8 +21,8 @@ from typing import Self
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.few import few
 from taichi_plume.agents.gas_map import Floor, GasMap, Readers, counts, ratio, shape, window_of, windows
+from taichi_plume.agents.serial import runs_serially
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario import maps as models
@@ -205,7 +205,7 @@ def _gather(
     reading: Template, extent: ti.math.vec2,
 ):  # fmt: skip
     """Add a sample of every robot to its trial's running snapshot."""
-    ti.loop_config(serialize=ti.static(few(team_size.shape[0])))
+    ti.loop_config(serialize=ti.static(runs_serially(team_size.shape[0])))
     for k in team_size:
         n = taken[k, slot]
         for m in range(team_size[k]):
@@ -219,7 +219,7 @@ def _gather(
 
 @ti.kernel
 def _forget(taken: Template, slot: int):
-    ti.loop_config(serialize=ti.static(few(taken.shape[0])))
+    ti.loop_config(serialize=ti.static(runs_serially(taken.shape[0])))
     for k in range(taken.shape[0]):
         taken[k, slot] = 0
 

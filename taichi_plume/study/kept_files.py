@@ -14,8 +14,8 @@ from taichi_plume.running.signals import Ears
 from taichi_plume.scenario.input_files import input_paths
 from taichi_plume.study.messages import Data, Request, Task
 from taichi_plume.study.rows import probed
+from taichi_plume.study.simulation_cache import Kept
 from taichi_plume.study.store import KEPT
-from taichi_plume.study.warm import Kept
 
 UNFINISHED = "unfinished"  # beside KEPT, so that paths relative to a run folder stay valid
 ALWAYS = ("scenario.yaml", "result.json")  # files that are kept of every kept run

@@ -11,9 +11,9 @@ import numpy as np
 
 from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.gases import AnySource, PureGas
-from taichi_plume.scenario.listening import Listening
 from taichi_plume.scenario.plume_tracking import PlumeTracking
 from taichi_plume.scenario.robots import Group
+from taichi_plume.scenario.search_algorithm import Listening
 from taichi_plume.scenario.sensors import MoxSensor, TdlasSensor
 from taichi_plume.scenario.species import PRESSURE
 from taichi_plume.scenario.starts import StartArea
