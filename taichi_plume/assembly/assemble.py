@@ -89,7 +89,8 @@ def build(
 
     Files of own algorithms must have been executed, see own_code. algorithms: own classes by the name of their group,
     whose algorithm is of kind own (see agents/own_algorithm.py). reel: a film of wind or gas that is
-    shown instead of solving for them. driven: whether external robots are driven. Raises ScenarioError if robots do not fit, or nothing drives them.
+    shown instead of solving for them. driven: whether external robots are driven. Raises ScenarioError if robots do not
+    fit, or nothing drives them.
     """
     scenario, resources = prepared
     if not driven:
