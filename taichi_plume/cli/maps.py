@@ -145,6 +145,6 @@ def _used(scores: dict[str, Any], times: Sequence[str]) -> str:
 
 def _is_map(folder: Path) -> bool:
     """Return whether a folder holds an earlier map."""
-    from taichi_plume.files.run_folder import told
+    from taichi_plume.files.run_folder import read_json
 
-    return told(folder / "scores.json").keys() >= {"kind", "readings", "known_fraction"}
+    return read_json(folder / "scores.json").keys() >= {"kind", "readings", "known_fraction"}

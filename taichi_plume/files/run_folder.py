@@ -221,7 +221,7 @@ class RunFolder:
 
 def is_run(folder: Path) -> bool:
     """Return whether a folder holds files of a run, finished or not."""
-    if told(folder / "result.json").keys() >= OURS:
+    if read_json(folder / "result.json").keys() >= OURS:
         return True
     try:
         with open_regular(folder / "scenario.yaml") as file:
@@ -230,7 +230,7 @@ def is_run(folder: Path) -> bool:
         return False
 
 
-def told(file: Path) -> dict[str, Any]:
+def read_json(file: Path) -> dict[str, Any]:
     """Return the content of a JSON file; {} if the file cannot be read."""
     try:
         content = json.loads(read_regular(file, LARGEST_JSON) or b"")

@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Any
 
 from taichi_plume import __version__
 from taichi_plume.files import manifest
-from taichi_plume.files.run_folder import HEADER, KILLED, OURS, RunFolderError, is_run, told
+from taichi_plume.files.run_folder import HEADER, KILLED, OURS, RunFolderError, is_run, read_json
 from taichi_plume.files.tables import LONGEST_TEXT, plain
 from taichi_plume.guard.opening import read_regular, unopenable
 from taichi_plume.guard.terminal import visible
@@ -96,7 +96,7 @@ class Run:
             raise RunFolderError(f"{folder}: {fault}; give the folder of a run")
         if not is_run(folder):
             raise RunFolderError(f"{folder}: is not the folder of a run")
-        made = told(folder / "result.json").get("version", __version__)
+        made = read_json(folder / "result.json").get("version", __version__)
         if not lenient and str(made).split(".")[:2] != __version__.split(".")[:2]:
             raise RunFolderError(
                 f"{folder}: was made by taichi_plume {visible(made, LONGEST_TEXT)}, this is {__version__}; use that one"
@@ -106,7 +106,7 @@ class Run:
     def result(self) -> dict[str, Any]:
         """Content of result.json."""
         path = self.folder / "result.json"
-        content = told(path)
+        content = read_json(path)
         if self.lenient:
             return content
         if not content.keys() >= OURS:
@@ -262,8 +262,8 @@ class Run:
         raise RunFolderError(f"{self.folder}: has no {FILES[part][0]}; {WANTED[part]}")
 
     def __repr__(self) -> str:
-        content = told(self.folder / "result.json")
-        status = content.get("status", "of which nothing is told")
+        content = read_json(self.folder / "result.json")
+        status = content.get("status", "unknown")
         lines = [f"{self.folder}: {content.get('name', 'a run')}, {status}"]
         if isinstance(content.get("simulated_s"), int | float):
             lines[0] += f", {content['simulated_s']:g} s"

@@ -16,7 +16,7 @@ from taichi_plume.files.run_folder import LISTED, RunFolderError
 from taichi_plume.grid.state import State
 from taichi_plume.guard.terminal import say
 from taichi_plume.running import final_maps, forces_table, result, robots_table
-from taichi_plume.running.signals import Ears
+from taichi_plume.running.signals import SignalRequests
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.outputs import Checkpoint
 from taichi_plume.scoring.beliefs import BeliefScores
@@ -85,8 +85,8 @@ class Outputs:
 
     STATE = ("sim", "observers", "step_observers", "map_scores", "belief_scores", "tables", "recorder")
 
-    def __init__(self, sim: Simulation, about: About, ears: Ears):
-        self.sim, self.about, self.ears = sim, about, ears
+    def __init__(self, sim: Simulation, about: About, signals: SignalRequests):
+        self.sim, self.about, self.signals = sim, about, signals
         self.map_scores = MapScores(sim)
         self.belief_scores = BeliefScores(sim)
         sim.observers += [self.map_scores.observer(), self.belief_scores.observer()]
@@ -205,19 +205,19 @@ class Outputs:
     def keep(self, sim: Simulation) -> None:
         """Flush or write a checkpoint if one is due. Raises KeyboardInterrupt after a signal that ends the run."""
         now = time.monotonic()
-        if self.ears.stopped:
+        if self.signals.stopped:
             if self.resumable:
                 self.checkpoint()
-            raise KeyboardInterrupt(self.ears.stopped)
+            raise KeyboardInterrupt(self.signals.stopped)
         due = self._wall is not None and now - self._checked >= self._wall
         due |= self._every is not None and (sim.tick - sim.scenario.first_tick) % self._every == 0
         if self.remarks and not self._remarks_printed and now - self._begun >= USUAL:
             self._remarks_printed = True
             for remark in self.remarks:
                 say(f"note: {remark}", error=True)
-        if self.resumable and (due or self.ears.asked):
+        if self.resumable and (due or self.signals.asked):
             self.checkpoint()
-        elif self.ears.asked or now - self._kept >= KEPT:
+        elif self.signals.asked or now - self._kept >= KEPT:
             self._flush()
 
     def _flush(self) -> None:
@@ -227,7 +227,7 @@ class Outputs:
         for table in self.tables:
             table.flush()
         self._write_progress()
-        self.ears.asked = False
+        self.signals.asked = False
         self._kept = time.monotonic()
 
     def checkpoint(self) -> None:

@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from taichi_plume.files import checkpoint, manifest, maps_file, plumesim_log, table_parts
-from taichi_plume.files.run_folder import KILLED, LISTED, RunFolder, RunFolderError, resuming, told
+from taichi_plume.files.run_folder import KILLED, LISTED, RunFolder, RunFolderError, read_json, resuming
 from taichi_plume.guard.terminal import say
 from taichi_plume.running.job import report
 from taichi_plume.running.outputs import OVER
@@ -91,7 +91,7 @@ def _seal(path: Path) -> None:
 
 def _content(folder: Path) -> Json:
     """Read result.json; without a status there, the run counts as running."""
-    return {"name": folder.name, "status": "running", "seed": None} | told(folder / "result.json")
+    return {"name": folder.name, "status": "running", "seed": None} | read_json(folder / "result.json")
 
 
 def _inputs(folder: Path) -> Json:

@@ -18,7 +18,7 @@ ASKING = tuple(KNOWN[name] for name in ("SIGUSR1",) if name in KNOWN)
 """Signal that batch systems can send some time before they end a job."""
 
 
-class Ears:
+class SignalRequests:
     """Requests that signals have made to a run.
 
     running: whether files are open; a signal then waits for the end of the tick, before that it ends the run at once.
@@ -32,7 +32,7 @@ class Ears:
         self.asked = False
         self.terminal = _terminal_streams()
 
-    def hear(self, number: int, _: FrameType | None = None) -> None:
+    def handle(self, number: int, _: FrameType | None = None) -> None:
         """Handle a signal."""
         name = signal.Signals(number).name
         if number in ASKING:
@@ -49,15 +49,15 @@ class Ears:
 
 
 @contextmanager
-def listening() -> Iterator[Ears]:
+def handling_signals() -> Iterator[SignalRequests]:
     """Context that handles signals; signals that are ignored, as under nohup, stay ignored."""
-    ears = Ears()
-    with _handling((*ENDING, *ASKING), ears.hear):
-        yield ears
+    signals = SignalRequests()
+    with _handling((*ENDING, *ASKING), signals.handle):
+        yield signals
 
 
 @contextmanager
-def deaf() -> Iterator[None]:
+def ignoring_signals() -> Iterator[None]:
     """Context that ignores signals, while files are being closed."""
     with _handling((*ENDING, *ASKING), signal.SIG_IGN):
         yield
