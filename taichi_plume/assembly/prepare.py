@@ -103,7 +103,7 @@ def checked(
 ) -> Prepared:
     """Open the files of a scenario as `prepare` does and run all checks. Raises ScenarioError."""
     _require_scenario(scenario)
-    faults = checks.misfits(scenario)
+    faults = checks.early_errors(scenario)
     if not faults:
         prepared = prepare(scenario, folder, allow_outside, named)
         faults = checks.problems(*prepared)
@@ -133,7 +133,7 @@ def again(prepared: Prepared, scenario: Scenario) -> Prepared:
     if faults:
         raise StructureError([f"{fault}; a reset cannot change it; assemble again" for fault in faults])
     found = replace(resources, scenario=other)
-    faults = checks.misfits(other) or checks.problems(other, found)
+    faults = checks.early_errors(other) or checks.problems(other, found)
     if faults:
         raise ScenarioError(faults)
     return Prepared(other, found)

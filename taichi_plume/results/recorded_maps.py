@@ -56,7 +56,7 @@ def map_of(
     from taichi_plume.scoring.trials import PERIOD, forecast_error, peak_distance
     from taichi_plume.simulation import Uncertain
 
-    fault = model.unfit("--map", size)
+    fault = model.grid_error("--map", size)
     if fault:
         raise ReadingsError(fault)
     counted = _counted(readings, size)

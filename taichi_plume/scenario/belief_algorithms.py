@@ -43,7 +43,7 @@ class Declares(AnyAlgorithm):
             object.__setattr__(self, "declare_spread", None)  # not among the keys that the user set
         return self
 
-    def unfit(self, where: str, floor: "Arena") -> str | None:
+    def grid_error(self, where: str, floor: "Arena") -> str | None:
         return ill_sized(f"{where}.algorithm.cell", vars(self)["cell"], floor.size, self.most_cells)
 
     def _reaches(self, spread: float | None) -> bool:

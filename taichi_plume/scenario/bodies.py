@@ -86,8 +86,8 @@ class Body(Model):
         """Whether the body is a drone."""
         return self.kind in DRONES
 
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
-        yield from super().misfits(where, dim)
+    def dimension_errors(self, where: str, dim: int) -> Iterator[str]:
+        yield from super().dimension_errors(where, dim)
         if not self.flies:
             for key in [key for key in WINGED if vars(self)[key] is not None][:1]:
                 yield f"{where}.{key}: is for drones; give body.kind: drone, or remove it"

@@ -29,10 +29,10 @@ def every(scenario: Scenario) -> Iterator[tuple[str, Model]]:
     yield "", scenario
 
 
-def misfits(scenario: Scenario) -> list[str]:
+def early_errors(scenario: Scenario) -> list[str]:
     """Return errors ``path: message`` of the dimension and the memory, before files are opened."""
     dim = scenario.domain.dim
-    lines = [line for where, section in every(scenario) for line in section.misfits(where, dim)]
+    lines = [line for where, section in every(scenario) for line in section.dimension_errors(where, dim)]
     return lines or list(too_large(scenario))
 
 

@@ -126,12 +126,12 @@ class Buoyancy(Model):
         """Return gravity [m/s²] in `dim` dimensions."""
         return self.gravity or (0.0,) * (dim - 1) + (-9.81,)
 
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
+    def dimension_errors(self, where: str, dim: int) -> Iterator[str]:
         if dim == 2 and self.gravity is None:
             yield f"{where}.gravity: is missing; give [0, -9.81], which makes a 2-D run an upright section"
         if self.gravity is not None and not any(self.gravity):
             yield f"{where}.gravity: is zero, without any effect; remove {where}, or give a gravity"
-        yield from super().misfits(where, dim)
+        yield from super().dimension_errors(where, dim)
 
     @model_validator(mode="after")
     def _acts(self) -> "Buoyancy":

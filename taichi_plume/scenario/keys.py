@@ -86,9 +86,9 @@ def places(top: type[Model] = Scenario) -> Mapping[str, Place]:
                 place.same_as = next(
                     other.path for other in found.values() if place.models.keys() <= other.models.keys()
                 )
-            elif (one := below.get(place.path.removesuffix("[]"), place)) is not place:
-                if place.models.keys() <= one.models.keys():  # one section, or a list of such
-                    place.same_as = one.path
+            elif (item := below.get(place.path.removesuffix("[]"), place)) is not place:
+                if place.models.keys() <= item.models.keys():  # one section, or a list of such
+                    place.same_as = item.path
         found |= below
         level = [place for place in below.values() if not place.same_as]
         seen |= {model for place in level for model in place.models}
@@ -101,11 +101,11 @@ def _add_below(place: Place, below: dict[str, Place]) -> None:
         for name, key in model.model_fields.items():
             for part, depth in models_in(key):
                 path = f"{place.path}.{name}".lstrip(".") + "[]" * depth
-                one = below.setdefault(path, Place(path))
+                inner = below.setdefault(path, Place(path))
                 labels = [own_kind(part)] if own_kind(part) else kinds
-                one.models.setdefault(part, []).extend(x for x in labels if x not in one.models[part])
+                inner.models.setdefault(part, []).extend(x for x in labels if x not in inner.models[part])
                 if len(place.models) > 1:
-                    one.within.extend(kind for kind in kinds if kind not in one.within)
+                    inner.within.extend(kind for kind in kinds if kind not in inner.within)
 
 
 def flat(path: str) -> str:
@@ -127,13 +127,13 @@ def look_up(text: str, top: type[Model] = Scenario) -> tuple[list[Place], list[K
     for place in places(top).values():
         if place.same_as and f"{path}.".startswith(f"{flat(place.path)}."):
             path = flat(place.same_as) + path[len(flat(place.path)) :]
-    sections = [one for one in places(top).values() if one.path and not one.same_as]
-    for fits in (lambda one: one == path, lambda one: one.endswith(f".{path}")):
-        found = {flat(one.path): one for one in sections if fits(flat(one.path))}
-        keys = [one for one in all_keys(top) if fits(flat(one.path)) and flat(one.path) not in found]
+    sections = [place for place in places(top).values() if place.path and not place.same_as]
+    for fits in (lambda key: key == path, lambda key: key.endswith(f".{path}")):
+        found = {flat(place.path): place for place in sections if fits(flat(place.path))}
+        keys = [key for key in all_keys(top) if fits(flat(key.path)) and flat(key.path) not in found]
         if found or keys:
             return list(found.values()), keys
-    return [one for one in sections if path in one.kinds], []
+    return [place for place in sections if path in place.kinds], []
 
 
 def sections_at(steps: Sequence[int | str], top: type[Model] = Scenario) -> list[type[Model]]:
@@ -142,7 +142,7 @@ def sections_at(steps: Sequence[int | str], top: type[Model] = Scenario) -> list
     for step in steps:
         if isinstance(step, str) and not step.isdecimal():
             fields = [model.model_fields[step] for model in found if step in model.model_fields]
-            found = list(dict.fromkeys(part for one in fields for part, _ in models_in(one)))
+            found = list(dict.fromkeys(part for field in fields for part, _ in models_in(field)))
     return found
 
 
@@ -166,8 +166,8 @@ def homes(name: str, of: Sequence[int | str] = (), top: type[Model] = Scenario) 
         models = [model for model in place.models if name in model.model_fields]
         if models and not place.same_as:
             kinds = [own_kind(model) for model in models if own_kind(model)]
-            few = ", ".join([*kinds[:4], *["..."][: len(kinds) > 4]])
-            some = f" (kind: {few})" if kinds and len(models) < len(place.models) else ""
+            names = ", ".join([*kinds[:4], *["..."][: len(kinds) > 4]])
+            some = f" (kind: {names})" if kinds and len(models) < len(place.models) else ""
             found.append(((place.path or "the top of the file") + some, _shared(place.path, of)))
     return [path for path, _ in sorted(found, key=lambda item: -item[1])]
 
@@ -188,7 +188,7 @@ def near(text: str, top: type[Model] = Scenario) -> list[str]:
     known = [flat(key.path) for key in all_keys(top)]
     kinds = [kind for place in places(top).values() for kind in place.kinds]
     path = flat(text)
-    names = dict.fromkeys([*(one.rpartition(".")[2] for one in known), *kinds])
+    names = dict.fromkeys([*(key.rpartition(".")[2] for key in known), *kinds])
     close = difflib.get_close_matches(path, known, n=3, cutoff=0.75)
     last = path.rpartition(".")[2]
     return close or difflib.get_close_matches(last, names, n=3)
@@ -213,8 +213,8 @@ def print_key(text: str, top: type[Model]) -> int:
         meant = f"did you mean {' or '.join(close)}? " if close else ""
         raise InputError(f"no key '{visible(text, LONGEST_VALUE)}'; {meant}--schema prints all")
     wide = min(WIDEST, shutil.get_terminal_size((WIDEST, 24)).columns)
-    kind = text if all(text in one.kinds for one in sections) else ""
-    blocks = [_of_section(one, kind, wide) for one in sections] + [_of_key(one, wide) for one in keys]
+    kind = text if all(text in place.kinds for place in sections) else ""
+    blocks = [_of_section(place, kind, wide) for place in sections] + [_of_key(key, wide) for key in keys]
     return _print("\n\n".join("\n".join(block) for block in blocks))
 
 
@@ -240,8 +240,8 @@ def _of_section(place: Place, kind: str, wide: int) -> Iterator[str]:
     yield place.path + (f"   (in a section of kind {', '.join(place.within)})" if place.within else "")
     models = [model for name, model in place.kinds.items() if kind in ("", name)]
     for model in models or list(place.models):
-        its = next((name for name, one in place.kinds.items() if one is model), "")
-        yield from _filled((f"kind: {its} - " if its else "") + purpose(model), wide, 2)
+        label = next((name for name, labelled in place.kinds.items() if labelled is model), "")
+        yield from _filled((f"kind: {label} - " if label else "") + purpose(model), wide, 2)
     for key in place.keys:
         if not kind or not key.kinds or kind in key.kinds:
             of = f" ({', '.join(key.kinds)})" if key.kinds and not kind else ""

@@ -46,7 +46,7 @@ class AnyAlgorithm(Model):
         """Yield errors of the algorithm for these robots on this floor; `where` is the group."""
         yield from ()
 
-    def unfit(self, where: str, floor: "Arena") -> str | None:
+    def grid_error(self, where: str, floor: "Arena") -> str | None:
         """Return an error if a grid of the algorithm has too many or too few cells; `where` is the group."""
         return None
 

@@ -46,7 +46,7 @@ class AnyMap(Model):
         if window > context.scenario.duration:
             yield f"{where}.window: {window:g} s is longer than duration: {context.scenario.duration:g} s; lower it"
 
-    def unfit(self, where: str, size: tuple[float, ...]) -> str | None:
+    def grid_error(self, where: str, size: tuple[float, ...]) -> str | None:
         """Return an error about too many or too few cells on a floor of this size [m]."""
         return ill_sized(f"{where}.cell", self.cell, size, MOST_CELLS)
 
@@ -112,8 +112,8 @@ class TimeSeriesMap(Snaps):
                 return chosen
             snaps //= 2
 
-    def unfit(self, where: str, size: tuple[float, ...]) -> str | None:
-        line = super().unfit(where, size)
+    def grid_error(self, where: str, size: tuple[float, ...]) -> str | None:
+        line = super().grid_error(where, size)
         reach = min(max(size[:2]) / self.cell, self.beta / self.alpha / self.cell + 1.0)
         members = self.lags * (2.0 * reach + 1.0) ** 2
         if line is None and members > MOST_NEIGHBOURS:
@@ -196,9 +196,9 @@ class MarkovMap(AnyMap):
         long, short = sorted((extent / self.cell for extent in size[:2]), reverse=True)
         return super().bytes(size, readings) + 8.0 * long * short**2
 
-    def unfit(self, where: str, size: tuple[float, ...]) -> str | None:
+    def grid_error(self, where: str, size: tuple[float, ...]) -> str | None:
         width = min(size[:2])
-        line = super().unfit(where, size)
+        line = super().grid_error(where, size)
         if line is None and width / self.cell > MOST_FIELD_COLUMN:
             return (
                 f"{where}.cell: {self.cell:g} m makes more than {MOST_FIELD_COLUMN} cells along the shorter side; use "

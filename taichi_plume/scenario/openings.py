@@ -152,7 +152,7 @@ class Inlet(Jet):
     def problems(self, where: str, context: Context) -> Iterator[str]:
         yield from super().problems(where, context)
         if not isinstance(self.profile, str):
-            yield from self.profile.unfit(f"{where}.profile", self, context.domain)
+            yield from self.profile.errors(f"{where}.profile", self, context.domain)
 
 
 class Honeycomb(Jet):

@@ -196,11 +196,11 @@ class Scenario(Model):
         """Last tick of the run: the duration in whole ticks."""
         return ceil(self.duration / self.tick - 1e-9)
 
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
+    def dimension_errors(self, where: str, dim: int) -> Iterator[str]:
         ticks = (self.warm_up + self.duration) / self.tick
         if ticks > MOST_TICKS:
             yield f"tick: {self.tick:g} s makes {ticks:.3g} ticks, at most {MOST_TICKS:g} are counted; raise it"
-        yield from super().misfits(where, dim)
+        yield from super().dimension_errors(where, dim)
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         first: dict[str, int] = {}

@@ -104,9 +104,10 @@ def _of_solver(scenario: Scenario, cells: float, spacing: float) -> float:
     domain, dim = scenario.domain, scenario.domain.dim
     if scenario.wind.computed is None or not cells:
         return 0.0
-    surfaces = [one.surface(domain) for one in scenario.obstacles if one.motion is None]
+    surfaces = [obstacle.surface(domain) for obstacle in scenario.obstacles if obstacle.motion is None]
     regions = [opening.region for opening in scenario.openings if opening.lets_out]
-    surfaces += [one.area(domain.size, 1.0) for one in regions if one is not None and one.center is not None]
+    partial = [region for region in regions if region is not None and region.center is not None]
+    surfaces += [region.area(domain.size, 1.0) for region in partial]
     if not surfaces:
         return 0.0
     beside = BESIDE * sum(surfaces) / spacing ** (dim - 1)
@@ -119,7 +120,7 @@ def too_large(scenario: Scenario) -> Iterator[str]:
     """Yield errors about too many or too few cells, and too much memory."""
     domain = scenario.domain
     cells = prod(max(1.0, extent / domain.spacing) for extent in domain.size)
-    if grids := list(_unfit(scenario)):
+    if grids := list(_grid_errors(scenario)):
         yield from grids
         return
     needed, free = _bytes(scenario, cells), psutil.virtual_memory().available
@@ -159,12 +160,13 @@ def too_large(scenario: Scenario) -> Iterator[str]:
     yield from domain.rounded("domain")
 
 
-def _unfit(scenario: Scenario) -> Iterator[str]:
+def _grid_errors(scenario: Scenario) -> Iterator[str]:
     """Yield errors about grids of algorithms and maps with too many or too few cells."""
     domain, floor = scenario.domain, scenario.floor
-    lines = [gas_map.unfit(f"maps[{n}]", domain.size) for n, gas_map in enumerate(scenario.maps)]
+    lines = [gas_map.grid_error(f"maps[{n}]", domain.size) for n, gas_map in enumerate(scenario.maps)]
     if floor.fault(domain.extent) is None:
-        lines += [group.algorithm.unfit(f"robots[{n}]", floor) for n, group in enumerate(scenario.robots)]
+        teams = enumerate(scenario.robots)
+        lines += [group.algorithm.grid_error(f"robots[{n}]", floor) for n, group in teams]
     yield from filter(None, lines)
 
 
@@ -202,8 +204,8 @@ def derived(scenario: Scenario) -> Iterator[tuple[str, str]]:
     if scenario.maps:
         width, length = domain.extent[:2]
         maps = [
-            f"{one.kind} {ceil(width / one.cell - 1e-9)} x {ceil(length / one.cell - 1e-9)} cells"
-            for one in scenario.maps
+            f"{gas_map.kind} {ceil(width / gas_map.cell - 1e-9)} x {ceil(length / gas_map.cell - 1e-9)} cells"
+            for gas_map in scenario.maps
         ]
         yield "maps", "; ".join(maps)
 
@@ -241,7 +243,7 @@ def _gas(scenario: Scenario) -> Iterator[tuple[str, str]]:
     inflow, texts = _inflow(scenario), []
     for _, gas in scenario.gases:
         rates = [vars(source).get("rate") for source in gas.sources]
-        rate = sum(one for one in rates if one)
+        rate = sum(rate for rate in rates if rate)
         text = f"{gas.vapour.name}, {len(rates)} source{'s' * (len(rates) != 1)}"
         if rate:
             text += f", {_about(rate, 'kg/s')} while on"
@@ -256,7 +258,8 @@ def _gas(scenario: Scenario) -> Iterator[tuple[str, str]]:
 
 def _inflow(scenario: Scenario) -> float:
     """Return the flow rate into the room at the start [m³/s]."""
-    rates = [one.inflow(0.0, scenario.domain) for one in scenario.openings if not one.follows_pressure]
+    driven = [opening for opening in scenario.openings if not opening.follows_pressure]
+    rates = [opening.inflow(0.0, scenario.domain) for opening in driven]
     return sum(rate for rate in rates if rate > 0)
 
 

@@ -153,13 +153,13 @@ def clearances(
             wall = f"the {name} {'xy'[axis]}{side}"
             yield wall, f"behind {wall}", distance, GAP
     spare = GAP + sqrt(2) * clearance_resolution(floor.size)
-    for path, one in context.resources.shapes.items():
-        distance, air = one.horizontal_distance(places, base, base + height), spare
+    for path, shape in context.resources.shapes.items():
+        distance, air = shape.horizontal_distance(places, base, base + height), spare
         if (
-            one.model.motion is not None and np.isfinite(distance).any()
+            shape.model.motion is not None and np.isfinite(distance).any()
         ):  # robots perceive moving ones as discs
-            distance, air = np.linalg.norm(places - one.model.center[:2], axis=-1) - one.model.disc, GAP
-        obstacle = f"{path} ({one.model.kind})"
+            distance, air = np.linalg.norm(places - shape.model.center[:2], axis=-1) - shape.model.disc, GAP
+        obstacle = f"{path} ({shape.model.kind})"
         yield f"the surface of {obstacle}", f"inside {obstacle}", distance, air
 
 
@@ -203,9 +203,9 @@ def too_close(names: list[tuple[str, int]], discs: list[tuple[np.ndarray, float]
         j = near[i, k]
     apart, least = float(np.hypot(*(places[i] - places[j]))), radii[i] + radii[j] + GAP
     if i != j and apart < least - 1e-9:
-        (path, one), (other_path, other) = names[i], names[j]
+        (path, robot), (other_path, other) = names[i], names[j]
         second = f"robot {other}" if other_path == path else f"{other_path} robot {other}"
         yield (
-            f"{path}.start: robot {one} and {second} are {apart:.3g} m apart, too close; their centres must be "
+            f"{path}.start: robot {robot} and {second} are {apart:.3g} m apart, too close; their centres must be "
             f"{least:g} m apart or more"
         )

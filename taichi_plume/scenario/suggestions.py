@@ -165,8 +165,8 @@ def advice(got: object, names: Collection[str]) -> str:
     """Advice for an everyday word that leads to one of the names, or to another section; "" for any other word."""
     found = _everyday().get(plain(got), [])
     named = "|".join(map(re.escape, names))
-    fits = [one for one in found if re.search(rf"(kind:|species:) ({named})(?![\w-])", one)]
-    elsewhere = [one for one in found if " in " in one or "kind:" not in one]
+    fits = [hint for hint in found if re.search(rf"(kind:|species:) ({named})(?![\w-])", hint)]
+    elsewhere = [hint for hint in found if " in " in hint or "kind:" not in hint]
     return next(iter([*fits, *elsewhere]), "")
 
 

@@ -133,12 +133,12 @@ class GasSurfaces(Model):
 def inflow_faults(where: str, inflow: tuple[Inflow, ...], context: Context) -> Iterator[str]:
     """Yield errors about unknown or closed openings, and openings with two entries."""
     openings = context.scenario.openings
-    for n, one in enumerate(inflow):
+    for n, entry in enumerate(inflow):
         path = f"{where}[{n}].opening"
-        if one.opening >= len(openings):
+        if entry.opening >= len(openings):
             allowed = f"use 0 to {len(openings) - 1}" if openings else "there are none"
-            yield f"{path}: there is no wind.openings[{one.opening}]; {allowed}"
-        elif not openings[one.opening].passes:
-            yield f"{path}: no air flows through wind.openings[{one.opening}] ({openings[one.opening].label})"
-        elif any(one.opening == other.opening for other in inflow[:n]):
-            yield f"{path}: wind.openings[{one.opening}] has a concentration already; remove one"
+            yield f"{path}: there is no wind.openings[{entry.opening}]; {allowed}"
+        elif not openings[entry.opening].passes:
+            yield f"{path}: no air flows through wind.openings[{entry.opening}] ({openings[entry.opening].label})"
+        elif any(entry.opening == other.opening for other in inflow[:n]):
+            yield f"{path}: wind.openings[{entry.opening}] has a concentration already; remove one"

@@ -69,5 +69,5 @@ class Task(Model):
             yield f"{where}.film: {self.film:g} s is shorter than an episode of {self.episode:g} s; raise it"
         scenario = context.scenario
         played = [scenario.wind, *(gas for _, gas in scenario.gases)]
-        if self.films and not any(isinstance(one, Played) and one.kind == "playback" for one in played):
+        if self.films and not any(isinstance(part, Played) and part.kind == "playback" for part in played):
             yield f"{where}.films: neither wind nor gas is of kind playback; use that kind for one of them"

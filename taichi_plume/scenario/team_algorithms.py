@@ -178,7 +178,7 @@ class Sweep(AnyAlgorithm):
         axis = int(size[1] > size[0]) if self.along is None else "xy".index(self.along)
         return axis, max(ceil(size[1 - axis] / self.lane - 1e-9), robots)
 
-    def unfit(self, where: str, floor: "Arena") -> str | None:
+    def grid_error(self, where: str, floor: "Arena") -> str | None:
         _, number = self.lanes(floor.size, 1)
         if number > MOST_LANES:
             least = round_up(max(floor.size) / MOST_LANES)
@@ -220,8 +220,8 @@ class LeastKnown(AnyAlgorithm):
     avoidance: si.Length = 0.1
     """Distance to walls and other robots below which they push the robot away."""
 
-    def unfit(self, where: str, floor: "Arena") -> str | None:
-        return self.map.unfit(f"{where}.algorithm.map", floor.high)
+    def grid_error(self, where: str, floor: "Arena") -> str | None:
+        return self.map.grid_error(f"{where}.algorithm.map", floor.high)
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
         return group.trials * self.map.bytes(floor.high, group.count / tick)

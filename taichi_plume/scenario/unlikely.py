@@ -215,9 +215,10 @@ def peak(gas: PureGas, source: AnySource, context: Context, slow: bool = True) -
 def _peaks(context: Context) -> list[float] | None:
     """Return the peak concentration [ppm] of each source; None if one is unknown."""
     gases = dict(context.scenario.gases)
-    found = [peak(gases[path.rpartition(".")[0]], one, context) for path, one in context.scenario.sources]
-    known = [one for one in found if one is not None]
-    return known if known and len(known) == len(found) else None
+    sources = [(gases[path.rpartition(".")[0]], source) for path, source in context.scenario.sources]
+    peaks = [peak(gas, source, context) for gas, source in sources]
+    known = [ppm for ppm in peaks if ppm is not None]
+    return known if known and len(known) == len(peaks) else None
 
 
 def _concentrations(context: Context) -> Iterator[str]:
@@ -233,8 +234,8 @@ def _concentrations(context: Context) -> Iterator[str]:
             f"recording.range_ppm: starts at {recording.range_ppm[0]:g} ppm, more than at the source, about "
             f"{sum(peaks):.2g} ppm; lower it"
         )
-    followers = [one.algorithm for one in context.scenario.robots if isinstance(one.algorithm, PlumeTracking)]
-    least = min((one.threshold_ppm for one in followers), default=None)
+    algorithms = [group.algorithm for group in context.scenario.robots]
+    least = min((a.threshold_ppm for a in algorithms if isinstance(a, PlumeTracking)), default=None)
     if least is not None and recording.range_ppm[0] > least:
         yield (
             f"recording.range_ppm: starts at {recording.range_ppm[0]:g} ppm, but robots follow gas from {least:g} ppm "

@@ -157,7 +157,7 @@ class Model(BaseModel):
                     )
         return data
 
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
+    def dimension_errors(self, where: str, dim: int) -> Iterator[str]:
         """Yield an error for each key that does not fit a run in `dim` dimensions.
 
         Here and below an error is a line: path of the key (`where` is that of the section), what is wrong, what is

@@ -73,9 +73,9 @@ class CfdWind(AnyWind):
 
     def top_speed(self, scenario: "Scenario") -> float:
         speeds = [opening.top_speed(scenario.domain) for opening in self.openings]
-        for one in scenario.obstacles:
-            if one.motion is not None:
-                speeds += [speed for _, _, speed in one.motion.legs(one.center)]
+        for obstacle in scenario.obstacles:
+            if obstacle.motion is not None:
+                speeds += [speed for _, _, speed in obstacle.motion.legs(obstacle.center)]
         if self.buoyancy is not None and self.buoyancy.heat is not None:
             speeds.append(self.buoyancy.heat.top_speed(max(scenario.domain.extent)))
         if self.initial is not None:
