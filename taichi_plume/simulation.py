@@ -144,7 +144,7 @@ def check_gas(sim: "Simulation") -> None:
 
 @dataclass
 class Simulation:
-    """One run. Time t = tick dt is 0 when the robots start; the warm-up has negative ticks.
+    """A run. Time t = tick dt is 0 when the robots start; the warm-up has negative ticks.
 
     Order of a tick: wind and gas advance together in steps within the wind's CFL limit, robots move by their commands,
     sensors measure, maps add the readings, algorithms act, and observers that are due are called.

@@ -72,14 +72,14 @@ def _conclude(args: argparse.Namespace, contest: "Contest", command: Sequence[st
 
 def _require_allowed(args: argparse.Namespace) -> None:
     """Raise ScenarioError if the user has not allowed the execution of own algorithms."""
-    from taichi_plume.assembly.own_code import wanted
+    from taichi_plume.assembly.own_code import has_permission
     from taichi_plume.files.own_class import OwnFile
     from taichi_plume.scenario.loading import ScenarioError
 
     refused = [
         f"{path}: holds Python code, which runs with all your rights; look at it, then add --allow-code"
         for path in args.algorithm
-        if not args.allow_code and not wanted(str(path), OwnFile.read(path, None).digest)
+        if not args.allow_code and not has_permission(str(path), OwnFile.read(path, None).digest)
     ]
     if refused:
         raise ScenarioError(refused)

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.cli.map_options import arguments, wanted
+from taichi_plume.cli.map_options import arguments, bag_options
 from taichi_plume.files import disk
 from taichi_plume.files.readings import Readings, read
 from taichi_plume.guard.terminal import say
@@ -102,7 +102,7 @@ def _make(args: argparse.Namespace, model: Map) -> int:
     from taichi_plume.grid import kernels
 
     with RunFolder("", args.out, args.force, inputs=[args.readings], files=FILES, ours=_is_map) as folder:
-        readings = read(args.readings, args.trial, args.group, wanted(args))
+        readings = read(args.readings, args.trial, args.group, bag_options(args))
         origin = np.array(args.origin)
         readings = replace(readings, place=readings.place - origin)
         sources = np.array(args.source) - origin if args.source else None

@@ -69,7 +69,7 @@ def read(path: Path) -> Occupancy:
     shape = known["num_cells"].astype(int)
     size, low = float(known["cell_size"][0]), known["env_min"]
     if (shape < 1).any() or (shape != known["num_cells"]).any() or size <= 0.0:
-        raise WindFileError(f"{path}: its header tells of no cell")
+        raise WindFileError(f"{path}: its header gives no cells")
     if np.abs(low + size * shape - known["env_max"]).max() > 0.99 * size:
         cells = " x ".join(map(str, shape))
         raise WindFileError(f"{path}: {cells} cells of {size:g} m do not reach from env_min to env_max")

@@ -194,5 +194,5 @@ def _chosen(path: Path, names: list[str], variable: str | None) -> str:
     if variable in names:
         return variable
     held = visible(", ".join(names[:10]) or "nothing", 200)
-    wanted = f"no '{visible(variable, 40)}'" if variable else "neither 'concentration' nor 'plume'"
-    raise FilmError(f"{path}: holds {wanted}, only {held}; give the variable's name")
+    missing = f"no '{visible(variable, 40)}'" if variable else "neither 'concentration' nor 'plume'"
+    raise FilmError(f"{path}: holds {missing}, only {held}; give the variable's name")

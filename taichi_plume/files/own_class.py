@@ -109,9 +109,9 @@ class OwnFile:
         raise self._without(list(own))
 
     def _without(self, there: list[str]) -> OwnAlgorithmError:
-        wanted = f"no class '{visible(self.name, 100)}'" if self.name else "not exactly one class"
+        missing = f"no class '{visible(self.name, 100)}'" if self.name else "not exactly one class"
         names = visible(", ".join(there) or "none", 400)
-        return OwnAlgorithmError(f"{self.path}: holds {wanted} with a method act; there are: {names}")
+        return OwnAlgorithmError(f"{self.path}: holds {missing} with a method act; there are: {names}")
 
 
 def _at_top(node: ast.AST) -> Iterator[ast.AST]:

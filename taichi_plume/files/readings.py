@@ -196,8 +196,8 @@ def _of_trial(path: Path, trials: np.ndarray | None, trial: int | None, chosen: 
     there = trials[chosen & np.isfinite(trials)]
     if not len(there):
         return chosen & False
-    wanted = there.min() if trial is None else trial
-    if wanted not in there:
+    number = there.min() if trial is None else trial
+    if number not in there:
         first, last = there.min(), there.max()
-        raise ReadingsError(f"{path}: has no trial {wanted:g}; the first is {first:g}, the last {last:g}")
-    return chosen & (trials == wanted)
+        raise ReadingsError(f"{path}: has no trial {number:g}; the first is {first:g}, the last {last:g}")
+    return chosen & (trials == number)

@@ -71,7 +71,7 @@ class PartsTable:
         self.open = False
         self.names = names
         self.schema = schema_of(columns)
-        self.kept = 0  # samples in no part yet
+        self.pending = 0  # samples in no part yet
         samples = max(1, ROW_GROUP // count)
         kinds = {c.name: np.int32 if c.type == NAMES else c.type.to_pandas_dtype() for c in self.schema}
         self.values = {name: np.empty((samples, count), kind) for name, kind in kinds.items()}
@@ -99,18 +99,18 @@ class PartsTable:
         self.open = True
 
     def took(self) -> None:
-        """Count the sample that was put into row `kept` of the values."""
-        self.kept += 1
-        if self.kept == len(next(iter(self.values.values()))):
+        """Count the sample that was put into row `pending` of the values."""
+        self.pending += 1
+        if self.pending == len(next(iter(self.values.values()))):
             self.flush()
 
     def flush(self) -> None:
         """Write the samples to the disk as another part."""
-        if not self.kept:
+        if not self.pending:
             return
         arrays = []
         for field in self.schema:
-            values = self.values[field.name][: self.kept].ravel()
+            values = self.values[field.name][: self.pending].ravel()
             if field.type == NAMES:
                 arrays.append(pa.DictionaryArray.from_arrays(values, self.names[field.name]))
             else:
@@ -123,7 +123,7 @@ class PartsTable:
             writer.write_table(table)
         disk.sync(fresh)
         fresh.replace(part)
-        self.rows, self.kept = self.rows + len(table), 0
+        self.rows, self.pending = self.rows + len(table), 0
 
     def close(self) -> None:
         """Join the parts to one file."""
@@ -196,11 +196,11 @@ def robots_of(
     The result also has z, 0 for ground robots. Raises RunFolderError.
     """
     trials: set[int] = set()
-    kept = []
+    rows = []
     for batch in batches(path, ("group", "trial", "robot", *columns), optional=("z",)):
         trials.update(pc.unique(batch["trial"]).to_pylist())
-        kept.append(batch.filter(pc.equal(batch["trial"], trial)))
-    table = pa.Table.from_batches(kept).unify_dictionaries().sort_by("t")
+        rows.append(batch.filter(pc.equal(batch["trial"], trial)))
+    table = pa.Table.from_batches(rows).unify_dictionaries().sort_by("t")
     groups, numbers = (
         np.array(table["group"].cast(pa.string()).to_pylist(), object),
         table["robot"].to_numpy(),

@@ -57,16 +57,16 @@ FILES = {
     "maps": ("maps.zarr",),
 }
 """Names of the file of each part, the preferred name first."""
-WANTED = {
+REMEDIES = {
     "fields": "`fields: {rate: 2}` in the scenario records fields (.pictures are the colours of a recording, decoded)",
     "pictures": "run without --no-recording",
     "robots": "the scenario has no robots",
     "probes": "run with `probes: {points: [{kind: point, name: a, at: [1, 2]}]}` in the scenario",
-    "forces": "the air of this run tells no forces; a wind of kind cfd with obstacles does",
-    "maps": "run with `maps: [{kind: time_series}]` or a group that believes in places of the source, such as of kind "
-    "infotaxis; they are written when a run ends",
+    "forces": "this run computes no forces; a wind of kind cfd with obstacles does",
+    "maps": "run with `maps: [{kind: time_series}]` or a group with a belief of the source, such as of kind infotaxis; "
+    "they are written when a run ends",
 }
-"""How to get a missing part."""
+"""Advice for each missing part."""
 
 
 def open_run(folder: Path | str) -> "Run":
@@ -123,7 +123,7 @@ class Run:
 
         path, groups = self.folder / "result.json", self.result.get("groups")
         if not groups or self.result.get("status") == KILLED:  # a killed run has no outcomes of trials
-            raise RunFolderError(f"{path}: tells of no trials: no robots, or the run has not ended")
+            raise RunFolderError(f"{path}: has no trials: there are no robots, or the run has not ended")
         with _damage(path):
             trials = [{"algorithm": [g["algorithm"]] * g["trials"], **g["per_trial"]} for g in groups]
             fields = [field for field in TRIAL if field.name in trials[0]]
@@ -259,7 +259,7 @@ class Run:
         for name in FILES[part]:
             if (self.folder / name).exists():
                 return self.folder / name
-        raise RunFolderError(f"{self.folder}: has no {FILES[part][0]}; {WANTED[part]}")
+        raise RunFolderError(f"{self.folder}: has no {FILES[part][0]}; {REMEDIES[part]}")
 
     def __repr__(self) -> str:
         content = read_json(self.folder / "result.json")
@@ -269,7 +269,7 @@ class Run:
             lines[0] += f", {content['simulated_s']:g} s"
         for part, files in FILES.items():
             there = next((name for name in files if (self.folder / name).exists()), None)
-            lines.append(f"  {part:<8} {there or f'none: {WANTED[part]}'}")
+            lines.append(f"  {part:<8} {there or f'none: {REMEDIES[part]}'}")
         return "\n".join(visible(line) for line in [*lines, "  result", "  trials", "  scenario"])
 
 

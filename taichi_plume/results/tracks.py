@@ -24,7 +24,7 @@ FAULTS = (OSError, ValueError, LookupError, TypeError, pa.ArrowException)
 
 
 class Track(NamedTuple):
-    """One robot over time: t (n,) [s]; values: by the names of the table's columns, (n,); states: their names."""
+    """Track of a robot: t (n,) [s]; values: by the names of the table's columns, (n,); states: their names."""
 
     name: str
     number: int
@@ -115,9 +115,9 @@ def _firsts(rows: pa.Table, first: dict[str, int], share: int) -> pa.Table:
     """Return the rows of the first robots of each group's first trial."""
     import pyarrow.compute as pc
 
-    kept = pa.nulls(len(rows), pa.bool_()).fill_null(False)
+    selected = pa.nulls(len(rows), pa.bool_()).fill_null(False)
     for trial in set(first.values()):
         names = pa.array([name for name, number in first.items() if number == trial])
         mask = pc.and_(pc.equal(rows["trial"], trial), pc.is_in(rows["group"].cast(pa.string()), names))
-        kept = pc.or_(kept, mask)
-    return rows.filter(pc.and_(kept, pc.less(rows["robot"], share)))
+        selected = pc.or_(selected, mask)
+    return rows.filter(pc.and_(selected, pc.less(rows["robot"], share)))

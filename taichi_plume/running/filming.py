@@ -70,7 +70,7 @@ class Filming:
 
     def go_on(self) -> None:
         """Cut off the frames after the last `flush`. Raises FilmError if fewer are left."""
-        self._open(kept=self.frames)
+        self._open(resume_at=self.frames)
 
     def _open(self, **options: int) -> None:
         self.film = self._new(**options)

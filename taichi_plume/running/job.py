@@ -95,7 +95,7 @@ def simulate(job: Job, quiet: bool = False, debug: bool = False) -> int:
         with ignoring_signals():
             content, end = _conclude(job, sim, outputs, end)
     if end.code:
-        _print_kept(job.folder.path, end)
+        _print_files(job.folder.path, end)
     elif not quiet:
         with reader_may_leave():
             summary.print_summary(content, job.folder.path)
@@ -237,10 +237,10 @@ def _print_traceback(debug: bool) -> None:
         say(*traceback.format_exc().splitlines(), error=True)
 
 
-def _print_kept(folder: Path, end: End) -> None:
-    kept = sorted(file.name for file in run_folder.files_in(folder) if file.name != run_folder.LOCK)
-    say(f"{end.status}: {end.message}", f"kept in {folder}: {', '.join(kept) or 'nothing'}", error=True)
-    if checkpoint.NAME in kept:
+def _print_files(folder: Path, end: End) -> None:
+    files = sorted(file.name for file in run_folder.files_in(folder) if file.name != run_folder.LOCK)
+    say(f"{end.status}: {end.message}", f"kept in {folder}: {', '.join(files) or 'nothing'}", error=True)
+    if checkpoint.NAME in files:
         say(f"to resume: {run_folder.resuming(folder)}", error=True, longest=None)
 
 

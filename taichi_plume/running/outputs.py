@@ -24,7 +24,7 @@ from taichi_plume.scoring.declarations import Json
 from taichi_plume.scoring.maps import MapScores
 from taichi_plume.simulation import Every, EveryStep, Simulation
 
-KEPT = 10.0  # wall-clock time [s] between flushes
+FLUSH_PERIOD = 10.0  # wall-clock time [s] between flushes
 USUAL = 300.0  # wall-clock time [s] between checkpoints
 OVER = ("completed", "stopped")
 
@@ -98,7 +98,7 @@ class Outputs:
         self.remarks: list[str] = []
         self._remarks_printed = False
         self._every, self._wall = self._periods()
-        self._kept = self._checked = time.monotonic()
+        self._flushed = self._checked = time.monotonic()
         self._digests: Future[Json] = Future()
         self._begun = time.monotonic()
 
@@ -217,7 +217,7 @@ class Outputs:
                 say(f"note: {remark}", error=True)
         if self.resumable and (due or self.signals.asked):
             self.checkpoint()
-        elif self.signals.asked or now - self._kept >= KEPT:
+        elif self.signals.asked or now - self._flushed >= FLUSH_PERIOD:
             self._flush()
 
     def _flush(self) -> None:
@@ -228,7 +228,7 @@ class Outputs:
             table.flush()
         self._write_progress()
         self.signals.asked = False
-        self._kept = time.monotonic()
+        self._flushed = time.monotonic()
 
     def checkpoint(self) -> None:
         """Write a checkpoint of the current tick."""

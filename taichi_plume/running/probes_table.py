@@ -80,7 +80,7 @@ class ProbeTable(PartsTable):
 
     def _row(self, t: float, sampled: np.ndarray) -> None:
         """Store a row of each point."""
-        n = self.kept
+        n = self.pending
         self.values["t"][n] = t
         for field, row in zip(self.measured, sampled, strict=True):
             self.values[field.name][n] = row

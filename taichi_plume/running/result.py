@@ -56,12 +56,12 @@ def partial_result(sim: Simulation, status: str, message: str, backend: str) -> 
 def _budget(sim: Simulation) -> Json:
     """Mass budget of all gases that keep one; of several gases also the budget of each."""
     parts: list[Json] = [dict(gas.budget()) for gas in sim.gas.gases]
-    kept = [part for part in parts if part]
-    if not kept:
+    budgets = [part for part in parts if part]
+    if not budgets:
         return {}
-    keys = dict.fromkeys(key for part in kept for key in part)
-    total: Json = {key: sum(part.get(key, 0.0) for part in kept) for key in keys}
-    for budget in [total, *kept]:
+    keys = dict.fromkeys(key for part in budgets for key in part)
+    total: Json = {key: sum(part.get(key, 0.0) for part in budgets) for key in keys}
+    for budget in [total, *budgets]:
         taken = budget.get("taken_up_kg", 0.0)
         given = sum(budget.get(key, 0.0) for key in ("initial_kg", "emitted_kg", "inflow_kg"))
         missing = given - taken - budget["in_domain_kg"] - budget["outflow_kg"]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Change(Model):
-    """One step of a schedule."""
+    """Step of a schedule."""
 
     at: si.Time
     """When the change starts. The robots start at 0, the warm-up is before."""
@@ -38,7 +38,7 @@ class VelocityAt(Change):
 
     @property
     def speed(self) -> float:
-        """Its magnitude [m/s]."""
+        """Magnitude of the velocity [m/s]."""
         return hypot(*self.velocity)
 
 

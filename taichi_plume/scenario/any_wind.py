@@ -28,7 +28,7 @@ class AnyWind(Model):
     """The wind itself if it is uniform."""
 
     def top_speed(self, scenario: "Scenario") -> float | None:
-        """Return the largest prescribed speed [m/s]; None if only files tell."""
+        """Return the largest prescribed speed [m/s]; None if the files decide."""
         return None
 
     def axes_speed(self, scenario: "Scenario") -> float:

@@ -157,7 +157,7 @@ class PuffGas(OneGas):
 
 
 class PlaybackGas(OneGas, Playback):
-    """One species of a recorded run's gas."""
+    """Playback of the gas of a recorded run, or of a species of it."""
 
     part: ClassVar[Literal["wind", "gas"]] = "gas"
     kind: Literal["playback"]

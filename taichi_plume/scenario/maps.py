@@ -93,24 +93,24 @@ class TimeSeriesMap(Snaps):
         return self
 
     def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, float | None]:
-        """Choose ages up to half of the neighbourhood: the oldest reading counts half as far as a new one.
+        """Choose ages up to half of the neighbourhood, for the oldest reading.
 
-        The snaps of a long log, or on a large floor, are longer.
+        Snaps of a long log, or on a large floor, are longer.
         """
-        snaps = min(LOG_SNAPS, ceil(duration / self.window) or 1)
+        count = min(LOG_SNAPS, ceil(duration / self.window) or 1)
         terms = prod(extent / self.cell for extent in size) * (
             1.0 + (self.beta / self.alpha / self.cell) ** 2
         )
         while True:
-            window = max(self.window, duration / snaps)
+            window = max(self.window, duration / count)
             reach = window * (ceil(duration / window) + 1)
             chosen = {"window": window, "time_scale": 0.5 * self.beta / ((1.0 - self.alpha) * reach)}
             most = (
-                self.model_copy(update=chosen).bytes(size, 1.0) <= LOG_BYTES and terms * snaps**2 <= LOG_WORK
+                self.model_copy(update=chosen).bytes(size, 1.0) <= LOG_BYTES and terms * count**2 <= LOG_WORK
             )
-            if most or snaps == 1:
+            if most or count == 1:
                 return chosen
-            snaps //= 2
+            count //= 2
 
     def grid_error(self, where: str, size: tuple[float, ...]) -> str | None:
         line = super().grid_error(where, size)

@@ -21,7 +21,7 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 
 
 class Probe(Model):
-    """One point, or several in their order."""
+    """Base class of the probes: a point, or several in a fixed order."""
 
     what: ClassVar[tuple[str, ...]]
     """Keys of the position."""

@@ -39,7 +39,7 @@ def _or_a_project(schema: dict[str, Any]) -> None:
 
 
 class Scenario(Model):
-    """One experiment: everything that decides its outcome."""
+    """An experiment: all data that decide the outcome."""
 
     model_config = ConfigDict(json_schema_extra=_or_a_project)
 

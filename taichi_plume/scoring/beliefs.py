@@ -4,9 +4,9 @@ Algorithms that implement `agents.beliefs.Believer` are scored. Per trial, the m
 
     peak_distance_m      from the most probable cell to the nearest source
     mean_distance_m      from the expected position to the nearest source
-    expected_distance_m  mean over the belief of the distance to the nearest source
-    entropy_bits         of the belief, - sum p log2 p
-    within_reach         probability that the source is within the group's reach of a true one
+    expected_distance_m  distance to the nearest source (mean over the belief)
+    entropy_bits         entropy of the belief (- sum p log2 p)
+    within_reach         probability of the positions within the group's reach of a true source
 
 The distances and the probability are NaN while no source has started.
 """

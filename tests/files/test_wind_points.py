@@ -139,7 +139,7 @@ def test_occupancy_grid(tmp_path):
         ("1 0\n;\n", "", "has 5 rows and 1 semicolons, not 3 rows in each of 2 layers as its num_cells 3 x 2 x 2 say"),
         ("3 2 2", "4 2 2", "4 x 2 x 2 cells of 0.5 m do not reach from env_min to env_max"),
         ("1.5\n#num_cells 3 2 2", "400000000.5\n#num_cells 3 2 800000000", "has 6 rows and 2 semicolons, not 3"),
-        ("3 2 2", "3.5 2 2", "its header tells of no cell"),
+        ("3 2 2", "3.5 2 2", "its header gives no cells"),
         ("3 2 2", "3 2", "line 3: wrong numbers after num_cells"),
         ("#cell_size(m) 0.5\n", "", "line 4: must be one of #env_min"),
         ("-1 0 0.5", "-1 0 nan", "line 1: wrong numbers after env_min"),
