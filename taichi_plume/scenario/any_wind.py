@@ -1,4 +1,4 @@
-"""Base class of the winds: speeds and step sizes that a wind will have."""
+"""Base class of the winds: expected speeds and time steps (CFL condition)."""
 
 from math import inf
 from typing import TYPE_CHECKING, ClassVar
@@ -41,5 +41,5 @@ class AnyWind(Model):
         return scenario.domain.spacing / speed if speed else inf
 
     def moving(self, whole: float) -> float:
-        """Return for how much of the `whole` time [s] the wind changes."""
+        """Return the part of the `whole` time [s] in which the wind changes."""
         return whole

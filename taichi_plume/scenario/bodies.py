@@ -37,11 +37,11 @@ DRONES: dict[str, dict[str, float]] = {
     },
 }  # fmt: skip
 WINGED = ("max_climb", "max_descent", "mass", "rotors", "rotor_radius", "arm")
-"""Keys of drones alone."""
+"""Keys that only drones have."""
 
 
 class Body(Model):
-    """A disc that drives like a unicycle or on two wheels, or a drone that flies. Defaults: a small indoor robot."""
+    """Body of a robot: a disc that drives (unicycle or two wheels) or a drone. Defaults: a small indoor robot."""
 
     kind: Literal["free", "momo", "roomba_560", "miniq", "khepera_3", "drone", "crazyflie", "matrice_100"] = (
         "free"

@@ -1,4 +1,4 @@
-"""Errors and warnings of all sections of a scenario, beyond single keys, and their positions in the room."""
+"""Checks of a whole scenario: errors and warnings of all sections, and their positions in the room."""
 
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
@@ -30,7 +30,7 @@ def every(scenario: Scenario) -> Iterator[tuple[str, Model]]:
 
 
 def early_errors(scenario: Scenario) -> list[str]:
-    """Return errors ``path: message`` of the dimension and the memory, before files are opened."""
+    """Return errors ``path: message`` of the dimension (2-D or 3-D) and the memory, before files are opened."""
     dim = scenario.domain.dim
     lines = [line for where, section in every(scenario) for line in section.dimension_errors(where, dim)]
     return lines or list(too_large(scenario))
@@ -58,7 +58,7 @@ def problems(scenario: Scenario, resources: "Resources") -> list[str]:
 def numbered(
     remarks: Sequence[str], scenario: Scenario, resources: "Resources"
 ) -> list[tuple[int, tuple[float, ...]]]:
-    """Return number, counted from 1, and position [m] (2 or 3 coordinates) of each warning that has a position."""
+    """Return the number (from 1) and the position [m] (2 or 3 coordinates) of each warning that has a position."""
     places: dict[str, tuple[float, ...]] = {}
     for key in Scenario.model_fields:
         for where, section in sections(vars(scenario)[key], key):
@@ -77,7 +77,7 @@ def numbered(
 def _place(
     where: str, section: Model, scenario: Scenario, resources: "Resources"
 ) -> Sequence[float] | np.ndarray | None:
-    """Return the position [m] of a section; None if it has none."""
+    """Return the position [m] of a section; None for a section without a position."""
     extent = scenario.domain.extent
     if isinstance(section, Located):
         return section.position

@@ -59,7 +59,7 @@ class Replay(AnyAlgorithm):
     frame: str = "map"
     """Frame of a bag to which the robots' positions refer."""
     origin: si.Point2 = (0.0, 0.0)
-    """Where that frame's origin lies in the domain, x and y."""
+    """Position of that frame's origin in the domain, x and y."""
     start: si.Delay = 0.0
     """Time of the recording, since the first pose of these robots, at which the run starts."""
 

@@ -43,7 +43,7 @@ class TemperedObstacle(TemperedSurface):
     """An obstacle with a temperature."""
 
     number: Number
-    """Which obstacle: its place in `obstacles`, counted from 0."""
+    """Index of the obstacle in `obstacles`, counted from 0."""
 
 
 class Heat(Model):

@@ -74,7 +74,7 @@ class Place:
 
 @cache
 def places(top: type[Model] = Scenario) -> Mapping[str, Place]:
-    """Return all places by path, from the top inward; of equal sections only the outermost are entered."""
+    """Return all places by path, from the top inward. Of equal sections only the outermost is documented."""
     whole = Place("", {top: []})
     found, seen, level = {"": whole}, {top}, [whole]
     while level:
@@ -122,7 +122,7 @@ def all_keys(top: type[Model] = Scenario) -> Iterator[Key]:
 
 
 def look_up(text: str, top: type[Model] = Scenario) -> tuple[list[Place], list[Key]]:
-    """Return the sections and keys of a path, or of those that end with it; or the sections that have such a kind."""
+    """Return the sections and keys whose path equals or ends with a text, or else the sections with such a kind."""
     path = flat(text)
     for place in places(top).values():
         if place.same_as and f"{path}.".startswith(f"{flat(place.path)}."):

@@ -52,11 +52,11 @@ class AnyMap(Model):
 
 
 class Snaps(AnyMap):
-    """Maps of snaps: the readings of a window each."""
+    """Base class of the maps of snaps. A snap holds the readings of a time window."""
 
     cell: Annotated[si.Length, COMPILED] = 0.25
     window: Annotated[si.Duration, COMPILED] = 5.0
-    """Length of a snap: readings within it count as taken at once."""
+    """Length of a snap: readings within a snap count as simultaneous."""
     power: Annotated[si.Exponent, COMPILED] = 2.0
     """Exponent of the inverse distance: more lets the nearest reading count more."""
     min_distance: Annotated[si.Length, COMPILED] | None = None
@@ -125,11 +125,11 @@ class TimeSeriesMap(Snaps):
 
     @property
     def lags(self) -> float:
-        """Number of past snaps that are near enough in time."""
+        """Number of past snaps within the neighbourhood."""
         return self.beta / ((1.0 - self.alpha) * self.time_scale * self.window)
 
     def bytes(self, size: tuple[float, ...], readings: float) -> float:
-        """Add the samples or the cells of the snaps that are near enough in time."""
+        """Add the memory of the past snaps within the neighbourhood: samples or cells."""
         if self.raw_samples:
             return super().bytes(size, readings) * (1.0 + self.lags)
         long, short = sorted((extent / self.cell for extent in size[:2]), reverse=True)

@@ -1,4 +1,4 @@
-"""A policy, learnt or still to be learnt: observations, actions and the file of its network."""
+"""Policies (reinforcement learning): observations, actions and the file of the network."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal

@@ -59,7 +59,7 @@ class ProbePoint(Probe):
     kind: Literal["point"]
     what = ("at",)
     at: si.Point
-    """Where the point is, per axis."""
+    """Position of the point, per axis."""
 
     @property
     def places(self) -> np.ndarray:
@@ -121,7 +121,7 @@ class Probes(Model):
     ]
     """The points, lines and grids of points, each with a name."""
     every: Literal["step"] | si.Duration = 0.1
-    """Time between samples, linear between the steps of the air; step: one after each of them."""
+    """Time between samples, interpolated linearly between steps of the air; step: a sample after each step."""
     start: si.Time = 0.0
     """Time of the first sample; negative in the warm-up."""
 

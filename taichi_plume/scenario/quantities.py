@@ -80,7 +80,7 @@ def parse(value: object, unit: str) -> float:
         return _as_written(
             float(ureg.Quantity(float(match[1]), ureg.parse_units(match[2])).to(unit).magnitude)
         )
-    except Exception:  # pint raises a dozen kinds, tokenize its own: all mean the same to the user
+    except Exception:  # pint raises a dozen kinds of errors, tokenize others: all mean the same to the user
         raise PydanticCustomError(
             "quantity", "must have a unit that converts to {unit}", {"unit": unit}
         ) from None

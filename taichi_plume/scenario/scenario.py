@@ -63,7 +63,7 @@ class Scenario(Model):
     """Control period: once per tick sensors measure and robots decide. The air takes as many shorter steps as it
     needs."""
     stop_early: Annotated[bool, FREE] = True
-    """End the run once no robot of any group searches any more. Each has then found a source or, if that ends the
+    """End the run once no robot of any group searches any more. Each robot has then found a source or, if that ends the
     search, declared one. With false the run lasts the whole duration, as for maps and measurements."""
     domain: Domain
     """The box of air that is simulated, with its lower corner at the origin, and its grid."""

@@ -84,7 +84,7 @@ class Dapso(Listening):
     )
     """Which team mates in range (see `communication`) are neighbours, whose best places count."""
     way_point_tolerance: si.Length = 0.05
-    """Distance from a way point that counts as there."""
+    """Distance from a way point at which the robot has reached it."""
     way_point_timeout: si.Duration = 15.0
     """Time after which it gives up a way point and measures where it is."""
     restart_after: Annotated[int, Field(ge=0, le=1_000_000)] = 3
@@ -113,7 +113,7 @@ class LineUp(AnyAlgorithm):
     line_speed: si.TopSpeed = 0.1
     """Speed of the line across the wind. Below that of the robots, so that they can keep up."""
     wind_direction_deg: si.Angle | None = None
-    """Where the air goes, from the x axis to the left; unless given, the team measures it at the start."""
+    """Direction in which the air goes, from the x axis to the left; unless given, the team measures it at the start."""
     listen: si.Wait = 5.0
     """Time for which the team measures the wind at the start."""
     spacing: si.Length | None = None
@@ -169,7 +169,7 @@ class Sweep(AnyAlgorithm):
     along: Literal["x", "y"] | None = None
     """Axis along which the lanes run; unless given, the longer side of the floor."""
     repeat: bool = True
-    """Go back the way they came at the end, again and again; otherwise the robots stay there."""
+    """Go back along the same lanes at the end, again and again; otherwise the robots stay there."""
     avoidance: si.Length = 0.05
     """Distance to walls and other robots below which they push the robot away."""
 

@@ -57,7 +57,7 @@ def course(context: Context) -> Course | None:
         if region is None or opening.changes:
             return None
         if opening.passes:
-            comes_in = inward if opening.blows else not any(blown)  # an outlet follows the others
+            comes_in = inward if opening.blows else not any(blown)  # outflow balances the other openings
             ways.add((region.axis, 1 if comes_in == (region.side == 0) else -1))
     if len(ways) != 1:
         return None
@@ -138,7 +138,7 @@ def _heaters(context: Context) -> Iterator[str]:
 
 
 def _obstacles(context: Context) -> Iterator[str]:
-    """Yield a warning of all obstacles with too few cells across for drag and wake in a computed wind."""
+    """Yield a warning of all obstacles with too few cells across for their drag and wake in a computed wind."""
     if context.scenario.wind.computed is None:
         return
     dx = context.domain.spacing
@@ -170,7 +170,7 @@ def _source(path: str, source: AnySource, context: Context, where: Course | None
         )
     if where is None:
         return
-    corner = np.where(where.along > 0, domain.extent, 0.0)  # where the air leaves
+    corner = np.where(where.along > 0, domain.extent, 0.0)  # the outlet of the air
     left = float(where.along @ (corner - source.position))
     if left < AT_THE_END * float(np.abs(where.along) @ domain.extent):
         yield f"{path}.position: is {left:.2g} m from the outlet of the air; move the source upwind"

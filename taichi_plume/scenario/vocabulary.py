@@ -104,7 +104,7 @@ class Model(BaseModel):
 
     @property
     def by_chance(self) -> bool:
-        """Whether something is drawn from the seed: by default, whether a part of the section does so."""
+        """Whether the section has random values, drawn from the seed; by default, whether a part of it has some."""
         values = (value if isinstance(value, tuple) else (value,) for value in vars(self).values())
         return any(part.by_chance for parts in values for part in parts if isinstance(part, Model))
 

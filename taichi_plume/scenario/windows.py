@@ -1,4 +1,4 @@
-"""Parts of a plane, on the faces of the domain or across it: rectangles and discs."""
+"""Windows: parts of a plane (rectangles and discs) on the faces of the domain or across the domain."""
 
 from collections.abc import Iterator
 from math import pi, prod
@@ -105,7 +105,7 @@ class Region(Window):
     """A window on a face of the domain."""
 
     face: Face
-    """Side of the room that it lies on: x- is at x = 0, x+ at the other end, likewise y, and in 3-D z."""
+    """Side of the room: x- is at x = 0, x+ at the other end, likewise y, and in 3-D z."""
 
     @property
     def axis(self) -> int:

@@ -51,7 +51,7 @@ class CfdWind(AnyWind):
     """Scheme that carries momentum. weno5 is more accurate on the same grid and costs more; koren is of lower order.
     """
     buoyancy: Buoyancy | None = None
-    """Lets warm air rise and heavy gas sink; unless given, neither does."""
+    """Buoyancy: warm air rises and heavy gas sinks; unless given, neither does."""
     courant: number(0.01, 1.4) = 1.2
     """Courant number (CFL): largest sum over the axes of |u| dt/dx in a step. Less makes shorter steps: more exact in
     time, and slower. """
