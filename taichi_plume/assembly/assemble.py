@@ -1,4 +1,4 @@
-"""Assembly of a `Simulation` from a scenario: the one module that knows all parts."""
+"""Assembly of a `Simulation` from a scenario: this module alone imports all parts."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial

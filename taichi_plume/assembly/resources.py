@@ -38,7 +38,7 @@ class Resources:
     faults: errors of files, by the paths of the keys that name them. files: paths that were opened for each section,
     also by other files, and for `gaden`. shapes: of the obstacles, in their order. site: files of an imported wind.
     code: files of own algorithms; own: their classes, once executed. networks: of policies. ways: paths of
-    recorded robots. remarks: unlikely settings, once checked.
+    recorded robots. remarks: warnings of the checks.
     """
 
     scenario: Scenario

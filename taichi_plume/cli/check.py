@@ -118,13 +118,13 @@ def draw_scene(prepared: Prepared, path: Path) -> str | None:
         if path.exists() and not _is_png(path):
             return "is no picture, and stays as it is"
         path.parent.mkdir(parents=True, exist_ok=True)
-        from taichi_plume.report.scene import save_check  # it takes a second to import matplotlib
+        from taichi_plume.report.scene import save_check  # importing matplotlib takes a second
 
         with written_whole(path) as fresh:
             save_check(prepared, fresh)
     except OSError as error:
         return f"cannot be written: {error.strerror or error}"
-    except ImportError as error:  # no reason for a check to fail
+    except ImportError as error:  # a check does not fail because of the picture
         return f"cannot be drawn: {error}"
     return None
 

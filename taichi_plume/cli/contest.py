@@ -26,7 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     args = _arguments(arguments)
-    interrupted = "interrupted; what is done is kept, and the same command goes on"
+    interrupted = "interrupted; finished runs are kept, and the same command continues"
     return exit_code(lambda: _contest(args, arguments), interrupted, out=args.out)
 
 

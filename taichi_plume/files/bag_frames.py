@@ -90,7 +90,7 @@ class Frames:
             raise BagError(f"{self.path}: has no frame '{frame}'; it has {listed(sorted(known))}")
 
     def carrier(self, chain: list[str]) -> str | None:
-        """Return the frame of the body that a sensor is fixed to: the first of a chain that moves, if any."""
+        """Return the frame of the body that carries a sensor: the first moving frame of a chain, if any."""
         return next((frame for frame in chain if not self.links[frame].static), None)
 
     def pose(self, chain: list[str], times: np.ndarray) -> Pose:

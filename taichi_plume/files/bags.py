@@ -26,7 +26,7 @@ LONGEST_METADATA = 1 << 20  # characters of one text in it, such as the qualitie
 SECONDS, SECONDS_PER_MIB = 4.0, 20.0  # computing time to read a bag
 MEMORY, MEMORY_PER_BYTE = 512 * MIB, 64
 UNPACKED, UNPACKED_PER_BYTE = 64 * MIB, 200  # limits of compressed files, unpacked on the disk
-FAULTS = (Exception,)  # rosbags raises errors of any kind, such as of SQLite, decompression and YAML
+FAULTS = (Exception,)  # rosbags raises errors of many kinds, such as of SQLite, decompression and YAML
 OLD_NAMES = {  # of ROS 1, and of older packages
     "olfaction_msgs/msg/gas_sensor": ros.GAS_SENSOR,
     "olfaction_msgs/msg/gas_sensor_array": ros.GAS_SENSOR_ARRAY,

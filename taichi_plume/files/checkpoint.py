@@ -28,7 +28,7 @@ class CheckpointError(InputError):
 
 
 class NotPlainError(TypeError):
-    """A value that is no plain data and cannot be written."""
+    """A value that is not plain data and cannot be written."""
 
 
 def write(path: Path, content: dict[str, Any]) -> None:

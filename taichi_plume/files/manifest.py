@@ -1,4 +1,4 @@
-"""`manifest.json` of a run folder: size and SHA-256 of each input and output of the run, to notice later damage.
+"""`manifest.json` of a run folder: size and SHA-256 of each input and output of the run, to detect later changes.
 
     {"inputs": {"../film/fields.zarr": {"sha256": ..., "bytes": ...}}, "outputs": {"robots.parquet": {...}}}
 

@@ -23,7 +23,7 @@ Pixels = Any
 """An array of zarr, h5py or NumPy over (time, y, x)."""
 NAMES = ("concentration", "plume")  # default names of the variable, of plume-nav-sim and FlyGym
 NPY, HDF5 = b"\x93NUMPY", b"\x89HDF\r\n\x1a\n"
-HDF5_FILTERS = {1, 2, 3}  # gzip (deflate), shuffle, fletcher32
+HDF5_FILTERS = {1, 2, 3}  # HDF5 filters: gzip (deflate), shuffle, fletcher32
 MOST_PIXELS = 100_000_000  # of a frame
 MOST_FRAMES = 10_000_000
 LARGEST = 1e12  # of a value: far beyond 1e6 ppm in any unit, and sums stay finite
@@ -114,7 +114,7 @@ Opened = tuple[Pixels, dict[str, Any], tuple[int, ...]]
 
 
 def _opened(path: Path, variable: str | None) -> Opened:
-    """Open a movie. Raises FilmError, or one of FAULTS."""
+    """Open a movie. Raises FilmError or an error in FAULTS."""
     if path.is_dir():
         return _zarr(path, variable)
     try:

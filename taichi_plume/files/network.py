@@ -125,7 +125,7 @@ _session: Any = None  # session of the process that evaluates
 
 
 def _load(content: bytes) -> tuple[list[_End], list[_End]]:
-    """In the process: load the network, to be evaluated deterministically on one thread."""
+    """Load the network in the process, to be evaluated deterministically on one thread."""
     import onnxruntime
 
     global _session
@@ -142,7 +142,7 @@ def _load(content: bytes) -> tuple[list[_End], list[_End]]:
 
 
 def _evaluate(observations: np.ndarray) -> np.ndarray:
-    """In the process: return the first output."""
+    """Evaluate the network in the process and return the first output."""
     return np.asarray(_session.run(None, {_session.get_inputs()[0].name: observations})[0])
 
 

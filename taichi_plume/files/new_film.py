@@ -44,7 +44,7 @@ def middles(values: np.ndarray, axis: int) -> np.ndarray:
 
 
 class NewFilm:
-    """A film that is being written.
+    """Writer of a film.
 
     shape: cells per axis (x, y, z); dx [m]; attributes: of the group; moving: names of the variables of a frame;
     still: variables without time; species: of the gases among `moving`. resume_at: resume the existing film after this
@@ -138,7 +138,7 @@ class NewFilm:
         self.frames = n + 1
 
     def flush(self) -> None:
-        """Show the frames so far to readers."""
+        """Make the frames so far visible to readers."""
         zarr_groups.consolidate(self.path)
 
 

@@ -17,7 +17,7 @@ from taichi_plume.guard.opening import read_regular
 from taichi_plume.guard.terminal import visible
 
 LARGEST_FILE = 1 << 16  # bytes: Python takes minutes to parse some texts of half a megabyte
-UNPARSED = (SyntaxError, ValueError, RecursionError, MemoryError)  # nested too deeply, or not text
+UNPARSED = (SyntaxError, ValueError, RecursionError, MemoryError)  # bad syntax, deep nesting, no text
 
 
 @runtime_checkable
@@ -149,7 +149,7 @@ def failures_told(path: Path) -> Iterator[None]:
 
 
 def _raised_in(error: BaseException, path: Path) -> bool:
-    """Return whether a `raise` of that file caused the error; a signal does not."""
+    """Return whether a `raise` in that file caused the error, rather than a signal."""
     last = error.__traceback__
     while last is not None and last.tb_next is not None:
         last = last.tb_next

@@ -38,7 +38,7 @@ FILES = (
     "result.json",
     "report.html",
 )
-LISTED = tuple(name for name in FILES if name != "report.html")  # in the manifest: a report may be made again
+LISTED = tuple(name for name in FILES if name != "report.html")  # in the manifest; a report may be rewritten
 BESIDE = (
     "robots.parts",
     "probes.parts",
@@ -142,7 +142,9 @@ class RunFolder:
     def _require(self, force: bool, inputs: Sequence[Path]) -> None:
         """Raise RunFolderError if the folder must not be used, before a file is created."""
         self._require_no_links()
-        if not any((self.path / name).is_dir() for name in (REPLACING, REPLACED)):  # these are settled first
+        if not any(
+            (self.path / name).is_dir() for name in (REPLACING, REPLACED)
+        ):  # else `settle` comes first
             self._check(force, inputs)
 
     def _require_no_links(self) -> None:

@@ -25,7 +25,7 @@ from taichi_plume.guard.opening import unopenable
 ROW_GROUP = 50_000
 NAMES = pa.dictionary(pa.int32(), pa.string())
 Found = tuple[int, Path]
-"""Number of the first row, and the file."""
+"""Part of a table: number of the first row, and the file."""
 
 
 def column(name: str, kind: pa.DataType, unit: str, meaning: str, **more: str) -> pa.Field:

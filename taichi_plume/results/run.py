@@ -292,7 +292,7 @@ def _film(path: Path) -> "xarray.Dataset":
     except FilmError as error:
         raise RunFolderError(str(error)) from None
     with zarr_groups.errors_as(RunFolderError, path):
-        group = zarr_groups.Group(path, consolidated=True)  # state of the last flush, complete
+        group = zarr_groups.Group(path, consolidated=True)  # the state of the last flush, which is complete
         for name in group.names:
             _ = group[name]
         data = zarr_groups.open_dataset(path, consolidated=True, chunks=None)

@@ -104,7 +104,7 @@ def _table(path: Path, first: dict[str, int], share: int) -> pa.Table | None:
             columns += [key for key in MORE if key in part.schema_arrow.names]
             for n in range(part.num_row_groups):
                 rows = part.read_row_group(n, columns=columns)
-                rows = rows.slice(max(0, done - begin))  # without rows of an earlier part
+                rows = rows.slice(max(0, done - begin))  # skip rows that an earlier part holds too
                 begin += part.metadata.row_group(n).num_rows
                 tables.append(_firsts(rows, first, share))
             done = max(done, begin)

@@ -19,7 +19,7 @@ from taichi_plume.simulation import Every, Simulation
 
 
 class Filming:
-    """Writes the film of the quantities in `scenario.fields`. Raises OSError as soon as the disk has no room."""
+    """Writer of the film of the quantities in `scenario.fields`. Raises OSError as soon as the disk is full."""
 
     STATE = ("frames",)
 

@@ -1,4 +1,4 @@
-"""Execution of a run, from its assembly to its end. Whatever ends the run, files are kept and a line says why."""
+"""Execution of a run, from its assembly to its end. Whatever ends the run, the files stay and a line says why."""
 
 import errno
 import gc
@@ -195,7 +195,7 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[Js
     content: Json
     try:
         content = result.result(sim, end.status, end.message, job.backend, *scores)
-    except Exception as error:  # the simulation is broken
+    except Exception as error:  # the simulation is no longer usable
         end = end if end.code else End(*explain(error), 1)
         content = {"name": sim.scenario.name, "status": end.status, "message": end.message}
         content |= sim.scenario.seeds
@@ -205,7 +205,7 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[Js
     if "flow" in content:
         try:
             content["flow"] |= sim.wind.mixing()
-        except Exception as error:  # the result is worth more
+        except Exception as error:  # without this diagnostic the result is still written
             content["remarks"].append(f"how fast the air mixes could not be measured: {explain(error)[1]}")
     if not folder.is_dir():
         return content, end

@@ -140,7 +140,7 @@ class Outputs:
         return recorder
 
     def _periods(self) -> tuple[int | None, float | None]:
-        """Ticks, or wall-clock seconds, between checkpoints; None: not by this measure."""
+        """Ticks and wall-clock seconds between checkpoints; None: not used."""
         scenario = self.sim.scenario
         model = scenario.checkpoint
         if model is None or self.about.files is not None:
@@ -259,7 +259,7 @@ class Outputs:
         content = result.partial_result(self.sim, "running", f"t = {self.sim.t:.2f} s", self.about.backend)
         result.write_result(self.about.folder, content)
 
-    # ------------------------------------------------------------ its end
+    # ------------------------------------------------------------ the end
 
     def close(self) -> list[Exception]:
         """Finish all files and return the errors."""

@@ -44,7 +44,7 @@ def complete(folder: RunFolder, reported: bool) -> int:
     content = _content(path)
     status, whole = content["status"], not any((path / name).exists() for name in PARTS)
     if status != "running" and whole:
-        if (path / checkpoint.NAME).exists() and not (path / manifest.NAME).exists():  # killed while it ended
+        if (path / checkpoint.NAME).exists() and not (path / manifest.NAME).exists():  # killed during its end
             if reported and not (path / "report.html").exists():
                 report(path)
             _seal(path)

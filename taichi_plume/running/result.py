@@ -1,4 +1,4 @@
-"""`result.json`: status, scores and diagnostics of a run; written last and at once."""
+"""`result.json`: status, scores and diagnostics of a run; written last and atomically."""
 
 import json
 from math import isfinite, prod
@@ -54,7 +54,7 @@ def partial_result(sim: Simulation, status: str, message: str, backend: str) -> 
 
 
 def _budget(sim: Simulation) -> Json:
-    """Mass budget of all gases that keep one; of several gases also the budget of each."""
+    """Mass budget of all gases with a budget; of several gases also the budget of each."""
     parts: list[Json] = [dict(gas.budget()) for gas in sim.gas.gases]
     budgets = [part for part in parts if part]
     if not budgets:

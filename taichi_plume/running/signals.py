@@ -19,7 +19,7 @@ ASKING = tuple(KNOWN[name] for name in ("SIGUSR1",) if name in KNOWN)
 
 
 class SignalRequests:
-    """Requests that signals have made to a run.
+    """Requests that signals made to a run: to end, or to write a checkpoint.
 
     running: whether files are open; a signal then waits for the end of the tick, before that it ends the run at once.
     hasty: whether a second signal ends the run at once; only one does, so that closing the files is not disturbed.
@@ -42,7 +42,7 @@ class SignalRequests:
             _redirect_to_null(self.terminal)
         if not self.running:
             raise KeyboardInterrupt(name)
-        if self.stopped and self.hasty and name != "SIGXCPU":  # this one comes every second
+        if self.stopped and self.hasty and name != "SIGXCPU":  # SIGXCPU comes every second
             self.hasty = False
             raise KeyboardInterrupt(name)
         self.stopped = self.stopped or name
@@ -95,7 +95,7 @@ def _handling(numbers: tuple[signal.Signals, ...], handler: Handler) -> Iterator
 
 
 def _terminal_streams() -> list[int]:
-    """Return the standard streams of this process that are a terminal (unknown once the terminal is closed)."""
+    """Return the standard streams of this process that are a terminal, before the terminal may be closed."""
     found = []
     for stream in (sys.stdin, sys.stdout, sys.stderr):
         try:

@@ -20,7 +20,7 @@ DECLARATIONS = (
 
 
 def print_summary(content: Json, folder: Path) -> None:
-    """Print a result and the commands that show the recording and the report."""
+    """Print a result, and the commands that show the recording and the report."""
     from rich.table import Table
     from rich.text import Text
 
