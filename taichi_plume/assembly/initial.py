@@ -63,8 +63,8 @@ def _formulas(model: Initial, extent: tuple[float, ...], units: Units = NO_UNITS
     """
 
     def places(points: np.ndarray) -> np.ndarray:
-        found = model.values(np.clip(points, 0.0, extent), units)
-        values = np.where(np.isfinite(found), found, 0.0)
+        raw = model.values(np.clip(points, 0.0, extent), units)
+        values = np.where(np.isfinite(raw), raw, 0.0)
         return values[0] if len(values) == 1 else np.moveaxis(values, 0, -1)
 
     return places

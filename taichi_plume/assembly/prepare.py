@@ -132,11 +132,11 @@ def again(prepared: Prepared, scenario: Scenario) -> Prepared:
     faults = differences(old, other)
     if faults:
         raise StructureError([f"{fault}; a reset cannot change it; assemble again" for fault in faults])
-    found = replace(resources, scenario=other)
-    faults = checks.early_errors(other) or checks.problems(other, found)
+    changed = replace(resources, scenario=other)
+    faults = checks.early_errors(other) or checks.problems(other, changed)
     if faults:
         raise ScenarioError(faults)
-    return Prepared(other, found)
+    return Prepared(other, changed)
 
 
 def prepare(

@@ -71,24 +71,24 @@ def explained(scenario: Scenario, wide: int = WIDTH) -> str:
     text = all_keys(scenario)
     keys = {line: (name, brief, lines) for line, name, brief, lines in _keys(_tree(text), scenario)}
     known = {("", "")}
-    found: list[str] = []
+    rows: list[str] = []
     for number, line in enumerate(text.splitlines()):
         name, brief, lines = keys.get(number, ("", "", 1))
         if name and line == f"{name}:":
-            found.append("")  # before each part of the scenario
+            rows.append("")  # before each part of the scenario
         beside = f"{line:<{COLUMN}}  # {brief}"
         if not brief or (name, brief) in known:
-            found.append(line)
+            rows.append(line)
         elif lines == 1 and len(beside) <= wide:
-            found.append(beside)
+            rows.append(beside)
         else:
             start = " " * (len(line) - len(line.lstrip())) + "# "
-            found += textwrap.wrap(
+            rows += textwrap.wrap(
                 brief, wide, initial_indent=start, subsequent_indent=start, break_on_hyphens=False
             )
-            found.append(line)
+            rows.append(line)
         known.add((name, brief))
-    return "\n".join(found)
+    return "\n".join(rows)
 
 
 def _tree(text: str) -> yaml.Node:

@@ -36,12 +36,12 @@ def _contest(args: argparse.Namespace, arguments: Sequence[str]) -> int:
     from taichi_plume.contest.fixed import NAMES, QUICK, fixed
 
     names = scenarios(play.chosen(args.scenarios), QUICK if args.quick else NAMES)
-    some = entrants(play.chosen(args.algorithms), args.algorithm, args.policy)
+    entries = entrants(play.chosen(args.algorithms), args.algorithm, args.policy)
     _require_allowed(args)
     searches = args.searches or (QUICK_SEARCHES if args.quick else SEARCHES)
     chosen = tuple(fixed(name, args.seed, searches) for name in names)
     airs = args.airs or (QUICK_AIRS if args.quick else AIRS)
-    contest = play.Contest(args.out, chosen, tuple(some), airs)
+    contest = play.Contest(args.out, chosen, tuple(entries), airs)
     from taichi_plume.study.study_run import Wishes
 
     wishes = Wishes(

@@ -165,11 +165,11 @@ def _picture(
         raise InputError(f"{run.folder}: {what}")
     views = [VIEWS.get(args.view, args.view)] if args.view else ["column", "slice"]
     names = [f"{args.of}_{view}" for view in views]
-    found = run.planes.read(names, between, spacing)
-    if not found:
+    pictures = run.planes.read(names, between, spacing)
+    if not pictures:
         there = ", ".join(run.planes.names()) or "none"
         raise InputError(f"{run.folder}: has no pictures of {' or '.join(names)}, but of {there}")
-    return found[next(name for name in names if name in found)]
+    return pictures[next(name for name in names if name in pictures)]
 
 
 def _period(run: "Run") -> float:

@@ -106,9 +106,9 @@ class Frames:
 
 def topics_for(bag: Bag, gas: str) -> list[str]:
     """Return the topics of frames in the namespaces of a topic of gas (robots may have their own), or else all."""
-    found, parts = bag.of_kind(KIND), gas.strip("/").split("/")
-    own = [topic for topic in found if (space := topic.strip("/").split("/")[:-1]) == parts[: len(space)]]
-    return own or found
+    topics, parts = bag.of_kind(KIND), gas.strip("/").split("/")
+    own = [topic for topic in topics if (space := topic.strip("/").split("/")[:-1]) == parts[: len(space)]]
+    return own or topics
 
 
 def plain_name(frame: str) -> str:

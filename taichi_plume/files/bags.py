@@ -81,8 +81,8 @@ class Bag:
 
     def of_kind(self, *kinds: str) -> list[str]:
         """Return the topics of some types, sorted; digits in the names as numbers."""
-        found = [topic for topic, kind in self.kinds.items() if kind in kinds]
-        return sorted(found, key=_counted)
+        topics = [topic for topic, kind in self.kinds.items() if kind in kinds]
+        return sorted(topics, key=_counted)
 
     def messages(self, *topics: str) -> Iterator[tuple[str, float, ros.Message]]:
         """Yield topic, time of recording [s] and message, in the order of the bag. Raises BagError."""

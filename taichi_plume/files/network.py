@@ -102,10 +102,10 @@ _evaluators: "WeakValueDictionary[bytes, _Evaluator]" = WeakValueDictionary()  #
 def _evaluator(path: Path, content: bytes) -> tuple[_Evaluator, list[_End], list[_End]]:
     """Return the process of this network, which all robots share, and the ends. Raises NetworkError."""
     digest = hashlib.sha256(content).digest()
-    found = _evaluators.get(digest)
-    if found is None or not found.process.close.alive:
+    evaluator = _evaluators.get(digest)
+    if evaluator is None or not evaluator.process.close.alive:
         try:
-            _evaluators[digest] = found = _Evaluator(content)
+            _evaluators[digest] = evaluator = _Evaluator(content)
         except ImportError:
             raise NetworkError(
                 f'{path}: onnxruntime is not installed, which runs networks; pip install "taichi_plume[learn]"'
@@ -118,7 +118,7 @@ def _evaluator(path: Path, content: bytes) -> tuple[_Evaluator, list[_End], list
             if any(text in message.lower() for text in EXTERNAL):
                 what = "its weights lie in another file (external data); export the network into one file"
             raise NetworkError(f"{path}: {what}") from None
-    return found, *found.ends
+    return evaluator, *evaluator.ends
 
 
 _session: Any = None  # session of the process that evaluates

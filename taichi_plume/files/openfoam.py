@@ -39,13 +39,13 @@ def is_time(path: Path) -> bool:
 
 def times(case: Path) -> list[tuple[float, Path]]:
     """Return the times [s] of a case, in order, with the path of each folder. Raises WindFileError."""
-    found = {key: name for part in _parts(case)[:1] for key, name in _times(part).items()}
-    late = max(found, default=0.0)
+    names = {key: name for part in _parts(case)[:1] for key, name in _times(part).items()}
+    late = max(names, default=0.0)
     if late > MOST_NUMBER:
-        raise WindFileError(f"{case / found[late]}: its time is above {MOST_NUMBER:g} s")
-    if not found:
+        raise WindFileError(f"{case / names[late]}: its time is above {MOST_NUMBER:g} s")
+    if not names:
         raise WindFileError(f"{case}: has no time folder with a file U")
-    return [(key, case / found[key]) for key in sorted(found)]
+    return [(key, case / names[key]) for key in sorted(names)]
 
 
 def read(path: Path) -> Points:

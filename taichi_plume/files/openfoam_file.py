@@ -191,9 +191,9 @@ def open_foam(path: Path) -> FoamFile:
     arch = keys.get("arch", "")
     order = ">" if "MSB" in arch else "<"
     label, scalar = (re.search(rf"{name}=(\d+)", arch) for name in ("label", "scalar"))
-    found = {"32": 4, "64": 8}
+    sizes = {"32": 4, "64": 8}
     kinds = [
-        np.dtype(f"{order}{letter}{found.get(match[1] if match else default, 8)}")
+        np.dtype(f"{order}{letter}{sizes.get(match[1] if match else default, 8)}")
         for letter, match, default in (("i", label, "32"), ("f", scalar, "64"))
     ]
     binary = keys.get("format") == "binary"

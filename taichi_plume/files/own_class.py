@@ -66,9 +66,9 @@ class OwnFile:
         if path.suffix != ".py":
             raise OwnAlgorithmError(f"{path}: is no Python file; its name must end in .py")
         largest = f"{LARGEST_FILE >> 10} KiB; is it an algorithm?"
-        found = cls(path, name, content_of(path, LARGEST_FILE, largest))
-        found._look()
-        return found
+        file = cls(path, name, content_of(path, LARGEST_FILE, largest))
+        file._look()
+        return file
 
     @cached_property
     def digest(self) -> str:

@@ -83,17 +83,17 @@ class PartsTable:
 
     def go_on(self) -> None:
         """Resume after the first `rows` rows. Raises RunFolderError if fewer are left."""
-        found = _found(self.path)
+        files = _found(self.path)
         self.parts.mkdir(exist_ok=True)
-        disk.require_room(self.path, sum(file.stat().st_size for _, file in found))
+        disk.require_room(self.path, sum(file.stat().st_size for _, file in files))
         fresh, first = self.parts / "first.new", self.parts / part_name(0)
-        held = _merge(found, fresh, self.schema, self.names, self.rows)
+        held = _merge(files, fresh, self.schema, self.names, self.rows)
         if held < self.rows:
             raise RunFolderError(
                 f"{self.path}: {held:,} of its first {self.rows:,} rows are left, without which the run cannot go on"
             )
         fresh.replace(first)  # the other files now repeat its rows
-        for _, file in found:
+        for _, file in files:
             if file != first:
                 file.unlink()
         self.open = True

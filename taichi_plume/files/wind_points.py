@@ -69,26 +69,26 @@ def find(folder: Path, pattern: str, interval: float) -> list[tuple[float, Path]
     parts[0] = join(folder, parts[0])
     number = r"(\d+(?:\.\d*)?(?:e[-+]?\d+)?)" if timed else r"(\d+)"
     form = re.compile(number.join(map(re.escape, parts)))
-    found: dict[float, Path] = {}
+    files: dict[float, Path] = {}
     for name in sorted(glob("*".join(map(escape, parts)))):
         match = form.fullmatch(name)
         if match:
             key = float(match[1])
             if key > MOST_NUMBER:
                 raise WindFileError(f"{name}: its number is above {MOST_NUMBER:g}")
-            if key in found:
-                raise WindFileError(f"{name}: has the same number as {found[key]}; remove one")
-            found[key] = Path(name)
-    if not found:
+            if key in files:
+                raise WindFileError(f"{name}: has the same number as {files[key]}; remove one")
+            files[key] = Path(name)
+    if not files:
         raise WindFileError(f"{path}: there is no such file, whatever {marks[0]} stands for")
-    numbers = sorted(found)
+    numbers = sorted(files)
     if timed:
-        return [(key, found[key]) for key in numbers]
+        return [(key, files[key]) for key in numbers]
     for a, b in pairwise(numbers):
         if b > a + 1:
             raise WindFileError(f"{folder / pattern.replace(marks[0], f'{int(a) + 1}')}: is missing, "
-                                f"between {found[a].name} and {found[b].name}")  # fmt: skip
-    return [(n * interval, found[key]) for n, key in enumerate(numbers)]
+                                f"between {files[a].name} and {files[b].name}")  # fmt: skip
+    return [(n * interval, files[key]) for n, key in enumerate(numbers)]
 
 
 def read(path: Path) -> Points:

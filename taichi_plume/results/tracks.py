@@ -65,17 +65,17 @@ def tracks(path: Path, groups: "Sequence[Group]") -> list[Track]:
         return []
     names = np.asarray(table["group"].cast(pa.string()).to_pylist(), object)
     robot = table["robot"].to_numpy()
-    found: list[Track] = []
+    tracks: list[Track] = []
     first = 0
     for group in groups:
         mine = np.flatnonzero(names == group.name)
         for k in range(min(group.count, share)):
             rows = mine[robot[mine] == k]
-            if len(rows) and len(found) < MOST_ROBOTS:
+            if len(rows) and len(tracks) < MOST_ROBOTS:
                 label = group.name if group.count == 1 else f"{group.name} {k}"
-                found.append(_track(table.take(rows), label, first + k, group))
+                tracks.append(_track(table.take(rows), label, first + k, group))
         first += group.count
-    return found
+    return tracks
 
 
 def _track(rows: pa.Table, name: str, number: int, group: "Group") -> Track:

@@ -177,8 +177,8 @@ def _run(job: Job, sim: Simulation, signals: SignalRequests, console: Console | 
 def whole(sim: Simulation) -> End:
     """Return the end of a run that was not interrupted."""
     if sim.tick < sim.last_tick:
-        found = bool(sim.swarm.snapshot()["found"].all())
-        why = "every robot had found a source" if found else "no robot searched any more"
+        all_found = bool(sim.swarm.snapshot()["found"].all())
+        why = "every robot had found a source" if all_found else "no robot searched any more"
         return End("stopped", f"{why} at t = {sim.t:.1f} s", 0)
     return End("completed", "", 0)
 

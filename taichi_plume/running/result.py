@@ -132,8 +132,8 @@ def _beside_recorded(sim: Simulation, group: GroupRange) -> Json:
     if group.model.algorithm.kind != "replay":
         return {}
     team = next(team for team in sim.teams if group.number in team.numbers)
-    found = team.algorithm.recorded()
-    return {"beside_recorded": found} if found else {}
+    comparison = team.algorithm.recorded()
+    return {"beside_recorded": comparison} if comparison else {}
 
 
 def _map(sim: Simulation, n: int, series: MapSeries | None) -> Json:

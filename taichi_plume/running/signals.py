@@ -96,14 +96,14 @@ def _handling(numbers: tuple[signal.Signals, ...], handler: Handler) -> Iterator
 
 def _terminal_streams() -> list[int]:
     """Return the standard streams of this process that are a terminal, before the terminal may be closed."""
-    found = []
+    streams = []
     for stream in (sys.stdin, sys.stdout, sys.stderr):
         try:
             if os.isatty(stream.fileno()):
-                found.append(stream.fileno())
+                streams.append(stream.fileno())
         except (AttributeError, OSError, ValueError):  # closed, or no file
             continue
-    return found
+    return streams
 
 
 def _redirect_to_null(streams: list[int]) -> None:

@@ -65,13 +65,13 @@ def numbered(
             place = _place(where, section, scenario, resources)
             if place is not None:
                 places[where] = tuple(float(x) for x in place)
-    found = []
+    positions = []
     for n, remark in enumerate(remarks, 1):
         path = remark.partition(": ")[0]
         fits = [where for where in places if path == where or path.startswith((f"{where}.", f"{where}["))]
         if fits:
-            found.append((n, places[max(fits, key=len)]))
-    return found
+            positions.append((n, places[max(fits, key=len)]))
+    return positions
 
 
 def _place(

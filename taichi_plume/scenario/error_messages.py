@@ -214,8 +214,8 @@ def _facts(steps: Sequence[int | str], data: Data, top: type[Model]) -> Facts | 
     section, key = _at(data, path[:-1]), str(path[-1])
     kind = section.get("kind") if isinstance(section, dict) else None
     models = [model for model in sections_at(path[:-1], top) if key in model.model_fields]
-    found = {facts(model, key) for model in models if own_kind(model) in ("", kind)}
-    return found.pop() if len(found) == 1 else None
+    candidates = {facts(model, key) for model in models if own_kind(model) in ("", kind)}
+    return candidates.pop() if len(candidates) == 1 else None
 
 
 def _walk(location: tuple[int | str, ...], data: Data, absent: bool = False) -> list[int | str]:

@@ -54,8 +54,8 @@ def facts(model: type[Model], key: str) -> Facts:
     """Return the facts about a key of a section."""
     field = model.model_fields[key]
     whole = _whole(field)
-    found = {_limits(marks) for _, marks in _numbers(whole)}
-    unit, limits = found.pop() if len(found) == 1 else ("", "")
+    figures = {_limits(marks) for _, marks in _numbers(whole)}
+    unit, limits = figures.pop() if len(figures) == 1 else ("", "")
     meaning = meanings(model).get(key, "").replace(f" [{unit}]", "")
     return Facts(meaning, _type(whole), unit, limits, _default(field))
 
@@ -75,7 +75,7 @@ def meanings(model: type[Model]) -> dict[str, str]:
     pydantic's `use_attribute_docstrings` would read all sources at every start: importing the scenario then takes 1.6
     times as long.
     """
-    found = {"kind": purpose(model)}
+    texts = {"kind": purpose(model)}
     for base in reversed(model.__mro__):
         if issubclass(base, BaseModel) and base is not BaseModel:
             (section,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
@@ -85,8 +85,8 @@ def meanings(model: type[Model]) -> dict[str, str]:
                     case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(
                         value=ast.Constant(value=str(meaning))
                     ):
-                        found[name] = " ".join(meaning.split())
-    return {key: found[key] for key in model.model_fields if key in found}
+                        texts[name] = " ".join(meaning.split())
+    return {key: texts[key] for key in model.model_fields if key in texts}
 
 
 def purpose(model: type[BaseModel]) -> str:

@@ -98,13 +98,13 @@ class Heat(Model):
 
         Heat rises through the width of the heater with the speed of its radius; twice the mean, as it is uneven.
         """
-        found = [self.reference, *(surface.temperature for surface in (*self.walls, *self.obstacles))]
+        temperatures = [self.reference, *(surface.temperature for surface in (*self.walls, *self.obstacles))]
         for heater in self.heaters:
             heat, r = abs(heater.power) / self.capacity, heater.radius
             speed = self.rising_speed(heater.power, r)
             if speed > 0.0:
-                found.append(self.reference + copysign(2 * heat / (pi * r**2 * speed), heater.power))
-        return found
+                temperatures.append(self.reference + copysign(2 * heat / (pi * r**2 * speed), heater.power))
+        return temperatures
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         yield from wall_faults(f"{where}.walls", self.walls, context)

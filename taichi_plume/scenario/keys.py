@@ -54,11 +54,11 @@ class Place:
     @property
     def keys(self) -> list[Key]:
         """Keys of all kinds, several times if they differ; without the key `kind`."""
-        found: dict[tuple[str, Facts], list[str]] = {}
+        kinds_of: dict[tuple[str, Facts], list[str]] = {}
         for model, kinds in self.models.items():
             for name in model.model_fields:
                 if name != "kind" or not own_kind(model):
-                    found.setdefault((name, facts(model, name)), []).extend(kinds)
+                    kinds_of.setdefault((name, facts(model, name)), []).extend(kinds)
         every = [kind for kinds in self.models.values() for kind in kinds]
         many = len(self.models) > 1
         return [
@@ -68,7 +68,7 @@ class Place:
                 tuple(dict.fromkeys(kinds)) if many and set(kinds) != set(every) else (),
                 its,
             )
-            for (name, its), kinds in found.items()
+            for (name, its), kinds in kinds_of.items()
         ]
 
 
@@ -129,21 +129,21 @@ def look_up(text: str, top: type[Model] = Scenario) -> tuple[list[Place], list[K
             path = flat(place.same_as) + path[len(flat(place.path)) :]
     sections = [place for place in places(top).values() if place.path and not place.same_as]
     for fits in (lambda key: key == path, lambda key: key.endswith(f".{path}")):
-        found = {flat(place.path): place for place in sections if fits(flat(place.path))}
-        keys = [key for key in all_keys(top) if fits(flat(key.path)) and flat(key.path) not in found]
-        if found or keys:
-            return list(found.values()), keys
+        matches = {flat(place.path): place for place in sections if fits(flat(place.path))}
+        keys = [key for key in all_keys(top) if fits(flat(key.path)) and flat(key.path) not in matches]
+        if matches or keys:
+            return list(matches.values()), keys
     return [place for place in sections if path in place.kinds], []
 
 
 def sections_at(steps: Sequence[int | str], top: type[Model] = Scenario) -> list[type[Model]]:
     """Return the possible sections at a path, single or in a list."""
-    found = [top]
+    models = [top]
     for step in steps:
         if isinstance(step, str) and not step.isdecimal():
-            fields = [model.model_fields[step] for model in found if step in model.model_fields]
-            found = list(dict.fromkeys(part for field in fields for part, _ in models_in(field)))
-    return found
+            fields = [model.model_fields[step] for model in models if step in model.model_fields]
+            models = list(dict.fromkeys(part for field in fields for part, _ in models_in(field)))
+    return models
 
 
 def misspelt(steps: Sequence[str], top: type[Model] = Scenario) -> str | None:
@@ -161,15 +161,15 @@ def misspelt(steps: Sequence[str], top: type[Model] = Scenario) -> str | None:
 
 def homes(name: str, of: Sequence[int | str] = (), top: type[Model] = Scenario) -> list[str]:
     """Return the paths and kinds of sections with a key of this name: those nearest to the path `of` first."""
-    found = []
+    paths = []
     for place in places(top).values():
         models = [model for model in place.models if name in model.model_fields]
         if models and not place.same_as:
             kinds = [own_kind(model) for model in models if own_kind(model)]
             names = ", ".join([*kinds[:4], *["..."][: len(kinds) > 4]])
-            some = f" (kind: {names})" if kinds and len(models) < len(place.models) else ""
-            found.append(((place.path or "the top of the file") + some, _shared(place.path, of)))
-    return [path for path, _ in sorted(found, key=lambda item: -item[1])]
+            suffix = f" (kind: {names})" if kinds and len(models) < len(place.models) else ""
+            paths.append(((place.path or "the top of the file") + suffix, _shared(place.path, of)))
+    return [path for path, _ in sorted(paths, key=lambda item: -item[1])]
 
 
 def kinds_at(name: str, top: type[Model] = Scenario) -> list[str]:

@@ -17,12 +17,12 @@ def readable(part: Model, own: bool = False) -> dict[str, object]:
 
     An explicit null is written if the user set the key to null, or the default is another value.
     """
-    found: dict[str, object] = {}
+    data: dict[str, object] = {}
     for key, field in sorted(type(part).model_fields.items(), key=lambda item: item[0] != "kind"):
         value = vars(part)[key]
         if key in part.model_fields_set if own else value is not None or field.default is not None:
-            found[key] = _plain(value, quantity_unit(type(part), key), own)
-    return found
+            data[key] = _plain(value, quantity_unit(type(part), key), own)
+    return data
 
 
 def _plain(value: object, unit: str, own: bool) -> object:

@@ -61,34 +61,34 @@ def _files(scenario: Scenario) -> dict[str, float]:
     if domain.dim == 3:  # the floor, two heights, a section and the volume
         shown = 3.0 * pixels[0] * pixels[1] + max(pixels[:2]) * pixels[2]
         shown += prod(min(ceil(n / 2), MOST_VOXELS) for n in domain.shape) * scenario.recording.volume
-    found = {
+    sizes = {
         "recording.rrd": BYTES_PER_PIXEL * shown * scenario.recording.rate * whole,
         "robots.parquet": BYTES_PER_ROW * _robots(scenario) * scenario.duration / scenario.tick,
         "report.html": BYTES_OF_REPORT,
     }
     if scenario.probes is not None:
-        found["probes.parquet"] = scenario.probes.bytes(scenario)
+        sizes["probes.parquet"] = scenario.probes.bytes(scenario)
     if films is not None:
         # at the cells, and on their faces for a playback
         of_wind, of_gas = (2 * domain.dim + 1) * ("wind" in films.quantities), 2 * ("gas" in films.quantities)
         numbers = of_wind + of_gas * len(scenario.gases)
         frames = films.rate * (scenario.duration - films.start)
-        found["fields.zarr"] = BYTES_PER_NUMBER * numbers * frames * prod(domain.shape)
+        sizes["fields.zarr"] = BYTES_PER_NUMBER * numbers * frames * prod(domain.shape)
     if log is not None:
         nodes = prod(extent / log.cell for extent in domain.extent[:2])
-        found["plume.pslog"] = 3 * BYTES_PER_NUMBER * nodes * log.rate * (scenario.duration - log.start)
-    return found
+        sizes["plume.pslog"] = 3 * BYTES_PER_NUMBER * nodes * log.rate * (scenario.duration - log.start)
+    return sizes
 
 
 def _others(scenario: Scenario) -> dict[str, float]:
     """Return the bytes that do not depend on the grid, by the path of the section."""
     floor, tick = scenario.floor, scenario.tick
-    found = {"robots": _robots(scenario) * float(BYTES_PER_ROBOT)}
+    sizes = {"robots": _robots(scenario) * float(BYTES_PER_ROBOT)}
     for n, group in enumerate(scenario.robots):
-        found[f"robots[{n}].algorithm"] = group.algorithm.bytes(group, floor, tick)
+        sizes[f"robots[{n}].algorithm"] = group.algorithm.bytes(group, floor, tick)
     for path, gas in scenario.gases:
-        found[path] = gas.bytes(scenario.domain.dim)
-    return found
+        sizes[path] = gas.bytes(scenario.domain.dim)
+    return sizes
 
 
 def _robots(scenario: Scenario) -> int:

@@ -163,10 +163,10 @@ def nearest(got: object, names: Collection[str], cutoff: float = _NEAR) -> str:
 
 def advice(got: object, names: Collection[str]) -> str:
     """Advice for an everyday word that leads to one of the names, or to another section; "" for any other word."""
-    found = _everyday().get(plain(got), [])
+    hints = _everyday().get(plain(got), [])
     named = "|".join(map(re.escape, names))
-    fits = [hint for hint in found if re.search(rf"(kind:|species:) ({named})(?![\w-])", hint)]
-    elsewhere = [hint for hint in found if " in " in hint or "kind:" not in hint]
+    fits = [hint for hint in hints if re.search(rf"(kind:|species:) ({named})(?![\w-])", hint)]
+    elsewhere = [hint for hint in hints if " in " in hint or "kind:" not in hint]
     return next(iter([*fits, *elsewhere]), "")
 
 

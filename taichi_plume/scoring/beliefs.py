@@ -71,14 +71,14 @@ def believers(sim: Simulation) -> list[Believer]:
 
 def beliefs(sim: Simulation) -> list[GroupBeliefs]:
     """Current beliefs of each group that keeps them, in the order of the scenario."""
-    found = []
+    parts = []
     for believer in believers(sim):
         belief, begin = np.asarray(believer.beliefs()), 0
         for group in believer.members.groups:
             p = belief[begin : begin + group.size].reshape(group.trials, group.count, *belief.shape[1:])
-            found.append(GroupBeliefs(group, believer.belief_cell, np.asarray(believer.belief_low, float), p))
+            parts.append(GroupBeliefs(group, believer.belief_cell, np.asarray(believer.belief_low, float), p))
             begin += group.size
-    return sorted(found, key=lambda belief: belief.group.number)
+    return sorted(parts, key=lambda belief: belief.group.number)
 
 
 class BeliefScores:
@@ -110,10 +110,10 @@ class BeliefScores:
 
     def entries(self, sim: Simulation) -> list[Json]:
         """Entries of each group for result.json: means, scores of each trial, and means over time."""
-        found = []
+        rows = []
         table = self.rows.values.reshape(len(self.rows), self.groups, len(OF_BELIEFS))
         for k, (belief, values) in enumerate(self.now(sim)):
-            found.append(
+            rows.append(
                 {
                     "group": belief.group.name,
                     "algorithm": belief.group.model.algorithm.kind,
@@ -126,4 +126,4 @@ class BeliefScores:
                     },
                 }
             )
-        return found
+        return rows
