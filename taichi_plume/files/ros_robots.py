@@ -36,13 +36,9 @@ def transform(
 def carried(robot: str, sensors: Sensors, flat: bool) -> Iterator[Fields]:
     """Yield the frames of a robot's sensors on its base, as `transform`; flat: without heights, in 2-D."""
     base = f"{robot}/{BASE}"
-    for k, sensor in enumerate(sensors.noses):
-        place = {"x": sensor.ahead, "y": sensor.left, "z": 0.0 if flat else sensor.height}
-        looks = (
-            (radians(sensor.bearing_deg), radians(sensor.tilt_deg))
-            if isinstance(sensor, TdlasSensor)
-            else (0, 0)
-        )
+    for k, gas in enumerate(sensors.noses):
+        place = {"x": gas.ahead, "y": gas.left, "z": 0.0 if flat else gas.height}
+        looks = (radians(gas.bearing_deg), radians(gas.tilt_deg)) if isinstance(gas, TdlasSensor) else (0, 0)
         yield transform(base, f"{robot}/{numbered(GAS, k)}", place, ros.yawed(*looks))
     place = {"z": 0.0 if flat else sensors.wind.height}
     yield transform(base, f"{robot}/{WIND}", place, ros.yawed(0.0))

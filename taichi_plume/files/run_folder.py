@@ -142,9 +142,7 @@ class RunFolder:
     def _require(self, force: bool, inputs: Sequence[Path]) -> None:
         """Raise RunFolderError if the folder must not be used, before a file is created."""
         self._require_no_links()
-        if not any(
-            (self.path / name).is_dir() for name in (REPLACING, REPLACED)
-        ):  # else `settle` comes first
+        if not any((self.path / name).is_dir() for name in (REPLACING, REPLACED)):  # `settle` comes first
             self._check(force, inputs)
 
     def _require_no_links(self) -> None:

@@ -196,11 +196,11 @@ def robots_of(
     The result also has z, 0 for ground robots. Raises RunFolderError.
     """
     trials: set[int] = set()
-    rows = []
+    parts = []
     for batch in batches(path, ("group", "trial", "robot", *columns), optional=("z",)):
         trials.update(pc.unique(batch["trial"]).to_pylist())
-        rows.append(batch.filter(pc.equal(batch["trial"], trial)))
-    table = pa.Table.from_batches(rows).unify_dictionaries().sort_by("t")
+        parts.append(batch.filter(pc.equal(batch["trial"], trial)))
+    table = pa.Table.from_batches(parts).unify_dictionaries().sort_by("t")
     groups, numbers = (
         np.array(table["group"].cast(pa.string()).to_pylist(), object),
         table["robot"].to_numpy(),

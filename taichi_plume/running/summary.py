@@ -12,7 +12,7 @@ from taichi_plume.scoring.declarations import Json, has_declared
 MEAN = ("error_ppm", "correlation", "peak_distance_m")
 """Scores of a map against the mean gas since the start."""
 
-DECLARATIONS = (
+DECLARED = (
     ("localisation_error_m", "localisation error", " m"),
     ("declared_time_s", "time to declare", " s"),
 )
@@ -162,7 +162,7 @@ def _declared_line(group: Json) -> str:
     count = trials["outcome"].count
     text = f"rightly in {count('declared')} of {n} trials; in {count('reached')} more a robot reached a source, in "
     text += f"{count('neither')} neither"
-    for name, title, unit in DECLARATIONS:
+    for name, title, unit in DECLARED:
         score = group["summary"][name]
         if score["n"]:
             text += f"; {title} {score['mean']:.3g}{unit}"

@@ -258,9 +258,8 @@ def _gas(scenario: Scenario) -> Iterator[tuple[str, str]]:
 
 def _inflow(scenario: Scenario) -> float:
     """Return the flow rate into the room at the start [m³/s]."""
-    driven = [opening for opening in scenario.openings if not opening.follows_pressure]
-    rates = [opening.inflow(0.0, scenario.domain) for opening in driven]
-    return sum(rate for rate in rates if rate > 0)
+    openings = [opening for opening in scenario.openings if not opening.follows_pressure]
+    return sum(max(0.0, opening.inflow(0.0, scenario.domain)) for opening in openings)
 
 
 def _volume(scenario: Scenario) -> float:
