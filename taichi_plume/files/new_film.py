@@ -26,13 +26,13 @@ MEANING = {
     "time": ("s", "simulated time since the robots start"),
     "viscosity": ("m2 s-1", "molecular and eddy viscosity of the air"),
     "temperature": ("K", "temperature of the air"),
-    "air": ("1", "share of the cell that holds its gas, 0 in obstacles"),
-    "volume": ("1", "share of the cell that is air"),
+    "air": ("1", "volume fraction of the cell that holds gas, 0 in obstacles"),
+    "volume": ("1", "volume fraction of the cell that is air"),
 }
 PLACES = {
-    "": "the cells' middles",
-    "face": "the cells' faces",
-    "ghost": "the cells' middles and one beyond each end",
+    "": "the cell centres",
+    "face": "the cell faces",
+    "ghost": "the cell centres and one ghost cell beyond each end",
 }
 
 
@@ -160,7 +160,7 @@ def _facts(name: str, known: Known) -> dict[str, str]:
         solved = "1 where the velocity was solved for, 0 on walls"
         units, meaning = (
             "1",
-            f"of the faces of {at}: {solved if component == 'open' else 'share that is air'}",
+            f"of the faces of {at}: {solved if component == 'open' else 'area fraction that is air'}",
         )
     else:
         axis, _, at = name.partition("_")
