@@ -274,7 +274,7 @@ def _own(scenario: Scenario, resources: Resources, algorithms: Mapping[str, type
     """The users' own classes by the names of their groups. Raises ScenarioError if one is missing."""
     groups = _by_path(scenario)
     classes = {groups[path].name: own for path, own in resources.own.items()} | dict(algorithms or {})
-    what = "no class of its own was handed over; name a Python file with file: FILE.py"
+    what = "no class was given; pass one, or name a Python file with file: FILE.py"
     _raise_missing(
         {
             path: what

@@ -152,7 +152,7 @@ def completed(gas: PlaybackGas, film: "Film") -> PlaybackGas:
         given = gas.model_dump(exclude_none=True, exclude_defaults=True)
         return PlaybackGas.model_validate(recorded | given | {"kind": "playback"})
     except (ValidationError, LookupError, TypeError):
-        raise FilmError(f"{film.path}: is damaged: its species or sources are not ones of ours") from None
+        raise FilmError(f"{film.path}: is damaged: its species or sources are invalid") from None
 
 
 def _points(

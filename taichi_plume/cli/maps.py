@@ -118,9 +118,9 @@ def _make(args: argparse.Namespace, model: Map) -> int:
             folder.settle(stands)
     peak = gas_map.scores["peak"]
     if peak["ppm"] is None:
-        say("knows no cell: its last readings are too old")
+        say("no cell is known: the last readings are too old")
     elif peak["x_m"] is None:
-        say("knows of no gas: 0 ppm wherever it knows")
+        say("no gas: 0 ppm in all known cells")
     else:
         say(f"peak {peak['ppm']:.3g} ppm at ({peak['x_m']:.2f}, {peak['y_m']:.2f}) m")
     say(_used(gas_map.scores, model.times), f"{args.out}: {', '.join(FILES)}")

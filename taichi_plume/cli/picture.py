@@ -112,7 +112,7 @@ def _film(run: "Run", args: argparse.Namespace) -> None:
     begin = max(run.begin, 0.0) if args.begin is None else args.begin
     end = _end(run) if args.end is None else args.end
     if not begin < end:
-        what = f"a film from {begin:g} to {end:g} s is none; choose another --begin and --end"
+        what = f"a film from {begin:g} to {end:g} s is empty; choose another --begin and --end"
         raise InputError(f"{run.folder}: {what}")
     count = args.frames or MOST_FRAMES
     picture = _picture(run, args, (begin, end), 0.0 if args.frames else (end - begin) / count)

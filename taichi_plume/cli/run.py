@@ -118,11 +118,11 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     if args.resume is None and args.scenario is None:
         parser.error("the following arguments are required: scenario")
     if args.live and args.no_recording:
-        parser.error("--live shows the recording: it has no place beside --no-recording")
+        parser.error("--live shows the recording; it cannot go with --no-recording")
     if args.all and not args.check:
         parser.error("--all goes with --check")
     fixed = [f"--{key}" for key in ("out", "seed", "duration", "set", "check", "force") if vars(args)[key]]
     if args.resume is not None and (args.scenario or args.no_recording or fixed):
         what = fixed[0] if fixed else args.scenario or "--no-recording"
-        parser.error(f"--resume continues the run as it was: {what} has no place beside it")
+        parser.error(f"--resume continues the run unchanged; it cannot go with {what}")
     return args

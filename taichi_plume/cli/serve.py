@@ -89,7 +89,7 @@ def _require_names(file: Path, names: Sequence[str]) -> None:
         for other in names[:n]:
             if word(other) == word(name):
                 what = f"'{other}' and '{name}' have the same topics, {word(name)}/..."
-                raise ScenarioError([f"{file}: robots[{n}].name: {what}; name one of them otherwise"])
+                raise ScenarioError([f"{file}: robots[{n}].name: {what}; rename one of them"])
 
 
 @contextmanager

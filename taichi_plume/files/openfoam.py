@@ -63,7 +63,7 @@ def read(path: Path) -> Points:
     if len(u) < 4:
         raise WindFileError(f"{case}: has {len(u)} cells, too few")
     if np.abs(u).max() >= FASTEST:
-        raise WindFileError(f"{path}: {np.abs(u).max():.3g} m/s in U is no speed of air")
+        raise WindFileError(f"{path}: {np.abs(u).max():.3g} m/s in U is too fast for air")
     place = np.concatenate([_centres(part) for part in parts])
     return Points(path, place, u, np.maximum(np.concatenate(eddies), 0.0) if eddies else None)
 

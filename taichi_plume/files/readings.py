@@ -82,7 +82,7 @@ def read(
         large = np.flatnonzero((np.abs(values) > most) & np.isfinite(values))
         if len(large):
             where = f"{path}: {names[key]} of row {row[large[0]] + 1}"
-            raise ReadingsError(f"{where} is {values[large[0]]:g}, a mistake: at most {most:g} is taken")
+            raise ReadingsError(f"{where} is {values[large[0]]:g}, a mistake; at most {most:g} is allowed")
     row = row[np.argsort(known["t"][row], kind="stable")]
     still = np.zeros(len(chosen))
     wind = np.column_stack([known.get("wind_x", still), known.get("wind_y", still)])[row]

@@ -105,7 +105,7 @@ class Table:
         except pa.ArrowInvalid as error:
             raise self._unread(str(error).partition("\n")[0]) from None
         if table.num_rows != len(lines):  # a quotation mark took in lines
-            self.refuse(['"' in line for line in lines], lambda _: "a quotation mark lacks its other")
+            self.refuse(['"' in line for line in lines], lambda _: "a quotation mark is not closed")
         return [column.to_numpy() for column in table.columns]
 
     def _unread(self, reason: str) -> ValueError:

@@ -117,9 +117,9 @@ def read(path: Path) -> Points:
     dim = 2 if flat else 3
     table.refuse(~np.isfinite(values).all(axis=1), lambda _: "not all of its values are finite")
     far = np.abs(values[:, :dim]).max(axis=1)
-    table.refuse(far > FARTHEST, lambda row: f"{far[row]:.3g} m is no place; at most {FARTHEST:g} m")
+    table.refuse(far > FARTHEST, lambda row: f"{far[row]:.3g} m is too far; at most {FARTHEST:g} m")
     speed = np.abs(values[:, dim : 2 * dim]).max(axis=1)
-    table.refuse(speed >= FASTEST, lambda row: f"{speed[row]:.3g} m/s is no speed of air; leave it out")
+    table.refuse(speed >= FASTEST, lambda row: f"{speed[row]:.3g} m/s is too fast; leave the point out")
     if len(values) < 2**dim:
         raise WindFileError(f"{path}: has {len(values)} points, too few")
     eddies = np.maximum(values[:, 2 * dim], 0.0) if len(taken) > 2 * dim else None

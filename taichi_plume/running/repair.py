@@ -34,7 +34,7 @@ def verify(folder: Path) -> int:
     paths = [folder / name for name in listed]
     changes = [manifest.changed(path) if path.exists() else f"{path}: is no longer there" for path in paths]
     faults = [fault for fault in changes if fault]
-    say(*faults, f"{folder}: {len(paths) - len(faults)} of {len(paths)} files are as their run left them")
+    say(*faults, f"{folder}: {len(paths) - len(faults)} of {len(paths)} files are unchanged since their run")
     return int(bool(faults))
 
 
@@ -50,7 +50,7 @@ def complete(folder: RunFolder, reported: bool) -> int:
             _seal(path)
         if status in OVER:
             (path / checkpoint.NAME).unlink(missing_ok=True)
-        say(f"{path}: the run has ended by itself ({status})")
+        say(f"{path}: the run has ended regularly ({status})")
         return 0
     code = 0
     (path / manifest.NAME).unlink(missing_ok=True)  # lists files that change below

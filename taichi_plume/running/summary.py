@@ -184,22 +184,22 @@ def _caveats(content: Json) -> list[tuple[str, str]]:
         lines.append(("one air", f"wind and gas are the same for all trials; only {differ}; {others}"))
     for group in searched:
         if group["trials_differ_by"] == "nothing":
-            trials = f"the {group['trials']} trials of {group['name']} are the same to the bit"
-            lines.append(("one trial", f"{trials}, as nothing random sets them apart: they count as one"))
+            trials = f"the {group['trials']} trials of {group['name']} are identical to the bit"
+            lines.append(("one trial", f"{trials}: nothing random differs; they count as one"))
     if any(group["unlike_them"] for group in groups):
         shared = "the arena and the maps" if content["maps"] else "the arena"
         names = ", ".join(group["name"] for group in groups)
         text = f"{names} share {shared}; add rivals: true to compare them"
         fewest = min(group["trials"] for group in groups)
         if fewest < max(group["trials"] for group in groups):
-            text += f"; only the first {fewest} of their trials have all of them"
+            text += f"; only the first {fewest} trials have all groups"
         lines.append(("one arena", text))
     return lines
 
 
 def _map_line(gas_map: Json) -> str:
     if gas_map["mae_ppm"] is None:
-        return "knows no cell"
+        return "no cell is known"
     trials = len(gas_map["per_trial"]["mae_ppm"])
     of = f", mean of {trials} trials" if trials > 1 else ""
     now = f"error {gas_map['mae_ppm']:.3g} ppm"
