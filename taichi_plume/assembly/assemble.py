@@ -192,7 +192,7 @@ class Stirring:
 
 
 def ways(scenario: Scenario, resources: Resources, cubes: Cubes | None) -> tuple[ClearanceMap, list[int]]:
-    """Distances to obstacles, including `cubes` of an occupancy grid, and the numbers of the obstacles that walk."""
+    """Distances to obstacles, including `cubes` of an occupancy grid, and the numbers of the moving obstacles."""
     flying = [group for group in scenario.robots if group.body.flies]
     driving = [group for group in scenario.robots if not group.body.flies]
     standing: list[Any] = [shape for shape in resources.standing if shape is not None]
@@ -286,7 +286,7 @@ def _own(scenario: Scenario, resources: Resources, algorithms: Mapping[str, type
 
 
 def _by_path(scenario: Scenario) -> dict[str, Group]:
-    """Groups by the paths of their algorithms."""
+    """Groups of robots by the YAML paths of their algorithms."""
     return {f"robots[{n}].algorithm": group for n, group in enumerate(scenario.robots)}
 
 

@@ -25,7 +25,7 @@ class Prepared(NamedTuple):
 
 
 class StructureError(ScenarioError):
-    """A scenario whose structure differs from that of the assembled simulation."""
+    """A scenario with another structure than the assembled simulation."""
 
 
 def load_scenario(

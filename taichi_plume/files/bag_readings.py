@@ -108,7 +108,7 @@ def read_here(path: Path, options: BagOptions) -> list[RecordedRobot]:
 
 
 class _Source(NamedTuple):
-    """A bag, the options of reading it, the transform tree of a robot, and whether times are those of the stamps."""
+    """A bag, the options of reading it, the transform tree of a robot, and whether times come from the stamps."""
 
     bag: Bag
     options: BagOptions

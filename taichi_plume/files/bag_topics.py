@@ -34,7 +34,7 @@ def chosen(bag: Bag, given: Sequence[str], kinds: Sequence[str], what: str, opti
 
 
 def pose_topic_of(bag: Bag, gas: str, given: str | None) -> str:
-    """Return the given topic of poses, or the one whose name shares most with a topic of gas. Raises BagError."""
+    """Return the given topic of poses, or the topic with the name nearest to a topic of gas. Raises BagError."""
     if given:
         bag.require(given, POSES)
         return given

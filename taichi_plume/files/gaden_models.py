@@ -37,7 +37,7 @@ UNKNOWN, OBSTACLE, OUTLET, AIR = -1, 1, 2, 0
 
 
 def configuration(path: Path) -> dict[str, Any]:
-    """Return the keys of a configuration, of GADEN 2 those of its preprocessing. Raises ScenarioError."""
+    """Return the keys of a configuration (GADEN 3) or of the preprocessing (GADEN 2). Raises ScenarioError."""
     data = read_mapping(path, NEEDS)
     if path.name == OLD:
         for key in ("gaden_preprocessing", "ros__parameters"):

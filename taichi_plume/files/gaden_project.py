@@ -98,7 +98,7 @@ def expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[s
         require_inside(folder / name)
     except OSError as error:
         raise ScenarioError([f"gaden: {name} {error.strerror}; or put both into one folder"]) from None
-    project = _found(folder / name)
+    project = _project_at(folder / name)
     own = {key: value for key, value in data.items() if key != "gaden"}
     return _merged(_scenario(project, folder, _corner(own)), own), project.notes
 
@@ -125,7 +125,7 @@ def _merged(below: Any, above: Any) -> Any:
 # ---------------------------------------------------------------- files
 
 
-def _found(path: Path) -> _Project:
+def _project_at(path: Path) -> _Project:
     if path.suffix == ".gproj" or path.name == "config.yaml":
         path = path.parent
     files = [path] if os.path.isfile(path) else sorted(_simulations(path)) if os.path.isdir(path) else []
@@ -180,7 +180,7 @@ def _wind_files(project: _Project, folder: Path) -> str:
 
 
 def _scenario(project: _Project, folder: Path, corner: np.ndarray | None) -> dict[str, Any]:
-    """Return the scenario of a project; corner: lower corner of the domain [m], by default that of the room."""
+    """Return the scenario of a project; corner: lower corner of the domain [m], by default the corner of the room."""
     if project.config.get("uniformWind") is True:
         raise project.wrong("its wind is uniform, also in walls; give a wind of kind cfd and a domain")
     occupancy = project.home / OCCUPANCY

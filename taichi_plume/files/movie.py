@@ -34,7 +34,7 @@ CODECS = frozenset(
         *("bytes", "transpose", "sharding_indexed"),
     }
 )
-"""Codecs of Zarr 2 and 3 whose decoded size is bounded. Pickle, for one, would execute what it reads."""
+"""Codecs of Zarr 2 and 3 whose decoded size is bounded. Pickle, for example, would execute code in the file."""
 
 
 class Movie:

@@ -163,7 +163,7 @@ def exists(path: Path) -> bool:
 
 
 def real_path(path: Path) -> Path:
-    """Return the path of a plain file or, without one, that of the gzipped file."""
+    """Return the path of a plain file or, if there is none, the path of the gzipped file."""
     return path if os.path.isfile(path) else path.with_name(f"{path.name}.gz")
 
 

@@ -45,7 +45,7 @@ def carried(robot: str, sensors: Sensors, flat: bool) -> Iterator[Fields]:
 
 
 def sensor_fields(sensor: GasSensor) -> Fields:
-    """Return the fields of GasSensor messages that do not depend on the reading; units are those of ppm readings."""
+    """Return the fields of GasSensor messages that do not depend on the reading; units: of ppm readings."""
     kind, unit = "unknown", "ppm"
     part: Fields = {}
     if isinstance(sensor, MoxSensor):

@@ -24,7 +24,7 @@ from taichi_plume.guard.opening import unopenable
 
 ROW_GROUP = 50_000
 NAMES = pa.dictionary(pa.int32(), pa.string())
-Found = tuple[int, Path]
+Part = tuple[int, Path]
 """Part of a table: number of the first row, and the file."""
 
 
@@ -83,7 +83,7 @@ class PartsTable:
 
     def go_on(self) -> None:
         """Resume after the first `rows` rows. Raises RunFolderError if fewer are left."""
-        files = _found(self.path)
+        files = _part_files(self.path)
         self.parts.mkdir(exist_ok=True)
         disk.require_room(self.path, sum(file.stat().st_size for _, file in files))
         fresh, first = self.parts / "first.new", self.parts / part_name(0)
@@ -146,7 +146,7 @@ def part_files(folder: Path) -> list[Path]:
     return sorted(folder.glob("*.parquet"))
 
 
-def _found(path: Path) -> list[Found]:
+def _part_files(path: Path) -> list[Part]:
     """Return the files that hold rows of a table: the table itself, if it exists, and its parts."""
     whole = [(0, path)] if path.exists() else []
     return whole + [(int(file.stem), file) for file in part_files(parts_of(path))]
@@ -163,7 +163,7 @@ def batches(
     if path.exists():
         manifest.require_unchanged(path, RunFolderError)
     try:
-        files = _found(path)
+        files = _part_files(path)
         if not files:
             raise RunFolderError(f"{path}: holds no row yet")
         for _, file in files:
@@ -221,7 +221,7 @@ def join(path: Path, names: Mapping[str, pa.Array] | None = None) -> None:
     names: dictionaries of the columns of names; by default the names that occur. Raises OSError.
     """
     parts = parts_of(path)
-    files = _found(path)
+    files = _part_files(path)
     schema = pq.read_schema(files[0][1]) if files else None
     if schema is not None:
         disk.require_room(path, sum(file.stat().st_size for _, file in files))
@@ -235,7 +235,7 @@ def join(path: Path, names: Mapping[str, pa.Array] | None = None) -> None:
 
 
 def _merge(
-    files: list[Found], path: Path, schema: pa.Schema, names: Mapping[str, pa.Array], rows: int | None = None
+    files: list[Part], path: Path, schema: pa.Schema, names: Mapping[str, pa.Array], rows: int | None = None
 ) -> int:
     """Write the first `rows` rows of some files, or all, to one file, and return their number.
 
@@ -253,7 +253,7 @@ def _merge(
     return written
 
 
-def _in_groups(files: list[Found], rows: int | None) -> Iterator[pa.Table]:
+def _in_groups(files: list[Part], rows: int | None) -> Iterator[pa.Table]:
     """Yield the rows of files as tables of ROW_GROUP rows, and one of the rest."""
     waiting: list[pa.RecordBatch] = []
     held = 0
@@ -269,7 +269,7 @@ def _in_groups(files: list[Found], rows: int | None) -> Iterator[pa.Table]:
 
 
 def _once(
-    files: list[Found], rows: int | None, columns: Sequence[str] | None = None
+    files: list[Part], rows: int | None, columns: Sequence[str] | None = None
 ) -> Iterator[pa.RecordBatch]:
     """Yield the rows of files up to number `rows`, or all, without rows that a file repeats."""
     last, done = inf if rows is None else rows, 0

@@ -1,4 +1,4 @@
-"""Pictures and wind arrows of a run from fields.zarr, in the form of those of a recording."""
+"""Pictures and wind arrows of a run from fields.zarr, in the same form as from a recording."""
 
 from collections.abc import Sequence
 

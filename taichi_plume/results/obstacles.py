@@ -1,4 +1,4 @@
-"""Shapes of the obstacles of a run whose files may be read and are those that the run read."""
+"""Shapes of the obstacles of a run, from files that may be read and are unchanged since the run."""
 
 from pathlib import Path
 

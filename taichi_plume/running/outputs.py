@@ -294,7 +294,7 @@ def _tried(function: Callable[[], None]) -> Exception | None:
 
 
 def _without_state(sim: Simulation) -> list[tuple[str, str]]:
-    """Paths of the groups whose own algorithms cannot be saved, with the reason."""
+    """Paths of the groups with own algorithms that cannot be saved, with the reason."""
     return [
         (
             f"robots[{number}].algorithm",

@@ -94,7 +94,7 @@ class PuffGas(OneGas):
     """Puffs per second and source. Each holds the emission of its source since the previous one; more make a smoother
     plume and take longer."""
     poisson: bool = False
-    """Release puffs at random times rather than steadily."""
+    """Whether puffs are released at random times rather than steadily."""
     initial_size: si.Length = 0.01
     """Size of a new puff, as standard deviation. Smaller ones start with higher peaks."""
     fluctuation: si.Speed | None = None

@@ -66,9 +66,9 @@ class Place:
                 f"{self.path}.{name}".lstrip("."),
                 name,
                 tuple(dict.fromkeys(kinds)) if many and set(kinds) != set(every) else (),
-                its,
+                described,
             )
-            for (name, its), kinds in kinds_of.items()
+            for (name, described), kinds in kinds_of.items()
         ]
 
 

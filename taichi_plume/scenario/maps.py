@@ -80,7 +80,7 @@ class TimeSeriesMap(Snaps):
     time_scale: Annotated[si.SomeCoefficient, COMPILED] = 0.1
     """Distance that a second of age counts as. More forgets faster."""
     raw_samples: bool = False
-    """Take the samples themselves as neighbours, rather than the cells interpolated from them."""
+    """Whether the samples themselves are the neighbours, rather than the cells interpolated from the samples."""
     times: ClassVar[tuple[str, ...]] = ("window", "time_scale")
 
     @model_validator(mode="after")

@@ -132,7 +132,7 @@ class MoxSensor(GasSensor):
     """A metal-oxide gas sensor: a resistance that falls with a power of the concentration, and lags.
 
     R = R_air (1 + sum of e_i / c0)^-b over the gases i of the mixture; e_i is what c_i counts in ppm of the model's own
-    gas, c_i times its `sensitivity` or, where the data sheet has a curve of it, what makes the same R.
+    gas, c_i times its `sensitivity` or, where the data sheet has a curve of the gas, the ppm with the same R.
     """
 
     kind: Literal["mox"]

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 class Played(Model):
-    """Recorded frames; after the end the last one holds."""
+    """Playback of recorded frames; after the end the last frame holds."""
 
     loop: bool = False
-    """Start again at the end of the frames; otherwise the last one holds."""
+    """Start again at the end of the frames; otherwise the last frame holds."""
     rate: si.SomeCoefficient = 1.0
     """Seconds of the frames per simulated second; their velocities stay as they are."""
     start: si.Time = 0.0
@@ -32,7 +32,7 @@ class Played(Model):
 
 
 class Playback(Played):
-    """A recorded run (see `fields`), linear in time between its frames, also from the last one to the first."""
+    """Playback of a recorded run (see `fields`), linear in time between frames, also from the last to the first."""
 
     part: ClassVar[Literal["wind", "gas"]]
     """Recorded quantity that is played back."""

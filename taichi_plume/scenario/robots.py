@@ -60,7 +60,7 @@ class Group(Model):
     name: str = "robots"
     """Name of the group in tables and recordings; two groups need two names."""
     count: si.Count
-    """Robots of the team."""
+    """Number of robots of the team."""
     trials: si.Count = 1
     """Independent copies of the team that search at once in the same air. They neither see nor meet each other: more
     give better statistics in one run."""

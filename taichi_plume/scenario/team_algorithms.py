@@ -105,7 +105,7 @@ class Dapso(Listening):
 
 
 class LineUp(AnyAlgorithm):
-    """A diagonal line of robots that sweeps across the wind (Marjovi & Marques 2014). See agents/lineup.py."""
+    """Line-up: a diagonal line of robots that sweeps across the wind (Marjovi & Marques 2014). See agents/lineup.py."""
 
     kind: Literal["lineup"]
     speed: si.Speed | None = None
@@ -121,7 +121,7 @@ class LineUp(AnyAlgorithm):
     stagger: si.Distance = 0.3
     """Distance between neighbours across the wind; of a lone robot, its step along the wind after each sweep."""
     mirror: bool = False
-    """Form the line again before it goes back, so that the same end leads."""
+    """Whether the line forms again before it goes back, so that the same end leads."""
     margin: si.Length = 0.3
     """Distance from the walls to the line."""
     tolerance: si.Length = 0.15

@@ -19,7 +19,7 @@ SAMPLES = 4  # per axis of a map cell, at most
 PERIOD = 5.0  # s, between scores of a map that has no snaps
 SUMS = ("acquisitions", "hits", "bumps", "pushes", "pinned_s")
 """Columns of robots that trials sum over a team; pushes and pinned_s exist only where obstacles move."""
-SETTLED = 30.0  # s: forecasts count from then on, as in Marjovi & Marques
+SETTLED = 30.0  # s after `begin`: forecasts count from then on, as in Marjovi & Marques
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def true_gas(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarray
 
 
 def measurable(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarray:
-    """Mask (nx, ny) of map cells whose centre a robot could reach: not in standing obstacles, nor off the arena."""
+    """Mask (nx, ny) of map cells with a centre that a robot can reach: in the arena, outside of standing obstacles."""
     return sim.swarm.clearance.distance_at(centers(shape, cell)) > 0.0
 
 
