@@ -58,8 +58,8 @@ class Mapper(Protocol):
     """An online gas map of all trials.
 
     cell: edge of the cells [m]. window: length of the snaps that are forecast [s]; None without forecasts. errors:
-    (time [s], mean error [ppm] (trials,)) of each forecast that later readings have judged. Methods that estimate their
-    variance are `Uncertain`.
+    (time [s], mean error [ppm] (trials,)) of each forecast that was compared with later readings. Methods that estimate
+    their variance are `Uncertain`.
     """
 
     cell: float
@@ -144,7 +144,7 @@ def check_gas(sim: "Simulation") -> None:
 
 @dataclass
 class Simulation:
-    """One run. Time t = tick dt is 0 when the robots start; the warm-up has negative ticks.
+    """A run. Time t = tick dt is 0 when the robots start; the warm-up has negative ticks.
 
     Order of a tick: wind and gas advance together in steps within the wind's CFL limit, robots move by their commands,
     sensors measure, maps add the readings, algorithms act, and observers that are due are called.
@@ -161,7 +161,7 @@ class Simulation:
     obstacles: "Sequence[Shape | Cubes]"
     air: Air
     begin: Callable[[Scenario], Scenario] | None = None
-    """Restarts every part with a scenario, and returns that scenario, completed; see `reset`."""
+    """Function that restarts every part with a scenario and returns the completed scenario; see `reset`."""
     forces: Callable[[], np.ndarray] | None = None
     """Force of the air on each obstacle [N], shape (obstacles, dim); None if unknown."""
     pressure: Any = None
@@ -169,9 +169,9 @@ class Simulation:
     heat: "HeatSolver | None" = None
     """Temperature of the air: `theta`, a field [K] above its `reference`; None if not computed."""
     observers: list[Every] = field(default_factory=list, init=False)
-    """Called when they are due; append your own."""
+    """Observers that are called when they are due; append your own."""
     step_observers: list[EveryStep] = field(default_factory=list, init=False)
-    """Called after every step of the air."""
+    """Observers that are called after every step of the air."""
     tick: int = field(default=0, init=False)
     steps: int = field(default=0, init=False)
     wall_s: float = field(default=0.0, init=False)

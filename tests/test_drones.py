@@ -15,7 +15,7 @@ from taichi_plume.envs.task import require_task
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_robots import TRANSFORMS
 from taichi_plume.grid.state import State
-from taichi_plume.running.signals import Ears
+from taichi_plume.running.signals import SignalRequests
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scoring.trials import source_places, trial_outcomes
 from taichi_plume.serve.service import Pace, Service
@@ -249,7 +249,7 @@ def test_drones_are_driven_from_outside(path):
     np.testing.assert_allclose(now["altitude"], [0.8 + 0.4, 1.7], atol=0.03)
     link = Link()
     service = Service(Pace(), [link], quiet=True)
-    service.attach(sim, Ears())
+    service.attach(sim, SignalRequests())
     service.publish()
     service.close()
     told = ros.decode(TRANSFORMS, dict(link.messages)["tf"]).transforms

@@ -182,7 +182,7 @@ def test_the_command_maps_the_whole_log_by_default(tmp_path, capsys):
 
 def test_the_command_says_what_is_forgotten(tmp_path, capsys):
     lines, scores = command(tmp_path, capsys, "--map={kind: gmrf, memory: 60}")
-    assert lines[0] == "knows of no gas: 0 ppm wherever it knows"
+    assert lines[0] == "no gas: 0 ppm in all known cells"
     assert scores["peak"] == {"x_m": None, "y_m": None, "ppm": 0.0}
     assert lines[1].startswith(f"{scores['forgotten']} of 240 readings forgotten; without memory")
     assert 215 <= scores["forgotten"] <= 217

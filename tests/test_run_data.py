@@ -183,8 +183,8 @@ def test_parts_that_a_run_has_not_tell_how_to_get_them(folder):
     assert "fields: {rate: 2}" in repr(one)
     repaired = [{"name": "casters", "robots_of_all_trials": 2, "found": 0}]
     for changes, fault in (
-        ({"groups": []}, "tells of no trials"),
-        ({"status": "killed", "groups": repaired}, "tells of no trials"),
+        ({"groups": []}, "has no trials"),
+        ({"status": "killed", "groups": repaired}, "has no trials"),
         ({"groups": [{"algorithm": "casting", "trials": 1}]}, "is damaged: 'per_trial'"),
     ):
         write_result(folder, one.result | changes)

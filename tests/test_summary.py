@@ -71,7 +71,7 @@ def test_groups_that_share_an_arena_are_told_so():
     assert [one["shares_arena_with"] for one in content["groups"]] == [["sweepers"], ["casters"]]
     assert lines["one arena"] == (
         "casters, sweepers share the arena and the maps; add rivals: true to compare them; "
-        "only the first 2 of their trials have all of them"
+        "only the first 2 trials have all groups"
     )
     assert content["maps"][0]["made_by"] == ["casters", "sweepers"]
     assert "mae_ppm" in content["maps"][0]
@@ -124,7 +124,7 @@ def test_trials_that_are_the_same_count_as_one():
     assert one["summary"]["success_rate"]["n"] == 1
     assert len(one["per_trial"]["success"]) == 20
     assert "success" not in lines["a"]
-    assert "the 20 trials of a are the same to the bit" in lines["one trial"]
+    assert "the 20 trials of a are identical to the bit" in lines["one trial"]
     assert "one air" not in lines
 
 
@@ -177,7 +177,7 @@ def test_a_run_that_was_interrupted_claims_no_more_than_it_saw():
     content, lines = told_of(sim, "interrupted")
     assert lines["team"] == "casting, no source to be found: the robots had not started"
     assert content["maps"][0]["mean_gas"]["per_trial_at_end"] == {}
-    assert lines["time series map"] == "knows no cell"
+    assert lines["time series map"] == "no cell is known"
     for _ in range(80):
         sim.advance()
     content, _ = told_of(sim, "interrupted")

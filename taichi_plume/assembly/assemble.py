@@ -1,4 +1,4 @@
-"""Assembly of a `Simulation` from a scenario: the one module that knows all parts."""
+"""Assembly of a `Simulation` from a scenario: this module alone imports all parts."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -193,15 +193,15 @@ class Stirring:
 
 
 def ways(scenario: Scenario, resources: Resources, cubes: Cubes | None) -> tuple[ClearanceMap, list[int]]:
-    """Distances to obstacles, including `cubes` of an occupancy grid, and the numbers of the obstacles that walk."""
+    """Distances to obstacles, including `cubes` of an occupancy grid, and the numbers of the moving obstacles."""
     flying = [group for group in scenario.robots if group.body.flies]
     driving = [group for group in scenario.robots if not group.body.flies]
     standing: list[Any] = [shape for shape in resources.standing if shape is not None]
     shapes, floor, feet = [*standing, *([cubes] if cubes else [])], scenario.floor, np.zeros((1, 2))
     # algorithms of the floor see obstacles there or, with drones alone, at the altitudes of their starts
-    some = driving or flying
-    base = min((group.start_altitude for group in some), default=0.0)
-    top = max((group.start_altitude + group.body.height for group in some), default=0.1)
+    groups = driving or flying
+    base = min((group.start_altitude for group in groups), default=0.0)
+    top = max((group.start_altitude + group.body.height for group in groups), default=0.1)
     clearance = ClearanceMap(shapes, floor.high, top - base, low=floor.low, base=base)
     low, high = base, top
     if flying:
@@ -274,20 +274,20 @@ def _weigh(weighing: list[BuoyantScalar], scenario: Scenario) -> None:
 def _own(scenario: Scenario, resources: Resources, algorithms: Mapping[str, type] | None) -> dict[str, type]:
     """The users' own classes by the names of their groups. Raises ScenarioError if one is missing."""
     groups = _by_path(scenario)
-    found = {groups[path].name: own for path, own in resources.own.items()} | dict(algorithms or {})
-    what = "no class of its own was handed over; name a Python file with file: FILE.py"
+    classes = {groups[path].name: own for path, own in resources.own.items()} | dict(algorithms or {})
+    what = "no class was given; pass one, or name a Python file with file: FILE.py"
     _raise_missing(
         {
             path: what
             for path, group in groups.items()
-            if group.algorithm.kind == "own" and group.name not in found
+            if group.algorithm.kind == "own" and group.name not in classes
         }
     )
-    return found
+    return classes
 
 
 def _by_path(scenario: Scenario) -> dict[str, Group]:
-    """Groups by the paths of their algorithms."""
+    """Groups of robots by the YAML paths of their algorithms."""
     return {f"robots[{n}].algorithm": group for n, group in enumerate(scenario.robots)}
 
 

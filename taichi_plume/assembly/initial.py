@@ -22,7 +22,7 @@ Places = Callable[[np.ndarray], np.ndarray]
 
 
 def begin_fields(scenario: Scenario, resources: Resources, wind: "Wind", gases: "Sequence[Gas]") -> None:
-    """Set all quantities with an `initial` section, once all parts have begun. Raises ScenarioError."""
+    """Set all quantities with an `initial` section, once all parts are at their start. Raises ScenarioError."""
     extent = scenario.domain.extent
     flow, solver = scenario.wind.computed, cast("FlowSolver", wind)
     if flow is not None and flow.initial is not None:
@@ -44,7 +44,7 @@ def begin_fields(scenario: Scenario, resources: Resources, wind: "Wind", gases: 
 def _filmed(
     model: FilmedInitial, path: str, resources: Resources, species: "str | OtherSpecies | None" = None
 ) -> Places:
-    """The wind, or the gas of a species, that a section's film shows."""
+    """Wind, or gas of a species, from the film of a section."""
     from taichi_plume.files.film import FilmError  # brings zarr
 
     film = resources.films[path]
@@ -63,8 +63,8 @@ def _formulas(model: Initial, extent: tuple[float, ...], units: Units = NO_UNITS
     """
 
     def places(points: np.ndarray) -> np.ndarray:
-        found = model.values(np.clip(points, 0.0, extent), units)
-        values = np.where(np.isfinite(found), found, 0.0)
+        raw = model.values(np.clip(points, 0.0, extent), units)
+        values = np.where(np.isfinite(raw), raw, 0.0)
         return values[0] if len(values) == 1 else np.moveaxis(values, 0, -1)
 
     return places

@@ -24,7 +24,7 @@ def execute(prepared: Prepared, allow: bool, ask: bool = False, without: Collect
         f"{where}.file: {file.path} holds Python code, which runs with all your rights; look at it, then add "
         "--allow-code (in Python: allow_code=True)"
         for where, file in files.items()
-        if not allow and not (ask and wanted(f"{where}.file: {file.path}", file.digest))
+        if not allow and not (ask and has_permission(f"{where}.file: {file.path}", file.digest))
     ]
     if refused:
         raise ScenarioError(refused)
@@ -38,7 +38,7 @@ def execute(prepared: Prepared, allow: bool, ask: bool = False, without: Collect
         raise ScenarioError(faults)
 
 
-def wanted(where: str, digest: str) -> bool:
+def has_permission(where: str, digest: str) -> bool:
     """Ask the user for permission; without a terminal the answer is no."""
     if not (sys.stdin and sys.stdin.isatty() and sys.stderr.isatty()):
         return False

@@ -25,7 +25,7 @@ class Prepared(NamedTuple):
 
 
 class StructureError(ScenarioError):
-    """A scenario whose structure differs from that of the assembled simulation."""
+    """A scenario with another structure than the assembled simulation."""
 
 
 def load_scenario(
@@ -103,7 +103,7 @@ def checked(
 ) -> Prepared:
     """Open the files of a scenario as `prepare` does and run all checks. Raises ScenarioError."""
     _require_scenario(scenario)
-    faults = checks.misfits(scenario)
+    faults = checks.early_errors(scenario)
     if not faults:
         prepared = prepare(scenario, folder, allow_outside, named)
         faults = checks.problems(*prepared)
@@ -132,11 +132,11 @@ def again(prepared: Prepared, scenario: Scenario) -> Prepared:
     faults = differences(old, other)
     if faults:
         raise StructureError([f"{fault}; a reset cannot change it; assemble again" for fault in faults])
-    found = replace(resources, scenario=other)
-    faults = checks.misfits(other) or checks.problems(other, found)
+    changed = replace(resources, scenario=other)
+    faults = checks.early_errors(other) or checks.problems(other, changed)
     if faults:
         raise ScenarioError(faults)
-    return Prepared(other, found)
+    return Prepared(other, changed)
 
 
 def prepare(

@@ -38,7 +38,7 @@ class Resources:
     faults: errors of files, by the paths of the keys that name them. files: paths that were opened for each section,
     also by other files, and for `gaden`. shapes: of the obstacles, in their order. site: files of an imported wind.
     code: files of own algorithms; own: their classes, once executed. networks: of policies. ways: paths of
-    recorded robots. remarks: unlikely settings, once checked.
+    recorded robots. remarks: warnings of the checks.
     """
 
     scenario: Scenario
@@ -152,7 +152,7 @@ def completed(gas: PlaybackGas, film: "Film") -> PlaybackGas:
         given = gas.model_dump(exclude_none=True, exclude_defaults=True)
         return PlaybackGas.model_validate(recorded | given | {"kind": "playback"})
     except (ValidationError, LookupError, TypeError):
-        raise FilmError(f"{film.path}: is damaged: its species or sources are not ones of ours") from None
+        raise FilmError(f"{film.path}: is damaged: its species or sources are invalid") from None
 
 
 def _points(

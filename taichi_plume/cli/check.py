@@ -71,24 +71,24 @@ def explained(scenario: Scenario, wide: int = WIDTH) -> str:
     text = all_keys(scenario)
     keys = {line: (name, brief, lines) for line, name, brief, lines in _keys(_tree(text), scenario)}
     known = {("", "")}
-    found: list[str] = []
+    rows: list[str] = []
     for number, line in enumerate(text.splitlines()):
         name, brief, lines = keys.get(number, ("", "", 1))
         if name and line == f"{name}:":
-            found.append("")  # before each part of the scenario
+            rows.append("")  # before each part of the scenario
         beside = f"{line:<{COLUMN}}  # {brief}"
         if not brief or (name, brief) in known:
-            found.append(line)
+            rows.append(line)
         elif lines == 1 and len(beside) <= wide:
-            found.append(beside)
+            rows.append(beside)
         else:
             start = " " * (len(line) - len(line.lstrip())) + "# "
-            found += textwrap.wrap(
+            rows += textwrap.wrap(
                 brief, wide, initial_indent=start, subsequent_indent=start, break_on_hyphens=False
             )
-            found.append(line)
+            rows.append(line)
         known.add((name, brief))
-    return "\n".join(found)
+    return "\n".join(rows)
 
 
 def _tree(text: str) -> yaml.Node:
@@ -118,13 +118,13 @@ def draw_scene(prepared: Prepared, path: Path) -> str | None:
         if path.exists() and not _is_png(path):
             return "is no picture, and stays as it is"
         path.parent.mkdir(parents=True, exist_ok=True)
-        from taichi_plume.report.scene import save_check  # it takes a second to import matplotlib
+        from taichi_plume.report.scene import save_check  # importing matplotlib takes a second
 
         with written_whole(path) as fresh:
             save_check(prepared, fresh)
     except OSError as error:
         return f"cannot be written: {error.strerror or error}"
-    except ImportError as error:  # no reason for a check to fail
+    except ImportError as error:  # a check does not fail because of the picture
         return f"cannot be drawn: {error}"
     return None
 

@@ -26,7 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     args = _arguments(arguments)
-    interrupted = "interrupted; what is done is kept, and the same command goes on"
+    interrupted = "interrupted; finished runs are kept, and the same command continues"
     return exit_code(lambda: _contest(args, arguments), interrupted, out=args.out)
 
 
@@ -36,12 +36,12 @@ def _contest(args: argparse.Namespace, arguments: Sequence[str]) -> int:
     from taichi_plume.contest.fixed import NAMES, QUICK, fixed
 
     names = scenarios(play.chosen(args.scenarios), QUICK if args.quick else NAMES)
-    some = entrants(play.chosen(args.algorithms), args.algorithm, args.policy)
+    entries = entrants(play.chosen(args.algorithms), args.algorithm, args.policy)
     _require_allowed(args)
     searches = args.searches or (QUICK_SEARCHES if args.quick else SEARCHES)
     chosen = tuple(fixed(name, args.seed, searches) for name in names)
     airs = args.airs or (QUICK_AIRS if args.quick else AIRS)
-    contest = play.Contest(args.out, chosen, tuple(some), airs)
+    contest = play.Contest(args.out, chosen, tuple(entries), airs)
     from taichi_plume.study.study_run import Wishes
 
     wishes = Wishes(
@@ -72,14 +72,14 @@ def _conclude(args: argparse.Namespace, contest: "Contest", command: Sequence[st
 
 def _require_allowed(args: argparse.Namespace) -> None:
     """Raise ScenarioError if the user has not allowed the execution of own algorithms."""
-    from taichi_plume.assembly.own_code import wanted
+    from taichi_plume.assembly.own_code import has_permission
     from taichi_plume.files.own_class import OwnFile
     from taichi_plume.scenario.loading import ScenarioError
 
     refused = [
         f"{path}: holds Python code, which runs with all your rights; look at it, then add --allow-code"
         for path in args.algorithm
-        if not args.allow_code and not wanted(str(path), OwnFile.read(path, None).digest)
+        if not args.allow_code and not has_permission(str(path), OwnFile.read(path, None).digest)
     ]
     if refused:
         raise ScenarioError(refused)

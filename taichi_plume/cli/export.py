@@ -80,7 +80,7 @@ def _arguments(argv: Sequence[str] | None) -> Namespace:
     args = parser.parse_args(argv)
     for name in OF_BAGS:
         if vars(args)[name] is not None and args.to != "mcap":
-            parser.error(f"--{name} is of bags, --to mcap")
+            parser.error(f"--{name} is only for bags, --to mcap")
     if args.source is not None and args.to != "netcdf":
-        parser.error("--from is of --to netcdf")
+        parser.error("--from is only for --to netcdf")
     return args

@@ -29,7 +29,7 @@ KINDS = {get_args(model.model_fields["kind"].annotation)[0]: model for model in 
 
 class _Parser(Parser):
     def error(self, message: str) -> NoReturn:
-        raise InputError(f"{message}; --help tells more")
+        raise InputError(f"{message}; see --help")
 
 
 def arguments(argv: Sequence[str]) -> tuple[argparse.Namespace, Map]:
@@ -40,7 +40,7 @@ def arguments(argv: Sequence[str]) -> tuple[argparse.Namespace, Map]:
     first.add_argument("-h", "--help", action="store_true")
     args, _ = first.parse_known_args(argv)
     if len(args.map) + (args.kind is not None) > 1:
-        raise InputError("--map and --kind: tell of one map; give one of them, once")
+        raise InputError("--map and --kind: there is one map; give one of these options, once")
     short = f"{{kind: {json.dumps(args.kind or DEFAULT)}}}"
     model = load_part(args.map[0], "--map", Map) if args.map else load_part(short, "--kind", Map)
     parser = _options(_parameters(model) if args.map or args.kind else _kinds())
@@ -105,7 +105,7 @@ def _of_bags(group: argparse._ArgumentGroup) -> None:
     flag(group, "--upwind", "Anemometer messages give the direction that the wind comes from")
 
 
-def wanted(args: argparse.Namespace) -> BagOptions:
+def bag_options(args: argparse.Namespace) -> BagOptions:
     """Return the selection of a bag's topics and units."""
     topics, poses, wind = tuple(args.topic), tuple(args.pose), tuple(args.wind)
     return BagOptions(

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.cli.map_options import arguments, wanted
+from taichi_plume.cli.map_options import arguments, bag_options
 from taichi_plume.files import disk
 from taichi_plume.files.readings import Readings, read
 from taichi_plume.guard.terminal import say
@@ -102,7 +102,7 @@ def _make(args: argparse.Namespace, model: Map) -> int:
     from taichi_plume.grid import kernels
 
     with RunFolder("", args.out, args.force, inputs=[args.readings], files=FILES, ours=_is_map) as folder:
-        readings = read(args.readings, args.trial, args.group, wanted(args))
+        readings = read(args.readings, args.trial, args.group, bag_options(args))
         origin = np.array(args.origin)
         readings = replace(readings, place=readings.place - origin)
         sources = np.array(args.source) - origin if args.source else None
@@ -118,9 +118,9 @@ def _make(args: argparse.Namespace, model: Map) -> int:
             folder.settle(stands)
     peak = gas_map.scores["peak"]
     if peak["ppm"] is None:
-        say("knows no cell: its last readings are too old")
+        say("no cell is known: the last readings are too old")
     elif peak["x_m"] is None:
-        say("knows of no gas: 0 ppm wherever it knows")
+        say("no gas: 0 ppm in all known cells")
     else:
         say(f"peak {peak['ppm']:.3g} ppm at ({peak['x_m']:.2f}, {peak['y_m']:.2f}) m")
     say(_used(gas_map.scores, model.times), f"{args.out}: {', '.join(FILES)}")
@@ -145,6 +145,6 @@ def _used(scores: dict[str, Any], times: Sequence[str]) -> str:
 
 def _is_map(folder: Path) -> bool:
     """Return whether a folder holds an earlier map."""
-    from taichi_plume.files.run_folder import told
+    from taichi_plume.files.run_folder import read_json
 
-    return told(folder / "scores.json").keys() >= {"kind", "readings", "known_fraction"}
+    return read_json(folder / "scores.json").keys() >= {"kind", "readings", "known_fraction"}

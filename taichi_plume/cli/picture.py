@@ -112,7 +112,7 @@ def _film(run: "Run", args: argparse.Namespace) -> None:
     begin = max(run.begin, 0.0) if args.begin is None else args.begin
     end = _end(run) if args.end is None else args.end
     if not begin < end:
-        what = f"a film from {begin:g} to {end:g} s is none; choose another --begin and --end"
+        what = f"a film from {begin:g} to {end:g} s is empty; choose another --begin and --end"
         raise InputError(f"{run.folder}: {what}")
     count = args.frames or MOST_FRAMES
     picture = _picture(run, args, (begin, end), 0.0 if args.frames else (end - begin) / count)
@@ -165,11 +165,11 @@ def _picture(
         raise InputError(f"{run.folder}: {what}")
     views = [VIEWS.get(args.view, args.view)] if args.view else ["column", "slice"]
     names = [f"{args.of}_{view}" for view in views]
-    found = run.planes.read(names, between, spacing)
-    if not found:
+    pictures = run.planes.read(names, between, spacing)
+    if not pictures:
         there = ", ".join(run.planes.names()) or "none"
         raise InputError(f"{run.folder}: has no pictures of {' or '.join(names)}, but of {there}")
-    return found[next(name for name in names if name in found)]
+    return pictures[next(name for name in names if name in pictures)]
 
 
 def _period(run: "Run") -> float:

@@ -19,7 +19,7 @@ from taichi_plume.running.signals import reader_may_leave
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     args = _arguments(argv)
-    gc.disable()  # until the run begins: a start takes 7 % more where what it makes is looked through
+    gc.disable()  # until the run begins: garbage collection makes a start 7 % slower
     try:
         work = _resume if args.resume else _new
         return exit_code(lambda: work(args), "interrupted before the run began", args.debug, args.out)
@@ -34,7 +34,7 @@ def _new(args: argparse.Namespace) -> int:
     given = {"seed": args.seed, "duration": args.duration}
     overrides = [*args.set, *(f"{key}={value}" for key, value in given.items() if value is not None)]
     prepared = load(args.scenario, overrides, args.allow_outside)
-    at_the_end = args.check and sys.stdout.isatty()  # the notes would have scrolled away
+    at_the_end = args.check and sys.stdout.isatty()  # after the output, where notes would scroll away
     for remark in () if args.quiet or at_the_end else prepared.resources.remarks:
         say(f"note: {remark}", error=True)
     if args.check:
@@ -103,7 +103,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("scenario", type=Path, nargs="?", help="YAML file")
     add(parser, "--out")
-    add(parser, "--arch", default=None)  # of --resume: that of the run
+    add(parser, "--arch", default=None)  # with --resume: the device of the run
     option(parser, "--seed", str, "N", "instead of the scenario's")
     option(parser, "--duration", str, "S", "seconds, instead of the scenario's")
     add(parser, "--set")
@@ -118,11 +118,11 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     if args.resume is None and args.scenario is None:
         parser.error("the following arguments are required: scenario")
     if args.live and args.no_recording:
-        parser.error("--live shows the recording: it has no place beside --no-recording")
+        parser.error("--live shows the recording; it cannot go with --no-recording")
     if args.all and not args.check:
         parser.error("--all goes with --check")
     fixed = [f"--{key}" for key in ("out", "seed", "duration", "set", "check", "force") if vars(args)[key]]
     if args.resume is not None and (args.scenario or args.no_recording or fixed):
         what = fixed[0] if fixed else args.scenario or "--no-recording"
-        parser.error(f"--resume continues the run as it was: {what} has no place beside it")
+        parser.error(f"--resume continues the run unchanged; it cannot go with {what}")
     return args

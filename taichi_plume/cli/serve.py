@@ -1,10 +1,10 @@
 """``python -m taichi_plume.serve scenario.yaml`` runs a scenario in real time, with robots from outside.
 
 Robots of groups with ``algorithm: {kind: external}`` are driven by clients (see taichi_plume.client), by ROS 2 nodes
-through a zenoh bridge, or manually from Foxglove; topics are those of `topics`. The service listens on this machine
-alone unless another address is given, which takes a token: in the environment, TAICHI_PLUME_TOKEN, for the service and
-for clients. Pages in a browser cannot connect unless the origin of their site is allowed. Files and exit codes are
-those of ``python -m taichi_plume.run``; such a run cannot be resumed.
+through a zenoh bridge, or manually from Foxglove; topics are those of `topics`. The service accepts
+connections from this machine only, unless another address is given. That takes a token for the service and for clients,
+in the environment variable TAICHI_PLUME_TOKEN. Web pages cannot connect unless the origin of their site is allowed.
+Files and exit codes are those of ``python -m taichi_plume.run``; such a run cannot be resumed.
 """
 
 import argparse
@@ -89,7 +89,7 @@ def _require_names(file: Path, names: Sequence[str]) -> None:
         for other in names[:n]:
             if word(other) == word(name):
                 what = f"'{other}' and '{name}' have the same topics, {word(name)}/..."
-                raise ScenarioError([f"{file}: robots[{n}].name: {what}; name one of them otherwise"])
+                raise ScenarioError([f"{file}: robots[{n}].name: {what}; rename one of them"])
 
 
 @contextmanager

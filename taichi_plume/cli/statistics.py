@@ -25,19 +25,19 @@ def _analyse(args: argparse.Namespace) -> int:
     sensors = [_sensor(text) for text in args.sensor]
     from taichi_plume.statistics import source
 
-    found = source.of(
+    plume = source.of(
         args.source, args.gas, args.probe, args.threshold, args.start,
         None if args.range is None else tuple(args.range), sensors,
     )  # fmt: skip
     out = args.out or _folder(args.source)
     if args.out is None and out.is_symlink():
         raise InputError(f"{out}: is a link, to which nothing is written; choose --out")
-    paths = found.write(out)
+    paths = plume.write(out)
     if not args.no_page:
         from taichi_plume.statistics import page
 
-        paths.append(page.write(found, out))
-    _print(found)
+        paths.append(page.write(plume, out))
+    _print(plume)
     say(f"{paths[-1]}: {paths[-1].stat().st_size / 1e3:,.0f} kB")
     return 0
 
@@ -86,24 +86,24 @@ def _folder(source: Path) -> Path:
     return source / "statistics"
 
 
-def _print(found: "Statistics") -> None:
+def _print(plume: "Statistics") -> None:
     """Print the main results."""
-    points = sum(len(part.probe.places) for part in found.probes)
+    points = sum(len(part.probe.places) for part in plume.probes)
     say(
-        f"{found.gas}: {points:,} points, {found.samples:,} samples from {found.begin:.4g} to {found.end:.4g} s; "
-        f"threshold {found.threshold:.3g} ppm ({found.why})"
+        f"{plume.gas}: {points:,} points, {plume.samples:,} samples from {plume.begin:.4g} to {plume.end:.4g} s; "
+        f"threshold {plume.threshold:.3g} ppm ({plume.why})"
     )
-    for part in found.probes:
+    for part in plume.probes:
         for kind in part.kinds:
             if law := kind.law:
                 say(
                     f"{part.probe.name}: {len(kind.all.lasted):,} {kind.name}, p(T) ~ T^-a with a = {law.value:.2f} "
                     f"(95 %: {law.low:.2f} to {law.high:.2f}) from {law.first:.3g} to {law.last:.3g} s; turbulence: 1.5"
                 )
-    if found.smelt:
-        slow, fast = found.smelt.kept[:2]
+    if plume.smelt:
+        slow, fast = plume.smelt.kept[:2]
         say(
             f"of {slow.whiffs:,} whiff{'s' * (slow.whiffs != 1)} a metal oxide of 12 s keeps {slow.share:.0%}, "
             f"a detector of 50 ms {fast.share:.0%}"
         )
-    say(*(f"note: {note}" for note in found.notes))
+    say(*(f"note: {note}" for note in plume.notes))

@@ -78,7 +78,7 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     add(parser, "--retry", "--quiet", "--allow-code", "--allow-outside", "--no-report", "--debug")
     args = parser.parse_args(argv)
     if args.workers and args.scheduler:
-        parser.error("--workers is of this machine: it has no place beside --scheduler")
+        parser.error("--workers is for this machine; it cannot go with --scheduler")
     if args.dashboard and not args.scheduler:
         parser.error("--dashboard needs a Dask scheduler: start `dask scheduler` and add --scheduler ADDRESS")
     return args

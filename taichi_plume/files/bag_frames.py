@@ -90,7 +90,7 @@ class Frames:
             raise BagError(f"{self.path}: has no frame '{frame}'; it has {listed(sorted(known))}")
 
     def carrier(self, chain: list[str]) -> str | None:
-        """Return the frame of the body that a sensor is fixed to: the first of a chain that moves, if any."""
+        """Return the frame of the body that carries a sensor: the first moving frame of a chain, if any."""
         return next((frame for frame in chain if not self.links[frame].static), None)
 
     def pose(self, chain: list[str], times: np.ndarray) -> Pose:
@@ -106,9 +106,9 @@ class Frames:
 
 def topics_for(bag: Bag, gas: str) -> list[str]:
     """Return the topics of frames in the namespaces of a topic of gas (robots may have their own), or else all."""
-    found, parts = bag.of_kind(KIND), gas.strip("/").split("/")
-    own = [topic for topic in found if (space := topic.strip("/").split("/")[:-1]) == parts[: len(space)]]
-    return own or found
+    topics, parts = bag.of_kind(KIND), gas.strip("/").split("/")
+    own = [topic for topic in topics if (space := topic.strip("/").split("/")[:-1]) == parts[: len(space)]]
+    return own or topics
 
 
 def plain_name(frame: str) -> str:

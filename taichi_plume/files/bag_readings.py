@@ -108,7 +108,7 @@ def read_here(path: Path, options: BagOptions) -> list[RecordedRobot]:
 
 
 class _Source(NamedTuple):
-    """A bag, the options of reading it, the transform tree of a robot, and whether times are those of the stamps."""
+    """A bag, the options of reading it, the transform tree of a robot, and whether times come from the stamps."""
 
     bag: Bag
     options: BagOptions
@@ -213,7 +213,7 @@ def _ppm(where: str, raw: float, units: str, sensor: ros.Message, options: BagOp
     A resistance by the law of ros_messages: c = c0 ((R / R_air)^(1 / calib_b) - 1).
     """
     if units not in UNITS:
-        raise BagError(f"{where} tells gas in units that are not ppm, ppb or ohm ({units}); give --units")
+        raise BagError(f"{where}: the unit of gas is {units}, not ppm, ppb or ohm; give --units")
     if units != "ohm":
         return raw * UNITS[units]
     known = vars(sensor) if sensor else {}
@@ -226,9 +226,9 @@ def _ppm(where: str, raw: float, units: str, sensor: ros.Message, options: BagOp
     elif a > 0.0 and b < 0.0:
         c0 = a ** (-1.0 / b)
     else:
-        raise BagError(f"{where} tells resistances without calib_a and calib_b; choose with --model")
+        raise BagError(f"{where} has resistances without calib_a and calib_b; give --model")
     if not 0.0 < air < np.inf:
-        raise BagError(f"{where} tells resistances without that in clean air, raw_air; give it with --air")
+        raise BagError(f"{where} has resistances without raw_air, the resistance in clean air; give --air")
     if not raw > 0.0:
         return np.nan
     return max(0.0, c0 * float(np.expm1(np.log(raw / air) / b)))

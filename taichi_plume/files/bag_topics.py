@@ -24,27 +24,27 @@ def chosen(bag: Bag, given: Sequence[str], kinds: Sequence[str], what: str, opti
     if given:
         return list(given)
     for kind in kinds:
-        found = bag.of_kind(kind)
-        if found and kind in UNSURE:
-            return [_only(bag, found, f"several topics that may be {what}", option)]
-        if found:
-            return found
+        topics = bag.of_kind(kind)
+        if topics and kind in UNSURE:
+            return [_only(bag, topics, f"several topics that may be {what}", option)]
+        if topics:
+            return topics
     has = listed([f"{topic} ({kind.replace('/msg/', '/')})" for topic, kind in sorted(bag.kinds.items())])
     raise BagError(f"{bag.path}: has no topic of {what} of a type that is known; it has {has or 'none'}")
 
 
 def pose_topic_of(bag: Bag, gas: str, given: str | None) -> str:
-    """Return the given topic of poses, or the one whose name shares most with a topic of gas. Raises BagError."""
+    """Return the given topic of poses, or the topic with the name nearest to a topic of gas. Raises BagError."""
     if given:
         bag.require(given, POSES)
         return given
-    found = bag.of_kind(*POSES)
-    found = [topic for topic in found if "goal" not in topic.lower()] or found  # goals are no measured poses
-    if not found:
+    poses = bag.of_kind(*POSES)
+    poses = [topic for topic in poses if "goal" not in topic.lower()] or poses  # goals are no measured poses
+    if not poses:
         raise BagError(
             f"{bag.path}: has no poses for {gas}: neither frames that lead to it nor a topic of them"
         )
-    near = _nearest(gas, found)
+    near = _nearest(gas, poses)
     best = min(POSES.index(bag.kinds[topic]) for topic in near)
     near = [topic for topic in near if bag.kinds[topic] == POSES[best]]
     return _only(bag, near, f"several topics of poses for {gas}", "--pose")
@@ -55,8 +55,8 @@ def wind_topic_of(bag: Bag, gas: str, given: str | None) -> str | None:
     if given:
         bag.require(given, WINDS)
         return given
-    found = bag.of_kind(ros.ANEMOMETER) or [topic for topic in bag.of_kind(*WINDS) if "wind" in topic.lower()]
-    return _only(bag, _nearest(gas, found), f"several topics of wind for {gas}", "--wind") if found else None
+    winds = bag.of_kind(ros.ANEMOMETER) or [topic for topic in bag.of_kind(*WINDS) if "wind" in topic.lower()]
+    return _only(bag, _nearest(gas, winds), f"several topics of wind for {gas}", "--wind") if winds else None
 
 
 def _nearest(gas: str, topics: Sequence[str]) -> list[str]:

@@ -26,7 +26,7 @@ LONGEST_METADATA = 1 << 20  # characters of one text in it, such as the qualitie
 SECONDS, SECONDS_PER_MIB = 4.0, 20.0  # computing time to read a bag
 MEMORY, MEMORY_PER_BYTE = 512 * MIB, 64
 UNPACKED, UNPACKED_PER_BYTE = 64 * MIB, 200  # limits of compressed files, unpacked on the disk
-FAULTS = (Exception,)  # rosbags raises errors of any kind, such as of SQLite, decompression and YAML
+FAULTS = (Exception,)  # rosbags raises errors of many kinds, such as of SQLite, decompression and YAML
 OLD_NAMES = {  # of ROS 1, and of older packages
     "olfaction_msgs/msg/gas_sensor": ros.GAS_SENSOR,
     "olfaction_msgs/msg/gas_sensor_array": ros.GAS_SENSOR_ARRAY,
@@ -81,8 +81,8 @@ class Bag:
 
     def of_kind(self, *kinds: str) -> list[str]:
         """Return the topics of some types, sorted; digits in the names as numbers."""
-        found = [topic for topic, kind in self.kinds.items() if kind in kinds]
-        return sorted(found, key=_counted)
+        topics = [topic for topic, kind in self.kinds.items() if kind in kinds]
+        return sorted(topics, key=_counted)
 
     def messages(self, *topics: str) -> Iterator[tuple[str, float, ros.Message]]:
         """Yield topic, time of recording [s] and message, in the order of the bag. Raises BagError."""
@@ -113,7 +113,7 @@ class Bag:
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path may be a bag: a folder, or a file whose name ends like that of a bag."""
+    """Return whether a path may be a bag: a folder, or a file with the suffix of a bag."""
     return path.suffix.lower() in FILES or path.is_dir()
 
 

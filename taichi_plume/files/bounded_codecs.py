@@ -21,7 +21,7 @@ from zarr.core.codec_pipeline import BatchedCodecPipeline
 from zarr.registry import register_pipeline
 
 SLACK = 1 << 16  # bytes over twice the declared size: checksums, shard indices, data packed twice
-SIZE_AT = {"blosc": 4, "lz4": 0}  # offset of the decoded size in packed data, which the codec keeps
+SIZE_AT = {"blosc": 4, "lz4": 0}  # offset of the decoded size, which the codec writes into packed data
 
 
 def unpack(codec: str, packed: bytes, most: int) -> bytes:

@@ -28,7 +28,7 @@ class CheckpointError(InputError):
 
 
 class NotPlainError(TypeError):
-    """A value that is no plain data and cannot be written."""
+    """A value that is not plain data and cannot be written."""
 
 
 def write(path: Path, content: dict[str, Any]) -> None:
@@ -63,7 +63,7 @@ def read(path: Path) -> dict[str, Any]:
                 raise CheckpointError(f"{path}: is no checkpoint of this version")
             return _decoded(tree["content"], archive.__getitem__)
     except (ValueError, LookupError, TypeError, zipfile.BadZipFile) as error:
-        raise CheckpointError(f"{path}: is no checkpoint of ours: {error}") from None
+        raise CheckpointError(f"{path}: is no checkpoint of taichi_plume: {error}") from None
 
 
 class _Hashed(io.RawIOBase):

@@ -5,7 +5,7 @@ each end. Variables are float32 in the order (time, z, y, x), one chunk per fram
 At the cell centres, to look at:
 
     u, v, w     [m/s]    air velocity
-    NAME_ppm    [ppm]    of a species, at 25 °C and 1 atm
+    NAME_ppm    [ppm]    mole fraction of a species (at 25 °C and 1 atm)
     temperature [K]      if the run solves for temperature
     gas_NAME    [kg/m³]  concentration of a species
     air         volume fraction of the cell that holds gas, 0 in obstacles: the sum of gas_NAME * air * cell_volume is

@@ -26,13 +26,13 @@ MEANING = {
     "time": ("s", "simulated time since the robots start"),
     "viscosity": ("m2 s-1", "molecular and eddy viscosity of the air"),
     "temperature": ("K", "temperature of the air"),
-    "air": ("1", "share of the cell that holds its gas, 0 in obstacles"),
-    "volume": ("1", "share of the cell that is air"),
+    "air": ("1", "volume fraction of the cell that holds gas, 0 in obstacles"),
+    "volume": ("1", "volume fraction of the cell that is air"),
 }
 PLACES = {
-    "": "the cells' middles",
-    "face": "the cells' faces",
-    "ghost": "the cells' middles and one beyond each end",
+    "": "the cell centres",
+    "face": "the cell faces",
+    "ghost": "the cell centres and one ghost cell beyond each end",
 }
 
 
@@ -44,11 +44,11 @@ def middles(values: np.ndarray, axis: int) -> np.ndarray:
 
 
 class NewFilm:
-    """A film that is being written.
+    """Writer of a film.
 
     shape: cells per axis (x, y, z); dx [m]; attributes: of the group; moving: names of the variables of a frame;
-    still: variables without time; species: of the gases among `moving`. kept: resume the existing film after so many
-    frames; raises FilmError if it has fewer.
+    still: variables without time; species: of the gases among `moving`. resume_at: resume the existing film after this
+    number of frames; raises FilmError if the film has fewer.
     """
 
     def __init__(
@@ -60,14 +60,14 @@ class NewFilm:
         moving: Sequence[str],
         still: Mapping[str, np.ndarray],
         species: "Sequence[Species]",
-        kept: int | None = None,
+        resume_at: int | None = None,
     ):
         self.path, self.dim = path, len(shape)
         self.ppm = {f"{GAS}{gas.name}": (f"{gas.name}_ppm", gas.ppm_per_density) for gas in species}
         centred = [name.removesuffix("_face") for name in moving if name in VELOCITIES]
         names = [*moving, *centred, *(self.ppm[name][0] for name in moving if name in self.ppm)]
-        if kept is not None:
-            self._resume(names, kept)
+        if resume_at is not None:
+            self._resume(names, resume_at)
             return
         facts = {"format": FORMAT, "shape": list(shape), "spacing": dx, **attributes}
         facts |= {
@@ -94,20 +94,20 @@ class NewFilm:
             self._array(name, (name,), places(name, shape, dx), None, known)
         zarr_groups.consolidate(path)
 
-    def _resume(self, names: Sequence[str], kept: int) -> None:
+    def _resume(self, names: Sequence[str], resume_at: int) -> None:
         path = self.path
         with errors_as(FilmError, path, "is damaged, without it the run cannot go on"):
             group = zarr_groups.Group(path, mode="r+")
             arrays = {name: group[name] for name in group.names}
-            self.frames, self.time = kept, arrays["time"]
+            self.frames, self.time = resume_at, arrays["time"]
             self.moving = {name: arrays[name] for name in names}
             stored = [min(array.shape[0], zarr_groups.stored_chunks(array)) for array in self.moving.values()]
-            held = min(int(np.isfinite(self.time[:kept]).sum()), *stored)
-        if held < kept:
-            raise FilmError(f"{path}: the run cannot go on: {held} of the first {kept} frames are left")
+            held = min(int(np.isfinite(self.time[:resume_at]).sum()), *stored)
+        if held < resume_at:
+            raise FilmError(f"{path}: the run cannot go on: {held} of the first {resume_at} frames are left")
         tidy(path)
         for array in (self.time, *self.moving.values()):
-            array.resize((kept, *array.shape[1:]))
+            array.resize((resume_at, *array.shape[1:]))
         zarr_groups.consolidate(path)
 
     def _array(
@@ -138,7 +138,7 @@ class NewFilm:
         self.frames = n + 1
 
     def flush(self) -> None:
-        """Show the frames so far to readers."""
+        """Make the frames so far visible to readers."""
         zarr_groups.consolidate(self.path)
 
 
@@ -160,7 +160,7 @@ def _facts(name: str, known: Known) -> dict[str, str]:
         solved = "1 where the velocity was solved for, 0 on walls"
         units, meaning = (
             "1",
-            f"of the faces of {at}: {solved if component == 'open' else 'share that is air'}",
+            f"of the faces of {at}: {solved if component == 'open' else 'area fraction that is air'}",
         )
     else:
         axis, _, at = name.partition("_")

@@ -26,7 +26,7 @@ from taichi_plume.grid.shapes import TIE, Shape
 
 HEADER = ("env_min", "env_max", "num_cells", "cell_size")
 LARGEST = 1e9  # number of a header
-NEIGHBOURS = 12  # the nearest cube is among those with the nearest centres
+NEIGHBOURS = 12  # number of nearest centres, among which is the nearest cube
 
 
 @dataclass(frozen=True)
@@ -65,11 +65,11 @@ def read(path: Path) -> Occupancy:
         if len(known[name]) != (1 if name == "cell_size" else 3) or not (np.abs(known[name]) < LARGEST).all():
             raise file.wrong(n, f"wrong numbers after {name}")
     if len(known) < len(HEADER):
-        raise file.wrong(len(lines), "its header is not whole")
+        raise file.wrong(len(lines), "its header is incomplete")
     shape = known["num_cells"].astype(int)
     size, low = float(known["cell_size"][0]), known["env_min"]
     if (shape < 1).any() or (shape != known["num_cells"]).any() or size <= 0.0:
-        raise WindFileError(f"{path}: its header tells of no cell")
+        raise WindFileError(f"{path}: its header gives no cells")
     if np.abs(low + size * shape - known["env_max"]).max() > 0.99 * size:
         cells = " x ".join(map(str, shape))
         raise WindFileError(f"{path}: {cells} cells of {size:g} m do not reach from env_min to env_max")

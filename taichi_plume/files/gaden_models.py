@@ -37,7 +37,7 @@ UNKNOWN, OBSTACLE, OUTLET, AIR = -1, 1, 2, 0
 
 
 def configuration(path: Path) -> dict[str, Any]:
-    """Return the keys of a configuration, of GADEN 2 those of its preprocessing. Raises ScenarioError."""
+    """Return the keys of a configuration (GADEN 3) or of the preprocessing (GADEN 2). Raises ScenarioError."""
     data = read_mapping(path, NEEDS)
     if path.name == OLD:
         for key in ("gaden_preprocessing", "ros__parameters"):
@@ -172,20 +172,20 @@ def located(path: Path, name: str) -> Path:
         rest = parts[last + 1 :]
         if last < 0:
             return home / name
-    found = (folder / "/".join(rest) for folder in (home, *list(home.parents)[:3]))
-    return next((file for file in found if file.is_file()), home / "/".join(rest))
+    candidates = (folder / "/".join(rest) for folder in (home, *list(home.parents)[:3]))
+    return next((file for file in candidates if file.is_file()), home / "/".join(rest))
 
 
 def _triangles(path: Path, config: Mapping[str, Any], key: str) -> np.ndarray:
     """Return the corners (n, 3, 3) [m] of the triangles of models."""
-    found = [np.empty((0, 3, 3))]
+    parts = [np.empty((0, 3, 3))]
     for file in models_of(path, config, key):
         try:
             vertices, triangles = read_mesh(file)
         except MeshError as error:
             raise WindFileError(f"{path}: {key}: {error}") from None
-        found.append(vertices[triangles])
-    return np.concatenate(found)
+        parts.append(vertices[triangles])
+    return np.concatenate(parts)
 
 
 # ---------------------------------------------------------------- voxels, as the unit of length

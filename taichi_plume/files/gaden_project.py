@@ -72,10 +72,10 @@ class _Project:
         """Return one of KEYS. Raises ScenarioError."""
         keys, default = KEYS[name]
         value = next((self.sim[key] for key in keys if key in self.sim), default)
-        found = gaden_models.number(value, 0.0, 1e9)
-        if found is None:
+        number = gaden_models.number(value, 0.0, 1e9)
+        if number is None:
             raise self.wrong(f"{keys[0]}: got {value!r}, must be a number of 0 or more")
-        return found
+        return number
 
     def note(self, what: str) -> None:
         """Add a note for the user."""
@@ -98,7 +98,7 @@ def expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[s
         require_inside(folder / name)
     except OSError as error:
         raise ScenarioError([f"gaden: {name} {error.strerror}; or put both into one folder"]) from None
-    project = _found(folder / name)
+    project = _project_at(folder / name)
     own = {key: value for key, value in data.items() if key != "gaden"}
     return _merged(_scenario(project, folder, _corner(own)), own), project.notes
 
@@ -125,7 +125,7 @@ def _merged(below: Any, above: Any) -> Any:
 # ---------------------------------------------------------------- files
 
 
-def _found(path: Path) -> _Project:
+def _project_at(path: Path) -> _Project:
     if path.suffix == ".gproj" or path.name == "config.yaml":
         path = path.parent
     files = [path] if os.path.isfile(path) else sorted(_simulations(path)) if os.path.isdir(path) else []
@@ -180,7 +180,7 @@ def _wind_files(project: _Project, folder: Path) -> str:
 
 
 def _scenario(project: _Project, folder: Path, corner: np.ndarray | None) -> dict[str, Any]:
-    """Return the scenario of a project; corner: lower corner of the domain [m], by default that of the room."""
+    """Return the scenario of a project; corner: lower corner of the domain [m], by default the corner of the room."""
     if project.config.get("uniformWind") is True:
         raise project.wrong("its wind is uniform, also in walls; give a wind of kind cfd and a domain")
     occupancy = project.home / OCCUPANCY
@@ -230,15 +230,15 @@ def _of_grid(occupancy: Path, project: _Project, folder: Path) -> dict[str, Any]
 
 def _open_faces(cubes: np.ndarray) -> set[str]:
     """Return the faces of a grid with outlets; an outlet at an edge counts for the face across its shortest side."""
-    found: set[str] = set()
+    faces: set[str] = set()
     for box in ndimage.find_objects(ndimage.label(cubes == 2)[0]):  # type: ignore[index]
         touched = {
             face: (box[a].stop - box[a].start)
             for face, a, end in zip(FACES, (0, 0, 1, 1, 2, 2), (0, 1) * 3, strict=True)
             if (box[a].stop == cubes.shape[a] if end else box[a].start == 0)
         }
-        found |= {face for face, edge in touched.items() if edge == min(touched.values())}
-    return found
+        faces |= {face for face, edge in touched.items() if edge == min(touched.values())}
+    return faces
 
 
 def _gas(project: _Project, low: np.ndarray) -> dict[str, Any]:

@@ -54,7 +54,7 @@ def write(
     shape = [data.sizes.get(axis, 1) for axis in "xyz"]
     cells, gases = int(np.prod(shape)), [str(name) for name in data.data_vars if str(name).endswith(PPM)]
     if not gases:
-        raise RunFolderError(f"{folder}: the film has no gas, of which results are made")
+        raise RunFolderError(f"{folder}: the film has no gas, which results need")
     if 4 * cells > MOST_BYTES - ROOM:
         raise RunFolderError(
             f"{folder}: the film has {cells:,} cells, GADEN's player takes {(MOST_BYTES - ROOM) // 4:,}; run with "

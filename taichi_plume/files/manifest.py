@@ -1,4 +1,4 @@
-"""`manifest.json` of a run folder: size and SHA-256 of each input and output of the run, to notice later damage.
+"""`manifest.json` of a run folder: size and SHA-256 of each input and output of the run, to detect later changes.
 
     {"inputs": {"../film/fields.zarr": {"sha256": ..., "bytes": ...}}, "outputs": {"robots.parquet": {...}}}
 
@@ -108,9 +108,9 @@ def changed(path: Path) -> str | None:
         if recorded is None:
             return None
         if path.is_file() and path.stat().st_size != recorded["bytes"]:
-            return f"{path}: is not as its run left it: {path.stat().st_size} bytes, not {recorded['bytes']}"
+            return f"{path}: has changed since its run: {path.stat().st_size} bytes, not {recorded['bytes']}"
         if digest(path) != recorded:
-            return f"{path}: is not as its run left it: the checksum differs from {NAME} beside it"
+            return f"{path}: has changed since its run: the checksum differs from {NAME} beside it"
     except ManifestError as error:
         return str(error)
     except OSError as error:

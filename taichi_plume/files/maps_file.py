@@ -41,15 +41,15 @@ PART = "maps.part"  # name while the file is written
 WHOLE = ("trial", "y", "x")
 MEANING = {
     "trial": ("1", "number of the trial", ()),
-    "y": ("m", "y of the cells' middles", ()),
-    "x": ("m", "x of the cells' middles", ()),
-    "estimate": ("ppm", "gas as the map says", WHOLE),
+    "y": ("m", "y of the cell centres", ()),
+    "x": ("m", "x of the cell centres", ()),
+    "estimate": ("ppm", "estimated concentration", WHOLE),
     "variance": ("ppm2", "variance of the estimate", WHOLE),
-    "weight": ("1", "what stands behind the estimate, in the method's own measure", WHOLE),
+    "weight": ("1", "support of the estimate by readings, in the method's own measure", WHOLE),
     "truth": ("ppm", "mean of the gas since the robots started", WHOLE),
     "measurable": ("1", "1 where a robot could be", WHOLE[1:]),
     "robot": ("1", "number of the robot in its team", ()),
-    "probability": ("1", "that the source is in the cell", ("trial", "robot", "y", "x")),
+    "probability": ("1", "probability that the source is in the cell", ("trial", "robot", "y", "x")),
 }
 
 

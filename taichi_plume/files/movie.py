@@ -23,7 +23,7 @@ Pixels = Any
 """An array of zarr, h5py or NumPy over (time, y, x)."""
 NAMES = ("concentration", "plume")  # default names of the variable, of plume-nav-sim and FlyGym
 NPY, HDF5 = b"\x93NUMPY", b"\x89HDF\r\n\x1a\n"
-HDF5_FILTERS = {1, 2, 3}  # gzip (deflate), shuffle, fletcher32
+HDF5_FILTERS = {1, 2, 3}  # HDF5 filters: gzip (deflate), shuffle, fletcher32
 MOST_PIXELS = 100_000_000  # of a frame
 MOST_FRAMES = 10_000_000
 LARGEST = 1e12  # of a value: far beyond 1e6 ppm in any unit, and sums stay finite
@@ -34,7 +34,7 @@ CODECS = frozenset(
         *("bytes", "transpose", "sharding_indexed"),
     }
 )
-"""Codecs of Zarr 2 and 3 whose decoded size is bounded. Pickle, for one, would execute what it reads."""
+"""Codecs of Zarr 2 and 3 whose decoded size is bounded. Pickle, for example, would execute code in the file."""
 
 
 class Movie:
@@ -114,7 +114,7 @@ Opened = tuple[Pixels, dict[str, Any], tuple[int, ...]]
 
 
 def _opened(path: Path, variable: str | None) -> Opened:
-    """Open a movie. Raises FilmError, or one of FAULTS."""
+    """Open a movie. Raises FilmError or an error in FAULTS."""
     if path.is_dir():
         return _zarr(path, variable)
     try:
@@ -194,5 +194,5 @@ def _chosen(path: Path, names: list[str], variable: str | None) -> str:
     if variable in names:
         return variable
     held = visible(", ".join(names[:10]) or "nothing", 200)
-    wanted = f"no '{visible(variable, 40)}'" if variable else "neither 'concentration' nor 'plume'"
-    raise FilmError(f"{path}: holds {wanted}, only {held}; give the variable's name")
+    missing = f"no '{visible(variable, 40)}'" if variable else "neither 'concentration' nor 'plume'"
+    raise FilmError(f"{path}: holds {missing}, only {held}; give the variable's name")

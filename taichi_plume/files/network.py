@@ -102,10 +102,10 @@ _evaluators: "WeakValueDictionary[bytes, _Evaluator]" = WeakValueDictionary()  #
 def _evaluator(path: Path, content: bytes) -> tuple[_Evaluator, list[_End], list[_End]]:
     """Return the process of this network, which all robots share, and the ends. Raises NetworkError."""
     digest = hashlib.sha256(content).digest()
-    found = _evaluators.get(digest)
-    if found is None or not found.process.close.alive:
+    evaluator = _evaluators.get(digest)
+    if evaluator is None or not evaluator.process.close.alive:
         try:
-            _evaluators[digest] = found = _Evaluator(content)
+            _evaluators[digest] = evaluator = _Evaluator(content)
         except ImportError:
             raise NetworkError(
                 f'{path}: onnxruntime is not installed, which runs networks; pip install "taichi_plume[learn]"'
@@ -118,14 +118,14 @@ def _evaluator(path: Path, content: bytes) -> tuple[_Evaluator, list[_End], list
             if any(text in message.lower() for text in EXTERNAL):
                 what = "its weights lie in another file (external data); export the network into one file"
             raise NetworkError(f"{path}: {what}") from None
-    return found, *found.ends
+    return evaluator, *evaluator.ends
 
 
 _session: Any = None  # session of the process that evaluates
 
 
 def _load(content: bytes) -> tuple[list[_End], list[_End]]:
-    """In the process: load the network, to be evaluated deterministically on one thread."""
+    """Load the network in the process, to be evaluated deterministically on one thread."""
     import onnxruntime
 
     global _session
@@ -142,7 +142,7 @@ def _load(content: bytes) -> tuple[list[_End], list[_End]]:
 
 
 def _evaluate(observations: np.ndarray) -> np.ndarray:
-    """In the process: return the first output."""
+    """Evaluate the network in the process and return the first output."""
     return np.asarray(_session.run(None, {_session.get_inputs()[0].name: observations})[0])
 
 

@@ -39,13 +39,13 @@ def is_time(path: Path) -> bool:
 
 def times(case: Path) -> list[tuple[float, Path]]:
     """Return the times [s] of a case, in order, with the path of each folder. Raises WindFileError."""
-    found = {key: name for part in _parts(case)[:1] for key, name in _times(part).items()}
-    late = max(found, default=0.0)
+    names = {key: name for part in _parts(case)[:1] for key, name in _times(part).items()}
+    late = max(names, default=0.0)
     if late > MOST_NUMBER:
-        raise WindFileError(f"{case / found[late]}: its time is above {MOST_NUMBER:g} s")
-    if not found:
+        raise WindFileError(f"{case / names[late]}: its time is above {MOST_NUMBER:g} s")
+    if not names:
         raise WindFileError(f"{case}: has no time folder with a file U")
-    return [(key, case / found[key]) for key in sorted(found)]
+    return [(key, case / names[key]) for key in sorted(names)]
 
 
 def read(path: Path) -> Points:
@@ -63,7 +63,7 @@ def read(path: Path) -> Points:
     if len(u) < 4:
         raise WindFileError(f"{case}: has {len(u)} cells, too few")
     if np.abs(u).max() >= FASTEST:
-        raise WindFileError(f"{path}: {np.abs(u).max():.3g} m/s in U is no speed of air")
+        raise WindFileError(f"{path}: {np.abs(u).max():.3g} m/s in U is too fast for air")
     place = np.concatenate([_centres(part) for part in parts])
     return Points(path, place, u, np.maximum(np.concatenate(eddies), 0.0) if eddies else None)
 

@@ -44,9 +44,9 @@ class FoamFile:
         """Return an error of this file."""
         return WindFileError(f"{self.path}: {what}")
 
-    def numbers(self, width: int, begin: int = 0, wanted: int | None = None) -> np.ndarray:
-        """Return a list of scalars or vectors, (n, width); wanted: required length."""
-        values = self._list(begin, self.scalar, width, wanted)[0].astype(float).reshape(-1, width)
+    def numbers(self, width: int, begin: int = 0, required: int | None = None) -> np.ndarray:
+        """Return a list of scalars or vectors, (n, width); required: their number."""
+        values = self._list(begin, self.scalar, width, required)[0].astype(float).reshape(-1, width)
         if not np.isfinite(values).all():
             raise self.wrong("not all of its values are finite")
         return values
@@ -100,21 +100,21 @@ class FoamFile:
         return flat, ends
 
     def _list(
-        self, begin: int, kind: np.dtype, width: int, wanted: int | None = None
+        self, begin: int, kind: np.dtype, width: int, required: int | None = None
     ) -> tuple[np.ndarray, int]:
-        """Return the values of a list and the position after it; wanted: required length, if known."""
+        """Return the values of a list and the position after it; required: their number, if known."""
         if not self.binary:
-            count, values = self._text(begin, width > 1, wanted)
+            count, values = self._text(begin, width > 1, required)
             if len(values) != count * width:
                 raise self.wrong(f"its list has {len(values) / width:.6g} of {count} entries; is it whole?")
             return values, len(self.body)
         head = LIST.match(self.body, begin)
         if head is None:
             raise self.wrong("has no list")
-        self._require(int(head[1]), wanted)
+        self._require(int(head[1]), required)
         size = int(head[1]) * width * kind.itemsize
         if head[2] == b"{":  # one value for all
-            if len(self.body) <= head.end() + 64 or (wanted is None and int(head[1]) > MOST_EQUAL):
+            if len(self.body) <= head.end() + 64 or (required is None and int(head[1]) > MOST_EQUAL):
                 raise self.wrong("its list is cut or damaged")
             value = np.frombuffer(self.body, kind, width, head.end())
             return np.tile(value, int(head[1])), head.end() + width * kind.itemsize + 1
@@ -122,17 +122,17 @@ class FoamFile:
             raise self.wrong(f"its list of {int(head[1])} entries is cut or damaged")
         return np.frombuffer(self.body, kind, int(head[1]) * width, head.end()), head.end() + size + 1
 
-    def _require(self, count: int, wanted: int | None) -> None:
-        if wanted is not None and count != wanted:
-            raise self.wrong(f"has {count} values, but the mesh has {wanted} cells")
+    def _require(self, count: int, required: int | None) -> None:
+        if required is not None and count != required:
+            raise self.wrong(f"has {count} values, but the mesh has {required} cells")
 
-    def _text(self, begin: int, nested: bool, wanted: int | None = None) -> tuple[int, np.ndarray]:
+    def _text(self, begin: int, nested: bool, required: int | None = None) -> tuple[int, np.ndarray]:
         """Return the length of a list of text, and all numbers in it."""
         head = LIST.match(self.body, begin)
         if head is None or head[2] != b"(":
             raise self.wrong("has no list")
         count = int(head[1])
-        self._require(count, wanted)
+        self._require(count, required)
         if re.compile(rb"\s*\)").match(self.body, head.end()):
             return count, np.empty(0)
         end = ENDS[nested].search(self.body, head.end())
@@ -163,7 +163,7 @@ def exists(path: Path) -> bool:
 
 
 def real_path(path: Path) -> Path:
-    """Return the path of a plain file or, without one, that of the gzipped file."""
+    """Return the path of a plain file or, if there is none, the path of the gzipped file."""
     return path if os.path.isfile(path) else path.with_name(f"{path.name}.gz")
 
 
@@ -191,9 +191,9 @@ def open_foam(path: Path) -> FoamFile:
     arch = keys.get("arch", "")
     order = ">" if "MSB" in arch else "<"
     label, scalar = (re.search(rf"{name}=(\d+)", arch) for name in ("label", "scalar"))
-    found = {"32": 4, "64": 8}
+    sizes = {"32": 4, "64": 8}
     kinds = [
-        np.dtype(f"{order}{letter}{found.get(match[1] if match else default, 8)}")
+        np.dtype(f"{order}{letter}{sizes.get(match[1] if match else default, 8)}")
         for letter, match, default in (("i", label, "32"), ("f", scalar, "64"))
     ]
     binary = keys.get("format") == "binary"

@@ -17,7 +17,7 @@ from taichi_plume.guard.opening import read_regular
 from taichi_plume.guard.terminal import visible
 
 LARGEST_FILE = 1 << 16  # bytes: Python takes minutes to parse some texts of half a megabyte
-UNPARSED = (SyntaxError, ValueError, RecursionError, MemoryError)  # nested too deeply, or not text
+UNPARSED = (SyntaxError, ValueError, RecursionError, MemoryError)  # bad syntax, deep nesting, no text
 
 
 @runtime_checkable
@@ -66,9 +66,9 @@ class OwnFile:
         if path.suffix != ".py":
             raise OwnAlgorithmError(f"{path}: is no Python file; its name must end in .py")
         largest = f"{LARGEST_FILE >> 10} KiB; is it an algorithm?"
-        found = cls(path, name, content_of(path, LARGEST_FILE, largest))
-        found._look()
-        return found
+        file = cls(path, name, content_of(path, LARGEST_FILE, largest))
+        file._look()
+        return file
 
     @cached_property
     def digest(self) -> str:
@@ -109,9 +109,9 @@ class OwnFile:
         raise self._without(list(own))
 
     def _without(self, there: list[str]) -> OwnAlgorithmError:
-        wanted = f"no class '{visible(self.name, 100)}'" if self.name else "not exactly one class"
+        missing = f"no class '{visible(self.name, 100)}'" if self.name else "not exactly one class"
         names = visible(", ".join(there) or "none", 400)
-        return OwnAlgorithmError(f"{self.path}: holds {wanted} with a method act; there are: {names}")
+        return OwnAlgorithmError(f"{self.path}: holds {missing} with a method act; there are: {names}")
 
 
 def _at_top(node: ast.AST) -> Iterator[ast.AST]:
@@ -149,7 +149,7 @@ def failures_told(path: Path) -> Iterator[None]:
 
 
 def _raised_in(error: BaseException, path: Path) -> bool:
-    """Return whether a `raise` of that file caused the error; a signal does not."""
+    """Return whether a `raise` in that file caused the error, rather than a signal."""
     last = error.__traceback__
     while last is not None and last.tb_next is not None:
         last = last.tb_next

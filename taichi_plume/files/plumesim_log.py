@@ -17,8 +17,8 @@ from taichi_plume.files.tables import Table, TextFile, is_number, shown
 COLUMNS = ("x", "y", "z", "wind speed", "wind direction", "chemical")
 FASTEST = 1e3  # m/s
 POINT = "%.5g,%.5g,0,%.4g,%.4g,%.4g\n"  # as COLUMNS
-DECIMALS = 6  # of chemical, so that clean air is a plain 0
-DIGITS = 9  # of the number of frames
+DECIMALS = 6  # decimals of chemical, so that clean air is a plain 0
+DIGITS = 9  # digits of the number of frames
 
 _HEADER = re.compile(r"\s*(\d{1,9})\s*,\s*(\d{1,9})\s*,([^,]+)", re.ASCII)
 _FRAME = re.compile(r"\+(\d{1,9})\s+(\d{1,9})\s*", re.ASCII)

@@ -90,17 +90,17 @@ def read_fluent(
 
 def _numbered(pattern: Path, frames: int | None) -> list[Path]:
     """Return the files of a pattern. Raises PointFileError if a file is missing."""
-    found: list[Path] = []
-    while len(found) < (frames or MOST_FRAMES):
-        path, after = (pattern.with_name(pattern.name % (len(found) + n)) for n in (1, 2))
+    files: list[Path] = []
+    while len(files) < (frames or MOST_FRAMES):
+        path, after = (pattern.with_name(pattern.name % (len(files) + n)) for n in (1, 2))
         if unopenable(path):
-            if frames is not None or not found:
+            if frames is not None or not files:
                 raise PointFileError(f"{path}: does not exist; files are numbered from 1")
             if not unopenable(after):
                 raise PointFileError(f"{path}: does not exist, but {after.name} does")
             break
-        found.append(path)
-    return found
+        files.append(path)
+    return files
 
 
 def points_of(table: Table, columns: tuple[str, ...], most: Mapping[str, float]) -> dict[str, np.ndarray]:

@@ -82,7 +82,7 @@ def read(
         large = np.flatnonzero((np.abs(values) > most) & np.isfinite(values))
         if len(large):
             where = f"{path}: {names[key]} of row {row[large[0]] + 1}"
-            raise ReadingsError(f"{where} is {values[large[0]]:g}, a mistake: at most {most:g} is taken")
+            raise ReadingsError(f"{where} is {values[large[0]]:g}, a mistake; at most {most:g} is allowed")
     row = row[np.argsort(known["t"][row], kind="stable")]
     still = np.zeros(len(chosen))
     wind = np.column_stack([known.get("wind_x", still), known.get("wind_y", still)])[row]
@@ -196,8 +196,8 @@ def _of_trial(path: Path, trials: np.ndarray | None, trial: int | None, chosen: 
     there = trials[chosen & np.isfinite(trials)]
     if not len(there):
         return chosen & False
-    wanted = there.min() if trial is None else trial
-    if wanted not in there:
+    number = there.min() if trial is None else trial
+    if number not in there:
         first, last = there.min(), there.max()
-        raise ReadingsError(f"{path}: has no trial {wanted:g}; the first is {first:g}, the last {last:g}")
-    return chosen & (trials == wanted)
+        raise ReadingsError(f"{path}: has no trial {number:g}; the first is {first:g}, the last {last:g}")
+    return chosen & (trials == number)

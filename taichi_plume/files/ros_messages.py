@@ -56,7 +56,7 @@ DEFINITIONS = {
 float64 t              # simulated time [s]
 uint32 tick
 uint32[] robot         # numbers in the group, trial by trial
-float32[] x            # where they believe to be [m]
+float32[] x            # estimated position [m]
 float32[] y
 float32[] z
 float32[] heading      # [rad]
@@ -70,7 +70,7 @@ uint8[] blocked        # the bumper
 uint8[] over           # whether its search is over
 uint64[] answered      # number of the last command that was taken
 uint8[] lost           # whether it stands still, as nothing was heard for too long
-uint8 ended            # 1: the run is over, and nothing else is told
+uint8 ended            # 1: the run is over, this is the last message
 """,
     COMMANDS: """\
 uint64 number          # greater in each command; a client begins with its start [us since 1970]
@@ -84,7 +84,7 @@ float32[] x            # poses [m], or nothing
 float32[] y
 float32[] z
 float32[] heading      # [rad]
-float32[] declared_x   # where a source is [m], NaN: says nothing; or nothing
+float32[] declared_x   # position of a source [m], NaN: none declared; or nothing
 float32[] declared_y
 """,
 }

@@ -20,9 +20,9 @@ Fields = dict[str, object]
 """Fields of a message or of a part of one, by name."""
 
 
-def numbered(name: str, nose: int) -> str:
-    """Return the name of a topic or frame of gas sensor `nose`, counted from 0."""
-    return f"{name}_{nose}" if nose else name
+def numbered(name: str, slot: int) -> str:
+    """Return the name of a topic or frame of gas sensor `slot`, counted from 0."""
+    return f"{name}_{slot}" if slot else name
 
 
 def transform(
@@ -36,18 +36,16 @@ def transform(
 def carried(robot: str, sensors: Sensors, flat: bool) -> Iterator[Fields]:
     """Yield the frames of a robot's sensors on its base, as `transform`; flat: without heights, in 2-D."""
     base = f"{robot}/{BASE}"
-    for k, nose in enumerate(sensors.noses):
-        place = {"x": nose.ahead, "y": nose.left, "z": 0.0 if flat else nose.height}
-        looks = (
-            (radians(nose.bearing_deg), radians(nose.tilt_deg)) if isinstance(nose, TdlasSensor) else (0, 0)
-        )
+    for k, gas in enumerate(sensors.noses):
+        place = {"x": gas.ahead, "y": gas.left, "z": 0.0 if flat else gas.height}
+        looks = (radians(gas.bearing_deg), radians(gas.tilt_deg)) if isinstance(gas, TdlasSensor) else (0, 0)
         yield transform(base, f"{robot}/{numbered(GAS, k)}", place, ros.yawed(*looks))
     place = {"z": 0.0 if flat else sensors.wind.height}
     yield transform(base, f"{robot}/{WIND}", place, ros.yawed(0.0))
 
 
 def sensor_fields(sensor: GasSensor) -> Fields:
-    """Return the fields of GasSensor messages that do not depend on the reading; units are those of ppm readings."""
+    """Return the fields of GasSensor messages that do not depend on the reading; units: of ppm readings."""
     kind, unit = "unknown", "ppm"
     part: Fields = {}
     if isinstance(sensor, MoxSensor):

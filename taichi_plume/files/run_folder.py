@@ -38,7 +38,7 @@ FILES = (
     "result.json",
     "report.html",
 )
-LISTED = tuple(name for name in FILES if name != "report.html")  # in the manifest: a report may be made again
+LISTED = tuple(name for name in FILES if name != "report.html")  # in the manifest; a report may be rewritten
 BESIDE = (
     "robots.parts",
     "probes.parts",
@@ -142,7 +142,7 @@ class RunFolder:
     def _require(self, force: bool, inputs: Sequence[Path]) -> None:
         """Raise RunFolderError if the folder must not be used, before a file is created."""
         self._require_no_links()
-        if not any((self.path / name).is_dir() for name in (REPLACING, REPLACED)):  # these are settled first
+        if not any((self.path / name).is_dir() for name in (REPLACING, REPLACED)):  # `settle` comes first
             self._check(force, inputs)
 
     def _require_no_links(self) -> None:
@@ -221,7 +221,7 @@ class RunFolder:
 
 def is_run(folder: Path) -> bool:
     """Return whether a folder holds files of a run, finished or not."""
-    if told(folder / "result.json").keys() >= OURS:
+    if read_json(folder / "result.json").keys() >= OURS:
         return True
     try:
         with open_regular(folder / "scenario.yaml") as file:
@@ -230,7 +230,7 @@ def is_run(folder: Path) -> bool:
         return False
 
 
-def told(file: Path) -> dict[str, Any]:
+def read_json(file: Path) -> dict[str, Any]:
     """Return the content of a JSON file; {} if the file cannot be read."""
     try:
         content = json.loads(read_regular(file, LARGEST_JSON) or b"")

@@ -50,7 +50,7 @@ class AirFilm:
                     raise ValueError(f"{name} is not of {self.frames} frames of {self.shape} cells")
                 zarr_groups.require_chunks(array, name)
         self._kept: dict[int, dict[str, np.ndarray]] = {}
-        self._last: tuple[int, dict[str, np.ndarray]] = (-1, {})  # block that there was no room to keep
+        self._last: tuple[int, dict[str, np.ndarray]] = (-1, {})  # last block that did not fit into `room`
 
     def frame(self, n: int) -> dict[str, np.ndarray]:
         """Return the variables at tick n, axes (x, y, z). Raises AirFilmError."""

@@ -24,8 +24,8 @@ from taichi_plume.guard.opening import unopenable
 
 ROW_GROUP = 50_000
 NAMES = pa.dictionary(pa.int32(), pa.string())
-Found = tuple[int, Path]
-"""Number of the first row, and the file."""
+Part = tuple[int, Path]
+"""Part of a table: number of the first row, and the file."""
 
 
 def column(name: str, kind: pa.DataType, unit: str, meaning: str, **more: str) -> pa.Field:
@@ -71,7 +71,7 @@ class PartsTable:
         self.open = False
         self.names = names
         self.schema = schema_of(columns)
-        self.kept = 0  # samples in no part yet
+        self.pending = 0  # samples in no part yet
         samples = max(1, ROW_GROUP // count)
         kinds = {c.name: np.int32 if c.type == NAMES else c.type.to_pandas_dtype() for c in self.schema}
         self.values = {name: np.empty((samples, count), kind) for name, kind in kinds.items()}
@@ -83,34 +83,34 @@ class PartsTable:
 
     def go_on(self) -> None:
         """Resume after the first `rows` rows. Raises RunFolderError if fewer are left."""
-        found = _found(self.path)
+        files = _part_files(self.path)
         self.parts.mkdir(exist_ok=True)
-        disk.require_room(self.path, sum(file.stat().st_size for _, file in found))
+        disk.require_room(self.path, sum(file.stat().st_size for _, file in files))
         fresh, first = self.parts / "first.new", self.parts / part_name(0)
-        held = _merge(found, fresh, self.schema, self.names, self.rows)
+        held = _merge(files, fresh, self.schema, self.names, self.rows)
         if held < self.rows:
             raise RunFolderError(
                 f"{self.path}: {held:,} of its first {self.rows:,} rows are left, without which the run cannot go on"
             )
         fresh.replace(first)  # the other files now repeat its rows
-        for _, file in found:
+        for _, file in files:
             if file != first:
                 file.unlink()
         self.open = True
 
     def took(self) -> None:
-        """Count the sample that was put into row `kept` of the values."""
-        self.kept += 1
-        if self.kept == len(next(iter(self.values.values()))):
+        """Count the sample that was put into row `pending` of the values."""
+        self.pending += 1
+        if self.pending == len(next(iter(self.values.values()))):
             self.flush()
 
     def flush(self) -> None:
         """Write the samples to the disk as another part."""
-        if not self.kept:
+        if not self.pending:
             return
         arrays = []
         for field in self.schema:
-            values = self.values[field.name][: self.kept].ravel()
+            values = self.values[field.name][: self.pending].ravel()
             if field.type == NAMES:
                 arrays.append(pa.DictionaryArray.from_arrays(values, self.names[field.name]))
             else:
@@ -123,7 +123,7 @@ class PartsTable:
             writer.write_table(table)
         disk.sync(fresh)
         fresh.replace(part)
-        self.rows, self.kept = self.rows + len(table), 0
+        self.rows, self.pending = self.rows + len(table), 0
 
     def close(self) -> None:
         """Join the parts to one file."""
@@ -146,7 +146,7 @@ def part_files(folder: Path) -> list[Path]:
     return sorted(folder.glob("*.parquet"))
 
 
-def _found(path: Path) -> list[Found]:
+def _part_files(path: Path) -> list[Part]:
     """Return the files that hold rows of a table: the table itself, if it exists, and its parts."""
     whole = [(0, path)] if path.exists() else []
     return whole + [(int(file.stem), file) for file in part_files(parts_of(path))]
@@ -163,7 +163,7 @@ def batches(
     if path.exists():
         manifest.require_unchanged(path, RunFolderError)
     try:
-        files = _found(path)
+        files = _part_files(path)
         if not files:
             raise RunFolderError(f"{path}: holds no row yet")
         for _, file in files:
@@ -196,11 +196,11 @@ def robots_of(
     The result also has z, 0 for ground robots. Raises RunFolderError.
     """
     trials: set[int] = set()
-    kept = []
+    parts = []
     for batch in batches(path, ("group", "trial", "robot", *columns), optional=("z",)):
         trials.update(pc.unique(batch["trial"]).to_pylist())
-        kept.append(batch.filter(pc.equal(batch["trial"], trial)))
-    table = pa.Table.from_batches(kept).unify_dictionaries().sort_by("t")
+        parts.append(batch.filter(pc.equal(batch["trial"], trial)))
+    table = pa.Table.from_batches(parts).unify_dictionaries().sort_by("t")
     groups, numbers = (
         np.array(table["group"].cast(pa.string()).to_pylist(), object),
         table["robot"].to_numpy(),
@@ -221,7 +221,7 @@ def join(path: Path, names: Mapping[str, pa.Array] | None = None) -> None:
     names: dictionaries of the columns of names; by default the names that occur. Raises OSError.
     """
     parts = parts_of(path)
-    files = _found(path)
+    files = _part_files(path)
     schema = pq.read_schema(files[0][1]) if files else None
     if schema is not None:
         disk.require_room(path, sum(file.stat().st_size for _, file in files))
@@ -235,7 +235,7 @@ def join(path: Path, names: Mapping[str, pa.Array] | None = None) -> None:
 
 
 def _merge(
-    files: list[Found], path: Path, schema: pa.Schema, names: Mapping[str, pa.Array], rows: int | None = None
+    files: list[Part], path: Path, schema: pa.Schema, names: Mapping[str, pa.Array], rows: int | None = None
 ) -> int:
     """Write the first `rows` rows of some files, or all, to one file, and return their number.
 
@@ -253,7 +253,7 @@ def _merge(
     return written
 
 
-def _in_groups(files: list[Found], rows: int | None) -> Iterator[pa.Table]:
+def _in_groups(files: list[Part], rows: int | None) -> Iterator[pa.Table]:
     """Yield the rows of files as tables of ROW_GROUP rows, and one of the rest."""
     waiting: list[pa.RecordBatch] = []
     held = 0
@@ -269,7 +269,7 @@ def _in_groups(files: list[Found], rows: int | None) -> Iterator[pa.Table]:
 
 
 def _once(
-    files: list[Found], rows: int | None, columns: Sequence[str] | None = None
+    files: list[Part], rows: int | None, columns: Sequence[str] | None = None
 ) -> Iterator[pa.RecordBatch]:
     """Yield the rows of files up to number `rows`, or all, without rows that a file repeats."""
     last, done = inf if rows is None else rows, 0

@@ -105,22 +105,22 @@ class Table:
         except pa.ArrowInvalid as error:
             raise self._unread(str(error).partition("\n")[0]) from None
         if table.num_rows != len(lines):  # a quotation mark took in lines
-            self.refuse(['"' in line for line in lines], lambda _: "a quotation mark lacks its other")
+            self.refuse(['"' in line for line in lines], lambda _: "a quotation mark is not closed")
         return [column.to_numpy() for column in table.columns]
 
     def _unread(self, reason: str) -> ValueError:
         """Return the error for a message of pyarrow."""
-        found = re.search(
+        match = re.search(
             r"Row #(\d+): (?:Expected (\d+) columns, got (\d+)|.*invalid value '(.*?)'?$)", reason
         )
-        if not found:
+        if not match:
             return self.file.fault(f"{self.file.path}: cannot be read: {plain(reason)}")
-        row = int(found[1]) - 1
+        row = int(match[1]) - 1
         if self.form:
             return self.wrong(row, f"must be {self.form}, got {self.shown(row)}")
-        if found[2]:
-            return self.wrong(row, f"has {found[3]} columns, not {found[2]}; is the file whole?")
-        return self.wrong(row, f"{shown(found[4])} is no number")
+        if match[2]:
+            return self.wrong(row, f"has {match[3]} columns, not {match[2]}; is the file whole?")
+        return self.wrong(row, f"{shown(match[4])} is no number")
 
     def wrong(self, row: int, what: str) -> ValueError:
         """Return the error of a row, counted from 0."""

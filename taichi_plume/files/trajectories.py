@@ -67,7 +67,7 @@ def read(
         ):
             largest = float(np.abs(values).max(initial=0.0))
             if largest > most:
-                raise WayError(f"{path}: a {what} of {way.name} is {largest:g}, a mistake: at most {most:g}")
+                raise WayError(f"{path}: a {what} of {way.name} is {largest:g}, a mistake; at most {most:g}")
     return ways
 
 

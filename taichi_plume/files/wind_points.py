@@ -69,26 +69,26 @@ def find(folder: Path, pattern: str, interval: float) -> list[tuple[float, Path]
     parts[0] = join(folder, parts[0])
     number = r"(\d+(?:\.\d*)?(?:e[-+]?\d+)?)" if timed else r"(\d+)"
     form = re.compile(number.join(map(re.escape, parts)))
-    found: dict[float, Path] = {}
+    files: dict[float, Path] = {}
     for name in sorted(glob("*".join(map(escape, parts)))):
         match = form.fullmatch(name)
         if match:
             key = float(match[1])
             if key > MOST_NUMBER:
                 raise WindFileError(f"{name}: its number is above {MOST_NUMBER:g}")
-            if key in found:
-                raise WindFileError(f"{name}: has the same number as {found[key]}; remove one")
-            found[key] = Path(name)
-    if not found:
+            if key in files:
+                raise WindFileError(f"{name}: has the same number as {files[key]}; remove one")
+            files[key] = Path(name)
+    if not files:
         raise WindFileError(f"{path}: there is no such file, whatever {marks[0]} stands for")
-    numbers = sorted(found)
+    numbers = sorted(files)
     if timed:
-        return [(key, found[key]) for key in numbers]
+        return [(key, files[key]) for key in numbers]
     for a, b in pairwise(numbers):
         if b > a + 1:
             raise WindFileError(f"{folder / pattern.replace(marks[0], f'{int(a) + 1}')}: is missing, "
-                                f"between {found[a].name} and {found[b].name}")  # fmt: skip
-    return [(n * interval, found[key]) for n, key in enumerate(numbers)]
+                                f"between {files[a].name} and {files[b].name}")  # fmt: skip
+    return [(n * interval, files[key]) for n, key in enumerate(numbers)]
 
 
 def read(path: Path) -> Points:
@@ -117,9 +117,9 @@ def read(path: Path) -> Points:
     dim = 2 if flat else 3
     table.refuse(~np.isfinite(values).all(axis=1), lambda _: "not all of its values are finite")
     far = np.abs(values[:, :dim]).max(axis=1)
-    table.refuse(far > FARTHEST, lambda row: f"{far[row]:.3g} m is no place; at most {FARTHEST:g} m")
+    table.refuse(far > FARTHEST, lambda row: f"{far[row]:.3g} m is too far; at most {FARTHEST:g} m")
     speed = np.abs(values[:, dim : 2 * dim]).max(axis=1)
-    table.refuse(speed >= FASTEST, lambda row: f"{speed[row]:.3g} m/s is no speed of air; leave it out")
+    table.refuse(speed >= FASTEST, lambda row: f"{speed[row]:.3g} m/s is too fast; leave the point out")
     if len(values) < 2**dim:
         raise WindFileError(f"{path}: has {len(values)} points, too few")
     eddies = np.maximum(values[:, 2 * dim], 0.0) if len(taken) > 2 * dim else None

@@ -9,7 +9,7 @@ class KnownAttributes:
     _writable: tuple[str, ...] | None = None
 
     def _seal(self, *names: str) -> None:
-        """Refuse from now on to set other attributes than these."""
+        """Allow from now on to set only private attributes and these."""
         self._writable = names
 
     def _open(self) -> None:

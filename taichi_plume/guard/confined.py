@@ -26,8 +26,8 @@ else:
     import resource
 
 MIB = 1 << 20
-WALL_CLOCK = 6.0  # times the limit on computing time, for a machine that is shared
-SLICE = 0.2  # s between two looks at the clock; not a deadline, so that a stopped process (Ctrl-Z) may go on
+WALL_CLOCK = 6.0  # wall-clock limit over the limit on computing time, for shared machines
+SLICE = 0.2  # s between two looks at the clock; not a deadline, for the sake of stopped processes (Ctrl-Z)
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 IGNORED = {"SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2"}  # the parent handles them and ends the child
 
@@ -86,7 +86,7 @@ class ConfinedProcess:
         except (EOFError, OSError, pickle.UnpicklingError):
             self.close()
             raise ConfinedError(self._reason(limits)) from None
-        except BaseException:  # such as Ctrl-C: the next call would get this answer
+        except BaseException:  # such as Ctrl-C: otherwise the next call would get this answer
             self.close()
             raise
         if is_result:
@@ -141,7 +141,7 @@ def _end(process: "subprocess.Popen[bytes]", owner: int) -> None:
             assert stream
             stream.close()
     with suppress(subprocess.TimeoutExpired):
-        process.wait(SLICE)  # it ends when it finds no more calls, or has ended at a limit
+        process.wait(SLICE)  # the process ends when the pipe is closed, or has ended at a limit
     process.kill()
     process.wait()
 

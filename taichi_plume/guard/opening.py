@@ -46,7 +46,7 @@ def inside(path: str | Path, folder: Path) -> bool:
     """Return whether a path lies in a folder once links are followed; also for a name that no file can have."""
     try:
         return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
-    except ValueError:  # a zero byte, a lone surrogate: opening refuses it
+    except ValueError:  # a zero byte or a lone surrogate, which `open` refuses
         return True
 
 

@@ -70,7 +70,7 @@ def show(*parts: "RenderableType", soft_wrap: bool = False) -> None:
 
 
 def terminal(error: bool = False, **options: Any) -> "Console":
-    """Return a rich console on stdout or, for `error`, on stderr, that escapes as `say` and knows no markup."""
+    """Return a rich console on stdout or, for `error`, on stderr, that escapes as `say` does, without markup."""
     from rich.console import Console, ConsoleOptions, RenderableType
     from rich.segment import Segment
 

@@ -116,8 +116,8 @@ def _topics(bag: BagWriter, run: Run, robots: "list[Robot]", gases: list[str], c
         bag.topic("/tf", TRANSFORMS)
         bag.topic("/tf_static", TRANSFORMS, latched=True)
     for robot in robots:
-        noses = [(numbered("gas", k), ros.GAS_SENSOR) for k in range(len(robot.group.sensors.noses))]
-        for name, kind in (*noses, ("wind", ros.ANEMOMETER), ("odom", ODOMETRY), ("truth", POSE)):
+        gas = [(numbered("gas", k), ros.GAS_SENSOR) for k in range(len(robot.group.sensors.noses))]
+        for name, kind in (*gas, ("wind", ros.ANEMOMETER), ("odom", ODOMETRY), ("truth", POSE)):
             bag.topic(f"/{robot.name}/{name}", kind)
     for name in gases:
         bag.topic(f"/plume/{species(name)}", ros.POINTS)
@@ -151,8 +151,8 @@ def _robots(run: Run, trial: int) -> list[Robot]:
     from taichi_plume.files import table_parts
 
     path, groups = run.folder / "robots.parquet", run.scenario.robots
-    noses = range(max(len(group.sensors.noses) for group in groups))
-    sensed = [_column(k, unit) for k in noses for unit in ("ppm", "ohm")]
+    slots = range(max(len(group.sensors.noses) for group in groups))
+    sensed = [_column(k, unit) for k in slots for unit in ("ppm", "ohm")]
     tables, trials = table_parts.robots_of(path, (*COLUMNS, *sensed), trial)
     if trial not in trials:
         hint = f"the last is {max(trials)}" if trials else "it has no row"
@@ -196,7 +196,7 @@ def _moving(robots: list[Robot]) -> Iterator[Stamped]:
 def _readings(robot: Robot) -> Iterator[Stamped]:
     """Yield the poses of a robot and, after t = 0, its readings."""
     table, name = robot.table, robot.name
-    noses = [_gas_sensor(robot, k, sensor) for k, sensor in enumerate(robot.group.sensors.noses)]
+    gas_sensors = [_gas_sensor(robot, k, sensor) for k, sensor in enumerate(robot.group.sensors.noses)]
     moving, turning = _speeds(table)
     for n, t in enumerate(table["t"].tolist()):
         place, heading = _believed(table, n)
@@ -211,7 +211,7 @@ def _readings(robot: Robot) -> Iterator[Stamped]:
         true = {"position": there, "orientation": ros.yawed(float(table["heading"][n]))}
         yield t, f"/{name}/truth", ros.message(POSE, header=ros.header(0.0, MAP), pose=true)
         if t > 0.0:
-            for topic, constant, raw in noses:
+            for topic, constant, raw in gas_sensors:
                 yield t, topic, ros.message(ros.GAS_SENSOR, raw=float(raw[n]), **constant)
             x, y = float(table["wind_x"][n]), float(table["wind_y"][n])
             yield t, f"/{name}/wind", ros.message(ros.ANEMOMETER, **wind_fields(name, x, y, heading))

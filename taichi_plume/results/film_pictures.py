@@ -1,4 +1,4 @@
-"""Pictures and wind arrows of a run from fields.zarr, in the form of those of a recording."""
+"""Pictures and wind arrows of a run from fields.zarr, in the same form as from a recording."""
 
 from collections.abc import Sequence
 
@@ -71,23 +71,23 @@ def arrows_of_film(
     flat, step = arrow_places([extent[d] for d in here.axes])
     points = here.within(flat)
     try:
-        found = [film.velocity(float(film.times[n]))(points) for n in frames]
+        velocities = [film.velocity(float(film.times[n]))(points) for n in frames]
     except FilmError as error:
         raise RunFolderError(str(error)) from None
-    return _drawn(here, points, found, step, film.times[frames])
+    return _drawn(here, points, velocities, step, film.times[frames])
 
 
 def _drawn(
-    plane: Plane, points: np.ndarray, found: list[np.ndarray], step: float, times: np.ndarray
+    plane: Plane, points: np.ndarray, velocities: list[np.ndarray], step: float, times: np.ndarray
 ) -> Arrows:
     """Return arrows centred on points (n, dim); the fastest 5 % are longer than the distance between points."""
     along = list(plane.axes)
-    speed = np.concatenate([np.linalg.norm(velocity[:, along], axis=-1) for velocity in found])
+    speed = np.concatenate([np.linalg.norm(velocity[:, along], axis=-1) for velocity in velocities])
     top = max(float(np.nanquantile(speed, 0.95)), 1e-3)
     middle = np.zeros((len(points), 3))
     middle[:, : points.shape[1]] = points
     arrows = []
-    for velocity in found:
+    for velocity in velocities:
         arrow = np.zeros((len(points), 3))
         arrow[:, along] = velocity[:, along] * (1.2 * step / top)
         arrows.append(arrow)
@@ -96,9 +96,9 @@ def _drawn(
 
 def _frames(film: Film, between: tuple[float, float], spacing: float) -> list[int]:
     """Return the numbers of the frames between two times [s] that are `spacing` [s] apart."""
-    found: list[int] = []
+    numbers: list[int] = []
     for n, t in enumerate(film.times):
         if between[0] - 1e-9 <= t <= between[1] + 1e-9:
-            if not found or t >= film.times[found[-1]] + spacing - 1e-6:
-                found.append(n)
-    return found
+            if not numbers or t >= film.times[numbers[-1]] + spacing - 1e-6:
+                numbers.append(n)
+    return numbers

@@ -1,4 +1,4 @@
-"""Shapes of the obstacles of a run whose files may be read and are those that the run read."""
+"""Shapes of the obstacles of a run, from files that may be read and are unchanged since the run."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ def shapes_of(folder: Path, scenario: Scenario, allow_outside: bool) -> tuple[li
 
     allow_outside: read files outside the run's folder also if they have changed since the run.
     """
-    found: list[Shape] = []
+    shapes: list[Shape] = []
     lacks: list[str] = []
     if isinstance(scenario.wind, ImportedWind) and scenario.wind.occupancy is not None:
         lacks.append("What stands in the occupancy grid of the imported wind is not drawn.")
@@ -34,10 +34,10 @@ def shapes_of(folder: Path, scenario: Scenario, allow_outside: bool) -> tuple[li
             # a file outside is allowed here, or it is the file that the run read
             free = allow_outside or (name and outside(folder, name))
             with gate(None if free else folder):
-                found.append(shape(obstacle, scenario.domain, folder))
+                shapes.append(shape(obstacle, scenario.domain, folder))
         except ShapeError as error:
             lacks.append(f"Obstacle {n} is not drawn: {error}.")
-    return found, lacks
+    return shapes, lacks
 
 
 def _may_read(folder: Path, name: str) -> bool:

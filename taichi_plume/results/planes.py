@@ -53,7 +53,7 @@ class Planes:
         between: tuple[float, float] = ALL_TIMES,
         spacing: float = 0.0,
     ) -> "dict[str, Picture]":
-        """Return pictures by name; none without a recording and a film."""
+        """Return pictures by name; an empty dict without a recording and a film."""
         if self.has_recording:
             from taichi_plume.record import reading
 

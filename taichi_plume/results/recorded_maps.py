@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from taichi_plume.agents.gas_map import GasMap as OnlineMap
     from taichi_plume.scenario.maps import Map
 
-MOST_WINDOWS = 100_000  # more, at 5 s six days, is a clock that jumped
-FINEST = 6  # decimals of a time [s] that count: a Unix time has no more
-FORGOTTEN = 1e-3  # a reading with less of its weight left counts as forgotten
+MOST_WINDOWS = 100_000  # of a log: six days of 5 s each; more is a clock that jumped
+FINEST = 6  # significant decimals of a time [s]: a Unix time in double precision has no more
+FORGOTTEN = 1e-3  # fraction of its weight below which a reading counts as forgotten
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def map_of(
     from taichi_plume.scoring.trials import PERIOD, forecast_error, peak_distance
     from taichi_plume.simulation import Uncertain
 
-    fault = model.unfit("--map", size)
+    fault = model.grid_error("--map", size)
     if fault:
         raise ReadingsError(fault)
     counted = _counted(readings, size)

@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Any
 
 from taichi_plume import __version__
 from taichi_plume.files import manifest
-from taichi_plume.files.run_folder import HEADER, KILLED, OURS, RunFolderError, is_run, told
+from taichi_plume.files.run_folder import HEADER, KILLED, OURS, RunFolderError, is_run, read_json
 from taichi_plume.files.tables import LONGEST_TEXT, plain
 from taichi_plume.guard.opening import read_regular, unopenable
 from taichi_plume.guard.terminal import visible
@@ -57,16 +57,16 @@ FILES = {
     "maps": ("maps.zarr",),
 }
 """Names of the file of each part, the preferred name first."""
-WANTED = {
+REMEDIES = {
     "fields": "`fields: {rate: 2}` in the scenario records fields (.pictures are the colours of a recording, decoded)",
     "pictures": "run without --no-recording",
     "robots": "the scenario has no robots",
     "probes": "run with `probes: {points: [{kind: point, name: a, at: [1, 2]}]}` in the scenario",
-    "forces": "the air of this run tells no forces; a wind of kind cfd with obstacles does",
-    "maps": "run with `maps: [{kind: time_series}]` or a group that believes in places of the source, such as of kind "
-    "infotaxis; they are written when a run ends",
+    "forces": "this run computes no forces; a wind of kind cfd with obstacles does",
+    "maps": "run with `maps: [{kind: time_series}]` or a group with a belief of the source, such as of kind infotaxis; "
+    "they are written when a run ends",
 }
-"""How to get a missing part."""
+"""Advice for each missing part."""
 
 
 def open_run(folder: Path | str) -> "Run":
@@ -96,7 +96,7 @@ class Run:
             raise RunFolderError(f"{folder}: {fault}; give the folder of a run")
         if not is_run(folder):
             raise RunFolderError(f"{folder}: is not the folder of a run")
-        made = told(folder / "result.json").get("version", __version__)
+        made = read_json(folder / "result.json").get("version", __version__)
         if not lenient and str(made).split(".")[:2] != __version__.split(".")[:2]:
             raise RunFolderError(
                 f"{folder}: was made by taichi_plume {visible(made, LONGEST_TEXT)}, this is {__version__}; use that one"
@@ -106,7 +106,7 @@ class Run:
     def result(self) -> dict[str, Any]:
         """Content of result.json."""
         path = self.folder / "result.json"
-        content = told(path)
+        content = read_json(path)
         if self.lenient:
             return content
         if not content.keys() >= OURS:
@@ -123,7 +123,7 @@ class Run:
 
         path, groups = self.folder / "result.json", self.result.get("groups")
         if not groups or self.result.get("status") == KILLED:  # a killed run has no outcomes of trials
-            raise RunFolderError(f"{path}: tells of no trials: no robots, or the run has not ended")
+            raise RunFolderError(f"{path}: has no trials: there are no robots, or the run has not ended")
         with _damage(path):
             trials = [{"algorithm": [g["algorithm"]] * g["trials"], **g["per_trial"]} for g in groups]
             fields = [field for field in TRIAL if field.name in trials[0]]
@@ -259,17 +259,17 @@ class Run:
         for name in FILES[part]:
             if (self.folder / name).exists():
                 return self.folder / name
-        raise RunFolderError(f"{self.folder}: has no {FILES[part][0]}; {WANTED[part]}")
+        raise RunFolderError(f"{self.folder}: has no {FILES[part][0]}; {REMEDIES[part]}")
 
     def __repr__(self) -> str:
-        content = told(self.folder / "result.json")
-        status = content.get("status", "of which nothing is told")
+        content = read_json(self.folder / "result.json")
+        status = content.get("status", "unknown")
         lines = [f"{self.folder}: {content.get('name', 'a run')}, {status}"]
         if isinstance(content.get("simulated_s"), int | float):
             lines[0] += f", {content['simulated_s']:g} s"
         for part, files in FILES.items():
             there = next((name for name in files if (self.folder / name).exists()), None)
-            lines.append(f"  {part:<8} {there or f'none: {WANTED[part]}'}")
+            lines.append(f"  {part:<8} {there or f'none: {REMEDIES[part]}'}")
         return "\n".join(visible(line) for line in [*lines, "  result", "  trials", "  scenario"])
 
 
@@ -292,7 +292,7 @@ def _film(path: Path) -> "xarray.Dataset":
     except FilmError as error:
         raise RunFolderError(str(error)) from None
     with zarr_groups.errors_as(RunFolderError, path):
-        group = zarr_groups.Group(path, consolidated=True)  # state of the last flush, complete
+        group = zarr_groups.Group(path, consolidated=True)  # the state of the last flush, which is complete
         for name in group.names:
             _ = group[name]
         data = zarr_groups.open_dataset(path, consolidated=True, chunks=None)

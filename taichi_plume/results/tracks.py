@@ -24,7 +24,7 @@ FAULTS = (OSError, ValueError, LookupError, TypeError, pa.ArrowException)
 
 
 class Track(NamedTuple):
-    """One robot over time: t (n,) [s]; values: by the names of the table's columns, (n,); states: their names."""
+    """Track of a robot: t (n,) [s]; values: by the names of the table's columns, (n,); states: their names."""
 
     name: str
     number: int
@@ -65,17 +65,17 @@ def tracks(path: Path, groups: "Sequence[Group]") -> list[Track]:
         return []
     names = np.asarray(table["group"].cast(pa.string()).to_pylist(), object)
     robot = table["robot"].to_numpy()
-    found: list[Track] = []
+    tracks: list[Track] = []
     first = 0
     for group in groups:
         mine = np.flatnonzero(names == group.name)
         for k in range(min(group.count, share)):
             rows = mine[robot[mine] == k]
-            if len(rows) and len(found) < MOST_ROBOTS:
+            if len(rows) and len(tracks) < MOST_ROBOTS:
                 label = group.name if group.count == 1 else f"{group.name} {k}"
-                found.append(_track(table.take(rows), label, first + k, group))
+                tracks.append(_track(table.take(rows), label, first + k, group))
         first += group.count
-    return found
+    return tracks
 
 
 def _track(rows: pa.Table, name: str, number: int, group: "Group") -> Track:
@@ -104,7 +104,7 @@ def _table(path: Path, first: dict[str, int], share: int) -> pa.Table | None:
             columns += [key for key in MORE if key in part.schema_arrow.names]
             for n in range(part.num_row_groups):
                 rows = part.read_row_group(n, columns=columns)
-                rows = rows.slice(max(0, done - begin))  # without rows of an earlier part
+                rows = rows.slice(max(0, done - begin))  # skip rows that an earlier part holds too
                 begin += part.metadata.row_group(n).num_rows
                 tables.append(_firsts(rows, first, share))
             done = max(done, begin)
@@ -115,9 +115,9 @@ def _firsts(rows: pa.Table, first: dict[str, int], share: int) -> pa.Table:
     """Return the rows of the first robots of each group's first trial."""
     import pyarrow.compute as pc
 
-    kept = pa.nulls(len(rows), pa.bool_()).fill_null(False)
+    selected = pa.nulls(len(rows), pa.bool_()).fill_null(False)
     for trial in set(first.values()):
         names = pa.array([name for name, number in first.items() if number == trial])
         mask = pc.and_(pc.equal(rows["trial"], trial), pc.is_in(rows["group"].cast(pa.string()), names))
-        kept = pc.or_(kept, mask)
-    return rows.filter(pc.and_(kept, pc.less(rows["robot"], share)))
+        selected = pc.or_(selected, mask)
+    return rows.filter(pc.and_(selected, pc.less(rows["robot"], share)))

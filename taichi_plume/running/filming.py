@@ -19,7 +19,7 @@ from taichi_plume.simulation import Every, Simulation
 
 
 class Filming:
-    """Writes the film of the quantities in `scenario.fields`. Raises OSError as soon as the disk has no room."""
+    """Writer of the film of the quantities in `scenario.fields`. Raises OSError as soon as the disk is full."""
 
     STATE = ("frames",)
 
@@ -70,7 +70,7 @@ class Filming:
 
     def go_on(self) -> None:
         """Cut off the frames after the last `flush`. Raises FilmError if fewer are left."""
-        self._open(kept=self.frames)
+        self._open(resume_at=self.frames)
 
     def _open(self, **options: int) -> None:
         self.film = self._new(**options)

@@ -14,7 +14,7 @@ from taichi_plume.simulation import Simulation, Uncertain
 
 
 class MapsFile:
-    """Writes `path` when the run ends, by whatever cause; nothing is written before."""
+    """Writer of `path`, at the end of the run alone, whatever ends the run."""
 
     STATE = ()
 
@@ -71,7 +71,7 @@ class MapsFile:
     def _belief_facts(self, belief: GroupBeliefs) -> Json:
         group = belief.group
         return {
-            "title": f"What {group.name} believes",
+            "title": f"Source posterior (belief) of {group.name}",
             "group": group.name,
             "algorithm": group.model.algorithm.kind,
             "cell_m": belief.cell,

@@ -9,7 +9,7 @@ from taichi_plume.simulation import Every, EveryStep, Simulation
 
 
 class ForceTable:
-    """Writes the force of the air on each obstacle [N], a row per obstacle at the period of the scenario."""
+    """Writer of the force of the air on each obstacle [N]: a row per obstacle at the period of the scenario."""
 
     STATE = ("size",)
 

@@ -1,4 +1,4 @@
-"""Execution of a run, from its assembly to its end. Whatever ends the run, files are kept and a line says why."""
+"""Execution of a run, from its assembly to its end. Whatever ends the run, the files stay and a line says why."""
 
 import errno
 import gc
@@ -19,7 +19,7 @@ from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import say, terminal
 from taichi_plume.running import result, summary
 from taichi_plume.running.outputs import About, Outputs
-from taichi_plume.running.signals import Ears, deaf, listening, reader_may_leave
+from taichi_plume.running.signals import SignalRequests, handling_signals, ignoring_signals, reader_may_leave
 from taichi_plume.scoring.declarations import Json
 from taichi_plume.simulation import Simulation, UnstableError
 
@@ -34,7 +34,7 @@ class Service(Protocol):
         """Compile the kernels of the service; leaves the simulation at its start."""
         ...
 
-    def attach(self, sim: Simulation, ears: Ears) -> None:
+    def attach(self, sim: Simulation, signals: SignalRequests) -> None:
         """Add observers to the simulation. Raises RunFolderError if that is impossible."""
         ...
 
@@ -79,23 +79,23 @@ class End(NamedTuple):
 def simulate(job: Job, quiet: bool = False, debug: bool = False) -> int:
     """Assemble and run a simulation and return the exit code. Raises InputError and KeyboardInterrupt."""
     console = terminal(error=True)
-    with listening() as ears:
+    with handling_signals() as signals:
         try:
             if console.is_terminal and not quiet:
                 console.print("compiling ...", end="\r")
             sim = _build(job)
-            outputs = _begin(job, sim, ears)
+            outputs = _begin(job, sim, signals)
         except (InputError, KeyboardInterrupt):
             raise
         except BaseException as error:
             _print_traceback(debug)
             say(f"failed before the run began: {explain(error)[1]}", error=True)
             return 1
-        end = _to_the_end(job, sim, outputs, ears, None if quiet else console, debug)
-        with deaf():
+        end = _to_the_end(job, sim, outputs, signals, None if quiet else console, debug)
+        with ignoring_signals():
             content, end = _conclude(job, sim, outputs, end)
     if end.code:
-        _print_kept(job.folder.path, end)
+        _print_files(job.folder.path, end)
     elif not quiet:
         with reader_may_leave():
             summary.print_summary(content, job.folder.path)
@@ -112,12 +112,12 @@ def _build(job: Job) -> Simulation:
     return sim
 
 
-def _begin(job: Job, sim: Simulation, ears: Ears) -> Outputs:
+def _begin(job: Job, sim: Simulation, signals: SignalRequests) -> Outputs:
     """Open the run's files; an earlier run is removed only once they exist."""
     folder = job.folder
     about = About(folder.path, job.arch, job.backend, job.recording, job.inputs, job.live)
-    outputs = Outputs(sim, about, ears)
-    ears.running = True
+    outputs = Outputs(sim, about, signals)
+    signals.running = True
     if job.saved is not None:
         outputs.go_on(job.saved)
         return outputs
@@ -135,25 +135,25 @@ def _begin(job: Job, sim: Simulation, ears: Ears) -> Outputs:
 
 
 def _to_the_end(
-    job: Job, sim: Simulation, outputs: Outputs, ears: Ears, console: Console | None, debug: bool
+    job: Job, sim: Simulation, outputs: Outputs, signals: SignalRequests, console: Console | None, debug: bool
 ) -> End:
     """Run to the end and close all files."""
     try:
-        ears.hasty = True
-        end = _run(job, sim, ears, console, debug)
-        ears.hasty = False
+        signals.hasty = True
+        end = _run(job, sim, signals, console, debug)
+        signals.hasty = False
     except KeyboardInterrupt as error:  # a second signal, after a first one has ended the run
         end = _interrupted(sim, error)
     if not outputs.about.folder.is_dir():
         end = End("failed", f"its folder has been removed, at t = {sim.t:.2f} s or before", 1)
-    with deaf():
+    with ignoring_signals():
         for error in outputs.close():
             if not end.code:
                 end = End(*explain(error), 1)
     return end
 
 
-def _run(job: Job, sim: Simulation, ears: Ears, console: Console | None, debug: bool) -> End:
+def _run(job: Job, sim: Simulation, signals: SignalRequests, console: Console | None, debug: bool) -> End:
     """Run to the end, which may be an error."""
     try:
         with ExitStack() as stack:
@@ -164,7 +164,7 @@ def _run(job: Job, sim: Simulation, ears: Ears, console: Console | None, debug: 
                 sim.observers.append(bar.observer())
             if job.service is not None:
                 stack.callback(job.service.close)
-                job.service.attach(sim, ears)
+                job.service.attach(sim, signals)
             sim.run()
     except KeyboardInterrupt as error:
         return _interrupted(sim, error)
@@ -177,8 +177,8 @@ def _run(job: Job, sim: Simulation, ears: Ears, console: Console | None, debug: 
 def whole(sim: Simulation) -> End:
     """Return the end of a run that was not interrupted."""
     if sim.tick < sim.last_tick:
-        found = bool(sim.swarm.snapshot()["found"].all())
-        why = "every robot had found a source" if found else "no robot searched any more"
+        all_found = bool(sim.swarm.snapshot()["found"].all())
+        why = "every robot had found a source" if all_found else "no robot searched any more"
         return End("stopped", f"{why} at t = {sim.t:.1f} s", 0)
     return End("completed", "", 0)
 
@@ -195,7 +195,7 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[Js
     content: Json
     try:
         content = result.result(sim, end.status, end.message, job.backend, *scores)
-    except Exception as error:  # the simulation is broken
+    except Exception as error:  # the simulation is no longer usable
         end = end if end.code else End(*explain(error), 1)
         content = {"name": sim.scenario.name, "status": end.status, "message": end.message}
         content |= sim.scenario.seeds
@@ -205,7 +205,7 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[Js
     if "flow" in content:
         try:
             content["flow"] |= sim.wind.mixing()
-        except Exception as error:  # the result is worth more
+        except Exception as error:  # without this diagnostic the result is still written
             content["remarks"].append(f"how fast the air mixes could not be measured: {explain(error)[1]}")
     if not folder.is_dir():
         return content, end
@@ -237,10 +237,10 @@ def _print_traceback(debug: bool) -> None:
         say(*traceback.format_exc().splitlines(), error=True)
 
 
-def _print_kept(folder: Path, end: End) -> None:
-    kept = sorted(file.name for file in run_folder.files_in(folder) if file.name != run_folder.LOCK)
-    say(f"{end.status}: {end.message}", f"kept in {folder}: {', '.join(kept) or 'nothing'}", error=True)
-    if checkpoint.NAME in kept:
+def _print_files(folder: Path, end: End) -> None:
+    files = sorted(file.name for file in run_folder.files_in(folder) if file.name != run_folder.LOCK)
+    say(f"{end.status}: {end.message}", f"kept in {folder}: {', '.join(files) or 'nothing'}", error=True)
+    if checkpoint.NAME in files:
         say(f"to resume: {run_folder.resuming(folder)}", error=True, longest=None)
 
 

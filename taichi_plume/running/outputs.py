@@ -16,7 +16,7 @@ from taichi_plume.files.run_folder import LISTED, RunFolderError
 from taichi_plume.grid.state import State
 from taichi_plume.guard.terminal import say
 from taichi_plume.running import final_maps, forces_table, result, robots_table
-from taichi_plume.running.signals import Ears
+from taichi_plume.running.signals import SignalRequests
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.outputs import Checkpoint
 from taichi_plume.scoring.beliefs import BeliefScores
@@ -24,7 +24,7 @@ from taichi_plume.scoring.declarations import Json
 from taichi_plume.scoring.maps import MapScores
 from taichi_plume.simulation import Every, EveryStep, Simulation
 
-KEPT = 10.0  # wall-clock time [s] between flushes
+FLUSH_PERIOD = 10.0  # wall-clock time [s] between flushes
 USUAL = 300.0  # wall-clock time [s] between checkpoints
 OVER = ("completed", "stopped")
 
@@ -85,8 +85,8 @@ class Outputs:
 
     STATE = ("sim", "observers", "step_observers", "map_scores", "belief_scores", "tables", "recorder")
 
-    def __init__(self, sim: Simulation, about: About, ears: Ears):
-        self.sim, self.about, self.ears = sim, about, ears
+    def __init__(self, sim: Simulation, about: About, signals: SignalRequests):
+        self.sim, self.about, self.signals = sim, about, signals
         self.map_scores = MapScores(sim)
         self.belief_scores = BeliefScores(sim)
         sim.observers += [self.map_scores.observer(), self.belief_scores.observer()]
@@ -98,7 +98,7 @@ class Outputs:
         self.remarks: list[str] = []
         self._remarks_printed = False
         self._every, self._wall = self._periods()
-        self._kept = self._checked = time.monotonic()
+        self._flushed = self._checked = time.monotonic()
         self._digests: Future[Json] = Future()
         self._begun = time.monotonic()
 
@@ -140,7 +140,7 @@ class Outputs:
         return recorder
 
     def _periods(self) -> tuple[int | None, float | None]:
-        """Ticks, or wall-clock seconds, between checkpoints; None: not by this measure."""
+        """Ticks and wall-clock seconds between checkpoints; None: not used."""
         scenario = self.sim.scenario
         model = scenario.checkpoint
         if model is None or self.about.files is not None:
@@ -205,19 +205,19 @@ class Outputs:
     def keep(self, sim: Simulation) -> None:
         """Flush or write a checkpoint if one is due. Raises KeyboardInterrupt after a signal that ends the run."""
         now = time.monotonic()
-        if self.ears.stopped:
+        if self.signals.stopped:
             if self.resumable:
                 self.checkpoint()
-            raise KeyboardInterrupt(self.ears.stopped)
+            raise KeyboardInterrupt(self.signals.stopped)
         due = self._wall is not None and now - self._checked >= self._wall
         due |= self._every is not None and (sim.tick - sim.scenario.first_tick) % self._every == 0
         if self.remarks and not self._remarks_printed and now - self._begun >= USUAL:
             self._remarks_printed = True
             for remark in self.remarks:
                 say(f"note: {remark}", error=True)
-        if self.resumable and (due or self.ears.asked):
+        if self.resumable and (due or self.signals.asked):
             self.checkpoint()
-        elif self.ears.asked or now - self._kept >= KEPT:
+        elif self.signals.asked or now - self._flushed >= FLUSH_PERIOD:
             self._flush()
 
     def _flush(self) -> None:
@@ -227,8 +227,8 @@ class Outputs:
         for table in self.tables:
             table.flush()
         self._write_progress()
-        self.ears.asked = False
-        self._kept = time.monotonic()
+        self.signals.asked = False
+        self._flushed = time.monotonic()
 
     def checkpoint(self) -> None:
         """Write a checkpoint of the current tick."""
@@ -259,7 +259,7 @@ class Outputs:
         content = result.partial_result(self.sim, "running", f"t = {self.sim.t:.2f} s", self.about.backend)
         result.write_result(self.about.folder, content)
 
-    # ------------------------------------------------------------ its end
+    # ------------------------------------------------------------ the end
 
     def close(self) -> list[Exception]:
         """Finish all files and return the errors."""
@@ -294,7 +294,7 @@ def _tried(function: Callable[[], None]) -> Exception | None:
 
 
 def _without_state(sim: Simulation) -> list[tuple[str, str]]:
-    """Paths of the groups whose own algorithms cannot be saved, with the reason."""
+    """Paths of the groups with own algorithms that cannot be saved, with the reason."""
     return [
         (
             f"robots[{number}].algorithm",

@@ -17,7 +17,7 @@ from taichi_plume.simulation import Every, Simulation
 
 
 class PlumeLogger:
-    """Writes the log `path`. Raises OSError as soon as the disk has no room.
+    """Writer of the log `path`. Raises OSError as soon as the disk is full.
 
     Nodes lie in the middle of square cells; those within obstacles are left out. Of several gases the sum of their
     mole fractions is written. The first line is updated with each frame, so the file is complete after every frame.

@@ -35,7 +35,7 @@ class ProbeTable(PartsTable):
             measured.append((f"{gas.name}_ppm", "ppm", f"mole fraction of {gas.name}", density))
         if sim.pressure is not None:
             measured.append(
-                ("pressure", "Pa", "over that outside of an outlet; without one, up to a constant", {})
+                ("pressure", "Pa", "over that outside of an outlet; without an outlet, up to a constant", {})
             )
         if sim.heat is not None:
             measured.append(("temperature", "K", "of the air", {}))
@@ -44,7 +44,7 @@ class ProbeTable(PartsTable):
             column("t", pa.float64(), "s", "simulated time"),
             column("probe", NAMES, "1", "name of the probe"),
             column("point", pa.int32(), "1", "number of the point in its probe"),
-            *(column(a, pa.float32(), "m", "place of the point") for a in axes),
+            *(column(a, pa.float32(), "m", "position of the point") for a in axes),
         ]
         names = {"probe": pa.array([probe.name for probe in model.points])}
         super().__init__(path, [*who, *self.measured], names, len(places))
@@ -80,7 +80,7 @@ class ProbeTable(PartsTable):
 
     def _row(self, t: float, sampled: np.ndarray) -> None:
         """Store a row of each point."""
-        n = self.kept
+        n = self.pending
         self.values["t"][n] = t
         for field, row in zip(self.measured, sampled, strict=True):
             self.values[field.name][n] = row

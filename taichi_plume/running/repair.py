@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from taichi_plume.files import checkpoint, manifest, maps_file, plumesim_log, table_parts
-from taichi_plume.files.run_folder import KILLED, LISTED, RunFolder, RunFolderError, resuming, told
+from taichi_plume.files.run_folder import KILLED, LISTED, RunFolder, RunFolderError, read_json, resuming
 from taichi_plume.guard.terminal import say
 from taichi_plume.running.job import report
 from taichi_plume.running.outputs import OVER
@@ -34,7 +34,7 @@ def verify(folder: Path) -> int:
     paths = [folder / name for name in listed]
     changes = [manifest.changed(path) if path.exists() else f"{path}: is no longer there" for path in paths]
     faults = [fault for fault in changes if fault]
-    say(*faults, f"{folder}: {len(paths) - len(faults)} of {len(paths)} files are as their run left them")
+    say(*faults, f"{folder}: {len(paths) - len(faults)} of {len(paths)} files are unchanged since their run")
     return int(bool(faults))
 
 
@@ -44,13 +44,13 @@ def complete(folder: RunFolder, reported: bool) -> int:
     content = _content(path)
     status, whole = content["status"], not any((path / name).exists() for name in PARTS)
     if status != "running" and whole:
-        if (path / checkpoint.NAME).exists() and not (path / manifest.NAME).exists():  # killed while it ended
+        if (path / checkpoint.NAME).exists() and not (path / manifest.NAME).exists():  # killed during its end
             if reported and not (path / "report.html").exists():
                 report(path)
             _seal(path)
         if status in OVER:
             (path / checkpoint.NAME).unlink(missing_ok=True)
-        say(f"{path}: the run has ended by itself ({status})")
+        say(f"{path}: the run has ended regularly ({status})")
         return 0
     code = 0
     (path / manifest.NAME).unlink(missing_ok=True)  # lists files that change below
@@ -91,7 +91,7 @@ def _seal(path: Path) -> None:
 
 def _content(folder: Path) -> Json:
     """Read result.json; without a status there, the run counts as running."""
-    return {"name": folder.name, "status": "running", "seed": None} | told(folder / "result.json")
+    return {"name": folder.name, "status": "running", "seed": None} | read_json(folder / "result.json")
 
 
 def _inputs(folder: Path) -> Json:

@@ -1,4 +1,4 @@
-"""`result.json`: status, scores and diagnostics of a run; written last and at once."""
+"""`result.json`: status, scores and diagnostics of a run; written last and atomically."""
 
 import json
 from math import isfinite, prod
@@ -54,14 +54,14 @@ def partial_result(sim: Simulation, status: str, message: str, backend: str) -> 
 
 
 def _budget(sim: Simulation) -> Json:
-    """Mass budget of all gases that keep one; of several gases also the budget of each."""
+    """Mass budget of all gases with a budget; of several gases also the budget of each."""
     parts: list[Json] = [dict(gas.budget()) for gas in sim.gas.gases]
-    kept = [part for part in parts if part]
-    if not kept:
+    budgets = [part for part in parts if part]
+    if not budgets:
         return {}
-    keys = dict.fromkeys(key for part in kept for key in part)
-    total: Json = {key: sum(part.get(key, 0.0) for part in kept) for key in keys}
-    for budget in [total, *kept]:
+    keys = dict.fromkeys(key for part in budgets for key in part)
+    total: Json = {key: sum(part.get(key, 0.0) for part in budgets) for key in keys}
+    for budget in [total, *budgets]:
         taken = budget.get("taken_up_kg", 0.0)
         given = sum(budget.get(key, 0.0) for key in ("initial_kg", "emitted_kg", "inflow_kg"))
         missing = given - taken - budget["in_domain_kg"] - budget["outflow_kg"]
@@ -132,8 +132,8 @@ def _beside_recorded(sim: Simulation, group: GroupRange) -> Json:
     if group.model.algorithm.kind != "replay":
         return {}
     team = next(team for team in sim.teams if group.number in team.numbers)
-    found = team.algorithm.recorded()
-    return {"beside_recorded": found} if found else {}
+    comparison = team.algorithm.recorded()
+    return {"beside_recorded": comparison} if comparison else {}
 
 
 def _map(sim: Simulation, n: int, series: MapSeries | None) -> Json:

@@ -6,13 +6,13 @@ from typing import Any
 
 from taichi_plume import __version__
 from taichi_plume.files import checkpoint, manifest
-from taichi_plume.files.run_folder import RunFolderError, told
+from taichi_plume.files.run_folder import RunFolderError, read_json
 from taichi_plume.running.outputs import OVER, scenario_digest
 
 
 def saved(folder: Path) -> dict[str, Any]:
     """Read the checkpoint of a run. Raises InputError if the run cannot be resumed."""
-    status = str(told(folder / "result.json").get("status", "unknown"))
+    status = str(read_json(folder / "result.json").get("status", "unknown"))
     if status in OVER:
         raise RunFolderError(f"{folder}: this run has ended ({status}), there is nothing to resume")
     path = folder / checkpoint.NAME

@@ -55,7 +55,7 @@ class RobotTable(PartsTable):
     def sample(self, sim: Simulation) -> None:
         """Store a row of every robot."""
         now = sim.swarm.snapshot()
-        n = self.kept
+        n = self.pending
         self.values["t"][n] = sim.t
         for quantity in self.columns:
             values = now[quantity.key]

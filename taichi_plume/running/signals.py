@@ -18,8 +18,8 @@ ASKING = tuple(KNOWN[name] for name in ("SIGUSR1",) if name in KNOWN)
 """Signal that batch systems can send some time before they end a job."""
 
 
-class Ears:
-    """Requests that signals have made to a run.
+class SignalRequests:
+    """Requests that signals made to a run: to end, or to write a checkpoint.
 
     running: whether files are open; a signal then waits for the end of the tick, before that it ends the run at once.
     hasty: whether a second signal ends the run at once; only one does, so that closing the files is not disturbed.
@@ -32,7 +32,7 @@ class Ears:
         self.asked = False
         self.terminal = _terminal_streams()
 
-    def hear(self, number: int, _: FrameType | None = None) -> None:
+    def handle(self, number: int, _: FrameType | None = None) -> None:
         """Handle a signal."""
         name = signal.Signals(number).name
         if number in ASKING:
@@ -42,22 +42,22 @@ class Ears:
             _redirect_to_null(self.terminal)
         if not self.running:
             raise KeyboardInterrupt(name)
-        if self.stopped and self.hasty and name != "SIGXCPU":  # this one comes every second
+        if self.stopped and self.hasty and name != "SIGXCPU":  # SIGXCPU comes every second
             self.hasty = False
             raise KeyboardInterrupt(name)
         self.stopped = self.stopped or name
 
 
 @contextmanager
-def listening() -> Iterator[Ears]:
+def handling_signals() -> Iterator[SignalRequests]:
     """Context that handles signals; signals that are ignored, as under nohup, stay ignored."""
-    ears = Ears()
-    with _handling((*ENDING, *ASKING), ears.hear):
-        yield ears
+    signals = SignalRequests()
+    with _handling((*ENDING, *ASKING), signals.handle):
+        yield signals
 
 
 @contextmanager
-def deaf() -> Iterator[None]:
+def ignoring_signals() -> Iterator[None]:
     """Context that ignores signals, while files are being closed."""
     with _handling((*ENDING, *ASKING), signal.SIG_IGN):
         yield
@@ -95,15 +95,15 @@ def _handling(numbers: tuple[signal.Signals, ...], handler: Handler) -> Iterator
 
 
 def _terminal_streams() -> list[int]:
-    """Return the standard streams of this process that are a terminal (unknown once the terminal is closed)."""
-    found = []
+    """Return the standard streams of this process that are a terminal, before the terminal may be closed."""
+    streams = []
     for stream in (sys.stdin, sys.stdout, sys.stderr):
         try:
             if os.isatty(stream.fileno()):
-                found.append(stream.fileno())
+                streams.append(stream.fileno())
         except (AttributeError, OSError, ValueError):  # closed, or no file
             continue
-    return found
+    return streams
 
 
 def _redirect_to_null(streams: list[int]) -> None:

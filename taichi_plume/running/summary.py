@@ -12,12 +12,15 @@ from taichi_plume.scoring.declarations import Json, has_declared
 MEAN = ("error_ppm", "correlation", "peak_distance_m")
 """Scores of a map against the mean gas since the start."""
 
-SAID = (("localisation_error_m", "localisation error", " m"), ("declared_time_s", "time to declare", " s"))
+DECLARED = (
+    ("localisation_error_m", "localisation error", " m"),
+    ("declared_time_s", "time to declare", " s"),
+)
 """Scores of declarations: key, title and unit."""
 
 
 def print_summary(content: Json, folder: Path) -> None:
-    """Print a result and the commands that show the recording and the report."""
+    """Print a result, and the commands that show the recording and the report."""
     from rich.table import Table
     from rich.text import Text
 
@@ -159,7 +162,7 @@ def _declared_line(group: Json) -> str:
     count = trials["outcome"].count
     text = f"rightly in {count('declared')} of {n} trials; in {count('reached')} more a robot reached a source, in "
     text += f"{count('neither')} neither"
-    for name, title, unit in SAID:
+    for name, title, unit in DECLARED:
         score = group["summary"][name]
         if score["n"]:
             text += f"; {title} {score['mean']:.3g}{unit}"
@@ -181,22 +184,22 @@ def _caveats(content: Json) -> list[tuple[str, str]]:
         lines.append(("one air", f"wind and gas are the same for all trials; only {differ}; {others}"))
     for group in searched:
         if group["trials_differ_by"] == "nothing":
-            trials = f"the {group['trials']} trials of {group['name']} are the same to the bit"
-            lines.append(("one trial", f"{trials}, as nothing random sets them apart: they count as one"))
+            trials = f"the {group['trials']} trials of {group['name']} are identical to the bit"
+            lines.append(("one trial", f"{trials}: nothing random differs; they count as one"))
     if any(group["unlike_them"] for group in groups):
         shared = "the arena and the maps" if content["maps"] else "the arena"
         names = ", ".join(group["name"] for group in groups)
         text = f"{names} share {shared}; add rivals: true to compare them"
         fewest = min(group["trials"] for group in groups)
         if fewest < max(group["trials"] for group in groups):
-            text += f"; only the first {fewest} of their trials have all of them"
+            text += f"; only the first {fewest} trials have all groups"
         lines.append(("one arena", text))
     return lines
 
 
 def _map_line(gas_map: Json) -> str:
     if gas_map["mae_ppm"] is None:
-        return "knows no cell"
+        return "no cell is known"
     trials = len(gas_map["per_trial"]["mae_ppm"])
     of = f", mean of {trials} trials" if trials > 1 else ""
     now = f"error {gas_map['mae_ppm']:.3g} ppm"

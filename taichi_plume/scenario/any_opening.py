@@ -17,28 +17,28 @@ if TYPE_CHECKING:
 
 
 class Change(Model):
-    """One step of a schedule."""
+    """Step of a schedule."""
 
     at: si.Time
-    """When the change starts. The robots start at 0, the warm-up is before."""
+    """Time when the change starts. The robots start at 0, the warm-up is before."""
 
 
 class SpeedAt(Change):
-    """From `at` on, blow with `speed`."""
+    """Change of the speed: from `at` on the opening blows with `speed`."""
 
     speed: si.Velocity
     """Mean speed into the room from then on; negative draws air out."""
 
 
 class VelocityAt(Change):
-    """From `at` on, slide with `velocity`."""
+    """Change of the velocity: from `at` on the wall slides with `velocity`."""
 
     velocity: si.Velocities
     """Velocity of the sliding wall from then on, per axis; 0 along the axis through it."""
 
     @property
     def speed(self) -> float:
-        """Its magnitude [m/s]."""
+        """Magnitude of the velocity [m/s]."""
         return hypot(*self.velocity)
 
 

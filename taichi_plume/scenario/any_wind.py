@@ -1,4 +1,4 @@
-"""Base class of the winds: speeds and step sizes that a wind will have."""
+"""Base class of the winds: expected speeds and time steps (CFL condition)."""
 
 from math import inf
 from typing import TYPE_CHECKING, ClassVar
@@ -28,7 +28,7 @@ class AnyWind(Model):
     """The wind itself if it is uniform."""
 
     def top_speed(self, scenario: "Scenario") -> float | None:
-        """Return the largest prescribed speed [m/s]; None if only files tell."""
+        """Return the largest prescribed speed [m/s]; None if the files decide."""
         return None
 
     def axes_speed(self, scenario: "Scenario") -> float:
@@ -41,5 +41,5 @@ class AnyWind(Model):
         return scenario.domain.spacing / speed if speed else inf
 
     def moving(self, whole: float) -> float:
-        """Return for how much of the `whole` time [s] the wind changes."""
+        """Return the part of the `whole` time [s] in which the wind changes."""
         return whole

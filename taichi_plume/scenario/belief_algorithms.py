@@ -38,12 +38,12 @@ class Declares(AnyAlgorithm):
 
     @model_validator(mode="after")
     def _never_declares(self) -> Self:
-        """Set the default to null where the belief is never narrow enough; written out, the scenario is the same."""
+        """Set the default to null if the belief is never narrow enough, so that the written scenario is valid."""
         if "declare_spread" not in self.model_fields_set and not self._reaches(self.declare_spread):
             object.__setattr__(self, "declare_spread", None)  # not among the keys that the user set
         return self
 
-    def unfit(self, where: str, floor: "Arena") -> str | None:
+    def grid_error(self, where: str, floor: "Arena") -> str | None:
         return ill_sized(f"{where}.algorithm.cell", vars(self)["cell"], floor.size, self.most_cells)
 
     def _reaches(self, spread: float | None) -> bool:
@@ -82,7 +82,7 @@ class AnyInfotaxis(Listening, Declares):
     lifetime: si.Duration = 10.0
     """Lifetime of patches of gas, in the model of the robot."""
     size: si.Length = 0.05
-    """Size of what detects patches, in the model of the robot; small beside the plume."""
+    """Size of the detector of patches, in the model of the robot; small beside the plume."""
 
     @property
     def reach(self) -> float:
@@ -110,7 +110,7 @@ class AnyInfotaxis(Listening, Declares):
 
 
 class Infotaxis(AnyInfotaxis):
-    """Steps of the largest expected information about the source (Vergassola et al. 2007). See agents/infotaxis.py."""
+    """Steps with the largest expected information on the source (Vergassola et al. 2007). See agents/infotaxis.py."""
 
     kind: Literal["infotaxis"]  # type: ignore[assignment]
 

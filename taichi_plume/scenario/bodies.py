@@ -37,11 +37,11 @@ DRONES: dict[str, dict[str, float]] = {
     },
 }  # fmt: skip
 WINGED = ("max_climb", "max_descent", "mass", "rotors", "rotor_radius", "arm")
-"""Keys of drones alone."""
+"""Keys that only drones have."""
 
 
 class Body(Model):
-    """A disc that drives like a unicycle or on two wheels, or a drone that flies. Defaults: a small indoor robot."""
+    """Body of a robot: a disc that drives (unicycle or two wheels) or a drone. Defaults: a small indoor robot."""
 
     kind: Literal["free", "momo", "roomba_560", "miniq", "khepera_3", "drone", "crazyflie", "matrice_100"] = (
         "free"
@@ -86,8 +86,8 @@ class Body(Model):
         """Whether the body is a drone."""
         return self.kind in DRONES
 
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
-        yield from super().misfits(where, dim)
+    def dimension_errors(self, where: str, dim: int) -> Iterator[str]:
+        yield from super().dimension_errors(where, dim)
         if not self.flies:
             for key in [key for key in WINGED if vars(self)[key] is not None][:1]:
                 yield f"{where}.{key}: is for drones; give body.kind: drone, or remove it"

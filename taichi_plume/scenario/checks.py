@@ -1,4 +1,4 @@
-"""Errors and warnings of all sections of a scenario, beyond single keys, and their positions in the room."""
+"""Checks of a whole scenario: errors and warnings of all sections, and their positions in the room."""
 
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
@@ -29,10 +29,10 @@ def every(scenario: Scenario) -> Iterator[tuple[str, Model]]:
     yield "", scenario
 
 
-def misfits(scenario: Scenario) -> list[str]:
-    """Return errors ``path: message`` of the dimension and the memory, before files are opened."""
+def early_errors(scenario: Scenario) -> list[str]:
+    """Return errors ``path: message`` of the dimension (2-D or 3-D) and the memory, before files are opened."""
     dim = scenario.domain.dim
-    lines = [line for where, section in every(scenario) for line in section.misfits(where, dim)]
+    lines = [line for where, section in every(scenario) for line in section.dimension_errors(where, dim)]
     return lines or list(too_large(scenario))
 
 
@@ -58,26 +58,26 @@ def problems(scenario: Scenario, resources: "Resources") -> list[str]:
 def numbered(
     remarks: Sequence[str], scenario: Scenario, resources: "Resources"
 ) -> list[tuple[int, tuple[float, ...]]]:
-    """Return number, counted from 1, and position [m] (2 or 3 coordinates) of each warning that has a position."""
+    """Return the number (from 1) and the position [m] (2 or 3 coordinates) of each warning that has a position."""
     places: dict[str, tuple[float, ...]] = {}
     for key in Scenario.model_fields:
         for where, section in sections(vars(scenario)[key], key):
             place = _place(where, section, scenario, resources)
             if place is not None:
                 places[where] = tuple(float(x) for x in place)
-    found = []
+    positions = []
     for n, remark in enumerate(remarks, 1):
         path = remark.partition(": ")[0]
         fits = [where for where in places if path == where or path.startswith((f"{where}.", f"{where}["))]
         if fits:
-            found.append((n, places[max(fits, key=len)]))
-    return found
+            positions.append((n, places[max(fits, key=len)]))
+    return positions
 
 
 def _place(
     where: str, section: Model, scenario: Scenario, resources: "Resources"
 ) -> Sequence[float] | np.ndarray | None:
-    """Return the position [m] of a section; None if it has none."""
+    """Return the position [m] of a section; None for a section without a position."""
     extent = scenario.domain.extent
     if isinstance(section, Located):
         return section.position

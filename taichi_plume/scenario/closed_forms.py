@@ -26,7 +26,7 @@ class ClosedForm(OneGas):
     the others."""
 
     jumps: ClassVar[bool] = False
-    """Whether the gas jumps from none upwind of the source to its peak downwind."""
+    """Whether the concentration jumps at the source: none upwind, the peak just downwind."""
 
     @property
     def finest(self) -> float:
@@ -93,7 +93,7 @@ class GaussianPuffGas(ClosedForm):
     kind: Literal["gaussian_puff"]
     sources_key: ClassVar[str] = "releases"
     releases: Annotated[tuple[Release, ...], Field(min_length=1)]
-    """The puffs, each with its place, time and mass; robots search for these places."""
+    """The puffs, each with position, time and mass; robots search for these positions."""
     diffusivity: si.Diffusivities | None = None
     """Diffusivity of the puffs: one number for all axes or one per axis. Unless given, the species' in still air."""
 
@@ -228,7 +228,7 @@ class MeanderingGas(ClosedForm):
         yield from super().in_wind(where, wind, context)
 
     def growth(self, axes: int, speed: float) -> np.ndarray:
-        """See `GaussianPlumeGas.growth`."""
+        """Return the growth of the variance, see `GaussianPlumeGas.growth`."""
         zero, slope = np.zeros(axes), np.array([self.width_slope, self.height_slope])[:axes]
         return np.stack([zero, zero, slope**2], axis=1)
 

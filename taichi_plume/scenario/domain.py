@@ -19,7 +19,7 @@ ROUNDING = 0.1  # of an extent: a larger change by whole cells makes another dom
 
 @dataclass(frozen=True)
 class Context:
-    """A scenario and its opened files, which checks may look at."""
+    """Context of the checks: a scenario and its opened files."""
 
     scenario: "Scenario"
     resources: "Resources"
@@ -30,7 +30,7 @@ class Context:
         return self.scenario.domain
 
     def outside(self, points: np.ndarray) -> str | None:
-        """Return where the first of some points (n, dim) [m] outside the domain lies; None if all are inside."""
+        """Return the place of the first point (n, dim) [m] outside the domain, in words; None if all are inside."""
         for axis, length, along in zip("xyz", self.domain.extent, points.T, strict=False):
             beyond = along[(along < 0) | (along > length)]
             if len(beyond):
@@ -134,7 +134,7 @@ class Located(Model):
     what: ClassVar[str] = "source"
     """Noun for the section in messages."""
     position: si.Point
-    """Where its middle is, per axis. It has to be in the air: in the room and outside of all obstacles."""
+    """Position of the middle, per axis. It has to be in the air: in the room and outside of all obstacles."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         position = np.array([self.position])

@@ -85,17 +85,17 @@ def _line(fault: ErrorDetails, data: Data, top: type[Model]) -> str | None:
         limit = context.get("max_length", context.get("min_length"))
         if kind == "too_short" and limit is not None and len(got) >= limit:
             return None  # pydantic omits items with errors of their own
-        its = _facts(steps, data, top)
-        if its is not None and (_axes(its) or re.match(r"(list of )+(lists of )?\d|.*in 3-D", its.type)):
+        fact = _facts(steps, data, top)
+        if fact is not None and (_axes(fact) or re.match(r"(list of )+(lists of )?\d|.*in 3-D", fact.type)):
             start = ".start." in where
-            form = its.type.replace("list of lists", "list") if isinstance(steps[-1], int) else its.type
-            axes = _axes(its) or ": x and y" * start
+            form = fact.type.replace("list of lists", "list") if isinstance(steps[-1], int) else fact.type
+            axes = _axes(fact) or ": x and y" * start
             height = "; the height of drones is start.altitude" * (start and len(got) == 3)
             return f"{where}has {len(got)} number{'s' * (len(got) != 1)}, must be a {form}{axes}{height}"
         items = f"{limit} item{'s' * (limit > 1)}" if limit is not None else f"{len(got) + 1} items"
         return f"{where}must have {bound} {items}, got {len(got)}"
-    its = _facts(steps, data, top)
-    unit = its.unit if its is not None else ""
+    fact = _facts(steps, data, top)
+    unit = fact.unit if fact is not None else ""
     if kind in ("float_parsing", "float_type"):
         key = next((step for step in reversed(steps) if isinstance(step, str)), "")
         such = (
@@ -174,20 +174,20 @@ def _keys_there(steps: Sequence[int | str], got: object, top: type[Model]) -> st
     return f"; its keys are {', '.join(models[0].model_fields)}"
 
 
-def _as_list(got: object, its: Facts | None) -> str:
+def _as_list(got: object, key: Facts | None) -> str:
     """Return a hint about a value that should be a list."""
-    if isinstance(got, str | dict) and its is not None and "quantit" in its.type:
-        return f"; write it in brackets, such as [1, 2]: a {its.type}{_axes(its)}"
+    if isinstance(got, str | dict) and key is not None and "quantit" in key.type:
+        return f"; write it in brackets, such as [1, 2]: a {key.type}{_axes(key)}"
     if isinstance(got, dict):
         return "; start each item with '- '"
     return "; write [] for none" if got is None else "; write it in brackets: [...]"
 
 
-def _axes(its: Facts) -> str:
-    """Return the axes of a list of coordinates, from its type or meaning."""
-    if its.type.endswith("one per axis") or "in 3-D along z" in its.meaning:
+def _axes(key: Facts) -> str:
+    """Return the axes of a list of coordinates, from their type or meaning."""
+    if key.type.endswith("one per axis") or "in 3-D along z" in key.meaning:
         return ": x, y and in 3-D z"
-    return ": x and y" if re.search(r"\bx and y\b", its.meaning) else ""
+    return ": x and y" if re.search(r"\bx and y\b", key.meaning) else ""
 
 
 def _comma(got: object) -> str:
@@ -214,8 +214,8 @@ def _facts(steps: Sequence[int | str], data: Data, top: type[Model]) -> Facts | 
     section, key = _at(data, path[:-1]), str(path[-1])
     kind = section.get("kind") if isinstance(section, dict) else None
     models = [model for model in sections_at(path[:-1], top) if key in model.model_fields]
-    found = {facts(model, key) for model in models if own_kind(model) in ("", kind)}
-    return found.pop() if len(found) == 1 else None
+    candidates = {facts(model, key) for model in models if own_kind(model) in ("", kind)}
+    return candidates.pop() if len(candidates) == 1 else None
 
 
 def _walk(location: tuple[int | str, ...], data: Data, absent: bool = False) -> list[int | str]:

@@ -23,7 +23,7 @@ class External(AnyAlgorithm):
     may_declare: ClassVar[bool] = True  # unknown: the program decides
     kind: Literal["external"]
     takes: Annotated[Literal["velocity", "pose"], COMPILED] = "velocity"
-    """What the program sends. velocity: speed and turn rate, which the simulated body carries out; pose: where real
+    """Content of the commands. velocity: speed and turn rate, which the simulated body carries out; pose: where real
     robots are, which measure the simulated plume there."""
     timeout: si.Duration = 1.0
     """Time without a message after which a robot counts as lost and stands still; it may come back."""
@@ -59,7 +59,7 @@ class Replay(AnyAlgorithm):
     frame: str = "map"
     """Frame of a bag to which the robots' positions refer."""
     origin: si.Point2 = (0.0, 0.0)
-    """Where that frame's origin lies in the domain, x and y."""
+    """Position of that frame's origin in the domain, x and y."""
     start: si.Delay = 0.0
     """Time of the recording, since the first pose of these robots, at which the run starts."""
 

@@ -54,8 +54,8 @@ def facts(model: type[Model], key: str) -> Facts:
     """Return the facts about a key of a section."""
     field = model.model_fields[key]
     whole = _whole(field)
-    found = {_limits(marks) for _, marks in _numbers(whole)}
-    unit, limits = found.pop() if len(found) == 1 else ("", "")
+    figures = {_limits(marks) for _, marks in _numbers(whole)}
+    unit, limits = figures.pop() if len(figures) == 1 else ("", "")
     meaning = meanings(model).get(key, "").replace(f" [{unit}]", "")
     return Facts(meaning, _type(whole), unit, limits, _default(field))
 
@@ -75,18 +75,18 @@ def meanings(model: type[Model]) -> dict[str, str]:
     pydantic's `use_attribute_docstrings` would read all sources at every start: importing the scenario then takes 1.6
     times as long.
     """
-    found = {"kind": purpose(model)}
-    for one in reversed(model.__mro__):
-        if issubclass(one, BaseModel) and one is not BaseModel:
-            (section,) = ast.parse(textwrap.dedent(inspect.getsource(one))).body
+    texts = {"kind": purpose(model)}
+    for base in reversed(model.__mro__):
+        if issubclass(base, BaseModel) and base is not BaseModel:
+            (section,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
             assert isinstance(section, ast.ClassDef)
             for key, text in pairwise([*section.body, ast.Pass()]):
                 match key, text:
                     case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(
                         value=ast.Constant(value=str(meaning))
                     ):
-                        found[name] = " ".join(meaning.split())
-    return {key: found[key] for key in model.model_fields if key in found}
+                        texts[name] = " ".join(meaning.split())
+    return {key: texts[key] for key in model.model_fields if key in texts}
 
 
 def purpose(model: type[BaseModel]) -> str:
@@ -129,7 +129,7 @@ def _whole(field: FieldInfo) -> object:
 def _numbers(kind: object, marks: tuple = ()) -> Iterator[tuple[object, tuple]]:
     """Yield the types of numbers and formulas in a type outside of sections, each with its annotations."""
     bare, more = (get_args(kind)[0], get_args(kind)[1:]) if get_origin(kind) is Annotated else (kind, ())
-    formula = bare is str and any(isinstance(one, Quantity) for one in more)
+    formula = bare is str and any(isinstance(mark, Quantity) for mark in more)
     if bare in (float, int) or formula:
         yield bare, (*marks, *more)
     elif get_origin(bare) is Annotated:
@@ -150,12 +150,12 @@ def _limits(marks: tuple) -> tuple[str, str]:
             unit, zero = mark.unit, mark.or_zero
             lows.append(mark.least)
             highs.append(mark.most)
-        for one in getattr(mark, "metadata", [mark]):
-            if isinstance(one, Ge | Gt):
-                lows.append(float(one.ge if isinstance(one, Ge) else one.gt))  # type: ignore[arg-type]
-            elif isinstance(one, Le | Lt):
-                highs.append(float(one.le if isinstance(one, Le) else one.lt))  # type: ignore[arg-type]
-                below = "below " if isinstance(one, Lt) else below
+        for limit in getattr(mark, "metadata", [mark]):
+            if isinstance(limit, Ge | Gt):
+                lows.append(float(limit.ge if isinstance(limit, Ge) else limit.gt))  # type: ignore[arg-type]
+            elif isinstance(limit, Le | Lt):
+                highs.append(float(limit.le if isinstance(limit, Le) else limit.lt))  # type: ignore[arg-type]
+                below = "below " if isinstance(limit, Lt) else below
     low, high = max(lows), min(highs)
     if low == -inf:
         return unit, ""
@@ -232,7 +232,7 @@ def _value(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, tuple | dict):
-        pairs = [f"{key}: {_value(one)}" for key, one in value.items()] if isinstance(value, dict) else []
+        pairs = [f"{key}: {_value(item)}" for key, item in value.items()] if isinstance(value, dict) else []
         inside = ", ".join(pairs or map(_value, value))
         return (f"{{{inside}}}" if pairs else f"[{inside}]") if value else "none"
     return str(value) or "empty"

@@ -93,16 +93,16 @@ def _value(node: ast.AST, places: dict[str, np.ndarray], depth: int) -> np.ndarr
         case ast.UnaryOp() if type(node.op) in OPERATORS:
             return OPERATORS[type(node.op)](_value(node.operand, places, depth + 1))
         case ast.BinOp() if type(node.op) in OPERATORS:
-            left, right = (_value(one, places, depth + 1) for one in (node.left, node.right))
+            left, right = (_value(operand, places, depth + 1) for operand in (node.left, node.right))
             return OPERATORS[type(node.op)](left, right)
         case ast.Compare(ops=[operator]) if type(operator) in OPERATORS:
-            left, right = (_value(one, places, depth + 1) for one in (node.left, node.comparators[0]))
+            left, right = (_value(operand, places, depth + 1) for operand in (node.left, node.comparators[0]))
             return OPERATORS[type(operator)](left, right) * 1.0
         case ast.Call(func=ast.Name(), keywords=[]) if node.func.id in FUNCTIONS:
             count, function = FUNCTIONS[node.func.id]
             if len(node.args) != count:
                 raise FormulaError(f"gives {node.func.id} {len(node.args)} values, it takes {count}")
-            return function(*(_value(one, places, depth + 1) for one in node.args))
+            return function(*(_value(argument, places, depth + 1) for argument in node.args))
         case ast.BinOp(op=ast.BitXor()):
             raise FormulaError("has ^; write a power as **")
         case ast.Call(func=ast.Name(), keywords=[]):

@@ -38,7 +38,7 @@ class EulerianGas(OneGas):
     initial: InitialGas | None = None
     """Concentration at the start of the warm-up; unless given, the air is clean."""
     sources: Annotated[tuple[Source, ...], Field(min_length=1)]
-    """Where gas is emitted, at least one place; robots search for these."""
+    """Sources of the gas, at least one; robots search for them."""
     inflow: tuple[Inflow, ...] = ()
     """Gas in the air that flows in through openings; unless named, it is clean."""
     surfaces: GasSurfaces | None = None
@@ -89,12 +89,12 @@ class PuffGas(OneGas):
     kind: Literal["puffs"]
     solved: ClassVar[bool] = True
     sources: Annotated[tuple[Source, ...], Field(min_length=1)]
-    """Where puffs are released, at least one place; robots search for these."""
+    """Sources of the puffs, at least one; robots search for them."""
     release_rate: si.Frequency = 50.0
     """Puffs per second and source. Each holds the emission of its source since the previous one; more make a smoother
     plume and take longer."""
     poisson: bool = False
-    """Release puffs at random times rather than steadily."""
+    """Whether puffs are released at random times rather than steadily."""
     initial_size: si.Length = 0.01
     """Size of a new puff, as standard deviation. Smaller ones start with higher peaks."""
     fluctuation: si.Speed | None = None
@@ -157,7 +157,7 @@ class PuffGas(OneGas):
 
 
 class PlaybackGas(OneGas, Playback):
-    """One species of a recorded run's gas."""
+    """Playback of the gas of a recorded run, or of a species of it."""
 
     part: ClassVar[Literal["wind", "gas"]] = "gas"
     kind: Literal["playback"]

@@ -43,7 +43,7 @@ class TemperedObstacle(TemperedSurface):
     """An obstacle with a temperature."""
 
     number: Number
-    """Which obstacle: its place in `obstacles`, counted from 0."""
+    """Index of the obstacle in `obstacles`, counted from 0."""
 
 
 class Heat(Model):
@@ -98,13 +98,13 @@ class Heat(Model):
 
         Heat rises through the width of the heater with the speed of its radius; twice the mean, as it is uneven.
         """
-        found = [self.reference, *(surface.temperature for surface in (*self.walls, *self.obstacles))]
+        temperatures = [self.reference, *(surface.temperature for surface in (*self.walls, *self.obstacles))]
         for heater in self.heaters:
             heat, r = abs(heater.power) / self.capacity, heater.radius
             speed = self.rising_speed(heater.power, r)
             if speed > 0.0:
-                found.append(self.reference + copysign(2 * heat / (pi * r**2 * speed), heater.power))
-        return found
+                temperatures.append(self.reference + copysign(2 * heat / (pi * r**2 * speed), heater.power))
+        return temperatures
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         yield from wall_faults(f"{where}.walls", self.walls, context)
@@ -126,12 +126,12 @@ class Buoyancy(Model):
         """Return gravity [m/s²] in `dim` dimensions."""
         return self.gravity or (0.0,) * (dim - 1) + (-9.81,)
 
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
+    def dimension_errors(self, where: str, dim: int) -> Iterator[str]:
         if dim == 2 and self.gravity is None:
             yield f"{where}.gravity: is missing; give [0, -9.81], which makes a 2-D run an upright section"
         if self.gravity is not None and not any(self.gravity):
             yield f"{where}.gravity: is zero, without any effect; remove {where}, or give a gravity"
-        yield from super().misfits(where, dim)
+        yield from super().dimension_errors(where, dim)
 
     @model_validator(mode="after")
     def _acts(self) -> "Buoyancy":

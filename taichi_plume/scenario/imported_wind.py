@@ -52,8 +52,8 @@ class ImportedWind(AnyWind, Played):
     schmidt: si.Prandtl = 0.7
     """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas. A smaller one mixes gas more."""
 
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
-        yield from super().misfits(where, dim)
+    def dimension_errors(self, where: str, dim: int) -> Iterator[str]:
+        yield from super().dimension_errors(where, dim)
         if dim == 3 and self.height is not None:
             yield f"{where}.height: is for 2-D runs; remove it, or give domain.size two numbers"
 

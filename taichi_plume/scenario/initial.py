@@ -49,8 +49,8 @@ class Initial(Model):
     def values(self, points: np.ndarray, units: Units = NO_UNITS) -> np.ndarray:
         """Return the values of the formulas (formulas, ...) at points (..., dim) [m]; nan and inf if undefined."""
         places = dict(zip(AXES, np.moveaxis(points, -1, 0), strict=False)) | units
-        found = [evaluate(text, places) for _, text in self.formulas]
-        return np.array([np.broadcast_to(one, points.shape[:-1]) for one in found])
+        arrays = [evaluate(text, places) for _, text in self.formulas]
+        return np.array([np.broadcast_to(values, points.shape[:-1]) for values in arrays])
 
     def on_grid(
         self, domain: "Domain", units: Units = NO_UNITS
@@ -58,8 +58,8 @@ class Initial(Model):
         """Yield key, coordinates and values of each formula on the grid. Raises FormulaError."""
         for d, (key, text) in enumerate(self.formulas):
             places = self._places(domain, d)
-            found = evaluate(text, dict(zip(AXES, places, strict=False)) | units)
-            yield key, places, np.broadcast_to(found, np.broadcast_shapes(*(one.shape for one in places)))
+            values = evaluate(text, dict(zip(AXES, places, strict=False)) | units)
+            yield key, places, np.broadcast_to(values, np.broadcast_shapes(*(axis.shape for axis in places)))
 
     def _units(self, where: str, context: Context) -> Units:
         """Return the sizes of units that are names in formulas; `where` is the path of the section."""
@@ -140,10 +140,10 @@ class InitialWind(FilmedInitial):
     def top_speed(self, domain: "Domain") -> float:
         """Return the largest component [m/s] of the formulas."""
         try:
-            found = [np.abs(values) for _, _, values in self.on_grid(domain)]
+            arrays = [np.abs(values) for _, _, values in self.on_grid(domain)]
         except FormulaError:
             return 0.0
-        return max((float(one[np.isfinite(one)].max(initial=0.0)) for one in found), default=0.0)
+        return max((float(values[np.isfinite(values)].max(initial=0.0)) for values in arrays), default=0.0)
 
 
 class InitialGas(FilmedInitial):
@@ -178,9 +178,9 @@ def _first(bad: np.ndarray, places: list[np.ndarray], values: np.ndarray, contex
     where = np.argwhere(bad)
     points = np.stack([axis.ravel()[where[:, a]] for a, axis in enumerate(places)], axis=-1)
     free = np.ones(len(points), bool)
-    for one in context.resources.shapes.values():
-        if one.model.motion is None:
-            free &= ~one.inside(points)
+    for shape in context.resources.shapes.values():
+        if shape.model.motion is None:
+            free &= ~shape.inside(points)
     if not free.any():
         return None
     n = int(np.argmax(free))

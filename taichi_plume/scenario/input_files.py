@@ -17,7 +17,7 @@ NUMBER = re.compile(r"%[0-9]*[dg]")  # stands for a number in the name of severa
 
 
 def input_files(scenario: Scenario) -> Iterator[tuple[str, str]]:
-    """Yield the path of the key, such as ``obstacles[0].file``, and the name of each input file.
+    """Yield each input file: the path of its key, such as ``obstacles[0].file``, and its name.
 
     A key with several names has a path for each, such as ``task.films[0]``.
     """
@@ -86,5 +86,5 @@ def strangers(scenario: Scenario, folder: Path, named: Collection[str] = ()) -> 
 
 
 def given(where: str, named: Collection[str]) -> bool:
-    """Return whether a path of a key, such as ``wind.files``, is one of `named` or lies below one."""
+    """Return whether the path of a key, such as ``wind.files``, is in `named` or lies below a path in `named`."""
     return any(where == path or where.startswith((f"{path}.", f"{path}[")) for path in named)

@@ -54,11 +54,11 @@ class Place:
     @property
     def keys(self) -> list[Key]:
         """Keys of all kinds, several times if they differ; without the key `kind`."""
-        found: dict[tuple[str, Facts], list[str]] = {}
+        kinds_of: dict[tuple[str, Facts], list[str]] = {}
         for model, kinds in self.models.items():
             for name in model.model_fields:
                 if name != "kind" or not own_kind(model):
-                    found.setdefault((name, facts(model, name)), []).extend(kinds)
+                    kinds_of.setdefault((name, facts(model, name)), []).extend(kinds)
         every = [kind for kinds in self.models.values() for kind in kinds]
         many = len(self.models) > 1
         return [
@@ -66,15 +66,15 @@ class Place:
                 f"{self.path}.{name}".lstrip("."),
                 name,
                 tuple(dict.fromkeys(kinds)) if many and set(kinds) != set(every) else (),
-                its,
+                described,
             )
-            for (name, its), kinds in found.items()
+            for (name, described), kinds in kinds_of.items()
         ]
 
 
 @cache
 def places(top: type[Model] = Scenario) -> Mapping[str, Place]:
-    """Return all places by path, from the top inward; of equal sections only the outermost are entered."""
+    """Return all places by path, from the top inward. Of equal sections only the outermost is documented."""
     whole = Place("", {top: []})
     found, seen, level = {"": whole}, {top}, [whole]
     while level:
@@ -86,9 +86,9 @@ def places(top: type[Model] = Scenario) -> Mapping[str, Place]:
                 place.same_as = next(
                     other.path for other in found.values() if place.models.keys() <= other.models.keys()
                 )
-            elif (one := below.get(place.path.removesuffix("[]"), place)) is not place:
-                if place.models.keys() <= one.models.keys():  # one section, or a list of such
-                    place.same_as = one.path
+            elif (item := below.get(place.path.removesuffix("[]"), place)) is not place:
+                if place.models.keys() <= item.models.keys():  # one section, or a list of such
+                    place.same_as = item.path
         found |= below
         level = [place for place in below.values() if not place.same_as]
         seen |= {model for place in level for model in place.models}
@@ -101,11 +101,11 @@ def _add_below(place: Place, below: dict[str, Place]) -> None:
         for name, key in model.model_fields.items():
             for part, depth in models_in(key):
                 path = f"{place.path}.{name}".lstrip(".") + "[]" * depth
-                one = below.setdefault(path, Place(path))
+                inner = below.setdefault(path, Place(path))
                 labels = [own_kind(part)] if own_kind(part) else kinds
-                one.models.setdefault(part, []).extend(x for x in labels if x not in one.models[part])
+                inner.models.setdefault(part, []).extend(x for x in labels if x not in inner.models[part])
                 if len(place.models) > 1:
-                    one.within.extend(kind for kind in kinds if kind not in one.within)
+                    inner.within.extend(kind for kind in kinds if kind not in inner.within)
 
 
 def flat(path: str) -> str:
@@ -122,28 +122,28 @@ def all_keys(top: type[Model] = Scenario) -> Iterator[Key]:
 
 
 def look_up(text: str, top: type[Model] = Scenario) -> tuple[list[Place], list[Key]]:
-    """Return the sections and keys of a path, or of those that end with it; or the sections that have such a kind."""
+    """Return the sections and keys whose path equals or ends with a text, or else the sections with such a kind."""
     path = flat(text)
     for place in places(top).values():
         if place.same_as and f"{path}.".startswith(f"{flat(place.path)}."):
             path = flat(place.same_as) + path[len(flat(place.path)) :]
-    sections = [one for one in places(top).values() if one.path and not one.same_as]
-    for fits in (lambda one: one == path, lambda one: one.endswith(f".{path}")):
-        found = {flat(one.path): one for one in sections if fits(flat(one.path))}
-        keys = [one for one in all_keys(top) if fits(flat(one.path)) and flat(one.path) not in found]
-        if found or keys:
-            return list(found.values()), keys
-    return [one for one in sections if path in one.kinds], []
+    sections = [place for place in places(top).values() if place.path and not place.same_as]
+    for fits in (lambda key: key == path, lambda key: key.endswith(f".{path}")):
+        matches = {flat(place.path): place for place in sections if fits(flat(place.path))}
+        keys = [key for key in all_keys(top) if fits(flat(key.path)) and flat(key.path) not in matches]
+        if matches or keys:
+            return list(matches.values()), keys
+    return [place for place in sections if path in place.kinds], []
 
 
 def sections_at(steps: Sequence[int | str], top: type[Model] = Scenario) -> list[type[Model]]:
     """Return the possible sections at a path, single or in a list."""
-    found = [top]
+    models = [top]
     for step in steps:
         if isinstance(step, str) and not step.isdecimal():
-            fields = [model.model_fields[step] for model in found if step in model.model_fields]
-            found = list(dict.fromkeys(part for one in fields for part, _ in models_in(one)))
-    return found
+            fields = [model.model_fields[step] for model in models if step in model.model_fields]
+            models = list(dict.fromkeys(part for field in fields for part, _ in models_in(field)))
+    return models
 
 
 def misspelt(steps: Sequence[str], top: type[Model] = Scenario) -> str | None:
@@ -161,15 +161,15 @@ def misspelt(steps: Sequence[str], top: type[Model] = Scenario) -> str | None:
 
 def homes(name: str, of: Sequence[int | str] = (), top: type[Model] = Scenario) -> list[str]:
     """Return the paths and kinds of sections with a key of this name: those nearest to the path `of` first."""
-    found = []
+    paths = []
     for place in places(top).values():
         models = [model for model in place.models if name in model.model_fields]
         if models and not place.same_as:
             kinds = [own_kind(model) for model in models if own_kind(model)]
-            few = ", ".join([*kinds[:4], *["..."][: len(kinds) > 4]])
-            some = f" (kind: {few})" if kinds and len(models) < len(place.models) else ""
-            found.append(((place.path or "the top of the file") + some, _shared(place.path, of)))
-    return [path for path, _ in sorted(found, key=lambda item: -item[1])]
+            names = ", ".join([*kinds[:4], *["..."][: len(kinds) > 4]])
+            suffix = f" (kind: {names})" if kinds and len(models) < len(place.models) else ""
+            paths.append(((place.path or "the top of the file") + suffix, _shared(place.path, of)))
+    return [path for path, _ in sorted(paths, key=lambda item: -item[1])]
 
 
 def kinds_at(name: str, top: type[Model] = Scenario) -> list[str]:
@@ -188,7 +188,7 @@ def near(text: str, top: type[Model] = Scenario) -> list[str]:
     known = [flat(key.path) for key in all_keys(top)]
     kinds = [kind for place in places(top).values() for kind in place.kinds]
     path = flat(text)
-    names = dict.fromkeys([*(one.rpartition(".")[2] for one in known), *kinds])
+    names = dict.fromkeys([*(key.rpartition(".")[2] for key in known), *kinds])
     close = difflib.get_close_matches(path, known, n=3, cutoff=0.75)
     last = path.rpartition(".")[2]
     return close or difflib.get_close_matches(last, names, n=3)
@@ -213,8 +213,8 @@ def print_key(text: str, top: type[Model]) -> int:
         meant = f"did you mean {' or '.join(close)}? " if close else ""
         raise InputError(f"no key '{visible(text, LONGEST_VALUE)}'; {meant}--schema prints all")
     wide = min(WIDEST, shutil.get_terminal_size((WIDEST, 24)).columns)
-    kind = text if all(text in one.kinds for one in sections) else ""
-    blocks = [_of_section(one, kind, wide) for one in sections] + [_of_key(one, wide) for one in keys]
+    kind = text if all(text in place.kinds for place in sections) else ""
+    blocks = [_of_section(place, kind, wide) for place in sections] + [_of_key(key, wide) for key in keys]
     return _print("\n\n".join("\n".join(block) for block in blocks))
 
 
@@ -240,8 +240,8 @@ def _of_section(place: Place, kind: str, wide: int) -> Iterator[str]:
     yield place.path + (f"   (in a section of kind {', '.join(place.within)})" if place.within else "")
     models = [model for name, model in place.kinds.items() if kind in ("", name)]
     for model in models or list(place.models):
-        its = next((name for name, one in place.kinds.items() if one is model), "")
-        yield from _filled((f"kind: {its} - " if its else "") + purpose(model), wide, 2)
+        label = next((name for name, labelled in place.kinds.items() if labelled is model), "")
+        yield from _filled((f"kind: {label} - " if label else "") + purpose(model), wide, 2)
     for key in place.keys:
         if not kind or not key.kinds or kind in key.kinds:
             of = f" ({', '.join(key.kinds)})" if key.kinds and not kind else ""

@@ -46,17 +46,17 @@ class AnyMap(Model):
         if window > context.scenario.duration:
             yield f"{where}.window: {window:g} s is longer than duration: {context.scenario.duration:g} s; lower it"
 
-    def unfit(self, where: str, size: tuple[float, ...]) -> str | None:
+    def grid_error(self, where: str, size: tuple[float, ...]) -> str | None:
         """Return an error about too many or too few cells on a floor of this size [m]."""
         return ill_sized(f"{where}.cell", self.cell, size, MOST_CELLS)
 
 
 class Snaps(AnyMap):
-    """Maps of snaps: the readings of a window each."""
+    """Base class of the maps of snaps. A snap holds the readings of a time window."""
 
     cell: Annotated[si.Length, COMPILED] = 0.25
     window: Annotated[si.Duration, COMPILED] = 5.0
-    """Length of a snap: readings within it count as taken at once."""
+    """Length of a snap: readings within a snap count as simultaneous."""
     power: Annotated[si.Exponent, COMPILED] = 2.0
     """Exponent of the inverse distance: more lets the nearest reading count more."""
     min_distance: Annotated[si.Length, COMPILED] | None = None
@@ -80,7 +80,7 @@ class TimeSeriesMap(Snaps):
     time_scale: Annotated[si.SomeCoefficient, COMPILED] = 0.1
     """Distance that a second of age counts as. More forgets faster."""
     raw_samples: bool = False
-    """Take the samples themselves as neighbours, rather than the cells interpolated from them."""
+    """Whether the samples themselves are the neighbours, rather than the cells interpolated from the samples."""
     times: ClassVar[tuple[str, ...]] = ("window", "time_scale")
 
     @model_validator(mode="after")
@@ -93,27 +93,27 @@ class TimeSeriesMap(Snaps):
         return self
 
     def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, float | None]:
-        """Choose ages up to half of the neighbourhood: the oldest reading counts half as far as a new one.
+        """Choose ages up to half of the neighbourhood, for the oldest reading.
 
-        The snaps of a long log, or on a large floor, are longer.
+        Snaps of a long log, or on a large floor, are longer.
         """
-        snaps = min(LOG_SNAPS, ceil(duration / self.window) or 1)
+        count = min(LOG_SNAPS, ceil(duration / self.window) or 1)
         terms = prod(extent / self.cell for extent in size) * (
             1.0 + (self.beta / self.alpha / self.cell) ** 2
         )
         while True:
-            window = max(self.window, duration / snaps)
+            window = max(self.window, duration / count)
             reach = window * (ceil(duration / window) + 1)
             chosen = {"window": window, "time_scale": 0.5 * self.beta / ((1.0 - self.alpha) * reach)}
             most = (
-                self.model_copy(update=chosen).bytes(size, 1.0) <= LOG_BYTES and terms * snaps**2 <= LOG_WORK
+                self.model_copy(update=chosen).bytes(size, 1.0) <= LOG_BYTES and terms * count**2 <= LOG_WORK
             )
-            if most or snaps == 1:
+            if most or count == 1:
                 return chosen
-            snaps //= 2
+            count //= 2
 
-    def unfit(self, where: str, size: tuple[float, ...]) -> str | None:
-        line = super().unfit(where, size)
+    def grid_error(self, where: str, size: tuple[float, ...]) -> str | None:
+        line = super().grid_error(where, size)
         reach = min(max(size[:2]) / self.cell, self.beta / self.alpha / self.cell + 1.0)
         members = self.lags * (2.0 * reach + 1.0) ** 2
         if line is None and members > MOST_NEIGHBOURS:
@@ -125,11 +125,11 @@ class TimeSeriesMap(Snaps):
 
     @property
     def lags(self) -> float:
-        """Number of past snaps that are near enough in time."""
+        """Number of past snaps within the neighbourhood."""
         return self.beta / ((1.0 - self.alpha) * self.time_scale * self.window)
 
     def bytes(self, size: tuple[float, ...], readings: float) -> float:
-        """Add the samples or the cells of the snaps that are near enough in time."""
+        """Add the memory of the past snaps within the neighbourhood: samples or cells."""
         if self.raw_samples:
             return super().bytes(size, readings) * (1.0 + self.lags)
         long, short = sorted((extent / self.cell for extent in size[:2]), reverse=True)
@@ -196,9 +196,9 @@ class MarkovMap(AnyMap):
         long, short = sorted((extent / self.cell for extent in size[:2]), reverse=True)
         return super().bytes(size, readings) + 8.0 * long * short**2
 
-    def unfit(self, where: str, size: tuple[float, ...]) -> str | None:
+    def grid_error(self, where: str, size: tuple[float, ...]) -> str | None:
         width = min(size[:2])
-        line = super().unfit(where, size)
+        line = super().grid_error(where, size)
         if line is None and width / self.cell > MOST_FIELD_COLUMN:
             return (
                 f"{where}.cell: {self.cell:g} m makes more than {MOST_FIELD_COLUMN} cells along the shorter side; use "

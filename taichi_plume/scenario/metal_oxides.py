@@ -73,11 +73,11 @@ OTHERS: dict[str, dict[str, tuple[float, float]]] = {
     "tgs2620": {"methane": (36.0, 0.4877), "hydrogen": (1.316, 0.5546)},
     "mics5524": {"carbon_monoxide": (4.385, 0.848), "hydrogen": (0.73, 0.5556), "methane": (631.0, 0.2292)},
 }
-# A filter keeps hydrogen, and most of the vapours of solvents, from the TGS 2612
+# A filter keeps hydrogen and most vapours of solvents away from the TGS 2612
 FILTERED = frozenset({"hydrogen"})
 # c0, b, rise, decay and range of R_air of each model
 MOX_MODELS: dict[str, MoxModel] = {
-    # its sheet (1990) has hydrogen alone: taken like the TGS 822, of the same make
+    # its data sheet (1990) has hydrogen only; other gases as of the TGS 822, of the same maker
     "tgs800": MoxModel(0.9, 0.511, 4.0, 20.0, (10e3, 130e3)),
     "tgs822": MoxModel(0.9, 0.511, 4.0, 20.0, (19.5e3, 195e3)),
     # c0: GADEN's power law
@@ -132,7 +132,7 @@ class MoxSensor(GasSensor):
     """A metal-oxide gas sensor: a resistance that falls with a power of the concentration, and lags.
 
     R = R_air (1 + sum of e_i / c0)^-b over the gases i of the mixture; e_i is what c_i counts in ppm of the model's own
-    gas, c_i times its `sensitivity` or, where the data sheet has a curve of it, what makes the same R.
+    gas, c_i times its `sensitivity` or, where the data sheet has a curve of the gas, the ppm with the same R.
     """
 
     kind: Literal["mox"]

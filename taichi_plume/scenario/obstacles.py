@@ -87,7 +87,7 @@ class AnyObstacle(Model):
         return ""
 
     def surface(self, domain: Domain) -> float:
-        """Return about the surface area [m²], in 2-D the length of the outline [m]; infinite if only a file tells."""
+        """Return about the surface area [m²], in 2-D the length of the outline [m]; infinite for a file."""
         return inf
 
 

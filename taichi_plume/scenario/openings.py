@@ -23,7 +23,7 @@ class Jet(Scheduled, Vent):
     """Fans, inlets and honeycombs: a prescribed speed that may follow a schedule."""
 
     inward: ClassVar[bool] = True
-    """Whether a negative speed is probably not meant."""
+    """Whether a negative speed is probably a mistake."""
     speed: si.Velocity | None = None
     """Mean speed of the air into the room; negative draws air out. A honeycomb without it is an outlet."""
     turbulence_intensity: si.Fraction = 0.0
@@ -139,7 +139,7 @@ class Fan(Jet):
 
 
 class Inlet(Jet):
-    """Air that is blown in with a given mean speed and profile, such as from the next room."""
+    """Inlet: air that is blown in with a given mean speed and profile, such as from the next room."""
 
     color: ClassVar[Color] = BLUE
     kind: Literal["inlet"]
@@ -152,7 +152,7 @@ class Inlet(Jet):
     def problems(self, where: str, context: Context) -> Iterator[str]:
         yield from super().problems(where, context)
         if not isinstance(self.profile, str):
-            yield from self.profile.unfit(f"{where}.profile", self, context.domain)
+            yield from self.profile.errors(f"{where}.profile", self, context.domain)
 
 
 class Honeycomb(Jet):
@@ -166,7 +166,7 @@ class Honeycomb(Jet):
 
 
 class Outlet(Vent):
-    """An opening to still air outside, through which air goes in or out as the pressure wants."""
+    """Outlet: an opening to still air outside, through which the pressure drives air in or out."""
 
     color: ClassVar[Color] = GREEN
     lets_out: ClassVar[bool] = True
@@ -174,13 +174,13 @@ class Outlet(Vent):
 
 
 class Slip(FaceOpening):
-    """A wall without friction: air glides along it. It stands for a plane of symmetry, or the air far above."""
+    """Slip wall, without friction. It stands for a plane of symmetry, or the air far above."""
 
     kind: Literal["slip"]
 
 
 class MovingWall(Scheduled, FaceOpening):
-    """A wall that slides in its own plane and drags the air along."""
+    """Moving wall: slides in its own plane and drags the air along (no-slip)."""
 
     color: ClassVar[Color] = PURPLE
     kind: Literal["wall"]
@@ -219,7 +219,7 @@ class MovingWall(Scheduled, FaceOpening):
 
 
 class Periodic(AnyOpening):
-    """An endless room along an axis: what leaves through one face enters through the other."""
+    """Periodic boundary condition along an axis: what leaves through one face enters through the other."""
 
     kind: Literal["periodic"]
     axis: Axis

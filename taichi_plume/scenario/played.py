@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 class Played(Model):
-    """Recorded frames; after the end the last one holds."""
+    """Playback of recorded frames; after the end the last frame holds."""
 
     loop: bool = False
-    """Start again at the end of the frames; otherwise the last one holds."""
+    """Start again at the end of the frames; otherwise the last frame holds."""
     rate: si.SomeCoefficient = 1.0
     """Seconds of the frames per simulated second; their velocities stay as they are."""
     start: si.Time = 0.0
@@ -32,7 +32,7 @@ class Played(Model):
 
 
 class Playback(Played):
-    """A recorded run (see `fields`), linear in time between its frames, also from the last one to the first."""
+    """Playback of a recorded run (see `fields`), linear in time between frames, also from the last to the first."""
 
     part: ClassVar[Literal["wind", "gas"]]
     """Recorded quantity that is played back."""
@@ -158,10 +158,10 @@ class MovieGas(OneGas, Played):
     pixel: Annotated[si.Length, COMPILED] | None = None
     """Width of a pixel; unless given, the file's attribute `pixel_to_grid`, in metres."""
     origin: Annotated[si.Point2, COMPILED] | None = None
-    """Where the picture's lower left corner lies in the domain, x and y. Unless given, it is the file's attribute
+    """Position of the picture's lower left corner in the domain, x and y. Unless given, it is the file's attribute
     `origin` (there y, x), else 0, 0."""
     rows: Literal["up", "down"] = "up"
-    """Which way rows go: up, from the lowest y on, or down, from the highest on as in pictures."""
+    """Order of the rows: up, from the lowest y on, or down, from the highest y on as in pictures."""
     ppm_per_unit: si.FullScale = 1.0
     """Concentration in ppm of the value 1 in the file."""
     sources: tuple[Target, ...] = ()

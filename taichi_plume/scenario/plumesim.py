@@ -29,7 +29,7 @@ class PercentGas(OneGas):
 
     @property
     def finest(self) -> float | None:
-        """See `OneGas.finest`; readings jump from node to node."""
+        """Return the distance of sample points, see `OneGas.finest`; readings jump from node to node."""
         width = vars(self).get("cell") or vars(self).get("radius")
         return width / 8.0 if width else None
 

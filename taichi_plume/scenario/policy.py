@@ -1,4 +1,4 @@
-"""A policy, learnt or still to be learnt: observations, actions and the file of its network."""
+"""Policies (reinforcement learning): observations, actions and the file of the network."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
@@ -47,9 +47,9 @@ class Policy(AnyAlgorithm):
         "bumper",
         "action",
     )
-    """Entries of an observation, in this order. gas: the reading, on a scale of powers of ten; noses:
-    those of the gas sensors behind the first; memory: averages of the gas entry over the times of `memory`; rise: its
-    change since the last decision; resistance: of a metal oxide; wind: its measured direction and
+    """Entries of an observation, in this order. gas: the reading, on a scale of powers of ten; `noses`:
+    readings of the other gas sensors; memory: averages of the gas entry over the times of `memory`; rise: change of the
+    gas entry since the last decision; resistance: of a metal oxide; wind: the measured direction and
     speed; bumper; heading and position: as the robot estimates them; action: the last one; clock: the time since the
     start, as t/(t + 60 s); mates: positions and readings of team mates in radio range."""
     memory: Annotated[tuple[si.Wait, ...], Field(max_length=8), COMPILED] = (1.0, 5.0, 20.0)
@@ -87,7 +87,7 @@ class Policy(AnyAlgorithm):
         if "mates" in self.observe and group.count == 1:
             yield f"{where}.algorithm.observe: mates, but count is 1; remove the entry"
         if "noses" in self.observe and len(group.sensors.noses) == 1:
-            yield f"{where}.algorithm.observe: noses, but there is one gas sensor; remove the entry, or list more"
+            yield f"{where}.algorithm.observe: has 'noses', but there is one gas sensor; remove the entry, or list more"
 
     def remarks(self, where: str, context: "Context") -> Iterator[str]:
         if not self.file:

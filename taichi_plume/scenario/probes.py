@@ -21,7 +21,7 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 
 
 class Probe(Model):
-    """One point, or several in their order."""
+    """Base class of the probes: a point, or several in a fixed order."""
 
     what: ClassVar[tuple[str, ...]]
     """Keys of the position."""
@@ -45,11 +45,11 @@ class Probe(Model):
         if outside := context.outside(places):
             yield f"{where}.{keys}: {outside}; move the probe in"
             return
-        for obstacle, one in context.resources.shapes.items():
-            inside = np.flatnonzero(one.inside(places) & (one.model.motion is None))
+        for obstacle, shape in context.resources.shapes.items():
+            inside = np.flatnonzero(shape.inside(places) & (shape.model.motion is None))
             if len(inside):
                 place = ", ".join(f"{x:g}" for x in places[inside[0]])
-                yield f"{where}.{keys}: ({place}) m is inside {obstacle} ({one.model.kind}); move one of them"
+                yield f"{where}.{keys}: ({place}) m is inside {obstacle} ({shape.model.kind}); move one of them"
                 return
 
 
@@ -59,7 +59,7 @@ class ProbePoint(Probe):
     kind: Literal["point"]
     what = ("at",)
     at: si.Point
-    """Where the point is, per axis."""
+    """Position of the point, per axis."""
 
     @property
     def places(self) -> np.ndarray:
@@ -121,14 +121,14 @@ class Probes(Model):
     ]
     """The points, lines and grids of points, each with a name."""
     every: Literal["step"] | si.Duration = 0.1
-    """Time between samples, linear between the steps of the air; step: one after each of them."""
+    """Time between samples, interpolated linearly between steps of the air; step: a sample after each step."""
     start: si.Time = 0.0
     """Time of the first sample; negative in the warm-up."""
 
     @property
     def size(self) -> int:
         """Number of points."""
-        return sum(one.size for one in self.points)
+        return sum(probe.size for probe in self.points)
 
     def samples(self, scenario: "Scenario") -> float:
         """Return about the number of samples."""
@@ -144,9 +144,9 @@ class Probes(Model):
         if self.size > MOST_POINTS:
             yield f"{where}.points: are {self.size:,} points, at most {MOST_POINTS:,} are taken; use fewer"
         first: dict[str, int] = {}
-        for n, one in enumerate(self.points):
-            if (m := first.setdefault(one.name, n)) != n:
-                yield f"{where}.points[{n}].name: '{one.name}' is the name of points[{m}] too; give each its own"
+        for n, probe in enumerate(self.points):
+            if (m := first.setdefault(probe.name, n)) != n:
+                yield f"{where}.points[{n}].name: '{probe.name}' is the name of points[{m}] too; give each its own"
         yield from starts_late(where, self.start, context)
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:

@@ -38,7 +38,7 @@ class HeightProfile(Model):
         """Return the speed at points in any unit; of_opening: heights of points all over the opening."""
         raise NotImplementedError
 
-    def unfit(self, where: str, region: Region, domain: Domain) -> Iterator[str]:
+    def errors(self, where: str, region: Region, domain: Domain) -> Iterator[str]:
         """Yield errors of the profile for an opening of this region."""
         if any(wall[0] == region.face[0] for wall in self.walls):
             yield f"{where}.walls: the inlet is on face {region.face} itself; name an adjacent face"

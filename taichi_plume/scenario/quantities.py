@@ -80,7 +80,7 @@ def parse(value: object, unit: str) -> float:
         return _as_written(
             float(ureg.Quantity(float(match[1]), ureg.parse_units(match[2])).to(unit).magnitude)
         )
-    except Exception:  # pint raises a dozen kinds, tokenize its own: all mean the same to the user
+    except Exception:  # pint raises a dozen kinds of errors, tokenize others: all mean the same to the user
         raise PydanticCustomError(
             "quantity", "must have a unit that converts to {unit}", {"unit": unit}
         ) from None
@@ -187,14 +187,14 @@ def with_unit(value: float, unit: str) -> str:
     name = {"1/s": "Hz"}.get(unit, unit)
     if not name[:1].isalpha():  # such as 1/K, which no text can name
         return short(value)
-    found = f"{short(value)} {name}"
+    text = f"{short(value)} {name}"
     if value == 0 or 0.1 <= abs(value) < 1e4:
-        return found
+        return text
     scales = [(name, size) for name, size in SCALES.get(unit, {}).items() if name not in _READ_ONLY]
     texts = [
         f"{short(value / size)} {name}" for name, size in scales if abs(value) >= 0.1 * size * (1 - 1e-9)
     ]
-    return min([*texts[-1:], found], key=len)
+    return min([*texts[-1:], text], key=len)
 
 
 def units_like(unit: str) -> str:

@@ -17,12 +17,12 @@ def readable(part: Model, own: bool = False) -> dict[str, object]:
 
     An explicit null is written if the user set the key to null, or the default is another value.
     """
-    found: dict[str, object] = {}
+    data: dict[str, object] = {}
     for key, field in sorted(type(part).model_fields.items(), key=lambda item: item[0] != "kind"):
         value = vars(part)[key]
         if key in part.model_fields_set if own else value is not None or field.default is not None:
-            found[key] = _plain(value, quantity_unit(type(part), key), own)
-    return found
+            data[key] = _plain(value, quantity_unit(type(part), key), own)
+    return data
 
 
 def _plain(value: object, unit: str, own: bool) -> object:
@@ -56,12 +56,11 @@ def all_keys(scenario: Model) -> str:
 def _unfold(node: yaml.Node) -> None:
     """Write lists of numbers and names in one line, and all else in several."""
     if isinstance(node, yaml.CollectionNode):
-        parts = (
-            [one for pair in node.value for one in pair] if isinstance(node, yaml.MappingNode) else node.value
-        )
-        for one in parts:
-            _unfold(one)
-        node.flow_style = not any(isinstance(one, yaml.CollectionNode) for one in parts)
+        is_mapping = isinstance(node, yaml.MappingNode)
+        parts = [part for pair in node.value for part in pair] if is_mapping else node.value
+        for part in parts:
+            _unfold(part)
+        node.flow_style = not any(isinstance(part, yaml.CollectionNode) for part in parts)
         node.flow_style &= isinstance(node, yaml.SequenceNode) or not parts
 
 
@@ -83,8 +82,8 @@ def _fold(node: yaml.Node, column: int, most: int = LONGEST) -> int:
     if isinstance(node, yaml.MappingNode):
         widths = [len(key.value) + 2 + _fold(value, column + 2 + len(key.value)) for key, value in node.value]
     else:
-        widths = [_fold(one, column + 2, FOLDED) for one in node.value]
-    flat = all(isinstance(one, yaml.ScalarNode) for one in node.value)
+        widths = [_fold(part, column + 2, FOLDED) for part in node.value]
+    flat = all(isinstance(part, yaml.ScalarNode) for part in node.value)
     width = sum(widths) + 2
     node.flow_style = flat or column + width <= most
     return width

@@ -1,4 +1,4 @@
-"""Differences of scenarios that a reset cannot make, as fields, tables and kernels depend on them."""
+"""Differences between scenarios that a reset cannot apply, as fields, tables and kernels depend on them."""
 
 from collections.abc import Iterator
 
@@ -8,7 +8,7 @@ LONGEST_VALUE = 48  # characters shown of a value
 Path = tuple[str, ...]
 """Parts of a path as they are written, such as (".wind", ".openings", "[0]")."""
 Fixed = tuple[str, object]
-"""Part of a value that has to stay, as text, and the value itself."""
+"""Part of a value that must not change, as text, and the value itself."""
 
 
 def differences(old: Model, new: Model) -> list[str]:
@@ -36,7 +36,7 @@ def structure(scenario: Model) -> str:
 
 
 def _fixed(value: object, path: Path, compiled: bool = False) -> Iterator[tuple[Path, Fixed]]:
-    """Yield all that has to stay, by path: a section or list before its content."""
+    """Yield all values that must not change, by path: a section or list before its content."""
     if isinstance(value, Model):
         model = type(value)
         yield path, (f"{model.__module__}.{model.__qualname__}", value)

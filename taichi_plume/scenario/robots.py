@@ -60,7 +60,7 @@ class Group(Model):
     name: str = "robots"
     """Name of the group in tables and recordings; two groups need two names."""
     count: si.Count
-    """Robots of the team."""
+    """Number of robots of the team."""
     trials: si.Count = 1
     """Independent copies of the team that search at once in the same air. They neither see nor meet each other: more
     give better statistics in one run."""
@@ -70,7 +70,7 @@ class Group(Model):
     """Time when the robots start to move. Until then they stand at their start, where their sensors measure gas, also
     for maps. The duration of a search counts from this time."""
     start: Start
-    """Where the robots start: at given places, on a line or at random in an area."""
+    """Start of the robots: at given positions, on a line or at random in an area."""
     algorithm: Algorithm
     """Search algorithm of the robots."""
     body: Body = Body()

@@ -39,7 +39,7 @@ def _or_a_project(schema: dict[str, Any]) -> None:
 
 
 class Scenario(Model):
-    """One experiment: everything that decides its outcome."""
+    """An experiment: all data that decide the outcome."""
 
     model_config = ConfigDict(json_schema_extra=_or_a_project)
 
@@ -63,7 +63,7 @@ class Scenario(Model):
     """Control period: once per tick sensors measure and robots decide. The air takes as many shorter steps as it
     needs."""
     stop_early: Annotated[bool, FREE] = True
-    """End the run once no robot of any group searches any more. Each has then found a source or, if that ends the
+    """End the run once no robot of any group searches any more. Each robot has then found a source or, if that ends the
     search, declared one. With false the run lasts the whole duration, as for maps and measurements."""
     domain: Domain
     """The box of air that is simulated, with its lower corner at the origin, and its grid."""
@@ -196,11 +196,11 @@ class Scenario(Model):
         """Last tick of the run: the duration in whole ticks."""
         return ceil(self.duration / self.tick - 1e-9)
 
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
+    def dimension_errors(self, where: str, dim: int) -> Iterator[str]:
         ticks = (self.warm_up + self.duration) / self.tick
         if ticks > MOST_TICKS:
             yield f"tick: {self.tick:g} s makes {ticks:.3g} ticks, at most {MOST_TICKS:g} are counted; raise it"
-        yield from super().misfits(where, dim)
+        yield from super().dimension_errors(where, dim)
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         first: dict[str, int] = {}

@@ -18,11 +18,11 @@ class Screen(Window):
     axis: Axis
     """Axis through the screen, across which it stands."""
     at: Annotated[si.Coordinate, COMPILED]
-    """Where along that axis the middle of the screen is."""
+    """Position of the middle of the screen along that axis."""
     thickness: Annotated[si.Distance, COMPILED] = 0.05
     """Thickness along the axis, in whole cells and at least one."""
     transverse: si.Coefficient = 1000.0
-    """Resistance along the screen over the one through it. Large values straighten the flow, 1 is for thin sheets."""
+    """Resistance along the screen over that through the screen. Large values straighten the flow; 1 for thin sheets."""
 
     @property
     def normal(self) -> int:

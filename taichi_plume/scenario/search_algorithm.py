@@ -46,7 +46,7 @@ class AnyAlgorithm(Model):
         """Yield errors of the algorithm for these robots on this floor; `where` is the group."""
         yield from ()
 
-    def unfit(self, where: str, floor: "Arena") -> str | None:
+    def grid_error(self, where: str, floor: "Arena") -> str | None:
         """Return an error if a grid of the algorithm has too many or too few cells; `where` is the group."""
         return None
 
@@ -56,7 +56,7 @@ class AnyAlgorithm(Model):
 
 
 class Listening(AnyAlgorithm):
-    """Algorithms that stand still to measure: an acquisition is a series of samples."""
+    """Base class of algorithms that stand still to measure: an acquisition is a series of samples."""
 
     speed: si.Speed | None = None
     """Speed at which they drive; unless given, the body's largest."""
@@ -106,7 +106,7 @@ class Spiral(Listening):
     bump_side: Literal["spiral", "gradient"] = "spiral"
     """Where it turns at a bump: as the spiral does, or to the side of the best of the last 10 acquisitions."""
     strict_minimum: bool = False
-    """Take no index below the minimum for a hit, even with a lowered threshold."""
+    """Whether an index below the minimum is never a hit, even with a lowered threshold."""
     random: bool = False
     """Random SPIRAL, as a reference: the index is drawn between 0 and 1, whatever the sensor reads."""
 

@@ -25,7 +25,7 @@ WIND_NOISE_RELATIVE = 0.02
 
 
 class Anemometer(Model):
-    """Wind relative to the ground (own motion removed). Below its threshold it reads no wind."""
+    """Anemometer: wind relative to the ground (own motion removed), zero below the threshold."""
 
     kind: Literal["ultrasonic", "thermal", "ideal"]
     """Kind of anemometer. A thermal one, with a hot wire, has a larger threshold and lag than an ultrasonic

@@ -61,34 +61,34 @@ def _files(scenario: Scenario) -> dict[str, float]:
     if domain.dim == 3:  # the floor, two heights, a section and the volume
         shown = 3.0 * pixels[0] * pixels[1] + max(pixels[:2]) * pixels[2]
         shown += prod(min(ceil(n / 2), MOST_VOXELS) for n in domain.shape) * scenario.recording.volume
-    found = {
+    sizes = {
         "recording.rrd": BYTES_PER_PIXEL * shown * scenario.recording.rate * whole,
         "robots.parquet": BYTES_PER_ROW * _robots(scenario) * scenario.duration / scenario.tick,
         "report.html": BYTES_OF_REPORT,
     }
     if scenario.probes is not None:
-        found["probes.parquet"] = scenario.probes.bytes(scenario)
+        sizes["probes.parquet"] = scenario.probes.bytes(scenario)
     if films is not None:
         # at the cells, and on their faces for a playback
         of_wind, of_gas = (2 * domain.dim + 1) * ("wind" in films.quantities), 2 * ("gas" in films.quantities)
         numbers = of_wind + of_gas * len(scenario.gases)
         frames = films.rate * (scenario.duration - films.start)
-        found["fields.zarr"] = BYTES_PER_NUMBER * numbers * frames * prod(domain.shape)
+        sizes["fields.zarr"] = BYTES_PER_NUMBER * numbers * frames * prod(domain.shape)
     if log is not None:
         nodes = prod(extent / log.cell for extent in domain.extent[:2])
-        found["plume.pslog"] = 3 * BYTES_PER_NUMBER * nodes * log.rate * (scenario.duration - log.start)
-    return found
+        sizes["plume.pslog"] = 3 * BYTES_PER_NUMBER * nodes * log.rate * (scenario.duration - log.start)
+    return sizes
 
 
 def _others(scenario: Scenario) -> dict[str, float]:
     """Return the bytes that do not depend on the grid, by the path of the section."""
     floor, tick = scenario.floor, scenario.tick
-    found = {"robots": _robots(scenario) * float(BYTES_PER_ROBOT)}
+    sizes = {"robots": _robots(scenario) * float(BYTES_PER_ROBOT)}
     for n, group in enumerate(scenario.robots):
-        found[f"robots[{n}].algorithm"] = group.algorithm.bytes(group, floor, tick)
+        sizes[f"robots[{n}].algorithm"] = group.algorithm.bytes(group, floor, tick)
     for path, gas in scenario.gases:
-        found[path] = gas.bytes(scenario.domain.dim)
-    return found
+        sizes[path] = gas.bytes(scenario.domain.dim)
+    return sizes
 
 
 def _robots(scenario: Scenario) -> int:
@@ -104,9 +104,10 @@ def _of_solver(scenario: Scenario, cells: float, spacing: float) -> float:
     domain, dim = scenario.domain, scenario.domain.dim
     if scenario.wind.computed is None or not cells:
         return 0.0
-    surfaces = [one.surface(domain) for one in scenario.obstacles if one.motion is None]
+    surfaces = [obstacle.surface(domain) for obstacle in scenario.obstacles if obstacle.motion is None]
     regions = [opening.region for opening in scenario.openings if opening.lets_out]
-    surfaces += [one.area(domain.size, 1.0) for one in regions if one is not None and one.center is not None]
+    partial = [region for region in regions if region is not None and region.center is not None]
+    surfaces += [region.area(domain.size, 1.0) for region in partial]
     if not surfaces:
         return 0.0
     beside = BESIDE * sum(surfaces) / spacing ** (dim - 1)
@@ -119,7 +120,7 @@ def too_large(scenario: Scenario) -> Iterator[str]:
     """Yield errors about too many or too few cells, and too much memory."""
     domain = scenario.domain
     cells = prod(max(1.0, extent / domain.spacing) for extent in domain.size)
-    if grids := list(_unfit(scenario)):
+    if grids := list(_grid_errors(scenario)):
         yield from grids
         return
     needed, free = _bytes(scenario, cells), psutil.virtual_memory().available
@@ -159,12 +160,13 @@ def too_large(scenario: Scenario) -> Iterator[str]:
     yield from domain.rounded("domain")
 
 
-def _unfit(scenario: Scenario) -> Iterator[str]:
+def _grid_errors(scenario: Scenario) -> Iterator[str]:
     """Yield errors about grids of algorithms and maps with too many or too few cells."""
     domain, floor = scenario.domain, scenario.floor
-    lines = [gas_map.unfit(f"maps[{n}]", domain.size) for n, gas_map in enumerate(scenario.maps)]
+    lines = [gas_map.grid_error(f"maps[{n}]", domain.size) for n, gas_map in enumerate(scenario.maps)]
     if floor.fault(domain.extent) is None:
-        lines += [group.algorithm.unfit(f"robots[{n}]", floor) for n, group in enumerate(scenario.robots)]
+        teams = enumerate(scenario.robots)
+        lines += [group.algorithm.grid_error(f"robots[{n}]", floor) for n, group in teams]
     yield from filter(None, lines)
 
 
@@ -202,8 +204,8 @@ def derived(scenario: Scenario) -> Iterator[tuple[str, str]]:
     if scenario.maps:
         width, length = domain.extent[:2]
         maps = [
-            f"{one.kind} {ceil(width / one.cell - 1e-9)} x {ceil(length / one.cell - 1e-9)} cells"
-            for one in scenario.maps
+            f"{gas_map.kind} {ceil(width / gas_map.cell - 1e-9)} x {ceil(length / gas_map.cell - 1e-9)} cells"
+            for gas_map in scenario.maps
         ]
         yield "maps", "; ".join(maps)
 
@@ -241,7 +243,7 @@ def _gas(scenario: Scenario) -> Iterator[tuple[str, str]]:
     inflow, texts = _inflow(scenario), []
     for _, gas in scenario.gases:
         rates = [vars(source).get("rate") for source in gas.sources]
-        rate = sum(one for one in rates if one)
+        rate = sum(rate for rate in rates if rate)
         text = f"{gas.vapour.name}, {len(rates)} source{'s' * (len(rates) != 1)}"
         if rate:
             text += f", {_about(rate, 'kg/s')} while on"
@@ -256,8 +258,8 @@ def _gas(scenario: Scenario) -> Iterator[tuple[str, str]]:
 
 def _inflow(scenario: Scenario) -> float:
     """Return the flow rate into the room at the start [m³/s]."""
-    rates = [one.inflow(0.0, scenario.domain) for one in scenario.openings if not one.follows_pressure]
-    return sum(rate for rate in rates if rate > 0)
+    openings = [opening for opening in scenario.openings if not opening.follows_pressure]
+    return sum(max(0.0, opening.inflow(0.0, scenario.domain)) for opening in openings)
 
 
 def _volume(scenario: Scenario) -> float:

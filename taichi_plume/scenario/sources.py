@@ -124,7 +124,7 @@ class Target(Source):
     """A source of a given plume, for which robots search; it emits nothing."""
 
     rate: si.Rate = 0.0
-    """Without effect: the plume is given, and robots search for this position."""
+    """Rate without effect: the plume is given, and robots search for this position."""
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
         yield from ()

@@ -53,11 +53,11 @@ class AnyStart(Model):
 
 
 class StartAt(AnyStart):
-    """Robots at given places."""
+    """Start at given positions."""
 
     kind: Literal["positions"]
     positions: Annotated[tuple[si.Point2, ...], Field(min_length=1)]
-    """Places, each [x, y], one per robot."""
+    """Positions, each [x, y], one per robot."""
 
     @property
     def listed(self) -> np.ndarray:
@@ -74,13 +74,13 @@ class StartAt(AnyStart):
 
 
 class StartLine(AnyStart):
-    """Robots at equal distances from `begin` to `end`."""
+    """Start on a line: robots at equal distances from `begin` to `end`."""
 
     kind: Literal["line"]
     begin: si.Point2
-    """Place of the first robot, x and y."""
+    """Position of the first robot, x and y."""
     end: si.Point2
-    """Place of the last robot, x and y; the others are at equal distances between."""
+    """Position of the last robot, x and y; the others are at equal distances between."""
 
     def places(self, count: int) -> np.ndarray:
         return np.linspace(self.begin, self.end, count)
@@ -90,7 +90,7 @@ class StartLine(AnyStart):
 
 
 class StartArea(AnyStart):
-    """Robots at random free places of a rectangle."""
+    """Start at random free positions in a rectangle."""
 
     kind: Literal["area"]
     low: si.Point2
@@ -153,13 +153,13 @@ def clearances(
             wall = f"the {name} {'xy'[axis]}{side}"
             yield wall, f"behind {wall}", distance, GAP
     spare = GAP + sqrt(2) * clearance_resolution(floor.size)
-    for path, one in context.resources.shapes.items():
-        distance, air = one.horizontal_distance(places, base, base + height), spare
+    for path, shape in context.resources.shapes.items():
+        distance, air = shape.horizontal_distance(places, base, base + height), spare
         if (
-            one.model.motion is not None and np.isfinite(distance).any()
-        ):  # robots perceive moving ones as discs
-            distance, air = np.linalg.norm(places - one.model.center[:2], axis=-1) - one.model.disc, GAP
-        obstacle = f"{path} ({one.model.kind})"
+            shape.model.motion is not None and np.isfinite(distance).any()
+        ):  # robots perceive moving obstacles as discs
+            distance, air = np.linalg.norm(places - shape.model.center[:2], axis=-1) - shape.model.disc, GAP
+        obstacle = f"{path} ({shape.model.kind})"
         yield f"the surface of {obstacle}", f"inside {obstacle}", distance, air
 
 
@@ -203,9 +203,9 @@ def too_close(names: list[tuple[str, int]], discs: list[tuple[np.ndarray, float]
         j = near[i, k]
     apart, least = float(np.hypot(*(places[i] - places[j]))), radii[i] + radii[j] + GAP
     if i != j and apart < least - 1e-9:
-        (path, one), (other_path, other) = names[i], names[j]
+        (path, robot), (other_path, other) = names[i], names[j]
         second = f"robot {other}" if other_path == path else f"{other_path} robot {other}"
         yield (
-            f"{path}.start: robot {one} and {second} are {apart:.3g} m apart, too close; their centres must be "
+            f"{path}.start: robot {robot} and {second} are {apart:.3g} m apart, too close; their centres must be "
             f"{least:g} m apart or more"
         )

@@ -5,7 +5,7 @@ import re
 from collections.abc import Collection
 from functools import cache
 
-# Everyday words (after each advice), which are names of nothing in the vocabulary or in another section than expected.
+# Everyday words after each advice: the vocabulary has no such name, or has it in another section than expected.
 _EVERYDAY = {
     "a door or window is an opening in wind.openings: kind: outlet where air goes in or out freely, kind: inlet with a "
     "speed where it blows in; leave out a closed door": "door doors doorway gate window windows tür türe porte fenster",
@@ -152,7 +152,7 @@ def _everyday() -> dict[str, list[str]]:
 
 
 def nearest(got: object, names: Collection[str], cutoff: float = _NEAR) -> str:
-    """Name that is written most like `got`, whatever its capitals; "" if there is none. cutoff: difflib's ratio."""
+    """Return the name with the spelling nearest to `got`, ignoring capitals; "" if none. cutoff: difflib's ratio."""
     folded, word = {name.casefold(): name for name in names}, str(got).strip().casefold()
     spelled = [name for name in names if plain(name) == plain(got)]
     if word not in folded and len(spelled) == 1:
@@ -163,10 +163,10 @@ def nearest(got: object, names: Collection[str], cutoff: float = _NEAR) -> str:
 
 def advice(got: object, names: Collection[str]) -> str:
     """Advice for an everyday word that leads to one of the names, or to another section; "" for any other word."""
-    found = _everyday().get(plain(got), [])
+    hints = _everyday().get(plain(got), [])
     named = "|".join(map(re.escape, names))
-    fits = [one for one in found if re.search(rf"(kind:|species:) ({named})(?![\w-])", one)]
-    elsewhere = [one for one in found if " in " in one or "kind:" not in one]
+    fits = [hint for hint in hints if re.search(rf"(kind:|species:) ({named})(?![\w-])", hint)]
+    elsewhere = [hint for hint in hints if " in " in hint or "kind:" not in hint]
     return next(iter([*fits, *elsewhere]), "")
 
 

@@ -12,7 +12,7 @@ from taichi_plume.scenario.vocabulary import Model, exactly_one
 from taichi_plume.scenario.windows import Region
 
 Number = Annotated[int, Field(ge=0, le=1_000_000)]
-"""Place in a list of the scenario, counted from 0."""
+"""Index in a list of the scenario, counted from 0."""
 
 
 class Numbered(Protocol):
@@ -55,21 +55,21 @@ def obstacle_faults(where: str, obstacles: Sequence[Numbered], what: str, contex
 
 
 class ConcentrationAt(Model):
-    """From `at` on, air comes in with `concentration`."""
+    """Change of the inflow: from `at` on, air comes in with `concentration`."""
 
     at: si.Time
-    """When the change starts. The robots start at 0, the warm-up is before."""
+    """Time when the change starts. The robots start at 0, the warm-up is before."""
     concentration: si.Concentration
-    """Gas in the air that comes in from then on."""
+    """Concentration in the air that comes in from then on."""
 
 
 class Inflow(Model):
-    """Gas in the air that flows in through an opening."""
+    """Concentration of the gas in the air that flows in through an opening."""
 
     opening: Number
-    """Which opening: its place in `wind.openings`, counted from 0."""
+    """Index of the opening in `wind.openings`, counted from 0."""
     concentration: si.Concentration
-    """Gas in the air that comes in through it."""
+    """Concentration in the air that comes in."""
     schedule: tuple[ConcentrationAt, ...] = ()
     """Concentrations from given times on; before the first, `concentration` holds."""
 
@@ -108,11 +108,11 @@ class GasObstacle(GasSurface):
     """An obstacle that exchanges gas with the air."""
 
     number: Number
-    """Which obstacle: its place in `obstacles`, counted from 0."""
+    """Index of the obstacle in `obstacles`, counted from 0."""
 
 
 class GasSurfaces(Model):
-    """Walls and obstacles that exchange gas with the air; unnamed ones are impermeable."""
+    """Walls and obstacles that exchange gas with the air; the others are impermeable."""
 
     walls: tuple[GasWall, ...] = ()
     """Faces of the room, or regions of them, that exchange gas with the air."""
@@ -133,12 +133,12 @@ class GasSurfaces(Model):
 def inflow_faults(where: str, inflow: tuple[Inflow, ...], context: Context) -> Iterator[str]:
     """Yield errors about unknown or closed openings, and openings with two entries."""
     openings = context.scenario.openings
-    for n, one in enumerate(inflow):
+    for n, entry in enumerate(inflow):
         path = f"{where}[{n}].opening"
-        if one.opening >= len(openings):
+        if entry.opening >= len(openings):
             allowed = f"use 0 to {len(openings) - 1}" if openings else "there are none"
-            yield f"{path}: there is no wind.openings[{one.opening}]; {allowed}"
-        elif not openings[one.opening].passes:
-            yield f"{path}: no air flows through wind.openings[{one.opening}] ({openings[one.opening].label})"
-        elif any(one.opening == other.opening for other in inflow[:n]):
-            yield f"{path}: wind.openings[{one.opening}] has a concentration already; remove one"
+            yield f"{path}: there is no wind.openings[{entry.opening}]; {allowed}"
+        elif not openings[entry.opening].passes:
+            yield f"{path}: no air flows through wind.openings[{entry.opening}] ({openings[entry.opening].label})"
+        elif any(entry.opening == other.opening for other in inflow[:n]):
+            yield f"{path}: wind.openings[{entry.opening}] has a concentration already; remove one"

@@ -20,24 +20,24 @@ class Reward(Model):
     """Reward of a robot's step: the sum of these terms."""
 
     found: Worth = 1.0
-    """For finding a source: by reaching it or declaring it, as the group's `found` says."""
+    """Reward for finding a source: by reaching or declaring it, as the group's `found` says."""
     time: Worth = -0.01
-    """For each second of time."""
+    """Reward per second of time."""
     path: Worth = 0.0
-    """For each metre that it drives."""
+    """Reward per metre driven."""
     bump: Worth = -0.02
-    """For each collision of the robot."""
+    """Reward per collision of the robot."""
     gas: Worth = 0.0
-    """Per second, times the gas entry of its observation."""
+    """Reward per second, times the gas entry of the observation."""
     progress: Worth = 0.0
-    """Per metre by which it came nearer to the nearest source. It uses the true position, which is in no
+    """Reward per metre by which the robot came nearer to the nearest source. It uses the true position, which is in no
     observation."""
     false_declaration: Worth = -0.5
-    """For declaring a source where none is."""
+    """Reward for declaring a source where none is."""
 
 
 class Task(Model):
-    """A task to learn, for environments."""
+    """Task of environments for reinforcement learning."""
 
     episode: si.Duration = 60.0
     """Longest time of an episode."""
@@ -69,5 +69,5 @@ class Task(Model):
             yield f"{where}.film: {self.film:g} s is shorter than an episode of {self.episode:g} s; raise it"
         scenario = context.scenario
         played = [scenario.wind, *(gas for _, gas in scenario.gases)]
-        if self.films and not any(isinstance(one, Played) and one.kind == "playback" for one in played):
+        if self.films and not any(isinstance(part, Played) and part.kind == "playback" for part in played):
             yield f"{where}.films: neither wind nor gas is of kind playback; use that kind for one of them"

@@ -84,7 +84,7 @@ class Dapso(Listening):
     )
     """Which team mates in range (see `communication`) are neighbours, whose best places count."""
     way_point_tolerance: si.Length = 0.05
-    """Distance from a way point that counts as there."""
+    """Distance from a way point at which the robot has reached it."""
     way_point_timeout: si.Duration = 15.0
     """Time after which it gives up a way point and measures where it is."""
     restart_after: Annotated[int, Field(ge=0, le=1_000_000)] = 3
@@ -105,7 +105,7 @@ class Dapso(Listening):
 
 
 class LineUp(AnyAlgorithm):
-    """A diagonal line of robots that sweeps across the wind (Marjovi & Marques 2014). See agents/lineup.py."""
+    """Line-up: a diagonal line of robots that sweeps across the wind (Marjovi & Marques 2014). See agents/lineup.py."""
 
     kind: Literal["lineup"]
     speed: si.Speed | None = None
@@ -113,7 +113,7 @@ class LineUp(AnyAlgorithm):
     line_speed: si.TopSpeed = 0.1
     """Speed of the line across the wind. Below that of the robots, so that they can keep up."""
     wind_direction_deg: si.Angle | None = None
-    """Where the air goes, from the x axis to the left; unless given, the team measures it at the start."""
+    """Direction in which the air goes, from the x axis to the left; unless given, the team measures it at the start."""
     listen: si.Wait = 5.0
     """Time for which the team measures the wind at the start."""
     spacing: si.Length | None = None
@@ -121,7 +121,7 @@ class LineUp(AnyAlgorithm):
     stagger: si.Distance = 0.3
     """Distance between neighbours across the wind; of a lone robot, its step along the wind after each sweep."""
     mirror: bool = False
-    """Form the line again before it goes back, so that the same end leads."""
+    """Whether the line forms again before it goes back, so that the same end leads."""
     margin: si.Length = 0.3
     """Distance from the walls to the line."""
     tolerance: si.Length = 0.15
@@ -169,7 +169,7 @@ class Sweep(AnyAlgorithm):
     along: Literal["x", "y"] | None = None
     """Axis along which the lanes run; unless given, the longer side of the floor."""
     repeat: bool = True
-    """Go back the way they came at the end, again and again; otherwise the robots stay there."""
+    """Go back along the same lanes at the end, again and again; otherwise the robots stay there."""
     avoidance: si.Length = 0.05
     """Distance to walls and other robots below which they push the robot away."""
 
@@ -178,7 +178,7 @@ class Sweep(AnyAlgorithm):
         axis = int(size[1] > size[0]) if self.along is None else "xy".index(self.along)
         return axis, max(ceil(size[1 - axis] / self.lane - 1e-9), robots)
 
-    def unfit(self, where: str, floor: "Arena") -> str | None:
+    def grid_error(self, where: str, floor: "Arena") -> str | None:
         _, number = self.lanes(floor.size, 1)
         if number > MOST_LANES:
             least = round_up(max(floor.size) / MOST_LANES)
@@ -220,8 +220,8 @@ class LeastKnown(AnyAlgorithm):
     avoidance: si.Length = 0.1
     """Distance to walls and other robots below which they push the robot away."""
 
-    def unfit(self, where: str, floor: "Arena") -> str | None:
-        return self.map.unfit(f"{where}.algorithm.map", floor.high)
+    def grid_error(self, where: str, floor: "Arena") -> str | None:
+        return self.map.grid_error(f"{where}.algorithm.map", floor.high)
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
         return group.trials * self.map.bytes(floor.high, group.count / tick)

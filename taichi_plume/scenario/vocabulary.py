@@ -104,7 +104,7 @@ class Model(BaseModel):
 
     @property
     def by_chance(self) -> bool:
-        """Whether something is drawn from the seed: by default, whether a part of the section does so."""
+        """Whether the section has random values, drawn from the seed; by default, whether a part of it has some."""
         values = (value if isinstance(value, tuple) else (value,) for value in vars(self).values())
         return any(part.by_chance for parts in values for part in parts if isinstance(part, Model))
 
@@ -157,7 +157,7 @@ class Model(BaseModel):
                     )
         return data
 
-    def misfits(self, where: str, dim: int) -> Iterator[str]:
+    def dimension_errors(self, where: str, dim: int) -> Iterator[str]:
         """Yield an error for each key that does not fit a run in `dim` dimensions.
 
         Here and below an error is a line: path of the key (`where` is that of the section), what is wrong, what is

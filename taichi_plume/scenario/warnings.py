@@ -57,7 +57,7 @@ def course(context: Context) -> Course | None:
         if region is None or opening.changes:
             return None
         if opening.passes:
-            comes_in = inward if opening.blows else not any(blown)  # an outlet follows the others
+            comes_in = inward if opening.blows else not any(blown)  # outflow balances the other openings
             ways.add((region.axis, 1 if comes_in == (region.side == 0) else -1))
     if len(ways) != 1:
         return None
@@ -138,7 +138,7 @@ def _heaters(context: Context) -> Iterator[str]:
 
 
 def _obstacles(context: Context) -> Iterator[str]:
-    """Yield a warning of all obstacles with too few cells across for drag and wake in a computed wind."""
+    """Yield a warning of all obstacles with too few cells across for their drag and wake in a computed wind."""
     if context.scenario.wind.computed is None:
         return
     dx = context.domain.spacing
@@ -170,7 +170,7 @@ def _source(path: str, source: AnySource, context: Context, where: Course | None
         )
     if where is None:
         return
-    corner = np.where(where.along > 0, domain.extent, 0.0)  # where the air leaves
+    corner = np.where(where.along > 0, domain.extent, 0.0)  # the outlet of the air
     left = float(where.along @ (corner - source.position))
     if left < AT_THE_END * float(np.abs(where.along) @ domain.extent):
         yield f"{path}.position: is {left:.2g} m from the outlet of the air; move the source upwind"
@@ -215,9 +215,10 @@ def peak(gas: PureGas, source: AnySource, context: Context, slow: bool = True) -
 def _peaks(context: Context) -> list[float] | None:
     """Return the peak concentration [ppm] of each source; None if one is unknown."""
     gases = dict(context.scenario.gases)
-    found = [peak(gases[path.rpartition(".")[0]], one, context) for path, one in context.scenario.sources]
-    known = [one for one in found if one is not None]
-    return known if known and len(known) == len(found) else None
+    sources = [(gases[path.rpartition(".")[0]], source) for path, source in context.scenario.sources]
+    peaks = [peak(gas, source, context) for gas, source in sources]
+    known = [ppm for ppm in peaks if ppm is not None]
+    return known if known and len(known) == len(peaks) else None
 
 
 def _concentrations(context: Context) -> Iterator[str]:
@@ -233,8 +234,8 @@ def _concentrations(context: Context) -> Iterator[str]:
             f"recording.range_ppm: starts at {recording.range_ppm[0]:g} ppm, more than at the source, about "
             f"{sum(peaks):.2g} ppm; lower it"
         )
-    followers = [one.algorithm for one in context.scenario.robots if isinstance(one.algorithm, PlumeTracking)]
-    least = min((one.threshold_ppm for one in followers), default=None)
+    algorithms = [group.algorithm for group in context.scenario.robots]
+    least = min((a.threshold_ppm for a in algorithms if isinstance(a, PlumeTracking)), default=None)
     if least is not None and recording.range_ppm[0] > least:
         yield (
             f"recording.range_ppm: starts at {recording.range_ppm[0]:g} ppm, but robots follow gas from {least:g} ppm "

@@ -1,4 +1,4 @@
-"""Parts of a plane, on the faces of the domain or across it: rectangles and discs."""
+"""Windows: parts of a plane (rectangles and discs) on the faces of the domain or across the domain."""
 
 from collections.abc import Iterator
 from math import pi, prod
@@ -105,7 +105,7 @@ class Region(Window):
     """A window on a face of the domain."""
 
     face: Face
-    """Side of the room that it lies on: x- is at x = 0, x+ at the other end, likewise y, and in 3-D z."""
+    """Side of the room: x- is at x = 0, x+ at the other end, likewise y, and in 3-D z."""
 
     @property
     def axis(self) -> int:
@@ -156,7 +156,7 @@ class Region(Window):
         """
         domain = context.domain
         centers = self.covered(domain)
-        shapes = [one for one in context.resources.shapes.values() if one.model.motion is None]
+        shapes = [shape for shape in context.resources.shapes.values() if shape.model.motion is None]
         if not shapes or not len(centers):
             return 1.0
         parts = (np.arange(SAMPLES) + 0.5) / SAMPLES
@@ -169,16 +169,16 @@ class Region(Window):
             away = depth * domain.spacing
             at = domain.shape[self.axis] * domain.spacing - away if self.side else away
             here = np.insert(points.reshape(-1, points.shape[-1]), self.axis, at, axis=1)
-            for one in shapes:
-                if depth == FACE and not (with_plates or isinstance(one, FloorPlan)):
+            for shape in shapes:
+                if depth == FACE and not (with_plates or isinstance(shape, FloorPlan)):
                     continue
-                near = ((here >= one.low - step) & (here <= one.high + step)).all(axis=1)
+                near = ((here >= shape.low - step) & (here <= shape.high + step)).all(axis=1)
                 if not near.any():
                     continue
                 if depth == FACE:
-                    filled = one.inside(here[near])
+                    filled = shape.inside(here[near])
                 else:  # part of the volume of the sample, exact for a plane along the cells
-                    filled = np.clip(0.5 - one.signed_distance(here[near]) / step, 0.0, 1.0)
+                    filled = np.clip(0.5 - shape.signed_distance(here[near]) / step, 0.0, 1.0)
                 flat = level.reshape(-1)
                 flat[near] = np.maximum(flat[near], filled)
         face, cell = solid[0].mean(axis=1), solid[1:].mean(axis=(0, 2))

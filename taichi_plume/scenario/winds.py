@@ -51,7 +51,7 @@ class CfdWind(AnyWind):
     """Scheme that carries momentum. weno5 is more accurate on the same grid and costs more; koren is of lower order.
     """
     buoyancy: Buoyancy | None = None
-    """Lets warm air rise and heavy gas sink; unless given, neither does."""
+    """Buoyancy: warm air rises and heavy gas sinks; unless given, neither does."""
     courant: number(0.01, 1.4) = 1.2
     """Courant number (CFL): largest sum over the axes of |u| dt/dx in a step. Less makes shorter steps: more exact in
     time, and slower. """
@@ -73,9 +73,9 @@ class CfdWind(AnyWind):
 
     def top_speed(self, scenario: "Scenario") -> float:
         speeds = [opening.top_speed(scenario.domain) for opening in self.openings]
-        for one in scenario.obstacles:
-            if one.motion is not None:
-                speeds += [speed for _, _, speed in one.motion.legs(one.center)]
+        for obstacle in scenario.obstacles:
+            if obstacle.motion is not None:
+                speeds += [speed for _, _, speed in obstacle.motion.legs(obstacle.center)]
         if self.buoyancy is not None and self.buoyancy.heat is not None:
             speeds.append(self.buoyancy.heat.top_speed(max(scenario.domain.extent)))
         if self.initial is not None:

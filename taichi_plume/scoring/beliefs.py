@@ -4,9 +4,9 @@ Algorithms that implement `agents.beliefs.Believer` are scored. Per trial, the m
 
     peak_distance_m      from the most probable cell to the nearest source
     mean_distance_m      from the expected position to the nearest source
-    expected_distance_m  mean over the belief of the distance to the nearest source
-    entropy_bits         of the belief, - sum p log2 p
-    within_reach         probability that the source is within the group's reach of a true one
+    expected_distance_m  distance to the nearest source (mean over the belief)
+    entropy_bits         entropy of the belief (- sum p log2 p)
+    within_reach         probability of the positions within the group's reach of a true source
 
 The distances and the probability are NaN while no source has started.
 """
@@ -71,14 +71,14 @@ def believers(sim: Simulation) -> list[Believer]:
 
 def beliefs(sim: Simulation) -> list[GroupBeliefs]:
     """Current beliefs of each group that keeps them, in the order of the scenario."""
-    found = []
+    parts = []
     for believer in believers(sim):
         belief, begin = np.asarray(believer.beliefs()), 0
         for group in believer.members.groups:
             p = belief[begin : begin + group.size].reshape(group.trials, group.count, *belief.shape[1:])
-            found.append(GroupBeliefs(group, believer.belief_cell, np.asarray(believer.belief_low, float), p))
+            parts.append(GroupBeliefs(group, believer.belief_cell, np.asarray(believer.belief_low, float), p))
             begin += group.size
-    return sorted(found, key=lambda belief: belief.group.number)
+    return sorted(parts, key=lambda belief: belief.group.number)
 
 
 class BeliefScores:
@@ -110,10 +110,10 @@ class BeliefScores:
 
     def entries(self, sim: Simulation) -> list[Json]:
         """Entries of each group for result.json: means, scores of each trial, and means over time."""
-        found = []
+        rows = []
         table = self.rows.values.reshape(len(self.rows), self.groups, len(OF_BELIEFS))
         for k, (belief, values) in enumerate(self.now(sim)):
-            found.append(
+            rows.append(
                 {
                     "group": belief.group.name,
                     "algorithm": belief.group.model.algorithm.kind,
@@ -126,4 +126,4 @@ class BeliefScores:
                     },
                 }
             )
-        return found
+        return rows

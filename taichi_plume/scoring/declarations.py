@@ -39,17 +39,17 @@ def declared_outcomes(group: "GroupRange", snapshot: Snapshot, sources: np.ndarr
     def table(name: str) -> np.ndarray:
         return by_trial(group, snapshot[name])
 
-    said, false = table("declarations"), table("false_declarations")
-    right, any_said = said > false, (said > 0).any(axis=1)
+    declarations, false = table("declarations"), table("false_declarations")
+    right, any_declared = declarations > false, (declarations > 0).any(axis=1)
     rightly = right.any(axis=1)
-    time = np.where(said > 0, table("declared_time"), np.nan)
+    time = np.where(declarations > 0, table("declared_time"), np.nan)
     first = np.where(right, time, np.inf).argmin(axis=1)
-    last = np.where(said > 0, time, -np.inf).argmax(axis=1)
+    last = np.where(declarations > 0, time, -np.inf).argmax(axis=1)
     judged = (np.arange(group.trials), np.where(rightly, first, last))
     apart = np.linalg.norm(table("declared_position")[judged][:, None] - sources, axis=-1)
     apart = apart.min(axis=1, initial=np.inf)
     reached = np.nan_to_num(table("reached_time"), nan=np.inf).min(axis=1)
-    speaks = said.any() or may_declare(group.model)
+    speaks = declarations.any() or may_declare(group.model)
 
     def counted(values: np.ndarray) -> list[float]:
         total = values.sum(axis=1)
@@ -58,9 +58,9 @@ def declared_outcomes(group: "GroupRange", snapshot: Snapshot, sources: np.ndarr
     begin = group.model.begin
     return {
         "outcome": np.where(rightly, DECLARED, np.where(np.isfinite(reached), REACHED, NEITHER)).tolist(),
-        "declared_time_s": np.where(any_said, time[judged] - begin, np.nan).tolist(),
-        "localisation_error_m": np.where(any_said & np.isfinite(apart), apart, np.nan).tolist(),
-        "declarations": counted(said),
+        "declared_time_s": np.where(any_declared, time[judged] - begin, np.nan).tolist(),
+        "localisation_error_m": np.where(any_declared & np.isfinite(apart), apart, np.nan).tolist(),
+        "declarations": counted(declarations),
         "false_declarations": counted(false),
         "reached_time_s": np.where(np.isfinite(reached), reached - begin, np.nan).tolist(),
     }

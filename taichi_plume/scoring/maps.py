@@ -44,7 +44,7 @@ class MapSeries:
         self.sum, self.looks, self.ended = np.zeros(self.shape), 0, 0
         self.rows = Series(
             len(NAMES) * (1 + len(self.parts))
-        )  # of each name the first trial's, then the groups'
+        )  # of each name: scores of the first trial, then means of the groups
         self.last = np.full((len(NAMES), trials), np.nan)
         self.expected: list[np.ndarray] = []  # mean and variance of a `Prediction`, once there is one
         self.surprise = np.zeros((2, trials))  # sum and number of the readings since the last score

@@ -14,12 +14,12 @@ from taichi_plume.scenario.played import Played
 from taichi_plume.scoring.declarations import OUTCOMES, Json, Snapshot, by_trial, declared_outcomes
 from taichi_plume.simulation import Mapper, Simulation, Uncertain
 
-SENSORS = 0.1  # m, height of sensors unless a scenario says more
+SENSORS = 0.1  # m, default height of sensors
 SAMPLES = 4  # per axis of a map cell, at most
 PERIOD = 5.0  # s, between scores of a map that has no snaps
 SUMS = ("acquisitions", "hits", "bumps", "pushes", "pinned_s")
-"""Columns of robots that trials sum over a team; those of pushing exist only where obstacles move."""
-SETTLED = 30.0  # s: forecasts count from then on, as in Marjovi & Marques
+"""Columns of robots that trials sum over a team; pushes and pinned_s exist only where obstacles move."""
+SETTLED = 30.0  # s after `begin`: forecasts count from then on, as in Marjovi & Marques
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ def true_gas(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarray
     n = min(SAMPLES, max(1, ceil(cell / sim.grid.dx - 1e-9)))
     axes = [(np.arange(count * n) + 0.5) * cell / n for count in shape]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    points = np.minimum(points, sim.grid.extent[:2])  # the last cell may reach over the edge
+    points = np.minimum(points, sim.grid.extent[:2])  # the last cell may extend beyond the edge
     if sim.grid.dim == 3:
         points = np.concatenate([points, np.full((*points.shape[:2], 1), sensor_height(sim))], axis=-1)
     ppm = fields.ppm_at(sim.gas, points, sim.t).sum(axis=-1)
@@ -47,7 +47,7 @@ def true_gas(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarray
 
 
 def measurable(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarray:
-    """Mask (nx, ny) of map cells whose centre a robot could reach: not in standing obstacles, nor off the arena."""
+    """Mask (nx, ny) of map cells with a centre that a robot can reach: in the arena, outside of standing obstacles."""
     return sim.swarm.clearance.distance_at(centers(shape, cell)) > 0.0
 
 

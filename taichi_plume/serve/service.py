@@ -20,7 +20,7 @@ from taichi_plume.agents.external import LOST, ExternalAlgorithm, Orders
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_robots import sensor_fields
 from taichi_plume.guard.terminal import say
-from taichi_plume.running.signals import Ears
+from taichi_plume.running.signals import SignalRequests
 from taichi_plume.serve import topics
 from taichi_plume.serve.inbox import Inbox
 from taichi_plume.serve.links import Hear, Link
@@ -131,8 +131,8 @@ class Service:
         sim.swarm.snapshot()
         sim.reset()
 
-    def attach(self, sim: Simulation, ears: Ears) -> None:
-        self.sim, self.ears = sim, ears
+    def attach(self, sim: Simulation, signals: SignalRequests) -> None:
+        self.sim, self.signals = sim, signals
         for team in sim.teams:
             if isinstance(team.algorithm, ExternalAlgorithm):
                 self.groups.append(Outside(sim, team.numbers[0], team.algorithm, self.remarks.append))
@@ -229,7 +229,7 @@ class Service:
             if late > max(SLIP, pace):
                 self._start += late
             return
-        while (left := due - self.clock()) > 0 and not self.ears.stopped:
+        while (left := due - self.clock()) > 0 and not self.signals.stopped:
             self.sleep(min(left, LOOK_S))
 
     def _await_answers(self, tick: int) -> None:
@@ -237,7 +237,7 @@ class Service:
         for group in self.groups:
             inbox = group.inbox
             with inbox.news:
-                while not self.ears.stopped:
+                while not self.signals.stopped:
                     asked = ~(inbox.lost() | inbox.awaited() | group.over)
                     if (inbox.answers[asked] >= tick).all():
                         break
@@ -247,7 +247,7 @@ class Service:
     def _await_all(self) -> None:
         """Wait until all robots have connected, unless the run starts at once."""
         said = ""
-        while not self.pace.at_once and not self.ears.stopped:
+        while not self.pace.at_once and not self.signals.stopped:
             missing = [(group, np.flatnonzero(group.inbox.awaited())) for group in self.groups]
             line = ", ".join(_named(group.name, robots) for group, robots in missing if len(robots))
             if not line:
@@ -256,7 +256,7 @@ class Service:
                 said = line
                 self._say(f"waiting for {line}")
             until = self.clock() + AGAIN_S
-            while self.clock() < until and not self.ears.stopped:
+            while self.clock() < until and not self.signals.stopped:
                 self.sleep(LOOK_S / 5)
                 self._tell()
                 if not any(group.inbox.awaited().any() for group in self.groups):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from taichi_plume import __version__
 from taichi_plume.guard.terminal import visible
-from taichi_plume.running.signals import Ears
+from taichi_plume.running.signals import SignalRequests
 from taichi_plume.scenario.loading import scenario_of
 from taichi_plume.study.agenda import Agenda, Job
 from taichi_plume.study.messages import AirRecord, Cost, Options, Record, Request, Task
@@ -32,7 +32,7 @@ class Campaign:
     """The runs of a plan that are not done, executed by workers.
 
     requests: runs to execute; shared: ids of airs that are filmed for them. `run` ends when all runs are done or when
-    `ears` have heard a signal.
+    a signal asks for the end.
     """
 
     def __init__(
@@ -44,10 +44,10 @@ class Campaign:
         requests: list[Request],
         shared: set[str],
         display: "Display",
-        ears: Ears,
+        signals: SignalRequests,
     ):
         self.plan, self.store, self.workers, self.options = plan, store, workers, options
-        self.display, self.ears = display, ears
+        self.display, self.signals = display, signals
         self.there = workers.workers()
         self.totals = Totals(len(self.there))
         self.largest = max((one.bytes for one in store.air_records()), default=0)  # film so far
@@ -59,7 +59,7 @@ class Campaign:
 
     def run(self) -> None:
         """Execute the runs. Raises WorkersError if the workers are lost, and OSError if the disk is full."""
-        while not self.ears.stopped:
+        while not self.signals.stopped:
             self._look()
             self._give()
             if not self.given and not self._waits():

@@ -28,7 +28,7 @@ class Checks:
 
     def checked(self, scenario: Scenario) -> Scenario:
         """Return the scenario, completed from its files. Raises ScenarioError."""
-        faults = checks.misfits(scenario)
+        faults = checks.early_errors(scenario)
         if not faults:
             prepared = self._prepared(scenario)
             faults = checks.problems(*prepared)

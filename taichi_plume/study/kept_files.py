@@ -10,7 +10,7 @@ from taichi_plume.files import run_folder
 from taichi_plume.running.job import End, report, whole
 from taichi_plume.running.outputs import About, Outputs
 from taichi_plume.running.result import result, write_result
-from taichi_plume.running.signals import Ears
+from taichi_plume.running.signals import SignalRequests
 from taichi_plume.scenario.input_files import input_paths
 from taichi_plume.study.messages import Data, Request, Task
 from taichi_plume.study.rows import probed
@@ -47,7 +47,7 @@ def run_with_files(one: Kept, task: Task, request: Request, backend: str) -> Ite
         run_folder.write_scenario(folder, scenario, task.folder.resolve(), backend, final)
         inputs = input_paths(scenario, task.folder / "base.yaml", one.prepared.resources.files)[1:]
         about = About(folder, "cpu", backend, "recording.rrd" in files, inputs, files=files)
-        outputs = Outputs(one.sim, about, Ears())
+        outputs = Outputs(one.sim, about, SignalRequests())
         try:
             outputs.start()
             one.sim.run()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, show, visible
-from taichi_plume.running.signals import Ears, listening, reader_may_leave
+from taichi_plume.running.signals import SignalRequests, handling_signals, reader_may_leave
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.study.outcomes import not_left
 from taichi_plume.study.store import DONE, FAILED, KEPT, Store, StoreError
@@ -46,14 +46,14 @@ def carry_out(plan: "Plan", wishes: Wishes) -> int:
     """
     _require_allowed(plan, wishes)
     try:
-        with listening() as ears, Store(wishes.out) as store:
+        with handling_signals() as signals, Store(wishes.out) as store:
             store.begin(plan, wishes.force)
-            code = _work(plan, store, wishes, ears)
+            code = _work(plan, store, wishes, signals)
             if code == 2:
                 return code
-            ears.running, ears.hasty = True, not ears.stopped  # a first signal waits for the tables
+            signals.running, signals.hasty = True, not signals.stopped  # a first signal waits for the tables
             code = _conclude(plan, store, wishes, code)
-            return 130 if ears.stopped else code
+            return 130 if signals.stopped else code
     except KeyboardInterrupt:
         say(f"interrupted; what is done is kept, and {GOES_ON}", error=True)
         return 130
@@ -61,7 +61,7 @@ def carry_out(plan: "Plan", wishes: Wishes) -> int:
         raise RunFolderError(str(error)) from None
 
 
-def _work(plan: "Plan", store: Store, wishes: Wishes, ears: Ears) -> int:
+def _work(plan: "Plan", store: Store, wishes: Wishes, signals: SignalRequests) -> int:
     """Execute the missing runs; return the exit code so far."""
     missing = missing_runs(plan, store, wishes.retry)
     total, before = len(plan.requests), len(plan.requests) - len(missing)
@@ -74,14 +74,14 @@ def _work(plan: "Plan", store: Store, wishes: Wishes, ears: Ears) -> int:
 
     try:
         if wishes.scheduler:
-            workers: Workers = DaskWorkers(wishes.scheduler, plan, wishes.out, ears)
+            workers: Workers = DaskWorkers(wishes.scheduler, plan, wishes.out, signals)
             if wishes.dashboard:
                 say(visible(f"Dask's dashboard: {workers.client.dashboard_link}"), error=True)
         else:
-            ears.running = True
+            signals.running = True
             workers = LocalWorkers(min(wishes.workers or cores(), len(missing)), wishes.out)
         with closing(workers):
-            return _campaign(plan, store, workers, wishes, ears, missing)
+            return _campaign(plan, store, workers, wishes, signals, missing)
     except WorkersError as error:
         say(visible(error), error=True)
         if error.code == 1:
@@ -90,7 +90,12 @@ def _work(plan: "Plan", store: Store, wishes: Wishes, ears: Ears) -> int:
 
 
 def _campaign(
-    plan: "Plan", store: Store, workers: "Workers", wishes: Wishes, ears: Ears, missing: "list[Request]"
+    plan: "Plan",
+    store: Store,
+    workers: "Workers",
+    wishes: Wishes,
+    signals: SignalRequests,
+    missing: "list[Request]",
 ) -> int:
     from taichi_plume.study.campaign import Campaign, options_of
     from taichi_plume.study.progress import Display
@@ -99,10 +104,10 @@ def _campaign(
     shared = shared_airs(plan, missing)
     options = options_of(plan, wishes.out, wishes.allow_code, wishes.allow_outside)
     total = len(plan.requests)
-    ears.hasty = True  # a first signal ends the campaign in order, a second one at once
+    signals.hasty = True  # a first signal ends the campaign in order, a second one at once
     try:
         with Display(total, total - len(missing), wishes.quiet) as display:
-            campaign = Campaign(plan, store, workers, options, missing, shared, display, ears)
+            campaign = Campaign(plan, store, workers, options, missing, shared, display, signals)
             campaign.run()
     except OSError as error:
         if wishes.debug:

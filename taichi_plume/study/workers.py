@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from taichi_plume import __version__
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
-from taichi_plume.running.signals import Ears, deaf
+from taichi_plume.running.signals import SignalRequests, ignoring_signals
 
 if TYPE_CHECKING:
     from taichi_plume.study.messages import AirRecord, Record, Task
@@ -106,7 +106,7 @@ class LocalWorkers:
 
     def close(self) -> None:
         """End all processes at once, even in the middle of a run."""
-        with deaf():
+        with ignoring_signals():
             for process in self._processes:
                 process.kill()
             for executor in self._executors.values():
@@ -179,10 +179,10 @@ def _environment() -> Iterator[None]:
 class DaskWorkers:
     """Workers of the Dask scheduler at an address. Raises WorkersError if there is no scheduler.
 
-    Once the scheduler has answered, signals wait until `ears` are asked.
+    Once the scheduler has answered, signals wait for a look at `signals`.
     """
 
-    def __init__(self, address: str, plan: "Plan", out: Path, ears: Ears):
+    def __init__(self, address: str, plan: "Plan", out: Path, signals: SignalRequests):
         try:
             _log_to(out / LOG)
             from distributed import Client
@@ -192,7 +192,7 @@ class DaskWorkers:
                 "--scheduler needs the packages dask and distributed: pip install 'taichi_plume[cluster]'", 2
             ) from None
         _require_scheduler(address)
-        ears.running = True
+        signals.running = True
         try:
             self.client: Any = Client(address, timeout=CONNECT_S, set_as_default=False)
         except OSError:
@@ -251,7 +251,7 @@ class DaskWorkers:
 
     def close(self) -> None:
         """Leave the scheduler, which drops tasks that have not begun."""
-        with deaf(), suppress(Exception):
+        with ignoring_signals(), suppress(Exception):
             self.client.close(timeout=2)
         self.client.status = "closed"  # also without an answer, for which its finalizer would wait again
 

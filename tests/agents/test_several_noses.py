@@ -223,7 +223,7 @@ def test_faults_of_a_list_tell_its_place(sensors, told):
         (
             EXACT,
             {"algorithm": {"kind": "policy", "observe": ["noses"]}},
-            "robots[0].algorithm.observe: noses, but there is one gas sensor",
+            "robots[0].algorithm.observe: has 'noses', but there is one gas sensor",
         ),
     ],
 )

@@ -238,7 +238,7 @@ def test_metadata_that_are_not_as_the_run_left_them_are_noticed(path):
     manifest.write(path.parent, {}, [path])
     Film(path)
     replaced("u_face/zarr.json", '"m s-1"', '"km s-1"')(path)
-    with pytest.raises(FilmError, match="is not as its run left it"):
+    with pytest.raises(FilmError, match="has changed since its run"):
         Film(path)
 
 

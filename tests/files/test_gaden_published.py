@@ -276,7 +276,7 @@ def test_a_simulation_at_the_root_of_a_path(monkeypatch):
     monkeypatch.setattr(gaden_project, "configuration", lambda path: {})
     monkeypatch.setattr(gaden_project.os.path, "isfile", lambda path: True)
     for name in ("/sim.yaml", "/sim1.yaml", "/a/sim.yaml", "/a/sim1.yaml"):
-        assert gaden_project._found(Path(name)).home == Path("/")
+        assert gaden_project._project_at(Path(name)).home == Path("/")
 
 
 @pytest.mark.slow

@@ -49,7 +49,7 @@ def test_files_as_they_were_left_are_not_changed(folder):
 @pytest.mark.parametrize("content", ["t,x\n0,2\n", "t,x\n0,1\n2,3\n", ""])
 def test_a_changed_file_is_told(folder, content):
     (folder / "table.csv").write_text(content)
-    with refused(ValueError, folder / "table.csv", "is not as its run left it"):
+    with refused(ValueError, folder / "table.csv", "has changed since its run"):
         manifest.require_unchanged(folder / "table.csv", ValueError)
 
 
@@ -64,7 +64,7 @@ def test_a_changed_file_is_told(folder, content):
 )
 def test_a_changed_film_is_told(folder, damage):
     damage(folder / "film.zarr")
-    assert "is not as its run left it" in str(manifest.changed(folder / "film.zarr"))
+    assert "has changed since its run" in str(manifest.changed(folder / "film.zarr"))
 
 
 @pytest.mark.parametrize(

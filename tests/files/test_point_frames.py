@@ -110,7 +110,7 @@ def test_a_log_that_is_not_as_its_run_left_it_is_refused(folder):
     manifest.write(folder, {}, [path])
     assert len(read_log(path)) == 3
     path.write_text(LOG.replace("12.5", "13.5"))
-    with pytest.raises(PointFileError, match="is not as its run left it"):
+    with pytest.raises(PointFileError, match="has changed since its run"):
         read_log(path)
 
 

@@ -17,8 +17,8 @@ def test_measured_values_take_as_many_bytes_as_scenarios_are_told(tmp_path):
     table = PartsTable(tmp_path / "u.parquet", columns, {}, points)
     table.start()
     for n in range(samples):
-        table.values["t"][table.kept] = 0.035 * n
-        table.values["u"][table.kept] = u[n]
+        table.values["t"][table.pending] = 0.035 * n
+        table.values["u"][table.pending] = u[n]
         table.took()
     table.close()
     found = pq.read_table(table.path)

@@ -62,7 +62,7 @@ def test_what_a_row_has_to_be_is_told_where_there_is_a_form(tmp_path):
 
 
 def test_a_quotation_mark_does_not_take_in_lines(tmp_path):
-    with pytest.raises(ValueError, match="line 2: a quotation mark lacks its other"):
+    with pytest.raises(ValueError, match="line 2: a quotation mark is not closed"):
         table(tmp_path / "a.csv", '1,2,c\n4,5,"c\n7,8,c\n').texts(2)
 
 

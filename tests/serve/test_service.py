@@ -9,7 +9,7 @@ from taichi_plume.assembly.assemble import assemble
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_messages import points_of
 from taichi_plume.grid.fields import ppm_at
-from taichi_plume.running.signals import Ears
+from taichi_plume.running.signals import SignalRequests
 from taichi_plume.scenario.loading import scenario_from
 from taichi_plume.serve.service import Pace, Service
 
@@ -110,7 +110,7 @@ def served(made):
             service.warm(made)
         else:
             made.reset()
-        service.attach(made, Ears())
+        service.attach(made, SignalRequests())
         for group in service.groups if timeouts else ():
             group.inbox.clock = clock
         made.run()

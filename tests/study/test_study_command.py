@@ -44,7 +44,7 @@ def test_check_tells_what_it_makes(case, capsys):
 @pytest.mark.parametrize(
     ("line", "told"),
     [
-        (["study.yaml", "--workers", "2", "--scheduler", "tcp://a:1"], "no place beside --scheduler"),
+        (["study.yaml", "--workers", "2", "--scheduler", "tcp://a:1"], "it cannot go with --scheduler"),
         (["study.yaml", "--dashboard"], "--scheduler ADDRESS"),
         ([], "required: study"),
         (["report"], "required: DIR"),
