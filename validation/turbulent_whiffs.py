@@ -217,8 +217,8 @@ def _sensors(flows: Sequence[Records], kind: str) -> dict[str, float | Curve]:
             line = c[:, at].reshape(len(c), -1)
             line = line[:, chosen(line > least)]
             found = smelt(several, gas, STEP, line, float(least))
-            whiffs += found.kept[0].whiffs
-            kept += [one.kept for one in found.kept]
+            whiffs += found.sensors[0].whiffs
+            kept += [one.seen for one in found.sensors]
             if not answer:
                 some = slice(0, round(60.0 / STEP))
                 peak = found.true[some].max()

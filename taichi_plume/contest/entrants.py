@@ -24,7 +24,7 @@ FLOOR = "random_walk"
 BESIDE = (FLOOR, "dapso")
 """Kinds that take part although they do more than search."""
 TEAM = 5  # robots of a swarm, as in Marjovi & Marques, ICRA 2014
-TOLD_AS = {"minimum_ppm": "threshold_ppm"}
+FACT_OF_KEY = {"minimum_ppm": "threshold_ppm"}
 """Keys of algorithms, and the fact of the plume that they mean: the least index of SPIRAL is a reading."""
 FILES = ("own", "policy")
 """Kinds that need a file of the user."""
@@ -53,21 +53,21 @@ class Entrant(NamedTuple):
 def kinds() -> dict[str, type[AnyAlgorithm]]:
     """Return the sections of all kinds of algorithms, by kind."""
     union, *_ = get_args(Algorithm)
-    return {get_args(one.model_fields["kind"].annotation)[0]: one for one in get_args(union)}
+    return {get_args(model.model_fields["kind"].annotation)[0]: model for model in get_args(union)}
 
 
 def shipped() -> tuple[Entrant, ...]:
     """Return the entrants that ship with the package, the floor last."""
-    fit = {kind for kind, one in kinds().items() if (one.searches or kind in BESIDE) and not one.in_space}
-    some = [kind for kind in kinds() if kind in fit and kind not in FILES]
-    some.sort(key=lambda kind: kind == FLOOR)
-    return tuple(Entrant(kind, {"kind": kind}, TEAM if kinds()[kind].talks else 1) for kind in some)
+    fit = {kind for kind, m in kinds().items() if (m.searches or kind in BESIDE) and not m.in_space}
+    names = [kind for kind in kinds() if kind in fit and kind not in FILES]
+    names.sort(key=lambda kind: kind == FLOOR)
+    return tuple(Entrant(kind, {"kind": kind}, TEAM if kinds()[kind].talks else 1) for kind in names)
 
 
 def _facts(model: type[AnyAlgorithm], facts: Mapping[str, float]) -> dict[str, float]:
     """Return the facts of the plume that an algorithm has keys for."""
-    wanted = {key: TOLD_AS.get(key, key) for key in model.model_fields}
-    return {key: facts[name] for key, name in wanted.items() if name in facts}
+    names = {key: FACT_OF_KEY.get(key, key) for key in model.model_fields}
+    return {key: facts[name] for key, name in names.items() if name in facts}
 
 
 def own(path: Path) -> Entrant:
@@ -114,30 +114,30 @@ def entrants(
     names: Sequence[str] | None, files: Sequence[Path], policies: Sequence[Path] = ()
 ) -> list[Entrant]:
     """Return the shipped entrants, all or those of `names`, and the user's. Raises ScenarioError."""
-    there = {one.name: one for one in shipped()}
+    there = {entrant.name: entrant for entrant in shipped()}
     chosen = known("algorithm", names, list(there)) if names else there
     found = [both for name in chosen for both in _both(there[name])]
-    taken = {*kinds(), *(both.name for one in there.values() for both in _both(one))}
+    taken = {*kinds(), *(both.name for entrant in there.values() for both in _both(entrant))}
     for path, mine in [*((path, own(path)) for path in files), *((path, learnt(path)) for path in policies)]:
-        for one in _both(mine):
-            if one.name in taken:
-                other = f"another algorithm of the contest is called {visible(one.name)}"
+        for entrant in _both(mine):
+            if entrant.name in taken:
+                other = f"another algorithm of the contest is called {visible(entrant.name)}"
                 raise ScenarioError([f"{visible(path)}: {other}; rename the file"])
-            found.append(one)
-            taken.add(one.name)
+            found.append(entrant)
+            taken.add(entrant.name)
     return found
 
 
-def _both(one: Entrant) -> tuple[Entrant, ...]:
+def _both(base: Entrant) -> tuple[Entrant, ...]:
     """Return an entrant and, if it can declare where the source is, its variant whose declarations count."""
-    section = one.section
+    section = base.section
     if section["kind"] == "own":
         speaks = b".declare(" in OwnFile.read(Path(section["file"]), None).source
     elif section["kind"] == "policy":
         speaks = bool(section.get("declares"))
     else:
         speaks = kinds()[section["kind"]].model_validate(section).may_declare
-    return (one, one._replace(name=f"{one.name}_declares", found="declared")) if speaks else (one,)
+    return (base, base._replace(name=f"{base.name}_declares", found="declared")) if speaks else (base,)
 
 
 def scenarios(names: Sequence[str] | None, unless: Sequence[str]) -> list[str]:

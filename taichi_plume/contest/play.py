@@ -54,15 +54,15 @@ def plans(contest: Contest) -> list["Plan"]:
     own_folder.mark(contest.out, KIND)
     folder.mkdir(exist_ok=True)
     made = []
-    for one in contest.scenarios:
-        base, file = folder / f"{one.name}.yaml", folder / f"{one.name}.study.yaml"
-        head = "".join(f"# {line}\n" for line in one.about)
-        _write(base, head + yaml.safe_dump(one.data, sort_keys=False))
+    for scenario in contest.scenarios:
+        base, file = folder / f"{scenario.name}.yaml", folder / f"{scenario.name}.study.yaml"
+        head = "".join(f"# {line}\n" for line in scenario.about)
+        _write(base, head + yaml.safe_dump(scenario.data, sort_keys=False))
         study = {
-            "name": one.name,
+            "name": scenario.name,
             "base": base.name,
             "airs": contest.airs,
-            "axes": {AXIS: {"variants": {each.name: each.changes(one) for each in contest.entrants}}},
+            "axes": {AXIS: {"variants": {each.name: each.changes(scenario) for each in contest.entrants}}},
         }
         _write(file, yaml.safe_dump(study, sort_keys=False))
         made.append(load_plan(file, allow_outside=True))  # own algorithms lie where the user has them
@@ -108,9 +108,9 @@ def chosen(names: str | None) -> Sequence[str] | None:
     """Split names at commas; None stays None. Raises ScenarioError for an empty name."""
     if names is None:
         return None
-    some = [name.strip() for name in names.split(",")]
-    if not all(some):
+    parts = [name.strip() for name in names.split(",")]
+    if not all(parts):
         raise ScenarioError(
             [f"'{visible(names)}': give names with commas between, such as open_2d,meandering"]
         )
-    return some
+    return parts

@@ -93,7 +93,7 @@ def of_probe(record: Record, probe: Probe, settings: Settings) -> OfProbe:
         ppm = record.values(points, f"{settings.gas}_ppm")
         step, even = spectra.evenly(record.times, ppm)
         table = moments(record.times, ppm, settings.threshold)
-        table["integral_time"] = np.array([spectra.integral_time(step, one) for one in even.T])
+        table["integral_time"] = np.array([spectra.integral_time(step, series) for series in even.T])
         table["mean_error"] = table["rms"] * np.sqrt(
             np.minimum(1.0, 2.0 * table["integral_time"] / np.ptp(record.times))
         )
@@ -101,20 +101,20 @@ def of_probe(record: Record, probe: Probe, settings: Settings) -> OfProbe:
             velocity = np.stack([record.values(points, name) for name in settings.wind], axis=-1)
             table |= wind(record.times, velocity)
         tables.append(table)
-        spells += [durations.spells(record.times, one > settings.threshold) for one in ppm.T]
+        spells += [durations.spells(record.times, series > settings.threshold) for series in ppm.T]
         within += _within(ppm, table["conditional_mean"], settings.threshold, len(whole))
         frequency, density = spectra.spectrum(step, even)
         densities.append(density.mean(axis=1) * len(points))
     numbers = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
     for n, name in enumerate(("whiffs", "blanks")):
-        lasted = [one[n].lasted for one in spells]
+        lasted = [pair[n].lasted for pair in spells]
         numbers[name] = np.array(list(map(len, lasted)))
-        numbers[f"mean_{name[:-1]}"] = np.array([one.mean() if len(one) else np.nan for one in lasted])
+        numbers[f"mean_{name[:-1]}"] = np.array([t.mean() if len(t) else np.nan for t in lasted])
     reach = _half_travel(probe, numbers, settings)
     step = float(np.median(np.diff(record.times)))
     kinds = []
     for n, name in enumerate(("whiffs", "blanks")):
-        of_points = [one[n] for one in spells]
+        of_points = [pair[n] for pair in spells]
         every = durations.pooled(of_points)
         bounds = settings.bounds or durations.range_of(every, step, reach)
         kinds.append(Kind(name, of_points, durations.exponent(every, *bounds) if bounds else None))

@@ -40,7 +40,7 @@ RANGE = (
     "begins where what follows is nearest to a power law (Clauset, Shalizi and Newman 2009, "
     "doi:10.1137/070710111), at five samples or later."
 )
-KEPT = (
+RESOLVED = (
     "Each sensor was given the record, as in a run. It keeps a whiff if its reading rises through the threshold "
     "between the begin of this whiff and that of the next one: a robot that compares readings with the threshold "
     "counts it as another one. For this the reading has to reach the threshold, and to have fallen below it in the "

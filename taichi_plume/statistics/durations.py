@@ -81,16 +81,16 @@ def spells(times: np.ndarray, present: np.ndarray) -> tuple[Spells, Spells]:
     kind = present[cuts[1:-2]]
     cut = {bool(present[0]), bool(present[-1])} if len(cuts) == 2 else None
     both = []
-    for wanted in (True, False):
-        left_out = int(wanted in cut) if cut else int(present[0] == wanted) + int(present[-1] == wanted)
-        both.append(Spells(begin[kind == wanted], lasted[kind == wanted], left_out))
+    for with_gas in (True, False):
+        left_out = int(with_gas in cut) if cut else int(present[0] == with_gas) + int(present[-1] == with_gas)
+        both.append(Spells(begin[kind == with_gas], lasted[kind == with_gas], left_out))
     return both[0], both[1]
 
 
 def pooled(several: Sequence[Spells]) -> Spells:
     """Join the stretches of several points."""
-    begin, lasted = (np.concatenate([np.empty(0), *(one[n] for one in several)]) for n in (0, 1))
-    return Spells(begin, lasted, sum(one.cut for one in several))
+    begin, lasted = (np.concatenate([np.empty(0), *(point[n] for point in several)]) for n in (0, 1))
+    return Spells(begin, lasted, sum(point.cut for point in several))
 
 
 def halfway(duration: float, step: float) -> float:
@@ -185,7 +185,7 @@ def range_of(found: Spells, step: float, last: float | None = None) -> tuple[flo
     if most <= 2.0 * least:
         return None
     latest = max(most / DECADE, least)
-    begins = sorted({halfway(one, step) for one in np.geomspace(least, latest, 12)} | {least})
+    begins = sorted({halfway(start, step) for start in np.geomspace(least, latest, 12)} | {least})
     best = None
     for first in begins:
         lasted = found.between(first, most).lasted
@@ -213,6 +213,6 @@ def density(
         edges = np.unique((np.round(edges / step - 0.5) + 0.5) * step)
         edges = np.append(edges[edges < high], edges[-1] if edges[-1] > high else edges[-1] + step)
     count = np.histogram(lasted, edges)[0]
-    some = count > 0
+    filled = count > 0
     middle = np.sqrt(np.maximum(edges[:-1], 0.5 * edges[1:]) * edges[1:])
-    return middle[some], (count / np.diff(edges) / len(lasted))[some], count[some]
+    return middle[filled], (count / np.diff(edges) / len(lasted))[filled], count[filled]

@@ -43,7 +43,7 @@ class FilmRecord:
             count = f"{len(self.times)} frames{after}"
             raise RunFolderError(f"{path}: holds {count}; at least {FEWEST} are needed")
         self.dim = len(self.film.shape)
-        self.wind = [f"wind_{a}" for a, one in zip(AXES, "uvw", strict=True) if one in self.film.arrays]
+        self.wind = [f"wind_{a}" for a, u in zip(AXES, "uvw", strict=True) if u in self.film.arrays]
         self.coordinates = [places(a, self.film.shape, self.film.dx) for a in AXES[: self.dim]]
         self._scan()
         self.probes = self._lines()
@@ -67,8 +67,8 @@ class FilmRecord:
             np.maximum(self.maximum, c, out=self.maximum)
         self.mean, self.rms = mean, np.sqrt(np.maximum(square - mean**2, 0.0))
         if self.air is not None:
-            for one in (self.mean, self.rms, self.maximum):
-                one[~self.air] = np.nan
+            for cells in (self.mean, self.rms, self.maximum):
+                cells[~self.air] = np.nan
         if not np.nanmax(self.mean) > 0.0:
             raise RunFolderError(f"{self.path}: has no {self.gas} in these frames")
         self.strongest = np.unravel_index(int(np.nanargmax(self.mean)), self.mean.shape)
@@ -103,18 +103,18 @@ class FilmRecord:
         """Return a line along the plume through the strongest mean, and lines across."""
         along, across = self.along, 1 - self.along
         self._cells: list[tuple[int, ...]] = []
-        probes = [self._line(f"along {AXES[along]}", along, [int(one) for one in self.strongest])]
+        probes = [self._line(f"along {AXES[along]}", along, [int(index) for index in self.strongest])]
         mean = np.nan_to_num(self.plane(self.mean)).sum(axis=across)
         peak, n = int(self.strongest[along]), self.film.shape[along]
         forward = mean[peak + 1 :].sum() >= mean[:peak].sum()
         for share in STATIONS:
             at = round(peak + share * ((n - 1 if forward else 0) - peak))
-            where = [int(one) for one in self.strongest]
+            where = [int(index) for index in self.strongest]
             where[along] = at
             name = f"across at {AXES[along]} = {self.coordinates[along][at]:.3g} m"
-            if name not in [one.name for one in probes]:
+            if name not in [probe.name for probe in probes]:
                 probes.append(self._line(name, across, where))
-        return [one for one in probes if len(one.places) > 1]
+        return [probe for probe in probes if len(probe.places) > 1]
 
     def _line(self, name: str, axis: int, where: list) -> Probe:
         """Return the longest stretch of air of a row of cells."""
@@ -135,13 +135,13 @@ class FilmRecord:
         share = weights(self.times)
         gamma = np.zeros(self.plane(self.mean).shape)
         name = f"{self.gas}_ppm"
-        speeds = {f"wind_{a}": one for a, one in zip(AXES, "uvw", strict=True) if one in self.film.arrays}
-        wanted = {name: name, **speeds}
+        speeds = {f"wind_{a}": u for a, u in zip(AXES, "uvw", strict=True) if u in self.film.arrays}
+        names = {name: name, **speeds}
         at = tuple(np.array(self._cells).T)
-        found = {key: np.empty((len(self.times), len(self._cells)), np.float32) for key in wanted}
-        for n, (w, frame) in enumerate(zip(share, self._frames([*wanted.values()]), strict=True)):
+        found = {key: np.empty((len(self.times), len(self._cells)), np.float32) for key in names}
+        for n, (w, frame) in enumerate(zip(share, self._frames([*names.values()]), strict=True)):
             gamma += w * (self.plane(frame[name]) > threshold)
-            for key, stored in wanted.items():
+            for key, stored in names.items():
                 found[key][n] = frame[stored][at]
         self._found = found
         gamma[np.isnan(self.plane(self.mean))] = np.nan

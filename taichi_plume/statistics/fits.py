@@ -41,10 +41,10 @@ def fits(within: np.ndarray) -> list[Fit]:
     within = within[within > 0.0]
     if len(within) < FEWEST or np.std(np.log(within)) < LEAST_SPREAD:
         return []
-    some = within[:: -(-len(within) // MOST)]
+    sample = within[:: -(-len(within) // MOST)]
     found = []
     for kind, distribution in (("gamma", stats.gamma), ("lognorm", stats.lognorm)):
-        shape, _, scale = distribution.fit(some, floc=0.0)
-        distance = stats.ks_1samp(some, distribution.cdf, args=(shape, 0.0, scale)).statistic
+        shape, _, scale = distribution.fit(sample, floc=0.0)
+        distance = stats.ks_1samp(sample, distribution.cdf, args=(shape, 0.0, scale)).statistic
         found.append(Fit(kind, float(shape), float(scale), float(distance)))
     return found

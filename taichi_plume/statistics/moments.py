@@ -43,22 +43,22 @@ def moments(times: np.ndarray, ppm: np.ndarray, threshold: float) -> dict[str, n
     present = ppm > threshold
     gamma = mean_of(present.astype(float), share)
     largest = ppm.max(axis=0).astype(float)
-    half, most, more = (one.astype(float) for one in quantiles(ppm, share))
+    half, most, more = (values.astype(float) for values in quantiles(ppm, share))
     with np.errstate(divide="ignore", invalid="ignore"):
-        some = np.where(mean > 0.0, mean, np.nan)
+        positive = np.where(mean > 0.0, mean, np.nan)
         return {
             "mean": mean,
             "rms": rms,
-            "intensity": rms / some,
+            "intensity": rms / positive,
             "intermittency": gamma,
             "conditional_mean": mean_of(np.where(present, ppm, 0.0), share) / np.where(gamma > 0.0, gamma, np.nan),
             "p50": half,
             "p99": most,
             "p99.9": more,
             "maximum": largest,
-            "peak99": most / some,
-            "peak99.9": more / some,
-            "peak": largest / some,
+            "peak99": most / positive,
+            "peak99.9": more / positive,
+            "peak": largest / positive,
         }  # fmt: skip
 
 

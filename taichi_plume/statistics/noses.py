@@ -29,25 +29,25 @@ class Nose(NamedTuple):
     model: GasSensor
 
 
-class Kept(NamedTuple):
+class SensorWhiffs(NamedTuple):
     """Number of whiffs that a sensor keeps, and of rises of its readings through the threshold [ppm]."""
 
     nose: Nose
     whiffs: int
-    kept: int
+    sensors: int
     rises: int
     threshold: float
 
     @property
     def share(self) -> float:
         """Fraction of the whiffs that is kept; NaN if there are no whiffs."""
-        return self.kept / self.whiffs if self.whiffs else float("nan")
+        return self.seen / self.whiffs if self.whiffs else float("nan")
 
 
 class Smelt(NamedTuple):
     """Comparison of sensors: whiffs kept, concentration and readings, (sensors, n) [ppm], at the first point."""
 
-    kept: list[Kept]
+    sensors: list[SensorWhiffs]
     step: float
     true: np.ndarray
     readings: np.ndarray
@@ -62,19 +62,19 @@ def noses(others: Sequence[GasSensor] = ()) -> list[Nose]:
         PidSensor(kind="pid"),
         IdealGasSensor(kind="ideal"),
     ]
-    return [Nose(_name(one), one) for one in (*known, *others)]
+    return [Nose(_name(sensor), sensor) for sensor in (*known, *others)]
 
 
-def _name(one: GasSensor) -> str:
-    signal = one.signal
-    what = {"mox": "metal oxide", "pid": "photo-ionisation detector", "ideal": "ideal sensor"}[one.kind]  # type: ignore[attr-defined]
-    if isinstance(one, MoxSensor):
-        what += f" {one.model}"
+def _name(sensor: GasSensor) -> str:
+    signal = sensor.signal
+    what = {"mox": "metal oxide", "pid": "photo-ionisation detector", "ideal": "ideal sensor"}[sensor.kind]  # type: ignore[attr-defined]
+    if isinstance(sensor, MoxSensor):
+        what += f" {sensor.model}"
     if signal.rise == signal.decay:
         lag = f"{_time(signal.rise)}" if signal.rise else "no lag"
     else:
         lag = f"{_time(signal.rise)} up, {_time(signal.decay)} down"
-    return f"{what}, {lag}, read every {_time(one.period)}"
+    return f"{what}, {lag}, read every {_time(sensor.period)}"
 
 
 def _time(seconds: float) -> str:
@@ -119,9 +119,9 @@ def readings(
             count=points,
             start=start,
             algorithm=Casting(kind="casting"),
-            sensors=Sensors.model_validate({"gas": one.model_copy(update={"ahead": 0.0})}),
+            sensors=Sensors.model_validate({"gas": sensor.model_copy(update={"ahead": 0.0})}),
         )
-        for n, one in enumerate(sensors)
+        for n, sensor in enumerate(sensors)
     ]
     places = np.zeros((points * len(groups), 2))
     places[:, 0] = np.tile(np.arange(points), len(groups))
@@ -143,8 +143,8 @@ def smelt(
 
     threshold: of whiffs [ppm]. Whiffs that the record cuts do not count, as for durations.
     """
-    models = [one.model for one in several]
-    least = np.array([one.reads(gas, threshold) for one in models])
+    models = [sensor.model for sensor in several]
+    least = np.array([model.reads(gas, threshold) for model in models])
     above = np.zeros((len(models), ppm.shape[1]), bool)
     rises = np.zeros((len(ppm), *above.shape), bool)
     first = np.zeros((len(ppm), len(models)), np.float32)
@@ -152,16 +152,16 @@ def smelt(
         now = (found > least[:, None]) & (least[:, None] > 0.0)
         rises[n] = now & ~above
         above, first[n] = now, found[:, 0]
-    whiffs, kept, total = 0, np.zeros(len(models), int), np.zeros(len(models), int)
+    whiffs, sensors, total = 0, np.zeros(len(models), int), np.zeros(len(models), int)
     for point in range(ppm.shape[1]):
         begins, end = _windows(ppm[:, point] > threshold)
         if len(begins):
             counts = np.add.reduceat(rises[:end, :, point].astype(int), begins, axis=0)
             whiffs += len(begins)
-            kept += (counts > 0).sum(axis=0)
+            sensors += (counts > 0).sum(axis=0)
             total += counts.sum(axis=0)
-    rows = zip(several, kept.tolist(), total.tolist(), least.tolist(), strict=True)
-    return Smelt([Kept(one, whiffs, *row) for one, *row in rows], step, ppm[:, 0], first.T)
+    rows = zip(several, sensors.tolist(), total.tolist(), least.tolist(), strict=True)
+    return Smelt([SensorWhiffs(sensor, whiffs, *row) for sensor, *row in rows], step, ppm[:, 0], first.T)
 
 
 def _windows(present: np.ndarray) -> tuple[np.ndarray, int]:

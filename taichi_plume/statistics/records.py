@@ -39,7 +39,7 @@ class Probe(NamedTuple):
     def of(cls, name: str, places: np.ndarray, first: int = 0) -> "Probe":
         """Return a probe of the shape that its places form."""
         axes = [np.unique(places[:, d]) for d in range(places.shape[1])]
-        counts = tuple(len(one) for one in axes)
+        counts = tuple(len(axis) for axis in axes)
         if sum(n > 1 for n in counts) > 1 and int(np.prod(counts)) == len(places):
             lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
             if np.array_equal(lattice, places):
@@ -69,12 +69,12 @@ class ProbeRecord:
         self.path, self.start = path, start
         schema = next(table_parts.batches(path)).schema
         names = schema.names
-        axes = [one for one in AXES if one in names]
+        axes = [axis for axis in AXES if axis in names]
         if not {"t", "probe", "point", "x", "y"} <= set(names):
             raise RunFolderError(f"{path}: is damaged: it lacks columns that probes have")
         self.dim = len(axes)
         self.gases = [name.removesuffix("_ppm") for name in names if name.endswith("_ppm")]
-        self.wind = [f"wind_{one}" for one in axes if f"wind_{one}" in names]
+        self.wind = [f"wind_{axis}" for axis in axes if f"wind_{axis}" in names]
         self.probes, self.size = self._layout(axes)
         self.skipped = 0
         self.times = self._times()
@@ -96,7 +96,7 @@ class ProbeRecord:
             raise RunFolderError(f"{self.path}: holds no row")
         table = pa.Table.from_batches(rows).unify_dictionaries()
         names = table["probe"].cast(pa.string()).to_pylist()
-        places = np.stack([table[one].to_numpy().astype(float) for one in axes], axis=-1)
+        places = np.stack([table[axis].to_numpy().astype(float) for axis in axes], axis=-1)
         begins = [n for n in range(len(names)) if n == 0 or names[n] != names[n - 1]]
         ends = [*begins[1:], len(names)]
         found = [Probe.of(str(names[a]), places[a:b], a) for a, b in zip(begins, ends, strict=True)]
@@ -110,9 +110,9 @@ class ProbeRecord:
             if rest is not None:
                 parts = [np.concatenate(pair) for pair in zip(rest, parts, strict=True)]
             whole = len(parts[0]) // self.size * self.size
-            rest = [one[whole:] for one in parts]
+            rest = [part[whole:] for part in parts]
             if whole:
-                yield [one[:whole].reshape(-1, self.size) for one in parts]
+                yield [part[:whole].reshape(-1, self.size) for part in parts]
 
     def _times(self) -> np.ndarray:
         found = []
@@ -134,17 +134,17 @@ class ProbeRecord:
         """Yield chunks of a column from the start on, with the number of their first sample."""
         done = -self.skipped
         for (values,) in self._samples([quantity]):
-            some = values[max(0, -done) :]
-            if len(some):
-                if not np.isfinite(some).all():
+            chunk = values[max(0, -done) :]
+            if len(chunk):
+                if not np.isfinite(chunk).all():
                     raise RunFolderError(f"{self.path}: not all of {quantity} are numbers")
-                yield max(0, done), some
+                yield max(0, done), chunk
             done += len(values)
 
     def values(self, points: np.ndarray, quantity: str) -> np.ndarray:
         found = np.empty((len(self.times), len(points)), np.float32)
-        for first, some in self._chunks(quantity):
-            found[first : first + len(some)] = some[:, points]
+        for first, chunk in self._chunks(quantity):
+            found[first : first + len(chunk)] = chunk[:, points]
         return found
 
     def sums(self, quantity: str) -> tuple[np.ndarray, np.ndarray]:
@@ -153,7 +153,7 @@ class ProbeRecord:
 
         share = weights(self.times)
         mean, largest = np.zeros(self.size), np.full(self.size, -np.inf)
-        for first, some in self._chunks(quantity):
-            mean += share[first : first + len(some)] @ some
-            largest = np.maximum(largest, some.max(axis=0))
+        for first, chunk in self._chunks(quantity):
+            mean += share[first : first + len(chunk)] @ chunk
+            largest = np.maximum(largest, chunk.max(axis=0))
         return mean, largest

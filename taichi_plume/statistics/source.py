@@ -94,12 +94,12 @@ def _of_probes(
     gas = _gas(table, record.gases, options.gas)
     mean, largest = record.sums(f"{gas}_ppm")
     chosen = _chosen(table, record.probes, options.probe)
-    inside = np.concatenate([one.first + np.arange(len(one.places)) for one in chosen])
+    inside = np.concatenate([probe.first + np.arange(len(probe.places)) for probe in chosen])
     if not largest[inside].max() > 0.0:
         raise RunFolderError(f"{table}: no {gas} came to its points in this time")
     level, why = _threshold(float(mean[inside].max()), options.threshold)
     settings = Settings(gas, level, record.wind, sources, options.bounds)
-    probes = [of_probe(record, one, settings) for one in chosen]
+    probes = [of_probe(record, probe, settings) for probe in chosen]
     found = _statistics(table, name, "probes", record, settings, why, probes)
     found.smelt = _smelt(record, settings, probes, sensors, found.notes)
     return found
@@ -110,7 +110,7 @@ def _of_film(path: Path, name: str, options: Options) -> Statistics:
     level, why = _threshold(float(np.nanmax(film.mean)), options.threshold)
     gamma = film.intermittency(level)
     settings = Settings(film.gas, level, film.wind, film.sources, options.bounds)
-    probes = [of_probe(film, one, settings) for one in _chosen(path, film.probes, options.probe)]
+    probes = [of_probe(film, probe, settings) for probe in _chosen(path, film.probes, options.probe)]
     found = _statistics(path, name, "film", film, settings, why, probes)
     found.film, found.gamma = film, gamma
     found.notes.append(
@@ -135,7 +135,7 @@ def _statistics(
             f"spectra, integral scales, correlations and sensors are of values every {steps.mean():.3g} s, linear in "
             "time between samples."
         )
-    others = [one for one in record.gases if one != settings.gas]
+    others = [gas for gas in record.gases if gas != settings.gas]
     if others:
         found.notes.append(f"There is also {', '.join(others)}; --gas NAME chooses one.")
     return found
@@ -150,9 +150,9 @@ def _gas(path: Path, there: Sequence[str], gas: str | None) -> str:
 
 
 def _chosen(path: Path, probes: Sequence[Probe], name: str | None) -> list[Probe]:
-    chosen = [one for one in probes if name in (None, one.name)]
+    chosen = [probe for probe in probes if name in (None, probe.name)]
     if not chosen:
-        raise RunFolderError(f"{path}: has no probe {name}, but {', '.join(one.name for one in probes)}")
+        raise RunFolderError(f"{path}: has no probe {name}, but {', '.join(probe.name for probe in probes)}")
     return chosen
 
 
@@ -171,15 +171,13 @@ def _smelt(
 ) -> noses.Smelt | None:
     """Count the whiffs that sensors keep at points with whiffs, the point with most whiffs first."""
     several = noses.noses(sensors)
-    lively = [
-        (int(n), one.probe.first + k) for one in probes for k, n in enumerate(one.points["whiffs"]) if n
-    ]
+    lively = [(int(n), p.probe.first + k) for p in probes for k, n in enumerate(p.points["whiffs"]) if n]
     if not lively:
         notes.append("No whiff is whole, so that sensors are not compared.")
         return None
     ticks = min(len(record.times), noses.MOST_TICKS)
     most = max(1, min(noses.MOST_POINTS, int(noses.MOST_NUMBERS / len(several) / ticks)))
-    points = np.array([point for _, point in sorted(lively, key=lambda one: (-one[0], one[1]))])
+    points = np.array([point for _, point in sorted(lively, key=lambda pair: (-pair[0], pair[1]))])
     if len(points) > most:
         notes.append(f"Sensors are compared at {most} of the {len(points):,} points that have whiffs.")
         points = points[np.linspace(0, len(points) - 1, most).round().astype(int)]

@@ -106,12 +106,12 @@ class Agenda:
         group = min(groups, key=lambda key: (key[1] != structure, self._tasks[key]))
         requests = self._open[group]
         seconds = self.expected(group[1])
-        wanted = 1
+        count = 1
         if seconds is not None:
             total = sum(len(self._open[key]) for key in groups)
             fair = ceil(total / (2 * workers))  # so that all workers end at the same time
-            wanted = max(1, min(int(self.target(workers) / max(seconds, 1e-4)), fair, MOST_RUNS))
-        taken = tuple(requests.popleft() for _ in range(min(wanted, len(requests))))
+            count = max(1, min(int(self.target(workers) / max(seconds, 1e-4)), fair, MOST_RUNS))
+        taken = tuple(requests.popleft() for _ in range(min(count, len(requests))))
         if not requests:
             del self._open[group]
         self._tasks[group] += 1

@@ -50,7 +50,7 @@ class Campaign:
         self.display, self.signals = display, signals
         self.there = workers.workers()
         self.totals = Totals(len(self.there))
-        self.largest = max((one.bytes for one in store.air_records()), default=0)  # film so far
+        self.largest = max((record.bytes for record in store.air_records()), default=0)  # film so far
         films = FILMS + max(1, len(self.there))
         self.agenda = Agenda(requests, shared, store.film, films, self._room)
         self.given: dict[Future[list[Record] | AirRecord], tuple[str, Job]] = {}  # worker and job

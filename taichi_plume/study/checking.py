@@ -62,6 +62,6 @@ def _reads(scenario: Scenario) -> tuple[str, ...]:
         for path, section in checks.every(scenario)
         if type(section) in OPENERS
     ]
-    obstacles = [one.model_dump_json() for one in scenario.obstacles]
+    obstacles = [obstacle.model_dump_json() for obstacle in scenario.obstacles]
     species = [repr(getattr(gas, "species", None)) for _, gas in scenario.gases]
     return (scenario.domain.model_dump_json(), *obstacles, *species, *sections)

@@ -69,9 +69,9 @@ def axis_columns(axes: Sequence[Axis], kinds: dict[str, pa.DataType]) -> list[pa
     """Return the columns of the axes, without axes that are seeds, which have their columns already."""
     seeds = {field.name for field in SEEDS}
     return [
-        column(one.name, kinds[one.name], one.unit or "1", "axis of the study")
-        for one in axes
-        if one.name not in seeds
+        column(axis.name, kinds[axis.name], axis.unit or "1", "axis of the study")
+        for axis in axes
+        if axis.name not in seeds
     ]
 
 
@@ -93,7 +93,7 @@ def trials_schema(axes: Sequence[pa.Field]) -> pa.Schema:
 
 def of_trials(axes: Sequence[pa.Field]) -> list[pa.Field]:
     """Return the columns of a trial that are no axes."""
-    names = {one.name for one in axes}
+    names = {field.name for field in axes}
     return [field for field in TRIAL if field.name not in names]
 
 
@@ -114,10 +114,10 @@ def _schema(columns: list[pa.Field], **more: str) -> pa.Schema:
     metadata = {key.decode(): value.decode() for key, value in schema.metadata.items()}
     pandas = json.loads(metadata["pandas"])
     pandas["columns"] = [
-        {"name": one.name, "field_name": one.name, "pandas_type": kind, "numpy_type": dtype, "metadata": None}
-        for one in columns
-        if one.type in NUMPY
-        for kind, dtype in [NUMPY[one.type]]
+        {"name": c.name, "field_name": c.name, "pandas_type": kind, "numpy_type": dtype, "metadata": None}
+        for c in columns
+        if c.type in NUMPY
+        for kind, dtype in [NUMPY[c.type]]
     ]
     return schema.with_metadata(metadata | {"pandas": json.dumps(pandas)} | more)
 

@@ -98,19 +98,19 @@ def _seeded() -> Iterator[None]:
 
 def found(points: "Points") -> Iterator[tuple["Quantity", str | None, Found]]:
     """Yield (quantity, group, Found) for each quantity that every point can have, and each group."""
-    samples, axes = int(points.plan.about["study"]["samples"]), tuple(one.name for one in points.plan.axes)
+    samples, axes = int(points.plan.about["study"]["samples"]), tuple(axis.name for axis in points.plan.axes)
     table = points.table
     groups = list(dict.fromkeys(table["group"].dropna())) if "group" in table else []
-    for one in points.quantities:
-        if one.what == "successes":  # undefined at points without a success
+    for quantity in points.quantities:
+        if quantity.what == "successes":  # undefined at points without a success
             continue
-        for group in groups if one.what != "runs" else [None]:
+        for group in groups if quantity.what != "runs" else [None]:
             rows = np.flatnonzero(table["group"] == group) if group is not None else np.arange(len(table))
             values = np.full((len(axes) + 2) * samples, nan)
             noise = []
-            spread = points.between_airs(one)
+            spread = points.between_airs(quantity)
             for row in rows:
-                estimate, point = points.estimates[one.name][row], int(table["point"].iloc[row])
+                estimate, point = points.estimates[quantity.name][row], int(table["point"].iloc[row])
                 if estimate is None or point >= len(values):
                     continue
                 values[point] = estimate.mean
@@ -120,31 +120,31 @@ def found(points: "Points") -> Iterator[tuple["Quantity", str | None, Found]]:
             used, indices = sobol(values, axes, samples)
             drawn = values[: 2 * samples]
             of_airs = np.array(noise)[np.isfinite(noise)]
-            yield one, group, Found(
+            yield quantity, group, Found(
                 used, samples, float(np.nanvar(drawn, ddof=1)), float(of_airs.mean()) if len(of_airs) else nan, indices
             )  # fmt: skip
 
 
-def words(one: Found) -> list[str]:
+def words(result: Found) -> list[str]:
     """Return sentences about indices: which rows are missing, how much of the variance is chance."""
     lines = []
-    if one.used < one.asked:
+    if result.used < result.asked:
         lines.append(
-            f"{one.used} of {one.asked} rows of the design are used: the others lack a run that failed or has not been "
-            "made, and the rows have to be a power of two"
+            f"{result.used} of {result.asked} rows of the design are used: the others lack a run that failed or is "
+            "missing, and the number of rows must be a power of two"
         )
-    if not one.indices:
+    if not result.indices:
         lines.append("nothing varies over the points, so there are no indices")
         return lines
-    if np.isnan(one.noise):
+    if np.isnan(result.noise):
         lines.append("how much is chance is unknown: at least two airs at each point are needed")
     else:
-        share = one.noise / one.variance if one.variance else nan
+        share = result.noise / result.variance if result.variance else nan
         more = ": more airs would help more than more points" if share > 0.5 else ""
         lines.append(
             f"of the variance over the points, {100 * min(share, 1):.0f} % is chance from air to air{more}"
         )
-    wide = max(each.total_high - each.total_low for each in one.indices.values())
+    wide = max(each.total_high - each.total_low for each in result.indices.values())
     if not wide < 0.5:
         lines.append("intervals are wide: take more samples")
     return lines

@@ -195,26 +195,26 @@ def resampled(sums: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndar
 # ---------------------------------------------------------------- words
 
 
-def words(one: Estimate | None, unit: str = "", share: bool = False, what: str = "searches") -> str:
+def words(estimate: Estimate | None, unit: str = "", share: bool = False, what: str = "searches") -> str:
     """Return the sentence of an estimate: "68 % of 40 searches, 95 % interval 51-82 % over 10 airs"."""
-    if one is None or not one.n:
+    if estimate is None or not estimate.n:
         return WITHOUT["none"]
-    what = what if one.n != 1 else what.removesuffix("es") if what == "searches" else what.removesuffix("s")
+    what = what.removesuffix("es" if what == "searches" else "s") if estimate.n == 1 else what
     mean = "" if share else ", mean"
-    return f"{number(one.mean, unit, share)}{mean} of {one.n:,} {what}, {interval(one, unit, share)}"
+    return f"{number(estimate.mean, unit, share)}{mean} of {estimate.n:,} {what}, {interval(estimate, unit, share)}"
 
 
-def interval(one: Estimate, unit: str = "", share: bool = False) -> str:
+def interval(estimate: Estimate, unit: str = "", share: bool = False) -> str:
     """Return the interval of an estimate and what it is over, or why there is none."""
-    if one.over in WITHOUT:
-        return WITHOUT[one.over].format(airs=one.airs)
-    return f"95 % interval {ends(one, unit, share)} {OVER[one.over].format(airs=one.airs)}"
+    if estimate.over in WITHOUT:
+        return WITHOUT[estimate.over].format(airs=estimate.airs)
+    return f"95 % interval {ends(estimate, unit, share)} {OVER[estimate.over].format(airs=estimate.airs)}"
 
 
-def ends(one: Estimate, unit: str = "", share: bool = False) -> str:
+def ends(estimate: Estimate, unit: str = "", share: bool = False) -> str:
     """Return the ends of an interval with as many digits as make them differ: "51-82 %"."""
     by = 100.0 if share else 1.0
-    low, high = by * one.low, by * one.high
+    low, high = by * estimate.low, by * estimate.high
     for digits in range(6):
         texts = [f"{end:.{digits}f}" if share else f"{end:.{3 + digits}g}" for end in (low, high)]
         if texts[0] != texts[1] or low == high:

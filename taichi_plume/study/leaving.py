@@ -14,10 +14,10 @@ from taichi_plume.running.signals import SignalRequests
 from taichi_plume.scenario.input_files import input_paths
 from taichi_plume.study.messages import Data, Request, Task
 from taichi_plume.study.rows import probed
-from taichi_plume.study.store import KEPT
-from taichi_plume.study.warm import Kept
+from taichi_plume.study.store import KEPT_FOLDER
+from taichi_plume.study.warm import CachedSimulation
 
-UNFINISHED = "unfinished"  # beside KEPT, so that paths relative to a run folder stay valid
+UNFINISHED = "unfinished"  # beside KEPT_FOLDER, so that paths relative to a run folder stay valid
 ALWAYS = ("scenario.yaml", "result.json")  # files that are kept of every kept run
 PLAYED = "wind and gas were played from a film of the study: nothing is told of flow, gas budget and forces"
 Ended = tuple[End, Data, Path | None]
@@ -25,14 +25,14 @@ Ended = tuple[End, Data, Path | None]
 
 
 @contextmanager
-def run_with_files(one: Kept, task: Task, request: Request, backend: str) -> Iterator[Ended]:
+def run_with_files(cached: CachedSimulation, task: Task, request: Request, backend: str) -> Iterator[Ended]:
     """Execute a run in a temporary folder, which is renamed to kept/RUN when the context is left.
 
     The folder then holds the files that the study keeps. If the run raises an error or the study keeps nothing, no
     folder is left.
     """
     keep = set(task.options.keep)
-    final = task.options.out / KEPT / request.run
+    final = task.options.out / KEPT_FOLDER / request.run
     unfinished = task.options.out / UNFINISHED
     for parent in (final.parent, unfinished):
         parent.mkdir(parents=True, exist_ok=True)
@@ -43,22 +43,22 @@ def run_with_files(one: Kept, task: Task, request: Request, backend: str) -> Ite
         folder.chmod(0o755)
         files = keep | ({"probes.parquet"} if probed(task.options.outcomes) else set())
         files |= {*run_folder.FILES} if "report.html" in keep else set()
-        scenario = one.sim.scenario
+        scenario = cached.sim.scenario
         run_folder.write_scenario(folder, scenario, task.folder.resolve(), backend, final)
-        inputs = input_paths(scenario, task.folder / "base.yaml", one.prepared.resources.files)[1:]
+        inputs = input_paths(scenario, task.folder / "base.yaml", cached.prepared.resources.files)[1:]
         about = About(folder, "cpu", backend, "recording.rrd" in files, inputs, files=files)
-        outputs = Outputs(one.sim, about, SignalRequests())
+        outputs = Outputs(cached.sim, about, SignalRequests())
         try:
             outputs.start()
-            one.sim.run()
+            cached.sim.run()
         finally:
             faults = outputs.close()
         if faults:
             raise faults[0]
-        end = whole(one.sim)
-        content = result(one.sim, end.status, end.message, backend, outputs.map_scores)
-        played = [PLAYED] if one.reel is not None else []
-        content |= {"remarks": one.prepared.resources.remarks + outputs.remarks + played}
+        end = whole(cached.sim)
+        content = result(cached.sim, end.status, end.message, backend, outputs.map_scores)
+        played = [PLAYED] if cached.player is not None else []
+        content |= {"remarks": cached.prepared.resources.remarks + outputs.remarks + played}
         write_result(folder, content)
         probes = folder / "probes.parquet"
         yield end, content, probes if probes.exists() else None

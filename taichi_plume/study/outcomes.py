@@ -77,7 +77,7 @@ SECTIONS = {
 """Files that only some runs leave, and the section of a scenario that makes them."""
 
 
-class Wanted:
+class OutcomeCheck:
     """Outcomes and files of a study that none of the scenarios so far yields."""
 
     def __init__(self, outcomes: Mapping[str, str], keep: Sequence[str]):
@@ -152,14 +152,14 @@ def _unknown(path: str, scenario: Scenario) -> Iterator[str]:
             known = known[step]
     if isinstance(known, Mapping | list):
         yield f"{path} holds several numbers; name one of them"
-    elif not PUSHING.isdisjoint(steps) and not any(one.motion for one in scenario.obstacles):
+    elif not PUSHING.isdisjoint(steps) and not any(obstacle.motion for obstacle in scenario.obstacles):
         yield f"only runs with moving obstacles have {path}; give an obstacle of the base a motion"
 
 
 def _no_probe(path: str, scenario: Scenario) -> Iterator[str]:
     """Yield the reason why there is no such probe or quantity; names of probes may hold dots."""
     name, _, quantity = path.partition(".")[2].rpartition(".")
-    names = [one.name for one in scenario.probes.points] if scenario.probes else []
+    names = [probe.name for probe in scenario.probes.points] if scenario.probes else []
     if not name:
         yield f"{path} is no path of a probe; use probes.NAME.QUANTITY"
     elif name not in names:

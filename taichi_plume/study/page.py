@@ -47,16 +47,16 @@ class Page:
         self.about = study.plan.about
         self.named, self.numeric = plots.named(self.points), plots.numeric(self.points)
         self.by = next((axis for axis in self.named if len(self._values(axis)) <= 24), None)
-        self.known = [one for one in self.points.quantities if any(self.points.estimates[one.name])]
-        self.main = [one for one in self.known if one in (SUCCESS, TIME)]
-        self.others = [one for one in self.known if one.what == "runs"]
-        self.varying = [one for one in self.others if np.ptp(self._means(one)) > 0]
+        self.known = [q for q in self.points.quantities if any(self.points.estimates[q.name])]
+        self.main = [q for q in self.known if q in (SUCCESS, TIME)]
+        self.others = [q for q in self.known if q.what == "runs"]
+        self.varying = [q for q in self.others if np.ptp(self._means(q)) > 0]
 
     def _values(self, axis: str) -> list[Value]:
         return plots.values_of(self.points, axis)
 
-    def _means(self, one: Quantity) -> np.ndarray:
-        return np.array([estimate.mean for estimate in self.points.estimates[one.name] if estimate])
+    def _means(self, quantity: Quantity) -> np.ndarray:
+        return np.array([estimate.mean for estimate in self.points.estimates[quantity.name] if estimate])
 
     def sections(self) -> list[Section]:
         """All sections in their order; a section without content is empty."""
@@ -68,26 +68,26 @@ class Page:
     def words(self) -> Section:
         """The results in sentences."""
         section = Section("The result in words", "words")
-        declared = [one for one in self.known if one.name in ("declared", "localisation_error_m")]
-        for one in [*(self.main or self.others)[:2], *declared]:
-            rows = [("all", one.words(estimate)) for estimate in self.points.estimated(one, ["all"]).values()]
+        declared = [q for q in self.known if q.name in ("declared", "localisation_error_m")]
+        for quantity in [*(self.main or self.others)[:2], *declared]:
+            rows = [("all", quantity.words(e)) for e in self.points.estimated(quantity, ["all"]).values()]
             for axis in self.named[:2]:
-                found = self.points.estimated(one, [axis])
+                found = self.points.estimated(quantity, [axis])
                 values = [value for value in self._values(axis)[:MOST_SHOWN] if value in found]
-                rows += [(f"{axis}: {value}", one.words(found[value])) for value in values]
-            section.tables.append(Table(rows, (one.title, "")))
+                rows += [(f"{axis}: {value}", quantity.words(found[value])) for value in values]
+            section.tables.append(Table(rows, (quantity.title, "")))
         section.tables += list(self._differences())
         if TIME in self.main:
             section.lines.append(captions.FAILURES)
         if self.points.trials["shares_arena"].any():
             section.lines.append(captions.SHARED)
-        if any(one and one.airs > 1 for column in self.points.estimates.values() for one in column):
+        if any(e and e.airs > 1 for column in self.points.estimates.values() for e in column):
             section.lines.append(captions.OVER_AIRS)
         return section
 
     def _differences(self) -> Iterator[Table]:
         """Yield a table that compares values of the first axis of names with its first value, in the same airs."""
-        axis = next((one for one in self.named if one in self.points.axes), None)
+        axis = next((name for name in self.named if name in self.points.axes), None)
         if axis is None or SUCCESS not in self.main:
             return
         others = [name for name in self.points.axes if name != axis and name in self.named + self.numeric]
@@ -140,12 +140,12 @@ class Page:
         if not shown:
             return section
         lines = f", by {self.by}" if self.by else ""
-        kinds = [one for one in (self.main, self.varying[:2], self.varying[2:4]) if one] or [shown]
+        kinds = [group for group in (self.main, self.varying[:2], self.varying[2:4]) if group] or [shown]
         grid = [axis for axis in self.numeric if len(self._values(axis)) <= plots.MOST_VALUES]
         for axis in self.numeric[:MOST_ALONG]:
             caption = captions.ALONG if axis in grid else captions.RUNNING
             for kind in kinds:
-                title = f"{' and '.join(one.name for one in kind)} over {axis}{lines}"
+                title = f"{' and '.join(quantity.name for quantity in kind)} over {axis}{lines}"
                 section.images.append(Image(plots.along(self.points, axis, self.by, kind), title, caption))
         for axis in self.named[:MOST_ALONG]:
             png = plots.between(self.points, axis, shown)
@@ -166,8 +166,8 @@ class Page:
 
     def _indices(self) -> Section:
         section = Section("Which axes matter", "sensitivity", lines=[captions.INDICES])
-        for one, group, found in list(indices.found(self.points))[:MOST_KINDS]:
-            title = one.title + (f", {group}" if group and "group" in self.named else "")
+        for quantity, group, found in list(indices.found(self.points))[:MOST_KINDS]:
+            title = quantity.title + (f", {group}" if group and "group" in self.named else "")
             section.lines += [f"{title}: {line}." for line in indices.words(found)]
             if not found.indices:
                 continue
@@ -188,29 +188,29 @@ class Page:
         section.lines.append(captions.ORDERS)
         rows = list(refine.orders(self.points, axis))
         others = [name for name in (*self.named, *self.numeric) if name != axis]
-        for one in self.known[:MOST_KINDS]:
-            mine = [row for row in rows if row["quantity"] == one.name]
+        for quantity in self.known[:MOST_KINDS]:
+            mine = [row for row in rows if row["quantity"] == quantity.name]
             if not mine:
                 continue
             names = [", ".join(_plain(row[name]) for name in others if name in row) for row in mine]
-            image = plots.refinement(mine, names, one.title, one.unit)
-            section.images.append(Image(image, f"{one.title} over the spacing", captions.SPACING))
+            image = plots.refinement(mine, names, quantity.title, quantity.unit)
+            section.images.append(Image(image, f"{quantity.title} over the spacing", captions.SPACING))
             lines = [
                 (name or "all", ", ".join(f"{value:.4g}" for value in row["values"]), refine.words(row))
                 for row, name in list(zip(mine, names, strict=True))[:MOST_SHOWN]
             ]
-            section.tables.append(Table(lines, (one.title, "values, finest first", "order")))
+            section.tables.append(Table(lines, (quantity.title, "values, finest first", "order")))
         return section
 
     def table(self) -> Section:
         """The table of points."""
         section = Section("The points", "points")
         table, estimates = self.points.table, self.points.estimates
-        shown = [one for one in self.known if one.name != "time_s"]
+        shown = [q for q in self.known if q.name != "time_s"]
         axes = [axis for axis in (*self.points.axes, "group") if axis in self.numeric or axis in self.named]
         order, caption = np.arange(len(table)), captions.POINTS
         if len(table) > MOST_POINTS and shown:
-            columns_of = [estimates[one.name] for one in shown[:2]]
+            columns_of = [estimates[q.name] for q in shown[:2]]
             means = np.array([[each.mean if each else np.nan for each in column] for column in columns_of])
             order = np.lexsort([*means[1:], -np.nan_to_num(means[0], nan=-np.inf)])
             order = np.concatenate([order[:BEST], order[-WORST:]])
@@ -222,10 +222,10 @@ class Page:
             runs = f"{about['runs']}"
             for name in ("failed", "missing"):
                 runs += f", {about[name]} {name}" if about[name] else ""
-            cells = [one.cell(estimates[one.name][row]) for one in shown]
+            cells = [quantity.cell(estimates[quantity.name][row]) for quantity in shown]
             rows.append((*(_plain(about[axis]) for axis in axes), *cells, runs))
         heads = [plots.label(self.points, axis) for axis in axes]
-        heads += [one.title + (f" [{one.unit}]" if one.unit not in ("", "1") else "") for one in shown]
+        heads += [q.title + (f" [{q.unit}]" if q.unit not in ("", "1") else "") for q in shown]
         section.tables.append(Table(rows, (*heads, "runs"), caption))
         return section
 

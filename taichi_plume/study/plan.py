@@ -20,13 +20,13 @@ from taichi_plume.study.checking import Checks
 from taichi_plume.study.ids import Digests, Ids
 from taichi_plume.study.messages import Axis, Data, Request
 from taichi_plume.study.model import SEEDS, Study
-from taichi_plume.study.outcomes import Wanted
+from taichi_plume.study.outcomes import OutcomeCheck
 from taichi_plume.study.resolving import resolve
 from taichi_plume.study.sharing import differs
 
 MOST_RUNS = 100_000
 MOST_FOLDERS = 1000  # of tables
-FEW = 64  # values of an axis that has a folder per value
+MOST_LEVELS = 64  # values of an axis that has a folder per value
 LONGEST_FOLDER = 100  # characters of a value in its name
 SEARCH_STEP = 1_000_003  # between seeds of searches in one air
 SEED_RANGE = 1 << 32
@@ -111,7 +111,7 @@ class _Planning:
     def _checked(self, axes: Sequence[Levels | Range]) -> tuple["list[_Checked]", list[str]]:
         """Return all valid points and the errors; points that differ in seeds alone are checked once."""
         study = self.study
-        wanted, refused, found = Wanted(study.outcomes, study.keep), _Refused(axes), []
+        requested, refused, found = OutcomeCheck(study.outcomes, study.keep), _Refused(axes), []
         seen: dict[tuple[int, ...], tuple[int, Ids] | None] = {}
         grid = [axis for axis in axes if isinstance(axis, Levels)]
         seeds = [n for n, axis in enumerate(grid) if set(study.axes[axis.name].paths) <= set(SEEDS)]
@@ -123,8 +123,8 @@ class _Planning:
                 try:
                     scenario = self.checks.checked(scenario_of(self.base, point.changes))
                     seen[key] = len(seen) - 1, self._ids(scenario)
-                    if wanted.outcomes or wanted.keep:
-                        wanted.look(scenario)
+                    if requested.outcomes or requested.keep:
+                        requested.look(scenario)
                 except ScenarioError as error:
                     refused.add(point, error.faults)
                 except OSError as error:
@@ -132,7 +132,7 @@ class _Planning:
             checked = seen[key]
             if checked is not None:
                 found.append(_Checked(point, *checked))
-        return found, [*refused.lines(), *(wanted.lines if scenario is not None else [])]
+        return found, [*refused.lines(), *(requested.lines if scenario is not None else [])]
 
     def _ids(self, scenario: Scenario) -> Ids:
         study, ids = self.study, self.digests.ids(scenario, self.checks.files(scenario))
@@ -230,7 +230,7 @@ def _columns(axes: Sequence[Levels | Range]) -> Iterator[Axis]:
         levels = axis.levels if isinstance(axis, Levels) and axis.name not in SEEDS else ()
         names = {quote(str(level.value)).casefold() for level in levels}  # some file systems ignore case
         short = len(names) == len(levels) and all(len(name) <= LONGEST_FOLDER for name in names)
-        partition = short and 1 < len(levels) <= FEW and folders * len(levels) <= MOST_FOLDERS
+        partition = short and 1 < len(levels) <= MOST_LEVELS and folders * len(levels) <= MOST_FOLDERS
         folders *= len(levels) if partition else 1
         yield Axis(axis.name, axis.unit, partition)
 

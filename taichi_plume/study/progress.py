@@ -123,8 +123,8 @@ class Totals:
             self.simulation_s += result.seconds
             return
         self.runs += len(result)
-        self.busy_s += sum(one.cost.total_s for one in result)
-        self.simulation_s += sum(one.cost.simulation_s for one in result)
+        self.busy_s += sum(record.cost.total_s for record in result)
+        self.simulation_s += sum(record.cost.simulation_s for record in result)
 
     def line(self) -> str:
         """Runs, wall time, workers and how busy they were, in one line."""

@@ -37,7 +37,7 @@ class Order(NamedTuple):
     behaviour: str
 
 
-SAID = {
+SENTENCES = {
     "converges": "it converges",
     "oscillates": "it goes to and fro, less and less: oscillatory convergence, of which the order says little",
     "diverges": "it does not converge: the last change is too large beside the one before",
@@ -98,21 +98,21 @@ def orders(points: "Points", axis: str) -> Iterator[Row]:
         key = values if isinstance(values, tuple) else (values,)
         rows = rows[np.argsort(table[axis].to_numpy(float)[rows])]
         spacings = table[axis].to_numpy(float)[rows]
-        for one in points.quantities:
-            estimates = [points.estimates[one.name][row] for row in rows]
+        for quantity in points.quantities:
+            estimates = [points.estimates[quantity.name][row] for row in rows]
             means = [each.mean if each else nan for each in estimates]
             if not np.isfinite(means).any():
                 continue
             found = order(spacings, means)
             yield {
-                **dict(zip(others, key, strict=True)), "quantity": one.name, "unit": one.unit,
+                **dict(zip(others, key, strict=True)), "quantity": quantity.name, "unit": quantity.unit,
                 "spacings": spacings.tolist(), "values": means, **found._asdict(), "chance": _chance(estimates),
             }  # fmt: skip
 
 
 def _chance(estimates: "Sequence[Estimate | None]") -> bool | None:
-    known = [one for one in estimates if one]
-    if len(known) < 2 or not all(np.isfinite(one.low) for one in known[:2]):
+    known = [estimate for estimate in estimates if estimate]
+    if len(known) < 2 or not all(np.isfinite(estimate.low) for estimate in known[:2]):
         return None
     (a, b) = known[:2]
     return bool(a.low <= b.mean <= a.high or b.low <= a.mean <= b.high)
@@ -121,12 +121,12 @@ def _chance(estimates: "Sequence[Estimate | None]") -> bool | None:
 def words(row: Row) -> str:
     """Return the sentence of a row of `orders`."""
     if row["behaviour"] not in ("converges", "oscillates"):
-        return SAID[row["behaviour"]]
+        return SENTENCES[row["behaviour"]]
     unit = "" if row["unit"] == "1" else f" {row['unit']}"
-    said = f"{SAID[row['behaviour']]}: " if row["behaviour"] == "oscillates" else ""
+    prefix = f"{SENTENCES[row['behaviour']]}: " if row["behaviour"] == "oscillates" else ""
     about = "at least " if row["order"] >= HIGHEST else ""
     text = (
-        f"{said}order {about}{row['order']:.2f}, towards {row['extrapolated']:.4g}{unit}; "
+        f"{prefix}order {about}{row['order']:.2f}, towards {row['extrapolated']:.4g}{unit}; "
         f"at the finest spacing it may be off by {row['index']:.2g}{unit} (grid convergence index)"
     )
     if row["chance"]:

@@ -139,15 +139,15 @@ class Results:
         from taichi_plume.study import intervals
 
         points = self.by_points
-        known = {one.name: one for one in points.quantities if one.what != "runs"}
+        known = {measure.name: measure for measure in points.quantities if measure.what != "runs"}
         for name, there in ((axis, points.axes), (quantity, list(known))):
             if name not in there:
                 raise ValueError(f"{name!r}: there are {', '.join(there)}")
-        one = known[quantity]
+        measure = known[quantity]
         made = []
-        for row in points.differences(axis, one):
+        for row in points.differences(axis, measure):
             apart = row.pop("apart")
-            text = intervals.words(apart, one.unit, one.share, "searches in both")
+            text = intervals.words(apart, measure.unit, measure.share, "searches in both")
             ends = {"apart": apart.mean, "low": apart.low, "high": apart.high}
             made.append(row | ends | {"airs": apart.airs, "words": text})
         return pandas.DataFrame(made)
@@ -160,8 +160,8 @@ class Results:
 
         self._require("sensitivity")
         made = []
-        for one, group, found in indices.found(self.by_points):
-            about = {"quantity": one.name, "group": group, "used": found.used, "asked": found.asked}
+        for quantity, group, found in indices.found(self.by_points):
+            about = {"quantity": quantity.name, "group": group, "used": found.used, "asked": found.asked}
             about |= {"variance": found.variance, "noise": found.noise}
             about["words"] = "; ".join(indices.words(found))
             made += [{"axis": axis, **index._asdict(), **about} for axis, index in found.indices.items()]

@@ -73,19 +73,19 @@ def _number(value: object) -> object:
     return value if not isinstance(value, float) or isfinite(value) else None
 
 
-def probed(wanted: Mapping[str, str]) -> bool:
+def probed(outcomes: Mapping[str, str]) -> bool:
     """Whether an outcome is a mean of a probe."""
-    return any(path.startswith(PROBES) for path in wanted.values())
+    return any(path.startswith(PROBES) for path in outcomes.values())
 
 
 def outcomes_of(
-    wanted: Mapping[str, str], content: Mapping[str, Any], probes: Path | None
+    outcomes: Mapping[str, str], content: Mapping[str, Any], probes: Path | None
 ) -> dict[str, float | None]:
     """Return the numbers at the `wanted` paths of a run's result or table of probes; None if there is none."""
     table = pq.read_table(probes) if probes is not None and probes.exists() else None
     return {
         name: probe_mean(table, path) if path.startswith(PROBES) else found(content, path)
-        for name, path in wanted.items()
+        for name, path in outcomes.items()
     }
 
 

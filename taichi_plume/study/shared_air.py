@@ -117,11 +117,11 @@ def opened(path: Path) -> AirFilm:
 
 def reel_of(scenario: Scenario, film: AirFilm) -> Reel:
     """Return the player of a film for a simulation of a scenario. Raises ValueError if the film does not fit."""
-    reel = Reel(*filmed(scenario))
-    put(reel, film, scenario)
-    return reel
+    player = Reel(*filmed(scenario))
+    put(player, film, scenario)
+    return player
 
 
-def put(reel: Reel, film: AirFilm, scenario: Scenario) -> None:
+def put(player: Reel, film: AirFilm, scenario: Scenario) -> None:
     """Play a film from the next start of a run on. Raises ValueError if the film does not fit."""
-    reel.put(film, scenario.domain.shape, scenario.tick, scenario.last_tick)
+    player.put(film, scenario.domain.shape, scenario.tick, scenario.last_tick)

@@ -54,7 +54,7 @@ def shared_airs(plan: "Plan", requests: Sequence[Request]) -> set[str]:
     return {
         air
         for air, pairs in airs.items()
-        if all(wanted for wanted, _ in pairs) and (counts[air] > 1 or not all(exact for _, exact in pairs))
+        if all(shared for shared, _ in pairs) and (counts[air] > 1 or not all(exact for _, exact in pairs))
     }
 
 

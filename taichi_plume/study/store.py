@@ -26,15 +26,15 @@ if TYPE_CHECKING:
     from taichi_plume.study.plan import Plan
 
 KIND = "study"  # study.json marks a study's folder
-PARTS, AIRS, KEPT, FAILED = "parts", "airs", "kept", "failed"
+PARTS, AIRS, KEPT_FOLDER, FAILED = "parts", "airs", "kept", "failed"
 PLAN = "plan.parquet"
 FORMAT = "taichi_plume study 1"
 LARGEST_TEXT = 1 << 24  # bytes of a file that is copied
 DONE = ("completed", "stopped")
 
 _PART = re.compile(r"\d{6,}\.parquet")
-_SCORES = pa.struct([(one.name, one.type) for one in columns.TRIAL])
-_COST = pa.struct([(one.name, one.type) for one in columns.COST if one.name != "run"])
+_SCORES = pa.struct([(field.name, field.type) for field in columns.TRIAL])
+_COST = pa.struct([(field.name, field.type) for field in columns.COST if field.name != "run"])
 _SCHEMA = pa.schema(
     [
         ("run", pa.string()),
@@ -138,9 +138,9 @@ class Store:
         if link is not None:
             raise StoreError(f"{self.folder / link}: is a link, which a study does not write to; remove it")
 
-    def _drop_others(self, wanted: set[str], force: bool) -> None:
+    def _drop_others(self, planned: set[str], force: bool) -> None:
         """Raise StoreError if the folder holds runs that are not wanted; remove them if `force`."""
-        others = sorted(self.statuses().keys() - wanted)
+        others = sorted(self.statuses().keys() - planned)
         if not others:
             return
         if not force:
@@ -151,16 +151,16 @@ class Store:
             )
         for part in self._files():
             table = _read(part)
-            kept = table.filter(pa.array([run in wanted for run in table["run"].to_pylist()], pa.bool_()))
-            if len(kept) == len(table):
+            rest = table.filter(pa.array([run in planned for run in table["run"].to_pylist()], pa.bool_()))
+            if len(rest) == len(table):
                 continue
-            if len(kept):
+            if len(rest):
                 with disk.written_whole(part) as fresh:
-                    pq.write_table(kept, fresh, compression="zstd", write_page_checksum=True)
+                    pq.write_table(rest, fresh, compression="zstd", write_page_checksum=True)
             else:
                 part.unlink()
         for run in others:
-            for folder in (KEPT, FAILED):
+            for folder in (KEPT_FOLDER, FAILED):
                 shutil.rmtree(self.folder / folder / run, ignore_errors=True)
 
     def _tidy(self) -> None:

@@ -11,7 +11,7 @@ from taichi_plume.guard.terminal import LONGEST_VALUE, say, show, visible
 from taichi_plume.running.signals import SignalRequests, handling_signals, reader_may_leave
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.study.outcomes import not_left
-from taichi_plume.study.store import DONE, FAILED, KEPT, Store, StoreError
+from taichi_plume.study.store import DONE, FAILED, KEPT_FOLDER, Store, StoreError
 
 if TYPE_CHECKING:
     from taichi_plume.study.messages import Request
@@ -220,8 +220,8 @@ def _incomplete(plan: "Plan", store: Store) -> set[str]:
         if record.status in DONE:
             if not paths <= record.outcomes.keys():
                 incomplete.add(record.run)
-            kept = store.folder / KEPT / record.run
-            lacking[record.run] = [name for name in keep if not (kept / name).exists()]
+            folder = store.folder / KEPT_FOLDER / record.run
+            lacking[record.run] = [name for name in keep if not (folder / name).exists()]
     left: dict[tuple[int, str], bool] = {}  # by point and file: whether runs of the point leave the file
     for request in plan.requests:
         for name in lacking.get(request.run, ()):

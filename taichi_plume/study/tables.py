@@ -140,7 +140,7 @@ def _trials(plan: Planned, came: list[Record], place: dict[str, int]) -> pa.Tabl
 
 
 def _costs(came: list[Record], schema: pa.Schema) -> pa.Table:
-    return pa.Table.from_pylist([{"run": one.run, **one.cost._asdict()} for one in came], schema)
+    return pa.Table.from_pylist([{"run": record.run, **record.cost._asdict()} for record in came], schema)
 
 
 def _number(value: object) -> float | int | None:
@@ -215,8 +215,8 @@ def _folder_axes(plan: Planned) -> tuple[str, ...]:
     fields = {field.name for field in plan.fields}
     for axis in plan.axes:
         more = (*chosen, axis.name)
-        few = axis.partition and axis.name in fields
-        if few and len(plan.table.group_by(more).aggregate([])) <= MOST_FOLDERS:
+        splits = axis.partition and axis.name in fields
+        if splits and len(plan.table.group_by(more).aggregate([])) <= MOST_FOLDERS:
             chosen = more
     return chosen
 

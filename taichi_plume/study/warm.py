@@ -27,12 +27,12 @@ MOST = 8  # simulations in the cache
 SHARE = 0.8  # of the machine's memory per core: Taichi is restarted when this process has grown by more
 
 
-class Kept(NamedTuple):
+class CachedSimulation(NamedTuple):
     """A cached simulation, the checked scenario that it was built from, and the film that it plays, if any."""
 
     prepared: Prepared
     sim: Simulation
-    reel: Reel | None
+    player: Reel | None
 
 
 class Warm:
@@ -46,7 +46,7 @@ class Warm:
         self.most = most
         self.begun = 0
         self.backend = ""
-        self._kept: OrderedDict[Hashable, Kept] = OrderedDict()
+        self._cached: OrderedDict[Hashable, CachedSimulation] = OrderedDict()
         self._program: object = None
         self._largest = USUAL
         self._memory = 0
@@ -57,15 +57,15 @@ class Warm:
         """Kernels compiled by this process so far."""
         return self._compiled + (kernels.compiled() if self._alive() else 0)
 
-    def find(self, key: Hashable) -> Kept | None:
+    def find(self, key: Hashable) -> CachedSimulation | None:
         """Return the cached simulation of a key, which must be reset, or None."""
         if not self._alive():
-            self._kept.clear()
-        if key in self._kept:
-            self._kept.move_to_end(key)
-        return self._kept.get(key)
+            self._cached.clear()
+        if key in self._cached:
+            self._cached.move_to_end(key)
+        return self._cached.get(key)
 
-    def reset(self, key: Hashable, scenario: Scenario) -> Kept | None:
+    def reset(self, key: Hashable, scenario: Scenario) -> CachedSimulation | None:
         """Return the cached simulation of a key at the start of a scenario; None if there is none that fits."""
         known = self.find(key)
         try:
@@ -76,35 +76,35 @@ class Warm:
             return None
         return known
 
-    def add(self, key: Hashable, prepared: Prepared, reel: Reel | None = None) -> Kept:
+    def add(self, key: Hashable, prepared: Prepared, player: Reel | None = None) -> CachedSimulation:
         """Assemble a simulation of a checked scenario whose code has been executed. Raises ScenarioError."""
         self._make_room()
         before = _trees()
         try:
-            sim = build(prepared, reel=reel)
+            sim = build(prepared, reel=player)
         finally:
             self._largest = max(self._largest, _trees() - before)
-        self._kept[key] = Kept(prepared, sim, reel)
-        return self._kept[key]
+        self._cached[key] = CachedSimulation(prepared, sim, player)
+        return self._cached[key]
 
     def drop(self, key: Hashable) -> None:
         """Remove a simulation in which an error occurred."""
-        self._kept.pop(key, None)
+        self._cached.pop(key, None)
 
     def _alive(self) -> bool:
         return self._program is not None and impl.get_runtime().prog is self._program
 
     def _make_room(self) -> None:
         """Start Taichi, or restart it when its SNode trees or memory are nearly used up."""
-        while len(self._kept) >= self.most:
-            self._kept.popitem(last=False)
+        while len(self._cached) >= self.most:
+            self._cached.popitem(last=False)
         if self._alive():
             grown = psutil.Process().memory_info().rss - self._memory
             allowed = SHARE * psutil.virtual_memory().total / (os.cpu_count() or 1)
             if _trees() + 1.5 * self._largest < PLACES and grown < allowed:
                 return
             self._compiled += kernels.compiled()
-        self._kept.clear()
+        self._cached.clear()
         gc.collect()
         ti.reset()
         self.backend = kernels.start("cpu", threads=1)

@@ -200,7 +200,7 @@ class DaskWorkers:
         self.death: type[BaseException] = KilledWorker
         self.remarks: list[str] = []
         content = (out / "study.yaml").read_bytes()
-        self._unfit = partial(unfit, __version__, out.resolve(), content, plan.folder.resolve())
+        self._why_unusable = partial(unfit, __version__, out.resolve(), content, plan.folder.resolve())
         self._executors: dict[str, Executor] = {}
         self._looked = float("-inf")
         self._lonely = False
@@ -236,7 +236,7 @@ class DaskWorkers:
 
     def _require_fit(self, addresses: set[str]) -> None:
         """Raise WorkersError if a worker has another version or does not see the study's files."""
-        answers = self.client.run(self._unfit, workers=list(addresses), on_error="return")
+        answers = self.client.run(self._why_unusable, workers=list(addresses), on_error="return")
         for address, answer in sorted(answers.items()):
             if not answer or isinstance(answer, OSError):  # OSError: the worker is gone
                 continue
