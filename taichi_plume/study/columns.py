@@ -1,6 +1,6 @@
-"""Columns of a study's tables: names, types, units and meanings, which depend only on the plan.
+"""Columns of a study's tables (Arrow schemas): names, types, units and meanings. They depend only on the plan.
 
-Types keep nulls in pandas too: booleans become `boolean`, integers `Int64`.
+pandas reads booleans as `boolean` and integers as `Int64`, so that nulls stay nulls.
 """
 
 import json
@@ -42,15 +42,15 @@ TABLE_NAMES = {field.name for field in (*WHICH, AIR, BY_CHANCE, NUMBER, *CAME, *
 }
 """Names of columns that every study's tables have, besides the seeds."""
 SUFFIX = re.compile(r"_(s|m|ppm|kg|m_s|kg_s)$")
-"""Endings of the names of numbers in result.json, after their unit."""
+"""Suffix of a name in result.json that states the unit."""
 NUMPY = {pa.bool_(): ("bool", "boolean"), pa.int64(): ("int64", "Int64")}
-"""Names in pandas of the types that can hold nulls."""
+"""pandas name and NumPy dtype of the column types that can hold nulls."""
 
 
 def taken(outcomes: Iterable[str] = ()) -> set[str]:
-    """Return names that no axis of a study with these outcomes may have.
+    """Return the names that an axis of a study with these outcomes must not have.
 
-    An axis called `seed` or `air_seed` is that column; an axis called `algorithm` replaces the robots' column.
+    An axis called `seed` or `air_seed` becomes that column; an axis called `algorithm` replaces the robots' column.
     """
     return TABLE_NAMES - {"algorithm"} | set(outcomes)
 
@@ -66,7 +66,7 @@ def kind_of(values: Iterable[object]) -> pa.DataType:
 
 
 def axis_columns(axes: Sequence[Axis], kinds: dict[str, pa.DataType]) -> list[pa.Field]:
-    """Return the columns of the axes, without axes that are seeds, which have their columns already."""
+    """Return the columns of the axes. Axes called `seed` or `air_seed` are left out: those columns exist already."""
     seeds = {field.name for field in SEEDS}
     return [
         column(axis.name, kinds[axis.name], axis.unit or "1", "axis of the study")
@@ -92,7 +92,7 @@ def trials_schema(axes: Sequence[pa.Field]) -> pa.Schema:
 
 
 def of_trials(axes: Sequence[pa.Field]) -> list[pa.Field]:
-    """Return the columns of a trial that are no axes."""
+    """Return the columns of a trial whose names no axis has."""
     names = {field.name for field in axes}
     return [field for field in TRIAL if field.name not in names]
 

@@ -1,4 +1,4 @@
-"""Files of a run that a study keeps (`keep` of study.yaml)."""
+"""Run folders that a study keeps (`keep` of study.yaml)."""
 
 import shutil
 import tempfile
@@ -18,25 +18,25 @@ from taichi_plume.study.store import KEPT_FOLDER
 from taichi_plume.study.warm import CachedSimulation
 
 UNFINISHED = "unfinished"  # beside KEPT_FOLDER, so that paths relative to a run folder stay valid
-ALWAYS = ("scenario.yaml", "result.json")  # files that are kept of every kept run
-PLAYED = "wind and gas were played from a film of the study: nothing is told of flow, gas budget and forces"
+ALWAYS = ("scenario.yaml", "result.json")  # files that every kept run folder holds
+PLAYED = "wind and gas come from a film of the study: flow, gas budget and forces are unknown"
 Ended = tuple[End, Data, Path | None]
 """End of a run, its result, and the path of its table of probes."""
 
 
 @contextmanager
 def run_with_files(cached: CachedSimulation, task: Task, request: Request, backend: str) -> Iterator[Ended]:
-    """Execute a run in a temporary folder, which is renamed to kept/RUN when the context is left.
+    """Execute a run in a temporary folder; on leaving the context, rename the folder to kept/RUN.
 
-    The folder then holds the files that the study keeps. If the run raises an error or the study keeps nothing, no
-    folder is left.
+    The final folder holds only the files that the study keeps. The folder is removed if the run raises an error or the
+    study keeps no files.
     """
     keep = set(task.options.keep)
     final = task.options.out / KEPT_FOLDER / request.run
     unfinished = task.options.out / UNFINISHED
     for parent in (final.parent, unfinished):
         parent.mkdir(parents=True, exist_ok=True)
-    for left in unfinished.glob(f"{request.run}.*"):  # of a worker that was killed
+    for left in unfinished.glob(f"{request.run}.*"):  # from a worker that was killed
         shutil.rmtree(left, ignore_errors=True)
     folder = Path(tempfile.mkdtemp(prefix=f"{request.run}.", dir=unfinished))
     try:

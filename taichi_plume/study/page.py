@@ -1,4 +1,4 @@
-"""`report.html` of a study: what was varied and the results, on one self-contained page; words first."""
+"""Report page of a study (`report.html`): axes, results and figures on one self-contained page."""
 
 import shlex
 from collections.abc import Iterator
@@ -15,9 +15,9 @@ from taichi_plume.study.points import SUCCESS, TIME, Points, Quantity
 from taichi_plume.study.results import Results, cost_words, open_study
 
 NAME = "report.html"
-MOST_POINTS, BEST, WORST = 40, 20, 10  # rows of the table: all, or of each end
+MOST_POINTS, BEST, WORST = 40, 20, 10  # rows of the table; of longer tables only the best and worst are shown
 MOST_ALONG = 8  # axes that are plotted
-MOST_FAULTS = 12  # messages
+MOST_FAULTS = 12  # messages of failed runs
 MOST_SHOWN = 12  # values of an axis
 MOST_KINDS = 6  # quantities or combinations whose indices or orders are shown
 
@@ -66,7 +66,7 @@ class Page:
         ]  # fmt: skip
 
     def words(self) -> Section:
-        """The results in sentences."""
+        """Return the results in sentences."""
         section = Section("The result in words", "words")
         declared = [q for q in self.known if q.name in ("declared", "localisation_error_m")]
         for quantity in [*(self.main or self.others)[:2], *declared]:
@@ -86,7 +86,7 @@ class Page:
         return section
 
     def _differences(self) -> Iterator[Table]:
-        """Yield a table that compares values of the first axis of names with its first value, in the same airs."""
+        """Yield a table that compares the first value of the first axis of names with the others, in the same airs."""
         axis = next((name for name in self.named if name in self.points.axes), None)
         if axis is None or SUCCESS not in self.main:
             return
@@ -105,7 +105,7 @@ class Page:
             yield Table(rows[:MOST_SHOWN], heads, captions.APART + more)
 
     def varied(self) -> Section:
-        """The axes and their values."""
+        """Return the axes and their values."""
         section = Section("What was varied", "varied")
         plan, axes = self.study.plan, self.about["study"].get("axes") or {}
         rows = []
@@ -134,7 +134,7 @@ class Page:
         return section
 
     def along(self) -> Section:
-        """Plots along each axis and over pairs of axes."""
+        """Return plots along each axis and over pairs of axes."""
         section = Section("Along the axes", "along")
         shown = self.main or self.others[:2]
         if not shown:
@@ -160,7 +160,7 @@ class Page:
         return section
 
     def kind(self) -> Section:
-        """Sobol indices of a sensitivity study, or orders of a refinement study."""
+        """Return Sobol indices of a sensitivity study, or orders of convergence of a refinement study."""
         kinds = {"sensitivity": self._indices, "refinement": self._orders}
         return kinds.get(self.about["kind"], lambda: Section("", ""))()
 
@@ -203,7 +203,7 @@ class Page:
         return section
 
     def table(self) -> Section:
-        """The table of points."""
+        """Return the table of points."""
         section = Section("The points", "points")
         table, estimates = self.points.table, self.points.estimates
         shown = [q for q in self.known if q.name != "time_s"]
@@ -230,8 +230,8 @@ class Page:
         return section
 
     def failures(self) -> Section:
-        """Failed runs, commands to repeat them, and the number of missing runs."""
-        section = Section("What failed, and what is missing", "failures")
+        """Return failed runs, commands that repeat them, and the number of missing runs."""
+        section = Section("Failed and missing runs", "failures")
         runs = self.points.runs
         rows = []
         failed = runs[runs["status"] == "failed"].groupby("message")
@@ -250,12 +250,12 @@ class Page:
         return section
 
     def costs(self) -> Section:
-        """Time and workers that the runs took."""
+        """Return time and workers of the runs."""
         rows = cost_words(self.study.tables.costs)
-        return Section("What it took", "costs", tables=[Table(rows, (), captions.COSTS)] if rows else [])
+        return Section("Cost", "costs", tables=[Table(rows, (), captions.COSTS)] if rows else [])
 
     def reading(self) -> Section:
-        """Commands that read the tables."""
+        """Return commands that read the tables."""
         folder, trials = self.folder, f"{self.folder}/trials"
         lines = [
             f'from taichi_plume import study; results = study.open("{folder}"); results.points(); results.trials()',
@@ -266,20 +266,20 @@ class Page:
         return Section("How to read the tables", "read", lines=lines, code=True)
 
     def again(self) -> Section:
-        """Commands that resume the study and rewrite the page."""
+        """Return commands that resume the study and rewrite the page."""
         out = str(self.folder.resolve())
         lines = [
             shlex.join(["python", "-m", "taichi_plume.study", str(self.about["file"]), "--out", out]),
             shlex.join(["python", "-m", "taichi_plume.study", "report", out]),
         ]
-        return Section("How to go on", "again", lines=lines, tables=[Table(captions.AGAIN)], code=True)
+        return Section("How to resume", "again", lines=lines, tables=[Table(captions.AGAIN)], code=True)
 
 
 # ---------------------------------------------------------------- cells of tables
 
 
 def _apart_words(apart: intervals.Estimate) -> tuple[str, str]:
-    """Return a difference of shares, and its interval."""
+    """Return a difference of shares in percentage points, and the interval."""
     points = f"{100 * apart.mean:+.0f}"
     if apart.over in intervals.WITHOUT:
         return points, intervals.WITHOUT[apart.over].format(airs=apart.airs)
@@ -292,13 +292,13 @@ def _ends(low: float, high: float) -> str:
 
 
 def _plain(value: object) -> str:
-    """Return a value of an axis, numbers with 4 digits."""
+    """Return a value of an axis as text, numbers with 4 digits."""
     number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
     return f"{value:.4g}" if number else str(value)
 
 
 def _keys(axis: object) -> str:
-    """Return the keys of the scenario that an axis of the file changes."""
+    """Return the keys of the scenario that an axis of study.yaml changes."""
     if not isinstance(axis, dict):
         return "-"
     if axis.get("key"):

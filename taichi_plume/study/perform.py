@@ -22,7 +22,7 @@ from taichi_plume.study.warm import WARM, CachedSimulation
 
 
 def perform(task: Task) -> list[Record]:
-    """Execute the runs of a task, as many as its limit allows. A failed run yields a record; the others continue."""
+    """Execute runs of a task until its time limit. A failed run yields a record; the remaining runs continue."""
     began, records = time.perf_counter(), []
     for request in task.requests:
         records.append(_Run(task, request).record())
@@ -32,7 +32,7 @@ def perform(task: Task) -> list[Record]:
 
 
 class _Run:
-    """Execution of a run."""
+    """Execution of a run in a worker."""
 
     def __init__(self, task: Task, request: Request):
         self.task, self.request = task, request
@@ -43,7 +43,7 @@ class _Run:
         self.simulated = 0.0
 
     def record(self) -> Record:
-        """Execute the run; return its record, also if the run fails."""
+        """Execute the run and return a record, even if the run fails."""
         trials: list[Row] = []
         outcomes: dict[str, float | None] = dict.fromkeys(self.task.options.outcomes)
         try:
@@ -52,12 +52,12 @@ class _Run:
             end, outcomes = self._simulate(cached)
             trials = trial_rows(cached.sim, self.request)
             forget_failed(self.task, self.request)
-        except (Exception, SystemExit) as error:  # users' code may raise what it likes
+        except (Exception, SystemExit) as error:  # users' code may raise anything
             end = self._failed(error)
         return Record(self.request.run, end.status, end.message, trials, outcomes, self._cost())
 
     def _ready(self, scenario: Scenario) -> CachedSimulation:
-        """Return a simulation at the start of the run: a cached one after a reset, or a new one."""
+        """Return a simulation at the start of the run: a cached simulation after a reset, or a new one."""
         task = self.task
         film = None if task.film is None else shared_air.opened(task.film)
         known = WARM.find(self.key)
@@ -88,7 +88,7 @@ class _Run:
         return end, outcomes_of(outcomes, content, None)
 
     def _failed(self, error: BaseException) -> End:
-        """Write the files that repeat a failed run and drop its simulation; return the end of the run."""
+        """Write the files to repeat a failed run, drop its simulation from the cache, and return the run's end."""
         if isinstance(error, ScenarioError):
             message = "; ".join(error.faults)
         else:
@@ -105,7 +105,7 @@ class _Run:
 
 
 def _worker() -> str:
-    """Address of this worker on a Dask cluster, else the id of this process."""
+    """Return the address of this worker on a Dask cluster, else the id of this process."""
     distributed = sys.modules.get("distributed")
     if distributed:
         with suppress(ValueError):  # not in a worker

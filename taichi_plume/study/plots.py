@@ -1,4 +1,4 @@
-"""Figures of a study's page: quantities along each axis and over pairs of axes; Sobol indices and refinement."""
+"""Figures of a study's page: quantities along axes and over pairs of axes, Sobol indices, grid refinement."""
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 WIDE, TALL = 7.2, 2.5  # inches
 DPI = 100
-MOST_LINES = 6  # in a pair of axes
+MOST_LINES = 6  # lines in a panel
 MOST_PANELS = 4
-MOST_VALUES = 15  # of an axis that are plotted one by one; of more, points and their running mean
+MOST_VALUES = 15  # values of an axis plotted with intervals; axes with more show dots and a running mean
 MOST_DOTS = 3000
-WINDOW = 0.15  # of the range of an axis: window of a running mean
+WINDOW = 0.15  # window of the running mean as a fraction of the axis
 
 Estimates = Mapping[Hashable, Estimate]
 Names = Sequence[Value | None]
@@ -72,7 +72,7 @@ def _scaled(quantity: Quantity, estimate: Estimate) -> list[float]:
 
 
 def interval_bar(axes: "Axes", place: int, quantity: Quantity, estimate: Estimate) -> None:
-    """Draw an estimate as a dot with a horizontal bar for the interval, in the line `place`."""
+    """Draw an estimate at y = `place` as a dot with a horizontal error bar for the interval."""
     mean, low, high = _scaled(quantity, estimate)
     axes.errorbar(
         [mean], [place], xerr=np.nan_to_num(np.abs([[mean - low], [high - mean]])), color=look.robot(place),
@@ -171,7 +171,7 @@ def _running(
     quantity: Quantity,
     _: Estimates,
 ) -> None:
-    """Draw the mean of each point as a dot, and their running mean."""
+    """Draw the mean of each point as a dot, and a running mean (Gaussian window)."""
     log = logarithmic(points, axis)
     x = points.table[axis].to_numpy(float)
     x = np.log(x) if log else x
@@ -214,7 +214,7 @@ def between(points: Points, axis: str, quantities: Sequence[Quantity]) -> bytes:
 
 
 def heat(points: Points, pair: tuple[str, str], by: str | None, q: Quantity) -> bytes:
-    """Draw a quantity over two axes of few numbers each, a panel per value of `by`."""
+    """Draw a heat map of a quantity over two axes of numbers, a panel per value of `by`."""
     parts = (values_of(points, by) if by else [None])[:MOST_LINES]
     across, up = (values_of(points, axis) for axis in pair)
     found = points.estimated(q, [*pair, *([by] if by else [])])

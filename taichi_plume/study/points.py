@@ -1,4 +1,4 @@
-"""Points of a study: means with intervals over airs for each combination of the axes' values and each group."""
+"""Estimates at the points of a study: means with intervals over airs, for each point and each group of robots."""
 
 from collections.abc import Hashable, Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -19,7 +19,7 @@ NO_BREAK = "\u2011"  # a hyphen at which no line ends
 
 
 class Quantity(NamedTuple):
-    """A quantity of searches or runs. share: whether it is shown in per cent; what: noun of what is counted."""
+    """A quantity of searches or runs. share: whether it is a fraction, shown in per cent; what: noun of what counts."""
 
     name: str
     title: str
@@ -52,7 +52,7 @@ QUANTITIES = (
     Quantity("overhead", "way / straight", "1", what="successes"),
     Quantity("acquisitions", "stops", "1"),
 )
-"""Quantities of searches. Those after the success and the time count successful searches only."""
+"""Quantities of searches. Those with what="successes" count successful searches only."""
 DECLARATIONS = (
     Quantity("declared", "declared rightly", "1", share=True),
     Quantity("reached", "reached, not declared", "1", share=True),
@@ -70,9 +70,9 @@ def outcomes(plan: Planned, tables: Tables) -> tuple[Quantity, ...]:
 
 
 def estimated(of: "pd.DataFrame", q: Quantity, keys: Sequence[str]) -> dict[Hashable, intervals.Estimate]:
-    """Estimate a quantity for each value of some columns of a table of trials or runs.
+    """Estimate a quantity for each combination of values of the columns `keys` of a table of trials or runs.
 
-    The table has the columns air_seed and air_by_chance. Airs of one seed at other points share eddies and gusts.
+    The table has the columns air_seed and air_by_chance. Airs with equal seeds share eddies and gusts at all points.
     """
     known = [key for key in keys if key in of.columns]
     if not len(of):
@@ -90,8 +90,8 @@ def _numbers(of: "pd.DataFrame", q: Quantity) -> np.ndarray:
 class Points:
     """Points of a study, with an estimate of each quantity.
 
-    table: a row per point and group, sorted: point, the axes, group, algorithm, number of runs, failed and missing
-    ones; estimates: by the quantity's name, for each row; None if there is nothing to count.
+    table: a row per point and group, sorted: point, the axes, group, algorithm, number of runs, of failed and missing
+    runs; estimates: by name of the quantity, for each row; None without data.
     """
 
     def __init__(self, plan: Planned, tables: Tables):
@@ -110,7 +110,7 @@ class Points:
         self.estimates = {quantity.name: self._of_rows(quantity) for quantity in self.quantities}
 
     def _declared(self) -> bool:
-        """Whether any robot has declared; then add the outcomes as columns to the trials."""
+        """Return whether any robot has declared a source; if so, add the outcomes as columns to the trials."""
         trials = self.trials
         searched = trials["searched"].astype(bool)
         if not (trials["declarations"][searched] > 0).any():
@@ -134,11 +134,11 @@ class Points:
         return table[["point", *self.axes, *who, "runs", "failed", "missing"]]
 
     def _rows(self, quantity: Quantity) -> tuple["pd.DataFrame", list[str]]:
-        """Return the table that a quantity is a column of, and the columns that identify a row of points."""
+        """Return the table that has a quantity as a column, and the columns that identify a row of `table`."""
         return (self.runs, ["point"]) if quantity.what == "runs" else (self.trials, ["point", "group"])
 
     def estimated(self, quantity: Quantity, keys: Sequence[str]) -> dict[Hashable, intervals.Estimate]:
-        """Estimate a quantity for each value of some columns of the trials, or of the runs."""
+        """Estimate a quantity for each combination of values of the columns `keys` of the trials or runs."""
         return estimated(self._rows(quantity)[0], quantity, keys)
 
     def _of_rows(self, quantity: Quantity) -> list[intervals.Estimate | None]:
@@ -148,7 +148,7 @@ class Points:
         return [found.get(row if len(keys) > 1 else row[0]) for row in rows]
 
     def between_airs(self, quantity: Quantity) -> dict[Hashable, float]:
-        """Variance of the mean of each point and group (whole runs: of each point), from the means of its airs.
+        """Variance of the mean of each point (and group), from the means of the point's airs.
 
         NaN if there is a single air.
         """
@@ -159,7 +159,7 @@ class Points:
         return (by.var(ddof=1) / by.size()).to_dict()
 
     def frame(self) -> "pd.DataFrame":
-        """Return the table with the mean, both ends and the words of each quantity; units in `attrs`."""
+        """Return the table with mean, interval and sentence (`_words`) of each quantity; units in `attrs`."""
         import pandas as pd
 
         made: Row = {name: self.table[name] for name in self.table.columns}
@@ -177,10 +177,10 @@ class Points:
         return frame
 
     def differences(self, axis: str, quantity: Quantity = SUCCESS) -> Iterator[Row]:
-        """Compare each value of an axis with the first one, in the same airs and at the same values of other axes.
+        """Compare each value of an axis with the first value, in the same airs and at equal values of other axes.
 
-        A row has the other axes' values, group, the `first` and `second` value, and the Estimate `apart` of the second
-        mean minus the first. Only airs in which both searched count.
+        A row has the values of the other axes, the group, the `first` and `second` value, and the Estimate `apart` of
+        the second mean minus the first. Only airs with searches of both count.
         """
         others = [name for name in self.axes if name != axis]
         trials = self.trials.assign(value=_numbers(self.trials, quantity))

@@ -1,8 +1,8 @@
 """Grid refinement study: observed order of convergence, Richardson extrapolation and grid convergence index (GCI).
 
-For the three finest spacings h1 < h2 < h3, whose ratios may differ (Celik et al. 2008, doi:10.1115/1.2960953), values
-f = f0 + a h^p make (f3 - f2)/(f2 - f1) a function of the order p alone. Oscillating values converge if each change is
-smaller than the one before; their order follows from the same rule with alternating signs.
+Values f = f0 + a h^p at the three finest spacings h1 < h2 < h3 make (f3 - f2)/(f2 - f1) a function of the order p only.
+The ratios of spacings may differ (Celik et al. 2008, doi:10.1115/1.2960953). Oscillating values converge if each change
+is smaller than the previous change; their order follows from the same equation with alternating signs.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     from taichi_plume.study.intervals import Estimate
     from taichi_plume.study.points import Points
 
-SAFETY = 1.25  # of the index, with three grids
-HIGHEST = 12.0  # order that is reported
+SAFETY = 1.25  # safety factor of the GCI with three grids
+HIGHEST = 12.0  # upper bound of the reported order
 KEY = "domain.spacing"
 
 
 class Order(NamedTuple):
     """Convergence of a value at three spacings.
 
-    order, extrapolated, index (grid convergence index, in the value's unit): NaN if undefined; behaviour: converges,
-    oscillates, diverges, still (no change) or too few.
+    order, extrapolated (value at zero spacing), index (grid convergence index, in the value's unit): NaN if undefined;
+    behaviour: converges, oscillates, diverges, still (no change) or too few.
     """
 
     order: float
@@ -38,11 +38,11 @@ class Order(NamedTuple):
 
 
 SENTENCES = {
-    "converges": "it converges",
-    "oscillates": "it goes to and fro, less and less: oscillatory convergence, of which the order says little",
-    "diverges": "it does not converge: the last change is too large beside the one before",
-    "still": "it no longer changes, so it has no order",
-    "too few": "three spacings are needed",
+    "converges": "monotone convergence",
+    "oscillates": "oscillatory convergence, whose observed order is unreliable",
+    "diverges": "no convergence: the last change is too large compared with the previous change",
+    "still": "no change between the finest spacings, so the order is undefined",
+    "too few": "the order needs three spacings",
 }
 
 
@@ -74,7 +74,7 @@ def order(spacings: ArrayLike, values: ArrayLike) -> Order:
 
 
 def axis_of(about: Data) -> str | None:
-    """Return the name of the axis that varies the spacing; about: of a plan's table."""
+    """Return the name of the axis that varies the spacing; about: metadata of a plan's table."""
     axes = about["study"].get("axes") or {}
     for name, axis in axes.items():
         if isinstance(axis, dict) and KEY in (axis.get("key"), *(axis.get("keys") or ())):
@@ -85,9 +85,9 @@ def axis_of(about: Data) -> str | None:
 def orders(points: "Points", axis: str) -> Iterator[Row]:
     """Yield the order of each quantity, for each combination of the other axes' values and group.
 
-    A row has these, `quantity`, `unit`, `spacings` (finest first), `values` there, the Order's fields, and `chance`:
-    whether the last change lies within the interval of one of its two values, so that it may be chance; None if there
-    is no interval.
+    A row has the values and group, `quantity`, `unit`, `spacings` (finest first), `values`, the fields of Order, and
+    `chance`: whether the last change lies within the interval of one of the two values and may be chance; None without
+    an interval.
     """
     table = points.table
     others = [name for name in (*points.axes, "group") if name != axis and name in table]
@@ -130,5 +130,5 @@ def words(row: Row) -> str:
         f"at the finest spacing it may be off by {row['index']:.2g}{unit} (grid convergence index)"
     )
     if row["chance"]:
-        text += "; but the last change is within the interval over airs: it may be chance, use more airs"
+        text += "; the last change is within the interval over airs, so it may be chance; use more airs"
     return text

@@ -194,7 +194,7 @@ def test_failures_are_told_and_retried(tmp_path):
     assert "37 of 40 runs are done" in said
     messages = {one.run[-2:]: one.message for one in Store(out).records() if one.status == "failed"}
     assert messages == {
-        "07": "killed its worker 2 times: too little memory? see workers.log", "14": "it burst", "15": "ValueError: odd"
+        "07": "worker died 2 times: too little memory? see workers.log", "14": "it burst", "15": "ValueError: odd"
     }  # fmt: skip
     for line in messages.values():
         assert line in said
