@@ -236,13 +236,13 @@ def record(
     places: list[tuple[np.ndarray, ...]] = []
     species: Any = ()
     values, scales, air = np.empty(0), [], np.empty(0)
-    for n, one in enumerate(scenarios):
+    for n, current in enumerate(scenarios):
         if tell is not None:
             tell(n, count)
         if sim is None or scenario.task.films:
-            sim = build(checked(one, folder, allow_outside))
+            sim = build(checked(current, folder, allow_outside))
         else:
-            sim.reset(one)
+            sim.reset(current)
         filming = _Filming(sim, frame_of(scenario), frames, heights(scenario))
         sim.run()
         mixed = tuple(gas.species for gas in sim.gas.gases)

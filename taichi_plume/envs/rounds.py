@@ -88,7 +88,7 @@ class Rounds:
         self._seed = uploader(self.trials.seed)
         uploader(self.fallback)(starts.fallback)
 
-    def _list_sources(self, bank: "Bank", one: bool) -> None:
+    def _list_sources(self, bank: "Bank", single: bool) -> None:
         """Fill place[film, s] [m] and gas[film, s] of the sources, and `choice`: the gases of episodes."""
         most = self.trials.most_sources
         places, of_gas = np.full((bank.films, most, 2), FAR), np.full((bank.films, most), -2)
@@ -97,7 +97,7 @@ class Rounds:
             if any(counts):
                 places[f, : sum(counts)] = np.concatenate(film)
                 of_gas[f, : sum(counts)] = np.repeat(np.arange(len(film)), counts)
-        choices = np.unique(of_gas[of_gas >= 0]) if one and (of_gas >= 0).any() else np.array([-1])
+        choices = np.unique(of_gas[of_gas >= 0]) if single and (of_gas >= 0).any() else np.array([-1])
         self.choices = len(choices)
         self.place = ti.Vector.field(2, ti.f32, (bank.films, most))
         self.gas, self.choice = ti.field(ti.i32, (bank.films, most)), ti.field(ti.i32, self.choices)
@@ -130,12 +130,12 @@ class Rounds:
         for e in range(self.count):  # Taichi gives threads 512 or more: few enough strips are in 512
             if e % self.strip == 0:
                 end = ti.min(e + self.strip, self.count)
-                for one in range(e, end):
-                    self._set_out(one, side, flags, actions, table)
+                for k in range(e, end):
+                    self._set_out(k, side, flags, actions, table)
                 for s in range(ticks):
                     self._tick(e, end, s, dt, flags)
-                for one in range(e, end):
-                    self._come_in(one, side, flags, table, outcomes)
+                for k in range(e, end):
+                    self._come_in(k, side, flags, table, outcomes)
 
     @ti.func
     def _set_out(self, e, side, flags: Template, actions: Template, table: Template):
@@ -248,7 +248,7 @@ class Rounds:
         late = what == STEP and not ends and self.steps[e] >= ti.cast(self.n.most[None], ti.i32)
         flags[1, e], flags[2, e] = ti.cast(ends, ti.u8), ti.cast(late, ti.u8)
         self.total[e] = self.total[e] + total / self.robots
-        told = ti.Vector(
+        info = ti.Vector(
             [
                 ti.cast(found, ti.f32),
                 time,
@@ -262,7 +262,7 @@ class Rounds:
             ]
         )
         for k in ti.static(range(len(INFO))):
-            outcomes[self.count * (self.robots + k) + e] = told[k]
+            outcomes[self.count * (self.robots + k) + e] = info[k]
 
     @ti.func
     def _count(self, i):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 EXTRA = 'pip install "taichi_plume[learn]"'
 RENDER_FPS = 10
-KEPT = 2  # banks that this process keeps for further environments
+MOST_BANKS = 2  # banks that this process keeps for further environments
 MOST = 1_000_000  # environments: their arrays of observations stay countable in 32 bits
 IDLE = 4  # engines of closed environments that this process keeps: a new engine compiles for seconds
 
@@ -133,7 +133,7 @@ def open_episodes(
     if given is None:
         key = key_of(found, folder)
         if key not in _banks:
-            _keep(_banks, key, bank_of(found, folder, allow_outside=outside), KEPT)
+            _keep(_banks, key, bank_of(found, folder, allow_outside=outside), MOST_BANKS)
         bank = _banks[key]
     else:
         bank = bank_of(found, folder, given)
@@ -148,11 +148,11 @@ def open_episodes(
     return episodes
 
 
-def _keep(kept: "OrderedDict[str, Value]", key: str, value: Value, most: int) -> None:
+def _keep(cache: "OrderedDict[str, Value]", key: str, value: Value, most: int) -> None:
     """Add a value to those that are kept; at most `most` stay, the newest."""
-    kept[key] = value
-    while len(kept) > most:
-        kept.popitem(last=False)
+    cache[key] = value
+    while len(cache) > most:
+        cache.popitem(last=False)
 
 
 def _runtime() -> object:
@@ -208,8 +208,8 @@ class Environment:
     def _begin(self, seed: object, random: np.random.Generator, mask: np.ndarray | None = None) -> None:
         """Begin the first episodes of a seed, or without a seed the next ones."""
         episodes = self.episodes
-        anew = seed is not None or not self._seeded
-        episodes.reset(seeds_of(seed, episodes.count, random) if anew else None, mask)
+        restarts = seed is not None or not self._seeded
+        episodes.reset(seeds_of(seed, episodes.count, random) if restarts else None, mask)
         self._seeded = True
 
     def render(self) -> np.ndarray | None:

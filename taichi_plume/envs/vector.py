@@ -60,10 +60,10 @@ class SearchVectorEnv(VectorEnv[Any, Any, Any], Environment):
         """Take a decision of each, (num_envs, actions). Raises ValueError if one is no number or out of range."""
         episodes = self.episodes
         episodes.step(actions if self.arrays == "torch" else actions_of(actions))
-        terminated, truncated = self._kept(episodes.terminated), self._kept(episodes.truncated)
+        terminated, truncated = self._copied(episodes.terminated), self._copied(episodes.truncated)
         over = terminated | truncated
         info = self._info(over) if over.any() else {}
-        return self._own(episodes.observations), self._kept(episodes.rewards), terminated, truncated, info
+        return self._own(episodes.observations), self._copied(episodes.rewards), terminated, truncated, info
 
     def render(self) -> tuple[np.ndarray, ...] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return the worlds seen from above; None without a render mode."""
@@ -79,16 +79,16 @@ class SearchVectorEnv(VectorEnv[Any, Any, Any], Environment):
         """Return how the episodes went that are over."""
         info: dict[str, object] = {}
         for name, values in self.episodes.info.items():
-            info[name], info[f"_{name}"] = self._kept(values), over
+            info[name], info[f"_{name}"] = self._copied(values), over
         if self.autoreset_mode != AutoresetMode.SAME_STEP:
             return info
-        final = self._kept(self.episodes.final_observations)
+        final = self._copied(self.episodes.final_observations)
         return {"final_obs": final, "_final_obs": over, "final_info": info, "_final_info": over}
 
     def _own(self, observations: Array) -> Array:
-        return self._kept(observations) if self.copy else observations
+        return self._copied(observations) if self.copy else observations
 
-    def _kept(self, values: Array) -> Array:
+    def _copied(self, values: Array) -> Array:
         return values.clone() if self.arrays == "torch" else values.copy()
 
 

@@ -204,8 +204,8 @@ class Inbox:
                 for name, given in values.items():
                     getattr(self._orders, name)[robots] = given
                 if declared is not None:
-                    said = np.isfinite(declared).all(axis=1)
-                    self._orders.declared[robots[said]] = declared[said]
+                    complete = np.isfinite(declared).all(axis=1)
+                    self._orders.declared[robots[complete]] = declared[complete]
                 self.heard[robots], self.number[robots] = now, number
                 # a command without a number answers the newest readings
                 self.answers[robots] = self.tick if number == UNNUMBERED else tick

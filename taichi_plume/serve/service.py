@@ -76,13 +76,13 @@ class Outside:
             heard[f"{self.name}_{n}/{kind}"] = partial(hear, n)
         return heard
 
-    def told(self, t: float, tick: int) -> list[topics.Message]:
+    def readings(self, t: float, tick: int) -> list[topics.Message]:
         """Return the readings of the robots at time t [s] as messages."""
-        told, inbox = self.algorithm.told(), self.inbox
+        readings, inbox = self.algorithm.told(), self.inbox
         by_declaring = self.algorithm.members.groups[0].model.found == "declared"
-        told["over"] = self.over = told["found"] | (by_declaring & (told["declarations"] > 0))
-        messages = [topics.readings(self.name, t, tick, told, answered=inbox.number, lost=inbox.lost())]
-        return messages + (list(topics.of_each(self.name, t, told, self.noses)) if self.each else [])
+        readings["over"] = self.over = readings["found"] | (by_declaring & (readings["declarations"] > 0))
+        messages = [topics.readings(self.name, t, tick, readings, answered=inbox.number, lost=inbox.lost())]
+        return messages + (list(topics.of_each(self.name, t, readings, self.noses)) if self.each else [])
 
     def order(self, t: float) -> list[str]:
         """Pass the commands on to the robots; return lines about robots that are lost or back."""
@@ -175,7 +175,7 @@ class Service:
         sim = self.sim
         messages = [topics.clock(sim.t)]
         for group in self.groups:
-            messages += group.told(sim.t, sim.tick)
+            messages += group.readings(sim.t, sim.tick)
         if len(self._names) <= topics.MOST_ROBOTS:
             now = sim.swarm.snapshot()
             altitude = now.get("altitude", np.zeros(len(now["heading"])))
@@ -246,14 +246,14 @@ class Service:
 
     def _await_all(self) -> None:
         """Wait until all robots have connected, unless the run starts at once."""
-        said = ""
+        shown = ""
         while not self.pace.at_once and not self.signals.stopped:
             missing = [(group, np.flatnonzero(group.inbox.awaited())) for group in self.groups]
             line = ", ".join(_named(group.name, robots) for group, robots in missing if len(robots))
             if not line:
                 return
-            if line != said:
-                said = line
+            if line != shown:
+                shown = line
                 self._say(f"waiting for {line}")
             until = self.clock() + AGAIN_S
             while self.clock() < until and not self.signals.stopped:

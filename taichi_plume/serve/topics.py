@@ -61,9 +61,9 @@ def clock(t: float) -> Message:
     return _message("clock", "rosgraph_msgs/msg/Clock", dict, clock=ros.time(max(0.0, t)))
 
 
-def readings(group: str, t: float, tick: int, told: dict[str, np.ndarray], **more: np.ndarray) -> Message:
+def readings(group: str, t: float, tick: int, values: dict[str, np.ndarray], **more: np.ndarray) -> Message:
     """Return all readings of the robots of a group; told: see `ExternalAlgorithm`; more: answered, lost."""
-    place, wind = told["believed_position"], told["wind"]
+    place, wind = values["believed_position"], values["wind"]
     count = len(place)
     return _message(
         f"{group}/readings",
@@ -74,16 +74,16 @@ def readings(group: str, t: float, tick: int, told: dict[str, np.ndarray], **mor
         robot=np.arange(count),
         x=place[:, 0],
         y=place[:, 1],
-        z=told["altitude"],
-        heading=told["believed_heading"],
-        noses=told["reading"].shape[1],
-        gas=told["reading"],
-        resistance=told["resistance"],
+        z=values["altitude"],
+        heading=values["believed_heading"],
+        noses=values["reading"].shape[1],
+        gas=values["reading"],
+        resistance=values["resistance"],
         wind_x=wind[:, 0],
         wind_y=wind[:, 1],
-        wind_known=told["wind_known"],
-        blocked=told["blocked"],
-        over=told["over"],
+        wind_known=values["wind_known"],
+        blocked=values["blocked"],
+        over=values["over"],
         **more,
     )
 
@@ -94,29 +94,29 @@ def ended(group: str, t: float, tick: int) -> Message:
 
 
 def of_each(
-    group: str, t: float, told: dict[str, np.ndarray], noses: Sequence[Mapping[str, object]]
+    group: str, t: float, values: dict[str, np.ndarray], sensors: Sequence[Mapping[str, object]]
 ) -> Iterator[Message]:
     """Yield the readings of each robot as messages of ROS; noses: fields of the GasSensor messages of each sensor."""
-    has_resistance = np.isfinite(told["resistance"])
+    has_resistance = np.isfinite(values["resistance"])
     ohm = {"raw_units": ros.UNITS["ohm"]}
     for n in range(len(has_resistance)):
         robot = f"{group}_{n}"
-        yield _message(f"{robot}/odom", "nav_msgs/msg/Odometry", _odometry, robot, t, told, n)
-        for k, sensor in enumerate(noses):
+        yield _message(f"{robot}/odom", "nav_msgs/msg/Odometry", _odometry, robot, t, values, n)
+        for k, sensor in enumerate(sensors):
             gas = {"header": ros.header(t, f"{robot}/{numbered(GAS, k)}"), **sensor}
             topic = f"{robot}/{numbered('gas', k)}"
-            yield _message(topic, ros.GAS_SENSOR, _gas, gas, told["reading"], n, k)
+            yield _message(topic, ros.GAS_SENSOR, _gas, gas, values["reading"], n, k)
             if has_resistance[n, k]:
                 topic = f"{robot}/{numbered('gas_raw', k)}"
-                yield _message(topic, ros.GAS_SENSOR, _gas, gas | ohm, told["resistance"], n, k)
-        yield _message(f"{robot}/wind", ros.ANEMOMETER, _wind, robot, t, told, n)
+                yield _message(topic, ros.GAS_SENSOR, _gas, gas | ohm, values["resistance"], n, k)
+        yield _message(f"{robot}/wind", ros.ANEMOMETER, _wind, robot, t, values, n)
 
 
-def _odometry(robot: str, t: float, told: dict[str, np.ndarray], n: int) -> dict[str, object]:
-    x, y = told["believed_position"][n].tolist()
+def _odometry(robot: str, t: float, values: dict[str, np.ndarray], n: int) -> dict[str, object]:
+    x, y = values["believed_position"][n].tolist()
     pose = {
-        "position": {"x": x, "y": y, "z": float(told["altitude"][n])},
-        "orientation": ros.yawed(float(told["believed_heading"][n])),
+        "position": {"x": x, "y": y, "z": float(values["altitude"][n])},
+        "orientation": ros.yawed(float(values["believed_heading"][n])),
     }
     return {"header": ros.header(t, MAP), "child_frame_id": f"{robot}/{BASE}", "pose": {"pose": pose}}
 
@@ -125,9 +125,9 @@ def _gas(about: dict[str, object], values: np.ndarray, n: int, k: int) -> dict[s
     return about | {"raw": float(values[n, k])}
 
 
-def _wind(robot: str, t: float, told: dict[str, np.ndarray], n: int) -> dict[str, object]:
-    u, v = told["wind"][n].tolist()
-    return wind_fields(robot, u, v, float(told["believed_heading"][n]), t)
+def _wind(robot: str, t: float, values: dict[str, np.ndarray], n: int) -> dict[str, object]:
+    u, v = values["wind"][n].tolist()
+    return wind_fields(robot, u, v, float(values["believed_heading"][n]), t)
 
 
 def poses(
@@ -195,7 +195,7 @@ class View:
     def _sensors(self) -> object:
         """Return the transforms of the sensors on the robots of the first trial."""
         flat, groups = self.sim.grid.dim == 2, self.sim.swarm.groups
-        robots = [(f"{ros.word(one.name)}_{n}", one.model) for one in groups for n in range(one.count)]
+        robots = [(f"{ros.word(g.name)}_{n}", g.model) for g in groups for n in range(g.count)]
         places = [each for name, model in robots for each in carried(name, model.sensors, flat)]
         return ros.message(TRANSFORMS, transforms=places)
 

@@ -153,7 +153,7 @@ class WebSocketLink:
         if len(hosts) != 1 or not loopback(_name(hosts[0])):
             host = visible(", ".join(hosts), LONGEST_VALUE)
             return self._refuse(connection, f"a request for host {host}: it must name this machine")
-        if not self.origins.issuperset(one.lower() for one in origins):
+        if not self.origins.issuperset(origin.lower() for origin in origins):
             origin = visible(", ".join(origins), LONGEST_VALUE)
             return self._refuse(
                 connection, f"a page of {origin}; --allow-origin {origin} lets its pages drive the robots"
@@ -216,19 +216,19 @@ class WebSocketLink:
         given = given if isinstance(given, dict) else {}
         match given.get("op"):
             case "subscribe":
-                for one in _list(given, "subscriptions", dict):
-                    self._subscribe(client, _whole(one, "id"), _whole(one, "channelId"))
+                for item in _list(given, "subscriptions", dict):
+                    self._subscribe(client, _whole(item, "id"), _whole(item, "channelId"))
             case "unsubscribe":
                 gone = set(_list(given, "subscriptionIds", int))
                 for channel in self._advertised.values():
                     if channel.subscribers.get(client) in gone:
                         del channel.subscribers[client]
             case "advertise":
-                for one in _list(given, "channels", dict):
-                    channel_id, encoding = _whole(one, "id"), _name_of(one, "encoding")
+                for item in _list(given, "channels", dict):
+                    channel_id, encoding = _whole(item, "id"), _name_of(item, "encoding")
                     if len(published) >= MOST_CHANNELS and channel_id not in published:
                         raise ClientError(f"channels: at most {MOST_CHANNELS:,} can be advertised")
-                    published[channel_id] = _name_of(one, "topic").strip("/"), encoding == "json"
+                    published[channel_id] = _name_of(item, "topic").strip("/"), encoding == "json"
             case "unadvertise":
                 for channel_id in _list(given, "channelIds", int):
                     published.pop(channel_id, None)
@@ -283,7 +283,7 @@ def _token(path: str) -> bytes:
 
 
 def _advertisement(channels: Collection[Channel]) -> str:
-    return json.dumps({"op": "advertise", "channels": [one.about for one in channels]})
+    return json.dumps({"op": "advertise", "channels": [channel.about for channel in channels]})
 
 
 def _status(level: int, message: str) -> str:
