@@ -1,10 +1,10 @@
-"""Whiffs that gas sensors resolve: the time series of a point are fed to the sensors that robots carry.
+"""Whiffs that gas sensors resolve: the sensor models of robots measure the time series of fixed points.
 
-A sensor keeps a whiff if the reading rises through the threshold between the starts of this whiff and the next one, so
-that a robot that compares readings with the threshold counts it. For this the reading has to reach the threshold in the
-whiff, and to have fallen below it in the blank before. The threshold of readings is the threshold of the air times the
-sensor's reading of 1 ppm of this gas. A whiff is kept once, however often noise crosses the threshold; `rises` counts
-all crossings.
+A sensor keeps a whiff if the reading rises through the threshold between the starts of this whiff and the next whiff: a
+robot that compares readings with the threshold then counts the whiff. For this the reading must reach the threshold in
+the whiff, and must have fallen below the threshold in the blank before. The threshold of readings is the threshold of
+the air times the sensor's reading of 1 ppm of this gas. A kept whiff counts once, however often noise crosses the
+threshold; `rises` counts all crossings.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,8 +17,8 @@ from taichi_plume.scenario.sensors import GasSensor, IdealGasSensor, MoxSensor, 
 from taichi_plume.statistics.durations import stretches
 
 SLOW, FAST = 12.0, 0.05  # s
-MOST_POINTS = 100  # whose time series the sensors measure
-MOST_NUMBERS = 2e8  # samples times sensors
+MOST_POINTS = 100  # most points at which the sensors measure
+MOST_NUMBERS = 2e8  # most samples times sensors
 MOST_TICKS = 200_000
 
 
@@ -30,7 +30,7 @@ class Nose(NamedTuple):
 
 
 class SensorWhiffs(NamedTuple):
-    """Number of whiffs that a sensor keeps, and of rises of its readings through the threshold [ppm]."""
+    """Numbers of whiffs, of whiffs that a sensor keeps (`seen`), and of rises through the threshold [ppm]."""
 
     nose: Nose
     whiffs: int
@@ -40,12 +40,12 @@ class SensorWhiffs(NamedTuple):
 
     @property
     def share(self) -> float:
-        """Fraction of the whiffs that is kept; NaN if there are no whiffs."""
+        """Fraction of the whiffs that the sensor keeps; NaN if there are no whiffs."""
         return self.seen / self.whiffs if self.whiffs else float("nan")
 
 
 class Smelt(NamedTuple):
-    """Comparison of sensors: whiffs kept, concentration and readings, (sensors, n) [ppm], at the first point."""
+    """Comparison of sensors: counts of whiffs, and concentration and readings (sensors, n) [ppm] at the first point."""
 
     sensors: list[SensorWhiffs]
     step: float
@@ -82,7 +82,7 @@ def _time(seconds: float) -> str:
 
 
 class _Gas(NamedTuple):
-    """A species, as sensors use it."""
+    """Gas species with the attributes that sensors need."""
 
     name: str
     ppm_per_density: float = 1.0
@@ -93,8 +93,8 @@ def readings(
 ) -> Iterator[np.ndarray]:
     """Yield the readings of sensors, (sensors, points) [ppm], at each sample of a gas.
 
-    ppm: (n, points), `step` [s] apart, the tick of the sensors; clean air before. The sensors belong to robots that
-    stand at the points. Starts Taichi if it does not run.
+    ppm: (n, points), `step` [s] apart, the tick of the sensors; the air before is clean. The sensors belong to robots
+    that stand at the points. Starts Taichi unless it is running.
     """
     import taichi as ti
     from taichi.lang import impl
@@ -141,7 +141,7 @@ def smelt(
 ) -> Smelt:
     """Count the whiffs of time series (n, points) [ppm], `step` [s] apart, that sensors keep.
 
-    threshold: of whiffs [ppm]. Whiffs that the record cuts do not count, as for durations.
+    threshold: of whiffs [ppm]. Whiffs that the ends of the record cut do not count, as for durations.
     """
     models = [sensor.model for sensor in several]
     least = np.array([model.reads(gas, threshold) for model in models])
@@ -165,7 +165,7 @@ def smelt(
 
 
 def _windows(present: np.ndarray) -> tuple[np.ndarray, int]:
-    """First sample of each whole whiff, and the end of the last whiff's window (a cut whiff, or the record's end)."""
+    """First sample of each complete whiff, and the end of the last window: start of a cut whiff, or record's end."""
     cuts = stretches(present)
     begins = cuts[:-1]
     whole = begins[present[begins] & (begins > 0) & (cuts[1:] < len(present))]

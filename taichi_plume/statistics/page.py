@@ -1,4 +1,4 @@
-"""`statistics.html`: statistics of a plume on one self-contained page; words first."""
+"""Report page of plume statistics (`statistics.html`): sentences, tables and figures on one self-contained page."""
 
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from taichi_plume.statistics.result import PAGE, Statistics
 
 MOST_PROBES = 6
 MOST_ROWS = 20
-HARDLY = 1e-3  # of the strongest mean
+HARDLY = 1e-3  # fraction of the highest mean below which a map of rms / mean is blank
 
 
 def write(found: Statistics, folder: Path) -> Path:
@@ -41,7 +41,7 @@ def _sections(found: Statistics) -> list[Section]:
 
 
 def _words(found: Statistics) -> Section:
-    """Sentences on the data and the main results."""
+    """Return sentences on the data and the main results."""
     points = sum(len(stats.probe.places) for stats in found.probes)
     kinds = [
         f"{stats.probe.kind} of {len(stats.probe.places):,}" if len(stats.probe.places) > 1 else "point"
@@ -71,7 +71,7 @@ def _words(found: Statistics) -> Section:
             f"Of {slow.whiffs:,} whiff{'s' * (slow.whiffs != 1)} a metal oxide of 12 s keeps {slow.share:.0%}, "
             f"a detector of 50 ms {fast.share:.0%}."
         )
-    return Section("What was found", "words", lines=lines)
+    return Section("Results", "words", lines=lines)
 
 
 def _law_in_words(kind: Kind) -> str:
@@ -79,7 +79,7 @@ def _law_in_words(kind: Kind) -> str:
     if law is None:
         return ""
     agrees = "agrees with" if law.low <= CELANI <= law.high else "differs from"
-    bent = "" if law.is_law else f", although they are no clean power law there (distance {law.distance:.2f})"
+    bent = "" if law.is_law else f", but they deviate from a power law (distance {law.distance:.2f})"
     short = "" if law.last / law.first >= 0.95 * DECADE else ", less than a decade"
     return (
         f"{kind.name} last T with p(T) ~ T^-a, a = {law.value:.2f} (95 % interval {law.low:.2f} to {law.high:.2f}) "
@@ -88,8 +88,8 @@ def _law_in_words(kind: Kind) -> str:
 
 
 def _strength(found: Statistics) -> Section:
-    """Tables of moments and wind."""
-    section = Section("How strong the gas is, and how much it fluctuates", "strength")
+    """Return tables of moments and wind."""
+    section = Section("Strength and fluctuation of the gas", "strength")
     rows, left_out = [], 0
     room = max(1, MOST_ROWS // max(1, len(found.probes)))
     for stats in found.probes:
@@ -129,7 +129,7 @@ def _strength(found: Statistics) -> Section:
 
 
 def _maps(found: Statistics) -> Section:
-    """Maps of a film and of grids."""
+    """Return maps of a film and of grids."""
     section = Section("Maps", "maps")
     data = found.maps
     if data is not None:
@@ -167,7 +167,7 @@ def _where_gas(values: np.ndarray, mean: np.ndarray) -> np.ndarray:
 
 
 def _spread(shown: list[OfProbe]) -> Section:
-    """Profiles and two-point correlations."""
+    """Return profiles and two-point correlations."""
     section = Section("Profiles and lengths", "spread")
     for stats in shown:
         if stats.profiles:
@@ -195,7 +195,7 @@ def _gaussian(several: list[Profile]) -> str:
 
 
 def _whiffs(found: Statistics, shown: list[OfProbe]) -> Section:
-    """Durations and their power laws."""
+    """Return durations and their power laws."""
     section = Section("Whiffs and blanks", "whiffs", lines=[captions.WHIFFS])
     rows = []
     step = float(np.mean(found.steps)) if found.steps[1] - found.steps[0] < 1e-3 * found.steps[1] else 0.0
@@ -216,7 +216,7 @@ def _whiffs(found: Statistics, shown: list[OfProbe]) -> Section:
             )  # fmt: skip
         if all(len(kind.all.lasted) > 1 for kind in stats.kinds):
             png = plots.laws(stats, step)
-            section.images.append(Image(png, f"{stats.probe.name}: how long they last", captions.LAWS))
+            section.images.append(Image(png, f"{stats.probe.name}: durations", captions.LAWS))
     heads = (
         "of", "number", "cut", "median [s]", "mean [s]", "longest [s]", "exponent (95 %)", "range and number",
     )  # fmt: skip
@@ -226,15 +226,15 @@ def _whiffs(found: Statistics, shown: list[OfProbe]) -> Section:
 
 
 def _sensors(found: Statistics) -> Section:
-    """Whiffs that sensors keep."""
-    section = Section("Which whiffs a sensor keeps", "sensors")
+    """Return the whiffs that sensors keep."""
+    section = Section("Whiffs that a sensor keeps", "sensors")
     smelt = found.smelt
     if smelt is None or not smelt.sensors[0].whiffs:
         return section
     section.lines.append(captions.RESOLVED.format(gas=found.gas))
     section.images.append(Image(plots.sensors(smelt), "Share of whiffs kept", captions.BARS))
     png = plots.records(smelt, found.threshold, found.begin)
-    section.images.append(Image(png, "The air at a point, and what two sensors read", captions.RECORDS))
+    section.images.append(Image(png, "The air at a point, and the readings of two sensors", captions.RECORDS))
     rows = [
         (k.nose.name, f"{k.share:.1%}", f"{k.seen:,} of {k.whiffs:,}", f"{k.rises:,}", f"{k.threshold:.3g}")
         for k in smelt.sensors
@@ -256,7 +256,7 @@ def _within(shown: list[OfProbe]) -> Section:
 
 
 def _time(shown: list[OfProbe]) -> Section:
-    section = Section("How fast it fluctuates", "time")
+    section = Section("Spectra of fluctuations", "time")
     if shown and any(stats.density.any() for stats in shown):
         section.images.append(Image(plots.spectrum(shown), "Spectra", captions.SPECTRUM))
     return section

@@ -1,6 +1,6 @@
 """Time series at points, read from a run's probes.parquet in chunks.
 
-Rows of the table are samples of all points, one point after the other in the same order.
+Each sample of the table has a row per point, always in the same order of points.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,8 +21,8 @@ AXES = "xyz"
 class Probe(NamedTuple):
     """Points under one name: a point, a line or a grid.
 
-    places: (n, dim) [m]; counts: of points along each axis of a grid (the points are in C order), else (n,); first:
-    number of its first point in a record.
+    places: (n, dim) [m]; counts: numbers of points along each axis of a grid (in C order), else (n,); first: index of
+    the first point in a record.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Probe(NamedTuple):
 
     @classmethod
     def of(cls, name: str, places: np.ndarray, first: int = 0) -> "Probe":
-        """Return a probe of the shape that its places form."""
+        """Return a probe; `counts` is that of a grid if the positions form a complete lattice."""
         axes = [np.unique(places[:, d]) for d in range(places.shape[1])]
         counts = tuple(len(axis) for axis in axes)
         if sum(n > 1 for n in counts) > 1 and int(np.prod(counts)) == len(places):
@@ -55,7 +55,7 @@ class Record(Protocol):
     probes: list[Probe]
 
     def values(self, points: np.ndarray, quantity: str) -> np.ndarray:
-        """Return values at points, (n, points) f32; points: their numbers, ascending."""
+        """Return values at points, (n, points) f32; points: ascending indices of the points."""
         ...
 
 
@@ -71,7 +71,7 @@ class ProbeRecord:
         names = schema.names
         axes = [axis for axis in AXES if axis in names]
         if not {"t", "probe", "point", "x", "y"} <= set(names):
-            raise RunFolderError(f"{path}: is damaged: it lacks columns that probes have")
+            raise RunFolderError(f"{path}: is damaged: lacks one of the columns t, probe, point, x, y")
         self.dim = len(axes)
         self.gases = [name.removesuffix("_ppm") for name in names if name.endswith("_ppm")]
         self.wind = [f"wind_{axis}" for axis in axes if f"wind_{axis}" in names]
@@ -80,7 +80,7 @@ class ProbeRecord:
         self.times = self._times()
 
     def _layout(self, axes: Sequence[str]) -> tuple[list[Probe], int]:
-        """Return the probes in the first sample, and its number of points."""
+        """Return the probes in the first sample, and the number of points of all probes."""
         rows: list[pa.RecordBatch] = []
         first = None
         for batch in table_parts.batches(self.path, ["t", "probe", "point", *axes]):
@@ -103,7 +103,7 @@ class ProbeRecord:
         return found, len(names)
 
     def _samples(self, columns: Sequence[str]) -> Iterator[list[np.ndarray]]:
-        """Yield whole samples of columns in chunks, each (samples, points)."""
+        """Yield complete samples of columns in chunks, each (samples, points)."""
         rest: list[np.ndarray] | None = None
         for batch in table_parts.batches(self.path, columns):
             parts = [batch.column(n).to_numpy(zero_copy_only=False) for n in range(len(columns))]
@@ -118,7 +118,7 @@ class ProbeRecord:
         found = []
         for (t,) in self._samples(["t"]):
             if not (t == t[:, :1]).all():
-                raise RunFolderError(f"{self.path}: is damaged: samples are not of all points")
+                raise RunFolderError(f"{self.path}: is damaged: a sample lacks points")
             found.append(t[:, 0].astype(float))
         times = np.concatenate(found) if found else np.empty(0)
         if (np.diff(times) <= 0.0).any() or not np.isfinite(times).all():
@@ -131,7 +131,7 @@ class ProbeRecord:
         return times[self.skipped :]
 
     def _chunks(self, quantity: str) -> Iterator[tuple[int, np.ndarray]]:
-        """Yield chunks of a column from the start on, with the number of their first sample."""
+        """Yield (index of the first sample, values) for chunks of a column, from the time `start` on."""
         done = -self.skipped
         for (values,) in self._samples([quantity]):
             chunk = values[max(0, -done) :]

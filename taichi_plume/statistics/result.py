@@ -1,4 +1,4 @@
-"""Statistics of a run or a film as tables, and their files."""
+"""Statistics of a run or a film as tables, and the files that hold them."""
 
 import json
 import os
@@ -39,8 +39,8 @@ UNITS = {
 class Statistics:
     """Statistics of a run or a film. source: the run's folder or the film; of: "probes" or "film".
 
-    threshold: [ppm]; why: reason for the threshold; begin, end: of the samples [s]; steps: shortest and longest time
-    between samples [s]; smelt: whiffs that sensors keep; gamma: intermittency of the film's maps.
+    threshold: [ppm]; why: reason for the threshold; begin, end: times of the first and last sample [s]; steps: shortest
+    and longest time between samples [s]; smelt: whiffs that sensors keep; gamma: intermittency map of the film.
     """
 
     source: Path

@@ -1,4 +1,4 @@
-"""Statistics of a run's probes, of its film, or of a film alone."""
+"""Compute the statistics of a run's probes, of a run's film, or of a film alone."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,11 +19,11 @@ from taichi_plume.statistics.records import Probe, ProbeRecord
 from taichi_plume.statistics.result import Statistics
 
 SHARE = 0.1
-"""Default threshold, as a fraction of the strongest point's mean."""
+"""Default threshold as a fraction of the highest mean of all points."""
 
 
 class Options(NamedTuple):
-    """Options of `of`, in its order."""
+    """Options of the function `of`, in the order of its arguments."""
 
     gas: str | None
     probe: str | None
@@ -43,9 +43,9 @@ def of(
 ) -> Statistics:
     """Compute the statistics of a run's folder or of a film. Raises InputError.
 
-    gas: species (default: the first); probe: the only probe to use; threshold: [ppm] (default: a tenth of the largest
-    mean); start: earliest time [s]; bounds: of the durations for exponents [s]; sensors: models besides those of
-    `noses.noses`.
+    gas: species (default: the first); probe: name of a single probe to use; threshold: [ppm] (default: a tenth of the
+    largest mean); start: earliest time [s]; bounds: range of durations for exponents [s]; sensors: further sensor
+    models to compare.
     """
     path, options = Path(source), Options(gas, probe, threshold, start, bounds)
     fault = unopenable(path, folder=True)
@@ -96,7 +96,7 @@ def _of_probes(
     chosen = _chosen(table, record.probes, options.probe)
     inside = np.concatenate([probe.first + np.arange(len(probe.places)) for probe in chosen])
     if not largest[inside].max() > 0.0:
-        raise RunFolderError(f"{table}: no {gas} came to its points in this time")
+        raise RunFolderError(f"{table}: the concentration of {gas} is 0 at all points in this time")
     level, why = _threshold(float(mean[inside].max()), options.threshold)
     settings = Settings(gas, level, record.wind, sources, options.bounds)
     probes = [of_probe(record, probe, settings) for probe in chosen]
@@ -115,7 +115,7 @@ def _of_film(path: Path, name: str, options: Options) -> Statistics:
     found.film, found.gamma = film, gamma
     found.notes.append(
         f"A film has no data between its frames, {np.median(np.diff(film.times)):.3g} s apart: shorter whiffs are "
-        "missed or joined. Use probes for them."
+        "missed or joined. Use probes to resolve them."
     )
     return found
 
@@ -131,13 +131,12 @@ def _statistics(
     )  # fmt: skip
     if not spectra.is_even(record.times):
         found.notes.append(
-            f"Samples are {found.steps[0]:.3g} to {found.steps[1]:.3g} s apart: means count each for its time; "
-            f"spectra, integral scales, correlations and sensors are of values every {steps.mean():.3g} s, linear in "
-            "time between samples."
+            f"Samples are {found.steps[0]:.3g} to {found.steps[1]:.3g} s apart. Means weight samples by duration; "
+            f"spectra, integral scales, correlations and sensors use values interpolated every {steps.mean():.3g} s."
         )
     others = [gas for gas in record.gases if gas != settings.gas]
     if others:
-        found.notes.append(f"There is also {', '.join(others)}; --gas NAME chooses one.")
+        found.notes.append(f"Other gases: {', '.join(others)}; --gas NAME chooses one.")
     return found
 
 
@@ -145,14 +144,14 @@ def _gas(path: Path, there: Sequence[str], gas: str | None) -> str:
     if not there:
         raise RunFolderError(f"{path}: holds no gas")
     if gas is not None and gas not in there:
-        raise RunFolderError(f"{path}: holds no {gas}, but {', '.join(there)}")
+        raise RunFolderError(f"{path}: holds no {gas}, only {', '.join(there)}")
     return there[0] if gas is None else gas
 
 
 def _chosen(path: Path, probes: Sequence[Probe], name: str | None) -> list[Probe]:
     chosen = [probe for probe in probes if name in (None, probe.name)]
     if not chosen:
-        raise RunFolderError(f"{path}: has no probe {name}, but {', '.join(probe.name for probe in probes)}")
+        raise RunFolderError(f"{path}: has no probe {name}, only {', '.join(probe.name for probe in probes)}")
     return chosen
 
 
@@ -169,11 +168,11 @@ def _smelt(
     sensors: Sequence[GasSensor],
     notes: list[str],
 ) -> noses.Smelt | None:
-    """Count the whiffs that sensors keep at points with whiffs, the point with most whiffs first."""
+    """Count the whiffs that sensors keep, at points with whiffs; the first point is that with the most whiffs."""
     several = noses.noses(sensors)
     lively = [(int(n), p.probe.first + k) for p in probes for k, n in enumerate(p.points["whiffs"]) if n]
     if not lively:
-        notes.append("No whiff is whole, so that sensors are not compared.")
+        notes.append("The record has no complete whiff, so sensors are not compared.")
         return None
     ticks = min(len(record.times), noses.MOST_TICKS)
     most = max(1, min(noses.MOST_POINTS, int(noses.MOST_NUMBERS / len(several) / ticks)))
@@ -189,7 +188,7 @@ def _smelt(
         notes.append(f"Sensors are compared over the first {step * len(even):.4g} s.")
     if step > noses.FAST / 2:
         notes.append(
-            f"Samples every {step:.3g} s are too far apart for sensors of {noses.FAST * 1e3:g} ms; `every: step` and a "
-            "shorter `tick` give more."
+            f"Samples every {step:.3g} s are too far apart for sensors of {noses.FAST * 1e3:g} ms; use "
+            "`every: step` and a shorter `tick`."
         )
     return noses.smelt(several, settings.gas, step, even, settings.threshold)
