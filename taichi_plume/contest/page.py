@@ -1,4 +1,4 @@
-"""`contest.html`: standings of a contest on one self-contained page; and as a table in the terminal."""
+"""Report page of a contest (`contest.html`), self-contained, and the standings as a table in the terminal."""
 
 import shlex
 from collections.abc import Iterator, Sequence
@@ -32,7 +32,7 @@ WORDS = (ERROR, FALSE, DECLARED, REACHED, NEITHER)
 
 
 def write(contest: Contest, rows: Sequence[Row], command: Sequence[str]) -> Path:
-    """Write the page of a contest; return its path. command: repeats the contest. Raises OSError, ScenarioError."""
+    """Write the page of a contest; return its path. command: shown as repetition. Raises OSError, ScenarioError."""
     runs, left = sum(row.runs for row in rows), sum(row.failed + row.missing for row in rows)
     return html.write(
         contest.out / f"{NAME}.html", _sections(contest, rows, command),
@@ -53,7 +53,7 @@ def _sections(contest: Contest, rows: Sequence[Row], command: Sequence[str]) -> 
 
 
 def _whole(contest: Contest, rows: Sequence[Row]) -> Section:
-    """Success of each algorithm in all scenarios, the best mean first."""
+    """Return the success of each algorithm in all scenarios, the best mean first."""
     names = [fixed.name for fixed in contest.scenarios if any(row.scenario == fixed.name for row in rows)]
     found = {(row.algorithm, row.scenario): row.estimates[SUCCESS.name] for row in rows}
     means = {}
@@ -94,7 +94,7 @@ def _table(rows: Sequence[Row], shown: Sequence[Quantity], caption: str) -> Tabl
 
 
 def _failures(rows: Sequence[Row]) -> Section:
-    """Failed runs, a line per algorithm and scenario."""
+    """Return the failed runs, a line per algorithm and scenario."""
     failed = [
         (f"{row.algorithm} in {row.scenario}", f"{row.failed} of {row.runs}", row.message)
         for row in rows

@@ -15,11 +15,11 @@ from taichi_plume.study.plots import interval_bar
 from taichi_plume.study.points import Quantity
 
 WIDE = 7.2  # inches
-DECADES = 3.0  # of gas that are shown
-LOW = 0.5  # ppm, the least that counts as gas
-SHOWN = 60.0  # s over which the mean is taken
-EVERY = 1.0  # s
-POINTS = 120  # along the longer side
+DECADES = 3.0  # range of the colour scale
+LOW = 0.5  # ppm, lower bound of the colour scale
+SHOWN = 60.0  # s, duration of the mean
+EVERY = 1.0  # s between samples of the mean
+POINTS = 120  # points along the longer side
 BRIEF = {LATE: "with fails", WAY: "way", ERROR: "error", FALSE: "false"}
 """Titles in a terminal."""
 
@@ -81,7 +81,7 @@ def mean_plume(scenario: Fixed, folder: Path) -> np.ndarray:
     """
     path = folder / f"{scenario.name}.plume.npz"
     key = repr(scenario.data)
-    # the file may be absent or cut off
+    # the cached file may be absent or truncated
     with suppress(OSError, ValueError, LookupError, EOFError, BadZipFile), np.load(path) as held:
         if str(held["key"]) == key:
             return held["ppm"]

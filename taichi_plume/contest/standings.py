@@ -28,8 +28,8 @@ SEARCHES = Quantity("searches", "searches", "1")
 
 
 class Row(NamedTuple):
-    """An algorithm in a scenario. searches: their number; failed, missing: numbers of runs; message: of the first
-    failed run; estimates: by the names of MEASURES, None if there is nothing to count.
+    """An algorithm in a scenario. searches: number of searches; failed, missing: numbers of runs; message: of the first
+    failed run; estimates: by the names of MEASURES, None without data.
     """
 
     scenario: str
@@ -43,7 +43,7 @@ class Row(NamedTuple):
     estimates: dict[str, Estimate | None]
 
     def columns(self) -> dict[str, object]:
-        """Return the row by the columns of contest.csv."""
+        """Return the values of the row by the columns of contest.csv."""
         columns: dict[str, object] = {
             name: value for name, value in self._asdict().items() if name != "estimates"
         }

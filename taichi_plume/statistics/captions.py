@@ -32,8 +32,8 @@ WHIFFS = (
 LAWS = "Density of durations in logarithmic bins. Solid: power law fitted in its range; dashed: T^-3/2."
 RANGE = (
     "Cut: whiffs or blanks at the start or end of the record, which are left out. Exponent: maximum likelihood "
-    "in the given range; interval by a bootstrap over blocks of time, as points see the same gusts. Without --range, the "
-    "range ends at half the travel time from the source with the mean wind, but not below the 99 % quantile, and "
+    "in the given range; interval by a bootstrap over blocks of time, as points see the same gusts. Without --range, "
+    "the range ends at half the travel time from the source with the mean wind, but not below the 99 % quantile, and "
     "starts where the remaining durations are closest to a power law (Clauset, Shalizi and Newman 2009, "
     "doi:10.1137/070710111), at five samples or later."
 )

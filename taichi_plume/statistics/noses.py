@@ -34,7 +34,7 @@ class SensorWhiffs(NamedTuple):
 
     nose: Nose
     whiffs: int
-    sensors: int
+    seen: int
     rises: int
     threshold: float
 
@@ -152,15 +152,15 @@ def smelt(
         now = (found > least[:, None]) & (least[:, None] > 0.0)
         rises[n] = now & ~above
         above, first[n] = now, found[:, 0]
-    whiffs, sensors, total = 0, np.zeros(len(models), int), np.zeros(len(models), int)
+    whiffs, seen, total = 0, np.zeros(len(models), int), np.zeros(len(models), int)
     for point in range(ppm.shape[1]):
         begins, end = _windows(ppm[:, point] > threshold)
         if len(begins):
             counts = np.add.reduceat(rises[:end, :, point].astype(int), begins, axis=0)
             whiffs += len(begins)
-            sensors += (counts > 0).sum(axis=0)
+            seen += (counts > 0).sum(axis=0)
             total += counts.sum(axis=0)
-    rows = zip(several, sensors.tolist(), total.tolist(), least.tolist(), strict=True)
+    rows = zip(several, seen.tolist(), total.tolist(), least.tolist(), strict=True)
     return Smelt([SensorWhiffs(sensor, whiffs, *row) for sensor, *row in rows], step, ppm[:, 0], first.T)
 
 
