@@ -1,21 +1,21 @@
-"""Topics of the live service and the messages that go out.
+"""Topics of the live service, and construction of the outgoing ROS messages:
 
     clock              rosgraph_msgs/Clock           simulated time
-    tf                 tf2_msgs/TFMessage            where the robots of the first trial are, from `map`
+    tf                 tf2_msgs/TFMessage            poses of the robots of the first trial, in the frame `map`
     tf_static          tf2_msgs/TFMessage            positions of the sensors on the robots of the first trial
-    map                nav_msgs/OccupancyGrid        places where no robot can be
-    plume/SPECIES      sensor_msgs/PointCloud2       ppm at the height of the gas sensors, of points with LEAST or more
+    map                nav_msgs/OccupancyGrid        obstacles and walls
+    plume/SPECIES      sensor_msgs/PointCloud2       ppm at the height of the gas sensors, at points with LEAST or more
     GROUP/readings     taichi_plume_msgs/Readings    all readings of the robots of an external group
-    GROUP/commands     taichi_plume_msgs/Commands    commands to them: comes in
-    ROBOT/cmd_vel      geometry_msgs/Twist           velocity of one robot, if the group takes velocities: comes in
-    ROBOT/pose         geometry_msgs/PoseStamped     pose of one robot, if the group takes poses: comes in
+    GROUP/commands     taichi_plume_msgs/Commands    incoming: commands to these robots
+    ROBOT/cmd_vel      geometry_msgs/Twist           incoming: velocity of one robot, if the group takes velocities
+    ROBOT/pose         geometry_msgs/PoseStamped     incoming: pose of one robot, if the group takes poses
     ROBOT/odom         nav_msgs/Odometry             pose of one robot
     ROBOT/gas          olfaction_msgs/GasSensor      ppm, or ppm m of lasers
     ROBOT/gas_raw      olfaction_msgs/GasSensor      ohm, of metal oxides
     ROBOT/wind         olfaction_msgs/Anemometer     in the frame of the robot
 
-ROBOT is GROUP_n, n from 0 on through all trials. Groups of more than MOST_ROBOTS have no topics of each. Where robots
-have several gas sensors, gas and gas_raw are of the first, gas_1 and gas_raw_1 of the next, and so on.
+ROBOT is GROUP_n, with n from 0 on over all trials. Groups of more than MOST_ROBOTS have no topics of single robots. For
+robots with several gas sensors, gas and gas_raw are of the first sensor, gas_1 and gas_raw_1 of the next.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -41,11 +41,11 @@ from taichi_plume.simulation import Simulation
 
 MOST_ROBOTS = 64
 LEAST = 0.1  # ppm
-MOST_POINTS = 20_000  # of the picture of the gas
+MOST_POINTS = 20_000  # most points of the gas cloud
 
 
 class Message(NamedTuple):
-    """Message of a topic: type, and the function that makes the message if there are subscribers."""
+    """Message of a topic. name: ROS type; make: returns the message, called only if there are subscribers."""
 
     topic: str
     name: str
@@ -62,7 +62,7 @@ def clock(t: float) -> Message:
 
 
 def readings(group: str, t: float, tick: int, values: dict[str, np.ndarray], **more: np.ndarray) -> Message:
-    """Return all readings of the robots of a group; told: see `ExternalAlgorithm`; more: answered, lost."""
+    """Return all readings of the robots of a group; values: see `ExternalAlgorithm`; more: answered, lost."""
     place, wind = values["believed_position"], values["wind"]
     count = len(place)
     return _message(
@@ -96,7 +96,7 @@ def ended(group: str, t: float, tick: int) -> Message:
 def of_each(
     group: str, t: float, values: dict[str, np.ndarray], sensors: Sequence[Mapping[str, object]]
 ) -> Iterator[Message]:
-    """Yield the readings of each robot as messages of ROS; noses: fields of the GasSensor messages of each sensor."""
+    """Yield the readings of each robot as ROS messages; sensors: fields of the GasSensor message of each sensor."""
     has_resistance = np.isfinite(values["resistance"])
     ohm = {"raw_units": ros.UNITS["ohm"]}
     for n in range(len(has_resistance)):
@@ -150,12 +150,12 @@ def _transforms(t: float, names: list[str], places: np.ndarray, heading: np.ndar
 def _message(
     topic: str, name: str, make: Callable[..., dict[str, object]], /, *args: object, **fields: object
 ) -> Message:
-    """Return a message whose fields `make` gives when they are needed."""
+    """Return a message whose fields `make` computes only when the message is sent."""
     return Message(topic, name, lambda: ros.message(name, **make(*args, **fields)))
 
 
 class View:
-    """Pictures of a simulation, once a second: the floor, and the gas over it as points of LEAST ppm or more."""
+    """Visualisation of a simulation: occupancy grid of the floor, and gas as points with LEAST ppm or more."""
 
     def __init__(self, sim: Simulation):
         self.sim = sim
@@ -171,7 +171,7 @@ class View:
         self.floor = self._floor()
 
     def _floor(self) -> np.ndarray:
-        """Return the occupancy [%] of the grid's cells and a frame of one cell around them, (ny, nx)."""
+        """Return the occupancy [%] of the grid's cells with a border of one cell, (ny, nx)."""
         grid = self.sim.grid
         nx, ny = (n + 2 for n in grid.shape[:2])
         x, y = ((np.arange(n) - 0.5) * grid.dx for n in (nx, ny))
@@ -180,7 +180,7 @@ class View:
         return np.where(away > 0, 0, 100)
 
     def messages(self) -> list[Message]:
-        """Return the messages of this moment."""
+        """Return the messages for the present time."""
         t, dx = self.sim.t, self.sim.grid.dx
         floor = partial(ros.grid, self.floor, dx, -dx, t, MAP)
         return [
