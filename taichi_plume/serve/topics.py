@@ -1,18 +1,18 @@
-"""Topics of the live service, and construction of the outgoing ROS messages:
+"""Topics of the live service, and construction of the outgoing ROS messages.
 
-    clock              rosgraph_msgs/Clock           simulated time
-    tf                 tf2_msgs/TFMessage            poses of the robots of the first trial, in the frame `map`
-    tf_static          tf2_msgs/TFMessage            positions of the sensors on the robots of the first trial
-    map                nav_msgs/OccupancyGrid        obstacles and walls
-    plume/SPECIES      sensor_msgs/PointCloud2       ppm at the height of the gas sensors, at points with LEAST or more
-    GROUP/readings     taichi_plume_msgs/Readings    all readings of the robots of an external group
-    GROUP/commands     taichi_plume_msgs/Commands    incoming: commands to these robots
-    ROBOT/cmd_vel      geometry_msgs/Twist           incoming: velocity of one robot, if the group takes velocities
-    ROBOT/pose         geometry_msgs/PoseStamped     incoming: pose of one robot, if the group takes poses
-    ROBOT/odom         nav_msgs/Odometry             pose of one robot
-    ROBOT/gas          olfaction_msgs/GasSensor      ppm, or ppm m of lasers
-    ROBOT/gas_raw      olfaction_msgs/GasSensor      ohm, of metal oxides
-    ROBOT/wind         olfaction_msgs/Anemometer     in the frame of the robot
+    - clock              rosgraph_msgs/Clock           simulated time
+    - tf                 tf2_msgs/TFMessage            poses of the robots of the first trial, in the frame `map`
+    - tf_static          tf2_msgs/TFMessage            positions of the sensors on the robots of the first trial
+    - map                nav_msgs/OccupancyGrid        obstacles and walls
+    - plume/SPECIES      sensor_msgs/PointCloud2       ppm at the height of the gas sensors, where LEAST or more
+    - GROUP/readings     taichi_plume_msgs/Readings    all readings of the robots of an external group
+    - GROUP/commands     taichi_plume_msgs/Commands    incoming: commands to these robots
+    - ROBOT/cmd_vel      geometry_msgs/Twist           incoming: velocity of one robot, if the group takes velocities
+    - ROBOT/pose         geometry_msgs/PoseStamped     incoming: pose of one robot, if the group takes poses
+    - ROBOT/odom         nav_msgs/Odometry             pose of one robot
+    - ROBOT/gas          olfaction_msgs/GasSensor      ppm, or ppm m of lasers
+    - ROBOT/gas_raw      olfaction_msgs/GasSensor      ohm, of metal oxides
+    - ROBOT/wind         olfaction_msgs/Anemometer     in the frame of the robot
 
 ROBOT is GROUP_n, with n from 0 on over all trials. Groups of more than MOST_ROBOTS have no topics of single robots. For
 robots with several gas sensors, gas and gas_raw are of the first sensor, gas_1 and gas_raw_1 of the next.
