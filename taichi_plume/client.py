@@ -35,9 +35,9 @@ class Readings:
 
     robot: numbers in the group. position (n, 2) [m] and heading [rad] as the robots estimate them, altitude [m] of
     drones; gas [ppm, or ppm m of a laser] and resistance [ohm], NaN without a metal oxide, of the first gas sensor;
-    gases and resistances (n, sensors) of all sensors; wind (n, 2) [m/s], zero where not `wind_known`; blocked: the
-    bumper; over: whether the search of a robot is over; lost: whether a robot stands still as it got no commands;
-    answered: number of the last command that each robot has carried out.
+    gases and resistances (n, sensors) of all sensors; wind (n, 2) [m/s], zero where not `wind_known`; blocked: state of
+    the bumper; over: whether a robot's search is over; lost: whether a robot stands still for lack of commands;
+    answered: number of the last command that each robot has executed.
     """
 
     t: float
@@ -61,9 +61,9 @@ class Readings:
 class Team(KnownAttributes):
     """The robots of an external group, or some of them.
 
-    where: HOST:PORT of the service. group: its name in the scenario. robots: their numbers, trial by trial; unless
-    given, all. token: of the service, unless given from the environment (TAICHI_PLUME_TOKEN). patience: longest silence
-    of the service [s], at the start too. Raises ConnectionError, in a line, and ValueError for unknown robots.
+    where: HOST:PORT of the service. group: name in the scenario. robots: numbers of the robots, trial by trial; default
+    all. token: of the service; default from the environment (TAICHI_PLUME_TOKEN). patience: longest silence of the
+    service [s], also at the start. Raises ConnectionError in one line, and ValueError for unknown robots.
     """
 
     def __init__(
@@ -81,8 +81,8 @@ class Team(KnownAttributes):
         self._news = threading.Condition()
         self._newest: Readings | None = None
         self._shown, self._ended = -1, False
-        self._number = time.time_ns() // 1000  # ahead of older clients: they send less than one per us
-        self._answered = -1  # tick of the readings that were shown and answered
+        self._number = time.time_ns() // 1000  # larger than the numbers of earlier clients
+        self._answered = -1  # tick of the last readings that a command has answered
         self._subscriber = self._session.declare_subscriber(f"{self.group}/readings", self._hear)
         self._publisher = self._session.declare_publisher(f"{self.group}/commands")
         if type(self) is Team:  # subclasses have attributes of their own
@@ -95,28 +95,28 @@ class Team(KnownAttributes):
         self.close()
 
     def close(self) -> None:
-        """Disconnect; the robots are lost then, and stand still."""
+        """Disconnect. The robots then count as lost and stand still."""
         self._session.close()
 
     # ------------------------------------------------------------ in
 
     def __iter__(self) -> Iterator[Readings]:
-        """Yield the newest readings until the run is over; readings of ticks missed in between are left out.
+        """Yield the newest readings until the run is over. Readings of missed ticks are skipped.
 
-        Raises ConnectionError if nothing comes any more.
+        Raises ConnectionError if no readings arrive within `patience`.
         """
         while (now := self.wait()) is not None:
             yield now
         if not self._ended:
-            what = "nothing came any more of" if self._newest else "no readings came of"
+            what = "no more readings came of" if self._newest else "no readings came of"
             raise ConnectionError(
-                f"{what} group {self.group} for {self.patience:g} s; is there such a group of kind external, and does "
-                "its run go on?"
+                f"{what} group {self.group} for {self.patience:g} s; check that the run has a group of kind external "
+                "with this name and is still running"
             )
 
     def wait(self, seconds: float | None = None) -> Readings | None:
-        """Return the readings of a new tick; None if the run is over, or nothing comes in time: `seconds`, unless given
-        `patience`. Raises ValueError if there are no such robots.
+        """Wait for the readings of a new tick, at most `seconds` (default `patience`), and return them; None if the run
+        is over or the time has passed. Raises ValueError for unknown robots.
         """
         with self._news:
             seconds = self.patience if seconds is None else seconds
@@ -134,7 +134,7 @@ class Team(KnownAttributes):
         return self._newest is not None and self._newest.tick > self._shown
 
     def _hear(self, sample: Any) -> None:
-        """Take readings, in a thread of zenoh's."""
+        """Store received readings; called in a thread of zenoh."""
         fault, now = "", None
         try:
             message = ros.decode(ros.READINGS, sample.payload.to_bytes())
@@ -147,7 +147,7 @@ class Team(KnownAttributes):
                 fault = f"robot {self.robots.max()} of group {self.group} is none of 0 to {last}"
             elif not message.ended:
                 now = _readings(message, slice(None) if self.robots is None else self.robots)
-        except (ros.RosError, ValueError, IndexError):  # not by the service
+        except (ros.RosError, ValueError, IndexError):  # not a message of the service
             return
         with self._news:
             if now and self.robots is None:
@@ -166,12 +166,12 @@ class Team(KnownAttributes):
         left: Maybe = None,
         climb: Maybe = None,
     ) -> int:
-        """Command forward speeds [m/s] and turn rates to the left [rad/s], one for all robots or (n,); of drones also
+        """Command forward speeds [m/s] and turn rates to the left [rad/s], one for all robots or (n,). Drones also take
         speeds to the left and upward [m/s].
 
-        declared: (n, 2) positions of the source as the robots declare them [m], NaN: no declaration. Returns the number
-        of the command. Raises ValueError for values that are no numbers or not of n robots, and before the first
-        readings, unless `robots` were given.
+        declared: (n, 2) declared positions of the source [m], NaN for no declaration. Returns the number of the
+        command. Raises ValueError for invalid numbers or shapes, and before the first readings unless `robots` were
+        given.
         """
         flown = {name: value for name, value in (("left", left), ("climb", climb)) if value is not None}
         return self._send({"speed": speed, "turn_rate": turn_rate} | flown, declared)
@@ -179,26 +179,26 @@ class Team(KnownAttributes):
     def be_at(
         self, x: ArrayLike, y: ArrayLike, heading: ArrayLike, declared: Maybe = None, z: Maybe = None
     ) -> int:
-        """Send the positions [m] and headings [rad] of real robots, (n,) or one for all; else as `drive`. z: heights of
-        the lower ends of drones [m].
+        """Send the positions [m] and headings [rad] of real robots, (n,) or one for all. z: heights of the lower ends
+        of drones [m]. Other arguments as in `drive`.
         """
         flown = {} if z is None else {"z": z}
         return self._send({"x": x, "y": y, "heading": heading} | flown, declared)
 
     def _send(self, values: dict[str, ArrayLike], declared: Maybe) -> int:
         if self.robots is None:
-            raise ValueError("which robots there are is not known before the first readings; wait for them")
+            raise ValueError("the robots are unknown before the first readings; call wait() first")
         count = len(self.robots)
         fields = {name: _spread(name, value, (count,)) for name, value in values.items()}
         for name, each in fields.items():
             if not np.isfinite(each).all():
                 n = self.robots[np.argmin(np.isfinite(each))]
-                raise ValueError(f"{name} of robot {n}: got {each[~np.isfinite(each)][0]}, takes a number")
+                raise ValueError(f"{name} of robot {n}: got {each[~np.isfinite(each)][0]}, must be finite")
         if declared is not None:
             places = _spread("declared", declared, (count, 2))
             fields |= {"declared_x": places[:, 0], "declared_y": places[:, 1]}
         with self._news:
-            # a command answers readings that were shown, once; without new ones it answers the newest
+            # a command answers the readings last returned, once; further commands answer the newest readings
             newest = self._newest.tick if self._newest else 0
             tick = self._shown if self._shown > self._answered else newest
             self._answered = tick
@@ -212,18 +212,18 @@ def _numbers(robots: ArrayLike) -> np.ndarray:
     """Return numbers of robots as an array. Raises ValueError."""
     given = np.atleast_1d(np.asarray(robots))
     if given.ndim != 1 or not len(given) or not np.issubdtype(given.dtype, np.integer) or given.min() < 0:
-        raise ValueError(f"robots: got {robots!r}, takes numbers from 0 on")
+        raise ValueError(f"robots: got {robots!r}, must be whole numbers from 0 on")
     return given.astype(np.uint32)
 
 
 def _spread(name: str, value: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
-    """Return a value for all robots, or one for each, in this shape. Raises ValueError."""
+    """Return a value for all robots, or one per robot, broadcast to a shape. Raises ValueError."""
     given = np.asarray(value, float)
     try:
         return np.broadcast_to(given, shape)
     except ValueError:
         raise ValueError(
-            f"{name}: got an array of shape {given.shape}, takes one of {shape}, or one for all robots"
+            f"{name}: got an array of shape {given.shape}, must have shape {shape} or be one value for all robots"
         ) from None
 
 
@@ -248,7 +248,7 @@ def _readings(message: Any, robots: slice | np.ndarray) -> Readings:
 
 
 def _connected(where: str, token: str | None, patience: float) -> "zenoh.Session":
-    """Return a session with a service, which may still be starting. Raises ConnectionError."""
+    """Return a session with a service; retry for `patience` while the service starts. Raises ConnectionError."""
     from argparse import ArgumentTypeError
 
     try:

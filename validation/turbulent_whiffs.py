@@ -217,8 +217,8 @@ def _sensors(flows: Sequence[Records], kind: str) -> dict[str, float | Curve]:
             line = c[:, at].reshape(len(c), -1)
             line = line[:, chosen(line > least)]
             found = smelt(several, gas, STEP, line, float(least))
-            whiffs += found.kept[0].whiffs
-            counts += [count.kept for count in found.kept]
+            whiffs += found.sensors[0].whiffs
+            counts += [sensor.seen for sensor in found.sensors]
             if not answer:
                 window = slice(0, round(60.0 / STEP))
                 peak = found.true[window].max()

@@ -101,7 +101,7 @@ def _print(plume: "Statistics") -> None:
                     f"(95 %: {law.low:.2f} to {law.high:.2f}) from {law.first:.3g} to {law.last:.3g} s; turbulence: 1.5"
                 )
     if plume.smelt:
-        slow, fast = plume.smelt.kept[:2]
+        slow, fast = plume.smelt.sensors[:2]
         say(
             f"of {slow.whiffs:,} whiff{'s' * (slow.whiffs != 1)} a metal oxide of 12 s keeps {slow.share:.0%}, "
             f"a detector of 50 ms {fast.share:.0%}"

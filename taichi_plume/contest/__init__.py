@@ -1,4 +1,4 @@
-"""The contest: fixed scenarios, all search algorithms and the user's own, one table with intervals over airs."""
+"""Contest (benchmark) of search algorithms, shipped and the user's, in fixed scenarios, with intervals over airs."""
 
 MAY_IMPORT: tuple[str, ...] = (
     "assembly",

@@ -1,9 +1,9 @@
-"""Entrants of a contest: every search algorithm of scenario/algorithms.py, and the user's own.
+"""Entrants of a contest: every search algorithm of scenario/algorithms.py, and the user's algorithms.
 
-All have the robot, sensors, starts and airs of the scenario, and their own defaults. Of the facts of the plume in the
-scenario's file (`Fixed.facts`) each algorithm is given those that it has a key for. One robot searches, or `TEAM`
-robots of an algorithm for teams. Algorithms that can declare where the source is take part twice: as all others, where
-a search succeeds when a robot reaches the source, and as NAME_declares, where the first declaration must be right.
+All entrants have the robot, sensors, starts and airs of the scenario, and their own defaults. An algorithm is given
+those facts of the plume (`Fixed.facts`) that it has keys for. One robot searches, or `TEAM` robots of an algorithm for
+teams. Algorithms that can declare the source take part twice: like all others, where a search succeeds when a robot
+reaches the source, and as NAME_declares, where the first declaration must be right.
 """
 
 import difflib
@@ -20,19 +20,19 @@ from taichi_plume.scenario.loading import ScenarioError, read_mapping
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm
 
 FLOOR = "random_walk"
-"""An algorithm that is not better has learnt nothing from the gas."""
+"""Baseline: an algorithm that is not better gains nothing from the gas."""
 BESIDE = (FLOOR, "dapso")
-"""Kinds that take part although they do more than search."""
+"""Kinds that take part although they are no plain search algorithms."""
 TEAM = 5  # robots of a swarm, as in Marjovi & Marques, ICRA 2014
-TOLD_AS = {"minimum_ppm": "threshold_ppm"}
-"""Keys of algorithms, and the fact of the plume that they mean: the least index of SPIRAL is a reading."""
+FACT_OF_KEY = {"minimum_ppm": "threshold_ppm"}
+"""Fact of the plume for a key of another name: `minimum_ppm` of SPIRAL is a threshold of readings."""
 FILES = ("own", "policy")
 """Kinds that need a file of the user."""
 
 
 class Entrant(NamedTuple):
-    """An entrant. section: its algorithm in a scenario, without facts of the plume; robots: number; found: "reached" or
-    "declared", the event that ends a search.
+    """An entrant. section: `algorithm` of the scenario, without facts of the plume; robots: number of robots; found:
+    "reached" or "declared", the event that ends a search.
     """
 
     name: str
@@ -41,37 +41,37 @@ class Entrant(NamedTuple):
     found: str = "reached"
 
     def changes(self, scenario: Fixed) -> dict[str, Any]:
-        """Return the changes to a scenario of the contest, by path."""
+        """Return the changes to a scenario of the contest that let the entrant search, by path."""
         return {
             "robots.0.algorithm": self.section | _facts(kinds()[self.section["kind"]], scenario.facts),
             "robots.0.count": self.robots,
             "robots.0.found": self.found,
-            "stop_early": self.found == "reached",  # if all have declared wrongly, the whole time counts
+            "stop_early": self.found == "reached",  # after wrong declarations the whole time counts
         }
 
 
 def kinds() -> dict[str, type[AnyAlgorithm]]:
-    """Return the sections of all kinds of algorithms, by kind."""
+    """Return the models (sections of a scenario) of all algorithms, by kind."""
     union, *_ = get_args(Algorithm)
-    return {get_args(one.model_fields["kind"].annotation)[0]: one for one in get_args(union)}
+    return {get_args(model.model_fields["kind"].annotation)[0]: model for model in get_args(union)}
 
 
 def shipped() -> tuple[Entrant, ...]:
-    """Return the entrants that ship with the package, the floor last."""
-    fit = {kind for kind, one in kinds().items() if (one.searches or kind in BESIDE) and not one.in_space}
-    some = [kind for kind in kinds() if kind in fit and kind not in FILES]
-    some.sort(key=lambda kind: kind == FLOOR)
-    return tuple(Entrant(kind, {"kind": kind}, TEAM if kinds()[kind].talks else 1) for kind in some)
+    """Return the entrants that ship with the package, the baseline last."""
+    fit = {kind for kind, m in kinds().items() if (m.searches or kind in BESIDE) and not m.in_space}
+    names = [kind for kind in kinds() if kind in fit and kind not in FILES]
+    names.sort(key=lambda kind: kind == FLOOR)
+    return tuple(Entrant(kind, {"kind": kind}, TEAM if kinds()[kind].talks else 1) for kind in names)
 
 
 def _facts(model: type[AnyAlgorithm], facts: Mapping[str, float]) -> dict[str, float]:
     """Return the facts of the plume that an algorithm has keys for."""
-    wanted = {key: TOLD_AS.get(key, key) for key in model.model_fields}
-    return {key: facts[name] for key, name in wanted.items() if name in facts}
+    names = {key: FACT_OF_KEY.get(key, key) for key in model.model_fields}
+    return {key: facts[name] for key, name in names.items() if name in facts}
 
 
 def own(path: Path) -> Entrant:
-    """Return the algorithm in a Python file, which is read and not executed. Raises ScenarioError."""
+    """Return the entrant of a Python file, which is read but not executed. Raises ScenarioError."""
     _require_open(path)
     try:
         OwnFile.read(path, None)
@@ -81,7 +81,7 @@ def own(path: Path) -> Entrant:
 
 
 def learnt(path: Path) -> Entrant:
-    """Return a learnt policy: an ONNX file of the default observations and actions, or the first one in a scenario.
+    """Return a learnt policy: an ONNX file with default observations and actions, or the first policy of a scenario.
 
     Raises ScenarioError.
     """
@@ -113,41 +113,41 @@ def _require_open(path: Path) -> None:
 def entrants(
     names: Sequence[str] | None, files: Sequence[Path], policies: Sequence[Path] = ()
 ) -> list[Entrant]:
-    """Return the shipped entrants, all or those of `names`, and the user's. Raises ScenarioError."""
-    there = {one.name: one for one in shipped()}
+    """Return the shipped entrants, all or those of `names`, and the user's entrants. Raises ScenarioError."""
+    there = {entrant.name: entrant for entrant in shipped()}
     chosen = known("algorithm", names, list(there)) if names else there
     found = [both for name in chosen for both in _both(there[name])]
-    taken = {*kinds(), *(both.name for one in there.values() for both in _both(one))}
+    taken = {*kinds(), *(both.name for entrant in there.values() for both in _both(entrant))}
     for path, mine in [*((path, own(path)) for path in files), *((path, learnt(path)) for path in policies)]:
-        for one in _both(mine):
-            if one.name in taken:
-                other = f"another algorithm of the contest is called {visible(one.name)}"
+        for entrant in _both(mine):
+            if entrant.name in taken:
+                other = f"another algorithm of the contest is called {visible(entrant.name)}"
                 raise ScenarioError([f"{visible(path)}: {other}; rename the file"])
-            found.append(one)
-            taken.add(one.name)
+            found.append(entrant)
+            taken.add(entrant.name)
     return found
 
 
-def _both(one: Entrant) -> tuple[Entrant, ...]:
-    """Return an entrant and, if it can declare where the source is, its variant whose declarations count."""
-    section = one.section
+def _both(base: Entrant) -> tuple[Entrant, ...]:
+    """Return an entrant and, if the algorithm can declare the source, the variant judged by its declarations."""
+    section = base.section
     if section["kind"] == "own":
         speaks = b".declare(" in OwnFile.read(Path(section["file"]), None).source
     elif section["kind"] == "policy":
         speaks = bool(section.get("declares"))
     else:
         speaks = kinds()[section["kind"]].model_validate(section).may_declare
-    return (one, one._replace(name=f"{one.name}_declares", found="declared")) if speaks else (one,)
+    return (base, base._replace(name=f"{base.name}_declares", found="declared")) if speaks else (base,)
 
 
 def scenarios(names: Sequence[str] | None, unless: Sequence[str]) -> list[str]:
-    """Return the names of scenarios in the contest's order, `unless` if none are given. Raises ScenarioError."""
+    """Return the given scenarios, by default `unless`, in the contest's order. Raises ScenarioError."""
     given = known("scenario", names, list(NAMES)) if names else list(unless)
     return [name for name in NAMES if name in given]
 
 
 def known(what: str, names: Sequence[str], there: Sequence[str]) -> list[str]:
-    """Return known names without repetition. Raises ScenarioError, which suggests a similar name."""
+    """Return the names without repetition. Raises ScenarioError for an unknown name, with a similar known name."""
     for name in names:
         if name not in there:
             close = difflib.get_close_matches(name, there, n=1)

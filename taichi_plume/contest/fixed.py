@@ -1,7 +1,7 @@
-"""Fixed scenarios of the contest: files of this package, each a scenario that `taichi_plume.run` executes too.
+"""Fixed scenarios of the contest: files of this package that `taichi_plume.run` can execute, too.
 
-The first lines of a file state what the scenario tests. The algorithm of its robots holds the facts of the plume that
-all algorithms are given: `threshold_ppm`, and `wind_speed` for plume models (see contest/entrants.py).
+The first lines of a file state the purpose of the scenario. The section `algorithm` of the robots holds the facts of
+the plume for all algorithms: `threshold_ppm`, and `wind_speed` for plume models (see contest/entrants.py).
 """
 
 from itertools import takewhile
@@ -15,13 +15,13 @@ from taichi_plume.scenario.scenario import Scenario
 
 FOLDER = Path(__file__).with_name("scenarios")
 NAMES = ("open_2d", "open_3d", "meandering", "closed_room", "obstacles", "two_sources")
-"""In the order in which they are run and listed."""
+"""Names of the scenarios in the order of execution and of the tables."""
 QUICK = ("open_2d",)
 """Scenarios of `--quick`."""
 
 
 class Fixed(NamedTuple):
-    """A scenario of the contest. about: paragraphs of the file's head; data: as parsed from YAML."""
+    """A scenario of the contest. about: paragraphs of the file's head comment; data: as parsed from YAML."""
 
     name: str
     about: tuple[str, ...]
@@ -29,7 +29,7 @@ class Fixed(NamedTuple):
 
     @property
     def scenario(self) -> Scenario:
-        """The scenario, checked without its files."""
+        """The scenario, validated without opening the files that it names."""
         return scenario_from(self.data)
 
     @property
@@ -40,7 +40,7 @@ class Fixed(NamedTuple):
 
 
 def fixed(name: str, seed: int | None = None, searches: int | None = None) -> Fixed:
-    """Read a scenario of NAMES; seed, searches (in each air): replace those of the file."""
+    """Read a scenario of NAMES. seed, searches (number in each air) replace the values of the file."""
     text = (FOLDER / f"{name}.yaml").read_text(encoding="utf-8")
     data = yaml.safe_load(text)
     if seed is not None:
@@ -51,7 +51,7 @@ def fixed(name: str, seed: int | None = None, searches: int | None = None) -> Fi
 
 
 def _about(text: str) -> tuple[str, ...]:
-    """Return the comment at the head of a file; its question is a paragraph of its own."""
+    """Return the comment at the head of a file as two paragraphs: the setting and the question."""
     head = takewhile(lambda line: line.startswith("#"), text.splitlines())
     lines = [line.removeprefix("#").strip() for line in head]
     setting, _, question = " ".join(lines).partition("The question: ")

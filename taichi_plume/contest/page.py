@@ -1,4 +1,4 @@
-"""`contest.html`: standings of a contest on one self-contained page; and as a table in the terminal."""
+"""Report page of a contest (`contest.html`), self-contained, and the standings as a table in the terminal."""
 
 import shlex
 from collections.abc import Iterator, Sequence
@@ -32,7 +32,7 @@ WORDS = (ERROR, FALSE, DECLARED, REACHED, NEITHER)
 
 
 def write(contest: Contest, rows: Sequence[Row], command: Sequence[str]) -> Path:
-    """Write the page of a contest; return its path. command: repeats the contest. Raises OSError, ScenarioError."""
+    """Write the page of a contest; return its path. command: shown as repetition. Raises OSError, ScenarioError."""
     runs, left = sum(row.runs for row in rows), sum(row.failed + row.missing for row in rows)
     return html.write(
         contest.out / f"{NAME}.html", _sections(contest, rows, command),
@@ -43,23 +43,23 @@ def write(contest: Contest, rows: Sequence[Row], command: Sequence[str]) -> Path
 
 def _sections(contest: Contest, rows: Sequence[Row], command: Sequence[str]) -> Iterator[Section]:
     yield _whole(contest, rows)
-    for one in contest.scenarios:
-        mine = [row for row in rows if row.scenario == one.name]
+    for scenario in contest.scenarios:
+        mine = [row for row in rows if row.scenario == scenario.name]
         if mine:
-            yield _scenario(contest, one, mine)
+            yield _scenario(contest, scenario, mine)
     yield _failures(rows)
     yield Section("How it was measured", "measured", lines=list(captions.MEASURED))
     yield Section("How to repeat it", "again", lines=[shlex.join(command)], code=True)
 
 
 def _whole(contest: Contest, rows: Sequence[Row]) -> Section:
-    """Success of each algorithm in all scenarios, the best mean first."""
-    names = [one.name for one in contest.scenarios if any(row.scenario == one.name for row in rows)]
+    """Return the success of each algorithm in all scenarios, the best mean first."""
+    names = [fixed.name for fixed in contest.scenarios if any(row.scenario == fixed.name for row in rows)]
     found = {(row.algorithm, row.scenario): row.estimates[SUCCESS.name] for row in rows}
     means = {}
-    for one in contest.entrants:
-        estimates = [found.get((one.name, name)) for name in names]
-        means[one.name] = sum(each.mean if each else np.nan for each in estimates) / max(1, len(names))
+    for entrant in contest.entrants:
+        estimates = [found.get((entrant.name, name)) for name in names]
+        means[entrant.name] = sum(each.mean if each else np.nan for each in estimates) / max(1, len(names))
     table = []
     for algorithm, mean in sorted(means.items(), key=lambda pair: -np.nan_to_num(pair[1], nan=-1.0)):
         cells = [SUCCESS.cell(found.get((algorithm, name))) for name in names]
@@ -71,13 +71,13 @@ def _whole(contest: Contest, rows: Sequence[Row]) -> Section:
     return section
 
 
-def _scenario(contest: Contest, one: Fixed, rows: Sequence[Row]) -> Section:
-    section = Section(one.name, one.name, lines=list(one.about))
-    facts = ", ".join(f"{key} {value:g}" for key, value in one.facts.items())
+def _scenario(contest: Contest, scenario: Fixed, rows: Sequence[Row]) -> Section:
+    section = Section(scenario.name, scenario.name, lines=list(scenario.about))
+    facts = ", ".join(f"{key} {value:g}" for key, value in scenario.facts.items())
     section.lines.append(f"{captions.FACTS} {facts}.")
-    image = plots.arena(one, plots.mean_plume(one, contest.out / SCENARIOS))
-    section.images.append(Image(image, f"{one.name} from above", captions.ARENA))
-    image = plots.compared(rows, one.scenario.duration)
+    image = plots.arena(scenario, plots.mean_plume(scenario, contest.out / SCENARIOS))
+    section.images.append(Image(image, f"{scenario.name} from above", captions.ARENA))
+    image = plots.compared(rows, scenario.scenario.duration)
     section.images.append(Image(image, "Success and time", captions.COMPARED))
     declaring = [row for row in rows if row.estimates[ERROR.name]]
     section.tables.append(_table(rows, [each for each in MEASURES if each not in WORDS], captions.TABLE))
@@ -89,12 +89,12 @@ def _scenario(contest: Contest, one: Fixed, rows: Sequence[Row]) -> Section:
 
 
 def _table(rows: Sequence[Row], shown: Sequence[Quantity], caption: str) -> Table:
-    table = [(row.algorithm, *(one.cell(row.estimates[one.name]) for one in shown)) for row in rows]
+    table = [(row.algorithm, *(q.cell(row.estimates[q.name]) for q in shown)) for row in rows]
     return Table(table, ("algorithm", *map(plots.title, shown)), caption)
 
 
 def _failures(rows: Sequence[Row]) -> Section:
-    """Failed runs, a line per algorithm and scenario."""
+    """Return the failed runs, a line per algorithm and scenario."""
     failed = [
         (f"{row.algorithm} in {row.scenario}", f"{row.failed} of {row.runs}", row.message)
         for row in rows
@@ -108,15 +108,15 @@ def show_table(rows: Sequence[Row]) -> None:
     """Print the standings: success with its interval, the other quantities as means."""
     from rich.table import Table as Shown
 
-    shown = [one for one in MEASURES if one not in ON_PAGE and any(row.estimates[one.name] for row in rows)]
+    shown = [q for q in MEASURES if q not in ON_PAGE and any(row.estimates[q.name] for row in rows)]
     table = Shown(box=None, padding=(0, 1, 0, 0))
-    for n, head in enumerate(("", *(plots.title(one, short=True) for one in shown))):
+    for n, head in enumerate(("", *(plots.title(q, short=True) for q in shown))):
         table.add_column(head, no_wrap=n < 2, min_width=5)
     before = ""
     for row in rows:
         if row.scenario != before:
             table.add_row(row.scenario, style="bold")
         before = row.scenario
-        cells = ((one.cell if one is SUCCESS else one.mean)(row.estimates[one.name]) for one in shown)
+        cells = ((q.cell if q is SUCCESS else q.mean)(row.estimates[q.name]) for q in shown)
         table.add_row(f" {visible(row.algorithm)}", *cells)
     show(table)

@@ -1,7 +1,7 @@
-"""Run a contest: a study for each scenario.
+"""Run a contest: execute a study for each scenario.
 
 The folder holds `scenarios/NAME.yaml` and `NAME.study.yaml`, the folder `NAME` of each study, `contest.csv`,
-`contest.parquet` and `contest.html`. Runs, airs, workers and resuming are those of studies.
+`contest.parquet` and `contest.html`. Runs, airs, workers and resuming work as in studies.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ AXIS = "algorithm"
 
 
 class Contest(NamedTuple):
-    """Settings of a contest. out: the folder; airs: their number in each scenario."""
+    """Settings of a contest. out: folder of the contest; airs: number of airs in each scenario."""
 
     out: Path
     scenarios: tuple[Fixed, ...]
@@ -42,7 +42,7 @@ class Contest(NamedTuple):
         return self.scenarios[0].data["robots"][0]["trials"]
 
     def study(self, scenario: Fixed) -> Path:
-        """The study's folder of a scenario."""
+        """Return the folder of a scenario's study."""
         return self.out / scenario.name
 
 
@@ -54,15 +54,15 @@ def plans(contest: Contest) -> list["Plan"]:
     own_folder.mark(contest.out, KIND)
     folder.mkdir(exist_ok=True)
     made = []
-    for one in contest.scenarios:
-        base, file = folder / f"{one.name}.yaml", folder / f"{one.name}.study.yaml"
-        head = "".join(f"# {line}\n" for line in one.about)
-        _write(base, head + yaml.safe_dump(one.data, sort_keys=False))
+    for scenario in contest.scenarios:
+        base, file = folder / f"{scenario.name}.yaml", folder / f"{scenario.name}.study.yaml"
+        head = "".join(f"# {line}\n" for line in scenario.about)
+        _write(base, head + yaml.safe_dump(scenario.data, sort_keys=False))
         study = {
-            "name": one.name,
+            "name": scenario.name,
             "base": base.name,
             "airs": contest.airs,
-            "axes": {AXIS: {"variants": {each.name: each.changes(one) for each in contest.entrants}}},
+            "axes": {AXIS: {"variants": {each.name: each.changes(scenario) for each in contest.entrants}}},
         }
         _write(file, yaml.safe_dump(study, sort_keys=False))
         made.append(load_plan(file, allow_outside=True))  # own algorithms lie where the user has them
@@ -70,9 +70,9 @@ def plans(contest: Contest) -> list["Plan"]:
 
 
 def play(contest: Contest, wishes: Wishes) -> int:
-    """Execute the missing runs; return the exit code of the worst study. Raises the errors of `plans`.
+    """Execute the missing runs; return the largest exit code of the studies. Raises the errors of `plans`.
 
-    wishes: options of the studies, but for `out`.
+    wishes: options of the studies; `out` is replaced.
     """
     code = 0
     for plan, scenario in zip(plans(contest), contest.scenarios, strict=True):
@@ -85,7 +85,7 @@ def play(contest: Contest, wishes: Wishes) -> int:
 
 
 def _require_ours(out: Path) -> None:
-    """Raise RunFolderError if the folder holds links or files that no contest wrote."""
+    """Raise RunFolderError if the folder holds links or files that do not belong to a contest."""
     if not out.exists():
         return
     fault = unopenable(out, folder=True)
@@ -108,9 +108,9 @@ def chosen(names: str | None) -> Sequence[str] | None:
     """Split names at commas; None stays None. Raises ScenarioError for an empty name."""
     if names is None:
         return None
-    some = [name.strip() for name in names.split(",")]
-    if not all(some):
+    parts = [name.strip() for name in names.split(",")]
+    if not all(parts):
         raise ScenarioError(
             [f"'{visible(names)}': give names with commas between, such as open_2d,meandering"]
         )
-    return some
+    return parts

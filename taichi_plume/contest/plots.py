@@ -15,11 +15,11 @@ from taichi_plume.study.plots import interval_bar
 from taichi_plume.study.points import Quantity
 
 WIDE = 7.2  # inches
-DECADES = 3.0  # of gas that are shown
-LOW = 0.5  # ppm, the least that counts as gas
-SHOWN = 60.0  # s over which the mean is taken
-EVERY = 1.0  # s
-POINTS = 120  # along the longer side
+DECADES = 3.0  # range of the colour scale
+LOW = 0.5  # ppm, lower bound of the colour scale
+SHOWN = 60.0  # s, duration of the mean
+EVERY = 1.0  # s between samples of the mean
+POINTS = 120  # points along the longer side
 BRIEF = {LATE: "with fails", WAY: "way", ERROR: "error", FALSE: "false"}
 """Titles in a terminal."""
 
@@ -50,27 +50,27 @@ def compared(rows: Sequence[Row], most: float) -> bytes:
     """Draw success and time of each algorithm with their intervals, a line each; most: duration of a search [s]."""
     with look.styled({"text.parse_math": False}):
         figure = look.figure(WIDE, 0.9 + 0.25 * len(rows), 100)
-        for axes, one in zip(figure.subplots(1, 2, sharey=True), (SUCCESS, TIME), strict=True):
+        for axes, quantity in zip(figure.subplots(1, 2, sharey=True), (SUCCESS, TIME), strict=True):
             look.plain(axes)
             for place, row in enumerate(rows):
-                estimate = row.estimates[one.name]
+                estimate = row.estimates[quantity.name]
                 if estimate is not None and estimate.n:
-                    interval_bar(axes, place, one, estimate)
+                    interval_bar(axes, place, quantity, estimate)
             axes.set_ylim(len(rows) - 0.5, -0.5)
-            if one is SUCCESS:
+            if quantity is SUCCESS:
                 axes.set_yticks(range(len(rows)), [look.short(row.algorithm) for row in rows])
-            axes.set_title(title(one), fontsize=9)
-            high = 100.0 if one.share else most
+            axes.set_title(title(quantity), fontsize=9)
+            high = 100.0 if quantity.share else most
             axes.set_xlim(-0.03 * high, 1.03 * high)
         figure.tight_layout(pad=0.6)
         return look.png(figure)
 
 
-def title(one: Quantity, short: bool = False) -> str:
+def title(quantity: Quantity, short: bool = False) -> str:
     """Return the title of a column or figure with its unit; short: for a terminal."""
-    unit = "%" if one.share else "" if one.unit == "1" else one.unit
-    whose = " (successes)" if one.what == "successes" and not short else ""
-    name = BRIEF.get(one, one.title) if short else one.title
+    unit = "%" if quantity.share else "" if quantity.unit == "1" else quantity.unit
+    whose = " (successes)" if quantity.what == "successes" and not short else ""
+    name = BRIEF.get(quantity, quantity.title) if short else quantity.title
     return f"{name}{whose}" + (f" [{unit}]" if unit else "")
 
 
@@ -81,7 +81,7 @@ def mean_plume(scenario: Fixed, folder: Path) -> np.ndarray:
     """
     path = folder / f"{scenario.name}.plume.npz"
     key = repr(scenario.data)
-    # the file may be absent or cut off
+    # the cached file may be absent or truncated
     with suppress(OSError, ValueError, LookupError, EOFError, BadZipFile), np.load(path) as held:
         if str(held["key"]) == key:
             return held["ppm"]

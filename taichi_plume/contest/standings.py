@@ -28,8 +28,8 @@ SEARCHES = Quantity("searches", "searches", "1")
 
 
 class Row(NamedTuple):
-    """An algorithm in a scenario. searches: their number; failed, missing: numbers of runs; message: of the first
-    failed run; estimates: by the names of MEASURES, None if there is nothing to count.
+    """An algorithm in a scenario. searches: number of searches; failed, missing: numbers of runs; message: of the first
+    failed run; estimates: by the names of MEASURES, None without data.
     """
 
     scenario: str
@@ -43,15 +43,15 @@ class Row(NamedTuple):
     estimates: dict[str, Estimate | None]
 
     def columns(self) -> dict[str, object]:
-        """Return the row by the columns of contest.csv."""
+        """Return the values of the row by the columns of contest.csv."""
         columns: dict[str, object] = {
             name: value for name, value in self._asdict().items() if name != "estimates"
         }
-        for one in MEASURES:
-            each = self.estimates[one.name]
+        for measure in MEASURES:
+            each = self.estimates[measure.name]
             ends = (each.mean, each.low, each.high) if each else (np.nan,) * 3
             for end, value in zip(("", "_low", "_high"), ends, strict=True):
-                columns[one.name + end] = float(value)
+                columns[measure.name + end] = float(value)
         first = self.estimates[SUCCESS.name]
         columns["airs"] = first.airs if first else 0
         columns["success_words"] = SUCCESS.words(first)
@@ -60,7 +60,7 @@ class Row(NamedTuple):
 
 def rows(contest: Contest) -> list[Row]:
     """Return the rows of all scenarios that have been started, in the contest's order. Raises RunFolderError."""
-    started = [one.name for one in contest.scenarios if (contest.study(one) / "plan.parquet").is_file()]
+    started = [fixed.name for fixed in contest.scenarios if (contest.study(fixed) / "plan.parquet").is_file()]
     return [row for name in started for row in _of_study(contest, name)]
 
 
@@ -68,14 +68,14 @@ def _of_study(contest: Contest, name: str) -> Iterator[Row]:
     study = open_study(contest.out / name)
     runs: Any = study.runs()
     found = _estimates(study)
-    for one in contest.entrants:
-        mine = runs[runs[AXIS] == one.name]
-        searched = found[SEARCHES.name].get(one.name)
+    for entrant in contest.entrants:
+        mine = runs[runs[AXIS] == entrant.name]
+        searched = found[SEARCHES.name].get(entrant.name)
         failed = mine[mine["status"] == "failed"]
         yield Row(
-            name, one.name, one.robots, len(mine), len(failed), int((mine["status"] == "missing").sum()),
+            name, entrant.name, entrant.robots, len(mine), len(failed), int((mine["status"] == "missing").sum()),
             str(failed["message"].iloc[0]) if len(failed) else "", searched.n if searched else 0,
-            {measure.name: found[measure.name].get(one.name) for measure in MEASURES},
+            {measure.name: found[measure.name].get(entrant.name) for measure in MEASURES},
         )  # fmt: skip
 
 
@@ -88,7 +88,7 @@ def _estimates(study: Results) -> dict[str, dict[Hashable, Estimate]]:
     trials = trials.assign(searches=1.0, path_ratio=ratio, air_by_chance=chance)
     for name in OUTCOMES:
         trials[name] = (trials["outcome"] == name).astype("Float64").where(trials["outcome"].notna())
-    return {one.name: estimated(trials, one, [AXIS]) for one in (*MEASURES, SEARCHES)}
+    return {measure.name: estimated(trials, measure, [AXIS]) for measure in (*MEASURES, SEARCHES)}
 
 
 def write(contest: Contest, standings: list[Row]) -> None:

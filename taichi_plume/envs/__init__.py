@@ -1,4 +1,4 @@
-"""Scenarios as environments for learners: thousands of trials at once in recorded airs.
+"""Reinforcement-learning environments (Gymnasium, PettingZoo, SB3): thousands of trials at once in recorded airs.
 
 ``import taichi_plume.envs`` registers ``taichi_plume/Search-v0`` where Gymnasium is installed:
 ``gymnasium.make("taichi_plume/Search-v0", scenario="task.yaml")``, and ``gymnasium.make_vec`` for many at once.
@@ -42,9 +42,9 @@ def register() -> None:
 def parallel_env(
     scenario: "Given", render_mode: str | None = None, **options: "Unpack[Options]"
 ) -> "TeamEnv":
-    """Return a team as PettingZoo's ParallelEnv, see `TeamEnv`.
+    """Return a team of robots as a ParallelEnv of PettingZoo, see `TeamEnv`.
 
-    Raises ImportError, in a line, if PettingZoo is missing, and ValueError.
+    Raises ImportError with a one-line message if PettingZoo is missing, and ValueError.
     """
     _require("pettingzoo")
     from taichi_plume.envs.team import TeamEnv
@@ -55,9 +55,9 @@ def parallel_env(
 def sb3_env(
     scenario: "Given", num_envs: int, render_mode: str | None = None, **options: "Unpack[Options]"
 ) -> "SearchVecEnv":
-    """Return many trials at once as stable-baselines3's VecEnv, see `SearchVecEnv`.
+    """Return many trials at once as a VecEnv of stable-baselines3, see `SearchVecEnv`.
 
-    Raises ImportError, in a line, if stable-baselines3 is missing, and ValueError.
+    Raises ImportError with a one-line message if stable-baselines3 is missing, and ValueError.
     """
     _require("stable_baselines3")
     from taichi_plume.envs.sb3 import SearchVecEnv

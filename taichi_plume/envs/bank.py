@@ -1,6 +1,6 @@
 """Bank of recorded flow and gas for reinforcement learning, solved once per scenario; see solvers/film_bank.py.
 
-On disk a bank is a zarr group. A hash of all that decides the recorded airs ties it to one scenario.
+On disk a bank is a zarr group. A hash of all that affects the recorded airs identifies the scenario.
 """
 
 import hashlib
@@ -35,14 +35,14 @@ from taichi_plume.study.shared_air import alone
 
 FORMAT = "taichi_plume bank 1"
 ARRAYS = ("values", "scale", "air")
-MOST = 2**31 - 1  # numbers of a field: Taichi counts them in 32 bits
+MOST = 2**31 - 1  # most elements of a field, as Taichi's indices have 32 bits
 
 
 @dataclass(frozen=True)
 class Bank:
-    """Films of a scenario's airs, all as long as each other; values, scale, air as `FilmBank` takes them.
+    """Films of a scenario's airs, all of equal length; values, scale, air: see `FilmBank`.
 
-    sources: the positions of each gas in each film [m], (sources, 2); key: hash of all that decides the films.
+    sources: source positions of each gas in each film [m], (sources, 2); key: hash of all that affects the films.
     """
 
     values: np.ndarray
@@ -61,11 +61,11 @@ class Bank:
 
     @property
     def length(self) -> float:
-        """Time of the last frame [s]; the first one is at 0."""
+        """Time of the last frame [s]; the first frame is at 0."""
         return (self.values.shape[1] - 1) * self.frame
 
     def write(self, path: Path) -> None:
-        """Write a zarr group; an earlier bank there is replaced. Raises OSError."""
+        """Write the bank as a zarr group; an existing bank is replaced. Raises OSError."""
         from taichi_plume.files import disk, zarr_groups
 
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -92,16 +92,16 @@ class Bank:
 
 
 def require_bank(path: Path) -> None:
-    """Raise ValueError unless a path holds a bank and nothing else, so that no other file is replaced."""
+    """Raise ValueError unless a path holds only a bank, so that no other file is replaced."""
     read(path)
     others = {file.name for file in path.iterdir()} - {"zarr.json", *ARRAYS}
     if others or path.is_symlink():
-        what = f"holds {min(others)}, which is not of a bank" if others else "is a link"
+        what = f"holds {min(others)}, which is not a part of a bank" if others else "is a link"
         raise InputError(f"{visible(path)}: {visible(what)}; choose another --out")
 
 
 def read(path: Path) -> Bank:
-    """Return the bank of a zarr group. Raises ValueError, in one line, if the path holds none or a damaged one."""
+    """Read a bank from a zarr group. Raises ValueError with a one-line message if the bank is missing or damaged."""
     from taichi_plume.files import zarr_groups
 
     makes = "python -m taichi_plume.envs makes banks"
@@ -111,9 +111,9 @@ def read(path: Path) -> Bank:
     except zarr_groups.GroupError as error:
         raise InputError(visible(error)) from None
     except zarr_groups.FAULTS:
-        raise InputError(f"{visible(path)}: is no zarr group; {makes}") from None
+        raise InputError(f"{visible(path)}: is not a zarr group; {makes}") from None
     if about.get("format") != FORMAT:
-        raise InputError(f"{visible(path)}: is no bank of this version; {makes}")
+        raise InputError(f"{visible(path)}: is not a bank of this version; {makes}")
     try:
         arrays = {name: group[name] for name in ARRAYS}
         zarr_groups.require_memory(arrays)
@@ -143,9 +143,9 @@ def read(path: Path) -> Bank:
 
 
 def airs(scenario: Scenario) -> list[Scenario]:
-    """Return the airs of a task, each as a scenario without robots: the films to be played, or one of each seed.
+    """Return the airs of a task, each as a scenario without robots: one per film to play, or one per seed.
 
-    Frames lie whole ticks apart. Without random numbers there is one air, whatever `task.airs` is.
+    Frames are whole ticks apart. If the air does not depend on random numbers there is one air for any `task.airs`.
     """
     task = scenario.task
     frame = frame_of(scenario)
@@ -164,7 +164,7 @@ def frame_of(scenario: Scenario) -> float:
 
 
 def _playing(scenario: Scenario, file: str) -> Scenario:
-    """Return the scenario with another film in all playbacks. Raises ValueError if it plays none."""
+    """Return the scenario with another film in all playbacks. Raises ValueError if there is no playback."""
     gases = {
         path: gas.model_copy(update={"file": file})
         for path, gas in scenario.gases
@@ -175,13 +175,13 @@ def _playing(scenario: Scenario, file: str) -> Scenario:
         wind = wind.model_copy(update={"file": file})
     elif not gases:
         raise InputError(
-            "task.films: neither wind nor gas is of kind playback; make one of them so, or remove the films"
+            "task.films: neither wind nor gas is of kind playback; set one to playback, or remove the films"
         )
     return scenario.with_gases(gases).model_copy(update={"wind": wind})
 
 
 def key_of(scenario: Scenario, folder: Path) -> str:
-    """Return the hash of all that decides a bank: the airs, frames and heights. Raises OSError."""
+    """Return the hash of all that affects a bank: the airs, frames and heights. Raises OSError."""
     digests, checks = Digests(folder), Checks(folder, allow_outside=True)
     ids = [digests.ids(air, checks.files(air)).air_of(air.seed, air.seed_of_air) for air in airs(scenario)]
     text = json.dumps([ids, f"{frame_of(scenario):.12g}", [f"{h:.12g}" for h in heights(scenario)]])
@@ -199,16 +199,16 @@ def heights(scenario: Scenario) -> tuple[float, ...]:
 def bank_of(
     scenario: Scenario, folder: Path, bank: Bank | str | Path | None = None, allow_outside: bool = False
 ) -> Bank:
-    """Return the given bank of a scenario, or record one. Raises ValueError, in one line, if it is another's."""
+    """Return the given bank of a scenario, or record one. Raises ValueError for the bank of another scenario."""
     if bank is None:
         return record(scenario, folder, allow_outside)
     if not isinstance(bank, Bank | str | Path):
-        raise InputError(f"bank: got {visible(type(bank).__name__)}; give a Bank or the path of one")
+        raise InputError(f"bank: got {visible(type(bank).__name__)}; give a Bank or the path of a bank")
     name = "the bank" if isinstance(bank, Bank) else visible(bank)
     bank = bank if isinstance(bank, Bank) else read(Path(bank))
     if bank.key != key_of(scenario, folder):
         raise InputError(
-            f"{name}: was recorded of another scenario (air, task or version differ); record it again with "
+            f"{name}: was recorded of another scenario (air, task or version differ); record the bank again with "
             "python -m taichi_plume.envs TASK.yaml --out BANK.zarr"
         )
     return bank
@@ -223,10 +223,10 @@ def record(
     allow_outside: bool = False,
     tell: Callable[[int, int], object] | None = None,
 ) -> Bank:
-    """Solve all airs of a scenario and keep wind and gas at the sensors' heights; Taichi must have been started.
+    """Solve all airs of a scenario and record wind and gas at the sensors' heights. Taichi must have been started.
 
-    tell: called with the number of finished films and of all. Raises ScenarioError for a faulty scenario, ValueError,
-    in one line, if the bank would not fit into memory, UnstableError.
+    tell: called with the numbers of finished and of all films. Raises ScenarioError for a faulty scenario, ValueError
+    if the bank does not fit into memory, UnstableError.
     """
     from taichi_plume.assembly.assemble import build
 
@@ -236,18 +236,18 @@ def record(
     places: list[tuple[np.ndarray, ...]] = []
     species: Any = ()
     values, scales, air = np.empty(0), [], np.empty(0)
-    for n, one in enumerate(scenarios):
+    for n, current in enumerate(scenarios):
         if tell is not None:
             tell(n, count)
         if sim is None or scenario.task.films:
-            sim = build(checked(one, folder, allow_outside))
+            sim = build(checked(current, folder, allow_outside))
         else:
-            sim.reset(one)
+            sim.reset(current)
         filming = _Filming(sim, frame_of(scenario), frames, heights(scenario))
         sim.run()
         mixed = tuple(gas.species for gas in sim.gas.gases)
         if n and (mixed != species or not np.array_equal(filming.air, air)):
-            raise InputError(f"task.films[{n}]: has other species, or walls elsewhere, than the first film")
+            raise InputError(f"task.films[{n}]: has other species or other walls than the first film")
         species, air = mixed, filming.air
         if not n:
             values = np.empty((count, *filming.values.shape), np.float16)
@@ -273,12 +273,12 @@ def check(scenario: Scenario) -> int:
     films, frames = len(scenarios), 1 + round(scenarios[0].duration / frame_of(scenario))
     nx, ny = scenario.domain.shape[:2]
     count = films * frames * nx * ny * (2 + len(scenario.gases))
-    # half precision, here and on the device, and a film in single precision while it is made
+    # half precision on host and device, and one film in single precision during recording
     needed, free = 2 * 2 * count + 4 * count // films, psutil.virtual_memory().available
     what = f"task: {films} films of {frames} frames of {nx} x {ny} cells"
     fewer = "lower task.airs or task.film, or raise task.frame or domain.spacing"
     if count > MOST:
-        raise InputError(f"{what} are {count:.3g} numbers, at most {MOST:.3g} can be counted; {fewer}")
+        raise InputError(f"{what} are {count:.3g} numbers, at most {MOST:.3g} are possible; {fewer}")
     if needed > free:
         raise InputError(
             f"{what} need {needed / 1e9:.3g} GB of memory, {free / 1e9:.3g} GB are free; {fewer}"
@@ -287,7 +287,7 @@ def check(scenario: Scenario) -> int:
 
 
 class _Filming:
-    """Observer that keeps wind and gas of a simulation at the sensors' heights, frame by frame.
+    """Observer that records wind and gas of a simulation at the sensors' heights, frame by frame.
 
     values: (frames, nx, ny, 2 + gases), wind [m/s] and gases [ppm]; air (2, nx, ny).
     """
@@ -308,7 +308,7 @@ class _Filming:
         sim.observers.append(Every(frame, self.keep))
 
     def keep(self, sim: Simulation) -> None:
-        """Keep the next frame."""
+        """Record the next frame."""
         if self.count >= len(self.values):
             return
         frame = self.values[self.count]
@@ -327,7 +327,7 @@ class _Filming:
 
 
 def _levels(n: int, at: float) -> tuple[list[int], list[float]]:
-    """Return the layers of n around a height of `at` cells, and their weights."""
+    """Return the indices and weights of the layers, of n, for interpolation at a height of `at` cells."""
     at = min(max(at - 0.5, 0.0), n - 1.0)
     low = min(int(at), max(n - 2, 0))
     share = at - low

@@ -1,8 +1,8 @@
-"""Engine of the environments: many episodes of a scenario at once, each with a clock and a world of its own.
+"""Engine of the environments: many episodes of a scenario at once, each with its own clock and world.
 
 One trial is one environment. The world of an episode (film, start within the film, gas, mirror, start of the robots,
-sensor units) and all chance events in it are drawn from the seed of the environment and the number of the episode. They
-do not depend on the number of environments.
+sensor units) and all random events depend only on the seed of the environment and the number of the episode, not on the
+number of environments.
 """
 
 from functools import partial
@@ -36,8 +36,8 @@ from taichi_plume.solvers.film_bank import FilmBank
 
 MODES = ("next_step", "same_step", "disabled")
 ARRAYS = ("numpy", "torch")
-FALLBACKS = 64  # teams placed on the host, for scenarios with hardly any room
-SLACK = 1e-6  # by which an action may be out of range
+FALLBACKS = 64  # teams placed on the host, for scenarios with little free space
+SLACK = 1e-6  # tolerance of the range of actions
 
 Array: TypeAlias = Any
 """np.ndarray, or a tensor of torch."""
@@ -46,17 +46,17 @@ Array: TypeAlias = Any
 class Episodes:
     """`count` environments of a scenario, each with `robots` learners of its first group of policies, in recorded airs.
 
-    bank: the recorded airs, see envs/bank.py; recorded now unless given. autoreset: as Gymnasium 1.x defines it, one of
-    MODES. arrays: "numpy", or "torch" for tensors on Taichi's device. The scenario must be checked.
+    bank: the recorded airs, see envs/bank.py; recorded now unless given. autoreset: one of MODES, as in Gymnasium 1.x.
+    arrays: "numpy", or "torch" for tensors on Taichi's device. The scenario must be checked.
 
-    `observations` (count robots, size) stay valid until the step after the next; the next step overwrites all other
-    arrays: `rewards` (count robots,), `terminated`, `truncated` (count,), `final_observations` like observations, set
-    where an episode ended and `same_step` has begun the next one, and `info`, per environment (INFO in envs/rounds.py),
-    of the episode that went on or ended in the last step. Raises ValueError, in a line, if the scenario has no robots
-    or has moving obstacles, ImportError without torch.
+    `observations` (count robots, size) stay valid for one further step. The next step overwrites all other arrays:
+    `rewards` (count robots,), `terminated`, `truncated` (count,), `final_observations` (like observations, set for
+    environments whose episode ended and restarted by `same_step`), and `info`, per environment (INFO in
+    envs/rounds.py), of the episode of the last step. Raises ValueError with a one-line message if the scenario has no
+    robots or has moving obstacles, ImportError without torch.
     """
 
-    made_of: str = ""  # of what the engine is made, and the runtime of Taichi: see `task.open_episodes`
+    made_of: str = ""  # settings of the engine; runs_in: Taichi's runtime; see `task.open_episodes`
     runs_in: object = None
 
     def __init__(
@@ -102,13 +102,13 @@ class Episodes:
         self.begin()
 
     def begin(self) -> None:
-        """Return to the state after construction, with new arrays: no episode has begun. Compiles nothing."""
+        """Return to the state after construction, with new arrays and before the first episode. Compiles nothing."""
         self._allocate(self.arrays)
         self.rounds.begun = False
         self._seeds = np.random.SeedSequence(self.scenario.seed).generate_state(self.count, np.uint64)
 
     def _allocate(self, arrays: str) -> None:
-        """Make all arrays that kernels and users share."""
+        """Allocate all arrays that kernels and users share."""
         n, size = self.count * self.robots, self.observation.size
         if arrays == "torch":
             import torch  # pyright: ignore[reportMissingImports]
@@ -143,10 +143,10 @@ class Episodes:
         self.observations = self._views[0]
 
     def reset(self, seeds: ArrayLike | None = None, mask: ArrayLike | None = None) -> None:
-        """Begin episodes of all environments, or of those of the mask (count,); the first time of all.
+        """Begin episodes of all environments or, after the first reset, of those in the mask (count,).
 
-        seeds: (count,) whole numbers from 0 to 2^64 - 1; unless given, the next episodes of the earlier seeds. Compiles
-        nothing after the first time.
+        seeds: (count,) whole numbers from 0 to 2^64 - 1; by default the next episodes of the previous seeds. Only the
+        first reset compiles kernels.
         """
         if not self.rounds.begun:
             mask = None  # all have to begin
@@ -162,10 +162,10 @@ class Episodes:
         self._run()
 
     def step(self, actions: Array) -> None:
-        """Take one decision of each robot, (count robots, action_size) from -1 to 1.
+        """Advance all environments by one decision; actions: (count robots, action_size) from -1 to 1.
 
-        Raises ValueError, in a line, if an action is no number or out of range, or if an episode is over and autoreset
-        is disabled; nothing has moved then.
+        Raises ValueError with a one-line message if an action is not a number or out of range, or if an episode is over
+        and autoreset is disabled. The state does not change then.
         """
         if not self.rounds.begun:
             raise ValueError("no episode has begun; reset the environments first")
@@ -190,10 +190,10 @@ class Episodes:
         self.observations = self._views[self._side]
 
     def _take(self, actions: Array) -> None:
-        """Copy the actions to the array that kernels read. Raises ValueError."""
+        """Check the actions and copy them to the array that kernels read. Raises ValueError."""
         try:
             actions = self._given(actions)
-        except (TypeError, ValueError, RuntimeError) as error:  # torch has several
+        except (TypeError, ValueError, RuntimeError) as error:  # torch raises several types
             raise ValueError(f"actions: must be an array of numbers: {visible(error, 200)}") from None
         shape, expected = tuple(actions.shape), tuple(self._actions.shape)
         if shape != expected:

@@ -1,4 +1,4 @@
-"""Picture of a trial seen from above: gas, walls, sources and robots; NumPy alone."""
+"""Picture of a trial seen from above: gas, walls, sources and robots; uses only NumPy."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ DECADES = 3.0  # range of concentrations with different colours, below the large
 
 
 def picture(episodes: "Episodes", e: int) -> np.ndarray:
-    """Return environment e as an image (height, width, 3) of uint8, y upwards; a mirrored world unmirrored."""
+    """Return environment e as an image (height, width, 3) of uint8, y upwards; mirrored worlds are drawn unmirrored."""
     bank = episodes.bank
     films: Any = episodes.rounds.films  # its fields are opaque to type checkers
     film, gas = int(films.film[e]), int(films.gas_of[e])
@@ -42,7 +42,7 @@ def picture(episodes: "Episodes", e: int) -> np.ndarray:
 
 
 def _gas(bank: "Bank", film: int, gas: int, t: float) -> np.ndarray:
-    """Return ppm (nx, ny) of all gases, or of one, at the frame nearest to time t [s] of a film."""
+    """Return ppm (nx, ny) of all gases (gas < 0) or of one gas, at the frame nearest to time t [s] of a film."""
     frame = min(round(t / bank.frame), bank.values.shape[1] - 1)
     ppm = bank.values[film, frame, ..., 2:].astype(np.float32) * bank.scale[film]
     return ppm.sum(axis=2) if gas < 0 else ppm[..., gas]

@@ -1,6 +1,6 @@
-"""One decision of all environments in one kernel: reset, motion, sensors, reward and observation.
+"""Environment step as one Taichi kernel: reset, motion, sensors, reward and observation of all environments.
 
-Environments are independent, so that each thread takes a strip of them through all ticks of a decision.
+Environments are independent: each thread advances a strip of environments through all ticks of a decision.
 """
 
 from contextlib import nullcontext
@@ -22,20 +22,20 @@ if TYPE_CHECKING:
     from taichi_plume.envs.episodes import Array, Episodes
 
 REST, KEEP, STEP, BEGIN, BEGIN_AGAIN, FIRST = range(6)
-"""Actions of an environment: none; none, as its step is shown already; a step; the next episode; the next episode while
-the outcome of the last one is kept; the first episode of a seed."""
+"""Tasks of an environment: none; none, observations are up to date; a step; begin the next episode; begin the next
+episode and keep the outcome of the last one; begin the first episode of a seed."""
 
 INFO = ("found", "time_s", "path_m", "distance_m", "episode_number", "film", "source", "mirror", "return")
-"""Of an episode: whether a robot has found a source; time until then or now [s]; way of all robots [m]; from the next
-source to the nearest robot [m]; its number among those of the seed; its film; number of its gas, -1 for all; whether it
-is seen in a mirror; sum of the rewards, mean of the robots."""
+"""State of an episode: whether a robot has found a source; time until then, else now [s]; total path length [m];
+smallest distance of a robot from a source [m]; number of the episode among those of the seed; film; number of the gas,
+-1 for all; whether the world is mirrored; sum of the rewards, mean over the robots."""
 
-TRIES = 64  # places drawn for a robot before its team takes one of the fallbacks
+TRIES = 64  # positions drawn for a robot before the team starts at a fallback
 WORLD, PLACE, LOOK, UNIT = 1, 2, 3, 4  # random numbers of an episode: world, position, heading, sensor unit
 
 
 class Starts:
-    """Start positions of a group: drawn in an area, or one of the teams of `fallback` (teams, robots, 2) [m]."""
+    """Start positions of a group: random in an area, or those of a team in `fallback` (teams, robots, 2) [m]."""
 
     def __init__(self, group: Group, fallback: np.ndarray):
         self.fallback = fallback
@@ -55,7 +55,7 @@ class Starts:
 
 @ti.data_oriented
 class Rounds:
-    """The kernel of `Episodes`; films: a FilmBank of `bank`; ticks: of a decision."""
+    """Kernel of `Episodes`. films: FilmBank of `bank`; ticks: number of ticks per decision."""
 
     STATE = ("trials", "films", "mirror", "steps", "total", "counted")
 
@@ -69,7 +69,7 @@ class Rounds:
         self.ticks, self.dt, self.begun = ticks, of.scenario.tick, False
         self.mirror, self.steps = ti.field(ti.i32, of.count), ti.field(ti.i32, of.count)
         self.total = ti.field(ti.f32, of.count)
-        # of each robot, what was rewarded so far: way, bumps, false declarations; and from the next source [m]
+        # of each robot at the last reward: path length, bumps, false declarations, distance from the nearest source
         self.counted = ti.Vector.field(4, ti.f32, of.count * of.robots)
         self.fallback = ti.Vector.field(2, ti.f32, (self.teams, of.robots))
         task = of.scenario.task
@@ -89,8 +89,8 @@ class Rounds:
         self._seed = uploader(self.trials.seed)
         uploader(self.fallback)(starts.fallback)
 
-    def _list_sources(self, bank: "Bank", one: bool) -> None:
-        """Fill place[film, s] [m] and gas[film, s] of the sources, and `choice`: the gases of episodes."""
+    def _list_sources(self, bank: "Bank", single: bool) -> None:
+        """Fill place[film, s] [m] and gas[film, s] of the sources, and `choice`: the gases that episodes may have."""
         most = self.trials.most_sources
         places, of_gas = np.full((bank.films, most, 2), FAR), np.full((bank.films, most), -2)
         for f, film in enumerate(bank.sources):
@@ -98,7 +98,7 @@ class Rounds:
             if any(counts):
                 places[f, : sum(counts)] = np.concatenate(film)
                 of_gas[f, : sum(counts)] = np.repeat(np.arange(len(film)), counts)
-        choices = np.unique(of_gas[of_gas >= 0]) if one and (of_gas >= 0).any() else np.array([-1])
+        choices = np.unique(of_gas[of_gas >= 0]) if single and (of_gas >= 0).any() else np.array([-1])
         self.choices = len(choices)
         self.place = ti.Vector.field(2, ti.f32, (bank.films, most))
         self.gas, self.choice = ti.field(ti.i32, (bank.films, most)), ti.field(ti.i32, self.choices)
@@ -110,13 +110,11 @@ class Rounds:
         self._seed(np.stack([low, (seeds >> np.uint64(32)).astype(np.uint32)], axis=1))
 
     def run(self, side: int, flags: "Array", actions: "Array", table: "Array", outcomes: "Array") -> None:
-        """Carry out the actions flags[0] of all environments; side: of the table, that takes the observations."""
-        with (
-            nullcontext() if self.begun else data_flow_by_llvm()
-        ):  # a long kernel: it compiles in half the time
+        """Execute the tasks flags[0] of all environments. side: half of the table that takes the observations."""
+        with nullcontext() if self.begun else data_flow_by_llvm():  # halves the compile time of a long kernel
             self._run(side, self.ticks, self.dt, flags, actions, table, outcomes)
         self.begun = True
-        if not on_cpu():  # torch has a queue of its own
+        if not on_cpu():  # torch uses another CUDA stream
             ti.sync()
 
     @ti.kernel
@@ -131,15 +129,15 @@ class Rounds:
         outcomes: ti.types.ndarray(dtype=ti.f32, ndim=1),
     ):
         ti.loop_config(serialize=ti.static(runs_serially(4 * self.count * self.robots)))
-        for e in range(self.count):  # Taichi gives threads 512 or more: few enough strips are in 512
+        for e in range(self.count):  # a thread gets at least 512 iterations, hence several strips
             if e % self.strip == 0:
                 end = ti.min(e + self.strip, self.count)
-                for one in range(e, end):
-                    self._set_out(one, side, flags, actions, table)
+                for k in range(e, end):
+                    self._set_out(k, side, flags, actions, table)
                 for s in range(ticks):
                     self._tick(e, end, s, dt, flags)
-                for one in range(e, end):
-                    self._come_in(one, side, flags, table, outcomes)
+                for k in range(e, end):
+                    self._come_in(k, side, flags, table, outcomes)
 
     @ti.func
     def _set_out(self, e, side, flags: Template, actions: Template, table: Template):
@@ -160,12 +158,12 @@ class Rounds:
 
     @ti.func
     def _flip(self, e):
-        """-1 where environment e is seen in a mirror, else 1."""
+        """Return -1 if environment e is mirrored, else 1."""
         return 1.0 - 2.0 * self.mirror[e]
 
     @ti.func
     def _tick(self, first, end, s, dt, flags: Template):
-        """The s-th tick of some environments: first, ..., end - 1. Those that begin have one, in which they stand."""
+        """Advance environments first, ..., end - 1 by tick s. Episodes that begin have one tick of standing still."""
         going = 0
         for e in range(first, end):
             what = ti.cast(flags[0, e], ti.i32)
@@ -203,13 +201,13 @@ class Rounds:
 
     @ti.func
     def _come_in(self, e, side, flags: Template, table: Template, outcomes: Template):
-        """Reward the robots of environment e and show what they observe."""
+        """Write rewards and observations of the robots of environment e."""
         what = ti.cast(flags[0, e], ti.i32)
         n = self.count * self.robots
         if what == FIRST or (what >= STEP and what <= BEGIN):
             self._judge(e, what, flags, outcomes)
         for i in range(e * self.robots, (e + 1) * self.robots):
-            if what == REST:  # as it was
+            if what == REST:  # copy the last observation
                 for k in range(self.observation.size):
                     table[side * n + i, k] = table[(1 - side) * n + i, k]
             elif what != KEEP:
@@ -218,9 +216,9 @@ class Rounds:
 
     @ti.func
     def _judge(self, e, what, flags: Template, outcomes: Template):
-        """Rewards, flags and info of environment e after a step, or at the begin of an episode."""
+        """Compute rewards, flags and info of environment e after a step, or at the start of an episode."""
         found, searching, way, near = 0, 0, 0.0, FAR
-        # an episode is as long as its steps: the tick before the first, in which robots stand, is not one
+        # the first tick of an episode, in which robots stand still, does not count
         time = ti.min(self.trials.age[e] * self.trials.tick[None], self.n.most[None] * self.n.step[None])
         for i in range(e * self.robots, (e + 1) * self.robots):
             searching = ti.max(searching, ti.cast(self.swarm.searches(i), ti.i32))
@@ -252,7 +250,7 @@ class Rounds:
         late = what == STEP and not ends and self.steps[e] >= ti.cast(self.n.most[None], ti.i32)
         flags[1, e], flags[2, e] = ti.cast(ends, ti.u8), ti.cast(late, ti.u8)
         self.total[e] = self.total[e] + total / self.robots
-        told = ti.Vector(
+        info = ti.Vector(
             [
                 ti.cast(found, ti.f32),
                 time,
@@ -266,12 +264,12 @@ class Rounds:
             ]
         )
         for k in ti.static(range(len(INFO))):
-            outcomes[self.count * (self.robots + k) + e] = told[k]
+            outcomes[self.count * (self.robots + k) + e] = info[k]
 
     @ti.func
     def _count(self, i):
-        """What robot i is rewarded for the change of: way [m], bumps, false declarations; and its distance [m] from the
-        next source.
+        """Return path length [m], bumps, false declarations of robot i, and its distance [m] from the nearest source.
+        Rewards depend on their changes.
         """
         near = FAR
         for s in range(self.swarm.source_count):
@@ -281,7 +279,7 @@ class Rounds:
 
     @ti.func
     def _uniform(self, e, index, draw):
-        """Four numbers uniform in (0, 1), of the episode of environment e."""
+        """Return four random numbers, uniform in (0, 1), of the present episode of environment e."""
         return _uniform(self.trials.draw(e, self.trials.episode[e], index, draw))
 
     @ti.func
@@ -305,7 +303,7 @@ class Rounds:
             v = self._uniform(e, LOOK, i - e * self.robots)
             heading = self.n.looks[None] + (v[0] - 0.5) * self.n.turns[None]
             self.swarm.renew(i, self.swarm.position[i], heading)
-            # without units of each episode, that of the first one
+            # unless each episode has its own sensor units, those of the first episode
             episode = self.trials.episode[e] * ti.cast(self.n.units[None], ti.i32)
             self.sensors.renew(i, _uniform(self.trials.draw(e, episode, UNIT, i - e * self.robots))[0])
             self.observation.clear(i)
@@ -314,7 +312,7 @@ class Rounds:
 
     @ti.func
     def _put(self, e):
-        """Where the robots of environment e start; at random, nowhere else than `placement.place` would put them."""
+        """Set the start positions of environment e. Random positions obey the rules of `placement.place`."""
         start = e * self.robots
         full = 0 if ti.static(self.drawn) else 1
         if ti.static(self.drawn):
@@ -343,11 +341,11 @@ class Rounds:
 
 @ti.func
 def _uniform(words):
-    """Random words as numbers uniform in (0, 1)."""
+    """Convert random 32-bit words to numbers uniform in (0, 1)."""
     return (ti.cast(words >> ti.u32(8), ti.f32) + 0.5) * (1.0 / 16777216.0)
 
 
 @ti.func
 def _part(u, parts):
-    """Which of so many equal parts of (0, 1) u lies in."""
+    """Return the index of the part, of `parts` equal parts of (0, 1), that contains u."""
     return ti.min(ti.cast(u * parts, ti.i32), parts - 1)

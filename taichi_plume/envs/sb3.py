@@ -1,7 +1,7 @@
 """Vector environment for stable-baselines3, thousands of trials: ``SearchVecEnv("task.yaml", 512)`` is a VecEnv.
 
-Unlike a Gymnasium vector environment, episodes that end restart in the same step, `infos` holds a dict per environment,
-and arrays are NumPy's.
+Unlike in a Gymnasium vector environment, an ended episode restarts in the same step, `infos` holds a dict per
+environment, and arrays are NumPy arrays.
 """
 
 from typing import Any, Unpack
@@ -17,8 +17,8 @@ from taichi_plume.envs.task import Environment, Given, Options, actions_of, outc
 class SearchVecEnv(VecEnv, Environment):
     """`num_envs` environments of a scenario; options as of `SearchEnv`.
 
-    `infos` of an episode that ends: ``episode`` (r, l, t: return, decisions and time [s]), ``search`` (how the episode
-    went), ``terminal_observation`` and ``TimeLimit.truncated``.
+    `infos` of an ended episode: ``episode`` (r, l, t: return, decisions and time [s]), ``search`` (outcome of the
+    episode), ``terminal_observation`` and ``TimeLimit.truncated``.
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class SearchVecEnv(VecEnv, Environment):
         super().__init__(num_envs, *spaces(episodes))
 
     def reset(self) -> np.ndarray:
-        """Begin episodes: of the seeds that `seed` has given, else the next ones."""
+        """Begin the first episodes of the seeds given by `seed`, else the next episodes."""
         given = any(seed is not None for seed in self._seeds)
         self._begin(self._seeds if given else None, self._random)
         self._lengths[:] = 0
@@ -48,7 +48,7 @@ class SearchVecEnv(VecEnv, Environment):
         self._actions = actions_of(actions)
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Take a decision of each. Raises ValueError if one is no number or out of range."""
+        """Advance by one decision. Raises ValueError if an action is not a number or out of range."""
         episodes = self.episodes
         episodes.step(self._actions)
         terminated, truncated = episodes.terminated.copy(), episodes.truncated.copy()
@@ -86,7 +86,7 @@ class SearchVecEnv(VecEnv, Environment):
         self, method_name: str, *method_args: object, indices: object = None, **method_kwargs: object
     ) -> list[object]:
         """Raise AttributeError: the environments share one object and have no methods of their own."""
-        raise AttributeError(f"{method_name}: the environments are one, and have no methods of their own")
+        raise AttributeError(f"{method_name}: the environments share one object without such methods")
 
     def env_is_wrapped(self, wrapper_class: type, indices: object = None) -> list[bool]:
         """Return False for each: no environment is wrapped."""

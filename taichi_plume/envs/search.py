@@ -19,11 +19,11 @@ from taichi_plume.envs.task import (
 
 
 class SearchEnv(Environment, gymnasium.Env[np.ndarray, np.ndarray]):
-    """A robot that looks for a source of gas.
+    """Search for a gas source with one robot.
 
-    scenario: path of a YAML file, dict or Scenario; options: see `Options`. Observations are what the sensors give; see
-    the keys of the learners' `algorithm`, and `names`. Actions are numbers from -1 to 1. Raises ValueError, in a line
-    for each fault.
+    scenario: path of a YAML file, dict or Scenario; options: see `Options`. Observations are sensor data; see the keys
+    of the learners' `algorithm`, and `names`. Actions are numbers from -1 to 1. Raises ValueError with a line for each
+    fault.
     """
 
     metadata: ClassVar[dict[str, object]] = {"render_modes": ["rgb_array"], "render_fps": RENDER_FPS}
@@ -35,14 +35,14 @@ class SearchEnv(Environment, gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, object] | None = None
     ) -> tuple[np.ndarray, dict[str, object]]:
-        """Begin an episode: the first one of a seed, else the next one."""
+        """Begin the first episode of a seed, else the next episode."""
         options_of(options)
         super().reset(seed=seed)
         self._begin(seed, self.np_random)
         return self.episodes.observations[0].copy(), {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, float]]:
-        """Take one decision. Raises ValueError if the action is no number or out of range, or the episode over."""
+        """Advance by one decision. Raises ValueError if the action is invalid or the episode is over."""
         episodes = self.episodes
         episodes.step(actions_of(action)[None])
         over = bool(episodes.terminated[0]), bool(episodes.truncated[0])
@@ -51,6 +51,6 @@ class SearchEnv(Environment, gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 def spaces(episodes: Episodes) -> tuple[Box, Box]:
-    """Return the spaces of the observation and of the action of a robot."""
+    """Return the observation space and the action space of a robot."""
     actions = (episodes.action_size,)
     return Box(episodes.low, episodes.high, dtype=np.float32), Box(-1.0, 1.0, actions, dtype=np.float32)

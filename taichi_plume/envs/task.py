@@ -1,4 +1,4 @@
-"""Tasks of reinforcement learning: checks of the scenario, and the base of all environments that show an engine."""
+"""Reinforcement-learning tasks: checks of the scenario, and the base class of all environments."""
 
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 EXTRA = 'pip install "taichi_plume[learn]"'
 RENDER_FPS = 10
-KEPT = 2  # banks that this process keeps for further environments
-MOST = 1_000_000  # environments: their arrays of observations stay countable in 32 bits
-IDLE = 4  # engines of closed environments that this process keeps: a new engine compiles for seconds
+MOST_BANKS = 2  # banks that this process keeps for further environments
+MOST = 1_000_000  # most environments, so that indices of observations fit into 32 bits
+IDLE = 4  # cached engines of closed environments; a new engine compiles for seconds
 
 Value = TypeVar("Value")
 Given = Scenario | dict[str, object] | str | Path
-"""A scenario, as a user gives it."""
+"""A scenario in any form that users may give."""
 
 _banks: "OrderedDict[str, Bank]" = OrderedDict()
 _idle: "OrderedDict[str, Episodes]" = OrderedDict()
@@ -34,7 +34,7 @@ _idle: "OrderedDict[str, Episodes]" = OrderedDict()
 class Options(TypedDict, total=False):
     """Options of every environment.
 
-    bank: the recorded airs or their path; recorded now unless given. arch: where to compute, unless Taichi runs.
+    bank: the recorded airs or their path; recorded now unless given. arch: backend, unless Taichi runs already.
     overrides: of a scenario file, such as ``task.episode=30``. allow_outside: whether files may lie outside its folder.
     """
 
@@ -47,21 +47,21 @@ class Options(TypedDict, total=False):
 def open_task(
     scenario: Given, overrides: Sequence[str] = (), allow_outside: bool = False
 ) -> tuple[Scenario, Path]:
-    """Return a checked scenario and the folder of its files: the current one where it is not read from a file.
+    """Return a checked scenario and the folder of its files, for a dict or Scenario the current folder.
 
-    overrides: such as ``task.airs=8``, of a file. Raises ValueError (ScenarioError), a line for each fault.
+    overrides: changes to a file, such as ``task.airs=8``. Raises ValueError (ScenarioError), a line for each fault.
     """
     from taichi_plume.assembly.prepare import checked, load
 
     if isinstance(overrides, str):
-        raise ValueError(f"overrides: got one text; give a list of them, ['{visible(overrides)}']")
+        raise ValueError(f"overrides: got a text; give a list of texts, ['{visible(overrides)}']")
     if not isinstance(overrides, Sequence) or not all(isinstance(text, str) for text in overrides):
         raise ValueError("overrides: must be a list of texts, such as ['task.airs=8']")
     if isinstance(scenario, str | Path):
         path = Path(scenario)
         found, folder = load(path, overrides, allow_outside).scenario, path.resolve().parent
     elif overrides:
-        raise ValueError("overrides: are for a scenario that is a file; change the dict or Scenario itself")
+        raise ValueError("overrides: apply only to a scenario file; change the dict or Scenario itself")
     elif isinstance(scenario, dict | Scenario):
         folder = Path.cwd()
         given = scenario if isinstance(scenario, Scenario) else scenario_from(scenario)
@@ -74,31 +74,31 @@ def open_task(
 
 
 def require_task(scenario: Scenario) -> None:
-    """Raise ScenarioError, in a line, if a task has no learners, nothing that counts as found, or moving obstacles."""
+    """Raise ScenarioError if a task has no learners, no possible success, unsupported robots or moving obstacles."""
     if not scenario.robots:
-        raise ScenarioError(["robots: there are none, and nobody learns; give a group"])
+        raise ScenarioError(["robots: there are none; add a group of learners"])
     group = scenario.learners
     name = visible(group.name)
     if group.found == "declared" and not group.algorithm.may_declare:
-        what = "never declares, nothing would count as found; give algorithm: {kind: policy, declares: true}"
+        what = "never declares, so no search can succeed; give algorithm: {kind: policy, declares: true}"
         raise ScenarioError([f"robots: group '{name}' has found: declared, but its policy {what}"])
     if group.body.flies:
-        what = f"has the body of a {group.body.kind}, which flies; environments have robots of the floor"
+        what = f"has the body of a {group.body.kind}, which flies; use a robot that stays on the floor"
         raise ScenarioError([f"robots: group '{name}' {what}"])
     for path, sensor in group.sensors.placed():
         if sensor.kind == "tdlas":
-            raise ScenarioError([f"robots: {path}.kind of '{name}': environments know no tdlas"])
+            raise ScenarioError([f"robots: {path}.kind of '{name}': environments do not support tdlas"])
     for n, obstacle in enumerate(scenario.obstacles):
         if obstacle.motion:
-            raise ScenarioError([f"obstacles[{n}]: moves; environments have obstacles that stand"])
+            raise ScenarioError([f"obstacles[{n}]: moves; environments support only fixed obstacles"])
     require_parted(scenario)
 
 
 def require_parted(scenario: Scenario) -> None:
-    """Raise ScenarioError if the task wants single gases of an air that all gases make heavier."""
+    """Raise ScenarioError if the task needs single gases, but all gases together drive the buoyancy of the air."""
     heavy = scenario.buoyancy is not None and scenario.buoyancy.solutal
     if scenario.task.sources == "one" and heavy and len(scenario.gases) > 1:
-        why = "the gases make the air heavier, so that none is alone in what is recorded"
+        why = "all gases change the density of the air, so no film holds a single gas"
         raise ScenarioError([f"task.sources: one: {why}; use sources: all, or a single gas"])
 
 
@@ -110,9 +110,9 @@ def open_episodes(
     arrays: str = "numpy",
     **options: Unpack[Options],
 ) -> "Episodes":
-    """Return the engine of `count` environments with `robots` each; None: as many as the group has.
+    """Return the engine of `count` environments with `robots` robots each; None: as many as the group has.
 
-    autoreset, arrays: see `Episodes`. A bank that is recorded now is kept for the next environments of this process.
+    autoreset, arrays: see `Episodes`. A bank that is recorded now is cached for further environments of this process.
     Raises ValueError.
     """
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
@@ -133,7 +133,7 @@ def open_episodes(
     if given is None:
         key = key_of(found, folder)
         if key not in _banks:
-            _keep(_banks, key, bank_of(found, folder, allow_outside=outside), KEPT)
+            _keep(_banks, key, bank_of(found, folder, allow_outside=outside), MOST_BANKS)
         bank = _banks[key]
     else:
         bank = bank_of(found, folder, given)
@@ -148,22 +148,22 @@ def open_episodes(
     return episodes
 
 
-def _keep(kept: "OrderedDict[str, Value]", key: str, value: Value, most: int) -> None:
-    """Add a value to those that are kept; at most `most` stay, the newest."""
-    kept[key] = value
-    while len(kept) > most:
-        kept.popitem(last=False)
+def _keep(cache: "OrderedDict[str, Value]", key: str, value: Value, most: int) -> None:
+    """Add a value to a cache, of which the `most` newest values stay."""
+    cache[key] = value
+    while len(cache) > most:
+        cache.popitem(last=False)
 
 
 def _runtime() -> object:
-    """Return the runtime of Taichi, whose fields an engine has; None where Taichi does not run."""
+    """Return the runtime of Taichi that owns the engines' fields; None if Taichi does not run."""
     from taichi.lang import impl
 
     return impl.get_runtime().prog
 
 
 def _start(arch: str) -> None:
-    """Start Taichi unless it runs: a second start would take the fields of earlier environments."""
+    """Start Taichi unless it runs: a second start would destroy the fields of existing environments."""
     from taichi_plume.grid import kernels
 
     if _runtime() is None:
@@ -174,7 +174,7 @@ def _start(arch: str) -> None:
 
 
 class Environment:
-    """Base of all environments: the engine behind them, its first seeds, pictures and closing."""
+    """Base class of all environments: engine, seeds, rendering and closing."""
 
     render_mode: str | None
     _episodes: "Episodes | None" = None
@@ -202,14 +202,14 @@ class Environment:
     def episodes(self) -> "Episodes":
         """The engine. Raises ValueError once the environment is closed."""
         if self._episodes is None:
-            raise ValueError("the environment is closed; make another one")
+            raise ValueError("the environment is closed; make another environment")
         return self._episodes
 
     def _begin(self, seed: object, random: np.random.Generator, mask: np.ndarray | None = None) -> None:
-        """Begin the first episodes of a seed, or without a seed the next ones."""
+        """Begin the first episodes of a seed or, without a seed, the next episodes."""
         episodes = self.episodes
-        anew = seed is not None or not self._seeded
-        episodes.reset(seeds_of(seed, episodes.count, random) if anew else None, mask)
+        restarts = seed is not None or not self._seeded
+        episodes.reset(seeds_of(seed, episodes.count, random) if restarts else None, mask)
         self._seeded = True
 
     def render(self) -> np.ndarray | None:
@@ -224,7 +224,7 @@ class Environment:
 
 
 def seeds_of(seed: object, count: int, random: np.random.Generator) -> np.ndarray:
-    """Return a seed per environment: seed, seed + 1, ... of a number, those of a list; drawn where there is none.
+    """Return a seed per environment: seed, seed + 1, ... for a number, or those of a list; None becomes random.
 
     Raises ValueError.
     """
@@ -240,7 +240,7 @@ def seeds_of(seed: object, count: int, random: np.random.Generator) -> np.ndarra
             f"seed: got {len(several)} seeds, must be a number or one for each of {count} environments"
         )
     if any(each is not None and not 0 <= each < 2**64 for each in several):
-        raise ValueError("seed: got one that is negative or has more than 64 bits")
+        raise ValueError("seed: got a seed that is negative or has more than 64 bits")
     drawn = random.integers(0, 2**63, count, dtype=np.uint64)
     pairs = zip(several, drawn, strict=True)
     return np.array([chance if each is None else np.uint64(each) for each, chance in pairs], np.uint64)
@@ -254,7 +254,7 @@ def _whole(seed: object) -> int:
 
 
 def actions_of(given: object) -> np.ndarray:
-    """Return actions as numbers, f32. Raises ValueError, in a line, if they are none."""
+    """Return actions as an array of f32. Raises ValueError if they are not numbers."""
     try:
         numbers = np.asarray(given)
         if numbers.dtype.kind not in "fiubO":
@@ -265,19 +265,19 @@ def actions_of(given: object) -> np.ndarray:
 
 
 def options_of(given: object) -> Mapping[str, object]:
-    """Return the options of a reset. Raises ValueError if they are no dict."""
+    """Return the options of a reset as a mapping. Raises ValueError if they are not a dict."""
     if given is not None and not isinstance(given, dict):
         raise ValueError(f"options: got {visible(type(given).__name__)}, must be a dict or None")
     return given or {}
 
 
 def outcome(episodes: "Episodes", e: int) -> dict[str, float]:
-    """Return how the episode of environment e went."""
+    """Return the info (INFO in envs/rounds.py) of environment e's episode."""
     return {name: float(values[e]) for name, values in episodes.info.items()}
 
 
 def require(package: str) -> None:
-    """Raise ImportError, in a line that names the extra, if a package of the extra is missing."""
+    """Raise ImportError, with the pip command of the extra, if a package is missing."""
     from importlib.util import find_spec
 
     if find_spec(package) is None:

@@ -20,9 +20,9 @@ from taichi_plume.guard.terminal import visible
 
 
 class TeamEnv(Environment, ParallelEnv[str, np.ndarray, np.ndarray]):
-    """The robots of a group that look for a source together: as many as its `count`, robot_0, robot_1 ...
+    """Team search: the robots of a group, as many as its `count`, are the agents robot_0, robot_1 ...
 
-    The episode is over for all of them at once. Else as `SearchEnv`. Raises ValueError, in a line for each fault.
+    The episode ends for all agents at once. Otherwise as `SearchEnv`. Raises ValueError with a line for each fault.
     """
 
     metadata: ClassVar[dict[str, object]] = {  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -53,14 +53,14 @@ class TeamEnv(Environment, ParallelEnv[str, np.ndarray, np.ndarray]):
     def reset(
         self, seed: int | None = None, options: dict[str, object] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, object]]]:
-        """Begin an episode: the first one of a seed, else the next one."""
+        """Begin the first episode of a seed, else the next episode."""
         options_of(options)
         self._begin(seed, np.random.default_rng())
         self.agents = list(self.possible_agents)
         return self._of(self.episodes.observations.copy()), {agent: {} for agent in self.agents}
 
     def step(self, actions: dict[str, np.ndarray]) -> tuple[dict, dict, dict, dict, dict]:
-        """Take a decision of each robot. Raises ValueError if an action is missing, no number or out of range."""
+        """Advance by one decision. Raises ValueError if an action is missing, not a number or out of range."""
         episodes, agents = self.episodes, self.agents
         if not agents:
             raise ValueError("the episode is over; reset the environment first")
@@ -69,7 +69,7 @@ class TeamEnv(Environment, ParallelEnv[str, np.ndarray, np.ndarray]):
             raise ValueError(f"actions: got {given}, must be a dict of the agents' actions")
         missing = [agent for agent in agents if agent not in actions]
         if missing:
-            raise ValueError(f"actions: there is none of {', '.join(missing)}")
+            raise ValueError(f"actions: missing for {', '.join(missing)}")
         episodes.step(np.stack([actions_of(actions[agent]) for agent in agents]))
         ends, late = bool(episodes.terminated[0]), bool(episodes.truncated[0])
         info = outcome(episodes, 0) if ends or late else {}

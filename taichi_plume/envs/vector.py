@@ -18,9 +18,9 @@ from taichi_plume.guard.terminal import visible
 class SearchVectorEnv(VectorEnv[Any, Any, Any], Environment):
     """`num_envs` environments in one process; see `SearchEnv`.
 
-    autoreset_mode: of Gymnasium. arrays: "torch" gives and takes tensors on Taichi's device. Observations are the
-    engine's own arrays: the last ones stay valid for a step; with `copy` they are yours. `info` states how the episodes
-    went that end in a step, in an array per key, and by `_key` which environments it is of.
+    autoreset_mode: of Gymnasium. arrays: "torch" for tensors on Taichi's device. Observations are the engine's own
+    arrays, valid for one further step, or copies if `copy`. `info` holds the outcomes of the episodes that end in a
+    step: an array per key, and by `_key` a mask of the environments.
     """
 
     def __init__(
@@ -57,13 +57,13 @@ class SearchVectorEnv(VectorEnv[Any, Any, Any], Environment):
         return self._own(episodes.observations), {}
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, object]]:
-        """Take a decision of each, (num_envs, actions). Raises ValueError if one is no number or out of range."""
+        """Advance by one decision, (num_envs, actions). Raises ValueError if an action is invalid or out of range."""
         episodes = self.episodes
         episodes.step(actions if self.arrays == "torch" else actions_of(actions))
-        terminated, truncated = self._kept(episodes.terminated), self._kept(episodes.truncated)
+        terminated, truncated = self._copied(episodes.terminated), self._copied(episodes.truncated)
         over = terminated | truncated
         info = self._info(over) if over.any() else {}
-        return self._own(episodes.observations), self._kept(episodes.rewards), terminated, truncated, info
+        return self._own(episodes.observations), self._copied(episodes.rewards), terminated, truncated, info
 
     def render(self) -> tuple[np.ndarray, ...] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return the worlds seen from above; None without a render mode."""
@@ -72,23 +72,23 @@ class SearchVectorEnv(VectorEnv[Any, Any, Any], Environment):
         return tuple(picture(self.episodes, e) for e in range(self.num_envs))
 
     def close_extras(self, **kwargs: object) -> None:
-        """Close the engine, as `VectorEnv.close` asks for."""
+        """Close the engine; called by `VectorEnv.close`."""
         Environment.close(self)
 
     def _info(self, over: Array) -> dict[str, object]:
-        """Return how the episodes went that are over."""
+        """Return the outcomes of the ended episodes."""
         info: dict[str, object] = {}
         for name, values in self.episodes.info.items():
-            info[name], info[f"_{name}"] = self._kept(values), over
+            info[name], info[f"_{name}"] = self._copied(values), over
         if self.autoreset_mode != AutoresetMode.SAME_STEP:
             return info
-        final = self._kept(self.episodes.final_observations)
+        final = self._copied(self.episodes.final_observations)
         return {"final_obs": final, "_final_obs": over, "final_info": info, "_final_info": over}
 
     def _own(self, observations: Array) -> Array:
-        return self._kept(observations) if self.copy else observations
+        return self._copied(observations) if self.copy else observations
 
-    def _kept(self, values: Array) -> Array:
+    def _copied(self, values: Array) -> Array:
         return values.clone() if self.arrays == "torch" else values.copy()
 
 
@@ -102,11 +102,11 @@ def mode_of(name: str | AutoresetMode) -> AutoresetMode:
 
 
 def masked(given: object, count: int) -> np.ndarray:
-    """Return a mask of environments. Raises ValueError."""
+    """Return a reset mask as an array of booleans, (count,). Raises ValueError."""
     try:
         mask = np.asarray(given)
     except ValueError:  # rows that differ in length
         mask = np.empty(0)
     if mask.shape != (count,) or mask.dtype != np.bool_ or not mask.any():
-        raise ValueError(f"reset_mask: must be {count} truth values, at least one of them true")
+        raise ValueError(f"reset_mask: must be {count} truth values, at least one of which is true")
     return mask

@@ -1,3 +1,3 @@
-"""The live service: a scenario in real time, some of whose robots are driven from outside."""
+"""Live service: simulate a scenario in real time, with robots that external programs drive."""
 
 MAY_IMPORT: tuple[str, ...] = ("agents", "files", "grid", "guard", "running", "simulation")

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 TOKEN = "TAICHI_PLUME_TOKEN"  # in the environment
 SHORTEST = 8  # characters of a token
 USER = "robot"
-LONGEST = 1 << 24  # bytes of a message that is taken in at all
+LONGEST = 1 << 24  # most bytes of a received message
 
 
 class Address(NamedTuple):
-    """host: name or number; port: of TCP."""
+    """TCP address. host: name or IP address."""
 
     host: str
     port: int
@@ -43,7 +43,7 @@ def loopback(host: str) -> bool:
 
 
 def origin(text: str) -> str:
-    """Return the origin of pages, such as https://app.foxglove.dev, as browsers send it. Raises ArgumentTypeError."""
+    """Return a web origin, such as https://app.foxglove.dev, in the form of browsers. Raises ArgumentTypeError."""
     try:
         scheme, place, *rest = urlsplit(text.strip().lower())
     except ValueError:
@@ -59,7 +59,7 @@ def origin(text: str) -> str:
 
 
 def token_of(environment: Mapping[str, str] = os.environ) -> str | None:
-    """Return the token in the environment, stripped of blanks."""
+    """Return the token in the environment variable TOKEN without surrounding blanks; None if there is none."""
     return environment.get(TOKEN, "").strip() or None
 
 
@@ -68,7 +68,7 @@ def fault_of_token(token: str) -> str | None:
     if len(token) < SHORTEST:
         return f"has {len(token)} characters, must have {SHORTEST} or more"
     if not token.isprintable():
-        return "must have no character that cannot be printed"
+        return "has a character that cannot be printed; remove it"
     return None
 
 
@@ -80,7 +80,7 @@ def endpoint(host: str, port: int) -> str:
 def zenoh_config(
     mode: str, endpoints: Mapping[str, list[str]], token: str | None, users: Path | None = None
 ) -> "zenoh.Config":
-    """Return a configuration of zenoh with these endpoints only, to `listen` at or to `connect` to.
+    """Return a configuration of zenoh with only these endpoints; keys: `connect` for clients, else for servers.
 
     token: of a client; users: file with the clients that may connect. Raises ImportError without zenoh.
     """

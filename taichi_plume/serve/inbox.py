@@ -1,13 +1,13 @@
-"""Inbox for the commands to a group of external robots: keeps the newest command per robot, from any thread.
+"""Inbox for the commands to a group of external robots: validates messages and keeps the newest command per robot.
 
 A message is counted as
 
-    taken        the robots carry it out in the next tick
-    malformed    wrong type, unknown robots or values that are no numbers
-    oversized    longer than any message of the group can be; not even decoded
+    taken        the robots execute the command in the next tick
+    malformed    wrong type, unknown robots or values that are not numbers
+    oversized    longer than any valid message of the group; not decoded
     late         answers readings that are too old, or arrived after a newer command
 
-Messages of the last three kinds change nothing.
+Messages of the last three kinds have no effect. All methods are thread-safe.
 """
 
 import threading
@@ -21,25 +21,25 @@ import numpy as np
 from taichi_plume.agents.external import AWAITED, DRIVEN, LOST, Orders
 from taichi_plume.files import ros_messages as ros
 
-HEADROOM = 4096  # bytes of a message besides what it says of each robot
-PER_ROBOT = 64  # bytes
-IN_JSON = 8  # times the bytes of the same message
-UNNUMBERED = 0  # number of commands without one, as those of ROS
+HEADROOM = 4096  # bytes of a message without the entries of the robots
+PER_ROBOT = 64  # bytes per robot
+IN_JSON = 8  # largest ratio of the lengths in JSON and CDR
+UNNUMBERED = 0  # number of commands without a sequence number, such as those of ROS
 
 RosMessage: TypeAlias = Any
 """A decoded message, with the fields of its ROS type."""
 
 
 class MalformedError(ValueError):
-    """The fault of a message, in a line."""
+    """Error of an invalid message, in a line."""
 
 
 class Inbox:
     """Inbox of one group of `size` robots (all trials), which takes poses if `placed`, else velocities.
 
-    floor: lower and upper corner, between which poses lie [m]; timeout [s]; clock: seconds; ceiling: greatest height of
-    drones [m], None for robots of the floor. remark: called with a line about a refused message, from the thread of the
-    transport.
+    floor: lower and upper corner of the valid positions [m]; timeout [s]; clock: returns seconds; ceiling: greatest
+    height of drones [m], None for robots on the floor. remark: called with a line about a refused message, in the
+    thread of the transport.
     """
 
     def __init__(
@@ -70,15 +70,15 @@ class Inbox:
     # ------------------------------------------------------------ threads of the transports
 
     def hear_commands(self, data: bytes, json: bool = False) -> None:
-        """Take a message of taichi_plume_msgs/Commands, in CDR or `json`."""
+        """Accept a message of type taichi_plume_msgs/Commands, in CDR or `json`."""
         self._hear(ros.COMMANDS, data, json, self._take_commands)
 
     def hear_twist(self, n: int, data: bytes, json: bool = False) -> None:
-        """Take a geometry_msgs/Twist for robot n."""
+        """Accept a geometry_msgs/Twist for robot n."""
         self._hear("geometry_msgs/msg/Twist", data, json, lambda twist: self._take_twist(n, twist))
 
     def hear_pose(self, n: int, data: bytes, json: bool = False) -> None:
-        """Take a geometry_msgs/PoseStamped of robot n."""
+        """Accept a geometry_msgs/PoseStamped of robot n."""
         self._hear(
             "geometry_msgs/msg/PoseStamped", data, json, lambda stamped: self._take_pose(n, stamped.pose)
         )
@@ -152,16 +152,16 @@ class Inbox:
         self._take(np.array([n]), values, UNNUMBERED, 0)
 
     def _flown(self, given: RosMessage, name: str) -> dict[str, np.ndarray]:
-        """Return the order of a field of drones, if the message has it. Raises MalformedError."""
+        """Return the order of a field for drones, empty if the message lacks the field. Raises MalformedError."""
         if not len(vars(given)[name]):
             return {}
         return self._in_the_air(name, self._columns(given, name)[:, 0])
 
     def _in_the_air(self, name: str, values: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the order of a field of drones; robots of the floor take zero only. Raises MalformedError."""
+        """Return the order of a field for drones; for robots on the floor it must be zero. Raises MalformedError."""
         if self.ceiling is None:
             if values.any():
-                raise MalformedError(f"{name} is of drones, the group's robots do not fly")
+                raise MalformedError(f"{name} is for drones, the group's robots do not fly")
             return {}
         if name == "z" and ((values < 0.0) | (values > self.ceiling)).any():
             raise MalformedError(f"z is not between the floor and the ceiling, {self.ceiling:g} m")
@@ -196,7 +196,7 @@ class Inbox:
     ) -> None:
         with self.news:
             now = self.clock()
-            gone = now - self.heard[robots] > self.timeout  # a robot that comes back may restart its numbers
+            gone = now - self.heard[robots] > self.timeout  # a lost robot's client may restart its numbers
             newest = self.number[robots][~gone].max(initial=UNNUMBERED)
             outrun = number != UNNUMBERED and number <= newest
             if not outrun and not (tick != 0 and tick < self.oldest):
@@ -204,8 +204,8 @@ class Inbox:
                 for name, given in values.items():
                     getattr(self._orders, name)[robots] = given
                 if declared is not None:
-                    said = np.isfinite(declared).all(axis=1)
-                    self._orders.declared[robots[said]] = declared[said]
+                    complete = np.isfinite(declared).all(axis=1)
+                    self._orders.declared[robots[complete]] = declared[complete]
                 self.heard[robots], self.number[robots] = now, number
                 # a command without a number answers the newest readings
                 self.answers[robots] = self.tick if number == UNNUMBERED else tick
@@ -231,7 +231,7 @@ class Inbox:
             self.heard[np.isfinite(self.heard)] = self.clock()
 
     def lost(self) -> np.ndarray:
-        """Return a mask of the robots that were heard of, and then silent for longer than the timeout."""
+        """Return a mask of the robots that have sent a command, but none within the timeout."""
         return np.isfinite(self.heard) & (self.clock() - self.heard > self.timeout)
 
     def awaited(self) -> np.ndarray:
@@ -239,7 +239,7 @@ class Inbox:
         return ~np.isfinite(self.heard)
 
     def orders(self) -> Orders:
-        """Return the orders for the next tick; robots that are lost or not heard of yet stand still."""
+        """Return the orders for the next tick. Robots that are lost or have not connected yet stand still."""
         with self.news:
             lost, awaited = self.lost(), self.awaited()
             state = np.where(awaited, AWAITED, np.where(lost, LOST, DRIVEN))

@@ -10,19 +10,19 @@ class Hear(Protocol):
     """Receiver of the messages of a topic."""
 
     def __call__(self, data: bytes, json: bool = False) -> None:
-        """Take a message, in CDR or as a text in JSON."""
+        """Accept a message in CDR or JSON."""
         ...
 
 
 class LinkError(InputError):
-    """A transport that cannot be opened; one line."""
+    """Error of a transport that cannot be opened, in a line."""
 
 
 class Link(Protocol):
-    """A transport, open to clients from its construction on."""
+    """A transport, which clients can connect to from its construction on."""
 
     def listen(self, incoming: Mapping[str, Hear], stray: Hear) -> None:
-        """Pass each message to the hearer of its topic, and messages of other topics to `stray`."""
+        """Pass each message to the receiver of its topic, and messages of other topics to `stray`."""
         ...
 
     def wants(self, topic: str, name: str) -> bool:

@@ -1,9 +1,9 @@
 """Real-time clock of a served run: start of ticks, messages after each tick, waiting for external robots.
 
-A tick of simulated time takes as long on the clock: at its start the robots get the commands received so far, at its
-end their readings are sent. If that is later than the start of the next tick, the tick counts as missed; the clock
-catches up, and is put back if it is SLIP seconds behind. With `wait`, the next tick starts when all robots that are not
-lost have answered the readings of this one: then results do not depend on the speed of any computer.
+In real time a tick takes as long on the clock as in the simulation. At its start the robots get the commands received
+so far; at its end their readings are sent. If a tick ends late, it counts as missed and the simulation catches up; if
+the delay exceeds SLIP seconds, the schedule is shifted. With `wait`, the next tick starts when all robots that are not
+lost have answered the readings of this tick: then results do not depend on the speed of any computer.
 """
 
 import gc
@@ -26,17 +26,17 @@ from taichi_plume.serve.inbox import Inbox
 from taichi_plume.serve.links import Hear, Link
 from taichi_plume.simulation import Every, Simulation
 
-SLIP = 1.0  # s that the clock may be behind and catch up
+SLIP = 1.0  # s, largest delay that the simulation catches up
 LOOK_S = 0.1  # between checks for signals while waiting
 AGAIN_S = 0.5  # between repeated readings until all robots are connected
-MOST_TIMES = 1_000_000  # ticks of which latencies are kept
+MOST_TIMES = 1_000_000  # most recorded latencies
 VIEW_S = 1.0  # between pictures of the gas
 SHOWN = 6  # robots named in a message
 
 
 class Pace(NamedTuple):
-    """Timing of a run. speed: simulated time over clock time, inf: as fast as possible; wait: whether each tick waits
-    for answers; at_once: whether the run starts before all robots have connected.
+    """Timing of a run. speed: simulated over clock time, inf for as fast as possible; wait: whether each tick waits for
+    answers; at_once: whether the run starts before all robots have connected.
     """
 
     speed: float = 1.0
@@ -45,7 +45,7 @@ class Pace(NamedTuple):
 
 
 class Outside:
-    """A group whose robots are driven from outside: their algorithm and their inbox."""
+    """A group of external robots with its algorithm and inbox."""
 
     def __init__(
         self, sim: Simulation, number: int, algorithm: ExternalAlgorithm, remark: Callable[[str], None]
@@ -76,16 +76,16 @@ class Outside:
             heard[f"{self.name}_{n}/{kind}"] = partial(hear, n)
         return heard
 
-    def told(self, t: float, tick: int) -> list[topics.Message]:
+    def readings(self, t: float, tick: int) -> list[topics.Message]:
         """Return the readings of the robots at time t [s] as messages."""
-        told, inbox = self.algorithm.told(), self.inbox
+        readings, inbox = self.algorithm.told(), self.inbox
         by_declaring = self.algorithm.members.groups[0].model.found == "declared"
-        told["over"] = self.over = told["found"] | (by_declaring & (told["declarations"] > 0))
-        messages = [topics.readings(self.name, t, tick, told, answered=inbox.number, lost=inbox.lost())]
-        return messages + (list(topics.of_each(self.name, t, told, self.noses)) if self.each else [])
+        readings["over"] = self.over = readings["found"] | (by_declaring & (readings["declarations"] > 0))
+        messages = [topics.readings(self.name, t, tick, readings, answered=inbox.number, lost=inbox.lost())]
+        return messages + (list(topics.of_each(self.name, t, readings, self.noses)) if self.each else [])
 
     def order(self, t: float) -> list[str]:
-        """Pass the commands on to the robots; return lines about robots that are lost or back."""
+        """Pass the commands to the robots; return lines about robots that are lost or back."""
         orders = self.inbox.orders()
         self.algorithm.order(orders, t)
         lost = orders.state == LOST
@@ -99,7 +99,7 @@ class Outside:
 
 
 class Service:
-    """Runs a simulation in real time, sends its robots' readings and takes commands from outside.
+    """Live service of a simulation: real-time clock, sensor readings to and commands from external programs.
 
     quiet: whether nothing is printed.
     """
@@ -137,7 +137,7 @@ class Service:
             if isinstance(team.algorithm, ExternalAlgorithm):
                 self.groups.append(Outside(sim, team.numbers[0], team.algorithm, self.remarks.append))
         self.remarks += [
-            f"{group.name} has {group.inbox.size} robots, more than {topics.MOST_ROBOTS}: only the group has topics"
+            f"{group.name} has {group.inbox.size} robots, more than {topics.MOST_ROBOTS}: no topics of single robots"
             for group in self.groups
             if not group.each
         ]
@@ -156,10 +156,10 @@ class Service:
         gc.freeze()  # a collection of all objects made so far would take longer than a tick
 
     def _stray(self, data: bytes, json: bool = False) -> None:
-        """Count a message that no group takes."""
+        """Count a message of an unknown topic."""
         self.strays += 1
         if self.strays & (self.strays - 1) == 0:
-            self.remarks.append(f"messages that nobody takes: {self.strays:,}")
+            self.remarks.append(f"messages of unknown topics: {self.strays:,}")
 
     def close(self) -> None:
         gc.unfreeze()
@@ -175,7 +175,7 @@ class Service:
         sim = self.sim
         messages = [topics.clock(sim.t)]
         for group in self.groups:
-            messages += group.told(sim.t, sim.tick)
+            messages += group.readings(sim.t, sim.tick)
         if len(self._names) <= topics.MOST_ROBOTS:
             now = sim.swarm.snapshot()
             altitude = now.get("altitude", np.zeros(len(now["heading"])))
@@ -192,7 +192,7 @@ class Service:
             self.taking.append(self.clock() - self._began)
 
     def _send(self, messages: Sequence[topics.Message]) -> None:
-        """Make and send the messages that have subscribers."""
+        """Encode and send the messages that have subscribers."""
         for message in messages:
             links = [link for link in self.links if link.wants(message.topic, message.name)]
             if links:
@@ -201,7 +201,7 @@ class Service:
                     link.publish(message.topic, data)
 
     def keep_time(self) -> None:
-        """Wait for the start of the next tick, then pass the commands on to the robots."""
+        """Wait for the start of the next tick, then pass the commands to the robots."""
         sim = self.sim
         self.ticks = max(0, sim.tick)
         if sim.tick == 0:
@@ -246,14 +246,14 @@ class Service:
 
     def _await_all(self) -> None:
         """Wait until all robots have connected, unless the run starts at once."""
-        said = ""
+        shown = ""
         while not self.pace.at_once and not self.signals.stopped:
             missing = [(group, np.flatnonzero(group.inbox.awaited())) for group in self.groups]
             line = ", ".join(_named(group.name, robots) for group, robots in missing if len(robots))
             if not line:
                 return
-            if line != said:
-                said = line
+            if line != shown:
+                shown = line
                 self._say(f"waiting for {line}")
             until = self.clock() + AGAIN_S
             while self.clock() < until and not self.signals.stopped:
@@ -272,7 +272,7 @@ class Service:
         if not self.quiet:
             say(line, error=True)
 
-    # ------------------------------------------------------------ its end
+    # ------------------------------------------------------------ summary
 
     def told(self) -> dict[str, object]:
         taking = 1e3 * np.array(self.taking or [np.nan])

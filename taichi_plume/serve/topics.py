@@ -1,21 +1,21 @@
-"""Topics of the live service and the messages that go out.
+"""Topics of the live service, and construction of the outgoing ROS messages.
 
-    clock              rosgraph_msgs/Clock           simulated time
-    tf                 tf2_msgs/TFMessage            where the robots of the first trial are, from `map`
-    tf_static          tf2_msgs/TFMessage            positions of the sensors on the robots of the first trial
-    map                nav_msgs/OccupancyGrid        places where no robot can be
-    plume/SPECIES      sensor_msgs/PointCloud2       ppm at the height of the gas sensors, of points with LEAST or more
-    GROUP/readings     taichi_plume_msgs/Readings    all readings of the robots of an external group
-    GROUP/commands     taichi_plume_msgs/Commands    commands to them: comes in
-    ROBOT/cmd_vel      geometry_msgs/Twist           velocity of one robot, if the group takes velocities: comes in
-    ROBOT/pose         geometry_msgs/PoseStamped     pose of one robot, if the group takes poses: comes in
-    ROBOT/odom         nav_msgs/Odometry             pose of one robot
-    ROBOT/gas          olfaction_msgs/GasSensor      ppm, or ppm m of lasers
-    ROBOT/gas_raw      olfaction_msgs/GasSensor      ohm, of metal oxides
-    ROBOT/wind         olfaction_msgs/Anemometer     in the frame of the robot
+    - clock              rosgraph_msgs/Clock           simulated time
+    - tf                 tf2_msgs/TFMessage            poses of the robots of the first trial, in the frame `map`
+    - tf_static          tf2_msgs/TFMessage            positions of the sensors on the robots of the first trial
+    - map                nav_msgs/OccupancyGrid        obstacles and walls
+    - plume/SPECIES      sensor_msgs/PointCloud2       ppm at the height of the gas sensors, where LEAST or more
+    - GROUP/readings     taichi_plume_msgs/Readings    all readings of the robots of an external group
+    - GROUP/commands     taichi_plume_msgs/Commands    incoming: commands to these robots
+    - ROBOT/cmd_vel      geometry_msgs/Twist           incoming: velocity of one robot, if the group takes velocities
+    - ROBOT/pose         geometry_msgs/PoseStamped     incoming: pose of one robot, if the group takes poses
+    - ROBOT/odom         nav_msgs/Odometry             pose of one robot
+    - ROBOT/gas          olfaction_msgs/GasSensor      ppm, or ppm m of lasers
+    - ROBOT/gas_raw      olfaction_msgs/GasSensor      ohm, of metal oxides
+    - ROBOT/wind         olfaction_msgs/Anemometer     in the frame of the robot
 
-ROBOT is GROUP_n, n from 0 on through all trials. Groups of more than MOST_ROBOTS have no topics of each. Where robots
-have several gas sensors, gas and gas_raw are of the first, gas_1 and gas_raw_1 of the next, and so on.
+ROBOT is GROUP_n, with n from 0 on over all trials. Groups of more than MOST_ROBOTS have no topics of single robots. For
+robots with several gas sensors, gas and gas_raw are of the first sensor, gas_1 and gas_raw_1 of the next.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -41,11 +41,11 @@ from taichi_plume.simulation import Simulation
 
 MOST_ROBOTS = 64
 LEAST = 0.1  # ppm
-MOST_POINTS = 20_000  # of the picture of the gas
+MOST_POINTS = 20_000  # most points of the gas cloud
 
 
 class Message(NamedTuple):
-    """Message of a topic: type, and the function that makes the message if there are subscribers."""
+    """Message of a topic. name: ROS type; make: returns the message, called only if there are subscribers."""
 
     topic: str
     name: str
@@ -61,9 +61,9 @@ def clock(t: float) -> Message:
     return _message("clock", "rosgraph_msgs/msg/Clock", dict, clock=ros.time(max(0.0, t)))
 
 
-def readings(group: str, t: float, tick: int, told: dict[str, np.ndarray], **more: np.ndarray) -> Message:
-    """Return all readings of the robots of a group; told: see `ExternalAlgorithm`; more: answered, lost."""
-    place, wind = told["believed_position"], told["wind"]
+def readings(group: str, t: float, tick: int, values: dict[str, np.ndarray], **more: np.ndarray) -> Message:
+    """Return all readings of the robots of a group; values: see `ExternalAlgorithm`; more: answered, lost."""
+    place, wind = values["believed_position"], values["wind"]
     count = len(place)
     return _message(
         f"{group}/readings",
@@ -74,16 +74,16 @@ def readings(group: str, t: float, tick: int, told: dict[str, np.ndarray], **mor
         robot=np.arange(count),
         x=place[:, 0],
         y=place[:, 1],
-        z=told["altitude"],
-        heading=told["believed_heading"],
-        noses=told["reading"].shape[1],
-        gas=told["reading"],
-        resistance=told["resistance"],
+        z=values["altitude"],
+        heading=values["believed_heading"],
+        noses=values["reading"].shape[1],
+        gas=values["reading"],
+        resistance=values["resistance"],
         wind_x=wind[:, 0],
         wind_y=wind[:, 1],
-        wind_known=told["wind_known"],
-        blocked=told["blocked"],
-        over=told["over"],
+        wind_known=values["wind_known"],
+        blocked=values["blocked"],
+        over=values["over"],
         **more,
     )
 
@@ -94,29 +94,29 @@ def ended(group: str, t: float, tick: int) -> Message:
 
 
 def of_each(
-    group: str, t: float, told: dict[str, np.ndarray], noses: Sequence[Mapping[str, object]]
+    group: str, t: float, values: dict[str, np.ndarray], sensors: Sequence[Mapping[str, object]]
 ) -> Iterator[Message]:
-    """Yield the readings of each robot as messages of ROS; noses: fields of the GasSensor messages of each sensor."""
-    has_resistance = np.isfinite(told["resistance"])
+    """Yield the readings of each robot as ROS messages; sensors: fields of the GasSensor message of each sensor."""
+    has_resistance = np.isfinite(values["resistance"])
     ohm = {"raw_units": ros.UNITS["ohm"]}
     for n in range(len(has_resistance)):
         robot = f"{group}_{n}"
-        yield _message(f"{robot}/odom", "nav_msgs/msg/Odometry", _odometry, robot, t, told, n)
-        for k, sensor in enumerate(noses):
+        yield _message(f"{robot}/odom", "nav_msgs/msg/Odometry", _odometry, robot, t, values, n)
+        for k, sensor in enumerate(sensors):
             gas = {"header": ros.header(t, f"{robot}/{numbered(GAS, k)}"), **sensor}
             topic = f"{robot}/{numbered('gas', k)}"
-            yield _message(topic, ros.GAS_SENSOR, _gas, gas, told["reading"], n, k)
+            yield _message(topic, ros.GAS_SENSOR, _gas, gas, values["reading"], n, k)
             if has_resistance[n, k]:
                 topic = f"{robot}/{numbered('gas_raw', k)}"
-                yield _message(topic, ros.GAS_SENSOR, _gas, gas | ohm, told["resistance"], n, k)
-        yield _message(f"{robot}/wind", ros.ANEMOMETER, _wind, robot, t, told, n)
+                yield _message(topic, ros.GAS_SENSOR, _gas, gas | ohm, values["resistance"], n, k)
+        yield _message(f"{robot}/wind", ros.ANEMOMETER, _wind, robot, t, values, n)
 
 
-def _odometry(robot: str, t: float, told: dict[str, np.ndarray], n: int) -> dict[str, object]:
-    x, y = told["believed_position"][n].tolist()
+def _odometry(robot: str, t: float, values: dict[str, np.ndarray], n: int) -> dict[str, object]:
+    x, y = values["believed_position"][n].tolist()
     pose = {
-        "position": {"x": x, "y": y, "z": float(told["altitude"][n])},
-        "orientation": ros.yawed(float(told["believed_heading"][n])),
+        "position": {"x": x, "y": y, "z": float(values["altitude"][n])},
+        "orientation": ros.yawed(float(values["believed_heading"][n])),
     }
     return {"header": ros.header(t, MAP), "child_frame_id": f"{robot}/{BASE}", "pose": {"pose": pose}}
 
@@ -125,9 +125,9 @@ def _gas(about: dict[str, object], values: np.ndarray, n: int, k: int) -> dict[s
     return about | {"raw": float(values[n, k])}
 
 
-def _wind(robot: str, t: float, told: dict[str, np.ndarray], n: int) -> dict[str, object]:
-    u, v = told["wind"][n].tolist()
-    return wind_fields(robot, u, v, float(told["believed_heading"][n]), t)
+def _wind(robot: str, t: float, values: dict[str, np.ndarray], n: int) -> dict[str, object]:
+    u, v = values["wind"][n].tolist()
+    return wind_fields(robot, u, v, float(values["believed_heading"][n]), t)
 
 
 def poses(
@@ -150,12 +150,12 @@ def _transforms(t: float, names: list[str], places: np.ndarray, heading: np.ndar
 def _message(
     topic: str, name: str, make: Callable[..., dict[str, object]], /, *args: object, **fields: object
 ) -> Message:
-    """Return a message whose fields `make` gives when they are needed."""
+    """Return a message whose fields `make` computes only when the message is sent."""
     return Message(topic, name, lambda: ros.message(name, **make(*args, **fields)))
 
 
 class View:
-    """Pictures of a simulation, once a second: the floor, and the gas over it as points of LEAST ppm or more."""
+    """Visualisation of a simulation: occupancy grid of the floor, and gas as points with LEAST ppm or more."""
 
     def __init__(self, sim: Simulation):
         self.sim = sim
@@ -171,7 +171,7 @@ class View:
         self.floor = self._floor()
 
     def _floor(self) -> np.ndarray:
-        """Return the occupancy [%] of the grid's cells and a frame of one cell around them, (ny, nx)."""
+        """Return the occupancy [%] of the grid's cells with a border of one cell, (ny, nx)."""
         grid = self.sim.grid
         nx, ny = (n + 2 for n in grid.shape[:2])
         x, y = ((np.arange(n) - 0.5) * grid.dx for n in (nx, ny))
@@ -180,7 +180,7 @@ class View:
         return np.where(away > 0, 0, 100)
 
     def messages(self) -> list[Message]:
-        """Return the messages of this moment."""
+        """Return the messages for the present time."""
         t, dx = self.sim.t, self.sim.grid.dx
         floor = partial(ros.grid, self.floor, dx, -dx, t, MAP)
         return [
@@ -195,7 +195,7 @@ class View:
     def _sensors(self) -> object:
         """Return the transforms of the sensors on the robots of the first trial."""
         flat, groups = self.sim.grid.dim == 2, self.sim.swarm.groups
-        robots = [(f"{ros.word(one.name)}_{n}", one.model) for one in groups for n in range(one.count)]
+        robots = [(f"{ros.word(g.name)}_{n}", g.model) for g in groups for n in range(g.count)]
         places = [each for name, model in robots for each in carried(name, model.sensors, flat)]
         return ros.message(TRANSFORMS, transforms=places)
 

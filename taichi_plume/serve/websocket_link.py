@@ -2,8 +2,8 @@
 
 Browsers let a page of any site open a WebSocket to this machine. The handshake is therefore refused unless
 
-    Host     names this machine: a page whose DNS name was rebound to 127.0.0.1 sends that name
-    Origin   is absent, as from programs, or allowed by the user: browsers always send the origin of the page
+    Host     is this machine (against DNS rebinding: such a page sends its own name)
+    Origin   is absent, as from programs, or allowed by the user; browsers always send the origin of the page
     token    is in the query of the URL, if the service has a token
 """
 
@@ -43,11 +43,11 @@ WARNING, ERROR = 1, 2  # levels of a status message
 
 
 class ClientError(ValueError):
-    """An invalid message of a client, in one line."""
+    """Error of an invalid message of a client, in one line."""
 
 
 class Channel(NamedTuple):
-    """A topic of the service. about: its advertisement; subscribers: subscription id of each client."""
+    """A topic of the service. about: advertisement; subscribers: subscription id of each client."""
 
     id: int
     about: Mapping[str, object]
@@ -75,7 +75,7 @@ class WebSocketLink:
         self.refused = 0
         self._session = str(time.time_ns())
         self._channels: dict[str, Channel] = {}  # read by the thread of the clock
-        self._advertised: dict[int, Channel] = {}  # this and what follows: read by the server's thread
+        self._advertised: dict[int, Channel] = {}  # from here on: used by the server's thread
         self._clients: set[ServerConnection] = set()
         self._loop = asyncio.new_event_loop()
         started: Future[int] = Future()
@@ -84,12 +84,12 @@ class WebSocketLink:
         try:
             self.port = started.result()
         except (OSError, OverflowError) as error:
-            raise LinkError(f"127.0.0.1:{port}: cannot be listened at ({error})") from None
+            raise LinkError(f"127.0.0.1:{port}: cannot be opened ({error})") from None
 
     # ------------------------------------------------------------ thread of the clock
 
     def listen(self, incoming: Mapping[str, Hear], stray: Hear) -> None:
-        """Pass messages to the hearer of their topic, and those of other topics to `stray`."""
+        """Pass messages to the receiver of their topic, and those of other topics to `stray`."""
         self.stray, self.incoming = stray, incoming
 
     def wants(self, topic: str, name: str) -> bool:
@@ -148,12 +148,12 @@ class WebSocketLink:
             await self._stop.wait()
 
     def _check(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Return the response that refuses a handshake, or None to go on with it."""
+        """Return the response that refuses a handshake, or None to accept."""
         hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
         if len(hosts) != 1 or not loopback(_name(hosts[0])):
             host = visible(", ".join(hosts), LONGEST_VALUE)
             return self._refuse(connection, f"a request for host {host}: it must name this machine")
-        if not self.origins.issuperset(one.lower() for one in origins):
+        if not self.origins.issuperset(origin.lower() for origin in origins):
             origin = visible(", ".join(origins), LONGEST_VALUE)
             return self._refuse(
                 connection, f"a page of {origin}; --allow-origin {origin} lets its pages drive the robots"
@@ -199,14 +199,14 @@ class WebSocketLink:
         return about | {"supportedEncodings": ["cdr", "json"], "metadata": {}, "sessionId": self._session}
 
     def _hear(self, message: bytes, published: dict[int, tuple[str, bool]]) -> None:
-        """Pass a published message on."""
+        """Pass a published message to the receiver of its topic."""
         if len(message) < 5 or message[0] != MESSAGE:
             raise ClientError("binary messages begin with opcode 1 and a channel id of 4 bytes")
         topic, in_json = published.get(int.from_bytes(message[1:5], "little"), ("", False))
         self.incoming.get(topic, self.stray)(message[5:], in_json)
 
     def _obey(self, client: ServerConnection, message: str, published: dict[int, tuple[str, bool]]) -> None:
-        """Carry out a control message."""
+        """Execute a control message."""
         if len(message) > LONGEST_TEXT:
             raise ClientError(f"control message: {len(message):,} characters, at most {LONGEST_TEXT:,}")
         try:
@@ -216,19 +216,19 @@ class WebSocketLink:
         given = given if isinstance(given, dict) else {}
         match given.get("op"):
             case "subscribe":
-                for one in _list(given, "subscriptions", dict):
-                    self._subscribe(client, _whole(one, "id"), _whole(one, "channelId"))
+                for item in _list(given, "subscriptions", dict):
+                    self._subscribe(client, _whole(item, "id"), _whole(item, "channelId"))
             case "unsubscribe":
                 gone = set(_list(given, "subscriptionIds", int))
                 for channel in self._advertised.values():
                     if channel.subscribers.get(client) in gone:
                         del channel.subscribers[client]
             case "advertise":
-                for one in _list(given, "channels", dict):
-                    channel_id, encoding = _whole(one, "id"), _name_of(one, "encoding")
+                for item in _list(given, "channels", dict):
+                    channel_id, encoding = _whole(item, "id"), _name_of(item, "encoding")
                     if len(published) >= MOST_CHANNELS and channel_id not in published:
                         raise ClientError(f"channels: at most {MOST_CHANNELS:,} can be advertised")
-                    published[channel_id] = _name_of(one, "topic").strip("/"), encoding == "json"
+                    published[channel_id] = _name_of(item, "topic").strip("/"), encoding == "json"
             case "unadvertise":
                 for channel_id in _list(given, "channelIds", int):
                     published.pop(channel_id, None)
@@ -259,7 +259,7 @@ class WebSocketLink:
             self._send(client, message)
 
     def _send(self, client: ServerConnection, message: str | bytes) -> None:
-        """Send without waiting. A client that does not read misses data, and is cut off at a control message."""
+        """Send without waiting. A client that reads too slowly misses data; a missed control message ends it."""
         if client.transport.get_write_buffer_size() <= MOST_BUFFERED:
             broadcast([client], message)
         elif isinstance(message, str):
@@ -267,7 +267,7 @@ class WebSocketLink:
 
 
 def _name(host: str) -> str:
-    """Host name of a Host header, without its port; "" if there is none."""
+    """Return the host name of a Host header without the port; "" if invalid."""
     try:
         return urlsplit(f"//{host}").hostname or ""
     except ValueError:
@@ -275,7 +275,7 @@ def _name(host: str) -> str:
 
 
 def _token(path: str) -> bytes:
-    """Token in the query of a request's path."""
+    """Return the token in the query of a request's path."""
     try:
         return parse_qs(urlsplit(path).query).get("token", [""])[-1].encode()
     except ValueError:
@@ -283,7 +283,7 @@ def _token(path: str) -> bytes:
 
 
 def _advertisement(channels: Collection[Channel]) -> str:
-    return json.dumps({"op": "advertise", "channels": [one.about for one in channels]})
+    return json.dumps({"op": "advertise", "channels": [channel.about for channel in channels]})
 
 
 def _status(level: int, message: str) -> str:

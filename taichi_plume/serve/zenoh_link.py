@@ -15,7 +15,7 @@ class ZenohLink:
     """zenoh router at an address; clients need the `token`, if any. Raises LinkError if the address is not free."""
 
     def __init__(self, host: str, port: int, token: str | None):
-        with tempfile.TemporaryDirectory() as folder:  # only its owner can look into it
+        with tempfile.TemporaryDirectory() as folder:  # readable only by the owner
             users = Path(folder) / "users"
             if token is not None:
                 users.write_text(f"{USER}:{token}\n", encoding="utf-8")
@@ -24,13 +24,11 @@ class ZenohLink:
             try:
                 self.session = zenoh.open(made)
             except zenoh.ZError as error:
-                raise LinkError(
-                    f"{host}:{port}: cannot be listened at ({str(error).split(' at /')[0]})"
-                ) from None
+                raise LinkError(f"{host}:{port}: cannot be opened ({str(error).split(' at /')[0]})") from None
         self._publishers: dict[str, zenoh.Publisher] = {}
 
     def listen(self, incoming: Mapping[str, Hear], stray: Hear) -> None:
-        """Pass each message to the hearer of its topic; messages of other topics are not even sent here."""
+        """Pass each message to the receiver of its topic. zenoh does not deliver messages of other topics."""
         self._subscribers = [
             self.session.declare_subscriber(topic, lambda sample, hear=hear: hear(sample.payload.to_bytes()))
             for topic, hear in incoming.items()
@@ -43,7 +41,7 @@ class ZenohLink:
         return bool(publisher.matching_status.matching)
 
     def publish(self, topic: str, data: bytes) -> None:
-        """Send a message to all subscribers; a slow one loses the oldest messages."""
+        """Send a message to all subscribers; a slow subscriber loses the oldest messages."""
         self._publishers[topic].put(data)
 
     def go_on(self, t: float) -> None:

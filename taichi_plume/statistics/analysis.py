@@ -12,7 +12,7 @@ from taichi_plume.statistics.moments import moments, wind
 from taichi_plume.statistics.records import AXES, Probe, Record
 
 MOST_VALUES = 10_000_000  # of a quantity in memory
-STILL = 1e-3  # m/s, below which the air is at rest
+STILL = 1e-3  # m/s; slower air counts as at rest
 
 
 class Settings(NamedTuple):
@@ -30,7 +30,7 @@ class Settings(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """Whiffs or blanks of a probe: of each point, and the power law of all."""
+    """Whiffs or blanks of a probe: those of each point, and the power law of the durations of all points."""
 
     name: str
     of_points: list[Spells]
@@ -38,12 +38,12 @@ class Kind(NamedTuple):
 
     @property
     def all(self) -> Spells:
-        """Stretches of all points."""
+        """Whiffs or blanks of all points together."""
         return durations.pooled(self.of_points)
 
 
 class Correlation(NamedTuple):
-    """Two-point correlation: separation [m], values; length [m], and whether the correlation reaches zero."""
+    """Two-point correlation: separation [m], values; length: integral length [m]; whole: whether it reaches zero."""
 
     along: str
     separation: np.ndarray
@@ -93,7 +93,7 @@ def of_probe(record: Record, probe: Probe, settings: Settings) -> OfProbe:
         ppm = record.values(points, f"{settings.gas}_ppm")
         step, even = spectra.evenly(record.times, ppm)
         table = moments(record.times, ppm, settings.threshold)
-        table["integral_time"] = np.array([spectra.integral_time(step, one) for one in even.T])
+        table["integral_time"] = np.array([spectra.integral_time(step, series) for series in even.T])
         table["mean_error"] = table["rms"] * np.sqrt(
             np.minimum(1.0, 2.0 * table["integral_time"] / np.ptp(record.times))
         )
@@ -101,20 +101,20 @@ def of_probe(record: Record, probe: Probe, settings: Settings) -> OfProbe:
             velocity = np.stack([record.values(points, name) for name in settings.wind], axis=-1)
             table |= wind(record.times, velocity)
         tables.append(table)
-        spells += [durations.spells(record.times, one > settings.threshold) for one in ppm.T]
+        spells += [durations.spells(record.times, series > settings.threshold) for series in ppm.T]
         within += _within(ppm, table["conditional_mean"], settings.threshold, len(whole))
         frequency, density = spectra.spectrum(step, even)
         densities.append(density.mean(axis=1) * len(points))
     numbers = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
     for n, name in enumerate(("whiffs", "blanks")):
-        lasted = [one[n].lasted for one in spells]
+        lasted = [pair[n].lasted for pair in spells]
         numbers[name] = np.array(list(map(len, lasted)))
-        numbers[f"mean_{name[:-1]}"] = np.array([one.mean() if len(one) else np.nan for one in lasted])
+        numbers[f"mean_{name[:-1]}"] = np.array([t.mean() if len(t) else np.nan for t in lasted])
     reach = _half_travel(probe, numbers, settings)
     step = float(np.median(np.diff(record.times)))
     kinds = []
     for n, name in enumerate(("whiffs", "blanks")):
-        of_points = [one[n] for one in spells]
+        of_points = [pair[n] for pair in spells]
         every = durations.pooled(of_points)
         bounds = settings.bounds or durations.range_of(every, step, reach)
         kinds.append(Kind(name, of_points, durations.exponent(every, *bounds) if bounds else None))
@@ -126,7 +126,7 @@ def of_probe(record: Record, probe: Probe, settings: Settings) -> OfProbe:
 
 
 def _within(ppm: np.ndarray, mean: np.ndarray, threshold: float, points: int) -> list[np.ndarray]:
-    """Concentrations above the threshold over their mean, for each point, thinned to the number that is fitted."""
+    """Concentrations above the threshold divided by their mean, for each point, thinned for the fits."""
     found = []
     for c, m in zip(ppm.T, mean, strict=True):
         inside = c[c > threshold]
@@ -136,7 +136,7 @@ def _within(ppm: np.ndarray, mean: np.ndarray, threshold: float, points: int) ->
 
 
 def _half_travel(probe: Probe, numbers: dict[str, np.ndarray], settings: Settings) -> float | None:
-    """Half of the travel time [s] with the mean wind from the nearest source to the points; None if unknown."""
+    """Half of the advection time [s] from the nearest source to the points with the mean wind; None if unknown."""
     if settings.sources is None or not len(settings.sources) or "speed" not in numbers:
         return None
     away = np.linalg.norm(probe.places[:, None] - settings.sources[None], axis=-1).min(axis=1)
@@ -157,7 +157,7 @@ def profiles_of(probe: Probe, numbers: dict[str, np.ndarray]) -> list[Profile]:
 
 
 def rows_of(probe: Probe, mean: np.ndarray, rms: np.ndarray, speeds: Sequence[float] = ()) -> list[Profile]:
-    """Return profiles of a grid's rows across the mean wind `speeds`, in the plane of the strongest gas."""
+    """Return the profiles of a grid's rows across the mean wind `speeds`, in the plane of the highest mean."""
     axes = [d for d, n in enumerate(probe.counts) if n > 1]
     flat = [d for d in axes if d < 2] if len(axes) > 2 else axes
     along = max(flat, key=lambda d: abs(speeds[d])) if any(speeds) else flat[0]
@@ -180,7 +180,7 @@ def rows_of(probe: Probe, mean: np.ndarray, rms: np.ndarray, speeds: Sequence[fl
 
 
 def distance_along(places: np.ndarray) -> tuple[np.ndarray, str]:
-    """Positions along a line [m] with their name: the only coordinate that changes, or the distance from the first."""
+    """Positions along a line [m] and their name: the only coordinate that changes, or the distance from the start."""
     change = np.flatnonzero(np.ptp(places, axis=0) > 0.0)
     if len(change) == 1:
         return places[:, change[0]], AXES[change[0]]
@@ -188,7 +188,7 @@ def distance_along(places: np.ndarray) -> tuple[np.ndarray, str]:
 
 
 def correlations_of(record: Record, probe: Probe, settings: Settings) -> list[Correlation]:
-    """Two-point correlation along a line, or along each axis of a grid, with as many times as fit into memory."""
+    """Two-point correlation along a line, or along each axis of a grid, from as many times as fit into memory."""
     if probe.kind == "point":
         return []
     block = max(1, MOST_VALUES // len(record.times))

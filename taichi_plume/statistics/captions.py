@@ -5,53 +5,50 @@ MEASURED = (
     "the time up to halfway to its neighbours."
 )
 THRESHOLD = (
-    "There is gas where its concentration is above the threshold of {threshold:.3g} ppm ({why}); a whiff is a time "
-    "with gas, a blank one without."
+    "A whiff is a period with a concentration above the threshold of {threshold:.3g} ppm ({why}); a blank is a period "
+    "below the threshold."
 )
 STRENGTH = (
-    "Intermittency: share of the time with gas. Mean: with its standard error, by the integral time. 99 % / mean: what "
-    "is exceeded for a hundredth of the time."
+    "Intermittency: fraction of the time in whiffs. Mean: with standard error from the integral time. 99 % / mean: "
+    "99th percentile over the mean."
 )
-WIND = "Turbulence intensity: root of the mean square fluctuation of a component over the mean speed."
+WIND = "Turbulence intensity: root mean square fluctuation of a component over the mean speed."
 MAPS = (
-    "Mean over time, fluctuation over it, and share of the time with gas. Colours end at what half a "
-    "hundredth of the cells exceed; white: obstacles, and for the fluctuation less than a thousandth of the most gas."
+    "Mean over time, rms fluctuation over the mean, and intermittency. Colours end at the 99.5th percentile of the "
+    "cells; white: obstacles, and in the map of fluctuations cells with less than a thousandth of the largest mean."
 )
-PROFILES = "Means and fluctuations of the points over time."
-NEAREST = " Lines: the Gaussian nearest to the means."
-WIDTHS = "Of the Gaussian nearest to the mean of each row that has one."
+PROFILES = "Means and rms fluctuations over time at the points."
+NEAREST = " Lines: least-squares Gaussian fit to the means."
+WIDTHS = "Width and centre of the Gaussian fit to the mean of each row."
 CORRELATION = (
-    "Of the fluctuations at two points, against how far they are apart. The length is the integral up to the first "
+    "Correlation of the fluctuations at two points over their separation. The length is the integral up to the first "
     "zero."
 )
 WHIFFS = (
-    "In turbulence, how long whiffs and blanks last is about a power law T^-3/2 between the shortest times and about "
-    "half the time that the wind takes from the source (Celani, Villermaux and Vergassola 2014, "
+    "In turbulence the durations of whiffs and blanks follow approximately a power law T^-3/2, from the shortest times "
+    "to about half the travel time from the source with the wind (Celani, Villermaux and Vergassola 2014, "
     "doi:10.1103/PhysRevX.4.041015)."
 )
-LAWS = (
-    "Density of durations in bins that are even in their logarithm. Solid: the power law that fits best in its range; "
-    "dashed: T^-3/2."
-)
+LAWS = "Density of durations in logarithmic bins. Solid: power law fitted in its range; dashed: T^-3/2."
 RANGE = (
-    "Cut: left out, as the record's start or end cuts them. Exponent: by maximum likelihood in the range that is "
-    "given; its interval by resampling blocks of time, as points see the same gusts. Unless --range gives it, the "
-    "range ends at half the time that the mean wind takes from the source, or beyond, where a hundredth is longer, and "
-    "begins where what follows is nearest to a power law (Clauset, Shalizi and Newman 2009, "
+    "Cut: whiffs or blanks at the start or end of the record, which are left out. Exponent: maximum likelihood "
+    "in the given range; interval by a bootstrap over blocks of time, as points see the same gusts. Without --range, "
+    "the range ends at half the travel time from the source with the mean wind, but not below the 99 % quantile, and "
+    "starts where the remaining durations are closest to a power law (Clauset, Shalizi and Newman 2009, "
     "doi:10.1137/070710111), at five samples or later."
 )
-KEPT = (
-    "Each sensor was given the record, as in a run. It keeps a whiff if its reading rises through the threshold "
-    "between the begin of this whiff and that of the next one: a robot that compares readings with the threshold "
-    "counts it as another one. For this the reading has to reach the threshold, and to have fallen below it in the "
-    "blank before. The threshold of readings is that of the air times what the sensor reads for a ppm of {gas}."
+RESOLVED = (
+    "Each sensor measures the record, as in a run. A sensor keeps a whiff if the reading rises through the threshold "
+    "between the start of this whiff and the start of the next whiff. For this the reading must reach the threshold, "
+    "and must have fallen below the threshold in the blank before. The threshold of readings is the threshold of the "
+    "air times the sensor's reading for 1 ppm of {gas}."
 )
-BARS = "All sensor models of scenarios with their defaults, and first a metal oxide of 12 s and a detector of 50 ms."
-RECORDS = "At the point with the most whiffs, when most frequent; readings in ppm of this gas. Dashed: the threshold."
-RISES = "Rises in all: more than the kept ones where noise crosses the threshold several times in a whiff."
+BARS = "First a metal oxide of 12 s and a detector of 50 ms, then all sensor models of scenarios with their defaults."
+RECORDS = "At the point with the most whiffs, in their busiest period; readings in ppm of this gas. Dashed: threshold."
+RISES = "Rises in all: more than the kept whiffs if noise crosses the threshold several times in a whiff."
 WITHIN = (
-    "Samples above the threshold, over their mean at each point, with the gamma and lognormal distribution that fit "
-    "best; distance: the largest between the cumulated shares (Kolmogorov-Smirnov)."
+    "Samples above the threshold, divided by their mean at each point, with maximum-likelihood fits of the gamma and "
+    "lognormal distributions; distance: Kolmogorov-Smirnov."
 )
 SPECTRUM = "Power spectral density of the concentration (Welch's method), mean over the points of each probe."
 FILES = (

@@ -1,7 +1,7 @@
 """Durations of whiffs (gas above a threshold at a fixed point) and blanks (gas below), and their power laws.
 
-A sample stands for the time up to halfway to its neighbours. A whiff is a stretch of samples above the threshold, a
-blank a stretch of samples below; stretches that the start or the end of the record cuts are left out. In a turbulent
+A sample represents the time up to halfway to its neighbours. A whiff is an interval of samples above the threshold, a
+blank an interval of samples below. Intervals that the start or end of the record cuts are left out. In a turbulent
 plume durations follow first-return times, p(T) ~ T^-3/2 over a range of T (Celani, Villermaux & Vergassola 2014,
 doi:10.1103/PhysRevX.4.041015).
 """
@@ -25,14 +25,14 @@ RESAMPLES = 2000
 
 
 class Spells(NamedTuple):
-    """Stretches of a record: start and duration of each [s], (n,); cut: number of stretches left out."""
+    """Whiffs or blanks of a record: start and duration of each [s], (n,); cut: number that the record's ends cut."""
 
     begin: np.ndarray
     lasted: np.ndarray
     cut: int
 
     def between(self, low: float, high: float) -> "Spells":
-        """Return the stretches whose durations are between two bounds."""
+        """Return the whiffs or blanks whose durations lie between two bounds."""
         chosen = (self.lasted > low) & (self.lasted < high)
         return Spells(self.begin[chosen], self.lasted[chosen], self.cut)
 
@@ -63,12 +63,12 @@ class Exponent(NamedTuple):
 
 
 def edges_of(times: np.ndarray) -> np.ndarray:
-    """Ends of the time [s] that each sample stands for, (n + 1,): halfway to the neighbours."""
+    """Edges of the time intervals [s] that the samples represent, (n + 1,): halfway between neighbours."""
     return np.concatenate([times[:1], 0.5 * (times[1:] + times[:-1]), times[-1:]])
 
 
 def stretches(present: np.ndarray) -> np.ndarray:
-    """First samples of stretches of equal samples, and the number of samples: cuts of the record, (k + 1,)."""
+    """Return the first index of each run of equal samples, then the number of samples, (k + 1,)."""
     changes = np.flatnonzero(present[1:] != present[:-1]) + 1
     return np.concatenate([[0], changes, [len(present)]])
 
@@ -81,20 +81,20 @@ def spells(times: np.ndarray, present: np.ndarray) -> tuple[Spells, Spells]:
     kind = present[cuts[1:-2]]
     cut = {bool(present[0]), bool(present[-1])} if len(cuts) == 2 else None
     both = []
-    for wanted in (True, False):
-        left_out = int(wanted in cut) if cut else int(present[0] == wanted) + int(present[-1] == wanted)
-        both.append(Spells(begin[kind == wanted], lasted[kind == wanted], left_out))
+    for with_gas in (True, False):
+        left_out = int(with_gas in cut) if cut else int(present[0] == with_gas) + int(present[-1] == with_gas)
+        both.append(Spells(begin[kind == with_gas], lasted[kind == with_gas], left_out))
     return both[0], both[1]
 
 
 def pooled(several: Sequence[Spells]) -> Spells:
-    """Join the stretches of several points."""
-    begin, lasted = (np.concatenate([np.empty(0), *(one[n] for one in several)]) for n in (0, 1))
-    return Spells(begin, lasted, sum(one.cut for one in several))
+    """Return the whiffs or blanks of several points together."""
+    begin, lasted = (np.concatenate([np.empty(0), *(point[n] for point in several)]) for n in (0, 1))
+    return Spells(begin, lasted, sum(point.cut for point in several))
 
 
 def halfway(duration: float, step: float) -> float:
-    """Move a duration [s] halfway between two possible ones, which are multiples of the step."""
+    """Return a duration [s] moved to the middle between two multiples of the step."""
     return float((np.floor(duration / step + 1e-9) + 0.5) * step)
 
 
@@ -107,7 +107,7 @@ def _mean_log(exponent: float, span: float) -> float:
 
 
 def likeliest(mean_log: float, span: float) -> float:
-    """Maximum-likelihood exponent of durations with this mean of ln(T/first); span: ln(last/first)."""
+    """Maximum-likelihood exponent of durations with mean `mean_log` of ln(T/first); span: ln(last/first)."""
     from scipy.optimize import brentq
 
     mean_log = min(max(mean_log, 1e-3 * span), (1.0 - 1e-3) * span)  # beyond, the exponent is in the hundreds
@@ -124,10 +124,10 @@ def law(exponent: float, first: float, last: float, durations: np.ndarray) -> np
 
 
 def _distance(durations: np.ndarray, exponent: float, first: float, last: float) -> float:
-    """Kolmogorov-Smirnov distance between durations, which may be equal, and the law."""
+    """Kolmogorov-Smirnov distance between durations, which may have ties, and the law."""
     values, count = np.unique(durations, return_counts=True)
     above = np.cumsum(count) / len(durations)
-    middle = above - 0.5 * count / len(durations)  # equal ones stand for a bin
+    middle = above - 0.5 * count / len(durations)  # equal durations represent a bin
     return float(np.abs(middle - law(exponent, first, last, values)).max())
 
 
@@ -148,7 +148,7 @@ def exponent(found: Spells, first: float, last: float, seed: int = 0) -> Exponen
 
 
 def _interval(begin: np.ndarray, values: np.ndarray, seed: int) -> tuple[float, float]:
-    """95 % interval of the mean of values, by resampling blocks of time."""
+    """95 % interval of the mean of values by a block bootstrap over time."""
     from scipy.stats import bootstrap
 
     reach = np.linspace(begin.min(), begin.max(), BLOCKS + 1)[1:-1]
@@ -185,7 +185,7 @@ def range_of(found: Spells, step: float, last: float | None = None) -> tuple[flo
     if most <= 2.0 * least:
         return None
     latest = max(most / DECADE, least)
-    begins = sorted({halfway(one, step) for one in np.geomspace(least, latest, 12)} | {least})
+    begins = sorted({halfway(start, step) for start in np.geomspace(least, latest, 12)} | {least})
     best = None
     for first in begins:
         lasted = found.between(first, most).lasted
@@ -213,6 +213,6 @@ def density(
         edges = np.unique((np.round(edges / step - 0.5) + 0.5) * step)
         edges = np.append(edges[edges < high], edges[-1] if edges[-1] > high else edges[-1] + step)
     count = np.histogram(lasted, edges)[0]
-    some = count > 0
+    filled = count > 0
     middle = np.sqrt(np.maximum(edges[:-1], 0.5 * edges[1:]) * edges[1:])
-    return middle[some], (count / np.diff(edges) / len(lasted))[some], count[some]
+    return middle[filled], (count / np.diff(edges) / len(lasted))[filled], count[filled]

@@ -1,7 +1,7 @@
 """Statistics of a film: maps of all cells, and lines of points along and across the plume.
 
-Each line is a probe, its cells are the points. A film is read frame by frame, twice; it resolves nothing that is faster
-than its frames.
+Each line is a probe whose points are cells. A film is read twice, frame by frame. Fluctuations faster than the frames
+are not resolved.
 """
 
 from collections.abc import Iterator
@@ -16,14 +16,14 @@ from taichi_plume.statistics.moments import weights
 from taichi_plume.statistics.records import AXES, FEWEST, Probe
 
 STATIONS = (0.1, 0.25, 0.5, 0.8)
-"""Positions of lines across the plume: fractions of the distance from the strongest gas to the domain's end."""
+"""Positions of lines across the plume, as fractions of the distance from the highest mean to the domain's end."""
 
 
 class FilmRecord:
     """Record of one gas in the film at a path, from a time on. Raises FilmError and RunFolderError.
 
-    mean, rms, maximum: of each cell over time [ppm], axes (x, y[, z]), NaN in obstacles. level: index of the height
-    of the maps, where the mean is strongest; None in 2-D.
+    mean, rms, maximum: of each cell over time [ppm], axes (x, y[, z]), NaN in obstacles. level: z index of the maps,
+    where the mean is highest; None in 2-D.
     """
 
     def __init__(self, path: Path, gas: str | None = None, start: float | None = None):
@@ -35,7 +35,7 @@ class FilmRecord:
             raise RunFolderError(f"{path}: holds no gas; film it with `fields: {{rate: 10}}`")
         self.gas = self.gases[0] if gas is None else gas
         if self.gas not in self.gases:
-            raise RunFolderError(f"{path}: holds no {self.gas}, but {', '.join(self.gases)}")
+            raise RunFolderError(f"{path}: holds no {self.gas}, only {', '.join(self.gases)}")
         self.skipped = 0 if start is None else int(np.searchsorted(self.film.times, start - 1e-9))
         self.times = np.asarray(self.film.times[self.skipped :], float)
         if len(self.times) < FEWEST:
@@ -43,7 +43,7 @@ class FilmRecord:
             count = f"{len(self.times)} frames{after}"
             raise RunFolderError(f"{path}: holds {count}; at least {FEWEST} are needed")
         self.dim = len(self.film.shape)
-        self.wind = [f"wind_{a}" for a, one in zip(AXES, "uvw", strict=True) if one in self.film.arrays]
+        self.wind = [f"wind_{a}" for a, u in zip(AXES, "uvw", strict=True) if u in self.film.arrays]
         self.coordinates = [places(a, self.film.shape, self.film.dx) for a in AXES[: self.dim]]
         self._scan()
         self.probes = self._lines()
@@ -67,10 +67,10 @@ class FilmRecord:
             np.maximum(self.maximum, c, out=self.maximum)
         self.mean, self.rms = mean, np.sqrt(np.maximum(square - mean**2, 0.0))
         if self.air is not None:
-            for one in (self.mean, self.rms, self.maximum):
-                one[~self.air] = np.nan
+            for cells in (self.mean, self.rms, self.maximum):
+                cells[~self.air] = np.nan
         if not np.nanmax(self.mean) > 0.0:
-            raise RunFolderError(f"{self.path}: has no {self.gas} in these frames")
+            raise RunFolderError(f"{self.path}: the concentration of {self.gas} is 0 in these frames")
         self.strongest = np.unravel_index(int(np.nanargmax(self.mean)), self.mean.shape)
         self.level = int(self.strongest[2]) if self.dim == 3 else None
 
@@ -90,7 +90,7 @@ class FilmRecord:
 
     @property
     def along(self) -> int:
-        """Axis, 0 or 1, along which the mean gas extends farther."""
+        """Axis (0 or 1) along which the mean plume extends farther."""
         mean = np.nan_to_num(self.plane(self.mean))
         spread = []
         for axis in (0, 1):
@@ -100,24 +100,24 @@ class FilmRecord:
         return int(np.argmax(spread))
 
     def _lines(self) -> list[Probe]:
-        """Return a line along the plume through the strongest mean, and lines across."""
+        """Return a line along the plume through the highest mean, and lines across the plume."""
         along, across = self.along, 1 - self.along
         self._cells: list[tuple[int, ...]] = []
-        probes = [self._line(f"along {AXES[along]}", along, [int(one) for one in self.strongest])]
+        probes = [self._line(f"along {AXES[along]}", along, [int(index) for index in self.strongest])]
         mean = np.nan_to_num(self.plane(self.mean)).sum(axis=across)
         peak, n = int(self.strongest[along]), self.film.shape[along]
         forward = mean[peak + 1 :].sum() >= mean[:peak].sum()
         for share in STATIONS:
             at = round(peak + share * ((n - 1 if forward else 0) - peak))
-            where = [int(one) for one in self.strongest]
+            where = [int(index) for index in self.strongest]
             where[along] = at
             name = f"across at {AXES[along]} = {self.coordinates[along][at]:.3g} m"
-            if name not in [one.name for one in probes]:
+            if name not in [probe.name for probe in probes]:
                 probes.append(self._line(name, across, where))
-        return [one for one in probes if len(one.places) > 1]
+        return [probe for probe in probes if len(probe.places) > 1]
 
     def _line(self, name: str, axis: int, where: list) -> Probe:
-        """Return the longest stretch of air of a row of cells."""
+        """Return the longest obstacle-free part of a row of cells as a probe."""
         first = len(self._cells)
         row = [
             (*map(int, where[:axis]), n, *map(int, where[axis + 1 :])) for n in range(self.film.shape[axis])
@@ -131,23 +131,23 @@ class FilmRecord:
         return Probe(name, spots.reshape(-1, self.dim), (len(cells),), first)
 
     def intermittency(self, threshold: float) -> np.ndarray:
-        """Fraction of time above the threshold [ppm] in the plane of the maps; reads the lines too."""
+        """Fraction of time above the threshold [ppm] in the plane of the maps; also reads the values of the lines."""
         share = weights(self.times)
         gamma = np.zeros(self.plane(self.mean).shape)
         name = f"{self.gas}_ppm"
-        speeds = {f"wind_{a}": one for a, one in zip(AXES, "uvw", strict=True) if one in self.film.arrays}
-        wanted = {name: name, **speeds}
+        speeds = {f"wind_{a}": u for a, u in zip(AXES, "uvw", strict=True) if u in self.film.arrays}
+        names = {name: name, **speeds}
         at = tuple(np.array(self._cells).T)
-        found = {key: np.empty((len(self.times), len(self._cells)), np.float32) for key in wanted}
-        for n, (w, frame) in enumerate(zip(share, self._frames([*wanted.values()]), strict=True)):
+        found = {key: np.empty((len(self.times), len(self._cells)), np.float32) for key in names}
+        for n, (w, frame) in enumerate(zip(share, self._frames([*names.values()]), strict=True)):
             gamma += w * (self.plane(frame[name]) > threshold)
-            for key, stored in wanted.items():
+            for key, stored in names.items():
                 found[key][n] = frame[stored][at]
         self._found = found
         gamma[np.isnan(self.plane(self.mean))] = np.nan
         return gamma
 
     def values(self, points: np.ndarray, quantity: str) -> np.ndarray:
-        """Return values at points of the lines, (n, points) f32, after `intermittency` has read them."""
-        assert self._found is not None, "the lines are read with the intermittency"
+        """Return values at points of the lines, (n, points) f32. `intermittency` must have been called before."""
+        assert self._found is not None, "call intermittency first"
         return self._found[quantity][:, points]

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 FEWEST = 50  # samples that a fit needs
-LEAST_SPREAD = 1e-3  # of logarithms, below which the gas is steady
-MOST = 100_000  # samples that it takes, even among all
+LEAST_SPREAD = 1e-3  # least standard deviation of the logarithms; below, the gas is steady
+MOST = 100_000  # most samples in a fit, evenly chosen from all
 
 
 class Fit(NamedTuple):
@@ -31,9 +31,9 @@ class Fit(NamedTuple):
 def fits(within: np.ndarray) -> list[Fit]:
     """Fit a gamma and a lognormal distribution to concentrations (n,) within whiffs by maximum likelihood.
 
-    Return an empty list for too few or constant samples. Samples near in time are correlated, so the distance has no
-    usual significance: it compares fits. Concentrations are those above the threshold, the distributions start at zero:
-    a threshold that is not small increases the distance.
+    Return an empty list for too few or constant samples. Samples close in time are correlated, so the distance only
+    compares fits and is no significance test. The distributions start at zero, the samples at the threshold: a
+    threshold that is not small increases the distance.
     """
     from scipy import stats
 
@@ -41,10 +41,10 @@ def fits(within: np.ndarray) -> list[Fit]:
     within = within[within > 0.0]
     if len(within) < FEWEST or np.std(np.log(within)) < LEAST_SPREAD:
         return []
-    some = within[:: -(-len(within) // MOST)]
+    sample = within[:: -(-len(within) // MOST)]
     found = []
     for kind, distribution in (("gamma", stats.gamma), ("lognorm", stats.lognorm)):
-        shape, _, scale = distribution.fit(some, floc=0.0)
-        distance = stats.ks_1samp(some, distribution.cdf, args=(shape, 0.0, scale)).statistic
+        shape, _, scale = distribution.fit(sample, floc=0.0)
+        distance = stats.ks_1samp(sample, distribution.cdf, args=(shape, 0.0, scale)).statistic
         found.append(Fit(kind, float(shape), float(scale), float(distance)))
     return found

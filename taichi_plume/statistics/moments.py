@@ -1,6 +1,6 @@
 """Moments over time: mean, rms fluctuation, intermittency, percentiles; samples may be unevenly spaced.
 
-A sample counts for the time up to halfway to its neighbours, as in `durations`.
+The weight of a sample is the time up to halfway to its neighbours, as in `durations`.
 """
 
 import numpy as np
@@ -11,18 +11,18 @@ PERCENTILES = (0.5, 0.99, 0.999)
 
 
 def weights(times: np.ndarray) -> np.ndarray:
-    """Fraction of the record that each sample stands for, (n,), with sum 1; times: (n,) [s]."""
+    """Weight of each sample, (n,): its fraction of the record's duration; times: (n,) [s]."""
     share = np.diff(edges_of(times))
     return share / share.sum()
 
 
 def mean_of(values: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Mean over time of values (n, ...), by `weights`."""
+    """Mean over time of values (n, ...); share: see `weights`."""
     return np.tensordot(share, values, axes=(0, 0))
 
 
 def quantiles(values: np.ndarray, share: np.ndarray, levels: tuple[float, ...] = PERCENTILES) -> np.ndarray:
-    """Percentiles over time of values (n, points): exceeded for 1 - level of the time, (levels, points)."""
+    """Percentiles over time of values (n, points), (levels, points): values exceed them for 1 - level of the time."""
     order = np.argsort(values, axis=0, kind="stable")
     lasted = np.cumsum(share[order], axis=0)
     at = np.array([(lasted < level - 1e-12).sum(axis=0) for level in levels])
@@ -34,8 +34,8 @@ def moments(times: np.ndarray, ppm: np.ndarray, threshold: float) -> dict[str, n
     """Return statistics of concentrations (n, points) [ppm], a number per point.
 
     mean; rms: of the fluctuation [ppm]; intensity: rms / mean; intermittency: fraction of time above the threshold
-    [ppm]; conditional_mean: while above [ppm]; p50, p99, p99.9, maximum [ppm]; peak99, peak99.9, peak: the last three
-    over the mean. NaN if the mean is 0 or the threshold is never exceeded.
+    [ppm]; conditional_mean: mean above the threshold [ppm]; p50, p99, p99.9, maximum [ppm]; peak99, peak99.9, peak:
+    p99, p99.9 and maximum over the mean. NaN if the mean is 0 or the threshold is never exceeded.
     """
     share = weights(times)
     mean = mean_of(ppm, share)
@@ -43,30 +43,30 @@ def moments(times: np.ndarray, ppm: np.ndarray, threshold: float) -> dict[str, n
     present = ppm > threshold
     gamma = mean_of(present.astype(float), share)
     largest = ppm.max(axis=0).astype(float)
-    half, most, more = (one.astype(float) for one in quantiles(ppm, share))
+    half, most, more = (values.astype(float) for values in quantiles(ppm, share))
     with np.errstate(divide="ignore", invalid="ignore"):
-        some = np.where(mean > 0.0, mean, np.nan)
+        positive = np.where(mean > 0.0, mean, np.nan)
         return {
             "mean": mean,
             "rms": rms,
-            "intensity": rms / some,
+            "intensity": rms / positive,
             "intermittency": gamma,
             "conditional_mean": mean_of(np.where(present, ppm, 0.0), share) / np.where(gamma > 0.0, gamma, np.nan),
             "p50": half,
             "p99": most,
             "p99.9": more,
             "maximum": largest,
-            "peak99": most / some,
-            "peak99.9": more / some,
-            "peak": largest / some,
+            "peak99": most / positive,
+            "peak99.9": more / positive,
+            "peak": largest / positive,
         }  # fmt: skip
 
 
 def wind(times: np.ndarray, velocity: np.ndarray) -> dict[str, np.ndarray]:
     """Return statistics of velocities (n, points, dim) [m/s], a number per point.
 
-    mean_u, ... and rms_u, ... per axis; speed: of the mean; turbulence_intensity: rms fluctuation of a component over
-    that speed.
+    mean_u, ... and rms_u, ... per axis; speed: magnitude of the mean velocity; turbulence_intensity: rms fluctuation of
+    a component over `speed`.
     """
     share = weights(times)
     mean = mean_of(velocity, share)

@@ -1,4 +1,4 @@
-"""`statistics.html`: statistics of a plume on one self-contained page; words first."""
+"""Report page of plume statistics (`statistics.html`): sentences, tables and figures on one self-contained page."""
 
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from taichi_plume.statistics.result import PAGE, Statistics
 
 MOST_PROBES = 6
 MOST_ROWS = 20
-HARDLY = 1e-3  # of the strongest mean
+HARDLY = 1e-3  # fraction of the highest mean below which a map of rms / mean is blank
 
 
 def write(found: Statistics, folder: Path) -> Path:
@@ -41,14 +41,14 @@ def _sections(found: Statistics) -> list[Section]:
 
 
 def _words(found: Statistics) -> Section:
-    """Sentences on the data and the main results."""
-    points = sum(len(one.probe.places) for one in found.probes)
+    """Return sentences on the data and the main results."""
+    points = sum(len(stats.probe.places) for stats in found.probes)
     kinds = [
-        f"{one.probe.kind} of {len(one.probe.places):,}" if len(one.probe.places) > 1 else "point"
-        for one in found.probes
+        f"{stats.probe.kind} of {len(stats.probe.places):,}" if len(stats.probe.places) > 1 else "point"
+        for stats in found.probes
     ]
     where = ", ".join(
-        f"{one.probe.name} ({kind})" for one, kind in zip(found.probes[:MOST_PROBES], kinds, strict=False)
+        f"{s.probe.name} ({kind})" for s, kind in zip(found.probes[:MOST_PROBES], kinds, strict=False)
     )
     more = len(found.probes) - MOST_PROBES
     where += f" and {more} more" if more > 0 else ""
@@ -61,17 +61,17 @@ def _words(found: Statistics) -> Section:
         ),
         captions.THRESHOLD.format(threshold=found.threshold, why=found.why),
     ]  # fmt: skip
-    for one in found.probes[:MOST_PROBES]:
-        laws = "; ".join(filter(None, map(_law_in_words, one.kinds)))
+    for stats in found.probes[:MOST_PROBES]:
+        laws = "; ".join(filter(None, map(_law_in_words, stats.kinds)))
         if laws:
-            lines.append(f"{one.probe.name}: {laws}.")
+            lines.append(f"{stats.probe.name}: {laws}.")
     if found.smelt:
-        slow, fast = found.smelt.kept[:2]
+        slow, fast = found.smelt.sensors[:2]
         lines.append(
             f"Of {slow.whiffs:,} whiff{'s' * (slow.whiffs != 1)} a metal oxide of 12 s keeps {slow.share:.0%}, "
             f"a detector of 50 ms {fast.share:.0%}."
         )
-    return Section("What was found", "words", lines=lines)
+    return Section("Results", "words", lines=lines)
 
 
 def _law_in_words(kind: Kind) -> str:
@@ -79,7 +79,7 @@ def _law_in_words(kind: Kind) -> str:
     if law is None:
         return ""
     agrees = "agrees with" if law.low <= CELANI <= law.high else "differs from"
-    bent = "" if law.is_law else f", although they are no clean power law there (distance {law.distance:.2f})"
+    bent = "" if law.is_law else f", but they deviate from a power law (distance {law.distance:.2f})"
     short = "" if law.last / law.first >= 0.95 * DECADE else ", less than a decade"
     return (
         f"{kind.name} last T with p(T) ~ T^-a, a = {law.value:.2f} (95 % interval {law.low:.2f} to {law.high:.2f}) "
@@ -88,23 +88,23 @@ def _law_in_words(kind: Kind) -> str:
 
 
 def _strength(found: Statistics) -> Section:
-    """Tables of moments and wind."""
-    section = Section("How strong the gas is, and how much it fluctuates", "strength")
+    """Return tables of moments and wind."""
+    section = Section("Strength and fluctuation of the gas", "strength")
     rows, left_out = [], 0
     room = max(1, MOST_ROWS // max(1, len(found.probes)))
-    for one in found.probes:
-        smelt = np.flatnonzero(one.points["intermittency"] > 0.0)
+    for stats in found.probes:
+        smelt = np.flatnonzero(stats.points["intermittency"] > 0.0)
         if not len(smelt):
-            smelt = np.array([int(np.argmax(one.points["mean"]))])
-        some = smelt[np.unique(np.linspace(0, len(smelt) - 1, min(len(smelt), room)).round().astype(int))]
-        left_out += len(one.probe.places) - len(some)
-        for k in some if len(rows) < 2 * MOST_ROWS else []:
-            p = one.points
-            place = ",\u00a0".join(f"{v:.3g}" for v in one.probe.places[k])
+            smelt = np.array([int(np.argmax(stats.points["mean"]))])
+        chosen = smelt[np.unique(np.linspace(0, len(smelt) - 1, min(len(smelt), room)).round().astype(int))]
+        left_out += len(stats.probe.places) - len(chosen)
+        for k in chosen if len(rows) < 2 * MOST_ROWS else []:
+            p = stats.points
+            place = ",\u00a0".join(f"{v:.3g}" for v in stats.probe.places[k])
             error = f"\u00a0±\u00a0{p['mean_error'][k]:.1g}" if np.isfinite(p["mean_error"][k]) else ""
             rows.append(
                 (
-                    f"{one.probe.name}: {k}", place, f"{p['mean'][k]:.3g}{error}", _number(p["intensity"][k]),
+                    f"{stats.probe.name}: {k}", place, f"{p['mean'][k]:.3g}{error}", _number(p["intensity"][k]),
                     f"{p['intermittency'][k]:.3f}", _number(p["conditional_mean"][k]), _number(p["peak99"][k]),
                     _number(p["peak"][k]), _number(p["integral_time"][k]),
                 )
@@ -116,11 +116,11 @@ def _strength(found: Statistics) -> Section:
     more = f" {left_out:,} more points are in statistics.parquet." if left_out else ""
     section.tables.append(Table(rows, heads, captions.STRENGTH + more))
     winds = []
-    for one in found.probes:
-        if "speed" in one.points and np.isfinite(one.points["turbulence_intensity"]).any():
-            means = [f"{one.points[f'mean_{u}'].mean():.3g}" for u in "uvw" if f"mean_{u}" in one.points]
-            intensity = _number(np.nanmean(one.points["turbulence_intensity"]))
-            winds.append((one.probe.name, *means, intensity))
+    for stats in found.probes:
+        if "speed" in stats.points and np.isfinite(stats.points["turbulence_intensity"]).any():
+            means = [f"{stats.points[f'mean_{u}'].mean():.3g}" for u in "uvw" if f"mean_{u}" in stats.points]
+            intensity = _number(np.nanmean(stats.points["turbulence_intensity"]))
+            winds.append((stats.probe.name, *means, intensity))
     if winds:
         axes = AXES[: len(winds[0]) - 2]
         heads = ("probe", *(f"wind along {a} [m/s]" for a in axes), "turbulence intensity")
@@ -129,7 +129,7 @@ def _strength(found: Statistics) -> Section:
 
 
 def _maps(found: Statistics) -> Section:
-    """Maps of a film and of grids."""
+    """Return maps of a film and of grids."""
     section = Section("Maps", "maps")
     data = found.maps
     if data is not None:
@@ -142,22 +142,22 @@ def _maps(found: Statistics) -> Section:
         }
         png = plots.maps(data.x.values, data.y.values, values)
         section.images.append(Image(png, f"From the film{at}", captions.MAPS))
-    for one in found.probes[:MOST_PROBES]:
-        if one.probe.kind != "grid":
+    for stats in found.probes[:MOST_PROBES]:
+        if stats.probe.kind != "grid":
             continue
-        axes = [d for d, n in enumerate(one.probe.counts) if n > 1][:2]
-        lattice = one.probe.places.reshape(*one.probe.counts, -1)
-        mean = one.points["mean"].reshape(one.probe.counts)
+        axes = [d for d, n in enumerate(stats.probe.counts) if n > 1][:2]
+        lattice = stats.probe.places.reshape(*stats.probe.counts, -1)
+        mean = stats.points["mean"].reshape(stats.probe.counts)
         top = np.unravel_index(int(np.argmax(mean)), mean.shape)
-        cut = tuple(slice(None) if d in axes else int(top[d]) for d in range(len(one.probe.counts)))
+        cut = tuple(slice(None) if d in axes else int(top[d]) for d in range(len(stats.probe.counts)))
         x, y = (
             lattice[cut][(slice(None), 0) if n == 0 else (0, slice(None))][:, d] for n, d in enumerate(axes)
         )
         names = {"mean [ppm]": "mean", "rms / mean": "intensity", "intermittency": "intermittency"}
-        values = {title: one.points[key].reshape(one.probe.counts)[cut] for title, key in names.items()}
+        values = {title: stats.points[key].reshape(stats.probe.counts)[cut] for title, key in names.items()}
         values["rms / mean"] = _where_gas(values["rms / mean"], mean[cut])
         png = plots.maps(x, y, values, "".join(AXES[d] for d in axes))
-        section.images.append(Image(png, f"Grid {one.probe.name}", captions.MAPS))
+        section.images.append(Image(png, f"Grid {stats.probe.name}", captions.MAPS))
     return section
 
 
@@ -167,25 +167,25 @@ def _where_gas(values: np.ndarray, mean: np.ndarray) -> np.ndarray:
 
 
 def _spread(shown: list[OfProbe]) -> Section:
-    """Profiles and two-point correlations."""
+    """Return profiles and two-point correlations."""
     section = Section("Profiles and lengths", "spread")
-    for one in shown:
-        if one.profiles:
-            png = plots.profiles(one.profiles)
-            caption = captions.PROFILES + _gaussian(one.profiles)
-            section.images.append(Image(png, f"{one.probe.name}: profiles", caption))
-            along = next((a for a in AXES if one.profiles[0].at.startswith(a)), "")
-            wide = plots.widths(one.profiles, along) if along else None
+    for stats in shown:
+        if stats.profiles:
+            png = plots.profiles(stats.profiles)
+            caption = captions.PROFILES + _gaussian(stats.profiles)
+            section.images.append(Image(png, f"{stats.probe.name}: profiles", caption))
+            along = next((a for a in AXES if stats.profiles[0].at.startswith(a)), "")
+            wide = plots.widths(stats.profiles, along) if along else None
             if wide:
-                section.images.append(Image(wide, f"{one.probe.name}: width and centre", captions.WIDTHS))
-        if one.correlations:
-            png = plots.correlations(one.correlations)
-            section.images.append(Image(png, f"{one.probe.name}: correlation", captions.CORRELATION))
+                section.images.append(Image(wide, f"{stats.probe.name}: width and centre", captions.WIDTHS))
+        if stats.correlations:
+            png = plots.correlations(stats.correlations)
+            section.images.append(Image(png, f"{stats.probe.name}: correlation", captions.CORRELATION))
     return section
 
 
 def _gaussian(several: list[Profile]) -> str:
-    if all(one.gaussian is None for one in several):
+    if all(profile.gaussian is None for profile in several):
         return ""
     if len(several) > 1 or several[0].gaussian is None:
         return captions.NEAREST
@@ -195,12 +195,12 @@ def _gaussian(several: list[Profile]) -> str:
 
 
 def _whiffs(found: Statistics, shown: list[OfProbe]) -> Section:
-    """Durations and their power laws."""
+    """Return durations and their power laws."""
     section = Section("Whiffs and blanks", "whiffs", lines=[captions.WHIFFS])
     rows = []
     step = float(np.mean(found.steps)) if found.steps[1] - found.steps[0] < 1e-3 * found.steps[1] else 0.0
-    for one in shown:
-        for kind in one.kinds:
+    for stats in shown:
+        for kind in stats.kinds:
             every = kind.all
             if not len(every.lasted):
                 continue
@@ -211,12 +211,12 @@ def _whiffs(found: Statistics, shown: list[OfProbe]) -> Section:
                 exponent = f"{law.value:.2f} ({law.low:.2f} to {law.high:.2f})"
                 within = f"{law.first:.3g} to {law.last:.3g} s, {law.count:,}"
             rows.append(
-                (f"{one.probe.name}: {kind.name}", f"{len(every.lasted):,}", str(every.cut), f"{middle:.3g}",
+                (f"{stats.probe.name}: {kind.name}", f"{len(every.lasted):,}", str(every.cut), f"{middle:.3g}",
                  f"{mean:.3g}", f"{largest:.3g}", exponent, within)
             )  # fmt: skip
-        if all(len(kind.all.lasted) > 1 for kind in one.kinds):
-            png = plots.laws(one, step)
-            section.images.append(Image(png, f"{one.probe.name}: how long they last", captions.LAWS))
+        if all(len(kind.all.lasted) > 1 for kind in stats.kinds):
+            png = plots.laws(stats, step)
+            section.images.append(Image(png, f"{stats.probe.name}: durations", captions.LAWS))
     heads = (
         "of", "number", "cut", "median [s]", "mean [s]", "longest [s]", "exponent (95 %)", "range and number",
     )  # fmt: skip
@@ -226,18 +226,18 @@ def _whiffs(found: Statistics, shown: list[OfProbe]) -> Section:
 
 
 def _sensors(found: Statistics) -> Section:
-    """Whiffs that sensors keep."""
-    section = Section("Which whiffs a sensor keeps", "sensors")
+    """Return the whiffs that sensors keep."""
+    section = Section("Whiffs that a sensor keeps", "sensors")
     smelt = found.smelt
-    if smelt is None or not smelt.kept[0].whiffs:
+    if smelt is None or not smelt.sensors[0].whiffs:
         return section
-    section.lines.append(captions.KEPT.format(gas=found.gas))
+    section.lines.append(captions.RESOLVED.format(gas=found.gas))
     section.images.append(Image(plots.sensors(smelt), "Share of whiffs kept", captions.BARS))
     png = plots.records(smelt, found.threshold, found.begin)
-    section.images.append(Image(png, "The air at a point, and what two sensors read", captions.RECORDS))
+    section.images.append(Image(png, "The air at a point, and the readings of two sensors", captions.RECORDS))
     rows = [
-        (k.nose.name, f"{k.share:.1%}", f"{k.kept:,} of {k.whiffs:,}", f"{k.rises:,}", f"{k.threshold:.3g}")
-        for k in smelt.kept
+        (k.nose.name, f"{k.share:.1%}", f"{k.seen:,} of {k.whiffs:,}", f"{k.rises:,}", f"{k.threshold:.3g}")
+        for k in smelt.sensors
     ]
     heads = ("sensor", "kept", "whiffs", "rises in all", "threshold of readings [ppm]")
     section.tables.append(Table(rows, heads, captions.RISES))
@@ -246,18 +246,18 @@ def _sensors(found: Statistics) -> Section:
 
 def _within(shown: list[OfProbe]) -> Section:
     section = Section("Concentrations while there is gas", "within")
-    for one in shown:
-        if one.fits:
-            gamma, lognormal = one.fits
+    for stats in shown:
+        if stats.fits:
+            gamma, lognormal = stats.fits
             deviation = f"lognormal: deviation of the logarithm {lognormal.shape:.3g}"
             caption = f"{captions.WITHIN} Gamma: shape {gamma.shape:.3g}; {deviation}."
-            section.images.append(Image(plots.within(one), one.probe.name, caption))
+            section.images.append(Image(plots.within(stats), stats.probe.name, caption))
     return section
 
 
 def _time(shown: list[OfProbe]) -> Section:
-    section = Section("How fast it fluctuates", "time")
-    if shown and any(one.density.any() for one in shown):
+    section = Section("Spectra of fluctuations", "time")
+    if shown and any(stats.density.any() for stats in shown):
         section.images.append(Image(plots.spectrum(shown), "Spectra", captions.SPECTRUM))
     return section
 

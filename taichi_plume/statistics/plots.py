@@ -24,8 +24,8 @@ SHOWN = 60.0  # s, of a record
 def _axes(columns: int = 1, height: float = 2.9) -> "tuple[Figure, list[Axes]]":
     figure = look.figure(WIDTH, height)
     axes = figure.subplots(1, columns, squeeze=False)[0]
-    for one in axes:
-        look.plain(one)
+    for axis in axes:
+        look.plain(axis)
     return figure, axes
 
 
@@ -34,11 +34,11 @@ def _png(figure: "Figure") -> bytes:
     return look.png(figure)
 
 
-def laws(one: OfProbe, step: float) -> bytes:
+def laws(stats: OfProbe, step: float) -> bytes:
     """Draw the distribution of durations of whiffs and blanks, with their power laws and T^-3/2."""
     with look.styled():
         figure, axes = _axes(2, 3.1)
-        for axis, kind, color in zip(axes, one.kinds, (FIRST, SECOND), strict=True):
+        for axis, kind, color in zip(axes, stats.kinds, (FIRST, SECOND), strict=True):
             found = kind.all.lasted
             t, p, _ = durations.density(found, step)
             axis.loglog(t, p, "o", color=color, markersize=4, label=f"{len(found):,} {kind.name}")
@@ -63,16 +63,16 @@ def laws(one: OfProbe, step: float) -> bytes:
         return _png(figure)
 
 
-def within(one: OfProbe) -> bytes:
+def within(stats: OfProbe) -> bytes:
     """Draw the distribution of concentrations within whiffs, and its fits."""
     with look.styled():
         figure, (axis,) = _axes()
-        most = float(np.quantile(one.within, 0.999))
+        most = float(np.quantile(stats.within, 0.999))
         axis.hist(
-            one.within, np.linspace(0.0, most, 61).tolist(), density=True, color="#c9d6e2", label="samples"
+            stats.within, np.linspace(0.0, most, 61).tolist(), density=True, color="#c9d6e2", label="samples"
         )
         c = np.linspace(most / 400, most, 400)
-        for fit, line, color in zip(one.fits, ("-", "--"), (FIRST, SECOND), strict=True):
+        for fit, line, color in zip(stats.fits, ("-", "--"), (FIRST, SECOND), strict=True):
             name = {"gamma": "gamma", "lognorm": "lognormal"}[fit.kind]
             axis.plot(c, fit.density(c), line, color=color, label=f"{name}, distance {fit.distance:.3f}")
         top = axis.get_ylim()[1]
@@ -88,11 +88,11 @@ def spectrum(several: list[OfProbe]) -> bytes:
     """Draw power spectral densities, with a line of slope -5/3."""
     with look.styled():
         figure, (axis,) = _axes(1, 3.2)
-        for n, one in enumerate(several[:MOST_CURVES]):
-            some = one.density > 0
+        for n, stats in enumerate(several[:MOST_CURVES]):
+            positive = stats.density > 0
             axis.loglog(
-                one.frequency[some], one.density[some], color=look.robot(n), linewidth=1.0,
-                label=look.short(one.probe.name),
+                stats.frequency[positive], stats.density[positive], color=look.robot(n), linewidth=1.0,
+                label=look.short(stats.probe.name),
             )  # fmt: skip
         first = several[0]
         f, s = first.frequency, first.density
@@ -113,17 +113,17 @@ def profiles(several: list[Profile]) -> bytes:
     """Draw mean and rms along a line, or along some rows of a grid, with the Gaussian of the mean."""
     chosen = several
     if len(several) > 4:
-        fitted = [one for one in several if one.gaussian is not None] or several
+        fitted = [curve for curve in several if curve.gaussian is not None] or several
         chosen = [fitted[k] for k in np.unique(np.linspace(0, len(fitted) - 1, 4).round().astype(int))]
     with look.styled():
         figure, axes = _axes(2, 3.0)
-        for n, one in enumerate(chosen):
-            color, label = look.robot(n), one.at or None
-            axes[0].plot(one.place, one.mean, "o", color=color, markersize=3, label=label)
-            if one.gaussian is not None:
-                fine = np.linspace(one.place.min(), one.place.max(), 300)
-                axes[0].plot(fine, one.gaussian.at(fine), color=color, linewidth=1.0)
-            axes[1].plot(one.place, one.rms, "o-", color=color, markersize=3, linewidth=0.8, label=label)
+        for n, curve in enumerate(chosen):
+            color, label = look.robot(n), curve.at or None
+            axes[0].plot(curve.place, curve.mean, "o", color=color, markersize=3, label=label)
+            if curve.gaussian is not None:
+                fine = np.linspace(curve.place.min(), curve.place.max(), 300)
+                axes[0].plot(fine, curve.gaussian.at(fine), color=color, linewidth=1.0)
+            axes[1].plot(curve.place, curve.rms, "o-", color=color, markersize=3, linewidth=0.8, label=label)
         for axis, title in zip(axes, ("mean [ppm]", "rms of the fluctuation [ppm]"), strict=True):
             axis.set_title(title)
             axis.set_xlabel(f"{chosen[0].along} [m]")
@@ -135,10 +135,10 @@ def profiles(several: list[Profile]) -> bytes:
 
 def widths(several: list[Profile], along: str) -> bytes | None:
     """Draw width and centre of the mean of each row; None if fewer than three rows have a good fit."""
-    fits = [(one, one.gaussian) for one in several if one.gaussian is not None and one.gaussian.share > 0.5]
+    fits = [(p, p.gaussian) for p in several if p.gaussian is not None and p.gaussian.share > 0.5]
     if len(fits) < 3:
         return None
-    x = [one.station for one, _ in fits]
+    x = [p.station for p, _ in fits]
     with look.styled():
         figure, axes = _axes(2, 2.6)
         values = (
@@ -157,10 +157,10 @@ def correlations(several: list[Correlation]) -> bytes:
     """Draw two-point correlations."""
     with look.styled():
         figure, (axis,) = _axes()
-        for n, one in enumerate(several):
-            bound = "" if one.whole else "at least "
-            label = f"along {one.along}: length {bound}{one.length:.3g} m"
-            axis.plot(one.separation, one.values, "o-", markersize=3, color=look.robot(n), label=label)
+        for n, c in enumerate(several):
+            bound = "" if c.whole else "at least "
+            label = f"along {c.along}: length {bound}{c.length:.3g} m"
+            axis.plot(c.separation, c.values, "o-", markersize=3, color=look.robot(n), label=label)
         axis.axhline(0.0, color=look.FAINT, linewidth=0.8)
         axis.set_xlabel("separation [m]")
         axis.set_ylabel("correlation")
@@ -177,10 +177,10 @@ def maps(x: np.ndarray, y: np.ndarray, values: dict[str, np.ndarray], axes_names
     with look.styled():
         figure = look.figure(WIDTH, float(np.clip(height, 2.4, 14.0)))
         plots = figure.subplots(rows, columns, squeeze=False).ravel()
-        for axis, (title, one) in zip(plots, values.items(), strict=True):
-            finite = one[np.isfinite(one)]
+        for axis, (title, grid) in zip(plots, values.items(), strict=True):
+            finite = grid[np.isfinite(grid)]
             top = float(np.quantile(finite, 0.995)) if len(finite) else 1.0
-            image = axis.pcolormesh(x, y, one.T, cmap=look.GAS, vmin=0.0, vmax=top or 1.0, shading="nearest")
+            image = axis.pcolormesh(x, y, grid.T, cmap=look.GAS, vmin=0.0, vmax=top or 1.0, shading="nearest")
             axis.set_aspect("equal")
             axis.set_title(title)
             axis.set_xlabel(f"{axes_names[0]} [m]")
@@ -200,9 +200,9 @@ def records(smelt: Smelt, threshold: float, begin: float) -> bytes:
         plots = figure.subplots(3, 1, sharex=True)
         shown = [("in the air", smelt.true, look.INK)]
         for k, color in ((1, FIRST), (0, SECOND)):
-            kept = smelt.kept[k]
-            scale = threshold / kept.threshold if kept.threshold > 0 else 1.0
-            shown.append((kept.nose.name, smelt.readings[k] * scale, color))
+            sensor = smelt.sensors[k]
+            scale = threshold / sensor.threshold if sensor.threshold > 0 else 1.0
+            shown.append((sensor.nose.name, smelt.readings[k] * scale, color))
         for axis, (title, values, color) in zip(plots, shown, strict=True):
             look.plain(axis)
             axis.plot(t, values[window], color=color, linewidth=0.8)
@@ -225,13 +225,13 @@ def _liveliest(present: np.ndarray, n: int) -> int:
 def sensors(smelt: Smelt) -> bytes:
     """Draw the fraction of whiffs that each sensor keeps."""
     with look.styled():
-        figure, (axis,) = _axes(1, 0.34 * len(smelt.kept) + 0.9)
-        y = np.arange(len(smelt.kept))[::-1]
+        figure, (axis,) = _axes(1, 0.34 * len(smelt.sensors) + 0.9)
+        y = np.arange(len(smelt.sensors))[::-1]
         colors = [SECOND, FIRST, *["#90a4ae"] * (len(y) - 2)]
-        axis.barh(y, [100 * one.share for one in smelt.kept], color=colors)
-        axis.set_yticks(y, [look.short(one.nose.name, 70) for one in smelt.kept], parse_math=False)
-        for place, one in zip(y, smelt.kept, strict=True):
-            axis.text(100 * one.share + 1, place, f"{one.share:.0%}", va="center", fontsize=8)
+        axis.barh(y, [100 * sensor.share for sensor in smelt.sensors], color=colors)
+        axis.set_yticks(y, [look.short(sensor.nose.name, 70) for sensor in smelt.sensors], parse_math=False)
+        for place, sensor in zip(y, smelt.sensors, strict=True):
+            axis.text(100 * sensor.share + 1, place, f"{sensor.share:.0%}", va="center", fontsize=8)
         axis.set_xlim(0, 112)
         axis.set_xlabel("whiffs kept [%]")
         return _png(figure)

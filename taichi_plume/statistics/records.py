@@ -1,6 +1,6 @@
 """Time series at points, read from a run's probes.parquet in chunks.
 
-Rows of the table are samples of all points, one point after the other in the same order.
+Each sample of the table has a row per point, always in the same order of points.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,8 +21,8 @@ AXES = "xyz"
 class Probe(NamedTuple):
     """Points under one name: a point, a line or a grid.
 
-    places: (n, dim) [m]; counts: of points along each axis of a grid (the points are in C order), else (n,); first:
-    number of its first point in a record.
+    places: (n, dim) [m]; counts: numbers of points along each axis of a grid (in C order), else (n,); first: index of
+    the first point in a record.
     """
 
     name: str
@@ -37,9 +37,9 @@ class Probe(NamedTuple):
 
     @classmethod
     def of(cls, name: str, places: np.ndarray, first: int = 0) -> "Probe":
-        """Return a probe of the shape that its places form."""
+        """Return a probe; `counts` is that of a grid if the positions form a complete lattice."""
         axes = [np.unique(places[:, d]) for d in range(places.shape[1])]
-        counts = tuple(len(one) for one in axes)
+        counts = tuple(len(axis) for axis in axes)
         if sum(n > 1 for n in counts) > 1 and int(np.prod(counts)) == len(places):
             lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
             if np.array_equal(lattice, places):
@@ -55,7 +55,7 @@ class Record(Protocol):
     probes: list[Probe]
 
     def values(self, points: np.ndarray, quantity: str) -> np.ndarray:
-        """Return values at points, (n, points) f32; points: their numbers, ascending."""
+        """Return values at points, (n, points) f32; points: ascending indices of the points."""
         ...
 
 
@@ -69,18 +69,18 @@ class ProbeRecord:
         self.path, self.start = path, start
         schema = next(table_parts.batches(path)).schema
         names = schema.names
-        axes = [one for one in AXES if one in names]
+        axes = [axis for axis in AXES if axis in names]
         if not {"t", "probe", "point", "x", "y"} <= set(names):
-            raise RunFolderError(f"{path}: is damaged: it lacks columns that probes have")
+            raise RunFolderError(f"{path}: is damaged: lacks one of the columns t, probe, point, x, y")
         self.dim = len(axes)
         self.gases = [name.removesuffix("_ppm") for name in names if name.endswith("_ppm")]
-        self.wind = [f"wind_{one}" for one in axes if f"wind_{one}" in names]
+        self.wind = [f"wind_{axis}" for axis in axes if f"wind_{axis}" in names]
         self.probes, self.size = self._layout(axes)
         self.skipped = 0
         self.times = self._times()
 
     def _layout(self, axes: Sequence[str]) -> tuple[list[Probe], int]:
-        """Return the probes in the first sample, and its number of points."""
+        """Return the probes in the first sample, and the number of points of all probes."""
         rows: list[pa.RecordBatch] = []
         first = None
         for batch in table_parts.batches(self.path, ["t", "probe", "point", *axes]):
@@ -96,29 +96,29 @@ class ProbeRecord:
             raise RunFolderError(f"{self.path}: holds no row")
         table = pa.Table.from_batches(rows).unify_dictionaries()
         names = table["probe"].cast(pa.string()).to_pylist()
-        places = np.stack([table[one].to_numpy().astype(float) for one in axes], axis=-1)
+        places = np.stack([table[axis].to_numpy().astype(float) for axis in axes], axis=-1)
         begins = [n for n in range(len(names)) if n == 0 or names[n] != names[n - 1]]
         ends = [*begins[1:], len(names)]
         found = [Probe.of(str(names[a]), places[a:b], a) for a, b in zip(begins, ends, strict=True)]
         return found, len(names)
 
     def _samples(self, columns: Sequence[str]) -> Iterator[list[np.ndarray]]:
-        """Yield whole samples of columns in chunks, each (samples, points)."""
+        """Yield complete samples of columns in chunks, each (samples, points)."""
         rest: list[np.ndarray] | None = None
         for batch in table_parts.batches(self.path, columns):
             parts = [batch.column(n).to_numpy(zero_copy_only=False) for n in range(len(columns))]
             if rest is not None:
                 parts = [np.concatenate(pair) for pair in zip(rest, parts, strict=True)]
             whole = len(parts[0]) // self.size * self.size
-            rest = [one[whole:] for one in parts]
+            rest = [part[whole:] for part in parts]
             if whole:
-                yield [one[:whole].reshape(-1, self.size) for one in parts]
+                yield [part[:whole].reshape(-1, self.size) for part in parts]
 
     def _times(self) -> np.ndarray:
         found = []
         for (t,) in self._samples(["t"]):
             if not (t == t[:, :1]).all():
-                raise RunFolderError(f"{self.path}: is damaged: samples are not of all points")
+                raise RunFolderError(f"{self.path}: is damaged: a sample lacks points")
             found.append(t[:, 0].astype(float))
         times = np.concatenate(found) if found else np.empty(0)
         if (np.diff(times) <= 0.0).any() or not np.isfinite(times).all():
@@ -131,20 +131,20 @@ class ProbeRecord:
         return times[self.skipped :]
 
     def _chunks(self, quantity: str) -> Iterator[tuple[int, np.ndarray]]:
-        """Yield chunks of a column from the start on, with the number of their first sample."""
+        """Yield (index of the first sample, values) for chunks of a column, from the time `start` on."""
         done = -self.skipped
         for (values,) in self._samples([quantity]):
-            some = values[max(0, -done) :]
-            if len(some):
-                if not np.isfinite(some).all():
+            chunk = values[max(0, -done) :]
+            if len(chunk):
+                if not np.isfinite(chunk).all():
                     raise RunFolderError(f"{self.path}: not all of {quantity} are numbers")
-                yield max(0, done), some
+                yield max(0, done), chunk
             done += len(values)
 
     def values(self, points: np.ndarray, quantity: str) -> np.ndarray:
         found = np.empty((len(self.times), len(points)), np.float32)
-        for first, some in self._chunks(quantity):
-            found[first : first + len(some)] = some[:, points]
+        for first, chunk in self._chunks(quantity):
+            found[first : first + len(chunk)] = chunk[:, points]
         return found
 
     def sums(self, quantity: str) -> tuple[np.ndarray, np.ndarray]:
@@ -153,7 +153,7 @@ class ProbeRecord:
 
         share = weights(self.times)
         mean, largest = np.zeros(self.size), np.full(self.size, -np.inf)
-        for first, some in self._chunks(quantity):
-            mean += share[first : first + len(some)] @ some
-            largest = np.maximum(largest, some.max(axis=0))
+        for first, chunk in self._chunks(quantity):
+            mean += share[first : first + len(chunk)] @ chunk
+            largest = np.maximum(largest, chunk.max(axis=0))
         return mean, largest

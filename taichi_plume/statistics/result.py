@@ -1,4 +1,4 @@
-"""Statistics of a run or a film as tables, and their files."""
+"""Statistics of a run or a film as tables, and the files that hold them."""
 
 import json
 import os
@@ -39,8 +39,8 @@ UNITS = {
 class Statistics:
     """Statistics of a run or a film. source: the run's folder or the film; of: "probes" or "film".
 
-    threshold: [ppm]; why: reason for the threshold; begin, end: of the samples [s]; steps: shortest and longest time
-    between samples [s]; smelt: whiffs that sensors keep; gamma: intermittency of the film's maps.
+    threshold: [ppm]; why: reason for the threshold; begin, end: times of the first and last sample [s]; steps: shortest
+    and longest time between samples [s]; smelt: whiffs that sensors keep; gamma: intermittency map of the film.
     """
 
     source: Path
@@ -65,10 +65,10 @@ class Statistics:
         import pandas
 
         parts = []
-        for one in self.probes:
-            where = dict(zip(AXES, one.probe.places.T, strict=False))
-            who = {"probe": one.probe.name, "point": np.arange(len(one.probe.places))}
-            parts.append(pandas.DataFrame({**who, **where, **one.points}))
+        for stats in self.probes:
+            where = dict(zip(AXES, stats.probe.places.T, strict=False))
+            who = {"probe": stats.probe.name, "point": np.arange(len(stats.probe.places))}
+            parts.append(pandas.DataFrame({**who, **where, **stats.points}))
         frame = pandas.concat(parts, ignore_index=True)
         frame.attrs["units"] = {str(name): UNITS.get(str(name), "1") for name in frame.columns}
         return frame
@@ -79,9 +79,9 @@ class Statistics:
         import pandas
 
         parts = [
-            {"probe": one.probe.name, "point": n, "kind": kind.name, "begin": s.begin, "duration": s.lasted}
-            for one in self.probes
-            for kind in one.kinds
+            {"probe": p.probe.name, "point": n, "kind": kind.name, "begin": s.begin, "duration": s.lasted}
+            for p in self.probes
+            for kind in p.kinds
             for n, s in enumerate(kind.of_points)
             if len(s.lasted)
         ]
@@ -107,7 +107,7 @@ class Statistics:
             "intensity": (intensity, "1"), "intermittency": (self.gamma, "1"),
         }  # fmt: skip
         data = xarray.Dataset(
-            {name: (("x", "y"), one, {"units": unit}) for name, (one, unit) in values.items()},
+            {name: (("x", "y"), cells, {"units": unit}) for name, (cells, unit) in values.items()},
             {a: (a, film.coordinates[d], {"units": "m"}) for d, a in enumerate("xy")},
         )
         if film.level is not None:
@@ -121,8 +121,8 @@ class Statistics:
         import pandas
 
         frames = [
-            pandas.DataFrame({"probe": one.probe.name, "frequency": one.frequency, "density": one.density})
-            for one in self.probes
+            pandas.DataFrame({"probe": p.probe.name, "frequency": p.frequency, "density": p.density})
+            for p in self.probes
         ]
         return pandas.concat(frames, ignore_index=True)
 
@@ -130,9 +130,9 @@ class Statistics:
     def summary(self) -> dict[str, object]:
         """Settings, and the laws, fits, profiles and lengths of each probe: the content of statistics.json."""
         sensors = [
-            {"sensor": k.nose.name, "whiffs": k.whiffs, "kept": k.kept, "share": k.share, "rises": k.rises,
+            {"sensor": k.nose.name, "whiffs": k.whiffs, "kept": k.seen, "share": k.share, "rises": k.rises,
              "threshold_ppm": k.threshold}
-            for k in (self.smelt.kept if self.smelt else [])
+            for k in (self.smelt.sensors if self.smelt else [])
         ]  # fmt: skip
         return {
             "format": own_folder.format_of(KIND), "taichi_plume": __version__,
@@ -170,7 +170,7 @@ class Statistics:
         return [folder / name for name in names]
 
 
-def _of_probe(one: OfProbe) -> dict[str, object]:
+def _of_probe(stats: OfProbe) -> dict[str, object]:
     """Return the laws, fits, lengths and profiles of a probe."""
     kinds = {
         kind.name: {
@@ -178,14 +178,14 @@ def _of_probe(one: OfProbe) -> dict[str, object]:
             "cut": kind.all.cut,
             "law": kind.law and kind.law._asdict(),
         }
-        for kind in one.kinds
+        for kind in stats.kinds
     }
     return {
-        "name": one.probe.name, "kind": one.probe.kind, "points": len(one.probe.places), **kinds,
-        "fits": [fit._asdict() for fit in one.fits],
-        "lengths": [{"along": c.along, "length_m": c.length, "whole": c.whole} for c in one.correlations],
+        "name": stats.probe.name, "kind": stats.probe.kind, "points": len(stats.probe.places), **kinds,
+        "fits": [fit._asdict() for fit in stats.fits],
+        "lengths": [{"along": c.along, "length_m": c.length, "whole": c.whole} for c in stats.correlations],
         "profiles": [
-            {"along": p.along, "at": p.at, "gaussian": p.gaussian and p.gaussian._asdict()} for p in one.profiles
+            {"along": p.along, "at": p.at, "gaussian": p.gaussian and p.gaussian._asdict()} for p in stats.profiles
         ],
     }  # fmt: skip
 

@@ -1,10 +1,10 @@
-"""Whiffs that gas sensors resolve: the time series of a point are fed to the sensors that robots carry.
+"""Whiffs that gas sensors resolve: the sensor models of robots measure the time series of fixed points.
 
-A sensor keeps a whiff if the reading rises through the threshold between the starts of this whiff and the next one, so
-that a robot that compares readings with the threshold counts it. For this the reading has to reach the threshold in the
-whiff, and to have fallen below it in the blank before. The threshold of readings is the threshold of the air times the
-sensor's reading of 1 ppm of this gas. A whiff is kept once, however often noise crosses the threshold; `rises` counts
-all crossings.
+A sensor keeps a whiff if the reading rises through the threshold between the starts of this whiff and the next whiff: a
+robot that compares readings with the threshold then counts the whiff. For this the reading must reach the threshold in
+the whiff, and must have fallen below the threshold in the blank before. The threshold of readings is the threshold of
+the air times the sensor's reading of 1 ppm of this gas. A kept whiff counts once, however often noise crosses the
+threshold; `rises` counts all crossings.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,8 +17,8 @@ from taichi_plume.scenario.sensors import GasSensor, IdealGasSensor, MoxSensor, 
 from taichi_plume.statistics.durations import stretches
 
 SLOW, FAST = 12.0, 0.05  # s
-MOST_POINTS = 100  # whose time series the sensors measure
-MOST_NUMBERS = 2e8  # samples times sensors
+MOST_POINTS = 100  # most points at which the sensors measure
+MOST_NUMBERS = 2e8  # most samples times sensors
 MOST_TICKS = 200_000
 
 
@@ -29,25 +29,25 @@ class Nose(NamedTuple):
     model: GasSensor
 
 
-class Kept(NamedTuple):
-    """Number of whiffs that a sensor keeps, and of rises of its readings through the threshold [ppm]."""
+class SensorWhiffs(NamedTuple):
+    """Numbers of whiffs, of whiffs that a sensor keeps (`seen`), and of rises through the threshold [ppm]."""
 
     nose: Nose
     whiffs: int
-    kept: int
+    seen: int
     rises: int
     threshold: float
 
     @property
     def share(self) -> float:
-        """Fraction of the whiffs that is kept; NaN if there are no whiffs."""
-        return self.kept / self.whiffs if self.whiffs else float("nan")
+        """Fraction of the whiffs that the sensor keeps; NaN if there are no whiffs."""
+        return self.seen / self.whiffs if self.whiffs else float("nan")
 
 
 class Smelt(NamedTuple):
-    """Comparison of sensors: whiffs kept, concentration and readings, (sensors, n) [ppm], at the first point."""
+    """Comparison of sensors: counts of whiffs, and concentration and readings (sensors, n) [ppm] at the first point."""
 
-    kept: list[Kept]
+    sensors: list[SensorWhiffs]
     step: float
     true: np.ndarray
     readings: np.ndarray
@@ -62,19 +62,19 @@ def noses(others: Sequence[GasSensor] = ()) -> list[Nose]:
         PidSensor(kind="pid"),
         IdealGasSensor(kind="ideal"),
     ]
-    return [Nose(_name(one), one) for one in (*known, *others)]
+    return [Nose(_name(sensor), sensor) for sensor in (*known, *others)]
 
 
-def _name(one: GasSensor) -> str:
-    signal = one.signal
-    what = {"mox": "metal oxide", "pid": "photo-ionisation detector", "ideal": "ideal sensor"}[one.kind]  # type: ignore[attr-defined]
-    if isinstance(one, MoxSensor):
-        what += f" {one.model}"
+def _name(sensor: GasSensor) -> str:
+    signal = sensor.signal
+    what = {"mox": "metal oxide", "pid": "photo-ionisation detector", "ideal": "ideal sensor"}[sensor.kind]  # type: ignore[attr-defined]
+    if isinstance(sensor, MoxSensor):
+        what += f" {sensor.model}"
     if signal.rise == signal.decay:
         lag = f"{_time(signal.rise)}" if signal.rise else "no lag"
     else:
         lag = f"{_time(signal.rise)} up, {_time(signal.decay)} down"
-    return f"{what}, {lag}, read every {_time(one.period)}"
+    return f"{what}, {lag}, read every {_time(sensor.period)}"
 
 
 def _time(seconds: float) -> str:
@@ -82,7 +82,7 @@ def _time(seconds: float) -> str:
 
 
 class _Gas(NamedTuple):
-    """A species, as sensors use it."""
+    """Gas species with the attributes that sensors need."""
 
     name: str
     ppm_per_density: float = 1.0
@@ -93,8 +93,8 @@ def readings(
 ) -> Iterator[np.ndarray]:
     """Yield the readings of sensors, (sensors, points) [ppm], at each sample of a gas.
 
-    ppm: (n, points), `step` [s] apart, the tick of the sensors; clean air before. The sensors belong to robots that
-    stand at the points. Starts Taichi if it does not run.
+    ppm: (n, points), `step` [s] apart, the tick of the sensors; the air before is clean. The sensors belong to robots
+    that stand at the points. Starts Taichi unless it is running.
     """
     import taichi as ti
     from taichi.lang import impl
@@ -119,9 +119,9 @@ def readings(
             count=points,
             start=start,
             algorithm=Casting(kind="casting"),
-            sensors=Sensors.model_validate({"gas": one.model_copy(update={"ahead": 0.0})}),
+            sensors=Sensors.model_validate({"gas": sensor.model_copy(update={"ahead": 0.0})}),
         )
-        for n, one in enumerate(sensors)
+        for n, sensor in enumerate(sensors)
     ]
     places = np.zeros((points * len(groups), 2))
     places[:, 0] = np.tile(np.arange(points), len(groups))
@@ -141,10 +141,10 @@ def smelt(
 ) -> Smelt:
     """Count the whiffs of time series (n, points) [ppm], `step` [s] apart, that sensors keep.
 
-    threshold: of whiffs [ppm]. Whiffs that the record cuts do not count, as for durations.
+    threshold: of whiffs [ppm]. Whiffs that the ends of the record cut do not count, as for durations.
     """
-    models = [one.model for one in several]
-    least = np.array([one.reads(gas, threshold) for one in models])
+    models = [sensor.model for sensor in several]
+    least = np.array([model.reads(gas, threshold) for model in models])
     above = np.zeros((len(models), ppm.shape[1]), bool)
     rises = np.zeros((len(ppm), *above.shape), bool)
     first = np.zeros((len(ppm), len(models)), np.float32)
@@ -152,20 +152,20 @@ def smelt(
         now = (found > least[:, None]) & (least[:, None] > 0.0)
         rises[n] = now & ~above
         above, first[n] = now, found[:, 0]
-    whiffs, kept, total = 0, np.zeros(len(models), int), np.zeros(len(models), int)
+    whiffs, seen, total = 0, np.zeros(len(models), int), np.zeros(len(models), int)
     for point in range(ppm.shape[1]):
         begins, end = _windows(ppm[:, point] > threshold)
         if len(begins):
             counts = np.add.reduceat(rises[:end, :, point].astype(int), begins, axis=0)
             whiffs += len(begins)
-            kept += (counts > 0).sum(axis=0)
+            seen += (counts > 0).sum(axis=0)
             total += counts.sum(axis=0)
-    rows = zip(several, kept.tolist(), total.tolist(), least.tolist(), strict=True)
-    return Smelt([Kept(one, whiffs, *row) for one, *row in rows], step, ppm[:, 0], first.T)
+    rows = zip(several, seen.tolist(), total.tolist(), least.tolist(), strict=True)
+    return Smelt([SensorWhiffs(sensor, whiffs, *row) for sensor, *row in rows], step, ppm[:, 0], first.T)
 
 
 def _windows(present: np.ndarray) -> tuple[np.ndarray, int]:
-    """First sample of each whole whiff, and the end of the last whiff's window (a cut whiff, or the record's end)."""
+    """First sample of each complete whiff, and the end of the last window: start of a cut whiff, or record's end."""
     cuts = stretches(present)
     begins = cuts[:-1]
     whole = begins[present[begins] & (begins > 0) & (cuts[1:] < len(present))]

@@ -1,4 +1,4 @@
-"""Statistics of a run's probes, of its film, or of a film alone."""
+"""Compute the statistics of a run's probes, of a run's film, or of a film alone."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,11 +19,11 @@ from taichi_plume.statistics.records import Probe, ProbeRecord
 from taichi_plume.statistics.result import Statistics
 
 SHARE = 0.1
-"""Default threshold, as a fraction of the strongest point's mean."""
+"""Default threshold as a fraction of the highest mean of all points."""
 
 
 class Options(NamedTuple):
-    """Options of `of`, in its order."""
+    """Options of the function `of`, in the order of its arguments."""
 
     gas: str | None
     probe: str | None
@@ -43,9 +43,9 @@ def of(
 ) -> Statistics:
     """Compute the statistics of a run's folder or of a film. Raises InputError.
 
-    gas: species (default: the first); probe: the only probe to use; threshold: [ppm] (default: a tenth of the largest
-    mean); start: earliest time [s]; bounds: of the durations for exponents [s]; sensors: models besides those of
-    `sensor_comparison.noses`.
+    gas: species (default: the first); probe: name of a single probe to use; threshold: [ppm] (default: a tenth of the
+    largest mean); start: earliest time [s]; bounds: range of durations for exponents [s]; sensors: further sensor
+    models to compare.
     """
     path, options = Path(source), Options(gas, probe, threshold, start, bounds)
     fault = unopenable(path, folder=True)
@@ -94,12 +94,12 @@ def _of_probes(
     gas = _gas(table, record.gases, options.gas)
     mean, largest = record.sums(f"{gas}_ppm")
     chosen = _chosen(table, record.probes, options.probe)
-    inside = np.concatenate([one.first + np.arange(len(one.places)) for one in chosen])
+    inside = np.concatenate([probe.first + np.arange(len(probe.places)) for probe in chosen])
     if not largest[inside].max() > 0.0:
-        raise RunFolderError(f"{table}: no {gas} came to its points in this time")
+        raise RunFolderError(f"{table}: the concentration of {gas} is 0 at all points in this time")
     level, why = _threshold(float(mean[inside].max()), options.threshold)
     settings = Settings(gas, level, record.wind, sources, options.bounds)
-    probes = [of_probe(record, one, settings) for one in chosen]
+    probes = [of_probe(record, probe, settings) for probe in chosen]
     found = _statistics(table, name, "probes", record, settings, why, probes)
     found.smelt = _smelt(record, settings, probes, sensors, found.notes)
     return found
@@ -110,12 +110,12 @@ def _of_film(path: Path, name: str, options: Options) -> Statistics:
     level, why = _threshold(float(np.nanmax(film.mean)), options.threshold)
     gamma = film.intermittency(level)
     settings = Settings(film.gas, level, film.wind, film.sources, options.bounds)
-    probes = [of_probe(film, one, settings) for one in _chosen(path, film.probes, options.probe)]
+    probes = [of_probe(film, probe, settings) for probe in _chosen(path, film.probes, options.probe)]
     found = _statistics(path, name, "film", film, settings, why, probes)
     found.film, found.gamma = film, gamma
     found.notes.append(
         f"A film has no data between its frames, {np.median(np.diff(film.times)):.3g} s apart: shorter whiffs are "
-        "missed or joined. Use probes for them."
+        "missed or joined. Use probes to resolve them."
     )
     return found
 
@@ -131,13 +131,12 @@ def _statistics(
     )  # fmt: skip
     if not spectra.is_even(record.times):
         found.notes.append(
-            f"Samples are {found.steps[0]:.3g} to {found.steps[1]:.3g} s apart: means count each for its time; "
-            f"spectra, integral scales, correlations and sensors are of values every {steps.mean():.3g} s, linear in "
-            "time between samples."
+            f"Samples are {found.steps[0]:.3g} to {found.steps[1]:.3g} s apart. Means weight samples by duration; "
+            f"spectra, integral scales, correlations and sensors use values interpolated every {steps.mean():.3g} s."
         )
-    others = [one for one in record.gases if one != settings.gas]
+    others = [gas for gas in record.gases if gas != settings.gas]
     if others:
-        found.notes.append(f"There is also {', '.join(others)}; --gas NAME chooses one.")
+        found.notes.append(f"Other gases: {', '.join(others)}; --gas NAME chooses one.")
     return found
 
 
@@ -145,14 +144,14 @@ def _gas(path: Path, there: Sequence[str], gas: str | None) -> str:
     if not there:
         raise RunFolderError(f"{path}: holds no gas")
     if gas is not None and gas not in there:
-        raise RunFolderError(f"{path}: holds no {gas}, but {', '.join(there)}")
+        raise RunFolderError(f"{path}: holds no {gas}, only {', '.join(there)}")
     return there[0] if gas is None else gas
 
 
 def _chosen(path: Path, probes: Sequence[Probe], name: str | None) -> list[Probe]:
-    chosen = [one for one in probes if name in (None, one.name)]
+    chosen = [probe for probe in probes if name in (None, probe.name)]
     if not chosen:
-        raise RunFolderError(f"{path}: has no probe {name}, but {', '.join(one.name for one in probes)}")
+        raise RunFolderError(f"{path}: has no probe {name}, only {', '.join(probe.name for probe in probes)}")
     return chosen
 
 
@@ -169,19 +168,17 @@ def _smelt(
     sensors: Sequence[GasSensor],
     notes: list[str],
 ) -> sensor_comparison.Smelt | None:
-    """Count the whiffs that sensors keep at points with whiffs, the point with most whiffs first."""
+    """Count the whiffs that sensors keep, at points with whiffs; the first point is that with the most whiffs."""
     several = sensor_comparison.noses(sensors)
-    lively = [
-        (int(n), one.probe.first + k) for one in probes for k, n in enumerate(one.points["whiffs"]) if n
-    ]
+    lively = [(int(n), p.probe.first + k) for p in probes for k, n in enumerate(p.points["whiffs"]) if n]
     if not lively:
-        notes.append("No whiff is whole, so that sensors are not compared.")
+        notes.append("The record has no complete whiff, so sensors are not compared.")
         return None
     ticks = min(len(record.times), sensor_comparison.MOST_TICKS)
     most = max(
         1, min(sensor_comparison.MOST_POINTS, int(sensor_comparison.MOST_NUMBERS / len(several) / ticks))
     )
-    points = np.array([point for _, point in sorted(lively, key=lambda one: (-one[0], one[1]))])
+    points = np.array([point for _, point in sorted(lively, key=lambda pair: (-pair[0], pair[1]))])
     if len(points) > most:
         notes.append(f"Sensors are compared at {most} of the {len(points):,} points that have whiffs.")
         points = points[np.linspace(0, len(points) - 1, most).round().astype(int)]
@@ -193,7 +190,7 @@ def _smelt(
         notes.append(f"Sensors are compared over the first {step * len(even):.4g} s.")
     if step > sensor_comparison.FAST / 2:
         notes.append(
-            f"Samples every {step:.3g} s are too far apart for sensors of {sensor_comparison.FAST * 1e3:g} ms; "
-            "`every: step` and a shorter `tick` give more."
+            f"Samples every {step:.3g} s are too far apart for sensors of {sensor_comparison.FAST * 1e3:g} ms; use "
+            "`every: step` and a shorter `tick`."
         )
     return sensor_comparison.smelt(several, settings.gas, step, even, settings.threshold)

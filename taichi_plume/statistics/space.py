@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-FEWEST = 5  # points that a fit needs
+FEWEST = 5  # least number of points for a fit
 
 
 class Gaussian(NamedTuple):
@@ -28,7 +28,7 @@ def gaussian(y: np.ndarray, peak: float, centre: float, width: float) -> np.ndar
 def gaussian_fit(y: np.ndarray, values: np.ndarray) -> Gaussian | None:
     """Fit a Gaussian to a profile (n,) at y (n,) [m] by least squares.
 
-    None if the profile is constant or too short, or the centre lies beyond the points: no peak was measured.
+    None if the profile is constant or too short, or if the fitted centre lies outside the points.
     """
     from scipy.optimize import curve_fit
 
@@ -58,8 +58,8 @@ def gaussian_fit(y: np.ndarray, values: np.ndarray) -> Gaussian | None:
 def correlation(values: np.ndarray) -> np.ndarray:
     """Two-point correlation of time series (n, points) on a line, for separations of 0, 1, ... points.
 
-    Covariances of all pairs of one separation over their standard deviations. Points without fluctuation are left out.
-    Samples are assumed evenly spaced in time.
+    Sum of the covariances of all pairs with one separation over the sum of the products of their standard deviations.
+    Separations from the first without fluctuation on are left out. Samples must be evenly spaced in time.
     """
     apart = np.asarray(values, float)
     apart = apart - apart.mean(axis=0)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-EVEN = 1e-3  # of a step, by which evenly spaced samples may differ
-SEGMENTS = 8  # least number that a spectrum is averaged over
+EVEN = 1e-3  # tolerance of even spacing as a fraction of the step
+SEGMENTS = 8  # least number of Welch segments
 KOLMOGOROV = -5.0 / 3.0
 """Slope of spectra in the inertial range."""
 
@@ -55,7 +55,7 @@ def autocorrelation(values: np.ndarray) -> np.ndarray:
 
 
 def to_first_zero(step: float, correlation: np.ndarray) -> tuple[float, bool]:
-    """Return the integral of a correlation from lag 0 to the first zero, in units of `step`, and whether there is one.
+    """Return the integral of a correlation from lag 0 to the first zero, in units of `step`, and whether a zero exists.
 
     Without a zero the integral is a lower bound.
     """

@@ -1,4 +1,4 @@
-"""Still air around robots that stand side by side, each at the time series of a point."""
+"""Still air for sensor tests: robots stand side by side, each at the concentration time series of a point."""
 
 import taichi as ti
 
@@ -12,18 +12,18 @@ class Floor:
 
     @ti.func
     def distance(self, p: Template):
-        """Distance from the next obstacle [m]."""
+        """Distance from the nearest obstacle [m]."""
         return 1e6
 
     @ti.func
     def normal(self, p: Template):
-        """Direction away from the next obstacle."""
+        """Direction away from the nearest obstacle."""
         return ti.Vector([1.0, 0.0])
 
 
 @ti.data_oriented
 class Records(Wind):
-    """Still air with the concentration `level` [ppm], a field, at x = 0, 1, 2 ... m; an `Odour` of one species."""
+    """Still air with the field `level` of concentrations [ppm] at x = 0, 1, 2 ... m; an `Odour` of one species."""
 
     def __init__(self, level: ti.Field, species: object):
         self.level, self.species = level, species

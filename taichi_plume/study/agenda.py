@@ -1,7 +1,7 @@
-"""Queue of a study: the runs and films that are still to be done, and the next job of an idle worker.
+"""Job queue of a study: pending runs and films, and the choice of an idle worker's next job.
 
-Runs that share an air wait until the air has been filmed. Airs are filmed in their order, a few at a time, as films are
-large; a film is removed when the last of its runs is done. A worker prefers runs of the structure that it has compiled.
+Runs that share an air (one realisation of flow and gas) wait for the film of the air. Films are large: only a few exist
+at a time, and a film is removed after its last run. A worker prefers runs of a structure that it has compiled already.
 """
 
 from collections import Counter, deque
@@ -15,18 +15,18 @@ import numpy as np
 from taichi_plume.study.messages import Request
 
 TARGET_S = 4.0
-"""Duration of a task: long enough to hide Dask's overhead, short enough to lose little with a worker."""
+"""Desired duration of a task: long enough to hide Dask's overhead, short enough to lose little if a worker dies."""
 PER_WORKER_S = 0.04
-"""Least duration of a task per worker: the command and the scheduler need that long for the others' tasks."""
-MOST_RUNS = 1000  # of a task
-DEATHS = 2  # workers that a single run or film may kill before it has failed
-REMEMBERED = 16  # last runs of a structure from which the cost of the next ones is estimated
+"""Least duration of a task per worker: the command and the scheduler handle the other workers' tasks meanwhile."""
+MOST_RUNS = 1000  # in a task
+DEATHS = 2  # worker deaths after which a single run or film counts as failed
+REMEMBERED = 16  # recent runs of a structure that the expected cost of a run is estimated from
 
 
 class Job(NamedTuple):
     """Runs of one task or, if `solve`, the film of the air that the runs share.
 
-    film: path of the film that the runs play. deaths: workers that this job has killed, alone.
+    film: path of the film that the runs play. deaths: number of workers that died while executing this job alone.
     """
 
     requests: tuple[Request, ...]
@@ -36,20 +36,20 @@ class Job(NamedTuple):
 
     @property
     def structure(self) -> str:
-        """Structure of the simulation that the job's worker compiles."""
+        """Structure of the simulation that the worker must have compiled for the job."""
         return self.requests[0].structure
 
     @property
     def air(self) -> str:
-        """Air that the job films or plays."""
+        """Id of the air that the job films or plays."""
         return self.requests[0].air
 
 
 class Agenda:
     """Queue of runs.
 
-    requests: in the plan's order; shared: ids of airs to film; film: path of an air's film; most_films: that may exist
-    at a time; room: whether the disk has room for another film.
+    requests: runs in the plan's order; shared: ids of airs to film; film: returns the path of an air's film;
+    most_films: number of films that may exist at a time; room: returns whether the disk has room for another film.
     """
 
     def __init__(
@@ -62,13 +62,13 @@ class Agenda:
     ):
         self.film, self.most_films, self.room = film, most_films, room
         self.repeated: deque[Job] = deque()
-        self.left: Counter[str] = Counter()  # runs that are not done, by shared air
-        self.unsolved: dict[str, None] = {}  # airs in their order
+        self.left: Counter[str] = Counter()  # number of pending runs by shared air
+        self.unsolved: dict[str, None] = {}  # airs without a film, in the plan's order
         self.filmed: set[str] = set()
         self.solving: set[str] = set()
         self._open: dict[tuple[str, str], deque[Request]] = {}  # by shared air ("" if none) and structure
         self._costs: dict[str, deque[float]] = {}
-        self._tasks: Counter[tuple[str, str]] = Counter()  # given so far, by the keys of _open
+        self._tasks: Counter[tuple[str, str]] = Counter()  # number of tasks so far, by the keys of _open
         for request in requests:
             air = request.air if request.air in shared else ""
             self._open.setdefault((air, request.structure), deque()).append(request)
@@ -83,11 +83,11 @@ class Agenda:
 
     @property
     def open(self) -> int:
-        """Number of runs that are in no task."""
+        """Number of runs that no worker has."""
         return sum(map(len, self._open.values())) + sum(len(job.requests) for job in self.repeated)
 
     def next(self, structure: str, workers: int) -> Job | None:
-        """Next job of a worker that has compiled `structure`; None if nothing can be done yet."""
+        """Return the next job of a worker that has compiled `structure`; None if no job is ready."""
         if self.repeated:
             return self.repeated.popleft()
         played = [group for group in self._open if group[0] in self.filmed]
@@ -106,12 +106,12 @@ class Agenda:
         group = min(groups, key=lambda key: (key[1] != structure, self._tasks[key]))
         requests = self._open[group]
         seconds = self.expected(group[1])
-        wanted = 1
+        count = 1
         if seconds is not None:
             total = sum(len(self._open[key]) for key in groups)
-            fair = ceil(total / (2 * workers))  # so that all workers end at the same time
-            wanted = max(1, min(int(self.target(workers) / max(seconds, 1e-4)), fair, MOST_RUNS))
-        taken = tuple(requests.popleft() for _ in range(min(wanted, len(requests))))
+            fair = ceil(total / (2 * workers))  # all workers then finish at about the same time
+            count = max(1, min(int(self.target(workers) / max(seconds, 1e-4)), fair, MOST_RUNS))
+        taken = tuple(requests.popleft() for _ in range(min(count, len(requests))))
         if not requests:
             del self._open[group]
         self._tasks[group] += 1
@@ -133,17 +133,17 @@ class Agenda:
         self._costs.setdefault(structure, deque(maxlen=REMEMBERED)).append(seconds)
 
     def again(self, job: Job, requests: Sequence[Request]) -> None:
-        """Put back the runs of a job for which its worker had no time."""
+        """Put back the runs of a job that its worker did not execute within the time limit."""
         if requests:
             group = (job.air if job.film else "", job.structure)
             self._open.setdefault(group, deque()).extendleft(reversed(requests))
 
     def apart(self, job: Job) -> None:
-        """Repeat the runs of a job that raised an error, one by one."""
+        """Queue the runs of a job that raised an error again, one run per job."""
         self.repeated.extend(job._replace(requests=(request,)) for request in job.requests)
 
     def died(self, job: Job) -> bool:
-        """Repeat a job whose worker died, its runs one by one. Return whether a single run or film has failed."""
+        """Queue the job of a dead worker again, one run per job. Return whether a single run or film has failed."""
         if len(job.requests) > 1 and not job.solve:
             self.apart(job)
         elif job.deaths + 1 >= DEATHS:
@@ -158,7 +158,7 @@ class Agenda:
         self.filmed.add(air)
 
     def without(self, air: str) -> list[Request]:
-        """Remove the runs of an air that could not be solved; return these runs."""
+        """Remove and return the runs of an air whose simulation failed."""
         self.solving.discard(air)
         runs = self._runs_in(air)
         for group in [key for key in self._open if key[0] == air]:
@@ -170,7 +170,7 @@ class Agenda:
         return [request for group, runs in self._open.items() if group[0] == air for request in runs]
 
     def done(self, request: Request) -> str | None:
-        """Note that a run is over. Return the id of its air if no other run needs the air's film."""
+        """Note that a run has ended. Return the id of the run's air if no pending run needs the film of the air."""
         if request.air not in self.left:
             return None
         self.left[request.air] -= 1

@@ -1,9 +1,9 @@
-"""Points of a study: combinations of the values of its axes (grid, Sobol sequence, Latin hypercube).
+"""Design of experiments of a study: points from a full-factorial grid, Sobol sequence or Latin hypercube.
 
-Axes with values, variants, or a range with count form a grid: all combinations, in the order written; the last axis
-changes fastest. Ranges without count are sampled together, and each sample is combined with the whole grid; the sample
-changes faster still. A sensitivity study has the points A, B, AB_1, AB_2 ... of Saltelli et al. 2010
-(doi:10.1016/j.cpc.2009.09.018), see `indices.numbers`.
+A point has a value on each axis. Axes with values, variants, or a range with count form a grid of all combinations, in
+the order written; the last axis changes fastest. Ranges without count are sampled together. Each sample is combined
+with the whole grid and changes faster still. A sensitivity study has the points A, B, AB_1, AB_2 ... of Saltelli et al.
+2010 (doi:10.1016/j.cpc.2009.09.018), see `indices.numbers`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,18 +15,18 @@ import numpy as np
 from taichi_plume.study.messages import Data, Value
 from taichi_plume.study.model import Study, StudyAxis
 
-DIGITS = 12  # of numbers in ranges
+DIGITS = 12  # significant digits of sampled values
 
 
 class Level(NamedTuple):
-    """A value of a grid axis: as written in the tables, and its changes to the scenario."""
+    """A value of a grid axis, as written in the tables, and the changes to the scenario, by path."""
 
     value: Value
     changes: Mapping[str, object]
 
 
 class Levels(NamedTuple):
-    """A grid axis."""
+    """A grid axis with its levels."""
 
     name: str
     unit: str
@@ -34,7 +34,7 @@ class Levels(NamedTuple):
 
 
 class Range(NamedTuple):
-    """A sampled axis, from low to high."""
+    """A sampled axis: a range from low to high, uniform or (log) uniform in the logarithm."""
 
     name: str
     unit: str
@@ -45,7 +45,7 @@ class Range(NamedTuple):
 
 
 class Point(NamedTuple):
-    """A combination. which: index of each grid axis's value, and of the sample."""
+    """A point of a study. which: index of the level on each grid axis, then of the sample."""
 
     which: tuple[int, ...]
     values: dict[str, Value]

@@ -1,4 +1,4 @@
-"""Scheduler of a study: give the missing runs of a plan to workers and keep the finished runs, whatever happens."""
+"""Scheduler of a study: distribute the missing runs of a plan to workers; store each finished run, despite failures."""
 
 import errno
 import shutil
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from taichi_plume.study.progress import Display
 
 FULL = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
-TICK_S = 0.2  # between looks at workers, the clock and signals
-SLACK = 3.0  # a task returns its finished runs after this multiple of its expected time
+TICK_S = 0.2  # polling interval of workers, clock and signals
+SLACK = 3.0  # time limit of a task over its desired duration
 FILMS = 1  # films at a time beyond the number of workers
-SPARE = 2.0  # films that the disk must have room for before another film is begun
+SPARE = 2.0  # free disk space, in films, that starting another film requires
 
 
 class Campaign:
-    """The runs of a plan that are not done, executed by workers.
+    """Execution of the missing runs of a plan by workers.
 
     requests: runs to execute; shared: ids of airs that are filmed for them. `run` ends when all runs are done or when
     a signal asks for the end.
@@ -50,7 +50,7 @@ class Campaign:
         self.display, self.signals = display, signals
         self.there = workers.workers()
         self.totals = Totals(len(self.there))
-        self.largest = max((one.bytes for one in store.air_records()), default=0)  # film so far
+        self.largest = max((record.bytes for record in store.air_records()), default=0)  # film so far, bytes
         films = FILMS + max(1, len(self.there))
         self.agenda = Agenda(requests, shared, store.film, films, self._room)
         self.given: dict[Future[list[Record] | AirRecord], tuple[str, Job]] = {}  # worker and job
@@ -67,23 +67,23 @@ class Campaign:
             self._collect(TICK_S)
             self.display.update(self)
         else:
-            self._collect(0.0)  # tasks that were done by then
+            self._collect(0.0)  # tasks that have finished before the signal
 
     def _waits(self) -> bool:
-        """Whether a job is left that no worker has. Raises OSError if it waits only for room on the disk."""
+        """Whether pending jobs remain that no worker has. Raises OSError if only lack of disk space delays them."""
         if self.agenda.unsolved and not self.agenda.solving and self.there and not self._room():
             raise OSError(
-                errno.ENOSPC, "no room on the disk for another film of an air", str(self.store.airs)
+                errno.ENOSPC, "the disk has no room for another film of an air", str(self.store.airs)
             )
         return bool(self.agenda.open or self.agenda.unsolved)
 
     def _room(self) -> bool:
-        """Whether the disk has room for another film, judged by the largest film so far."""
+        """Whether the disk has room for another film of the largest size so far."""
         coming = 1 + len(self.agenda.solving)
         return shutil.disk_usage(self.store.airs).free > SPARE * self.largest * coming
 
     def _look(self) -> None:
-        """Look which workers there are; take back the jobs of workers that are gone. Raises WorkersError."""
+        """Update the list of workers; take back the jobs of workers that are gone. Raises WorkersError."""
         self.there = self.workers.workers()
         self.totals.count(len(self.there))
         while self.workers.remarks:
@@ -114,7 +114,7 @@ class Campaign:
     # ------------------------------------------------------------ results
 
     def _collect(self, seconds: float) -> None:
-        """Wait for finished tasks and keep their results. Raises WorkersError, OSError."""
+        """Wait for finished tasks and store their results. Raises WorkersError, OSError."""
         if not self.given:
             time.sleep(seconds)
             return
@@ -133,7 +133,7 @@ class Campaign:
                 self._take(job, result)
 
     def _take(self, job: Job, result: list[Record] | AirRecord) -> None:
-        """Keep the results of a task."""
+        """Store the results of a task; queue the runs again that the task has not executed."""
         self.totals.add(result)
         if isinstance(result, AirRecord):
             self._keep_air(job, result)
@@ -150,14 +150,14 @@ class Campaign:
         self.display.advance(len(records))
 
     def _over(self, requests: tuple[Request, ...]) -> None:
-        """Remove the films that no run needs after these runs."""
+        """Remove films whose last pending run is among these runs."""
         for request in requests:
             air = self.agenda.done(request)
             if air is not None:
                 shutil.rmtree(self.store.film(air), ignore_errors=True)
 
     def _keep_air(self, job: Job, record: AirRecord) -> None:
-        """Keep the record of an air; if it could not be solved, its runs have failed."""
+        """Store the record of an air. If the air could not be solved, store its runs as failed."""
         self.store.add_air(record)
         if not record.message:
             self.largest = max(self.largest, record.bytes)
@@ -169,12 +169,12 @@ class Campaign:
     def _died(self, job: Job) -> None:
         """Execute the job of a dead worker again, unless its run or film has killed several workers alone."""
         if self.agenda.died(job):
-            self._fail(job, f"killed its worker {job.deaths + 1} times: too little memory? see {LOG}")
+            self._fail(job, f"worker died {job.deaths + 1} times: too little memory? see {LOG}")
 
     def _wrong(self, job: Job, error: Exception) -> None:
-        """Handle an error of a task. Raises WorkersError or OSError if other tasks would meet the same error."""
+        """Handle an error of a task. Raises WorkersError or OSError if all other tasks would fail in the same way."""
         if isinstance(error, ImportError):
-            raise WorkersError(f"a worker cannot be used: {error}")
+            raise WorkersError(f"a worker cannot import the package: {error}")
         if isinstance(error, OSError) and error.errno in FULL:
             raise error
         if job.solve or len(job.requests) == 1:
@@ -191,16 +191,16 @@ class Campaign:
         try:
             scenario = scenario_of(self.plan.base, request.changes)
         except ValueError:
-            scenario = None  # the message alone is left
+            scenario = None  # only the message is written
         leave_failed(self._task(job), request, scenario, message)
         self._keep([_failure(request.run, message)])
         self._over(job.requests)
 
 
 def options_of(plan: "Plan", out: Path, allow_code: bool, allow_outside: bool) -> Options:
-    """Options that all runs of a plan share."""
+    """Return the options that all runs of a plan share."""
     study = plan.study
-    paths = {path: path for path in study.outcomes.values()}  # columns may be named again later
+    paths = {path: path for path in study.outcomes.values()}  # names of columns may change later
     return Options(out.resolve(), tuple(study.keep), paths, allow_code, allow_outside, __version__)
 
 

@@ -1,4 +1,4 @@
-"""Check the scenarios of a study: thousands, which mostly read the same files; each file is opened once."""
+"""Check the scenarios of a study. Thousands of scenarios may name the same files; each file is opened once."""
 
 from collections import OrderedDict
 from dataclasses import replace
@@ -12,14 +12,14 @@ from taichi_plume.scenario.gases import PlaybackGas
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 
-MOST_KEPT = 16  # scenarios whose files are kept open: films and meshes take memory
+MOST_CACHED = 16  # scenarios whose files stay in memory: films and meshes are large
 
 
 class Checks:
-    """Checks scenarios whose files lie in `folder`, as `prepare.checked` does.
+    """Checks of scenarios whose files lie in `folder`, as by `prepare.checked`.
 
-    The resources depend only on the sections that name files, the obstacles, the species and the domain: of scenarios
-    that have these in common only the first one opens the files.
+    The resources depend only on the sections that name files, the obstacles, the species and the domain. Only the first
+    of several scenarios with equal such sections opens the files.
     """
 
     def __init__(self, folder: Path, allow_outside: bool):
@@ -37,7 +37,7 @@ class Checks:
         raise ScenarioError(faults)
 
     def files(self, scenario: Scenario) -> dict[str, list[Path]]:
-        """Return the paths that are opened for each section of a scenario. Raises ScenarioError."""
+        """Return the paths of the files that each section of a scenario reads. Raises ScenarioError."""
         return self._prepared(scenario).resources.files
 
     def _prepared(self, scenario: Scenario) -> Prepared:
@@ -46,7 +46,7 @@ class Checks:
         if known is None:
             known = prepare(scenario, self.folder, self.allow_outside)
             self._known[reads] = known
-            if len(self._known) > MOST_KEPT:
+            if len(self._known) > MOST_CACHED:
                 self._known.popitem(last=False)
             return known
         self._known.move_to_end(reads)
@@ -62,6 +62,6 @@ def _reads(scenario: Scenario) -> tuple[str, ...]:
         for path, section in checks.every(scenario)
         if type(section) in OPENERS
     ]
-    obstacles = [one.model_dump_json() for one in scenario.obstacles]
+    obstacles = [obstacle.model_dump_json() for obstacle in scenario.obstacles]
     species = [repr(getattr(gas, "species", None)) for _, gas in scenario.gases]
     return (scenario.domain.model_dump_json(), *obstacles, *species, *sections)

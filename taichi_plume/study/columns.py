@@ -1,6 +1,6 @@
-"""Columns of a study's tables: names, types, units and meanings, which depend only on the plan.
+"""Columns of a study's tables (Arrow schemas): names, types, units and meanings. They depend only on the plan.
 
-Types keep nulls in pandas too: booleans become `boolean`, integers `Int64`.
+pandas reads booleans as `boolean` and integers as `Int64`, so that nulls stay nulls.
 """
 
 import json
@@ -42,15 +42,15 @@ TABLE_NAMES = {field.name for field in (*WHICH, AIR, BY_CHANCE, NUMBER, *CAME, *
 }
 """Names of columns that every study's tables have, besides the seeds."""
 SUFFIX = re.compile(r"_(s|m|ppm|kg|m_s|kg_s)$")
-"""Endings of the names of numbers in result.json, after their unit."""
+"""Suffix of a name in result.json that states the unit."""
 NUMPY = {pa.bool_(): ("bool", "boolean"), pa.int64(): ("int64", "Int64")}
-"""Names in pandas of the types that can hold nulls."""
+"""pandas name and NumPy dtype of the column types that can hold nulls."""
 
 
 def taken(outcomes: Iterable[str] = ()) -> set[str]:
-    """Return names that no axis of a study with these outcomes may have.
+    """Return the names that an axis of a study with these outcomes must not have.
 
-    An axis called `seed` or `air_seed` is that column; an axis called `algorithm` replaces the robots' column.
+    An axis called `seed` or `air_seed` becomes that column; an axis called `algorithm` replaces the robots' column.
     """
     return TABLE_NAMES - {"algorithm"} | set(outcomes)
 
@@ -66,12 +66,12 @@ def kind_of(values: Iterable[object]) -> pa.DataType:
 
 
 def axis_columns(axes: Sequence[Axis], kinds: dict[str, pa.DataType]) -> list[pa.Field]:
-    """Return the columns of the axes, without axes that are seeds, which have their columns already."""
+    """Return the columns of the axes. Axes called `seed` or `air_seed` are left out: those columns exist already."""
     seeds = {field.name for field in SEEDS}
     return [
-        column(one.name, kinds[one.name], one.unit or "1", "axis of the study")
-        for one in axes
-        if one.name not in seeds
+        column(axis.name, kinds[axis.name], axis.unit or "1", "axis of the study")
+        for axis in axes
+        if axis.name not in seeds
     ]
 
 
@@ -92,8 +92,8 @@ def trials_schema(axes: Sequence[pa.Field]) -> pa.Schema:
 
 
 def of_trials(axes: Sequence[pa.Field]) -> list[pa.Field]:
-    """Return the columns of a trial that are no axes."""
-    names = {one.name for one in axes}
+    """Return the columns of a trial whose names no axis has."""
+    names = {field.name for field in axes}
     return [field for field in TRIAL if field.name not in names]
 
 
@@ -114,10 +114,10 @@ def _schema(columns: list[pa.Field], **more: str) -> pa.Schema:
     metadata = {key.decode(): value.decode() for key, value in schema.metadata.items()}
     pandas = json.loads(metadata["pandas"])
     pandas["columns"] = [
-        {"name": one.name, "field_name": one.name, "pandas_type": kind, "numpy_type": dtype, "metadata": None}
-        for one in columns
-        if one.type in NUMPY
-        for kind, dtype in [NUMPY[one.type]]
+        {"name": c.name, "field_name": c.name, "pandas_type": kind, "numpy_type": dtype, "metadata": None}
+        for c in columns
+        if c.type in NUMPY
+        for kind, dtype in [NUMPY[c.type]]
     ]
     return schema.with_metadata(metadata | {"pandas": json.dumps(pandas)} | more)
 

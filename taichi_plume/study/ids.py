@@ -1,7 +1,7 @@
-"""Ids of runs, airs and structures: hashes of all keys that matter to them, in SI units and with every default.
+"""Ids of runs, airs and structures: hashes of all keys that affect the result, in SI units with all defaults.
 
-Ids do not depend on the order of keys, the units written or the place of files; the content of files counts. Numbers
-count with 12 digits: 35 cm and 0.35 m are the same.
+Ids do not depend on the order of keys, the written units or the paths of files, but on the content of files. Numbers
+are rounded to 12 digits, so that 35 cm and 0.35 m give the same id.
 """
 
 import hashlib
@@ -20,15 +20,15 @@ from taichi_plume.study.axes import DIGITS
 
 HEX = 16  # digits of an id
 OUTPUTS = ("name", "recording", "forces", "fields", "plumesim_log", "checkpoint")
-"""Sections that decide which files a run writes, and nothing else."""
+"""Sections that affect only which files a run writes."""
 SEEDS = ("seed", "air_seed")
 OF_AIR = ("duration", "warm_up", "tick", "domain", "wind", "obstacles", "gas")
 OF_WAKES = ("arena", "robots", "rivals")
-"""Sections that matter to the air if robots disturb it."""
+"""Sections that affect the air as well if robots have wakes."""
 
 
 class Ids(NamedTuple):
-    """Ids that the runs of a point have in common, before their seeds."""
+    """Ids of a point's runs without seeds."""
 
     scenario: str
     air: str
@@ -37,7 +37,7 @@ class Ids(NamedTuple):
     wakes: bool
 
     def shown(self) -> "Ids":
-        """Return the ids of the same runs if a film is played to them that has less detail than their air."""
+        """Return the ids of the same runs when they play a film with less detail than the air itself."""
         return self._replace(scenario=_hash([self.scenario, "shown"]))
 
     def run(self, seed: int, air_seed: int) -> str:
@@ -51,7 +51,7 @@ class Ids(NamedTuple):
 
 
 class Digests:
-    """Hashes of the files that scenarios in a folder name; each file is read once."""
+    """Hashes of files that scenarios in a folder name. Each file is read once."""
 
     def __init__(self, folder: Path):
         self.folder = folder
@@ -69,7 +69,7 @@ class Digests:
         return Ids(
             _hash({key: value for key, value in data.items() if key not in (*OUTPUTS, *SEEDS)}),
             _hash({key: data[key] for key in (*OF_AIR, *(OF_WAKES if wakes else ()))}),
-            # files too: a worker that has met others lives on while they change
+            # with files: a worker outlives changes of files that it has read
             _hash([structure(scenario), list(read.items())]),
             scenario.air_by_chance,
             wakes,

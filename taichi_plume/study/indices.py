@@ -1,7 +1,7 @@
-"""Sobol indices of a sensitivity study: which axes matter, by `scipy.stats.sobol_indices`.
+"""Sobol indices of a sensitivity study (variance-based global sensitivity analysis), by `scipy.stats.sobol_indices`.
 
-The first-order index of an axis is the share of the variance that vanishes when the axis's value is known; the total
-index is the share that remains when all other values are known (Saltelli et al. 2010, doi:10.1016/j.cpc.2009.09.018).
+The first-order index of an axis is the fraction of the variance that vanishes if the axis is fixed. The total index is
+the fraction that remains if all other axes are fixed (Saltelli et al. 2010, doi:10.1016/j.cpc.2009.09.018).
 """
 
 import warnings
@@ -31,11 +31,11 @@ class Index(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Indices of a quantity in a group.
+    """Sobol indices of a quantity in a group.
 
-    used, asked: rows of the design, each with a point of A, of B, and of each AB_i; variance: over the points; noise:
-    variance of a point's mean over airs, averaged over the points, NaN if points have a single air; indices: by axis,
-    empty if nothing varies.
+    used, asked: number of used and of all rows of the design; a row has a point of A, of B, and of each AB_i. variance:
+    over the points; noise: variance of a point's mean over airs, averaged over the points, NaN if points have a single
+    air; indices: by axis, empty if the quantity does not vary.
     """
 
     used: int
@@ -46,9 +46,9 @@ class Found(NamedTuple):
 
 
 def numbers(samples: int, axes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the numbers of the design's points: A (samples,), B (samples,), AB (axes, samples).
+    """Return the numbers of the points in the plan: A (samples,), B (samples,), AB (axes, samples).
 
-    In the plan all of A come first, then all of B, then for each axis AB_i, which is A with that axis's values of B.
+    The plan lists A, then B, then AB_i for each axis i: A with the values of B on axis i.
     """
     blocks = np.arange((axes + 2) * samples).reshape(axes + 2, samples)
     return blocks[0], blocks[1], blocks[2:]
@@ -57,8 +57,8 @@ def numbers(samples: int, axes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 def sobol(values: np.ndarray, axes: tuple[str, ...], samples: int) -> tuple[int, dict[str, Index]]:
     """Return the number of rows used and the indices of values (points,), in the order of `numbers`.
 
-    Rows with a NaN are left out. Of the other rows the first ones are used, as many as are a power of two, since the
-    Sobol sequence is evenly spread only then.
+    Rows with a NaN are left out. Of the other rows the first 2^k are used, as a Sobol sequence needs a power of two for
+    its low discrepancy.
     """
     from scipy.stats import sobol_indices
 
@@ -85,32 +85,32 @@ def sobol(values: np.ndarray, axes: tuple[str, ...], samples: int) -> tuple[int,
 
 @contextmanager
 def _seeded() -> Iterator[None]:
-    """Seed NumPy's global random numbers, from which that bootstrap draws, and restore their state afterwards."""
+    """Seed NumPy's global random generator, which scipy's bootstrap uses; restore the state afterwards."""
     before = np.random.get_state()  # noqa: NPY002
     np.random.seed(SEED)  # noqa: NPY002
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of BCa where it is undefined: its ends are NaN
+            warnings.simplefilter("ignore")  # undefined BCa intervals: their ends are NaN
             yield
     finally:
         np.random.set_state(before)  # noqa: NPY002
 
 
 def found(points: "Points") -> Iterator[tuple["Quantity", str | None, Found]]:
-    """Yield (quantity, group, Found) for each quantity that every point can have, and each group."""
-    samples, axes = int(points.plan.about["study"]["samples"]), tuple(one.name for one in points.plan.axes)
+    """Yield (quantity, group, Found) for each group and each quantity that is defined at every point."""
+    samples, axes = int(points.plan.about["study"]["samples"]), tuple(axis.name for axis in points.plan.axes)
     table = points.table
     groups = list(dict.fromkeys(table["group"].dropna())) if "group" in table else []
-    for one in points.quantities:
-        if one.what == "successes":  # undefined at points without a success
+    for quantity in points.quantities:
+        if quantity.what == "successes":  # undefined at points without a success
             continue
-        for group in groups if one.what != "runs" else [None]:
+        for group in groups if quantity.what != "runs" else [None]:
             rows = np.flatnonzero(table["group"] == group) if group is not None else np.arange(len(table))
             values = np.full((len(axes) + 2) * samples, nan)
             noise = []
-            spread = points.between_airs(one)
+            spread = points.between_airs(quantity)
             for row in rows:
-                estimate, point = points.estimates[one.name][row], int(table["point"].iloc[row])
+                estimate, point = points.estimates[quantity.name][row], int(table["point"].iloc[row])
                 if estimate is None or point >= len(values):
                     continue
                 values[point] = estimate.mean
@@ -120,31 +120,31 @@ def found(points: "Points") -> Iterator[tuple["Quantity", str | None, Found]]:
             used, indices = sobol(values, axes, samples)
             drawn = values[: 2 * samples]
             of_airs = np.array(noise)[np.isfinite(noise)]
-            yield one, group, Found(
+            yield quantity, group, Found(
                 used, samples, float(np.nanvar(drawn, ddof=1)), float(of_airs.mean()) if len(of_airs) else nan, indices
             )  # fmt: skip
 
 
-def words(one: Found) -> list[str]:
-    """Return sentences about indices: which rows are missing, how much of the variance is chance."""
+def words(result: Found) -> list[str]:
+    """Return sentences about indices: unused rows, variance due to chance, width of the intervals."""
     lines = []
-    if one.used < one.asked:
+    if result.used < result.asked:
         lines.append(
-            f"{one.used} of {one.asked} rows of the design are used: the others lack a run that failed or has not been "
-            "made, and the rows have to be a power of two"
+            f"{result.used} of {result.asked} rows of the design are used: the others lack a run that failed or is "
+            "missing, and the number of rows must be a power of two"
         )
-    if not one.indices:
-        lines.append("nothing varies over the points, so there are no indices")
+    if not result.indices:
+        lines.append("all points have the same value, so there are no indices")
         return lines
-    if np.isnan(one.noise):
-        lines.append("how much is chance is unknown: at least two airs at each point are needed")
+    if np.isnan(result.noise):
+        lines.append("the variance due to chance is unknown: each point needs at least two airs")
     else:
-        share = one.noise / one.variance if one.variance else nan
+        share = result.noise / result.variance if result.variance else nan
         more = ": more airs would help more than more points" if share > 0.5 else ""
         lines.append(
             f"of the variance over the points, {100 * min(share, 1):.0f} % is chance from air to air{more}"
         )
-    wide = max(each.total_high - each.total_low for each in one.indices.values())
+    wide = max(each.total_high - each.total_low for each in result.indices.values())
     if not wide < 0.5:
         lines.append("intervals are wide: take more samples")
     return lines

@@ -1,11 +1,11 @@
-"""95 % confidence intervals of means and shares over airs (cluster bootstrap), and sentences that state them.
+"""95 % confidence intervals of means and shares over airs (cluster bootstrap), and the sentences that state them.
 
-Searches in one air are correlated: counted as independent they give intervals far too narrow. So whole airs are
-resampled with all their searches (cluster bootstrap; Davison & Hinkley 1997, section 3.8,
-doi:10.1017/CBO9780511802843) and the ratio of sums is taken: BCa intervals of `scipy.stats.bootstrap`, at a confidence
-level that is raised by Student's t for few airs (Hesterberg 2015, section 5.3, doi:10.1080/00031305.2015.1089789).
-Resampling fewer than `FEWEST` airs cannot cover 95 %, as all resamples lie between the smallest and the largest of
-them: for these, Wilson's interval counts each air once, and Student's interval takes the airs' means.
+Searches in the same air are correlated; treated as independent, they give intervals that are far too narrow. Therefore
+whole airs are resampled with all their searches (cluster bootstrap; Davison & Hinkley 1997, section 3.8,
+doi:10.1017/CBO9780511802843), and the statistic is the ratio of sums. The intervals are BCa intervals of
+`scipy.stats.bootstrap`; for few airs Student's t raises the confidence level (Hesterberg 2015, section 5.3,
+doi:10.1080/00031305.2015.1089789). A bootstrap of fewer than `FEWEST` airs cannot cover 95 %. Then shares have Wilson's
+interval, in which each air counts once, and means have Student's interval of the airs' means.
 
 tests/study/test_intervals.py measures how often the intervals cover the true value.
 """
@@ -21,19 +21,19 @@ from scipy.special import ndtr, stdtrit
 
 from taichi_plume.scoring.trials import mean_with_interval, share_with_interval
 
-FEWEST = 5  # airs that are resampled
-MANY = 200  # airs, beyond which percentiles are as good as BCa, and far quicker
+FEWEST = 5  # least number of airs for a bootstrap
+MANY = 200  # airs beyond which percentile intervals are as good as BCa, and far quicker
 RESAMPLES = 2999
-AT_ONCE = 1 << 22  # numbers of resamples in memory
+AT_ONCE = 1 << 22  # resampled values in memory at a time
 SEED = 20260
 LEVEL = 0.95
 
 OVER = {
     "airs": "over {airs} airs",
     "single": "over {airs} airs, one search in each",
-    "few": "over {airs} airs, so few that it is wide",
-    "alike": "over {airs} airs, which all agree",
-    "searches": "over the searches, as chance does not change the air",
+    "few": "over {airs} airs; more airs would narrow it",
+    "alike": "over {airs} airs with equal results",
+    "searches": "over the searches, as all have the same air",
     "one air": "",
     "same": "",
     "one": "",
@@ -41,10 +41,10 @@ OVER = {
 }
 """Phrases that state what an interval is over."""
 WITHOUT = {
-    "one air": "no interval: one air says nothing of others",
-    "same": "no interval: all {airs} airs gave the same",
-    "one": "no interval: a single one",
-    "none": "nothing to count",
+    "one air": "no interval: one air is not enough",
+    "same": "no interval: all {airs} airs have the same result",
+    "one": "no interval: there is a single value",
+    "none": "no data",
 }
 """Reasons why there is no interval."""
 
@@ -63,10 +63,9 @@ class Estimate(NamedTuple):
 def estimates(
     values: ArrayLike, keys: Iterable[Hashable], airs: ArrayLike, by_chance: ArrayLike, share: bool
 ) -> dict[Hashable, Estimate]:
-    """Estimate the mean of the values of each key, from searches given as columns (n,).
+    """Estimate the mean of the values of each key. All arguments are columns (n,) with an entry per search.
 
-    values: NaN if there is nothing to count; 0 or 1 for a share; airs: seed of each search's air; by_chance: whether
-    other seeds make another air.
+    values: NaN if undefined; 0 or 1 for a share; airs: seed of the air; by_chance: whether the air depends on the seed.
     """
     import pandas as pd
 
@@ -94,7 +93,7 @@ def estimates(
 
 
 def _cells(table: Any) -> list[tuple[Hashable, np.ndarray, np.ndarray]]:
-    """Sums and counts per air for each key."""
+    """Return (key, sums, counts) of each key; sums and counts: arrays over the airs."""
     if not len(table):
         return []
     place, keys = table["key"].factorize()
@@ -105,7 +104,7 @@ def _cells(table: Any) -> list[tuple[Hashable, np.ndarray, np.ndarray]]:
 
 
 def _over_searches(values: np.ndarray, share: bool) -> Estimate:
-    """Estimate over searches, for an air that is the same with other seeds."""
+    """Estimate from independent searches, for an air that does not depend on the seed."""
     count = len(values)
     found = share_with_interval(round(values.sum()), count) if share else mean_with_interval(values)
     over = "searches" if count > 1 else "one"
@@ -113,7 +112,7 @@ def _over_searches(values: np.ndarray, share: bool) -> Estimate:
 
 
 def _over_few(mean: float, of_airs: np.ndarray, n: int) -> Estimate:
-    """Estimate with Student's interval of the airs' values (airs,), moved to `mean`."""
+    """Estimate with Student's interval of the airs' values (airs,), shifted so that its centre is `mean`."""
     found = mean_with_interval(of_airs)
     low, high = (found[end] - found["mean"] + mean for end in ("low", "high"))
     return Estimate(mean, low, high, n, len(of_airs), "few")
@@ -135,7 +134,7 @@ def _without_resampling(sums: np.ndarray, counts: np.ndarray, share: bool) -> Es
 
 
 def differences(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray]) -> Estimate:
-    """Estimate the second minus the first mean, from sums and counts (airs,) in the same airs, resampled in pairs."""
+    """Estimate the second mean minus the first by a paired bootstrap; first, second: sums and counts (airs,)."""
     sums, counts = np.stack([first[0], second[0]]), np.stack([first[1], second[1]])
     airs, n = sums.shape[1], int(counts.sum())
     if not airs:
@@ -153,15 +152,15 @@ def differences(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, 
 
 
 def confidence(airs: int) -> float:
-    """Level at which a bootstrap interval over a number of airs is as wide as Student's t requires."""
+    """Confidence level at which a bootstrap interval over a number of airs is as wide as Student's t interval."""
     t = float(stdtrit(airs - 1, 0.5 + LEVEL / 2))
     return float(1 - 2 * ndtr(-sqrt(airs / (airs - 1)) * t))
 
 
 def resampled(sums: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Ends (points,) of the intervals of means, from sums and counts (points, airs) that are resampled together.
+    """Return lower and upper ends (points,) of the bootstrap intervals of means, from sums and counts (points, airs).
 
-    From sums and counts (2, points, airs): of the second mean minus the first.
+    Sums and counts (2, points, airs) give intervals of the second mean minus the first.
     """
     from scipy.stats import bootstrap
 
@@ -169,7 +168,7 @@ def resampled(sums: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndar
     level = confidence(airs)
 
     def statistic(chosen: np.ndarray, axis: int = -1) -> np.ndarray:
-        """Means (points, ...) of resamples given by the numbers of their airs (..., n)."""
+        """Means (points, ...) of resamples; chosen: indices of the airs in each resample (..., n)."""
         draws = chosen.reshape(-1, chosen.shape[-1])
         places = draws + airs * np.arange(len(draws))[:, None]
         often = np.bincount(places.ravel(), minlength=airs * len(draws)).reshape(len(draws), airs)
@@ -178,7 +177,7 @@ def resampled(sums: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndar
         return means.reshape(*means.shape[:-1], *chosen.shape[:-1])
 
     with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")  # of BCa where it is undefined: the percentiles are taken there
+        warnings.simplefilter("ignore")  # where BCa is undefined, percentiles replace it below
         found = bootstrap(
             [np.arange(airs)], statistic, vectorized=True, confidence_level=level,
             n_resamples=RESAMPLES, batch=max(1, AT_ONCE // (sums.size + airs)),
@@ -195,26 +194,26 @@ def resampled(sums: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndar
 # ---------------------------------------------------------------- words
 
 
-def words(one: Estimate | None, unit: str = "", share: bool = False, what: str = "searches") -> str:
+def words(estimate: Estimate | None, unit: str = "", share: bool = False, what: str = "searches") -> str:
     """Return the sentence of an estimate: "68 % of 40 searches, 95 % interval 51-82 % over 10 airs"."""
-    if one is None or not one.n:
+    if estimate is None or not estimate.n:
         return WITHOUT["none"]
-    what = what if one.n != 1 else what.removesuffix("es") if what == "searches" else what.removesuffix("s")
+    what = what.removesuffix("es" if what == "searches" else "s") if estimate.n == 1 else what
     mean = "" if share else ", mean"
-    return f"{number(one.mean, unit, share)}{mean} of {one.n:,} {what}, {interval(one, unit, share)}"
+    return f"{number(estimate.mean, unit, share)}{mean} of {estimate.n:,} {what}, {interval(estimate, unit, share)}"
 
 
-def interval(one: Estimate, unit: str = "", share: bool = False) -> str:
-    """Return the interval of an estimate and what it is over, or why there is none."""
-    if one.over in WITHOUT:
-        return WITHOUT[one.over].format(airs=one.airs)
-    return f"95 % interval {ends(one, unit, share)} {OVER[one.over].format(airs=one.airs)}"
+def interval(estimate: Estimate, unit: str = "", share: bool = False) -> str:
+    """Return the interval of an estimate and the phrase of OVER, or the reason for a missing interval."""
+    if estimate.over in WITHOUT:
+        return WITHOUT[estimate.over].format(airs=estimate.airs)
+    return f"95 % interval {ends(estimate, unit, share)} {OVER[estimate.over].format(airs=estimate.airs)}"
 
 
-def ends(one: Estimate, unit: str = "", share: bool = False) -> str:
-    """Return the ends of an interval with as many digits as make them differ: "51-82 %"."""
+def ends(estimate: Estimate, unit: str = "", share: bool = False) -> str:
+    """Return the ends of an interval, such as "51-82 %", with enough digits to tell them apart."""
     by = 100.0 if share else 1.0
-    low, high = by * one.low, by * one.high
+    low, high = by * estimate.low, by * estimate.high
     for digits in range(6):
         texts = [f"{end:.{digits}f}" if share else f"{end:.{3 + digits}g}" for end in (low, high)]
         if texts[0] != texts[1] or low == high:

@@ -1,4 +1,4 @@
-"""Files of a run that a study keeps (`keep` of study.yaml)."""
+"""Run folders that a study keeps (`keep` of study.yaml)."""
 
 import shutil
 import tempfile
@@ -14,51 +14,51 @@ from taichi_plume.running.signals import SignalRequests
 from taichi_plume.scenario.input_files import input_paths
 from taichi_plume.study.messages import Data, Request, Task
 from taichi_plume.study.rows import probed
-from taichi_plume.study.simulation_cache import Kept
-from taichi_plume.study.store import KEPT
+from taichi_plume.study.simulation_cache import CachedSimulation
+from taichi_plume.study.store import KEPT_FOLDER
 
-UNFINISHED = "unfinished"  # beside KEPT, so that paths relative to a run folder stay valid
-ALWAYS = ("scenario.yaml", "result.json")  # files that are kept of every kept run
-PLAYED = "wind and gas were played from a film of the study: nothing is told of flow, gas budget and forces"
+UNFINISHED = "unfinished"  # beside KEPT_FOLDER, so that paths relative to a run folder stay valid
+ALWAYS = ("scenario.yaml", "result.json")  # files that every kept run folder holds
+PLAYED = "wind and gas come from a film of the study: flow, gas budget and forces are unknown"
 Ended = tuple[End, Data, Path | None]
 """End of a run, its result, and the path of its table of probes."""
 
 
 @contextmanager
-def run_with_files(one: Kept, task: Task, request: Request, backend: str) -> Iterator[Ended]:
-    """Execute a run in a temporary folder, which is renamed to kept/RUN when the context is left.
+def run_with_files(cached: CachedSimulation, task: Task, request: Request, backend: str) -> Iterator[Ended]:
+    """Execute a run in a temporary folder; on leaving the context, rename the folder to kept/RUN.
 
-    The folder then holds the files that the study keeps. If the run raises an error or the study keeps nothing, no
-    folder is left.
+    The final folder holds only the files that the study keeps. The folder is removed if the run raises an error or the
+    study keeps no files.
     """
     keep = set(task.options.keep)
-    final = task.options.out / KEPT / request.run
+    final = task.options.out / KEPT_FOLDER / request.run
     unfinished = task.options.out / UNFINISHED
     for parent in (final.parent, unfinished):
         parent.mkdir(parents=True, exist_ok=True)
-    for left in unfinished.glob(f"{request.run}.*"):  # of a worker that was killed
+    for left in unfinished.glob(f"{request.run}.*"):  # from a worker that was killed
         shutil.rmtree(left, ignore_errors=True)
     folder = Path(tempfile.mkdtemp(prefix=f"{request.run}.", dir=unfinished))
     try:
         folder.chmod(0o755)
         files = keep | ({"probes.parquet"} if probed(task.options.outcomes) else set())
         files |= {*run_folder.FILES} if "report.html" in keep else set()
-        scenario = one.sim.scenario
+        scenario = cached.sim.scenario
         run_folder.write_scenario(folder, scenario, task.folder.resolve(), backend, final)
-        inputs = input_paths(scenario, task.folder / "base.yaml", one.prepared.resources.files)[1:]
+        inputs = input_paths(scenario, task.folder / "base.yaml", cached.prepared.resources.files)[1:]
         about = About(folder, "cpu", backend, "recording.rrd" in files, inputs, files=files)
-        outputs = Outputs(one.sim, about, SignalRequests())
+        outputs = Outputs(cached.sim, about, SignalRequests())
         try:
             outputs.start()
-            one.sim.run()
+            cached.sim.run()
         finally:
             faults = outputs.close()
         if faults:
             raise faults[0]
-        end = whole(one.sim)
-        content = result(one.sim, end.status, end.message, backend, outputs.map_scores)
-        played = [PLAYED] if one.reel is not None else []
-        content |= {"remarks": one.prepared.resources.remarks + outputs.remarks + played}
+        end = whole(cached.sim)
+        content = result(cached.sim, end.status, end.message, backend, outputs.map_scores)
+        played = [PLAYED] if cached.player is not None else []
+        content |= {"remarks": cached.prepared.resources.remarks + outputs.remarks + played}
         write_result(folder, content)
         probes = folder / "probes.parquet"
         yield end, content, probes if probes.exists() else None

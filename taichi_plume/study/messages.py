@@ -1,4 +1,4 @@
-"""Messages between a study's command and its workers: plain tuples, which can be pickled."""
+"""Messages between the command of a study and its workers: named tuples that can be pickled."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,8 +11,8 @@ Row = dict[str, Any]
 
 
 class Axis(NamedTuple):
-    """A column that the study varies. unit: as in the vocabulary, "" if none; partition: whether the tables are laid
-    out in a folder per value.
+    """An axis as a column of the tables. unit: as in the vocabulary, "" if none; partition: whether the tables have a
+    folder per value.
     """
 
     name: str
@@ -23,10 +23,10 @@ class Axis(NamedTuple):
 class Request(NamedTuple):
     """A run of the plan.
 
-    run: id, 16 hex digits, a hash of the completed scenario, its input files and the version; number: position in the
-    plan; point: number of the combination of the axes' values, shared by runs of other seeds; values: by axis, in SI
-    units; air: id of the air, a hash of all that decides wind and gas, with the seed if random numbers matter; changes:
-    changes to the base scenario, by path; structure: a hash shared by runs that one compiled simulation can execute.
+    run: id (16 hex digits), a hash of the completed scenario, its input files and the version; number: position in the
+    plan; point: number of the combination of axis values, the same for runs that differ only in seeds; values: by axis,
+    in SI units; air: id of the air, a hash of all that affects wind and gas, with the seed if they are random; changes:
+    changes to the base scenario, by path; structure: a hash, equal for runs that one compiled simulation can execute.
     """
 
     run: str
@@ -42,8 +42,8 @@ class Request(NamedTuple):
 
 
 class Options(NamedTuple):
-    """Options that all runs of a study share. out: the study's folder; keep: names of files to keep of each run;
-    outcomes: paths in result.json, or `probes.NAME.QUANTITY`, by their names in records.
+    """Options that all runs of a study share. out: folder of the study; keep: names of the files to keep of each run;
+    outcomes: paths in result.json, or `probes.NAME.QUANTITY`, by name in the records.
     """
 
     out: Path
@@ -55,11 +55,10 @@ class Options(NamedTuple):
 
 
 class Task(NamedTuple):
-    """Runs that a worker executes one after another or, if `solve`, the film of the air that they share.
+    """Runs that a worker executes one after another or, if `solve`, films the shared air of.
 
-    base: the base scenario's data; folder: where its files lie; film: path of the film of the shared air, None where
-    each run solves its own air. limit_s: after this time the worker returns the runs that it has finished, at least
-    one.
+    base: data of the base scenario; folder: folder of the base's files; film: path of the film of the shared air, None
+    if each run solves its own air. limit_s: time after which the worker returns its finished runs, at least one.
     """
 
     base: Data
@@ -72,8 +71,8 @@ class Task(NamedTuple):
 
 
 class Cost(NamedTuple):
-    """Cost of a run. begun: seconds since the epoch; total_s: all of the worker's time for the run, of which the
-    simulation took simulation_s; compiled: number of kernels; worker: Dask address or process id.
+    """Cost of a run. begun: start, seconds since the epoch; total_s: the worker's time for the run; simulation_s: part
+    of total_s in the simulation; compiled: number of compiled kernels; worker: Dask address or process id.
     """
 
     begun: float
@@ -86,9 +85,9 @@ class Cost(NamedTuple):
 class Record(NamedTuple):
     """Result of a run.
 
-    status: completed, stopped (no robot searched any more) or failed; message: the reason, in a line; trials: a row
-    per trial of each group; outcomes: numbers of the whole run, or None. Only the cost depends on when, where and after
-    which other run the run was executed.
+    status: completed, stopped (all robots had finished) or failed; message: the reason, in a line; trials: a row per
+    trial of each group; outcomes: numbers of the whole run, or None. All fields but the cost are reproducible: they do
+    not depend on the time, the worker or earlier runs.
     """
 
     run: str
@@ -100,7 +99,7 @@ class Record(NamedTuple):
 
 
 class AirRecord(NamedTuple):
-    """Result of filming an air. seconds: duration; frames, bytes: size of the film; message: why it failed."""
+    """Result of filming an air. seconds: duration; frames, bytes: size of the film; message: the error, "" if none."""
 
     air: str
     seconds: float

@@ -1,4 +1,4 @@
-"""Vocabulary of study.yaml, as frozen pydantic models. Quantities are written as in the scenario."""
+"""Vocabulary of study.yaml as frozen pydantic models. Quantities are written as in the scenario."""
 
 import re
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from taichi_plume.scenario.vocabulary import FileName, Model
 NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 LETTERS = "at most 32 small letters, digits or '_', the first a letter"
 SEEDS = ("seed", "air_seed")
-"""Keys of a scenario that change only random numbers; they are columns too."""
+"""Keys of a scenario that change only random numbers. They are columns of the tables, too."""
 MOST_SAMPLES = 1 << 16
 SPACING = "domain.spacing"
 Number = float | str
@@ -21,25 +21,25 @@ Number = float | str
 
 
 class StudyAxis(Model):
-    """What is varied: one key of the scenario, or several together. Give `values`, `low` and `high`, or `variants`."""
+    """Axis: one key of the scenario to vary, or several together. Give `values`, `low` and `high`, or `variants`."""
 
     key: Annotated[str, Field(min_length=1)] | None = None
-    """Path of the scenario's key that is varied, such as robots.0.count."""
+    """Path of the scenario's key to vary, such as robots.0.count."""
     keys: Annotated[tuple[Annotated[str, Field(min_length=1)], ...], Field(min_length=1)] | None = None
     """Paths of several keys that all get the same value, instead of `key`."""
     values: Annotated[tuple[Any, ...], Field(min_length=1)] | None = None
-    """The values that the key takes one after the other: numbers, texts with units, lists or sections."""
+    """List of the key's values: numbers, texts with units, lists or sections."""
     low: Number | None = None
     """Smallest value of a range, as a number or a text with a unit."""
     high: Number | None = None
     """Largest value of a range, as a number or a text with a unit."""
     count: Annotated[int, Field(ge=2, le=MOST_SAMPLES)] | None = None
-    """How many values of the range are taken, both ends among them. Without it the range is sampled, see `sampling`
-    and `kind: sensitivity`."""
+    """Number of values in the range, both ends included. Without count the range is sampled, see `sampling` and
+    `kind: sensitivity`."""
     spacing: Literal["linear", "log"] = "linear"
-    """How values lie in the range: at equal distances, or at equal ratios (log), as for rates and concentrations."""
+    """Spacing of the values in the range: equal distances, or equal ratios (log), as for rates and concentrations."""
     variants: Annotated[dict[str, dict[str, Any]], Field(min_length=1)] | None = None
-    """Several keys at once under a name: by each name the keys that it changes, with their values. Such as
+    """Named sets of changes: for each name the keys that change together, with their values, such as
     {casting: {robots.0.algorithm: {kind: casting}}}."""
 
     @model_validator(mode="after")
@@ -54,18 +54,18 @@ class StudyAxis(Model):
             raise fault("has low but no high")
         extra = [name for name in ("count", "spacing") if name in self.model_fields_set and given != ["low"]]
         if extra:
-            raise fault("{key} goes with low and high alone; remove it", {"key": extra[0]})
+            raise fault("{key} goes only with low and high; remove it", {"key": extra[0]})
         if self.variants is None and (self.key is None) == (self.keys is None):
-            raise fault("needs key, the path of what is varied, or keys for several with the same value")
+            raise fault("needs key, the path of the key to vary, or keys for several with the same value")
         if self.variants is not None and (self.key or self.keys):
-            raise fault("has variants, which name their own keys; remove key")
+            raise fault("has variants, which name the keys themselves; remove key")
         if self.variants is not None and not all(self.variants.values()):
-            raise fault("has a variant that changes nothing; write the base's own value of a key there")
+            raise fault("has a variant that changes nothing; set a key there to its value in the base")
         return self
 
     @property
     def sampled(self) -> bool:
-        """Whether values are drawn from the range."""
+        """Whether values are sampled from the range."""
         return self.low is not None and self.count is None
 
     @property
@@ -82,11 +82,11 @@ class Sampling(Model):
     """Points spread evenly over the ranges of all axes that have low and high without count."""
 
     kind: Literal["sobol", "latin"]
-    """How points are drawn: a Sobol sequence, of which more may be added later, or a Latin hypercube."""
+    """Sampling method: a Sobol sequence, which can be extended later, or a Latin hypercube."""
     count: Annotated[int, Field(ge=1, le=MOST_SAMPLES)] = 64
-    """How many points are drawn; of a Sobol sequence a power of two."""
+    """Number of points; for a Sobol sequence a power of two."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
-    """Seed of the random numbers that points are drawn with, independent of the runs' own seeds."""
+    """Seed of the sampling, independent of the seeds of the runs."""
 
     @model_validator(mode="after")
     def _even(self) -> "Sampling":
@@ -97,37 +97,37 @@ class Sampling(Model):
 
 
 class Study(Model):
-    """Many runs of one scenario in which some keys take other values."""
+    """Parameter study: many runs of one scenario with different values of some keys."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
     """Name of the study, and of its folder. Letters, digits, dot, underscore and dash."""
     base: FileName
-    """Path of the scenario that runs are made of, relative to the study's folder; it has to lie there or below."""
+    """Path of the base scenario, relative to the study's folder. The file must lie in that folder or below."""
     kind: Literal["sweep", "sensitivity", "refinement"] = "sweep"
-    """What is asked. sweep: how results change along the axes; sensitivity: which axis matters how much, by Sobol
-    indices; refinement: how results change with the size of the cells, and of which order."""
+    """Kind of study. sweep: results along the axes; sensitivity: influence of each axis, by Sobol indices; refinement:
+    results over the cell size, and the order of convergence."""
     axes: Annotated[dict[str, StudyAxis], Field(min_length=1)]
-    """What is varied, by the name of its column in the tables. All values of one axis are combined with all of the
+    """Axes by the names of their columns in the tables. All values of one axis are combined with all values of the
     others."""
     sampling: Sampling | None = None
-    """How values are drawn for axes that have low and high without count; unless given, none may."""
+    """Sampling of the axes that have low and high without count; required if there are such axes."""
     samples: Annotated[int, Field(ge=2, le=MOST_SAMPLES)] = 64
-    """Base samples of a sensitivity study, a power of two: with d axes, (d + 2) times as many points are run."""
+    """Base samples of a sensitivity study, a power of two. With d axes the study has (d + 2) times as many points."""
     airs: Annotated[int, Field(ge=1, le=100_000)] = 5
-    """In how many airs each point is run: other eddies, gusts and puffs. Intervals are over airs; one air
-    says nothing about chance."""
+    """Number of airs per point: realisations of eddies, gusts and puffs. Intervals are over airs; with one air there
+    is no interval."""
     searches: Annotated[int, Field(ge=1, le=100_000)] = 1
-    """How many runs there are in each air, with other starts and noise of the robots."""
+    """Number of runs in each air, with different starts and noise of the robots."""
     outcomes: Annotated[dict[str, Annotated[str, Field(min_length=1)]], Field(default_factory=dict)]
-    """More columns for each run, by name: the path of a number in result.json, such as maps.0.correlation. With
-    probes.NAME.QUANTITY it is the mean of a probe over time and points."""
+    """Additional columns of each run, by name: the path of a number in result.json, such as maps.0.correlation, or
+    probes.NAME.QUANTITY for the mean of a probe over time and points."""
     keep: tuple[Annotated[str, Field(min_length=1)], ...] = ()
-    """Names of the files that are kept of each run, such as result.json or report.html. Unless named, only the tables
-    are kept."""
+    """Names of the files to keep of each run, such as result.json or report.html. By default only the tables are
+    kept."""
     share_air: Literal["exact", "always", "never"] = "exact"
-    """Whether the air that runs have in common is solved once and played to them. exact: where that gives the same to
-    the bit; always: also where gas of puffs is then only known in the mean of the cells; never: each run solves its
-    own."""
+    """Whether an air that several runs share is solved once and played to them. exact: if the results are equal to the
+    bit; always: also if the film holds only the cell means of puffs; never: each run solves its
+    own air."""
 
     def faults(self) -> list[str]:
         """Errors that concern several keys: lines ``path: message``."""
@@ -150,28 +150,28 @@ class Study(Model):
 
         for name, axis in self.axes.items():
             if not NAME.fullmatch(name):
-                yield f"axes: '{name}' is no name of a column; use {LETTERS}"
+                yield f"axes: '{name}' is not a valid name of a column; use {LETTERS}"
             elif name in taken() or (name in SEEDS and axis.paths != [name]) or name.startswith("by_"):
-                yield f"axes.{name}: is a name that the tables use themselves; choose another one"
+                yield f"axes.{name}: is a name that the tables use already; choose another name"
             for variant in axis.variants or ():
                 if not variant or variant != variant.strip():
-                    yield f"axes.{name}.variants: '{variant}' is no name of a variant"
+                    yield f"axes.{name}.variants: '{variant}' must not be empty or have blanks at its ends"
         for name in self.outcomes:
             if not NAME.fullmatch(name):
-                yield f"outcomes: '{name}' is no name of a column; use {LETTERS}"
+                yield f"outcomes: '{name}' is not a valid name of a column; use {LETTERS}"
             elif name in TABLE_NAMES or name in SEEDS or name.startswith("by_"):
-                yield f"outcomes.{name}: is a name that the tables use themselves; choose another one"
+                yield f"outcomes.{name}: is a name that the tables use already; choose another name"
             elif name in self.axes:
-                yield f"outcomes.{name}: is the name of an axis; choose another one"
+                yield f"outcomes.{name}: is the name of an axis; choose another name"
 
     def _seeds(self) -> Iterator[str]:
         if self.over_seeds:
             for key in ("airs", "searches"):
                 if key in self.model_fields_set:
-                    yield f"{key}: the axes give the seeds themselves; remove {key}, or that axis"
+                    yield f"{key}: an axis sets the seeds; remove {key}, or that axis"
 
     def _conflicts(self) -> Iterator[str]:
-        """Refuse two axes that change the same key, or one of which changes a part of the other's key."""
+        """Yield errors about axes that change the same key, or a key and a part of it."""
         named: list[tuple[str, str]] = []
         for name, axis in self.axes.items():
             forms = [list(map(canonical, changes)) for changes in (axis.variants or {}).values()]
@@ -183,14 +183,14 @@ class Study(Model):
             for path in axis.paths:
                 clash = next(((who, taken) for who, taken in named if _overlap(taken, path)), None)
                 if clash is not None:
-                    yield f"axes.{name}: {_both(path, clash[1], f'axes.{clash[0]} ')}; a key can be on one axis only"
+                    yield f"axes.{name}: {_both(path, clash[1], f'axes.{clash[0]} ')}; only one axis may change a key"
             named += [(name, path) for path in axis.paths]
 
     def _of_kind(self) -> Iterator[str]:
         sampled = [name for name, axis in self.axes.items() if axis.sampled]
         if self.kind == "sensitivity":
             if self.sampling is not None:
-                yield "sampling: a sensitivity study draws its points itself; remove it, and use samples"
+                yield "sampling: a sensitivity study has its own sampling; remove sampling, and use samples"
             for name in self.axes.keys() - set(sampled):
                 yield f"axes.{name}: a sensitivity study takes low and high without count"
             if line := _no_power_of_two("samples", self.samples):
@@ -201,22 +201,22 @@ class Study(Model):
         if sampled and self.sampling is None:
             yield f"axes.{sampled[0]}: has low and high; give count, or sampling for the study"
         if self.sampling is not None and not sampled:
-            yield "sampling: no axis is drawn; give one low and high without count"
+            yield "sampling: no axis is sampled; give an axis low and high without count"
         if self.kind == "refinement":
             axis = next(iter(self.axes.values()))
             if len(self.axes) > 1 or sampled or axis.variants is not None or SPACING not in axis.paths:
                 yield f"axes: a refinement study takes one axis, with values of {SPACING}"
             elif len(axis.values or ()) < 3 and (axis.count or 0) < 3:
-                yield "axes: a refinement study takes three values or more, from which the order is seen"
+                yield "axes: a refinement study needs at least three values to estimate the order"
 
 
 def canonical(path: str) -> str:
-    """Write a path in the canonical way: ``robots.00.count`` becomes ``robots[0].count``."""
+    """Return the canonical form of a path: ``robots.00.count`` becomes ``robots[0].count``."""
     return path_of([str(int(step)) if step.isdecimal() else step for step in steps_of(path)])
 
 
 def _overlap(path: str, other: str) -> bool:
-    """Whether two paths are the same, or one is a part of the other."""
+    """Whether two paths are equal, or one key contains the other."""
     shorter, longer = sorted((path, other), key=len)
     return longer == shorter or longer.startswith((f"{shorter}.", f"{shorter}["))
 

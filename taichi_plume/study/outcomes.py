@@ -1,4 +1,4 @@
-"""Check the outcomes (paths in result.json) and files to keep of a study: whether its runs yield them."""
+"""Check that the runs of a study yield the requested outcomes (paths in result.json) and files to keep."""
 
 import difflib
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,7 +12,7 @@ from taichi_plume.scoring.declarations import OF_BELIEFS
 
 PROBES = "probes"
 ANY = None
-"""Any names below, which solvers choose."""
+"""Marks sections of result.json whose keys depend on the solver: any path below is accepted."""
 NUMBERS = [0]
 MEANS = (
     *(
@@ -28,7 +28,7 @@ MEANS = (
     *("declared_rate", "reached_rate", "neither_rate", "declared_time_s", "localisation_error_m"),
     "false_declarations",
 )
-PUSHING = frozenset(("pushes", "pinned_s"))  # of runs with moving obstacles
+PUSHING = frozenset(("pushes", "pinned_s"))  # only in runs with moving obstacles
 TABLES_ALONE = (
     "group",
     "algorithm",
@@ -64,7 +64,7 @@ RESULT: Mapping[str, Any] = {
     "maps": [{"cell_m": 0, **PART, "groups": [PART]}],
     "beliefs": [BELIEF],
 }
-"""Numbers of result.json that depend on the run: 0 stands for a number, a list for items of one form."""
+"""Structure of the run-dependent part of result.json: 0 stands for a number, a list for items of equal structure."""
 SECTIONS = {
     "recording.rrd": "recording",
     "forces.csv": "forces",
@@ -74,10 +74,10 @@ SECTIONS = {
     "maps.zarr": "maps",
     "robots.parquet": "robots",
 }
-"""Files that only some runs leave, and the section of a scenario that makes them."""
+"""Files that only some runs write, and the section of a scenario that they require."""
 
 
-class Wanted:
+class OutcomeCheck:
     """Outcomes and files of a study that none of the scenarios so far yields."""
 
     def __init__(self, outcomes: Mapping[str, str], keep: Sequence[str]):
@@ -92,7 +92,7 @@ class Wanted:
         self.keep = [name for name in self.keep if self._note(f"keep: {name}", not_left(name, scenario))]
 
     def _note(self, where: str, fault: str | None) -> bool:
-        """Keep the first fault at a place, or forget it if there is none now. Return whether there is one."""
+        """Record the first fault of a key, or drop the fault if `fault` is None. Return whether there is a fault."""
         if fault is None:
             self.faults.pop(where, None)
         else:
@@ -101,23 +101,23 @@ class Wanted:
 
     @property
     def lines(self) -> list[str]:
-        """Errors about the remaining ones: ``path: message``."""
+        """Errors about the remaining outcomes and files: ``path: message``."""
         return [f"{where}: {fault}" for where, fault in self.faults.items()]
 
 
 def not_left(name: str, scenario: Scenario) -> str | None:
-    """Return why runs of a scenario leave no file of that name; None if they do."""
+    """Return the reason why runs of a scenario do not write a file; None if they do."""
     if name not in FILES:
         close = difflib.get_close_matches(name, FILES, n=1)
         meant = f"did you mean {close[0]}? " if close else ""
-        return f"runs leave no such file; {meant}they leave {', '.join(FILES)}"
+        return f"runs write no such file; {meant}they write {', '.join(FILES)}"
     if name == "maps.zarr" and scenario.believers:
         return None
     section = SECTIONS.get(name)
     if section is not None and not vars(scenario)[section]:
-        return f"is left only by runs whose scenario has {section}; give it in the base"
+        return f"is written only by runs whose scenario has {section}; add {section} to the base"
     if name == "forces.csv" and not (scenario.obstacles and scenario.wind.computed):
-        return "is left only by runs with obstacles and a computed wind"
+        return "is written only by runs with obstacles and a computed wind"
     return None
 
 
@@ -151,19 +151,19 @@ def _unknown(path: str, scenario: Scenario) -> Iterator[str]:
         else:
             known = known[step]
     if isinstance(known, Mapping | list):
-        yield f"{path} holds several numbers; name one of them"
-    elif not PUSHING.isdisjoint(steps) and not any(one.motion for one in scenario.obstacles):
-        yield f"only runs with moving obstacles have {path}; give an obstacle of the base a motion"
+        yield f"{path} is a group of numbers; give the path of a single number"
+    elif not PUSHING.isdisjoint(steps) and not any(obstacle.motion for obstacle in scenario.obstacles):
+        yield f"only runs with moving obstacles have {path}; add motion to an obstacle of the base"
 
 
 def _no_probe(path: str, scenario: Scenario) -> Iterator[str]:
-    """Yield the reason why there is no such probe or quantity; names of probes may hold dots."""
+    """Yield the reason why a probe or quantity does not exist. Names of probes may contain dots."""
     name, _, quantity = path.partition(".")[2].rpartition(".")
-    names = [one.name for one in scenario.probes.points] if scenario.probes else []
+    names = [probe.name for probe in scenario.probes.points] if scenario.probes else []
     if not name:
-        yield f"{path} is no path of a probe; use probes.NAME.QUANTITY"
+        yield f"{path} is not the path of a probe; use probes.NAME.QUANTITY"
     elif name not in names:
-        has = f"the scenario has {', '.join(names)}" if names else "the scenario has none; give it probes"
+        has = f"the scenario has {', '.join(names)}" if names else "the scenario has no probes; add them"
         yield f"there is no probe '{name}'; {has}"
     else:
         known = [f"wind_{axis}" for axis in "xyz"[: scenario.domain.dim]]
@@ -171,4 +171,4 @@ def _no_probe(path: str, scenario: Scenario) -> Iterator[str]:
         known += ["pressure"] if scenario.wind.computed else []
         known += ["temperature"] if scenario.buoyancy is not None and scenario.buoyancy.heat else []
         if quantity not in known:
-            yield f"probes do not tell '{quantity}'; they tell {', '.join(known)}"
+            yield f"probes have no quantity '{quantity}'; they have {', '.join(known)}"

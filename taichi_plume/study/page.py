@@ -1,4 +1,4 @@
-"""`report.html` of a study: what was varied and the results, on one self-contained page; words first."""
+"""Report page of a study (`report.html`): axes, results and figures on one self-contained page."""
 
 import shlex
 from collections.abc import Iterator
@@ -15,9 +15,9 @@ from taichi_plume.study.points import SUCCESS, TIME, Points, Quantity
 from taichi_plume.study.results import Results, cost_words, open_study
 
 NAME = "report.html"
-MOST_POINTS, BEST, WORST = 40, 20, 10  # rows of the table: all, or of each end
+MOST_POINTS, BEST, WORST = 40, 20, 10  # rows of the table; of longer tables only the best and worst are shown
 MOST_ALONG = 8  # axes that are plotted
-MOST_FAULTS = 12  # messages
+MOST_FAULTS = 12  # messages of failed runs
 MOST_SHOWN = 12  # values of an axis
 MOST_KINDS = 6  # quantities or combinations whose indices or orders are shown
 
@@ -47,16 +47,16 @@ class Page:
         self.about = study.plan.about
         self.named, self.numeric = plots.named(self.points), plots.numeric(self.points)
         self.by = next((axis for axis in self.named if len(self._values(axis)) <= 24), None)
-        self.known = [one for one in self.points.quantities if any(self.points.estimates[one.name])]
-        self.main = [one for one in self.known if one in (SUCCESS, TIME)]
-        self.others = [one for one in self.known if one.what == "runs"]
-        self.varying = [one for one in self.others if np.ptp(self._means(one)) > 0]
+        self.known = [q for q in self.points.quantities if any(self.points.estimates[q.name])]
+        self.main = [q for q in self.known if q in (SUCCESS, TIME)]
+        self.others = [q for q in self.known if q.what == "runs"]
+        self.varying = [q for q in self.others if np.ptp(self._means(q)) > 0]
 
     def _values(self, axis: str) -> list[Value]:
         return plots.values_of(self.points, axis)
 
-    def _means(self, one: Quantity) -> np.ndarray:
-        return np.array([estimate.mean for estimate in self.points.estimates[one.name] if estimate])
+    def _means(self, quantity: Quantity) -> np.ndarray:
+        return np.array([estimate.mean for estimate in self.points.estimates[quantity.name] if estimate])
 
     def sections(self) -> list[Section]:
         """All sections in their order; a section without content is empty."""
@@ -66,28 +66,28 @@ class Page:
         ]  # fmt: skip
 
     def words(self) -> Section:
-        """The results in sentences."""
+        """Return the results in sentences."""
         section = Section("The result in words", "words")
-        declared = [one for one in self.known if one.name in ("declared", "localisation_error_m")]
-        for one in [*(self.main or self.others)[:2], *declared]:
-            rows = [("all", one.words(estimate)) for estimate in self.points.estimated(one, ["all"]).values()]
+        declared = [q for q in self.known if q.name in ("declared", "localisation_error_m")]
+        for quantity in [*(self.main or self.others)[:2], *declared]:
+            rows = [("all", quantity.words(e)) for e in self.points.estimated(quantity, ["all"]).values()]
             for axis in self.named[:2]:
-                found = self.points.estimated(one, [axis])
+                found = self.points.estimated(quantity, [axis])
                 values = [value for value in self._values(axis)[:MOST_SHOWN] if value in found]
-                rows += [(f"{axis}: {value}", one.words(found[value])) for value in values]
-            section.tables.append(Table(rows, (one.title, "")))
+                rows += [(f"{axis}: {value}", quantity.words(found[value])) for value in values]
+            section.tables.append(Table(rows, (quantity.title, "")))
         section.tables += list(self._differences())
         if TIME in self.main:
             section.lines.append(captions.FAILURES)
         if self.points.trials["shares_arena"].any():
             section.lines.append(captions.SHARED)
-        if any(one and one.airs > 1 for column in self.points.estimates.values() for one in column):
+        if any(e and e.airs > 1 for column in self.points.estimates.values() for e in column):
             section.lines.append(captions.OVER_AIRS)
         return section
 
     def _differences(self) -> Iterator[Table]:
-        """Yield a table that compares values of the first axis of names with its first value, in the same airs."""
-        axis = next((one for one in self.named if one in self.points.axes), None)
+        """Yield a table that compares the first value of the first axis of names with the others, in the same airs."""
+        axis = next((name for name in self.named if name in self.points.axes), None)
         if axis is None or SUCCESS not in self.main:
             return
         others = [name for name in self.points.axes if name != axis and name in self.named + self.numeric]
@@ -105,7 +105,7 @@ class Page:
             yield Table(rows[:MOST_SHOWN], heads, captions.APART + more)
 
     def varied(self) -> Section:
-        """The axes and their values."""
+        """Return the axes and their values."""
         section = Section("What was varied", "varied")
         plan, axes = self.study.plan, self.about["study"].get("axes") or {}
         rows = []
@@ -134,18 +134,18 @@ class Page:
         return section
 
     def along(self) -> Section:
-        """Plots along each axis and over pairs of axes."""
+        """Return plots along each axis and over pairs of axes."""
         section = Section("Along the axes", "along")
         shown = self.main or self.others[:2]
         if not shown:
             return section
         lines = f", by {self.by}" if self.by else ""
-        kinds = [one for one in (self.main, self.varying[:2], self.varying[2:4]) if one] or [shown]
+        kinds = [group for group in (self.main, self.varying[:2], self.varying[2:4]) if group] or [shown]
         grid = [axis for axis in self.numeric if len(self._values(axis)) <= plots.MOST_VALUES]
         for axis in self.numeric[:MOST_ALONG]:
             caption = captions.ALONG if axis in grid else captions.RUNNING
             for kind in kinds:
-                title = f"{' and '.join(one.name for one in kind)} over {axis}{lines}"
+                title = f"{' and '.join(quantity.name for quantity in kind)} over {axis}{lines}"
                 section.images.append(Image(plots.along(self.points, axis, self.by, kind), title, caption))
         for axis in self.named[:MOST_ALONG]:
             png = plots.between(self.points, axis, shown)
@@ -160,14 +160,14 @@ class Page:
         return section
 
     def kind(self) -> Section:
-        """Sobol indices of a sensitivity study, or orders of a refinement study."""
+        """Return Sobol indices of a sensitivity study, or orders of convergence of a refinement study."""
         kinds = {"sensitivity": self._indices, "refinement": self._orders}
         return kinds.get(self.about["kind"], lambda: Section("", ""))()
 
     def _indices(self) -> Section:
         section = Section("Which axes matter", "sensitivity", lines=[captions.INDICES])
-        for one, group, found in list(indices.found(self.points))[:MOST_KINDS]:
-            title = one.title + (f", {group}" if group and "group" in self.named else "")
+        for quantity, group, found in list(indices.found(self.points))[:MOST_KINDS]:
+            title = quantity.title + (f", {group}" if group and "group" in self.named else "")
             section.lines += [f"{title}: {line}." for line in indices.words(found)]
             if not found.indices:
                 continue
@@ -188,29 +188,29 @@ class Page:
         section.lines.append(captions.ORDERS)
         rows = list(refine.orders(self.points, axis))
         others = [name for name in (*self.named, *self.numeric) if name != axis]
-        for one in self.known[:MOST_KINDS]:
-            mine = [row for row in rows if row["quantity"] == one.name]
+        for quantity in self.known[:MOST_KINDS]:
+            mine = [row for row in rows if row["quantity"] == quantity.name]
             if not mine:
                 continue
             names = [", ".join(_plain(row[name]) for name in others if name in row) for row in mine]
-            image = plots.refinement(mine, names, one.title, one.unit)
-            section.images.append(Image(image, f"{one.title} over the spacing", captions.SPACING))
+            image = plots.refinement(mine, names, quantity.title, quantity.unit)
+            section.images.append(Image(image, f"{quantity.title} over the spacing", captions.SPACING))
             lines = [
                 (name or "all", ", ".join(f"{value:.4g}" for value in row["values"]), refine.words(row))
                 for row, name in list(zip(mine, names, strict=True))[:MOST_SHOWN]
             ]
-            section.tables.append(Table(lines, (one.title, "values, finest first", "order")))
+            section.tables.append(Table(lines, (quantity.title, "values, finest first", "order")))
         return section
 
     def table(self) -> Section:
-        """The table of points."""
+        """Return the table of points."""
         section = Section("The points", "points")
         table, estimates = self.points.table, self.points.estimates
-        shown = [one for one in self.known if one.name != "time_s"]
+        shown = [q for q in self.known if q.name != "time_s"]
         axes = [axis for axis in (*self.points.axes, "group") if axis in self.numeric or axis in self.named]
         order, caption = np.arange(len(table)), captions.POINTS
         if len(table) > MOST_POINTS and shown:
-            columns_of = [estimates[one.name] for one in shown[:2]]
+            columns_of = [estimates[q.name] for q in shown[:2]]
             means = np.array([[each.mean if each else np.nan for each in column] for column in columns_of])
             order = np.lexsort([*means[1:], -np.nan_to_num(means[0], nan=-np.inf)])
             order = np.concatenate([order[:BEST], order[-WORST:]])
@@ -222,16 +222,16 @@ class Page:
             runs = f"{about['runs']}"
             for name in ("failed", "missing"):
                 runs += f", {about[name]} {name}" if about[name] else ""
-            cells = [one.cell(estimates[one.name][row]) for one in shown]
+            cells = [quantity.cell(estimates[quantity.name][row]) for quantity in shown]
             rows.append((*(_plain(about[axis]) for axis in axes), *cells, runs))
         heads = [plots.label(self.points, axis) for axis in axes]
-        heads += [one.title + (f" [{one.unit}]" if one.unit not in ("", "1") else "") for one in shown]
+        heads += [q.title + (f" [{q.unit}]" if q.unit not in ("", "1") else "") for q in shown]
         section.tables.append(Table(rows, (*heads, "runs"), caption))
         return section
 
     def failures(self) -> Section:
-        """Failed runs, commands to repeat them, and the number of missing runs."""
-        section = Section("What failed, and what is missing", "failures")
+        """Return failed runs, commands that repeat them, and the number of missing runs."""
+        section = Section("Failed and missing runs", "failures")
         runs = self.points.runs
         rows = []
         failed = runs[runs["status"] == "failed"].groupby("message")
@@ -250,12 +250,12 @@ class Page:
         return section
 
     def costs(self) -> Section:
-        """Time and workers that the runs took."""
+        """Return time and workers of the runs."""
         rows = cost_words(self.study.tables.costs)
-        return Section("What it took", "costs", tables=[Table(rows, (), captions.COSTS)] if rows else [])
+        return Section("Cost", "costs", tables=[Table(rows, (), captions.COSTS)] if rows else [])
 
     def reading(self) -> Section:
-        """Commands that read the tables."""
+        """Return commands that read the tables."""
         folder, trials = self.folder, f"{self.folder}/trials"
         lines = [
             f'from taichi_plume import study; results = study.open("{folder}"); results.points(); results.trials()',
@@ -266,20 +266,20 @@ class Page:
         return Section("How to read the tables", "read", lines=lines, code=True)
 
     def again(self) -> Section:
-        """Commands that resume the study and rewrite the page."""
+        """Return commands that resume the study and rewrite the page."""
         out = str(self.folder.resolve())
         lines = [
             shlex.join(["python", "-m", "taichi_plume.study", str(self.about["file"]), "--out", out]),
             shlex.join(["python", "-m", "taichi_plume.study", "report", out]),
         ]
-        return Section("How to go on", "again", lines=lines, tables=[Table(captions.AGAIN)], code=True)
+        return Section("How to resume", "again", lines=lines, tables=[Table(captions.AGAIN)], code=True)
 
 
 # ---------------------------------------------------------------- cells of tables
 
 
 def _apart_words(apart: intervals.Estimate) -> tuple[str, str]:
-    """Return a difference of shares, and its interval."""
+    """Return a difference of shares in percentage points, and the interval."""
     points = f"{100 * apart.mean:+.0f}"
     if apart.over in intervals.WITHOUT:
         return points, intervals.WITHOUT[apart.over].format(airs=apart.airs)
@@ -292,13 +292,13 @@ def _ends(low: float, high: float) -> str:
 
 
 def _plain(value: object) -> str:
-    """Return a value of an axis, numbers with 4 digits."""
+    """Return a value of an axis as text, numbers with 4 digits."""
     number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
     return f"{value:.4g}" if number else str(value)
 
 
 def _keys(axis: object) -> str:
-    """Return the keys of the scenario that an axis of the file changes."""
+    """Return the keys of the scenario that an axis of study.yaml changes."""
     if not isinstance(axis, dict):
         return "-"
     if axis.get("key"):

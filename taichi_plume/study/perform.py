@@ -17,12 +17,12 @@ from taichi_plume.study import shared_air
 from taichi_plume.study.kept_files import run_with_files
 from taichi_plume.study.messages import Cost, Record, Request, Row, Task
 from taichi_plume.study.rows import outcomes_of, probed, trial_rows
-from taichi_plume.study.simulation_cache import WARM, Kept
+from taichi_plume.study.simulation_cache import WARM, CachedSimulation
 from taichi_plume.study.store import forget_failed, leave_failed
 
 
 def perform(task: Task) -> list[Record]:
-    """Execute the runs of a task, as many as its limit allows. A failed run yields a record; the others continue."""
+    """Execute runs of a task until its time limit. A failed run yields a record; the remaining runs continue."""
     began, records = time.perf_counter(), []
     for request in task.requests:
         records.append(_Run(task, request).record())
@@ -32,7 +32,7 @@ def perform(task: Task) -> list[Record]:
 
 
 class _Run:
-    """Execution of a run."""
+    """Execution of a run in a worker."""
 
     def __init__(self, task: Task, request: Request):
         self.task, self.request = task, request
@@ -43,52 +43,52 @@ class _Run:
         self.simulated = 0.0
 
     def record(self) -> Record:
-        """Execute the run; return its record, also if the run fails."""
+        """Execute the run and return a record, even if the run fails."""
         trials: list[Row] = []
         outcomes: dict[str, float | None] = dict.fromkeys(self.task.options.outcomes)
         try:
             scenario = self.scenario = scenario_of(self.task.base, self.request.changes)
-            one = self._ready(scenario)
-            end, outcomes = self._simulate(one)
-            trials = trial_rows(one.sim, self.request)
+            cached = self._ready(scenario)
+            end, outcomes = self._simulate(cached)
+            trials = trial_rows(cached.sim, self.request)
             forget_failed(self.task, self.request)
-        except (Exception, SystemExit) as error:  # users' code may raise what it likes
+        except (Exception, SystemExit) as error:  # users' code may raise anything
             end = self._failed(error)
         return Record(self.request.run, end.status, end.message, trials, outcomes, self._cost())
 
-    def _ready(self, scenario: Scenario) -> Kept:
-        """Return a simulation at the start of the run: a cached one after a reset, or a new one."""
+    def _ready(self, scenario: Scenario) -> CachedSimulation:
+        """Return a simulation at the start of the run: a cached simulation after a reset, or a new one."""
         task = self.task
         film = None if task.film is None else shared_air.opened(task.film)
         known = WARM.find(self.key)
-        if film is not None and known is not None and known.reel is not None:
-            shared_air.put(known.reel, film, scenario)
+        if film is not None and known is not None and known.player is not None:
+            shared_air.put(known.player, film, scenario)
         known = WARM.reset(self.key, scenario)
         if known is not None:
             return known
         prepared = checked(scenario, task.folder, task.options.allow_outside)
         execute(prepared, task.options.allow_code)
-        reel = None if film is None else shared_air.reel_of(prepared.scenario, film)
-        return WARM.add(self.key, prepared, reel)
+        player = None if film is None else shared_air.reel_of(prepared.scenario, film)
+        return WARM.add(self.key, prepared, player)
 
-    def _simulate(self, one: Kept) -> tuple[End, dict[str, float | None]]:
-        sim, wanted = one.sim, self.task.options.outcomes
+    def _simulate(self, cached: CachedSimulation) -> tuple[End, dict[str, float | None]]:
+        sim, outcomes = cached.sim, self.task.options.outcomes
         try:
-            if self.task.options.keep or probed(wanted):
-                with run_with_files(one, self.task, self.request, WARM.backend) as (end, content, probes):
-                    return end, outcomes_of(wanted, content, probes)
-            map_scores = MapScores(sim) if sim.maps and wanted else None
+            if self.task.options.keep or probed(outcomes):
+                with run_with_files(cached, self.task, self.request, WARM.backend) as (end, content, probes):
+                    return end, outcomes_of(outcomes, content, probes)
+            map_scores = MapScores(sim) if sim.maps and outcomes else None
             if map_scores is not None:
                 sim.observers.append(map_scores.observer())
             sim.run()
         finally:
             self.simulated = sim.wall_s
         end = whole(sim)
-        content = result(sim, end.status, end.message, WARM.backend, map_scores) if wanted else {}
-        return end, outcomes_of(wanted, content, None)
+        content = result(sim, end.status, end.message, WARM.backend, map_scores) if outcomes else {}
+        return end, outcomes_of(outcomes, content, None)
 
     def _failed(self, error: BaseException) -> End:
-        """Write the files that repeat a failed run and drop its simulation; return the end of the run."""
+        """Write the files to repeat a failed run, drop its simulation from the cache, and return the run's end."""
         if isinstance(error, ScenarioError):
             message = "; ".join(error.faults)
         else:
@@ -105,7 +105,7 @@ class _Run:
 
 
 def _worker() -> str:
-    """Address of this worker on a Dask cluster, else the id of this process."""
+    """Return the address of this worker on a Dask cluster, else the id of this process."""
     distributed = sys.modules.get("distributed")
     if distributed:
         with suppress(ValueError):  # not in a worker

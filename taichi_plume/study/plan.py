@@ -1,4 +1,4 @@
-"""Plan of a study: all of its runs, each checked before the first one is executed."""
+"""Plan of a study: the list of all runs. All runs are checked before the first run is executed."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,24 +20,24 @@ from taichi_plume.study.checking import Checks
 from taichi_plume.study.ids import Digests, Ids
 from taichi_plume.study.messages import Axis, Data, Request
 from taichi_plume.study.model import SEEDS, Study
-from taichi_plume.study.outcomes import Wanted
+from taichi_plume.study.outcomes import OutcomeCheck
 from taichi_plume.study.resolving import resolve
 from taichi_plume.study.sharing import differs
 
 MOST_RUNS = 100_000
-MOST_FOLDERS = 1000  # of tables
-FEW = 64  # values of an axis that has a folder per value
-LONGEST_FOLDER = 100  # characters of a value in its name
-SEARCH_STEP = 1_000_003  # between seeds of searches in one air
+MOST_FOLDERS = 1000  # folders of the table of trials
+MOST_LEVELS = 64  # most values of an axis with a folder per value
+LONGEST_FOLDER = 100  # most characters of a value in a folder's name
+SEARCH_STEP = 1_000_003  # difference between the seeds of searches in one air
 SEED_RANGE = 1 << 32
-MOST_VALUES = 3  # of an axis in an error
+MOST_VALUES = 3  # values of an axis listed in an error
 STUDY_NEEDS = "a study needs at least name, base and axes"
 WHOLE = TypeAdapter(int).validate_python
 NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
 
 
 class Plan(NamedTuple):
-    """A study with all of its runs. file: study.yaml; folder: of the base and its files; base: the base's data."""
+    """A study with all its runs. file: study.yaml; folder: folder of the base; base: data of the base scenario."""
 
     study: Study
     file: Path
@@ -48,10 +48,10 @@ class Plan(NamedTuple):
 
 
 def load_plan(file: Path, allow_outside: bool = False) -> Plan:
-    """Read a study.yaml and check every point; own code is not executed.
+    """Read a study.yaml and check every point. Users' code is not executed.
 
-    allow_outside: whether the base, and files that it names, may lie outside of their folders. Raises ScenarioError
-    with a line for each error.
+    allow_outside: whether the base and the files that the base names may lie outside the study's folder. Raises
+    ScenarioError with a line for each error.
     """
     file = Path(file)
     study = read_study(file)
@@ -65,8 +65,8 @@ def read_study(file: Path) -> Study:
     """Read a study.yaml without its base. Raises ScenarioError."""
     data = read_mapping(file, STUDY_NEEDS)
     if "base" not in data and "domain" in data:
-        hint = "python -m taichi_plume.run runs it once, and a study names it as its base"
-        raise ScenarioError([f"{file}: is a scenario, no study; {hint}"])
+        hint = "python -m taichi_plume.run runs scenarios; a study names its base scenario"
+        raise ScenarioError([f"{file}: is a scenario, not a study; {hint}"])
     try:
         study = Study.model_validate(data)
     except ValidationError as error:
@@ -83,7 +83,7 @@ class _Planning:
         path = file.parent / study.base
         if not allow_outside and outside(file.parent, study.base):
             where = f"base: {visible(study.base, LONGEST_VALUE)} lies outside the study's folder"
-            hint = "if it is what you want to be read, add --allow-outside (in Python: allow_outside=True)"
+            hint = "to read this file, add --allow-outside (in Python: allow_outside=True)"
             raise ScenarioError([f"{where}; {hint}"])
         self.base, *_ = expanded(read_mapping(path, NEEDS), path, allow_outside)
         self.folder = path.resolve().parent
@@ -94,7 +94,7 @@ class _Planning:
         runs = prod(map(count_of, study.axes.values())) * study.draws
         runs *= 1 if study.over_seeds else study.airs * study.searches
         if runs > MOST_RUNS:
-            limit = f"at most {MOST_RUNS:,} are taken"
+            limit = f"at most {MOST_RUNS:,} are allowed"
             raise ScenarioError([f"has {runs:,} runs; {limit}, use fewer values or airs"])
         axes = resolve(study, self.base, visible(study.base, LONGEST_VALUE))
         found, faults = self._checked(axes)
@@ -109,9 +109,9 @@ class _Planning:
     # ------------------------------------------------------------ checks
 
     def _checked(self, axes: Sequence[Levels | Range]) -> tuple["list[_Checked]", list[str]]:
-        """Return all valid points and the errors; points that differ in seeds alone are checked once."""
+        """Return all valid points and the errors. Points that differ only in seeds are checked once."""
         study = self.study
-        wanted, refused, found = Wanted(study.outcomes, study.keep), _Refused(axes), []
+        requested, refused, found = OutcomeCheck(study.outcomes, study.keep), _Refused(axes), []
         seen: dict[tuple[int, ...], tuple[int, Ids] | None] = {}
         grid = [axis for axis in axes if isinstance(axis, Levels)]
         seeds = [n for n, axis in enumerate(grid) if set(study.axes[axis.name].paths) <= set(SEEDS)]
@@ -123,8 +123,8 @@ class _Planning:
                 try:
                     scenario = self.checks.checked(scenario_of(self.base, point.changes))
                     seen[key] = len(seen) - 1, self._ids(scenario)
-                    if wanted.outcomes or wanted.keep:
-                        wanted.look(scenario)
+                    if requested.outcomes or requested.keep:
+                        requested.look(scenario)
                 except ScenarioError as error:
                     refused.add(point, error.faults)
                 except OSError as error:
@@ -132,7 +132,7 @@ class _Planning:
             checked = seen[key]
             if checked is not None:
                 found.append(_Checked(point, *checked))
-        return found, [*refused.lines(), *(wanted.lines if scenario is not None else [])]
+        return found, [*refused.lines(), *(requested.lines if scenario is not None else [])]
 
     def _ids(self, scenario: Scenario) -> Ids:
         study, ids = self.study, self.digests.ids(scenario, self.checks.files(scenario))
@@ -160,7 +160,7 @@ class _Planning:
                 number += 1
 
     def _seeds(self, changes: Mapping[str, object]) -> Iterator[tuple[int, int, dict[str, int]]]:
-        """Yield seed and seed of the air of each run, and the changes to its scenario that set them."""
+        """Yield the seed and the air's seed of each run, and the changes to the scenario that set the seeds."""
         given = {key: changes.get(key, self.base.get(key)) for key in SEEDS}
         seed = WHOLE(Scenario.model_fields["seed"].default if given["seed"] is None else given["seed"])
         air_seed = seed if given["air_seed"] is None else WHOLE(given["air_seed"])
@@ -176,7 +176,7 @@ class _Planning:
 
 
 class _Checked(NamedTuple):
-    """A valid point. combination: number of its combination of values, without seeds."""
+    """A valid point. combination: number of the combination of axis values, seeds ignored."""
 
     point: Point
     combination: int
@@ -184,7 +184,7 @@ class _Checked(NamedTuple):
 
 
 class _Refused:
-    """Errors of points; an error that several points share is reported once, with the values of the axes."""
+    """Errors of points. An error that several points share is reported once, with the values of the axes."""
 
     def __init__(self, axes: Sequence[Levels | Range]):
         self.axes = axes
@@ -192,7 +192,7 @@ class _Refused:
         self.points: dict[str, list[Point]] = {}
 
     def add(self, point: Point, faults: Sequence[str]) -> None:
-        """Add the errors of a point; numbers in their text may differ from point to point."""
+        """Add the errors of a point. Errors that differ only in numbers count as equal."""
         for line in faults:
             where, _, message = line.partition(": ")
             key = f"{where}: {NUMBER.sub('#', message)}"
@@ -204,7 +204,7 @@ class _Refused:
         return [f"{self._whose(points)}: {self.first[key]}" for key, points in self.points.items()]
 
     def _whose(self, points: list[Point]) -> str:
-        """Name the axes of which only some values have the error, with these values."""
+        """Return the axes and values that have the error, without axes all of whose values have the error."""
         parts = []
         for axis in self.axes:
             values = list(dict.fromkeys(point.values[axis.name] for point in points))
@@ -224,19 +224,19 @@ def _plain(value: object) -> str:
 
 
 def _columns(axes: Sequence[Levels | Range]) -> Iterator[Axis]:
-    """Yield the axes' columns; the first axes have a folder per value, as long as there are not too many folders."""
+    """Yield the columns of the axes. Leading axes have a folder per value, up to MOST_FOLDERS folders."""
     folders = 1
     for axis in axes:
         levels = axis.levels if isinstance(axis, Levels) and axis.name not in SEEDS else ()
         names = {quote(str(level.value)).casefold() for level in levels}  # some file systems ignore case
         short = len(names) == len(levels) and all(len(name) <= LONGEST_FOLDER for name in names)
-        partition = short and 1 < len(levels) <= FEW and folders * len(levels) <= MOST_FOLDERS
+        partition = short and 1 < len(levels) <= MOST_LEVELS and folders * len(levels) <= MOST_FOLDERS
         folders *= len(levels) if partition else 1
         yield Axis(axis.name, axis.unit, partition)
 
 
 def _same_runs(requests: Sequence[Request]) -> str | None:
-    """Return an error line if two runs are the same."""
+    """Return an error line if two runs have the same id, else None."""
     known: dict[str, Request] = {}
     for request in requests:
         other = known.setdefault(request.run, request)
@@ -244,5 +244,5 @@ def _same_runs(requests: Sequence[Request]) -> str | None:
             pairs = [(name, other.values[name], value) for name, value in request.values.items()]
             differ = [f"{name}: {_plain(a)} and {_plain(b)}" for name, a, b in pairs if a != b]
             which = visible(", ".join(differ), None)
-            return f"axes: points with {which} are the same run; what differs decides nothing of its result"
+            return f"axes: points with {which} are the same run: this difference does not affect results"
     return None

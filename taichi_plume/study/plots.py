@@ -1,4 +1,4 @@
-"""Figures of a study's page: quantities along each axis and over pairs of axes; Sobol indices and refinement."""
+"""Figures of a study's page: quantities along axes and over pairs of axes, Sobol indices, grid refinement."""
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 WIDE, TALL = 7.2, 2.5  # inches
 DPI = 100
-MOST_LINES = 6  # in a pair of axes
+MOST_LINES = 6  # lines in a panel
 MOST_PANELS = 4
-MOST_VALUES = 15  # of an axis that are plotted one by one; of more, points and their running mean
+MOST_VALUES = 15  # values of an axis plotted with intervals; axes with more show dots and a running mean
 MOST_DOTS = 3000
-WINDOW = 0.15  # of the range of an axis: window of a running mean
+WINDOW = 0.15  # window of the running mean as a fraction of the axis
 
 Estimates = Mapping[Hashable, Estimate]
 Names = Sequence[Value | None]
@@ -51,7 +51,7 @@ def numeric(points: Points) -> list[str]:
 
 def label(points: Points, axis: str) -> str:
     """Return the name and unit of an axis."""
-    unit = next((one.unit for one in points.plan.axes if one.name == axis), "")
+    unit = next((column.unit for column in points.plan.axes if column.name == axis), "")
     return look.short(axis) + (f" [{unit}]" if unit not in ("", "1") else "")
 
 
@@ -61,19 +61,19 @@ def logarithmic(points: Points, axis: str) -> bool:
     return isinstance(found, dict) and found.get("spacing") == "log" and min(values_of(points, axis)) > 0
 
 
-def _quantity(one: Quantity) -> str:
-    unit = "%" if one.share else "" if one.unit in ("1", "") else one.unit
-    return look.short(one.title, 44) + (f" [{unit}]" if unit else "")
+def _quantity(quantity: Quantity) -> str:
+    unit = "%" if quantity.share else "" if quantity.unit in ("1", "") else quantity.unit
+    return look.short(quantity.title, 44) + (f" [{unit}]" if unit else "")
 
 
-def _scaled(one: Quantity, estimate: Estimate) -> list[float]:
+def _scaled(quantity: Quantity, estimate: Estimate) -> list[float]:
     """Return mean, low and high end; shares in per cent."""
-    return [(100.0 if one.share else 1.0) * value for value in estimate[:3]]
+    return [(100.0 if quantity.share else 1.0) * value for value in estimate[:3]]
 
 
-def interval_bar(axes: "Axes", place: int, one: Quantity, estimate: Estimate) -> None:
-    """Draw an estimate as a dot with a horizontal bar for the interval, in the line `place`."""
-    mean, low, high = _scaled(one, estimate)
+def interval_bar(axes: "Axes", place: int, quantity: Quantity, estimate: Estimate) -> None:
+    """Draw an estimate at y = `place` as a dot with a horizontal error bar for the interval."""
+    mean, low, high = _scaled(quantity, estimate)
     axes.errorbar(
         [mean], [place], xerr=np.nan_to_num(np.abs([[mean - low], [high - mean]])), color=look.robot(place),
         marker="o", markersize=4.5, capsize=2.5,
@@ -88,12 +88,12 @@ def _panels(
         below = 0.45 if legend else 0.0
         figure = look.figure(WIDE, tall * rows + below, DPI)
         axes = np.ravel(figure.subplots(rows, -(-count // rows), squeeze=False))
-        for n, one in enumerate(axes):
+        for n, panel in enumerate(axes):
             if n < count:
-                look.plain(one)
-                draw(one, n)
+                look.plain(panel)
+                draw(panel, n)
             else:
-                one.set_axis_off()
+                panel.set_axis_off()
         figure.tight_layout(pad=0.6, rect=(0, below / (tall * rows + below), 1, 1))
         if legend:
             handles, labels = axes[0].get_legend_handles_labels()
@@ -107,30 +107,30 @@ def _panels(
 # ---------------------------------------------------------------- along one axis
 
 
-def along(points: Points, axis: str, by: str | None, some: Sequence[Quantity]) -> bytes:
+def along(points: Points, axis: str, by: str | None, quantities: Sequence[Quantity]) -> bytes:
     """Draw quantities over an axis of numbers, a line per value of the axis `by`, at most MOST_LINES in a panel."""
     lines = values_of(points, by) if by else [None]
     parts = [lines[n : n + MOST_LINES] for n in range(0, len(lines), MOST_LINES)][:MOST_PANELS]
     draw = _means if len(values_of(points, axis)) <= MOST_VALUES else _running
     keys = [axis, *([by] if by else [])]
-    found = {one.name: points.estimated(one, keys) if draw is _means else {} for one in some}
+    found = {q.name: points.estimated(q, keys) if draw is _means else {} for q in quantities}
 
     def panel(axes: "Axes", n: int) -> None:
-        part, one = parts[n // len(some)], some[n % len(some)]
-        draw(axes, points, axis, by, part, one, found[one.name])
+        part, quantity = parts[n // len(quantities)], quantities[n % len(quantities)]
+        draw(axes, points, axis, by, part, quantity, found[quantity.name])
         axes.set_xlabel(label(points, axis))
-        axes.set_title(_quantity(one), fontsize=9)
+        axes.set_title(_quantity(quantity), fontsize=9)
         if logarithmic(points, axis):
             axes.set_xscale("log")
             axes.xaxis.set_major_formatter("{x:g}")
             axes.xaxis.set_minor_formatter("")
-        if one.share:
+        if quantity.share:
             axes.set_ylim(-3, 103)
-        if n % len(some) == 0 and by and len(parts) > 1:
+        if n % len(quantities) == 0 and by and len(parts) > 1:
             axes.legend(loc="best", title=look.short(by), title_fontsize=8, handlelength=1.2)
 
     legend = look.short(by) if by and len(parts) == 1 else ""
-    return _panels(len(parts) * len(some), panel, len(parts), legend=legend)
+    return _panels(len(parts) * len(quantities), panel, len(parts), legend=legend)
 
 
 def _means(
@@ -139,7 +139,7 @@ def _means(
     axis: str,
     by: str | None,
     part: Names,
-    one: Quantity,
+    quantity: Quantity,
     found: Estimates,
 ) -> None:
     """Draw the mean at each value, with its interval."""
@@ -149,7 +149,7 @@ def _means(
     for n, name in enumerate(part):
         keys = [(place, name) if by else place for place in places]
         pairs = zip(places, keys, strict=True)
-        known = [(place, _scaled(one, found[key])) for place, key in pairs if key in found]
+        known = [(place, _scaled(quantity, found[key])) for place, key in pairs if key in found]
         if not known:
             continue
         x, aside = np.array([place for place, _ in known], float), apart * (n - (len(part) - 1) / 2)
@@ -168,14 +168,14 @@ def _running(
     axis: str,
     by: str | None,
     part: Names,
-    one: Quantity,
+    quantity: Quantity,
     _: Estimates,
 ) -> None:
-    """Draw the mean of each point as a dot, and their running mean."""
+    """Draw the mean of each point as a dot, and a running mean (Gaussian window)."""
     log = logarithmic(points, axis)
     x = points.table[axis].to_numpy(float)
     x = np.log(x) if log else x
-    y = np.array([_scaled(one, each)[0] if each else np.nan for each in points.estimates[one.name]], float)
+    y = np.array([_scaled(quantity, e)[0] if e else np.nan for e in points.estimates[quantity.name]], float)
     reach = WINDOW * float(np.ptp(x))
     for n, name in enumerate(part):
         mine = np.isfinite(y) & ((points.table[by] == name).to_numpy(bool) if by else True)
@@ -191,38 +191,38 @@ def _running(
         axes.plot(back(grid), mean, color=color, label=look.short(str(name)) if by else None)
 
 
-def between(points: Points, axis: str, some: Sequence[Quantity]) -> bytes:
+def between(points: Points, axis: str, quantities: Sequence[Quantity]) -> bytes:
     """Draw quantities at each value of an axis of names."""
     names = values_of(points, axis)[: MOST_LINES * MOST_PANELS]
-    found = {one.name: points.estimated(one, [axis]) for one in some}
+    found = {q.name: points.estimated(q, [axis]) for q in quantities}
 
     def panel(axes: "Axes", n: int) -> None:
-        one = some[n]
+        quantity = quantities[n]
         for place, name in enumerate(names):
-            if name in found[one.name]:
-                interval_bar(axes, place, one, found[one.name][name])
+            if name in found[quantity.name]:
+                interval_bar(axes, place, quantity, found[quantity.name][name])
         axes.set_yticks(range(len(names)), [look.short(str(name)) if n == 0 else "" for name in names])
         axes.set_ylim(len(names) - 0.5, -0.5)
-        axes.set_title(_quantity(one), fontsize=9)
-        if one.share:
+        axes.set_title(_quantity(quantity), fontsize=9)
+        if quantity.share:
             axes.set_xlim(-3, 103)
 
-    return _panels(len(some), panel, 1, max(1.4, 0.7 + 0.24 * len(names)))
+    return _panels(len(quantities), panel, 1, max(1.4, 0.7 + 0.24 * len(names)))
 
 
 # ---------------------------------------------------------------- over two axes
 
 
-def heat(points: Points, pair: tuple[str, str], by: str | None, one: Quantity) -> bytes:
-    """Draw a quantity over two axes of few numbers each, a panel per value of `by`."""
+def heat(points: Points, pair: tuple[str, str], by: str | None, q: Quantity) -> bytes:
+    """Draw a heat map of a quantity over two axes of numbers, a panel per value of `by`."""
     parts = (values_of(points, by) if by else [None])[:MOST_LINES]
     across, up = (values_of(points, axis) for axis in pair)
-    found = points.estimated(one, [*pair, *([by] if by else [])])
+    found = points.estimated(q, [*pair, *([by] if by else [])])
     tables = []
     for name in parts:
         keys = [[(x, y, name) if by else (x, y) for x in across] for y in up]
-        tables.append([[_scaled(one, found[k])[0] if k in found else np.nan for k in row] for row in keys])
-    low, high = (0.0, 100.0) if one.share else (float(np.nanmin(tables)), float(np.nanmax(tables)))
+        tables.append([[_scaled(q, found[k])[0] if k in found else np.nan for k in row] for row in keys])
+    low, high = (0.0, 100.0) if q.share else (float(np.nanmin(tables)), float(np.nanmax(tables)))
 
     def panel(axes: "Axes", n: int) -> None:
         axes.grid(False)
@@ -232,12 +232,12 @@ def heat(points: Points, pair: tuple[str, str], by: str | None, one: Quantity) -
         axes.set_yticks(range(len(up)), [f"{y:.3g}" for y in up])
         axes.set_xlabel(label(points, pair[0]))
         axes.set_ylabel(label(points, pair[1]))
-        axes.set_title(look.short(str(parts[n])) if by else _quantity(one), fontsize=9)
+        axes.set_title(look.short(str(parts[n])) if by else _quantity(q), fontsize=9)
         for row, values in enumerate(tables[n] if len(across) * len(up) <= 64 else []):
             for place, value in enumerate(values):
                 if np.isfinite(value):
                     look.note(axes, place, row, f"{value:.3g}", look.INK)
-        axes.figure.colorbar(image, ax=axes, fraction=0.05, pad=0.03).set_label(_quantity(one), fontsize=7)
+        axes.figure.colorbar(image, ax=axes, fraction=0.05, pad=0.03).set_label(_quantity(q), fontsize=7)
 
     rows = -(-len(parts) // 2)
     return _panels(len(parts), panel, rows, 2.9)
@@ -252,7 +252,7 @@ def sensitivity(title: str, indices: dict[str, Index]) -> bytes:
     def panel(axes: "Axes", _: int) -> None:
         place = np.arange(len(indices))
         for n, name in enumerate(("first order: by itself", "total: with the others")):
-            index, low, high = np.array([one[3 * n : 3 * n + 3] for one in indices.values()]).T
+            index, low, high = np.array([values[3 * n : 3 * n + 3] for values in indices.values()]).T
             reach = np.nan_to_num(np.clip([index - low, high - index], 0, None))
             axes.barh(
                 place + 0.38 * n - 0.19, index, 0.36, xerr=reach, color=look.robot(n), label=name,

@@ -1,4 +1,4 @@
-"""Points of a study: means with intervals over airs for each combination of the axes' values and each group."""
+"""Estimates at the points of a study: means with intervals over airs, for each point and each group of robots."""
 
 from collections.abc import Hashable, Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -19,7 +19,7 @@ NO_BREAK = "\u2011"  # a hyphen at which no line ends
 
 
 class Quantity(NamedTuple):
-    """A quantity of searches or runs. share: whether it is shown in per cent; what: noun of what is counted."""
+    """A quantity of searches or runs. share: whether it is a fraction, shown in per cent; what: noun of what counts."""
 
     name: str
     title: str
@@ -52,7 +52,7 @@ QUANTITIES = (
     Quantity("overhead", "way / straight", "1", what="successes"),
     Quantity("acquisitions", "stops", "1"),
 )
-"""Quantities of searches. Those after the success and the time count successful searches only."""
+"""Quantities of searches. Those with what="successes" count successful searches only."""
 DECLARATIONS = (
     Quantity("declared", "declared rightly", "1", share=True),
     Quantity("reached", "reached, not declared", "1", share=True),
@@ -69,10 +69,10 @@ def outcomes(plan: Planned, tables: Tables) -> tuple[Quantity, ...]:
     return tuple(Quantity(name, name, units[name], what="runs") for name in plan.outcomes)
 
 
-def estimated(of: "pd.DataFrame", one: Quantity, keys: Sequence[str]) -> dict[Hashable, intervals.Estimate]:
-    """Estimate a quantity for each value of some columns of a table of trials or runs.
+def estimated(of: "pd.DataFrame", q: Quantity, keys: Sequence[str]) -> dict[Hashable, intervals.Estimate]:
+    """Estimate a quantity for each combination of values of the columns `keys` of a table of trials or runs.
 
-    The table has the columns air_seed and air_by_chance. Airs of one seed at other points share eddies and gusts.
+    The table has the columns air_seed and air_by_chance. Airs with equal seeds share eddies and gusts at all points.
     """
     known = [key for key in keys if key in of.columns]
     if not len(of):
@@ -80,18 +80,18 @@ def estimated(of: "pd.DataFrame", one: Quantity, keys: Sequence[str]) -> dict[Ha
     if not known:  # all together
         known, of = ["all"], of.assign(all=0)
     key = of[known[0]] if len(known) == 1 else list(zip(*(of[name] for name in known), strict=True))
-    return intervals.estimates(_numbers(of, one), key, of["air_seed"], of["air_by_chance"], one.share)
+    return intervals.estimates(_numbers(of, q), key, of["air_seed"], of["air_by_chance"], q.share)
 
 
-def _numbers(of: "pd.DataFrame", one: Quantity) -> np.ndarray:
-    return of[one.name].astype("Float64").to_numpy(float, na_value=np.nan)
+def _numbers(of: "pd.DataFrame", q: Quantity) -> np.ndarray:
+    return of[q.name].astype("Float64").to_numpy(float, na_value=np.nan)
 
 
 class Points:
     """Points of a study, with an estimate of each quantity.
 
-    table: a row per point and group, sorted: point, the axes, group, algorithm, number of runs, failed and missing
-    ones; estimates: by the quantity's name, for each row; None if there is nothing to count.
+    table: a row per point and group, sorted: point, the axes, group, algorithm, number of runs, of failed and missing
+    runs; estimates: by name of the quantity, for each row; None without data.
     """
 
     def __init__(self, plan: Planned, tables: Tables):
@@ -107,10 +107,10 @@ class Points:
             of_trials += DECLARATIONS
         self.quantities = (*of_trials, *outcomes(plan, tables))
         self.table = self._table()
-        self.estimates = {one.name: self._of_rows(one) for one in self.quantities}
+        self.estimates = {quantity.name: self._of_rows(quantity) for quantity in self.quantities}
 
     def _declared(self) -> bool:
-        """Whether any robot has declared; then add the outcomes as columns to the trials."""
+        """Return whether any robot has declared a source; if so, add the outcomes as columns to the trials."""
         trials = self.trials
         searched = trials["searched"].astype(bool)
         if not (trials["declarations"][searched] > 0).any():
@@ -133,57 +133,57 @@ class Points:
         table = table.reset_index().merge(groups, on="point", how="left", sort=False)
         return table[["point", *self.axes, *who, "runs", "failed", "missing"]]
 
-    def _rows(self, one: Quantity) -> tuple["pd.DataFrame", list[str]]:
-        """Return the table that a quantity is a column of, and the columns that identify a row of points."""
-        return (self.runs, ["point"]) if one.what == "runs" else (self.trials, ["point", "group"])
+    def _rows(self, quantity: Quantity) -> tuple["pd.DataFrame", list[str]]:
+        """Return the table that has a quantity as a column, and the columns that identify a row of `table`."""
+        return (self.runs, ["point"]) if quantity.what == "runs" else (self.trials, ["point", "group"])
 
-    def estimated(self, one: Quantity, keys: Sequence[str]) -> dict[Hashable, intervals.Estimate]:
-        """Estimate a quantity for each value of some columns of the trials, or of the runs."""
-        return estimated(self._rows(one)[0], one, keys)
+    def estimated(self, quantity: Quantity, keys: Sequence[str]) -> dict[Hashable, intervals.Estimate]:
+        """Estimate a quantity for each combination of values of the columns `keys` of the trials or runs."""
+        return estimated(self._rows(quantity)[0], quantity, keys)
 
-    def _of_rows(self, one: Quantity) -> list[intervals.Estimate | None]:
-        _, keys = self._rows(one)
-        found = self.estimated(one, keys)
+    def _of_rows(self, quantity: Quantity) -> list[intervals.Estimate | None]:
+        _, keys = self._rows(quantity)
+        found = self.estimated(quantity, keys)
         rows = zip(*(self.table[key] for key in keys), strict=True)
         return [found.get(row if len(keys) > 1 else row[0]) for row in rows]
 
-    def between_airs(self, one: Quantity) -> dict[Hashable, float]:
-        """Variance of the mean of each point and group (whole runs: of each point), from the means of its airs.
+    def between_airs(self, quantity: Quantity) -> dict[Hashable, float]:
+        """Variance of the mean of each point (and group), from the means of the point's airs.
 
         NaN if there is a single air.
         """
-        of, keys = self._rows(one)
-        values = of.assign(value=_numbers(of, one))
+        of, keys = self._rows(quantity)
+        values = of.assign(value=_numbers(of, quantity))
         means = values[values["value"].notna()].groupby([*keys, "air"], sort=False)["value"].mean()
         by = means.groupby(level=keys, sort=False)
         return (by.var(ddof=1) / by.size()).to_dict()
 
     def frame(self) -> "pd.DataFrame":
-        """Return the table with the mean, both ends and the words of each quantity; units in `attrs`."""
+        """Return the table with mean, interval and sentence (`_words`) of each quantity; units in `attrs`."""
         import pandas as pd
 
         made: Row = {name: self.table[name] for name in self.table.columns}
         units = table_parts.units(self.plan.table.schema)
-        for one in self.quantities:
-            found = self.estimates[one.name]
+        for quantity in self.quantities:
+            found = self.estimates[quantity.name]
             for place, end in enumerate(("", "_low", "_high")):
-                made[one.name + end] = [each[place] if each else np.nan for each in found]
-                units[one.name + end] = one.unit
-            made[f"{one.name}_words"] = list(map(one.words, found))
+                made[quantity.name + end] = [each[place] if each else np.nan for each in found]
+                units[quantity.name + end] = quantity.unit
+            made[f"{quantity.name}_words"] = list(map(quantity.words, found))
         first = self.estimates[self.quantities[0].name] if self.quantities else []
         made["airs"] = [each.airs if each else 0 for each in first] if first else 0
         frame = pd.DataFrame(made)
         frame.attrs["units"] = {name: units.get(name, "1") for name in frame.columns}
         return frame
 
-    def differences(self, axis: str, one: Quantity = SUCCESS) -> Iterator[Row]:
-        """Compare each value of an axis with the first one, in the same airs and at the same values of other axes.
+    def differences(self, axis: str, quantity: Quantity = SUCCESS) -> Iterator[Row]:
+        """Compare each value of an axis with the first value, in the same airs and at equal values of other axes.
 
-        A row has the other axes' values, group, the `first` and `second` value, and the Estimate `apart` of the second
-        mean minus the first. Only airs in which both searched count.
+        A row has the values of the other axes, the group, the `first` and `second` value, and the Estimate `apart` of
+        the second mean minus the first. Only airs with searches of both count.
         """
         others = [name for name in self.axes if name != axis]
-        trials = self.trials.assign(value=_numbers(self.trials, one))
+        trials = self.trials.assign(value=_numbers(self.trials, quantity))
         trials = trials[trials["value"].notna()]
         keys = [*others, "group"]
         for values, part in trials.groupby(keys, sort=False, dropna=False):

@@ -1,4 +1,4 @@
-"""Progress of a study: a bar on a terminal, else a line per minute; at the end, how busy the workers were."""
+"""Progress display of a study: a bar on a terminal, else a line per minute; totals of runs and worker time."""
 
 import time
 from contextlib import suppress
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from taichi_plume.study.campaign import Campaign
     from taichi_plume.study.messages import Record
 
-FIRST_S, LINE_S = 10.0, 60.0  # until the first line, and between the others
+FIRST_S, LINE_S = 10.0, 60.0  # time until the first line, and between further lines
 
 
 class Display:
-    """Context that shows how many of `total` runs are done. done: at the start; quiet: show nothing."""
+    """Context that shows how many of `total` runs are done. done: number at the start; quiet: show nothing."""
 
     def __init__(self, total: int, done: int, quiet: bool = False):
         self.total, self.done, self.quiet = total, done, quiet
@@ -110,7 +110,7 @@ class Totals:
         self._began = self._last = time.perf_counter()
 
     def count(self, workers: int) -> None:
-        """Add the time since the last call; workers: their present number."""
+        """Add the worker time since the last call; workers: present number of workers."""
         now = time.perf_counter()
         self.worker_s += self._workers * (now - self._last)
         self._last, self._workers, self.most = now, workers, max(self.most, workers)
@@ -123,11 +123,11 @@ class Totals:
             self.simulation_s += result.seconds
             return
         self.runs += len(result)
-        self.busy_s += sum(one.cost.total_s for one in result)
-        self.simulation_s += sum(one.cost.simulation_s for one in result)
+        self.busy_s += sum(record.cost.total_s for record in result)
+        self.simulation_s += sum(record.cost.simulation_s for record in result)
 
     def line(self) -> str:
-        """Runs, wall time, workers and how busy they were, in one line."""
+        """Return runs, wall time, number of workers and their utilisation in one line."""
         self.count(self._workers)
         airs = f" and {self.airs:,} airs" * bool(self.airs)
         busy = min(1.0, self.busy_s / self.worker_s) if self.worker_s else 0.0

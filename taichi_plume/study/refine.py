@@ -1,8 +1,8 @@
 """Grid refinement study: observed order of convergence, Richardson extrapolation and grid convergence index (GCI).
 
-For the three finest spacings h1 < h2 < h3, whose ratios may differ (Celik et al. 2008, doi:10.1115/1.2960953), values
-f = f0 + a h^p make (f3 - f2)/(f2 - f1) a function of the order p alone. Oscillating values converge if each change is
-smaller than the one before; their order follows from the same rule with alternating signs.
+Values f = f0 + a h^p at the three finest spacings h1 < h2 < h3 make (f3 - f2)/(f2 - f1) a function of the order p only.
+The ratios of spacings may differ (Celik et al. 2008, doi:10.1115/1.2960953). Oscillating values converge if each change
+is smaller than the previous change; their order follows from the same equation with alternating signs.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     from taichi_plume.study.intervals import Estimate
     from taichi_plume.study.points import Points
 
-SAFETY = 1.25  # of the index, with three grids
-HIGHEST = 12.0  # order that is reported
+SAFETY = 1.25  # safety factor of the GCI with three grids
+HIGHEST = 12.0  # upper bound of the reported order
 KEY = "domain.spacing"
 
 
 class Order(NamedTuple):
     """Convergence of a value at three spacings.
 
-    order, extrapolated, index (grid convergence index, in the value's unit): NaN if undefined; behaviour: converges,
-    oscillates, diverges, still (no change) or too few.
+    order, extrapolated (value at zero spacing), index (grid convergence index, in the value's unit): NaN if undefined;
+    behaviour: converges, oscillates, diverges, still (no change) or too few.
     """
 
     order: float
@@ -37,12 +37,12 @@ class Order(NamedTuple):
     behaviour: str
 
 
-SAID = {
-    "converges": "it converges",
-    "oscillates": "it goes to and fro, less and less: oscillatory convergence, of which the order says little",
-    "diverges": "it does not converge: the last change is too large beside the one before",
-    "still": "it no longer changes, so it has no order",
-    "too few": "three spacings are needed",
+SENTENCES = {
+    "converges": "monotone convergence",
+    "oscillates": "oscillatory convergence, whose observed order is unreliable",
+    "diverges": "no convergence: the last change is too large compared with the previous change",
+    "still": "no change between the finest spacings, so the order is undefined",
+    "too few": "the order needs three spacings",
 }
 
 
@@ -74,7 +74,7 @@ def order(spacings: ArrayLike, values: ArrayLike) -> Order:
 
 
 def axis_of(about: Data) -> str | None:
-    """Return the name of the axis that varies the spacing; about: of a plan's table."""
+    """Return the name of the axis that varies the spacing; about: metadata of a plan's table."""
     axes = about["study"].get("axes") or {}
     for name, axis in axes.items():
         if isinstance(axis, dict) and KEY in (axis.get("key"), *(axis.get("keys") or ())):
@@ -85,9 +85,9 @@ def axis_of(about: Data) -> str | None:
 def orders(points: "Points", axis: str) -> Iterator[Row]:
     """Yield the order of each quantity, for each combination of the other axes' values and group.
 
-    A row has these, `quantity`, `unit`, `spacings` (finest first), `values` there, the Order's fields, and `chance`:
-    whether the last change lies within the interval of one of its two values, so that it may be chance; None if there
-    is no interval.
+    A row has the values and group, `quantity`, `unit`, `spacings` (finest first), `values`, the fields of Order, and
+    `chance`: whether the last change lies within the interval of one of the two values and may be chance; None without
+    an interval.
     """
     table = points.table
     others = [name for name in (*points.axes, "group") if name != axis and name in table]
@@ -98,21 +98,21 @@ def orders(points: "Points", axis: str) -> Iterator[Row]:
         key = values if isinstance(values, tuple) else (values,)
         rows = rows[np.argsort(table[axis].to_numpy(float)[rows])]
         spacings = table[axis].to_numpy(float)[rows]
-        for one in points.quantities:
-            estimates = [points.estimates[one.name][row] for row in rows]
+        for quantity in points.quantities:
+            estimates = [points.estimates[quantity.name][row] for row in rows]
             means = [each.mean if each else nan for each in estimates]
             if not np.isfinite(means).any():
                 continue
             found = order(spacings, means)
             yield {
-                **dict(zip(others, key, strict=True)), "quantity": one.name, "unit": one.unit,
+                **dict(zip(others, key, strict=True)), "quantity": quantity.name, "unit": quantity.unit,
                 "spacings": spacings.tolist(), "values": means, **found._asdict(), "chance": _chance(estimates),
             }  # fmt: skip
 
 
 def _chance(estimates: "Sequence[Estimate | None]") -> bool | None:
-    known = [one for one in estimates if one]
-    if len(known) < 2 or not all(np.isfinite(one.low) for one in known[:2]):
+    known = [estimate for estimate in estimates if estimate]
+    if len(known) < 2 or not all(np.isfinite(estimate.low) for estimate in known[:2]):
         return None
     (a, b) = known[:2]
     return bool(a.low <= b.mean <= a.high or b.low <= a.mean <= b.high)
@@ -121,14 +121,14 @@ def _chance(estimates: "Sequence[Estimate | None]") -> bool | None:
 def words(row: Row) -> str:
     """Return the sentence of a row of `orders`."""
     if row["behaviour"] not in ("converges", "oscillates"):
-        return SAID[row["behaviour"]]
+        return SENTENCES[row["behaviour"]]
     unit = "" if row["unit"] == "1" else f" {row['unit']}"
-    said = f"{SAID[row['behaviour']]}: " if row["behaviour"] == "oscillates" else ""
+    prefix = f"{SENTENCES[row['behaviour']]}: " if row["behaviour"] == "oscillates" else ""
     about = "at least " if row["order"] >= HIGHEST else ""
     text = (
-        f"{said}order {about}{row['order']:.2f}, towards {row['extrapolated']:.4g}{unit}; "
+        f"{prefix}order {about}{row['order']:.2f}, towards {row['extrapolated']:.4g}{unit}; "
         f"at the finest spacing it may be off by {row['index']:.2g}{unit} (grid convergence index)"
     )
     if row["chance"]:
-        text += "; but the last change is within the interval over airs: it may be chance, use more airs"
+        text += "; the last change is within the interval over airs, so it may be chance; use more airs"
     return text

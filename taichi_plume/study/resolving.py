@@ -1,4 +1,4 @@
-"""Resolve the axes of a study: values in SI units as the scenario reads them; refused values are reported."""
+"""Resolve the axes of a study: convert values to SI units as the scenario does, and report invalid values."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -20,12 +20,12 @@ Changes = Mapping[str, object]
 
 
 def resolve(study: Study, base: Changes, name: str) -> list[Levels | Range]:
-    """Resolve the axes of a study. base: data of the base scenario; name: of the base. Raises ScenarioError."""
+    """Resolve the axes of a study. base: data of the base scenario; name: its file name. Raises ScenarioError."""
     return _Resolving(study, base, name).axes()
 
 
 class _Resolving:
-    """Tries each value of an axis while the other axes have their first value, as a value need not be valid alone."""
+    """Validation of each value of an axis with the first values of all other axes, which the value may depend on."""
 
     def __init__(self, study: Study, base: Changes, name: str):
         self.study, self.base, self.name = study, base, name
@@ -46,7 +46,7 @@ class _Resolving:
         return [axis for axis in axes if axis is not None]
 
     def _first(self, without: str = "") -> Data:
-        """Changes that the first value of every axis makes."""
+        """Return the changes of the first value of every axis, except the axis `without`."""
         firsts = [trials[0][1] for name, trials in self.trials.items() if name != without]
         return {key: value for changes in firsts for key, value in changes.items()}
 
@@ -57,7 +57,7 @@ class _Resolving:
             return error.faults
 
     def _report_common(self, common: list[str]) -> None:
-        """Report the errors that occur when every axis has its first value, at the base or at the axes."""
+        """Report errors of the base, and errors that only a combination of first values has."""
         for line in common:
             guilty = [name for name, trials in self.trials.items() if line in self._faults(trials[0][1])]
             alone = self._faults({})
@@ -71,7 +71,7 @@ class _Resolving:
         return [] if isinstance(tried, Scenario) else tried
 
     def _scenarios(self, name: str, common: list[str]) -> list[Scenario]:
-        """Scenario for each value of an axis. An error that several values share is reported once."""
+        """Return the scenario for each value of an axis. An error that several values share is reported once."""
         found: list[Scenario] = []
         others = self._first(without=name)
         refused: dict[str, list[str]] = {}
@@ -90,7 +90,7 @@ class _Resolving:
         return found
 
     def _meant(self, name: str, line: str) -> str:
-        """Suggest keys that are spelt like an unknown key of an axis, unless the error does so itself."""
+        """Return a hint with similarly spelt keys for an unknown key of an axis, unless the error has such a hint."""
         if "unknown key" in line:
             return ""
         unknown = [path for path in self.study.axes[name].paths if not any(look_up(path))]
@@ -114,13 +114,13 @@ class _Resolving:
         return self._range(name, axis, values, unit)
 
     def _levels(self, name: str, axis: StudyAxis, values: list[Any]) -> list[Level]:
-        """Levels of a list of values; all are written as texts unless all are numbers, texts or booleans."""
+        """Return the levels of a list of values. Lists and sections, and all values beside them, become JSON texts."""
         assert axis.values is not None
         plain = all(isinstance(value, Value) and not _too_large(value) for value in values)
         shown_values: list[Value] = values if plain else [json.dumps(value) for value in axis.values]
         for n, value in enumerate(shown_values):
             if value in shown_values[:n]:
-                self.faults.append(f"axes.{name}.values[{n}]: {shown(axis.values[n])} is there twice")
+                self.faults.append(f"axes.{name}.values[{n}]: {shown(axis.values[n])} occurs twice")
         return [
             Level(value, dict.fromkeys(axis.paths, given))
             for value, given in zip(shown_values, axis.values, strict=True)
@@ -129,13 +129,13 @@ class _Resolving:
     def _range(self, name: str, axis: StudyAxis, ends: list[Any], unit: str) -> Levels | Range | None:
         where, log = f"axes.{name}", axis.spacing == "log"
         if not all(type(value) in (int, float) for value in ends):
-            self.faults.append(f"{where}: {axis.paths[0]} is no number; give its values, not low and high")
+            self.faults.append(f"{where}: {axis.paths[0]} is not a number; give values, not low and high")
             return None
         low, high = map(float, ends)
         if low >= high:
             self.faults.append(f"{where}: low must be less than high, got {low:g} and {high:g}")
         elif log and low <= 0:
-            self.faults.append(f"{where}.low: got {low:g}: with spacing: log it must be more than 0")
+            self.faults.append(f"{where}.low: got {low:g}: must be more than 0 with spacing: log")
         elif axis.sampled and isinstance(ends[0], int):
             self.faults.append(f"{where}: {axis.paths[0]} takes whole numbers; give values, or count")
         elif axis.sampled:
@@ -147,7 +147,7 @@ class _Resolving:
             if isinstance(ends[0], int):
                 broken = next((value for value in numbers if value != int(value)), None)
                 if broken is not None:
-                    kinds = f"{axis.paths[0]} takes whole numbers, {broken:g} is none"
+                    kinds = f"{axis.paths[0]} takes whole numbers, got {broken:g}"
                     self.faults.append(f"{where}: {kinds}; change count, or give values")
                 numbers = list(map(int, numbers))
             return Levels(name, unit, [Level(value, dict.fromkeys(axis.paths, value)) for value in numbers])
@@ -155,7 +155,7 @@ class _Resolving:
 
 
 def _trials(axis: StudyAxis) -> Iterable[tuple[str, Data]]:
-    """Yield each value to try: its place in the file, for messages, and its changes to the scenario."""
+    """Yield the path of each value in the file, for messages, and the value's changes to the scenario."""
     if axis.variants is not None:
         for name, changes in axis.variants.items():
             yield f".variants.{name}", {canonical(key): value for key, value in changes.items()}
@@ -168,7 +168,7 @@ def _trials(axis: StudyAxis) -> Iterable[tuple[str, Data]]:
 
 
 def _read(scenario: Scenario, path: str, given: object) -> tuple[Any, str]:
-    """Value that a scenario has at a path, and its unit. A number given for a list of one item stays a number."""
+    """Return a scenario's value at a path, and the unit. A number given for a list of one item stays a number."""
     try:
         value, unit = value_at(scenario, path)
     except LookupError:
@@ -178,7 +178,7 @@ def _read(scenario: Scenario, path: str, given: object) -> tuple[Any, str]:
 
 
 def value_at(scenario: Scenario, path: str) -> tuple[Any, str]:
-    """Value at the path of a key, in SI units, and the key's unit. Raises LookupError."""
+    """Return the value at the path of a key, in SI units, and the key's unit. Raises LookupError."""
     place: Any = scenario
     unit = ""
     for step in steps_of(path):

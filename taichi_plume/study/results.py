@@ -1,12 +1,12 @@
 """Results of a study as tables, for notebooks and plots: ``results = study.open("studies/success-against-wind")``.
 
     results.trials()    pandas.DataFrame: a row for each trial of each group, with the values of all axes
-    results.runs()      a row for each run of the plan, whether it has been run or not
-    results.points()    a row for each combination of the axes' values and group: means, with intervals over airs
+    results.runs()      a row for each run of the plan, finished or missing
+    results.points()    a row for each point and group: means with intervals over airs
     results.costs()     cost of each run
 
-Units are in ``frame.attrs["units"]``. All tables can also be read while a study runs and after it was killed; they then
-hold the records on the disk. Missing or damaged files raise a RunFolderError of one line.
+Units are in ``frame.attrs["units"]``. The tables of a running or killed study hold the records written so far. Missing
+or damaged files raise a RunFolderError of one line.
 """
 
 from functools import cached_property
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
 
     from taichi_plume.study.points import Points
 
-PAUSE = 60.0  # s without a run: longer pauses count as interruptions
+PAUSE = 60.0  # s; longer pauses without a run count as interruptions
 FAULTS = (pa.ArrowException, OSError, ValueError, LookupError, TypeError)
 
 
 def open_study(folder: Path | str) -> "Results":
-    """Open a study's folder. Raises RunFolderError if it is no study's, damaged or of another version."""
+    """Open the folder of a study. Raises RunFolderError for other folders, damaged files and other versions."""
     return Results(Path(folder))
 
 
@@ -61,12 +61,12 @@ class Results:
         if made.split(".")[:2] != __version__.split(".")[:2]:
             of = visible(made, LONGEST_TEXT)
             raise RunFolderError(
-                f"{folder}: was made by taichi_plume {of}, this is {__version__}; use that one"
+                f"{folder}: was made by taichi_plume {of}, this is {__version__}; use that version"
             )
 
     @cached_property
     def tables(self) -> files.Tables:
-        """Arrow tables: those of the folder if they are up to date with its records, else made from the records."""
+        """Arrow tables: read from the folder if they are up to date, else made from the records."""
         try:
             held = files.held(self.folder, files.state(self.folder))
         except FAULTS as error:
@@ -87,13 +87,13 @@ class Results:
         runs, trials, costs = made
         if len(trials) != held:
             path = self.folder / files.TRIALS
-            raise RunFolderError(f"{path}: holds {len(trials):,} of {held:,} rows; is a file of it gone?")
+            raise RunFolderError(f"{path}: holds {len(trials):,} of {held:,} rows; is a file missing?")
         place = pc.index_in(trials["run"], value_set=runs["run"].combine_chunks())
         order = place.to_numpy().argsort(kind="stable")
         return files.Tables(runs, trials.take(pa.array(order)), costs)
 
     def _made(self) -> files.Tables:
-        """Make the tables from the plan and the records so far."""
+        """Return tables made from the plan and the records so far."""
         from taichi_plume.study.store import Store, StoreError
 
         try:
@@ -104,15 +104,15 @@ class Results:
             raise RunFolderError(f"{self.folder / files.PARTS}: is damaged: {_reason(error)}") from None
 
     def trials(self) -> "pandas.DataFrame":
-        """A row for each trial of each group."""
+        """Return a row for each trial of each group."""
         return frame(self.tables.trials)
 
     def runs(self) -> "pandas.DataFrame":
-        """A row for each run of the plan; `status` is missing where it has not been run."""
+        """Return a row for each run of the plan; `status` is missing for runs without a record."""
         return frame(self.tables.runs)
 
     def costs(self) -> "pandas.DataFrame":
-        """A row for each run that has been run: its cost."""
+        """Return the cost of each finished run, a row per run."""
         return frame(self.tables.costs)
 
     @cached_property
@@ -126,49 +126,49 @@ class Results:
             raise RunFolderError(f"{self.folder}: its tables are damaged: {_reason(error)}") from None
 
     def points(self) -> "pandas.DataFrame":
-        """A row for each point and group: means with 95 % intervals over airs, as numbers and in words."""
+        """Return a row for each point and group: means with 95 % intervals over airs, as numbers and in words."""
         return self.by_points.frame()
 
     def differences(self, axis: str, quantity: str = "success") -> "pandas.DataFrame":
-        """Compare each value of an axis with the first one, in the same airs: `apart`, its interval, words.
+        """Compare each value of an axis with the first value, in the same airs: difference `apart`, interval, words.
 
-        quantity: a column of trials. Raises ValueError if there is no such axis or quantity.
+        quantity: a column of trials. Raises ValueError for an unknown axis or quantity.
         """
         import pandas
 
         from taichi_plume.study import intervals
 
         points = self.by_points
-        known = {one.name: one for one in points.quantities if one.what != "runs"}
+        known = {measure.name: measure for measure in points.quantities if measure.what != "runs"}
         for name, there in ((axis, points.axes), (quantity, list(known))):
             if name not in there:
                 raise ValueError(f"{name!r}: there are {', '.join(there)}")
-        one = known[quantity]
+        measure = known[quantity]
         made = []
-        for row in points.differences(axis, one):
+        for row in points.differences(axis, measure):
             apart = row.pop("apart")
-            text = intervals.words(apart, one.unit, one.share, "searches in both")
+            text = intervals.words(apart, measure.unit, measure.share, "searches in both")
             ends = {"apart": apart.mean, "low": apart.low, "high": apart.high}
             made.append(row | ends | {"airs": apart.airs, "words": text})
         return pandas.DataFrame(made)
 
     def indices(self) -> "pandas.DataFrame":
-        """Sobol indices of each axis of a sensitivity study, for each quantity and group, and words."""
+        """Return the Sobol indices of each axis of a sensitivity study, for each quantity and group, and words."""
         import pandas
 
         from taichi_plume.study import indices
 
         self._require("sensitivity")
         made = []
-        for one, group, found in indices.found(self.by_points):
-            about = {"quantity": one.name, "group": group, "used": found.used, "asked": found.asked}
+        for quantity, group, found in indices.found(self.by_points):
+            about = {"quantity": quantity.name, "group": group, "used": found.used, "asked": found.asked}
             about |= {"variance": found.variance, "noise": found.noise}
             about["words"] = "; ".join(indices.words(found))
             made += [{"axis": axis, **index._asdict(), **about} for axis, index in found.indices.items()]
         return pandas.DataFrame(made)
 
     def orders(self) -> "pandas.DataFrame":
-        """Observed order, extrapolated value and index of each quantity of a refinement study, and words."""
+        """Return order of convergence, extrapolated value and grid convergence index of each quantity, and words."""
         import pandas
 
         from taichi_plume.study import refine
@@ -186,7 +186,7 @@ class Results:
             raise RunFolderError(f"{self.folder}: is a study of kind {self.plan.about['kind']}, not {kind}")
 
     def polars(self, name: str) -> "polars.DataFrame":
-        """The table "trials", "runs" or "costs" as a polars.DataFrame, if polars is installed."""
+        """Return the table "trials", "runs" or "costs" as a polars.DataFrame; needs polars."""
         import polars
 
         if name not in files.Tables._fields:
@@ -203,7 +203,7 @@ class Results:
 
 
 def frame(table: pa.Table) -> "pandas.DataFrame":
-    """Return a table as a pandas.DataFrame with units and meanings; booleans and integers keep their nulls."""
+    """Return a table as a pandas.DataFrame with units and meanings in `attrs`; nulls stay nulls."""
     made = table.to_pandas()
     made.attrs["units"] = table_parts.units(table.schema)
     made.attrs["meanings"] = table_parts.meanings(table.schema)
@@ -215,7 +215,7 @@ def _reason(error: BaseException) -> str:
 
 
 def cost_words(costs: pa.Table) -> list[tuple[str, str]]:
-    """Describe the cost of a study's runs: wall time, time per run, how busy the workers were, compiled kernels."""
+    """Return (title, text) of the cost: wall time, time per run, utilisation of the workers, compiled kernels."""
     if not len(costs):
         return []
     table = costs.sort_by("begun").to_pandas()

@@ -25,9 +25,9 @@ PROBES = "probes."  # prefix of outcomes that are means of a probe
 def trial_rows(sim: Simulation, request: Request) -> list[Row]:
     """Return a row for each trial of each group of a finished run.
 
-    searched: whether there was a source to find; success and outcome are None if not. time_with_failures_s: a failure
-    counts as all the time of its group. shares_arena: whether other groups are in the same arena. shortest_m: of the
-    robot that found a source first, else of the team's first. NaN and infinity become None.
+    searched: whether the group searched for a source; if not, success and outcome are None. time_with_failures_s: time,
+    or the full time of the group after a failure. shares_arena: whether other groups are in the same arena. shortest_m:
+    shortest path of the robot that found a source first, else of the team's first robot. NaN and infinity become None.
     """
     if not sim.swarm.count:
         return []
@@ -53,7 +53,7 @@ def trial_rows(sim: Simulation, request: Request) -> list[Row]:
 
 
 def _shortest(sim: Simulation, group: Any, now: dict[str, np.ndarray], sources: np.ndarray) -> np.ndarray:
-    """Shortest path on the floor to a source [m] of the first robot that found a source, for each trial (trials,).
+    """Return the shortest path on the floor [m] from the start of the first successful robot to a source, (trials,).
 
     NaN for flying robots.
     """
@@ -73,19 +73,19 @@ def _number(value: object) -> object:
     return value if not isinstance(value, float) or isfinite(value) else None
 
 
-def probed(wanted: Mapping[str, str]) -> bool:
+def probed(outcomes: Mapping[str, str]) -> bool:
     """Whether an outcome is a mean of a probe."""
-    return any(path.startswith(PROBES) for path in wanted.values())
+    return any(path.startswith(PROBES) for path in outcomes.values())
 
 
 def outcomes_of(
-    wanted: Mapping[str, str], content: Mapping[str, Any], probes: Path | None
+    outcomes: Mapping[str, str], content: Mapping[str, Any], probes: Path | None
 ) -> dict[str, float | None]:
-    """Return the numbers at the `wanted` paths of a run's result or table of probes; None if there is none."""
+    """Return the numbers at the paths `outcomes` of a run's result or table of probes; None if there is none."""
     table = pq.read_table(probes) if probes is not None and probes.exists() else None
     return {
         name: probe_mean(table, path) if path.startswith(PROBES) else found(content, path)
-        for name, path in wanted.items()
+        for name, path in outcomes.items()
     }
 
 
@@ -104,7 +104,7 @@ def found(content: Any, path: str) -> float | None:
 
 
 def probe_mean(table: "pa.Table | None", path: str) -> float | None:
-    """Mean over points and time (since the robots started) of a `probes.NAME.QUANTITY`; names may hold dots."""
+    """Return the mean of `probes.NAME.QUANTITY` over points and time t >= 0; names may contain dots."""
     name, _, quantity = path.removeprefix(PROBES).rpartition(".")
     if table is None or quantity not in table.column_names:
         return None

@@ -1,4 +1,4 @@
-"""Shared air: wind and gas are solved once, filmed at every tick, and played to all runs that have them in common."""
+"""Shared air: solve wind and gas once, film every tick, and play the film to all runs with the same air."""
 
 import os
 import time
@@ -20,13 +20,13 @@ from taichi_plume.study.messages import AirRecord, Task
 from taichi_plume.study.sharing import filmed
 from taichi_plume.study.simulation_cache import WARM
 
-SHARE = 0.5  # of the free memory per core, for frames of films
+SHARE = 0.5  # fraction of the free memory per core for cached frames of films
 
 # ---------------------------------------------------------------- filming
 
 
 def solve_air(task: Task) -> AirRecord:
-    """Film the air that the runs of a task share to `task.film`. A failure yields a record with the message."""
+    """Solve the shared air of a task and write its film to `task.film`. A failure yields a record with the message."""
     begun, air = time.perf_counter(), task.requests[0].air
     key = ("air", task.requests[0].structure, str(task.folder))
     try:
@@ -62,7 +62,7 @@ def _solve(task: Task, key: tuple[str, ...]) -> tuple[int, int]:
 
 
 def alone(scenario: Scenario, duration: float) -> Scenario:
-    """Return a scenario of the air alone, without robots and recordings, for a duration [s]."""
+    """Return the scenario without robots and recordings, for a duration [s]."""
     without = {"robots": (), "maps": (), "rivals": False} | dict.fromkeys(
         ("probes", "fields", "plumesim_log")
     )
@@ -70,7 +70,7 @@ def alone(scenario: Scenario, duration: float) -> Scenario:
 
 
 def _frame(sim: Simulation, wind: bool, gases: list[int]) -> dict[str, np.ndarray]:
-    """Return the present frame of an air's film."""
+    """Return a frame: the present velocity and concentrations."""
     grid, frame = sim.grid, {}
     if wind:
         carrier = sim.wind.carrier
@@ -82,7 +82,7 @@ def _frame(sim: Simulation, wind: bool, gases: list[int]) -> dict[str, np.ndarra
 
 
 def _cells(sim: Simulation, n: int) -> np.ndarray:
-    """Concentration of the n-th gas [kg/m³] in the cells and one layer beyond them, from its solver."""
+    """Return the concentration of gas n [kg/m³] in the cells and one layer of ghost cells, from the gas solver."""
     gas, grid = sim.gas.gases[n], sim.grid
     if sim.scenario.gases[n][1].on_grid:
         field = gas.c  # pyright: ignore[reportAttributeAccessIssue]
@@ -96,11 +96,11 @@ def _cells(sim: Simulation, n: int) -> np.ndarray:
 
 # ---------------------------------------------------------------- playing
 
-_films: OrderedDict[tuple[str, int], AirFilm] = OrderedDict()  # of this process, with cached frames
+_films: OrderedDict[tuple[str, int], AirFilm] = OrderedDict()  # open films with cached frames
 
 
 def opened(path: Path) -> AirFilm:
-    """Return the film at a path, with the frames that earlier runs have read. Raises AirFilmError."""
+    """Return the film at a path, from a cache that keeps frames between runs. Raises AirFilmError."""
     try:
         key = str(path), (path / "zarr.json").stat().st_mtime_ns
     except OSError:
@@ -117,11 +117,11 @@ def opened(path: Path) -> AirFilm:
 
 def reel_of(scenario: Scenario, film: AirFilm) -> Reel:
     """Return the player of a film for a simulation of a scenario. Raises ValueError if the film does not fit."""
-    reel = Reel(*filmed(scenario))
-    put(reel, film, scenario)
-    return reel
+    player = Reel(*filmed(scenario))
+    put(player, film, scenario)
+    return player
 
 
-def put(reel: Reel, film: AirFilm, scenario: Scenario) -> None:
-    """Play a film from the next start of a run on. Raises ValueError if the film does not fit."""
-    reel.put(film, scenario.domain.shape, scenario.tick, scenario.last_tick)
+def put(player: Reel, film: AirFilm, scenario: Scenario) -> None:
+    """Let a player play a film from the next start of a run. Raises ValueError if the film does not fit."""
+    player.put(film, scenario.domain.shape, scenario.tick, scenario.last_tick)

@@ -1,4 +1,4 @@
-"""Decide which airs are solved once for several runs, and what is filmed of them; without Taichi."""
+"""Decide which airs are solved once for several runs, and which fields the films hold. Does not need Taichi."""
 
 import re
 from collections import Counter
@@ -19,18 +19,18 @@ FILES_OF_ROBOTS = ("scenario.yaml", "robots.parquet", "maps.zarr")
 def why_not(
     scenario: Scenario, outcomes: Mapping[str, str], share: str, keep: Collection[str] = ()
 ) -> str | None:
-    """Return the reason why the air of a run cannot be filmed and played to the run; None if it can.
+    """Return the reason why a run cannot play its air from a film; None if the run can.
 
-    outcomes, keep: what the study asks for besides trials. share: exact, if the result must be the same to the bit;
-    always, also if gas of puffs is then only known as a mean over cells; never.
+    outcomes, keep: requested outcomes and files. share: exact, if results must be equal to the bit; always, also if the
+    film holds only cell means of puffs; never.
     """
     return next(_reasons(scenario, outcomes, share, keep), None)
 
 
 def shared_airs(plan: "Plan", requests: Sequence[Request]) -> set[str]:
-    """Return the airs that several of the runs share and that can be filmed.
+    """Return the airs to film: those that several of the runs share and that can be filmed.
 
-    With share_air: always, also airs of single runs whose results differ when a film is played to them.
+    With share_air: always, also the airs of single runs whose results a film changes, so that all runs use films.
     """
     study, counts = plan.study, Counter(request.air for request in requests)
     if study.share_air == "never":
@@ -54,7 +54,7 @@ def shared_airs(plan: "Plan", requests: Sequence[Request]) -> set[str]:
     return {
         air
         for air, pairs in airs.items()
-        if all(wanted for wanted, _ in pairs) and (counts[air] > 1 or not all(exact for _, exact in pairs))
+        if all(shared for shared, _ in pairs) and (counts[air] > 1 or not all(exact for _, exact in pairs))
     }
 
 
@@ -71,27 +71,27 @@ def _reasons(
     if share == "never":
         yield "share_air is never"
     if not scenario.robots:
-        yield "there are no robots: the air is all that the run is for"
+        yield "there are no robots: the run only computes the air"
     if not scenario.wind.solved and not any(gas.solved for _, gas in scenario.gases):
-        yield "neither wind nor gas is solved for: they cost nothing"
+        yield "neither wind nor gas is solved numerically, so a film saves nothing"
     for n, group in enumerate(scenario.robots):
         if group.wake:
-            yield f"robots[{n}].wake: they stir the air"
+            yield f"robots[{n}].wake: these robots stir the air"
     for name, path in outcomes.items():
         if re.split(r"[.\[]", path)[0] not in OF_ROBOTS:
-            yield f"outcomes.{name}: {path} tells of the air itself"
+            yield f"outcomes.{name}: {path} is a quantity of the air itself"
     for name in keep:
         if name not in FILES_OF_ROBOTS:
-            yield f"keep: {name} tells of the air itself"
+            yield f"keep: {name} holds data of the air itself"
     for path, gas in scenario.gases:
         if share == "exact" and path in gases and not gas.on_grid:
-            yield f"{path}: gas of kind {gas.kind} is finer than what is filmed of it; share_air: always shares it"
+            yield f"{path}: gas of kind {gas.kind} is finer than the film; share_air: always shares it anyway"
 
 
 def filmed(scenario: Scenario) -> tuple[bool, tuple[str, ...]]:
-    """Return whether the wind is filmed, and the paths of the gases that are; each run computes the rest itself.
+    """Return whether the wind is filmed, and the paths of the filmed gases. Each run computes the rest itself.
 
-    Gas in closed form needs the uniform wind itself; all other gas may depend on the wind's own steps.
+    A uniform wind is not filmed, as gas in closed form needs it. All gas in a filmed wind is filmed.
     """
     wind = scenario.wind.on_grid and scenario.wind.uniform is None
     return wind, tuple(path for path, gas in scenario.gases if wind or gas.solved)

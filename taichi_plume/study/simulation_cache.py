@@ -1,6 +1,6 @@
 """Cache of compiled simulations in a worker process: only the first run of a structure compiles kernels.
 
-Taichi has room for 512 SNode trees and frees them only all at once. Before the trees or the memory run out, Taichi is
+Taichi holds at most 512 SNode trees and can free them only all together. Before trees or memory run out, Taichi is
 restarted and the cache emptied.
 """
 
@@ -21,32 +21,31 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.filmed import Reel
 
-PLACES = 480  # SNode trees, of 512; beyond them Taichi crashes
-USUAL = 40  # trees of a simulation before the first one has been built; usually 16
-MOST = 8  # simulations in the cache
-SHARE = 0.8  # of the machine's memory per core: Taichi is restarted when this process has grown by more
+PLACES = 480  # SNode trees in use, of 512; Taichi crashes beyond 512
+USUAL = 40  # assumed number of trees of the first simulation; usually 16
+MOST = 8  # most simulations in the cache
+SHARE = 0.8  # growth of this process after which Taichi is restarted, as a fraction of the memory per core
 
 
-class Kept(NamedTuple):
-    """A cached simulation, the checked scenario that it was built from, and the film that it plays, if any."""
+class CachedSimulation(NamedTuple):
+    """A cached simulation with the checked scenario that it was built from, and the player of a film, if any."""
 
     prepared: Prepared
     sim: Simulation
-    reel: Reel | None
+    player: Reel | None
 
 
 class Warm:
-    """Simulations of a process, by a key that scenarios share which one simulation can execute.
+    """LRU cache of the simulations of a process. Scenarios that one simulation can execute have the same key.
 
-    The least recently used simulation is dropped first. Taichi runs on one thread, as every core has a process of its
-    own. begun: number of starts of Taichi.
+    Taichi runs on one thread, as every core has a worker process of its own. begun: number of starts of Taichi.
     """
 
     def __init__(self, most: int = MOST):
         self.most = most
         self.begun = 0
         self.backend = ""
-        self._kept: OrderedDict[Hashable, Kept] = OrderedDict()
+        self._cached: OrderedDict[Hashable, CachedSimulation] = OrderedDict()
         self._program: object = None
         self._largest = USUAL
         self._memory = 0
@@ -57,16 +56,16 @@ class Warm:
         """Kernels compiled by this process so far."""
         return self._compiled + (kernels.compiled() if self._alive() else 0)
 
-    def find(self, key: Hashable) -> Kept | None:
-        """Return the cached simulation of a key, which must be reset, or None."""
+    def find(self, key: Hashable) -> CachedSimulation | None:
+        """Return the cached simulation of a key, to be reset by the caller; None if there is none."""
         if not self._alive():
-            self._kept.clear()
-        if key in self._kept:
-            self._kept.move_to_end(key)
-        return self._kept.get(key)
+            self._cached.clear()
+        if key in self._cached:
+            self._cached.move_to_end(key)
+        return self._cached.get(key)
 
-    def reset(self, key: Hashable, scenario: Scenario) -> Kept | None:
-        """Return the cached simulation of a key at the start of a scenario; None if there is none that fits."""
+    def reset(self, key: Hashable, scenario: Scenario) -> CachedSimulation | None:
+        """Return the cached simulation of a key, reset to the start of a scenario; None without a suitable one."""
         known = self.find(key)
         try:
             if known is not None:
@@ -76,35 +75,35 @@ class Warm:
             return None
         return known
 
-    def add(self, key: Hashable, prepared: Prepared, reel: Reel | None = None) -> Kept:
-        """Assemble a simulation of a checked scenario whose code has been executed. Raises ScenarioError."""
+    def add(self, key: Hashable, prepared: Prepared, player: Reel | None = None) -> CachedSimulation:
+        """Build and cache a simulation of a checked scenario after its Python files were run. Raises ScenarioError."""
         self._make_room()
         before = _trees()
         try:
-            sim = build(prepared, reel=reel)
+            sim = build(prepared, reel=player)
         finally:
             self._largest = max(self._largest, _trees() - before)
-        self._kept[key] = Kept(prepared, sim, reel)
-        return self._kept[key]
+        self._cached[key] = CachedSimulation(prepared, sim, player)
+        return self._cached[key]
 
     def drop(self, key: Hashable) -> None:
-        """Remove a simulation in which an error occurred."""
-        self._kept.pop(key, None)
+        """Remove a simulation from the cache, after an error."""
+        self._cached.pop(key, None)
 
     def _alive(self) -> bool:
         return self._program is not None and impl.get_runtime().prog is self._program
 
     def _make_room(self) -> None:
         """Start Taichi, or restart it when its SNode trees or memory are nearly used up."""
-        while len(self._kept) >= self.most:
-            self._kept.popitem(last=False)
+        while len(self._cached) >= self.most:
+            self._cached.popitem(last=False)
         if self._alive():
             grown = psutil.Process().memory_info().rss - self._memory
             allowed = SHARE * psutil.virtual_memory().total / (os.cpu_count() or 1)
             if _trees() + 1.5 * self._largest < PLACES and grown < allowed:
                 return
             self._compiled += kernels.compiled()
-        self._kept.clear()
+        self._cached.clear()
         gc.collect()
         ti.reset()
         self.backend = kernels.start("cpu", threads=1)
@@ -114,7 +113,7 @@ class Warm:
 
 
 WARM = Warm()
-"""Simulations of this process."""
+"""Cached simulations of this process."""
 
 
 def _trees() -> int:

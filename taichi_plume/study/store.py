@@ -1,8 +1,8 @@
-"""Folder of a study: the records of its finished runs, a Parquet file per task, written whole or not at all.
+"""Folder of a study: records of finished runs, a Parquet file per task. Files are written atomically.
 
-study.yaml and base.yaml are copies of the user's files, plan.parquet lists the runs of the plan. ``parts/`` holds the
-records that tasks returned: a row per run, with its trials as a list. ``kept/`` and ``failed/`` hold files of single
-runs. One process at a time writes to the folder, others may read.
+study.yaml and base.yaml are copies of the user's files; plan.parquet lists the runs of the plan. ``parts/`` holds the
+records of the tasks: a row per run, with the trials as a list. ``kept/`` and ``failed/`` hold files of single runs. One
+process at a time writes to the folder; other processes may read.
 """
 
 import json
@@ -25,22 +25,22 @@ if TYPE_CHECKING:
     from taichi_plume.scenario.scenario import Scenario
     from taichi_plume.study.plan import Plan
 
-KIND = "study"  # study.json marks a study's folder
-PARTS, AIRS, KEPT, FAILED = "parts", "airs", "kept", "failed"
+KIND = "study"  # study.json marks the folder of a study
+PARTS, AIRS, KEPT_FOLDER, FAILED = "parts", "airs", "kept", "failed"
 PLAN = "plan.parquet"
 FORMAT = "taichi_plume study 1"
-LARGEST_TEXT = 1 << 24  # bytes of a file that is copied
+LARGEST_TEXT = 1 << 24  # most bytes of a copied file
 DONE = ("completed", "stopped")
 
 _PART = re.compile(r"\d{6,}\.parquet")
-_SCORES = pa.struct([(one.name, one.type) for one in columns.TRIAL])
-_COST = pa.struct([(one.name, one.type) for one in columns.COST if one.name != "run"])
+_SCORES = pa.struct([(field.name, field.type) for field in columns.TRIAL])
+_COST = pa.struct([(field.name, field.type) for field in columns.COST if field.name != "run"])
 _SCHEMA = pa.schema(
     [
         ("run", pa.string()),
         ("status", pa.string()),
         ("message", pa.string()),
-        ("told", pa.string()),  # JSON: what all trials of the run have in common, such as the axes' values
+        ("told", pa.string()),  # JSON: values that all trials of the run share, such as those of the axes
         ("trials", pa.list_(_SCORES)),
         ("outcomes", pa.map_(pa.string(), pa.float64())),
         ("cost", _COST),
@@ -51,11 +51,11 @@ _NAMES = frozenset(field.name for field in _SCORES)
 
 
 class StoreError(ValueError):
-    """A study's folder that cannot be used; the message is one line and begins with the path."""
+    """Error of a study's folder; the message is one line and begins with the path."""
 
 
 class Latest(NamedTuple):
-    """The row of a run that counts: its part, its number there, and its status."""
+    """The valid record of a run: file (part), row in the file, and status."""
 
     part: Path
     row: int
@@ -65,7 +65,7 @@ class Latest(NamedTuple):
 class Store:
     """Records of a study's runs in a folder. Readers need no lock.
 
-    `begin` locks the folder for this process until `close`; as a context the store closes itself.
+    `begin` locks the folder for this process until `close` or the end of the context.
     """
 
     def __init__(self, folder: Path):
@@ -88,9 +88,9 @@ class Store:
     # ------------------------------------------------------------ beginning
 
     def begin(self, plan: "Plan", force: bool = False) -> None:
-        """Lock the folder for the runs of a plan; the runs that it holds stay.
+        """Lock the folder for the runs of a plan. Existing records of the plan's runs stay.
 
-        force: drop runs that are not in the plan. Raises StoreError, also if another process has locked the folder,
+        force: remove runs that are not in the plan. Raises StoreError, also if another process has locked the folder,
         and OSError if the disk is full.
         """
         self._hold()
@@ -128,7 +128,7 @@ class Store:
             raise StoreError(f"{self.folder}: cannot be written to: {reason}") from None
 
     def _require_ours(self) -> None:
-        """Raise StoreError if the folder holds links or files that no study wrote."""
+        """Raise StoreError if the folder holds links or files that do not belong to a study."""
         other = own_folder.other_in(self.folder, KIND)
         if other is not None:
             raise StoreError(
@@ -138,29 +138,29 @@ class Store:
         if link is not None:
             raise StoreError(f"{self.folder / link}: is a link, which a study does not write to; remove it")
 
-    def _drop_others(self, wanted: set[str], force: bool) -> None:
-        """Raise StoreError if the folder holds runs that are not wanted; remove them if `force`."""
-        others = sorted(self.statuses().keys() - wanted)
+    def _drop_others(self, planned: set[str], force: bool) -> None:
+        """Raise StoreError if the folder holds runs that are not planned; with `force` remove these runs."""
+        others = sorted(self.statuses().keys() - planned)
         if not others:
             return
         if not force:
             raise StoreError(
-                f"{self.folder}: holds {len(others):,} run{'s' * (len(others) > 1)} that this study does not ask for "
-                f"({others[0]}{' ...' * (len(others) > 1)}): it is another study's, or the base, an axis, a file that "
-                "runs read, or the version has changed; choose another --out, or add --force to drop them"
+                f"{self.folder}: holds {len(others):,} run{'s' * (len(others) > 1)} that this study does not have "
+                f"({others[0]}{' ...' * (len(others) > 1)}): it is another study's folder, or the base, an axis, an "
+                "input file or the version has changed; choose another --out, or add --force to remove these runs"
             )
         for part in self._files():
             table = _read(part)
-            kept = table.filter(pa.array([run in wanted for run in table["run"].to_pylist()], pa.bool_()))
-            if len(kept) == len(table):
+            rest = table.filter(pa.array([run in planned for run in table["run"].to_pylist()], pa.bool_()))
+            if len(rest) == len(table):
                 continue
-            if len(kept):
+            if len(rest):
                 with disk.written_whole(part) as fresh:
-                    pq.write_table(kept, fresh, compression="zstd", write_page_checksum=True)
+                    pq.write_table(rest, fresh, compression="zstd", write_page_checksum=True)
             else:
                 part.unlink()
         for run in others:
-            for folder in (KEPT, FAILED):
+            for folder in (KEPT_FOLDER, FAILED):
                 shutil.rmtree(self.folder / folder / run, ignore_errors=True)
 
     def _tidy(self) -> None:
@@ -177,10 +177,10 @@ class Store:
         except OSError as error:
             raise StoreError(f"{source}: cannot be read: {error.strerror or error}") from None
         if content is None:
-            raise StoreError(f"{source}: is too large; {LARGEST_TEXT >> 20} MiB are read")
+            raise StoreError(f"{source}: is too large; at most {LARGEST_TEXT >> 20} MiB are allowed")
         held = self.folder / name
         if held.is_file() and held.read_bytes() != content:
-            for film in self.airs.glob("*.zarr"):  # the new study's runs may last longer than these films
+            for film in self.airs.glob("*.zarr"):  # the changed study's runs may last longer
                 shutil.rmtree(film, ignore_errors=True)
         with disk.written_whole(held) as fresh:
             fresh.write_bytes(content)
@@ -200,18 +200,18 @@ class Store:
         self._next += 1
 
     def add_air(self, record: AirRecord) -> None:
-        """Write the cost of solving an air, or why solving failed. Raises OSError."""
+        """Write the record of a solved or failed air. Raises OSError."""
         with disk.written_whole(self.airs / f"{record.air}.json") as fresh:
             fresh.write_text(json.dumps(record._asdict()), encoding="utf-8")
 
     def film(self, air: str) -> Path:
-        """Path of the film of an air, once the film is whole."""
+        """Return the path of the complete film of an air."""
         return self.airs / f"{air}.zarr"
 
     # ------------------------------------------------------------ reading
 
     def latest(self) -> dict[str, Latest]:
-        """The row of each run that counts: of several the last one in which it is done, else the last one."""
+        """Return the valid record of each run: the last finished one, else the last failed one."""
         rows: dict[str, Latest] = {}
         for part in self._files():
             table = _read(part, ["run", "status"])
@@ -222,11 +222,11 @@ class Store:
         return rows
 
     def statuses(self) -> dict[str, str]:
-        """Status of each recorded run: completed, stopped or failed. Raises StoreError."""
+        """Return the status of each recorded run: completed, stopped or failed. Raises StoreError."""
         return {run: row.status for run, row in self.latest().items()}
 
     def records(self) -> Iterator[Record]:
-        """The record of each run that has one. Raises StoreError."""
+        """Yield the valid record of each recorded run. Raises StoreError."""
         rows = self.latest()
         for part in self._files():
             for n, row in enumerate(_read(part).to_pylist()):
@@ -234,7 +234,7 @@ class Store:
                     yield _record(part, row)
 
     def air_records(self) -> list[AirRecord]:
-        """Records of the airs that were filmed, sorted by id. Raises StoreError."""
+        """Return the records of the filmed airs, sorted by id. Raises StoreError."""
         records = []
         for file in sorted(self.airs.glob("*.json")):
             try:
@@ -244,7 +244,7 @@ class Store:
         return records
 
     def _files(self) -> list[Path]:
-        """The parts in the order in which they were written. Raises StoreError if foreign files are among them."""
+        """Return the parts in the order of writing. Raises StoreError if the folder holds other files."""
         if not self.parts.is_dir():
             return []
         files = sorted(self.parts.iterdir(), key=lambda file: (len(file.name), file.name))
@@ -270,7 +270,7 @@ def _read(part: Path, columns: list[str] | None = None) -> pa.Table:
             raise
         reason = plain(str(error))
         raise StoreError(
-            f"{part}: cannot be read: {reason}; without it, its runs are made again: remove it"
+            f"{part}: cannot be read: {reason}; remove it, then its runs are executed again"
         ) from None
 
 
@@ -298,14 +298,14 @@ def _record(part: Path, row: Row) -> Record:
         cost = Cost(**row["cost"])
         return Record(row["run"], row["status"], row["message"], trials, dict(row["outcomes"]), cost)
     except (ValueError, TypeError, LookupError, RecursionError):
-        raise StoreError(f"{part}: is damaged; without it, its runs are made again: remove it") from None
+        raise StoreError(f"{part}: is damaged; remove it, then its runs are executed again") from None
 
 
 # ---------------------------------------------------------------- failed runs; without Taichi
 
 
 def leave_failed(task: Task, request: Request, scenario: "Scenario | None", message: str) -> None:
-    """Write the scenario of a failed run, with which it can be repeated, and the message. Raises OSError."""
+    """Write the scenario and the message of a failed run, so that users can repeat the run. Raises OSError."""
     folder = task.options.out / FAILED / request.run
     folder.mkdir(parents=True, exist_ok=True)
     if scenario is not None:

@@ -1,4 +1,4 @@
-"""Execute a study: lock its folder, execute the missing runs, write the tables and the page, and inform the user."""
+"""Execute a study: lock its folder, execute the missing runs, write the tables and the page, report to the user."""
 
 import traceback
 from collections import Counter
@@ -11,7 +11,7 @@ from taichi_plume.guard.terminal import LONGEST_VALUE, say, show, visible
 from taichi_plume.running.signals import SignalRequests, handling_signals, reader_may_leave
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.study.outcomes import not_left
-from taichi_plume.study.store import DONE, FAILED, KEPT, Store, StoreError
+from taichi_plume.study.store import DONE, FAILED, KEPT_FOLDER, Store, StoreError
 
 if TYPE_CHECKING:
     from taichi_plume.study.messages import Request
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 MOST_FAILED = 3  # failed runs that are listed
 MOST_POINTS = 10  # points that `--check` lists
-GOES_ON = "the same command goes on"
+GOES_ON = "the same command resumes the study"
 
 
 class Wishes(NamedTuple):
@@ -55,7 +55,7 @@ def carry_out(plan: "Plan", wishes: Wishes) -> int:
             code = _conclude(plan, store, wishes, code)
             return 130 if signals.stopped else code
     except KeyboardInterrupt:
-        say(f"interrupted; what is done is kept, and {GOES_ON}", error=True)
+        say(f"interrupted; finished runs are kept, and {GOES_ON}", error=True)
         return 130
     except StoreError as error:
         raise RunFolderError(str(error)) from None
@@ -66,8 +66,8 @@ def _work(plan: "Plan", store: Store, wishes: Wishes, signals: SignalRequests) -
     missing = missing_runs(plan, store, wishes.retry)
     total, before = len(plan.requests), len(plan.requests) - len(missing)
     if not wishes.quiet:
-        made = f", {before:,} of them made before" if before else ""
-        say(visible(f"{total:,} runs{made}; into {wishes.out}"), error=True)
+        made = f", {before:,} of them finished already" if before else ""
+        say(visible(f"{total:,} runs{made}; writing to {wishes.out}"), error=True)
     if not missing:
         return 0
     from taichi_plume.study.workers import DaskWorkers, LocalWorkers, WorkersError, cores
@@ -85,7 +85,7 @@ def _work(plan: "Plan", store: Store, wishes: Wishes, signals: SignalRequests) -
     except WorkersError as error:
         say(visible(error), error=True)
         if error.code == 1:
-            say(visible(f"what is done is kept in {wishes.out}; {GOES_ON}"), error=True)
+            say(visible(f"finished runs are kept in {wishes.out}; {GOES_ON}"), error=True)
         return error.code
 
 
@@ -121,7 +121,7 @@ def _campaign(
 
 
 def _conclude(plan: "Plan", store: Store, wishes: Wishes, code: int) -> int:
-    """Write tables and page; report how many runs are done, have failed and are missing."""
+    """Write tables and page; print the numbers of finished, failed and missing runs."""
     publish(store.folder, wishes.report, quiet=True)
     statuses = store.statuses()
     failed = sum(status == "failed" for status in statuses.values())
@@ -130,7 +130,7 @@ def _conclude(plan: "Plan", store: Store, wishes: Wishes, code: int) -> int:
     if failed:
         _report_failed(store, failed)
     if missing:
-        say(visible(f"{missing:,} runs are not done yet; {GOES_ON}"), error=True)
+        say(visible(f"{missing:,} runs are missing; {GOES_ON}"), error=True)
     if not wishes.quiet:
         made = "runs.parquet, trials/" + ", report.html" * wishes.report
         with reader_may_leave():
@@ -154,7 +154,7 @@ def publish(folder: Path, page: bool = True, quiet: bool = False) -> int:
         from taichi_plume.study import page as pages
 
         path = pages.write(folder)
-    except ValueError as error:  # StoreError, or of Arrow: what lies there is damaged
+    except ValueError as error:  # StoreError, or an error of Arrow for damaged files
         raise RunFolderError(str(error)) from None
     if not quiet:
         say(visible(path))
@@ -165,7 +165,7 @@ def _report_failed(store: Store, failed: int) -> None:
     messages = sorted((record.run, record.message) for record in store.records() if record.status == "failed")
     runs = "1 run has failed" if failed == 1 else f"{failed:,} runs have failed"
     where = store.folder / FAILED
-    listed = f"all are listed in runs.parquet and lie in {where}; --retry makes them again"
+    listed = f"all are listed in runs.parquet and lie in {where}; --retry executes them again"
     say(visible(f"{runs}; {listed}"), error=True)
     for run, message in messages[:MOST_FAILED]:
         say(visible(f"  {run}: {message}"), error=True)
@@ -182,12 +182,12 @@ def _require_allowed(plan: "Plan", wishes: Wishes) -> None:
         return
     files = _own_files([plan.base, *(request.changes for request in plan.requests)])
     if files:
-        what = "holds Python code, which runs with all your rights; look at it, then add --allow-code"
+        what = "holds Python code, which runs with all your rights; check the code, then add --allow-code"
         raise ScenarioError([f"{visible(file)}: {what}" for file in sorted(files)])
 
 
 def _own_files(data: object) -> set[str]:
-    """Files of own algorithms that a part of a scenario names."""
+    """Return the Python files of users' algorithms that a part of a scenario names."""
     if isinstance(data, dict):
         here = {str(data["file"])} if data.get("kind") == "own" and data.get("file") else set()
         return here.union(*map(_own_files, data.values()))
@@ -195,10 +195,10 @@ def _own_files(data: object) -> set[str]:
 
 
 def missing_runs(plan: "Plan", store: Store, retry: bool) -> "list[Request]":
-    """Runs of a plan to execute: those without a record, failed ones if `retry`, and those that left too little.
+    """Return the runs of a plan to execute: runs without a record, failed runs if `retry`, and incomplete runs.
 
-    A run has left too little if the study asks for outcomes or files now that it did not ask for then: neither is part
-    of a run's id. Raises StoreError.
+    A finished run is incomplete if the study has requested more outcomes or files since then: neither is part of a
+    run's id. Raises StoreError.
     """
     statuses, incomplete = store.statuses(), _incomplete(plan, store)
     return [
@@ -211,7 +211,7 @@ def missing_runs(plan: "Plan", store: Store, retry: bool) -> "list[Request]":
 
 
 def _incomplete(plan: "Plan", store: Store) -> set[str]:
-    """Ids of runs that are done, but lack an outcome or a file that the study asks for."""
+    """Return the ids of finished runs that lack a requested outcome or file."""
     paths, keep = set(plan.study.outcomes.values()), plan.study.keep
     if not paths and not keep:
         return set()
@@ -220,8 +220,8 @@ def _incomplete(plan: "Plan", store: Store) -> set[str]:
         if record.status in DONE:
             if not paths <= record.outcomes.keys():
                 incomplete.add(record.run)
-            kept = store.folder / KEPT / record.run
-            lacking[record.run] = [name for name in keep if not (kept / name).exists()]
+            folder = store.folder / KEPT_FOLDER / record.run
+            lacking[record.run] = [name for name in keep if not (folder / name).exists()]
     left: dict[tuple[int, str], bool] = {}  # by point and file: whether runs of the point leave the file
     for request in plan.requests:
         for name in lacking.get(request.run, ()):
@@ -234,7 +234,7 @@ def _incomplete(plan: "Plan", store: Store) -> set[str]:
 
 
 def print_check(plan: "Plan", out: Path) -> None:
-    """Print how many runs, points and airs a plan has, and its first points: the answer to `--check`."""
+    """Print the numbers of runs, points and airs of a plan, and the first points: the output of `--check`."""
     from rich.table import Table
 
     requests = plan.requests
@@ -242,7 +242,7 @@ def print_check(plan: "Plan", out: Path) -> None:
     runs_of_point = Counter(request.point for request in requests)
     points = {request.point: request for request in reversed(requests)}
     several = sum(count for count in runs_of_air.values() if count > 1)
-    shared = f"; {several:,} runs share theirs with others" if several else ""
+    shared = f"; {several:,} runs share their air with other runs" if several else ""
     structures = len({request.structure for request in requests})
     say(visible(f"study {plan.study.name} ({plan.study.kind}) of {plan.study.base}, into {out}"))
     say(f"runs: {len(requests):,}, at {len(points):,} points")

@@ -1,9 +1,9 @@
 """Parquet tables of a study's folder: `plan.parquet`, `runs.parquet`, `costs.parquet`, and the folder `trials`.
 
-Trials lie in folders by the values of axes that have few values. Each table is written beside its final place and
-renamed. All but the costs are equal to the bit in whichever order and wherever the runs were executed: rows are sorted
-by the plan's number and hold no times. The costs are written last, with a hash of what all tables were made of, so that
-a reader knows whether the tables are up to date (`study/results.py`).
+Trials are partitioned in folders by the values of axes with few values. Each table is written to a temporary path and
+renamed. All tables but the costs are reproducible to the bit, in whatever order and wherever the runs were executed:
+rows are sorted by the number in the plan and hold no times. The costs are written last, with a hash of the data behind
+all tables, from which readers see whether the tables are up to date (`study/results.py`).
 """
 
 import hashlib
@@ -34,8 +34,8 @@ ROW_GROUP = 50_000
 
 
 class Tables(NamedTuple):
-    """Tables of a study. runs: a row per run of the plan; trials: a row per trial of each group that has been run;
-    costs: a row per run that has been run.
+    """Tables of a study. runs: a row per run of the plan; trials: a row per trial of each group of the finished runs;
+    costs: a row per finished run.
     """
 
     runs: pa.Table
@@ -44,7 +44,7 @@ class Tables(NamedTuple):
 
 
 class Planned(NamedTuple):
-    """Table of a plan. about: name, kind, outcomes (path by column) and more of the study."""
+    """Table of a plan. about: metadata: name, kind, outcomes (path by column) and other settings of the study."""
 
     table: pa.Table
     about: Data
@@ -61,7 +61,7 @@ class Planned(NamedTuple):
 
     @property
     def fields(self) -> list[pa.Field]:
-        """Columns of the axes, without those of seeds."""
+        """Columns of the axes, without axes that set seeds."""
         kinds = {axis.name: self.table.schema.field(axis.name).type for axis in self.axes}
         return columns.axis_columns(self.axes, kinds)
 
@@ -70,7 +70,7 @@ class Planned(NamedTuple):
 
 
 def planned(plan: "Plan") -> Planned:
-    """Make the table of a plan, a row for each of its requests."""
+    """Return the table of a plan, a row for each run."""
     requests = sorted(plan.requests, key=lambda request: request.number)
     kinds = {}
     for axis in plan.axes:
@@ -98,7 +98,7 @@ def planned(plan: "Plan") -> Planned:
 
 
 def make_tables(plan: Planned, records: Iterable[Record], made_of: str = "") -> Tables:
-    """Make the tables of a plan and of records in any order, at most one per run.
+    """Return the tables of a plan and of records in any order, at most one record per run.
 
     Records of runs that are not in the plan are left out.
     """
@@ -140,16 +140,16 @@ def _trials(plan: Planned, came: list[Record], place: dict[str, int]) -> pa.Tabl
 
 
 def _costs(came: list[Record], schema: pa.Schema) -> pa.Table:
-    return pa.Table.from_pylist([{"run": one.run, **one.cost._asdict()} for one in came], schema)
+    return pa.Table.from_pylist([{"run": record.run, **record.cost._asdict()} for record in came], schema)
 
 
 def _number(value: object) -> float | int | None:
-    """Return a finite number as it is, anything else as None."""
+    """Return a finite number unchanged, any other value as None."""
     return value if isinstance(value, int | float) and isfinite(value) else None
 
 
 def _table(made: Mapping[str, Sequence[object] | pa.ChunkedArray], schema: pa.Schema) -> pa.Table:
-    """Make a table of one chunk per column, so that equal tables have equal bytes."""
+    """Return a table with one chunk per column, so that equal tables have equal bytes."""
     arrays = []
     for field in schema:
         values = made[field.name]
@@ -176,7 +176,7 @@ def read_plan(folder: Path) -> Planned:
 
 
 def publish(folder: Path, records: Iterable[Record]) -> None:
-    """Write the tables of the plan in a folder and of records in any order, unless they are up to date.
+    """Write the tables of a folder's plan and of records in any order, unless the tables are up to date.
 
     Raises OSError.
     """
@@ -185,14 +185,14 @@ def publish(folder: Path, records: Iterable[Record]) -> None:
         return
     plan = read_plan(folder)
     made = make_tables(plan, records, made_of)
-    (folder / COSTS).unlink(missing_ok=True)  # without costs no reader takes the others for whole
+    (folder / COSTS).unlink(missing_ok=True)  # readers ignore tables without costs
     _write(folder / RUNS, made.runs)
     _write_trials(folder, _folder_axes(plan), made.trials)
     _write(folder / COSTS, made.costs)
 
 
 def state(folder: Path) -> str:
-    """Return a hash of what tables are made of: the plan, and names and sizes of the parts."""
+    """Return a hash of the data behind the tables: the plan, and names and sizes of the parts."""
     found = hashlib.sha256((folder / PLAN).read_bytes())
     for name, size in sorted((part.name, part.stat().st_size) for part in (folder / PARTS).glob("*.parquet")):
         found.update(f"{name} {size}\n".encode())
@@ -200,7 +200,7 @@ def state(folder: Path) -> str:
 
 
 def held(folder: Path, made_of: str) -> int | None:
-    """Number of trials in the tables of a folder; None if there are no tables made of that state."""
+    """Return the number of trials in the tables of a folder; None if there are no tables of that state."""
     try:
         metadata = pq.read_schema(folder / COSTS).metadata or {}
     except (OSError, pa.ArrowException):
@@ -210,19 +210,19 @@ def held(folder: Path, made_of: str) -> int | None:
 
 
 def _folder_axes(plan: Planned) -> tuple[str, ...]:
-    """Axes by whose values the trials lie in folders: as many as make at most MOST_FOLDERS folders."""
+    """Return the axes that partition the trials, as many as give at most MOST_FOLDERS folders."""
     chosen: tuple[str, ...] = ()
     fields = {field.name for field in plan.fields}
     for axis in plan.axes:
         more = (*chosen, axis.name)
-        few = axis.partition and axis.name in fields
-        if few and len(plan.table.group_by(more).aggregate([])) <= MOST_FOLDERS:
+        splits = axis.partition and axis.name in fields
+        if splits and len(plan.table.group_by(more).aggregate([])) <= MOST_FOLDERS:
             chosen = more
     return chosen
 
 
 def _write_trials(folder: Path, names: tuple[str, ...], trials: pa.Table) -> None:
-    """Write the trials in folders by these axes, all of them before any is seen."""
+    """Write the trials in folders by these axes, first to a temporary folder, which is then renamed."""
     fresh, old = folder / f"{TRIALS}.new", folder / f"{TRIALS}.old"
     for left in (fresh, old):
         shutil.rmtree(left, ignore_errors=True)
@@ -238,7 +238,7 @@ def _write_trials(folder: Path, names: tuple[str, ...], trials: pa.Table) -> Non
 
 
 def _split(trials: pa.Table, names: Sequence[str]) -> list[tuple[Row, pa.Table]]:
-    """Split the trials by the values of some axes, each part in the order of the whole."""
+    """Return (values, trials) for each combination of values of some axes; trials keep their order."""
     if not names or not len(trials):
         return [({}, trials)]
     made = []
@@ -253,7 +253,7 @@ def _split(trials: pa.Table, names: Sequence[str]) -> list[tuple[Row, pa.Table]]
 
 
 def _key(value: object) -> str:
-    """Return a value as the name of a folder, as Hive writes it; numbers and booleans as Python does."""
+    """Return a value as the name of a folder (Hive partitioning); numbers and booleans as Python writes them."""
     return quote(str(value), safe=" ") or "__HIVE_DEFAULT_PARTITION__"
 
 
@@ -265,7 +265,7 @@ def _write(path: Path, table: pa.Table) -> None:
 
 
 def read(path: Path) -> pa.Table:
-    """Read a table, or all files of a folder in their order. Raises OSError, ValueError (of Arrow too)."""
+    """Read a table from a file, or from all files of a folder in order. Raises OSError, ValueError (also of Arrow)."""
     files = sorted(path.rglob("*.parquet")) if path.is_dir() else [path]
     tables = []
     for part in files:

@@ -1,8 +1,8 @@
 """Workers of a study: processes on this machine, or the workers of a Dask scheduler.
 
-Each worker is a `concurrent.futures.Executor` that is given a single task at a time: a worker that dies names the task
-that killed it, and a worker keeps the simulations that it has compiled. Processes on this machine end with the command
-and open no socket.
+Each worker is a `concurrent.futures.Executor` with a single task at a time, so that the task that killed a worker is
+known. A worker keeps its compiled simulations between tasks. Processes on this machine end with the command and open no
+socket.
 """
 
 import asyncio
@@ -35,19 +35,19 @@ if TYPE_CHECKING:
     Result: TypeAlias = list[Record] | AirRecord
     Work: TypeAlias = Callable[[Task], Result]
 
-LOG = "workers.log"  # what workers, and with --scheduler Dask, print
-CONNECT_S = 10.0  # for a scheduler to answer
-LOOK_S = 1.0  # between looks at the workers of a scheduler
+LOG = "workers.log"  # output of workers and, with --scheduler, of Dask
+CONNECT_S = 10.0  # timeout of the connection to a scheduler
+LOOK_S = 1.0  # interval between checks of a scheduler's workers
 ENVIRONMENT = {
     **dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
-    "PYTHONSAFEPATH": "1",  # a worker imports no socket.py of the working folder
+    "PYTHONSAFEPATH": "1",  # workers do not import modules of the working folder, such as a socket.py
 }
 
-_TAICHI = threading.Lock()  # one thread of a process at a time can use Taichi
+_TAICHI = threading.Lock()  # only one thread of a process at a time can use Taichi
 
 
 class WorkersError(Exception):
-    """No workers, or workers that were lost; the message is one line. code: exit code of the command."""
+    """Error of missing or lost workers; the message is one line. code: exit code of the command."""
 
     def __init__(self, message: str, code: int = 1):
         super().__init__(visible(message))
@@ -57,7 +57,7 @@ class WorkersError(Exception):
 def work(task: "Task") -> "Result":
     """Film the air of a task or execute its runs. Threads of a worker take turns.
 
-    Called in workers: Taichi is imported here, so that the command does without.
+    Called in workers. Taichi is imported only here: the command itself does not need Taichi.
     """
     with _TAICHI:
         if task.solve:
@@ -73,9 +73,9 @@ def work(task: "Task") -> "Result":
 
 
 class LocalWorkers:
-    """Worker processes on this machine: an executor of one process each. Standard output and errors go to `out`.
+    """Worker processes on this machine, each an executor of one process. Their output goes to a log in `out`.
 
-    death: exception of a task whose worker died; remarks: notes that the user has not seen yet.
+    death: exception of a task whose worker died; remarks: notes to print to the user.
     """
 
     death: type[BaseException] = BrokenProcessPool
@@ -88,11 +88,11 @@ class LocalWorkers:
         self._processes: set[BaseProcess] = set()
 
     def workers(self) -> list[str]:
-        """Names of the workers; a worker that died is started again by the next task that it is given."""
+        """Return the names of the workers. The next task of a dead worker starts a new process."""
         return self._names
 
     def submit(self, worker: str, function: "Work", task: "Task") -> "Future[Result]":
-        """Let a worker execute a task; the worker's process is started if there is none."""
+        """Submit a task to a worker; start the worker's process if there is none."""
         with suppress(KeyError, BrokenProcessPool):
             return self._executors[worker].submit(function, task)
         context = multiprocessing.get_context("spawn")
@@ -120,7 +120,7 @@ Workers: TypeAlias = "LocalWorkers | DaskWorkers"
 
 
 def cores() -> int:
-    """Number of CPU cores that this process may use: by its affinity and, on Linux, the quota of its control group."""
+    """Return the number of CPU cores for this process, from CPU affinity and, on Linux, the control group's quota."""
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     with suppress(OSError, ValueError):  # the quota may be "max"
         quota, period = map(int, Path("/sys/fs/cgroup/cpu.max").read_text().split())
@@ -129,7 +129,7 @@ def cores() -> int:
 
 
 def _begin_process(log: Path) -> None:
-    """Initialise a worker process: print to the log, and end if the command was killed."""
+    """Initialise a worker process: redirect output to the log, and exit when the command ends."""
     file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     for stream in (1, 2):
         os.dup2(file, stream)
@@ -146,7 +146,7 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def _blocked_signals() -> Iterator[None]:
-    """Start processes that ignore Ctrl-C and the hang-up of the terminal, which both reach all processes of a group."""
+    """Context whose new processes ignore SIGINT (Ctrl-C) and SIGHUP, which the terminal sends to the whole group."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -162,7 +162,7 @@ def _blocked_signals() -> Iterator[None]:
 
 @contextmanager
 def _environment() -> Iterator[None]:
-    """Start processes with the variables of ENVIRONMENT; those of this process stay as they are."""
+    """Context whose new processes have the variables of ENVIRONMENT; afterwards the environment is restored."""
     before = {name: os.environ[name] for name in ENVIRONMENT if name in os.environ}
     os.environ.update(ENVIRONMENT)
     try:
@@ -200,16 +200,16 @@ class DaskWorkers:
         self.death: type[BaseException] = KilledWorker
         self.remarks: list[str] = []
         content = (out / "study.yaml").read_bytes()
-        self._unfit = partial(unfit, __version__, out.resolve(), content, plan.folder.resolve())
+        self._why_unusable = partial(unfit, __version__, out.resolve(), content, plan.folder.resolve())
         self._executors: dict[str, Executor] = {}
         self._looked = float("-inf")
         self._lonely = False
 
     def workers(self) -> list[str]:
-        """Addresses of the workers. Raises WorkersError also if a worker cannot be used for the study."""
+        """Return the addresses of the workers. Raises WorkersError, also if a worker cannot be used for the study."""
         if time.monotonic() - self._looked > LOOK_S:
             self._looked = time.monotonic()
-            with suppress(OSError, RuntimeError, ValueError):  # the scheduler is gone, which its status says
+            with suppress(OSError, RuntimeError, ValueError):  # if the scheduler is gone, see `status`
                 self._look(dict(self.client.nthreads()))
             if self.client.status not in ("running", "connecting"):
                 raise WorkersError("the scheduler is gone")
@@ -222,7 +222,7 @@ class DaskWorkers:
         several = [address for address in fresh if threads[address] > 1]
         if several:
             self.remarks.append(
-                f"note: {len(several)} workers have several threads ({min(several)}), of which one is used: "
+                f"note: {len(several)} workers have several threads ({min(several)}), but use only one: "
                 "start them with --nthreads 1, and --nworkers as many as there are cores"
             )
         for address in fresh:
@@ -232,11 +232,11 @@ class DaskWorkers:
         if not threads and not self._lonely:
             self._lonely = True
             scheduler = self.client.scheduler.address
-            self.remarks.append(f"no workers there; one is started by: dask worker {scheduler} --nthreads 1")
+            self.remarks.append(f"no workers there; start one by: dask worker {scheduler} --nthreads 1")
 
     def _require_fit(self, addresses: set[str]) -> None:
-        """Raise WorkersError if a worker has another version or does not see the study's files."""
-        answers = self.client.run(self._unfit, workers=list(addresses), on_error="return")
+        """Raise WorkersError if a worker has another version or cannot access the study's files."""
+        answers = self.client.run(self._why_unusable, workers=list(addresses), on_error="return")
         for address, answer in sorted(answers.items()):
             if not answer or isinstance(answer, OSError):  # OSError: the worker is gone
                 continue
@@ -250,27 +250,27 @@ class DaskWorkers:
         return self._executors[worker].submit(function, task)
 
     def close(self) -> None:
-        """Leave the scheduler, which drops tasks that have not begun."""
+        """Disconnect from the scheduler, which drops tasks that have not started."""
         with ignoring_signals(), suppress(Exception):
             self.client.close(timeout=2)
-        self.client.status = "closed"  # also without an answer, for which its finalizer would wait again
+        self.client.status = "closed"  # otherwise the client's finalizer would wait for an answer again
 
 
 def unfit(version: str, out: Path, content: bytes, folder: Path) -> str:
     """Return why this worker cannot be used for a study, in one line; "" if it can.
 
-    version: of the command; out: the study's folder; content: of its study.yaml; folder: of the base scenario.
+    version: of the command; out: folder of the study; content: of study.yaml; folder: folder of the base scenario.
     """
     if version != __version__:
-        return f"has taichi_plume {__version__}, and this is {version}: install the same there"
+        return f"has taichi_plume {__version__}, the command has {version}: install the same version there"
     try:
         same = (out / "study.yaml").read_bytes() == content
     except OSError:
         same = False
     if not same:
-        return f"does not see the study's folder {out}: it has to lie on a disk that all workers share"
+        return f"does not see the study's folder {out}: it must lie on a disk that all workers share"
     if not folder.is_dir():
-        return f"does not see the scenario's folder {folder}: it has to lie on a disk that all workers share"
+        return f"does not see the scenario's folder {folder}: it must lie on a disk that all workers share"
     return ""
 
 
@@ -279,20 +279,20 @@ def _require_scheduler(address: str) -> None:
     try:
         kind = asyncio.run(asyncio.wait_for(_kind(address), CONNECT_S))
     except (OSError, ValueError, TypeError, LookupError, ImportError, RuntimeError, AssertionError) as error:
-        # on the way to a tls:// address a certificate may be wrong, which the error says
+        # with a tls:// address the error may state what is wrong with a certificate
         refused = isinstance(error, OSError) and not address.startswith("tls:")
         silent = refused or not str(error)
         kind = "nothing answers" if silent else f"{type(error).__name__}: {error}"
     if kind != "Scheduler":
         raise WorkersError(
-            f"--scheduler {address}: no Dask scheduler there ({kind}); one is started by: dask scheduler", 2
+            f"--scheduler {address}: no Dask scheduler there ({kind}); start one by: dask scheduler", 2
         )
 
 
 async def _kind(address: str) -> str:
-    """Kind of the Dask server at an address: "Scheduler", "Worker" or "Nanny". Raises all sorts of errors.
+    """Return the kind of the Dask server at an address: "Scheduler", "Worker" or "Nanny". Raises many error types.
 
-    A tls:// address takes the certificate and key of Dask's configuration, as `Client` does.
+    For a tls:// address, certificate and key come from Dask's configuration, as for `Client`.
     """
     from distributed.core import rpc
     from distributed.security import Security
@@ -303,7 +303,7 @@ async def _kind(address: str) -> str:
 
 
 def _log_to(log: Path) -> None:
-    """Write what Dask logs to a file, as the terminal is the command's. Call before distributed is imported."""
+    """Redirect the logging of Dask to a file. Must be called before distributed is imported."""
     warnings.filterwarnings("ignore", module=r"(distributed|dask)\b")
     import dask.config
 

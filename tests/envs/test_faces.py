@@ -221,11 +221,11 @@ WALKED = {
         ({"scenario": TASK, "render_mode": "ansi"}, "render_mode: got 'ansi'"),
         ({"scenario": TASK, "bank": "nowhere.zarr"}, "nowhere.zarr"),
         ({"scenario": TASK, "bank": 3}, "bank: got int"),
-        ({"scenario": TASK, "overrides": "task.airs=3"}, "overrides: got one text"),
+        ({"scenario": TASK, "overrides": "task.airs=3"}, "overrides: got a text"),
         ({"scenario": TASK, "overrides": [3]}, "overrides: .* list of texts"),
         ({"scenario": TASK, "overrides": 3}, "overrides: .* list of texts"),
         ({"scenario": task(**HEAVY)}, "none is alone in what is recorded"),
-        ({"scenario": TASK, "overrides": ["task.airs=3"]}, "overrides: are for a scenario that is a file"),
+        ({"scenario": TASK, "overrides": ["task.airs=3"]}, "overrides: apply only to a scenario file"),
     ],
 )
 def test_what_is_no_task_is_told_in_a_line(keys, told):
@@ -296,7 +296,7 @@ def test_pettingzoos_tests_pass(made):
         assert team.possible_agents == ["robot_0", "robot_1"]
         parallel_api_test(team, num_cycles=60)
         team.reset(seed=1)
-        with pytest.raises(ValueError, match="actions: there is none of robot_1"):
+        with pytest.raises(ValueError, match="actions: missing for robot_1"):
             team.step({"robot_0": np.zeros(2, np.float32)})
         two = iter([team, parallel_env(TASK)])
         parallel_seed_test(lambda: next(two), num_cycles=20)
@@ -343,7 +343,7 @@ def test_a_closed_environment_says_so_and_closes_twice(made):
     for use in (envs.reset, lambda: envs.step(np.zeros((COUNT, 2), np.float32)), envs.render):
         if use == envs.render:
             envs.render_mode = "rgb_array"
-        with pytest.raises(ValueError, match="the environment is closed; make another one"):
+        with pytest.raises(ValueError, match="the environment is closed; make another"):
             use()
 
 

@@ -88,7 +88,7 @@ def test_films_that_tell_too_little(film, tmp_path):
     path, _ = film
     with pytest.raises(RunFolderError, match="at least 16"):
         statistics.of(path, start=30.0)
-    with pytest.raises(RunFolderError, match="holds no acetone, but ethanol"):
+    with pytest.raises(RunFolderError, match="holds no acetone, only ethanol"):
         statistics.of(path, gas="acetone")
     empty = NewFilm(tmp_path / "e.zarr", (4, 4), DX, {"depth": 1.0, "periodic": [False] * 2}, [], {}, ())
     empty.flush()

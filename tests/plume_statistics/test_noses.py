@@ -26,14 +26,14 @@ def lagging(tau, **keys) -> PidSensor:
 
 def kept(records, threshold, *models):
     ppm = records if records.ndim == 2 else records[:, None]
-    return smelt([Nose("", one) for one in models], "isobutylene", STEP, ppm, threshold).kept
+    return smelt([Nose("", one) for one in models], "isobutylene", STEP, ppm, threshold).sensors
 
 
 def test_pulses_far_apart_are_kept_and_close_ones_are_one():
     fast, slow = lagging(0.05), lagging(12.0)
     far, near = kept(pulses(2, 60, 8), 1.0, fast, slow), kept(pulses(2, 0.5, 20), 1.0, fast, slow)
-    assert [(one.kept, one.whiffs, one.rises) for one in far] == [(8, 8, 8), (8, 8, 8)]
-    assert [(one.kept, one.whiffs) for one in near] == [(20, 20), (1, 20)]
+    assert [(one.seen, one.whiffs, one.rises) for one in far] == [(8, 8, 8), (8, 8, 8)]
+    assert [(one.seen, one.whiffs) for one in near] == [(20, 20), (1, 20)]
 
 
 def test_a_lag_decides_by_its_closed_form():
@@ -47,10 +47,10 @@ def test_a_lag_decides_by_its_closed_form():
         gap = tau * np.log(peak / threshold)
         for factor, whole in ((0.93, 1), (1.07, 2)):
             record = pulses(width, gap * factor, 2)
-            assert kept(record, threshold, lagging(tau))[0].kept == whole
+            assert kept(record, threshold, lagging(tau))[0].seen == whole
     longest = -tau * np.log(1 - 3.0 / height)
-    assert kept(pulses(0.9 * longest, 9, 3), 3.0, lagging(tau))[0].kept == 0
-    assert kept(pulses(1.1 * longest, 9, 3), 3.0, lagging(tau))[0].kept == 3
+    assert kept(pulses(0.9 * longest, 9, 3), 3.0, lagging(tau))[0].seen == 0
+    assert kept(pulses(1.1 * longest, 9, 3), 3.0, lagging(tau))[0].seen == 3
 
 
 def test_readings_are_those_of_the_lag():
@@ -71,7 +71,7 @@ def test_the_ideal_sensor_keeps_all_and_so_does_one_that_reads_another_gas():
     ideal = IdealGasSensor(kind="ideal", period=STEP)
     found = smelt(
         [Nose("", ideal), Nose("", lagging(0.0))], "ethanol", STEP, record.astype(np.float32), 1.0
-    ).kept
+    ).sensors
     assert found[0].whiffs > 100
     assert [one.share for one in found] == [1.0, 1.0]
     assert found[1].threshold == pytest.approx(0.1)  # the detector's reading of 1 ppm of ethanol
@@ -83,17 +83,17 @@ def test_a_metal_oxide_of_12_s_merges_what_a_sensor_of_50_ms_tells_apart():
     assert slow.model.signal.rise == slow.model.signal.decay == 12.0
     assert fast.model.signal.rise == 0.05
     record = pulses(1.0, 0.5, 30, 50.0)
-    merged, apart = smelt([slow, fast], "isobutylene", STEP, record[:, None], 5.0).kept
+    merged, apart = smelt([slow, fast], "isobutylene", STEP, record[:, None], 5.0).sensors
     assert apart.share == 1.0
-    assert merged.kept <= 1
-    far, _ = smelt([slow, fast], "isobutylene", STEP, pulses(10.0, 100.0, 3, 50.0)[:, None], 5.0).kept
+    assert merged.seen <= 1
+    far, _ = smelt([slow, fast], "isobutylene", STEP, pulses(10.0, 100.0, 3, 50.0)[:, None], 5.0).sensors
     assert far.share == 1.0
 
 
 def test_whiffs_that_the_record_cuts_do_not_count():
     record = np.concatenate([np.full(100, 5.0), pulses(0.5, 0.5, 4), np.full(50, 5.0)]).astype(np.float32)
     (found,) = kept(record, 1.0, lagging(0.0))
-    assert (found.whiffs, found.kept, found.rises) == (4, 4, 4)
+    assert (found.whiffs, found.seen, found.rises) == (4, 4, 4)
     (none,) = kept(np.full(50, 5.0, np.float32), 1.0, lagging(0.0))
     assert none.whiffs == 0
     assert np.isnan(none.share)

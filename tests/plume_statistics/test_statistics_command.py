@@ -299,7 +299,7 @@ def test_bad_input_is_told_before_taichi_is_imported(tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--gas", "helium"], "holds no helium, but ethanol, acetone"),
+        (["--gas", "helium"], "holds no helium, only ethanol, acetone"),
         (["--probe", "\x1bx"], r"has no probe \x1bx"),
         (["--from", "11.9"], "at least 16 are needed"),
         (["--from", "99"], "holds 0 samples from 99 s on"),

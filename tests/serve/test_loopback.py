@@ -177,8 +177,8 @@ def test_a_token_is_asked_for(tmp_path):
         with Team(f"127.0.0.1:{port}", group="team", token="a long secret") as team:
             assert team.wait() is not None
             for wrong, why in (
-                ({"speed": [0.1, 0.2, 0.3]}, r"speed: got an array of shape \(3,\), takes one of \(4,\)"),
-                ({"speed": [0.1, 0.2, np.nan, 0.3]}, "speed of robot 2: got nan, takes a number"),
+                ({"speed": [0.1, 0.2, 0.3]}, r"speed: got an array of shape \(3,\), must have shape \(4,\)"),
+                ({"speed": [0.1, 0.2, np.nan, 0.3]}, "speed of robot 2: got nan, must be finite"),
                 ({"speed": 0.1, "declared": [1.0, 2.0, 3.0]}, "declared: got an array of shape"),
             ):
                 with pytest.raises(ValueError, match=why):
@@ -235,7 +235,7 @@ def test_a_token_that_is_none(monkeypatch, capsys, token, why):
 
 @pytest.mark.parametrize("robots", [[-1], [0.5], [], "a", [[0]]])
 def test_numbers_of_robots(robots):
-    with pytest.raises(ValueError, match="takes numbers from 0 on"):
+    with pytest.raises(ValueError, match="must be whole numbers from 0 on"):
         Team(robots=robots)
 
 
@@ -246,7 +246,7 @@ def test_an_address_that_is_taken(tmp_path):
         with served(tmp_path, "--websocket", "0", port=one.getsockname()[1]) as process:
             told = process.communicate(timeout=ENOUGH)[1]
             assert process.returncode == 2, told
-            assert "cannot be listened at" in told
+            assert "cannot be opened" in told
             assert "Traceback" not in told
 
 

@@ -46,10 +46,10 @@ def test_probes_are_those_of_the_scenario(tmp_path):
     }
     found = faults(write(tmp_path, room, outcomes=bad))
     assert found[0] == "outcomes.a: there is no probe 'a'; the scenario has a.b"
-    told = "they tell wind_x, wind_y, ethanol_ppm, pressure"
-    assert found[1:3] == [f"outcomes.{key}: probes do not tell '{name}'; {told}" for key, name in
+    has = "they have wind_x, wind_y, ethanol_ppm, pressure"
+    assert found[1:3] == [f"outcomes.{key}: probes have no quantity '{name}'; {has}" for key, name in
                           (("b", "wind_z"), ("c", "temperature"))]  # fmt: skip
-    assert found[3].startswith("outcomes.d: probes.wind_x is no path of a probe")
+    assert found[3].startswith("outcomes.d: probes.wind_x is not the path of a probe")
 
 
 def test_an_outcome_of_some_points_alone_can_be(tmp_path):

@@ -180,7 +180,7 @@ def test_interrupted_while_a_scheduler_is_silent(tmp_path):
             os.killpg(process.pid, signal.SIGINT)
             code, said = finish(process)
     assert code == 130, said
-    assert "interrupted; what is done is kept" in said
+    assert "interrupted; finished runs are kept" in said
 
 
 def test_failures_are_told_and_retried(tmp_path):
@@ -194,7 +194,7 @@ def test_failures_are_told_and_retried(tmp_path):
     assert "37 of 40 runs are done" in said
     messages = {one.run[-2:]: one.message for one in Store(out).records() if one.status == "failed"}
     assert messages == {
-        "07": "killed its worker 2 times: too little memory? see workers.log", "14": "it burst", "15": "ValueError: odd"
+        "07": "worker died 2 times: too little memory? see workers.log", "14": "it burst", "15": "ValueError: odd"
     }  # fmt: skip
     for line in messages.values():
         assert line in said
@@ -347,7 +347,7 @@ def test_its_workers_come_late_and_die(tmp_path, unbroken):
         worker = (tmp_path, address, "--nthreads", "1")
         with dask("worker", *worker), dask("worker", *worker):
             code, said = finish(process)
-    assert "no workers there; one is started by: dask worker tcp://127.0.0.1" in said
+    assert "no workers there; start one by: dask worker tcp://127.0.0.1" in said
     assert code == 0
     assert table(out) == unbroken
 
@@ -362,7 +362,7 @@ def test_the_scheduler_dies(tmp_path, unbroken):
         code, said = finish(process)
     assert code == 1
     assert "the scheduler is gone" in said
-    assert "the same command goes on" in said
+    assert "the same command resumes" in said
     assert 0 < len(Store(out).statuses()) < 60
     assert study(out, told, "--workers=2")[0] == 0
     assert table(out) == unbroken

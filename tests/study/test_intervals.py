@@ -149,9 +149,9 @@ ONE = Estimate(0.68, 0.512, 0.816, 40, 10, "airs")
     ("one", "unit", "sentence"),
     [
         (ONE, "", "68 % of 40 searches, 95 % interval 51-82 % over 10 airs"),
-        (ONE._replace(over="few", airs=3), "", "51-82 % over 3 airs, so few that it is wide"),
+        (ONE._replace(over="few", airs=3), "", "51-82 % over 3 airs; more airs would narrow it"),
         (ONE._replace(over="one air", airs=1), "", "68 % of 40 searches, no interval: one air"),
-        (ONE._replace(over="searches", airs=1), "", "over the searches, as chance does not change the air"),
+        (ONE._replace(over="searches", airs=1), "", "over the searches, as all have the same air"),
         (Estimate(0.999, 0.9968, 0.9999, 900, 90, "airs"), "", "interval 99.7-100.0 %"),
         (
             Estimate(-1.5, -2.25, 0.5, 1, 6, "airs"),
@@ -163,7 +163,7 @@ ONE = Estimate(0.68, 0.512, 0.816, 40, 10, "airs")
             "s",
             "60 s, mean of 24 searches, no interval: all 6 airs",
         ),
-        (None, "", "nothing to count"),
+        (None, "", "no data"),
     ],
 )
 def test_words(one, unit, sentence):

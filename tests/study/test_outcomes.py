@@ -11,7 +11,7 @@ from taichi_plume.scenario.motion import Motion
 from taichi_plume.scenario.obstacles import Cylinder
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.maps import MapScores
-from taichi_plume.study.outcomes import Wanted
+from taichi_plume.study.outcomes import OutcomeCheck
 
 pytestmark = pytest.mark.usefixtures("taichi")
 OF_THE_MACHINE = {"wall_s", "Mcell_steps_per_s"}
@@ -42,7 +42,7 @@ def run() -> tuple[Scenario, set[str]]:
 
 
 def refused(scenario: Scenario, paths: set[str]) -> set[str]:
-    wanted = Wanted({path: path for path in paths}, ())
+    wanted = OutcomeCheck({path: path for path in paths}, ())
     wanted.look(scenario)
     assert len(wanted.lines) == len(wanted.outcomes)
     return set(wanted.outcomes)
@@ -68,7 +68,7 @@ def test_beliefs_leave_maps(run):
     believing = [group.model_copy(update={"algorithm": algorithm}) for group in scenario.robots]
     for robots, absent in ((scenario.robots, ["maps.zarr"]), (believing, [])):
         one = scenario.model_copy(update={"maps": (), "robots": tuple(robots)})
-        wanted = Wanted({"p": "beliefs.0.within_reach", "no": "beliefs.9.within_reach"}, ["maps.zarr"])
+        wanted = OutcomeCheck({"p": "beliefs.0.within_reach", "no": "beliefs.9.within_reach"}, ["maps.zarr"])
         wanted.look(one)
         assert wanted.keep == absent
         assert list(wanted.outcomes) == (["p", "no"] if absent else ["no"])

@@ -137,7 +137,7 @@ def test_that_holds_of_other_airs(case, tmp_path):
         ({}, {"wind": "probes.a.wind_x"}, "always", (), "outcomes.wind"),
         ({}, {}, "exact", ("fields.zarr",), "keep: fields.zarr"),
         ({}, {}, "exact", ("result.json",), "keep: result.json"),
-        ({"wind": UNIFORM["wind"], "gas": UNIFORM["gas"]}, {}, "always", (), "cost nothing"),
+        ({"wind": UNIFORM["wind"], "gas": UNIFORM["gas"]}, {}, "always", (), "a film saves nothing"),
         ({"wind": UNIFORM["wind"]}, {}, "exact", (), None),
     ],
 )

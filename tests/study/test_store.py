@@ -98,7 +98,7 @@ def test_it_goes_on_after_the_last_part(tmp_path, plan):
 def test_another_studys_folder(tmp_path, plan):
     begun(tmp_path, plan, [record("a" * 16), record("d" * 16)], [record("e" * 16)], [record("b" * 16)])
     (tmp_path / "kept" / ("d" * 16)).mkdir(parents=True)
-    with pytest.raises(StoreError, match="holds 2 runs that this study does not ask for"):
+    with pytest.raises(StoreError, match="holds 2 runs that this study does not have"):
         Store(tmp_path).begin(plan)
     assert len(Store(tmp_path).statuses()) == 4
     with Store(tmp_path) as store:

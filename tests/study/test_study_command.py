@@ -36,7 +36,7 @@ def test_check_tells_what_it_makes(case, capsys):
     assert main(["study.yaml", "--check"]) == 0
     told = capsys.readouterr().out
     assert "runs: 6, at 3 points" in told
-    assert "airs: 2; 6 runs share theirs with others" in told
+    assert "airs: 2; 6 runs share their air with other runs" in told
     assert "threshold [ppm]" in told
     assert not (case / "studies").exists()
 

@@ -34,7 +34,7 @@ def test_files_have_to_lie_in_the_folder_unless_it_is_said(tmp_path):
         ("name: a", "missing key 'base'"),
         (
             "name: a\nduration: 3\ndomain: {size: [1, 1]}",
-            "is a scenario, no study; python -m taichi_plume.run runs it once, and a study names it as its base",
+            "is a scenario, not a study; python -m taichi_plume.run runs scenarios; a study names its base scenario",
         ),
     ],
 )

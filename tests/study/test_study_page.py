@@ -73,7 +73,7 @@ def test_a_page_says_what_was_varied_and_what_came_of_it(write, sweep, tmp_path)
     assert re.search(r"\d+ % of 138 searches, 95 % interval \d+-\d+ % over 6 airs", read.text)
     assert "6 points, each in 6 airs with 2 runs in each: 72 runs. The base is arena.yaml." in read.text
     assert f"failed/{records[3].run}/scenario.yaml" in read.text
-    assert "2 of 72 runs have not been made yet" in read.text
+    assert "2 of 72 runs are missing" in read.text
     assert f"select * from '{tmp_path}/trials/**/*.parquet'" in read.text
     assert f"python -m taichi_plume.study study.yaml --out {tmp_path}" in read.text
     assert read.text.count("casting") > 6
@@ -126,16 +126,16 @@ def test_nothing_of_a_study_gets_to_command_a_page(write, sweep):
     ("plan", "trials", "said"),
     [
         (made_study.plan({}, [()], airs=2), [made_study.trial()], "all 100 % of 2 searches"),
-        (made_study.plan({}, [()], airs=6), [], "0.5, mean of 6 runs, no interval: all 6 airs gave the same"),
+        (made_study.plan({}, [()], airs=6), [], "0.5, mean of 6 runs, no interval: all 6 airs have the same result"),
         (
             made_study.plan({"speed": Axis("speed", "m/s", True)}, [(0.2,), (0.3,)], airs=4, by_chance=False),
             [made_study.trial(), made_study.trial(1, False)],
-            "50 % of 16 searches, 95 % interval 28-72 % over the searches, as chance does not change the air",
+            "50 % of 16 searches, 95 % interval 28-72 % over the searches, as all have the same air",
         ),
         (
             made_study.plan({"speed": Axis("speed", "m/s", True)}, [(0.2,), (0.3,)], airs=1),
             [made_study.trial()],
-            "no interval: one air says nothing of others",
+            "no interval: one air is not enough",
         ),
         (
             made_study.plan({"on": Axis("on", "", True)}, [(True,), (False,)], airs=1),
