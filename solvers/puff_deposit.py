@@ -107,7 +107,7 @@ class Deposit:
 
     @ti.func
     def _along(self, lane, d: ti.template(), x, s, first, size, below, above):  # type: ignore[valid-type]
-        """Set a puff's fractions in the cells along an axis with closed (1) or open (0) ends; return their sum."""
+        """Set a puff's fractions in cells along an axis with closed (1) or open (0) ends; return the part inside."""
         L, dx = ti.static(self.grid.extent[d]), ti.static(self.grid.dx)
         for k in range(size):
             low, high = (first + k) * dx, (first + k + 1) * dx
