@@ -123,7 +123,7 @@ class SnapMap(GasMap):
     A subclass writes both sums of S for the snapshot after the last in `_forecast()`, and returns `remembered` for
     readings of `lag` snapshots ago, the last being 1, in `remembered_of(lag, place)`.
 
-    snapshots: snapshots of other maps, to share. `errors` holds the MAE of each snapshot but the first, over the forecast
+    snapshots: those of other maps, to share. `errors` holds the MAE of each snapshot but the first, over the forecast
     cells; NaN without forecast or samples.
     """
 
