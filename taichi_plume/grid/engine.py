@@ -101,9 +101,7 @@ def _reset(plain: Callable = impl.reset) -> None:
     plain()
     _trees.clear()
     KERNELS.compiled = 0
-    impl.get_runtime().print_full_traceback = (
-        False  # a failing kernel reads this value, and only `init` sets it
-    )
+    impl.get_runtime().print_full_traceback = False  # read by failing kernels, set only by `init`
 
 
 _trees: list[SNodeTree] = []

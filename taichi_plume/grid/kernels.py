@@ -38,9 +38,7 @@ _CACHE_FOLDER = "TI_OFFLINE_CACHE_FILE_PATH"  # Taichi's own variable
 STALE_S = 60.0  # age of the cache's lock, which Taichi holds for less than a second
 STRIP = 32  # cells per strip; 100 and more are six times slower (LLVM stops using registers)
 MANY_CELLS = 50_000  # cells set by a pass: from here on a separate launch costs comparatively little
-FEW_CELLS = (
-    300_000  # cells set by a pass: up to here the caller's thread finishes before another thread wakes up
-)
+FEW_CELLS = 300_000  # cells set by a pass: up to here the caller's thread is done before another wakes up
 FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer rows, strips are tasks too
 
 _started: list[Any] = []  # program, arch, debug and threads of the last start
@@ -105,9 +103,7 @@ def ensure_started() -> None:
 def _in_use() -> bool:
     """Return whether a reference to a field of the running program is left."""
     for kernel in KERNELS:
-        if (
-            kernel.template_slot_locations
-        ):  # the kernel holds references to the fields that were its arguments
+        if kernel.template_slot_locations:  # the kernel holds the fields that were its arguments
             kernel.mapper.mapping.clear()
             kernel.compiled_kernels.clear()
     gc.collect()
