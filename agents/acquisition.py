@@ -15,8 +15,9 @@ def ticks_between(model: Listening, tick: float) -> int:
 
 @ti.data_oriented
 class Acquisition:
-    """The acquisitions of robots: call `listen` in each tick of standing still, and take the `mean` when it is
-    complete. parameters: with the `numbers` of acquisitions.
+    """Acquisitions of robots, sampled in each tick of standing still; read `mean` once an acquisition is complete.
+
+    parameters: include the `numbers` of acquisitions.
     """
 
     STATE: tuple[str, ...] = ("since", "total")
@@ -56,7 +57,7 @@ class Acquisition:
 
     @ti.func
     def _hear(self, n, k, ppm):
-        """Take in sample k, from 0 on."""
+        """Add sample k, from 0 on."""
         self.total[n] += ppm
 
     @ti.func

@@ -1,4 +1,4 @@
-"""Search algorithms: their protocol, and the base class of those that are Taichi kernels over robots."""
+"""Protocol of search algorithms, and base class of search algorithms in Taichi kernels over robots."""
 
 from typing import Any, ClassVar, Protocol
 
@@ -27,7 +27,7 @@ class Algorithm(Protocol):
         ...
 
     def begin(self) -> None:
-        """Set the numbers to the present ones of `members.groups`, and the state to that at the start of a run."""
+        """Set the numbers to the present ones of `members.groups`, and the state to the start of a run."""
         ...
 
     def act(self, tick: int, t: float, dt: float) -> None:
@@ -37,11 +37,11 @@ class Algorithm(Protocol):
 
 @ti.data_oriented
 class KernelAlgorithm:
-    """An algorithm in Taichi. tick: control period [s].
+    """Search algorithm in Taichi. tick: control period [s].
 
-    A subclass gives `numbers`, makes its fields and parts in `_allocate`, and overrides `_step`, a tick of one robot,
-    and `_start`, the state of a robot at the start of a run, where that is not zero. In these, robot n of the
-    algorithm is robot i = `robot[n]` of the swarm, and `p.threshold[n]` the number "threshold" of its group.
+    A subclass defines `numbers`, allocates its fields and parts in `_allocate`, and overrides `_step`, a tick of a
+    robot, and `_start`, the initial state of a robot if it is not zero. In these, robot n of the algorithm is robot i =
+    `robot[n]` of the swarm, and `p.threshold[n]` the number "threshold" of its group.
     """
 
     PER_GROUP: bool = False

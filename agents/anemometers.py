@@ -1,4 +1,4 @@
-"""Anemometers: wind vectors with lag, noise and a threshold."""
+"""Anemometers: wind vectors with sensor lag (time constant), noise and a threshold."""
 
 from functools import partial
 
@@ -14,8 +14,8 @@ from taichi_plume.grid.rng import normal4
 
 @ti.data_oriented
 class Anemometers:
-    """The anemometers of some groups; they write `wind` and `wind_known`. dim: of the wind; in 3-D the anemometers
-    sit at their heights. tick: control period [s].
+    """Anemometers of several groups; they write `wind` and `wind_known`. dim: dimension of the wind; in 3-D the
+    anemometers sit at their heights. tick: control period [s].
     """
 
     STATE = ("felt",)
@@ -24,7 +24,7 @@ class Anemometers:
         self.members, self.swarm, self.dim = members, members.swarm, dim
         self.feels_motion = not all(group.model.sensors.wind.compensated for group in members.groups)
         self.p = Parameters(members, partial(_sensor_numbers, tick), stream="anemometer")
-        self.felt = ti.Vector.field(2, ti.f32, members.size)  # wind behind the lag [m/s]
+        self.felt = ti.Vector.field(2, ti.f32, members.size)  # wind after the lag [m/s]
 
     def begin(self) -> None:
         self.p.begin()

@@ -15,15 +15,15 @@ from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.scenario.belief_algorithms import Declares
 
 LEAST = 1e-12  # probability that counts as none
-APART = 2.0  # times the spread of a sure belief: places as far apart are two, not one
+APART = 2.0  # in spreads of a sure belief: least distance of two distinct positions
 
 
 @runtime_checkable
 class Believer(Protocol):
-    """An algorithm whose robots have beliefs of the source's position."""
+    """Protocol of algorithms whose robots have beliefs of the source's position."""
 
     members: Members
-    """Its robots, see `Members`."""
+    """Robots of the algorithm, see `Members`."""
     belief_cell: float
     """Edge of the maps' cells [m]."""
     belief_low: np.ndarray
@@ -38,8 +38,8 @@ class Believer(Protocol):
 
 @ti.data_oriented
 class Beliefs:
-    """The beliefs of robots as probabilities `p[n, a, b]` of the cells of the search area, uniform at first. cell:
-    edge of the square cells [m]. low: lower corner of the search area; extent: its size [m].
+    """Beliefs of robots: probabilities `p[n, a, b]` of the cells of the search area, uniform at first. cell: edge of
+    the square cells [m]. low: lower corner of the search area; extent: size of the search area [m].
     """
 
     STATE: tuple[str, ...] = ("p",)
@@ -54,7 +54,7 @@ class Beliefs:
 
     @ti.func
     def middle(self, a, b):
-        """Return the centre of cell (a, b), from the lower corner of the search area on [m]."""
+        """Return the centre of cell (a, b), relative to the lower corner of the search area [m]."""
         return self.cell * (ti.Vector([a, b]) + 0.5)
 
     @ti.func
@@ -72,7 +72,7 @@ class Beliefs:
 
     @ti.func
     def mean(self, n):
-        """Return the expected position of the source, from the lower corner of the search area on [m]."""
+        """Return the expected position of the source, relative to the lower corner of the search area [m]."""
         mean = ti.Vector([0.0, 0.0])
         for a in range(self.cells[0]):
             for b in range(self.cells[1]):
@@ -91,12 +91,12 @@ class Beliefs:
 
 @ti.data_oriented
 class Declaring:
-    """Declares the source when the spread of a belief, the root of its variance, is below `declare_spread`.
+    """Declaration of the source when the spread of a belief, the root of its variance, is below `declare_spread`.
 
     The declared position is the mean of the belief. Of all positions the mean has the least mean square error, and it
-    does not depend on the cells; a small spread excludes a distant second peak, while the most probable cell would
-    jump about in a flat belief. A robot that goes on searching does not learn whether its declaration was right: it
-    declares again only when its belief is sure of another position, `APART` spreads from the last one.
+    does not depend on the cells; a small spread excludes a distant second peak, while the most probable cell would jump
+    in a flat belief. A robot that continues its search does not learn whether its declaration was right: it declares
+    again only when its belief is sure of another position, `APART` spreads from the last position.
 
     The rule is that of Ojeda, Monroy & Gonzalez-Jimenez (2023, doi:10.48550/arXiv.2304.08879), a bound on the
     variance. parameters: with the `numbers` of these models.

@@ -1,4 +1,4 @@
-"""Casting: upwind at an angle while in the plume, crosswind sweeps when it is lost.
+"""Casting: upwind at an angle while in the plume, crosswind sweeps when the plume is lost.
 
 After Lochmatter & Martinoli, "Tracking odor plumes in a laminar wind field with bio-inspired algorithms", ISER 2008.
 FIND, UPWIND, U, V and s as in `tracking`.
@@ -26,7 +26,7 @@ CASTS = 4  # failed sweeps before the search restarts
 
 @ti.data_oriented
 class Casting(PlumeTracker):
-    """The casting algorithm. tick: control period [s]."""
+    """Casting algorithm. tick: control period [s]."""
 
     STREAM = "casting"
     STATE: tuple[str, ...] = (*PlumeTracker.STATE, "cast", "failed")

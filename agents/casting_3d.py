@@ -1,10 +1,10 @@
-"""Casting in space, for drones: surge upwind in the plume, cast in the plane across the wind when it is lost.
+"""Casting in space, for drones: surge upwind in the plume, cast across the wind when the plume is lost.
 
 A moth counter-turns both horizontally and vertically while it follows a plume; Rutkowski, Edwards, Willis, Quinn &
 Causey, "Moth-inspired plume tracking strategies in three-dimensions", ICRA 2005, and Rutkowski, Willis & Quinn,
 "Simulated odor tracking in a plane normal to the wind direction", ICRA 2006, make robots do so. Here the casts are the
-arms of a square spiral in that plane, around the place where the plume was lost: ours, as the widening casts of
-surge-cast in two directions. U, V and s as in `tracking`, Z upward, r = ±1: which way it rises.
+arms of a square spiral in the plane across the wind, around the position where the plume was lost: our choice, like the
+widening casts of surge-cast in two directions. U, V and s as in `tracking`, Z upward, r = ±1: sense of vertical motion.
 
 FIND    sweep along s V until blocked, then RISE
 RISE    along r Z by find_rise, then FIND on the other side; at the lowest or highest altitude, or blocked, r changes:
@@ -30,7 +30,7 @@ SURGE, CAST, RISE = range(2, 5)
 
 @ti.data_oriented
 class Casting3D(PlumeTracker):
-    """The casting algorithm in space. tick: control period [s]."""
+    """Casting algorithm in space. tick: control period [s]."""
 
     STREAM = "casting_3d"
     STATE: tuple[str, ...] = (*PlumeTracker.STATE, "leg", "rise")
@@ -59,7 +59,7 @@ class Casting3D(PlumeTracker):
 
     @ti.func
     def _way(self, n):
-        """Return the unit vector along which drone n wants to fly."""
+        """Return the unit vector of drone n's intended flight."""
         U = self.upwind[n]
         across = self.side[n] * ti.Vector([-U[1], U[0]])
         along, up = across, 0.0  # FIND
@@ -85,7 +85,7 @@ class Casting3D(PlumeTracker):
         up, z = self._way(n)[2], self.swarm.altitude[i]
         ends = (up > 0.0 and z >= self.p.highest[n]) or (up < 0.0 and z <= self.p.lowest[n])
         self.stuck[n] = ti.select(self.swarm.blocked[i] == 1, self.stuck[n] + dt, 0.0)
-        # the first contact of a leg may be with the obstacle of the leg before
+        # the first contact of a leg may be with the obstacle of the previous leg
         self.bump[n] = ti.cast(self.stuck[n] > 1.5 * dt or ends, ti.i32)
 
     @ti.func
@@ -119,7 +119,7 @@ class Casting3D(PlumeTracker):
 
     @ti.func
     def _steer(self, n, dt):
-        """Fly along the wanted direction at constant heading."""
+        """Fly along the intended direction at constant heading."""
         i = self.robot[n]
         way, e = self.p.speed[n] * self._way(n), cos_sin(self.swarm.believed_heading[i])
         self.swarm.speed_command[i] = way[0] * e[0] + way[1] * e[1]

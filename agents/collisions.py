@@ -1,4 +1,4 @@
-"""Collisions: how far a robot gets before it touches a wall, an obstacle, another robot of its trial or a walker.
+"""Collision detection and response: free path of a robot to walls, obstacles, robots of its trial and walkers.
 
 Among drones all bodies are upright cylinders from their `altitude` up by their `height`. Cylinders collide only with
 bodies at their height, and with floor, ceiling and obstacles above or below.
@@ -35,13 +35,13 @@ class Contact:
             self.spans, self.layers = swarm.spans, swarm.clearance.layers
 
     @ti.func
-    def slide(self, i, k, begin, wanted):
-        """Move robot i from `begin` by the vector `wanted` [m], cut short by contact and slid along the surface.
+    def slide(self, i, k, begin, displacement):
+        """Move robot i from `begin` by the vector `displacement` [m], stopped by contact and slid along the surface.
 
         Return the new position, the length of the path [m] and whether the robot touched anything.
         """
         p = begin
-        rest = wanted
+        rest = displacement
         path = 0.0
         contact = 0
         for _leg in range(2):  # straight on, then the rest along the first surface
@@ -85,7 +85,7 @@ class Contact:
         gap = self._distance(p, layer) - r
         s = 0.0
         if gap > OPEN * free + SKIN:
-            s = free  # most moves: no need to look at the end
+            s = free  # most moves: the end needs no check
         stride = ti.min(free, 2.0 * gap)
         probes = 0
         while s < free and probes < PROBES:
@@ -138,7 +138,7 @@ class Contact:
 
     @ti.func
     def _span(self, k, m):
-        """Return the lowest and highest point [m] of body m of trial k: its robots, then the walkers."""
+        """Return the lowest and highest point [m] of body m of trial k; bodies are its robots, then the walkers."""
         span = ti.Vector([0.0, 0.0])
         if m < self.team_size[k]:
             j = self.members[k, m]
@@ -241,8 +241,8 @@ class Contact:
 
     @ti.func
     def _other(self, i, k, m, p):
-        """Return the robot that body m of trial k is, -1 for a walker; the vector from that body to p; the smallest
-        distance [m] that robot i keeps from it.
+        """Return the robot index of body m of trial k (-1: walker), the vector from the body to p, and the smallest
+        distance [m] between the body and robot i.
         """
         j = -1
         apart = ti.Vector([0.0, 0.0])

@@ -1,8 +1,8 @@
-"""Columns: the state and readings of every robot, each declared once with its unit, its meaning and its users.
+"""Table of columns: state and readings of every robot, each declared once with unit, meaning and users.
 
-The swarm's Taichi fields, its snapshots (and so results and recordings), `robots.parquet` and the arrays that an
-algorithm of the user's own sees are made of this table. To add a quantity, declare it in `Columns` and let its sensor
-or algorithm write it.
+From this table come the swarm's Taichi fields, its snapshots (and so results and recordings), `robots.parquet` and the
+arrays that a user's own algorithm sees. To add a quantity, declare it in `Columns` and let its sensor or algorithm
+write the quantity.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,13 +19,13 @@ Dtype = type[np.float32] | type[np.int32] | type[np.bool_]
 
 @dataclass
 class Column:
-    """A quantity of every robot, of which `Columns` holds a field: f32, or i32 for whole numbers and flags.
+    """Quantity of every robot, stored by `Columns` in a field: f32, or i32 for whole numbers and flags.
 
-    width: 2 for vectors. key: its name in snapshots, * is that of the column; empty if snapshots leave it out.
-    tabled: whether `robots.parquet` has it, under its key or under the names in `components`; there NaN is null.
-    named: whether its numbers have names, the states of the algorithm. read_as, written_as: its name among the arrays
-    that an own algorithm reads, or writes. truth: the column whose field it shares if no robot has odometry errors.
-    flies: whether only swarms with drones have it. pushed: whether only swarms among moving obstacles have it.
+    width: 2 for vectors. key: name in snapshots, * is the column's name; empty if not in snapshots. tabled: whether
+    `robots.parquet` has the column, named by key or `components`; there NaN is null. named: whether the numbers stand
+    for names, the states of the algorithm. read_as, written_as: name among the arrays that an own algorithm reads, or
+    writes. truth: column whose field is shared if no robot has odometry errors. flies: column of swarms with drones
+    only. pushed: column of swarms among moving obstacles only.
     """
 
     unit: str
@@ -60,12 +60,12 @@ class Column:
         return ti.field(dtype, n) if self.width == 1 else ti.Vector.field(self.width, dtype, n)
 
     def zeros(self, n: int) -> np.ndarray:
-        """Return the array that snapshots have for n robots, all zero."""
+        """Return an array of zeros, as in snapshots of n robots."""
         return np.zeros(n if self.width == 1 else (n, self.width), self.dtype)
 
 
 class Columns:
-    """The quantities of all robots, a Taichi field of each; those of `robots.parquet` in its order.
+    """Quantities of all robots, each a Taichi field; the columns of `robots.parquet` are in file order.
 
     columns: the columns of this swarm: `columns_of`, and `further_gas_sensors` for further gas sensors.
     """
@@ -79,80 +79,82 @@ class Columns:
     )
     reading = Column(
         "ppm",
-        "of the gas sensor; of a laser that gives the integral in ppm m",
+        "of the gas sensor; in ppm m for a laser that measures the integral",
         key="reading_ppm",
         tabled=True,
         read_as="reading",
     )
-    resistance = Column("ohm", "of a metal-oxide sensor; others have none", key="resistance_ohm", tabled=True)
+    resistance = Column("ohm", "of a metal-oxide sensor; NaN for others", key="resistance_ohm", tabled=True)
     true_ppm = Column(
-        "ppm", "of all vapours at the gas sensor; of what a laser sees, the mean along its beam", tabled=True
+        "ppm",
+        "true mole fraction of all vapours at the gas sensor; for a laser the mean of its gas along the beam",
+        tabled=True,
     )
     wind = Column(
         "m/s",
-        "of the anemometer; zero where it knows of none",
+        "of the anemometer; zero while no wind is known",
         width=2,
         components=("wind_x", "wind_y"),
         read_as="wind",
     )
     believed_position = Column(
         "m",
-        "where the robot believes to be",
+        "believed position (odometry)",
         width=2,
         components=("believed_x", "believed_y"),
         read_as="position",
         truth="position",
     )
     believed_heading = Column(
-        "rad", "that the robot believes to have", tabled=True, read_as="heading", truth="heading"
+        "rad", "believed heading (odometry)", tabled=True, read_as="heading", truth="heading"
     )
     state = Column("1", "of the algorithm", np.int32, tabled=True, named=True, written_as="state")
-    found = Column("1", "whether it has found a source", np.bool_, tabled=True)
-    found_time = Column("s", "when it found a source; NaN before")
-    reached_time = Column("s", "when it first came within reach of a source; NaN before")
+    found = Column("1", "whether the robot has found a source", np.bool_, tabled=True)
+    found_time = Column("s", "time of finding a source; NaN before")
+    reached_time = Column("s", "time of first coming within reach of a source; NaN before")
     declared_position = Column(
         "m",
-        "where it said that a source is, as it believes: the first right place, or else the last; NaN before",
+        "declared position of a source, as believed: the first right one, or else the last; NaN before",
         width=2,
         components=("declared_x", "declared_y"),
     )
-    declared_time = Column("s", "when it said so; NaN before")
-    declarations = Column("1", "how often it said where a source is", np.int32, tabled=True)
+    declared_time = Column("s", "time of this declaration; NaN before")
+    declarations = Column("1", "number of declarations of a source's position", np.int32, tabled=True)
     false_declarations = Column(
-        "1", "how often there was none within reach of that place", np.int32, tabled=True
+        "1", "number of declarations without a source within reach", np.int32, tabled=True
     )
-    path_length = Column("m", "driven")
-    odometer = Column(
-        "m", "that the robot believes to have driven", read_as="path_length", truth="path_length"
+    path_length = Column("m", "true distance driven")
+    odometer = Column("m", "distance driven by odometry", read_as="path_length", truth="path_length")
+    blocked = Column("1", "whether the bumper is pressed (collision)", np.bool_, read_as="blocked")
+    bumps = Column("1", "number of collisions", np.int32)
+    pushes = Column(
+        "1", "number of times that a moving obstacle ran into the robot", np.int32, tabled=True, pushed=True
     )
-    blocked = Column("1", "whether the bumper feels something", np.bool_, read_as="blocked")
-    bumps = Column("1", "how often it met something", np.int32)
-    pushes = Column("1", "how often a moving obstacle ran into the robot", np.int32, tabled=True, pushed=True)
     pinned_time = Column(
         "s",
-        "time inside the disc of a moving obstacle that left the robot no way out, or onto which it was put",
+        "time inside the disc of a moving obstacle, without a way out or after placement there",
         key="pinned_s",
         tabled=True,
         pushed=True,
     )
     touched = Column("1", "whether a moving obstacle touches the robot", np.bool_, key="", pushed=True)
-    acquisitions = Column("1", "how often it stopped to measure", np.int32)
-    hits = Column("1", "how often it noticed gas", np.int32)
-    wind_known = Column("1", "whether the anemometer feels wind", np.bool_, key="", read_as="wind_known")
-    velocity = Column("m/s", "over the last tick", key="", width=2)
+    acquisitions = Column("1", "number of stops to measure", np.int32)
+    hits = Column("1", "number of detections of gas", np.int32)
+    wind_known = Column("1", "whether the anemometer measures wind", np.bool_, key="", read_as="wind_known")
+    velocity = Column("m/s", "mean over the last tick", key="", width=2)
     speed = Column("m/s", "forward, as commanded and limited", key="")
-    speed_command = Column("m/s", "forward, that the algorithm wants", key="", written_as="speed")
-    turn_rate_command = Column("rad/s", "that the algorithm wants", key="", written_as="turn_rate")
-    ordered_position = Column("m", "to which it is put from outside; NaN before", key="", width=2)
-    ordered_heading = Column("rad", "to which it is put from outside", key="")
-    ordered_altitude = Column("m", "to which it is put from outside; NaN before", key="", flies=True)
+    speed_command = Column("m/s", "forward, commanded by the algorithm", key="", written_as="speed")
+    turn_rate_command = Column("rad/s", "commanded by the algorithm", key="", written_as="turn_rate")
+    ordered_position = Column("m", "position set from outside; NaN before", key="", width=2)
+    ordered_heading = Column("rad", "heading set from outside", key="")
+    ordered_altitude = Column("m", "altitude set from outside; NaN before", key="", flies=True)
     climb_rate = Column("m/s", "upward, over the last tick", flies=True)
     flight = Column("m/s", "velocity in the room, as commanded and limited", key="", width=3, flies=True)
-    acceleration = Column("m/s^2", "of that, by its rotors", key="", width=3, flies=True)
-    left_command = Column("m/s", "to its left, that it wants", key="", written_as="left_speed", flies=True)
-    climb_command = Column("m/s", "upward, that it wants", key="", written_as="climb_rate", flies=True)
-    goal = Column("m", "to which it wants to fly; NaN: it goes by its speeds", key="", width=3, flies=True)
-    goal_heading = Column("rad", "to which it turns on the way; NaN: by its turn rate", key="", flies=True)
+    acceleration = Column("m/s^2", "acceleration of the drone by its rotors", key="", width=3, flies=True)
+    left_command = Column("m/s", "to the left, commanded", key="", written_as="left_speed", flies=True)
+    climb_command = Column("m/s", "upward, commanded", key="", written_as="climb_rate", flies=True)
+    goal = Column("m", "commanded goal of flight; NaN: flight by speeds", key="", width=3, flies=True)
+    goal_heading = Column("rad", "commanded heading on the way; NaN: by turn rate", key="", flies=True)
 
     def _allocate(self, n: int, errs: bool) -> None:
         """Make the fields of n robots; errs: whether any robot has odometry errors."""
@@ -195,7 +197,7 @@ def further_gas_sensors(most: int) -> tuple[Column, ...]:
 
 
 class Rows:
-    """Some columns of `size` robots from number `start` on: read or written in one launch."""
+    """Selected columns of `size` robots from number `start` on, read or written in a single launch."""
 
     def __init__(self, robots: Columns, columns: Sequence[Column], start: int, size: int):
         self.columns, self.size = tuple(columns), size

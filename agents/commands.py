@@ -1,4 +1,4 @@
-"""Actions of a learnt policy: numbers from -1 to 1 that stand for speed and turn rate, or for a way point.
+"""Actions of a learnt policy: numbers from -1 to 1 for speed and turn rate, or for a way point.
 
 drive     speed (1 + a0)/2 and turn rate a1, as fractions of the body's largest; a1 > 0 turns left
 waypoint  the point a0 ahead and a1 to the left, times `step`: turn to it, drive to it, wait there
@@ -20,15 +20,13 @@ from taichi_plume.grid.elementary import cos_sin
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.policy import Policy
 
-WORD = 0.5  # of the third number; above, the robot declares
+WORD = 0.5  # threshold of the third number; above, the robot declares
 NEAR = 1e-3  # m, tolerance of way points
 
 
 @ti.data_oriented
 class Commands:
-    """Carries out the actions of the policy of one group. tick: control period [s]. names: of the `size` numbers of
-    an action.
-    """
+    """Actuation of the policy of a group. tick: control period [s]. names: of the `size` numbers of an action."""
 
     STATE: tuple[str, ...] = ("held", "goal")
 

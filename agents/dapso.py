@@ -39,7 +39,7 @@ MEASURE, DRIVE, EXPLORE = range(3)
 SEARCH_SPACE, FUNCTION_VALUE, RANDOM = range(3)
 NEIGHBOURS = {"search_space": SEARCH_SPACE, "function_value": FUNCTION_VALUE, "random": RANDOM}
 
-UNKNOWN = -1.0  # ppm, f(p) of a robot that knows of no place
+UNKNOWN = -1.0  # ppm, f(p) of a robot without a position p
 
 
 def constriction(phi: float, kappa: float = 1.0) -> float:
@@ -49,7 +49,7 @@ def constriction(phi: float, kappa: float = 1.0) -> float:
 
 @ti.data_oriented
 class Dapso(KernelAlgorithm):
-    """The DAPSO algorithm. tick: control period [s]."""
+    """DAPSO algorithm. tick: control period [s]."""
 
     STREAM = "dapso"
     TALKS = True
@@ -68,7 +68,7 @@ class Dapso(KernelAlgorithm):
         self.step = ti.Vector.field(2, ti.f32, n)  # v [m]
         self.way_point = ti.Vector.field(2, ti.f32, n)  # w [m]
         self.best = ti.field(ti.f32, n)  # f(p) at the last update [ppm]
-        self.best_time = ti.field(ti.f32, n)  # of that update [s]
+        self.best_time = ti.field(ti.f32, n)  # time of that update [s]
         self.best_place = ti.Vector.field(2, ti.f32, n)  # p [m]
         self.goal = ti.Vector.field(2, ti.f32, n)  # g at the last update [m]
         self.short = ti.field(ti.i32, n)  # short steps in a row
@@ -124,7 +124,7 @@ class Dapso(KernelAlgorithm):
 
     @ti.func
     def _is_there(self, n, dt):
-        """Return whether it is time to measure."""
+        """Return whether the next measurement is due."""
         i = self.robot[n]
         there = self.potential.is_over(n, self.way_point[n], self.p.tolerance[n])
         if self.swarm.state[i] == DRIVE:

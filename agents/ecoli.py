@@ -1,4 +1,4 @@
-"""E. coli: run and tumble (chemotaxis). Straight on after a rise of the mean reading, else in a random direction.
+"""E. coli run and tumble (chemotaxis): straight on after a rise of the mean reading, else in a random direction.
 
 Russell, Bab-Hadiashar, Shepherd & Wallace, Robotics and Autonomous Systems 45 (2003) 83-97, as run by Ferri et al.,
 Robotics and Autonomous Systems 57 (2009) 393-402, table 1.
@@ -25,7 +25,7 @@ ACQUIRE, RUN, TUMBLE = range(3)
 
 @ti.data_oriented
 class EColi(KernelAlgorithm):
-    """The E. coli algorithm. tick: control period [s]."""
+    """E. coli algorithm. tick: control period [s]."""
 
     STREAM = "e. coli"
     STATE: tuple[str, ...] = ("legs", "acquisition", "before")
@@ -34,7 +34,7 @@ class EColi(KernelAlgorithm):
     def _allocate(self) -> None:
         self.legs = Legs(self.members, self.p)
         self.acquisition = Acquisition(self.members, self.p)
-        self.before = ti.field(ti.f32, self.size)  # mean of the acquisition before [ppm]
+        self.before = ti.field(ti.f32, self.size)  # mean of the previous acquisition [ppm]
 
     def numbers(self, group: GroupRange, model: algorithms.EColi) -> Numbers:
         return {

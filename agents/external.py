@@ -1,10 +1,9 @@
-"""Robots that are driven from outside, by `taichi_plume.serve`: their readings and the orders that they get.
+"""Robots that clients drive through `taichi_plume.serve` (hybrid experiments): readings and orders.
 
-AWAITED   no order has come for the robot yet: it stands
-DRIVEN    it carries out the last order
-LOST      no order has come for too long: it stands
+AWAITED   no order has arrived for the robot yet: the robot stands DRIVEN    the robot carries out the last order LOST
+no order has arrived for too long: the robot stands
 
-Only the service knows who drives which robot and when; it gives its orders after every tick.
+Only the service knows which client drives which robot; the service sets the orders after every tick.
 """
 
 from dataclasses import dataclass
@@ -23,7 +22,7 @@ READ = (
     Columns.believed_position, Columns.believed_heading, Columns.wind, Columns.wind_known, Columns.blocked,
     Columns.found, Columns.declarations, Columns.reading, Columns.resistance,
 )  # fmt: skip
-SENSED = ("reading", "resistance")  # by each gas sensor
+SENSED = ("reading", "resistance")  # per gas sensor
 ORDERED = (
     Columns.state, Columns.speed_command, Columns.turn_rate_command, Columns.ordered_position,
     Columns.ordered_heading,
@@ -35,9 +34,9 @@ FLOWN = (Columns.left_command, Columns.climb_command, Columns.ordered_altitude)
 class Orders:
     """Orders for the robots of a group, trial by trial, for the next tick.
 
-    state (size,): AWAITED, DRIVEN or LOST; speed [m/s] and turn_rate [rad/s] (size,). For robots that are placed:
-    position (size, 2) [m], NaN: stays, and heading (size,) [rad]. declared (size, 2) [m], NaN: no declaration. For
-    drones also left and climb (size,) [m/s], or altitude (size,) [m] of those that are placed, NaN: stays.
+    state (size,): AWAITED, DRIVEN or LOST; speed [m/s] and turn_rate [rad/s] (size,). For placed robots: position
+    (size, 2) [m], NaN: stays, and heading (size,) [rad]. declared (size, 2) [m], NaN: no declaration. For drones also
+    left and climb (size,) [m/s], or altitude (size,) [m] of placed drones, NaN: stays.
     """
 
     state: np.ndarray
@@ -60,7 +59,7 @@ class Orders:
 
 
 class ExternalAlgorithm:
-    """The robots of one group that are driven from outside."""
+    """Robots of a group that clients drive from outside."""
 
     PER_GROUP: bool = True
     STATE: tuple[str, ...] = ()
@@ -84,14 +83,14 @@ class ExternalAlgorithm:
         return cast(External, self.members.groups[0].model.algorithm)
 
     def begin(self) -> None:
-        """Do nothing: all wait to be driven."""
+        """Do nothing: all robots wait for orders."""
 
     def act(self, tick: int, t: float, dt: float) -> None:
         """Do nothing: orders hold until the next."""
 
     def told(self) -> dict[str, np.ndarray]:
-        """Return the readings of each robot by the names of the columns: (size,), (size, 2), or (size, noses) of gas
-        sensors. Altitude: 0 on the floor.
+        """Return the readings of each robot by column: (size,), (size, 2), or (size, sensors) of gas sensors. Altitude:
+        0 on the floor.
         """
         names = (column.name for column in self._read.columns)
         read = dict(zip(names, self._read.read(), strict=True))
@@ -101,7 +100,7 @@ class ExternalAlgorithm:
         return {"altitude": np.zeros(self.size, np.float32)} | read
 
     def order(self, orders: Orders, t: float) -> None:
-        """Give orders for the next tick; t: now [s]."""
+        """Set the orders for the next tick; t: present time [s]."""
         ordered = [orders.state, orders.speed, orders.turn_rate, orders.position, orders.heading]
         if self.flies:
             ordered += [orders.left, orders.climb, orders.altitude]

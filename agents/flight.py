@@ -1,14 +1,14 @@
 """Flight of drones: holonomic kinematics with limited acceleration, by velocity commands or to a goal.
 
-A drone is commanded its speed ahead, to its left and upward and its turn rate, or a goal and perhaps a heading. The
-velocity vector changes within the largest acceleration a; along the ground it is at most `max_speed`, upward
-`max_climb`, downward `max_descent`. To a goal the drone flies straight, as fast as it can still stop: with the distance
-d left, the next tick takes v dt with
+Commands of a drone are speeds ahead, to its left and upward and a turn rate, or a goal with an optional heading. The
+acceleration of the velocity vector is at most a; speed along the ground is at most `max_speed`, upward `max_climb`,
+downward `max_descent`. To a goal the drone flies straight, as fast as it can still stop: with the distance d left, the
+next tick takes v dt with
 
     v dt + v²/(2 a) <= d   so   v = 2 d/(dt + (dt² + 2 d/a)^½),
 
-slower where a component of v exceeds its limit. Attitude and rotor speeds are not computed. In a tick a drone rises
-before and sinks after it moves sideways: it climbs beside an obstacle before it passes above.
+slower if a component of v exceeds its limit. Attitude and rotor speeds are not computed. In a tick a drone rises
+before, and sinks after, its sideways motion: it climbs beside an obstacle before it passes above.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,7 +22,7 @@ from taichi_plume.grid.kernels import Field
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.robots import Group
 
-FREE = 0.9  # of a commanded move; less counts as contact of the bumper
+FREE = 0.9  # fraction of a commanded move; less counts as contact of the bumper
 
 WINGS: dict[str, Callable[[Group], float]] = {
     "wings": lambda group: float(group.body.flies),
@@ -34,7 +34,7 @@ WINGS: dict[str, Callable[[Group], float]] = {
 
 
 class Flying(Columns):
-    """The part of a swarm for its drones."""
+    """Part of a swarm for drones."""
 
     def _allocate_flight(self, robots: int) -> None:
         """Make the fields that only swarms with drones have."""
@@ -46,7 +46,7 @@ class Flying(Columns):
         )  # lowest, highest point of walkers [m]
 
     def _flight_fields(self) -> list[Field]:
-        """Return the fields that `_flight_numbers` fills, in its order."""
+        """Return the fields that `_flight_numbers` fills, in that order."""
         never = [self.ordered_altitude, self.goal, self.goal_heading]
         bodies = [getattr(self, name) for name in WINGS]
         return [self.altitude, self.first_altitude, self.source_height, self.spans, *never, *bodies]
@@ -54,7 +54,7 @@ class Flying(Columns):
     def _flight_numbers(
         self, each: Callable[..., np.ndarray], sources: np.ndarray, walkers: Sequence[Obstacle]
     ) -> list[object]:
-        """Return the numbers at the start of a run; each: makes a number per robot; sources: (m, 3) [m]."""
+        """Return the numbers at the start of a run; each: function that expands to robots; sources: (m, 3) [m]."""
         altitude = each(lambda group: group.start_altitude)
         spans = [walker.span for walker in walkers] or 0
         heights = sources[:, 2] if len(sources) else 0
@@ -69,14 +69,14 @@ class Flying(Columns):
 
     @ti.func
     def _restart_flight(self, i):
-        """Put drone i, all of whose columns are zero, to its altitude at the start of a run."""
+        """Put drone i to its altitude at the start of a run; all its columns are zero."""
         nan = ti.math.nan
         self.altitude[i], self.ordered_altitude[i] = self.first_altitude[i], nan
         self.goal[i], self.goal_heading[i] = ti.Vector([nan, nan, nan]), nan
 
     @ti.func
     def middle_over(self, i, s):
-        """Return how high [m] the middle of drone i is above source s; 0 for robots on the floor."""
+        """Return the height [m] of the middle of drone i above source s; 0 for robots on the floor."""
         above = 0.0
         if self.wings[i] == 1.0:
             above = self.altitude[i] + 0.5 * self.height[i] - self.source_height[s]

@@ -23,15 +23,15 @@ from taichi_plume.scenario.metal_oxides import MOX_MODELS
 from taichi_plume.scenario.sensors import IdealGasSensor, MoxSensor, PidSensor, TdlasSensor
 
 LN10 = float(np.log(10.0))
-SPREAD_OF_B = 0.08  # of unit to unit: our choice
-UNITS = 256  # in the box of which each episode takes one
+SPREAD_OF_B = 0.08  # standard deviation from unit to unit: our choice
+UNITS = 256  # units in the box, of which each episode takes one
 DIFFER = ("b", "air", "k0", "k1", "k2", "k3", "x_low")  # numbers in which units differ
 INJECTED = np.geomspace(5.0, 1000.0, 14)  # ppm, of a calibration
 
 
 class Law(Protocol):
-    """The law of all sensors of one kind; its ti.funcs take the number of a robot among the members. slot: number of
-    the sensor on each robot.
+    """Law of all sensors of a kind; its ti.funcs take the number of a robot among the members. slot: number of the
+    sensor on each robot.
     """
 
     HAS_RESISTANCE: bool
@@ -41,7 +41,7 @@ class Law(Protocol):
     def begin(self) -> None: ...
 
     def renew(self, n, unit):
-        """ti.func: take another unit, given by a number from 0 to 1, where each trial restarts on its own."""
+        """ti.func: replace the unit, given by a number from 0 to 1, if each trial restarts on its own."""
         ...
 
     def response(self, n, ppm):
@@ -118,8 +118,8 @@ class MoxLaw:
 
     @ti.func
     def ppm(self, n, r):
-        """Return the concentration, of the calibration gas, for resistance r [ohm] of unit n; R_air is that of its
-        clean air.
+        """Return the concentration of the calibration gas for resistance r [ohm] of unit n; R_air: resistance in clean
+        air.
         """
         x = log(ti.max(r, 1e-3) / self.p.air[n])
         c = self.p.c1[n] * exp(-x * self.p.per_b[n]) - self.p.c1[n]
@@ -137,7 +137,7 @@ class MoxLaw:
 
 @ti.data_oriented
 class LinearLaw:
-    """y = c of an ideal sensor, or of a photo-ionisation detector in ppm of the gas that it is calibrated for."""
+    """Law y = c of an ideal sensor, or of a photo-ionisation detector in ppm of its calibration gas."""
 
     HAS_RESISTANCE: bool = False
 
@@ -167,7 +167,7 @@ class LinearLaw:
 
 @ti.data_oriented
 class LineLaw(LinearLaw):
-    """y: the integral of the gas that a laser is tuned to along its beam [ppm m]."""
+    """Law of a laser: y is the integral along the beam of the gas to which the laser is tuned [ppm m]."""
 
     def __init__(self, members: Members, slot: int = 0):
         def numbers(group: GroupRange) -> Numbers:
@@ -183,17 +183,17 @@ class LineLaw(LinearLaw):
 
 
 LAWS: dict[str, type[Law]] = {"mox": MoxLaw, "linear": LinearLaw, "line": LineLaw}
-"""By the `law` of a sensor."""
+"""Laws by the `law` of a sensor."""
 
 
 def numbered(name: str, slot: int) -> str:
-    """Return the name of a random stream of a robot's first sensor, or of a further one."""
+    """Return the name of a random stream of a robot's first or a further sensor."""
     return f"{name} {slot}" if slot else name
 
 
 def _units(swarm: Swarm, slot: int, group: GroupRange) -> Numbers:
     """Return the numbers of the metal oxides of a group, whose units differ."""
-    if swarm.episodes is not None:  # each takes one of the box
+    if swarm.episodes is not None:  # each takes a unit of the box
         return _of_units(_mox(group, slot), np.zeros((group.size, 2)))
     draws = group.generators(swarm.seed, numbered("units", slot))
     return _of_units(_mox(group, slot), np.concatenate([_drawn(rng, group.count) for rng in draws]))
@@ -217,7 +217,7 @@ def _of_units(sensor: MoxSensor, units: np.ndarray) -> Numbers:
         "per_c0": 1.0 / model.c0,
         "b": b,
         "c1": c1,  # of the calibration gas
-        "per_b": 1.0 / b1,  # of the model, which is all that a calibration without fit knows
+        "per_b": 1.0 / b1,  # of the model, all that is known to a calibration without fit
         "air": np.exp(middle + half * min(sensor.spread, 1.0) * units[:, 1]),
         "load": sensor.load or model.load,
         "steps": steps,  # of the converter, 0 without rounding

@@ -1,8 +1,8 @@
-"""Online gas maps: the base class of all kinds (protocol `Mapper` of simulation.py), windows and cells.
+"""Online gas maps: base class of all kinds (protocol `Mapper` of simulation.py), windows and cells.
 
-A map sees what robots know: readings, measured wind and believed positions. It covers the floor with square cells
-from the origin on, separately for every trial; axis 0 of every array is the trial. Readings that are not finite, and
-those of robots that believe to be off the map, are left out.
+The inputs of a map are readings, measured wind and believed positions of robots. A map covers the floor with square
+cells from the origin on, separately for every trial; axis 0 of every array is the trial. Readings that are not finite,
+or whose believed position is off the map, are left out.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from taichi_plume.grid.series import Series
 
 
 class Readers(Protocol):
-    """The fields of robots that maps read, as of a swarm: numbers per robot, and the robots of each trial.
+    """Protocol of the robots' fields that maps read: numbers per robot, and the robots of each trial.
 
     members[trial, :team_size[trial]]: numbers of its robots. Only maps that follow the wind use wind and wind_known.
     """
@@ -38,7 +38,7 @@ def nowhere(points: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Floor:
-    """The mapped floor, and the sampling of the readings.
+    """Mapped floor, and sampling of the readings.
 
     extent: from the origin on [m]; robots: largest number in a trial; tick: from one reading to the next [s];
     obstacle_distance: of points (..., 2) [m], the distance [m] to the next obstacle, negative inside.
@@ -52,10 +52,10 @@ class Floor:
 
 
 class GasMap:
-    """The base of a map of all trials, which a kind completes to a `Mapper`; see there.
+    """Base class of a map of all trials, completed by each kind to a `Mapper`.
 
-    cell: edge of its cells [m]; shape: cells along x and y; window: length of the snapshots that the map forecasts
-    [s], None if it makes no forecast.
+    cell: edge of the cells [m]; shape: cells along x and y; window: length of the snapshots that the map forecasts [s],
+    None without forecasts.
     """
 
     STATE: ClassVar[tuple[str, ...]] = ("errors",)
@@ -70,15 +70,15 @@ class GasMap:
 
     @classmethod
     def reserve(cls, model: object, floor: Floor, shared: dict) -> None:
-        """Note the needs of this map in what the maps of a run share, before any is made; by default nothing."""
+        """Add this map's needs to the parts that the maps of a run share, before any map is made; default: none."""
 
     @classmethod
     def made(cls, model: Any, floor: Floor, shared: dict) -> Self:
-        """Return the map of a model, among the other maps of a run."""
+        """Return the map of a model; shared: parts of the other maps of the run."""
         return cls(model, floor)
 
     def begin(self, model: object) -> None:
-        """Start a run with the numbers of the model, of the structure that the map was made for (see `state`)."""
+        """Start a run with the numbers of a model of the same structure (see `state`)."""
         self.errors = Series(self.trials)
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
@@ -91,14 +91,14 @@ class GasMap:
         raise NotImplementedError
 
     def remembered(self, t: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:
-        """Return the fraction of their first weight that readings of times (n,) [s] at points (n, 2) [m] on the map
-        still have, (n,); 0 if forgotten, NaN if a kind does not tell. dt: as of `update`.
+        """Return the remaining fraction (n,) of the initial weight of readings of times (n,) [s] at points (n, 2) [m]
+        on the map; 0 if forgotten, NaN if undefined for a kind of map. dt: see `update`.
         """
         return np.full(len(t), np.nan)
 
 
 def shape(extent: tuple[float, float], cell: float) -> tuple[int, int]:
-    """Return the cells along x and y that cover a floor of that extent [m]; the last ones may reach over its edge."""
+    """Return the cells along x and y that cover a floor of an extent [m]; the last cells may reach over its edge."""
     return ceil(extent[0] / cell - 1e-6), ceil(extent[1] / cell - 1e-6)
 
 
@@ -116,14 +116,14 @@ def window_of(t: np.ndarray | float, window: float, dt: float) -> np.ndarray:
 
 
 def windows(t: float, window: float, dt: float) -> tuple[int, int]:
-    """Return the number of windows [s] that ended before the readings at time t [s], and with them; dt: ticks [s]."""
-    slack = 1e-6 * dt  # t carries rounding
+    """Return the number of windows [s] that ended before, and with, the readings at time t [s]; dt: ticks [s]."""
+    slack = 1e-6 * dt  # t has rounding errors
     return int(window_of(t, window, dt)), floor((t + slack) / window)
 
 
 @ti.func
 def counts(reading, p, extent):
-    """Return whether a reading taken at p [m] goes into a map of that extent [m]."""
+    """Return whether a reading at p [m] lies on a map of an extent [m]."""
     inside = (p >= 0.0).all() and (p <= extent).all()
     return inside and not (ti.math.isnan(reading) or ti.math.isinf(reading))
 

@@ -1,9 +1,9 @@
-"""Gas sensors: a signal with lag (rise and decay time constants), drift and noise, and the reading made of it.
+"""Gas sensors: signal with sensor lag (rise and decay time constants), drift and noise, and the reading from it.
 
-The static law of `gas_laws` gives a goal y of the concentration. The signal follows with separate time constants for
-rise and decay, solved exactly over a tick; a fraction may decay more slowly. A reading takes the signal at its
-moment, or the mean since the reading before, adds drift, white noise of samples and of the reading, room climate and
-heater warm-up, and applies the calibration: ppm, never negative. Between readings the last one is held.
+The static law of `gas_laws` maps the concentration to a goal y. The signal follows with separate time constants for
+rise and decay, solved exactly over a tick; a fraction may decay more slowly. A reading is the present signal, or the
+mean since the previous reading, with drift, white noise of samples and of the reading, room climate and heater warm-up.
+The calibration converts a reading to ppm, never negative. Between readings the last reading is held.
 """
 
 from collections.abc import Sequence
@@ -28,10 +28,10 @@ HOUR = 3600.0
 
 @ti.data_oriented
 class GasSensors:
-    """One gas sensor of each robot of some groups, all of one law; they write `true_ppm`, `reading` and `resistance`.
+    """Gas sensors of several groups, one per robot, all of the same law; written: `true_ppm`, `reading`, `resistance`.
 
-    slot: number of the sensor on each robot, from 0 on; further sensors write columns with their number. dim: of the
-    gas; in 3-D the sensors sit at their heights. tick: control period [s]. species: of the gas.
+    slot: number of the sensor on each robot, from 0 on; further sensors write columns with their number. dim: dimension
+    of the gas; in 3-D the sensors sit at their heights. tick: control period [s]. species: of the gas.
     """
 
     STATE = ("signal", "slow", "sum", "baseline")
@@ -60,7 +60,7 @@ class GasSensors:
         )
         self.signal = ti.field(ti.f32, n)  # y of each robot, clean air at the start
         self.slow = ti.field(ti.f32, n)  # the same for its slow part
-        self.sum = ti.field(ti.f32, n)  # of the tick means since the last reading
+        self.sum = ti.field(ti.f32, n)  # sum of the tick means since the last reading
         self.baseline = ti.field(ti.f32, n)  # drift of y
 
     def begin(self) -> None:
@@ -77,9 +77,7 @@ class GasSensors:
 
     @ti.func
     def draw(self, n, tick):
-        """Draw normal noise of samples, drift and noise of a reading of sensor n; the same for a trial alone and
-        among others.
-        """
+        """Draw normal noise of samples, drift and reading of sensor n; the same for a trial alone and among others."""
         key, number, now = self.swarm.counter(self.members.robot[n], self.members.number[n], tick)
         g = normal4(key, self.p.stream[n], number, now, 0)
         return g[0], g[1], g[2]
@@ -121,7 +119,7 @@ class GasSensors:
 
     @ti.func
     def renew(self, n, unit):
-        """Reset sensor n to the start of a run, as another unit: a number from 0 to 1."""
+        """Reset sensor n to the start of a run; unit: number from 0 to 1 that selects another unit."""
         self.signal[n], self.slow[n], self.sum[n], self.baseline[n] = 0.0, 0.0, 0.0, 0.0
         self.law.renew(n, unit)
 
@@ -134,7 +132,7 @@ class GasSensors:
     def lag(self, n, tick, cold, goal, noise, drift, reading_noise):
         """Return the signal of sensor n after a tick of lag, with drift and noise.
 
-        cold: what is left of a cold start; noise, drift, reading_noise: from `draw`.
+        cold: remaining effect of a cold start; noise, drift, reading_noise: from `draw`.
         """
         y, mean = self._follow(self.signal, n, goal, self.p.decay[n], self.p.decay_rest[n])
         share = self.p.slow_share[n]
@@ -148,7 +146,7 @@ class GasSensors:
 
     @ti.func
     def with_noise(self, n, tick, cold, y, mean, noise, drift, reading_noise):
-        """Return the signal of sensor n with drift, noise, climate and warm-up; y: after the lag, mean: over the
+        """Return the signal of sensor n with drift, noise, climate and warm-up; y: signal after the lag; mean: over the
         tick; see `lag`.
         """
         if self.p.drift[n] > 0.0:

@@ -1,17 +1,18 @@
-"""Gas map as a Gaussian Markov random field, which obstacles cut.
+"""Gas map as a Gaussian Markov random field whose links obstacles cut.
 
-Monroy, Blanco & Gonzalez-Jimenez, Autonomous Robots 2016. The map is what makes
+Monroy, Blanco & Gonzalez-Jimenez, Autonomous Robots 2016. The map minimises
 
-    Σ_links λ_p (m_i - m_j)²  +  Σ_readings λ_o(s) (m_k - z)²,      λ_o(s) = λ_o (1 - s / memory) until that is zero
+    Σ_links λ_p (m_i - m_j)²  +  Σ_readings λ_o(s) (m_k - z)²,      λ_o(s) = λ_o max(0, 1 - s / memory)
 
-least. Links join cells that share an edge, unless an obstacle stands between their centres; k is the cell in which a
-reading z of age s was taken. Hence H m = g, with H_ii = λ_p links_i + Σ λ_o, H_ij = -λ_p, g_i = Σ λ_o z, and the
-variance is the diagonal of H⁻¹. Cells that no chain of links joins to a reading are unknown.
+    Links join cells that share an edge, unless an obstacle stands between their centres; k is the cell in which a
+    reading z of age s was taken. Hence H m = g, with H_ii = λ_p links_i + Σ λ_o, H_ij = -λ_p, g_i = Σ λ_o z, and the
+    variance is the diagonal of H⁻¹. Cells that no chain of links joins to a reading are unknown.
 
-Column by column, H is block tridiagonal, and blocks are joined by diagonal matrices: elimination forward, with the
-inverses P of the blocks kept, gives the mean, and on the way back the blocks of the inverse on the diagonal:
-G_i = P_i + (λ_p P_i R_i) G_i+1 (λ_p R_i P_i), where R_i holds the links from column i to the next. Exact, for all
-trials at once, and no slower in time: readings are summed by cell and window, and dropped when they count no more.
+Column by column, H is block tridiagonal, with diagonal matrices between blocks. Forward elimination, which stores the
+inverses P of the blocks, gives the mean; backward substitution gives the diagonal blocks of the inverse: G_i = P_i +
+(λ_p P_i R_i) G_i+1 (λ_p R_i P_i), where R_i holds the links from column i to the next. The solution is exact, for all
+trials at once. The cost is constant in time: readings are summed by cell and window, and dropped once their weight is
+zero.
 """
 
 from collections.abc import Callable
@@ -30,7 +31,7 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario import maps as models
 
-LOOKS = 16  # parts of the path between two centres, whose ends are checked for obstacles
+LOOKS = 16  # parts of the path between two centres; their ends are checked for obstacles
 
 Window = list[Any]
 """End [s] of a window, and of the cells with readings in it: flat indices, numbers of readings, their sums [ppm]."""
@@ -65,19 +66,19 @@ class MarkovMap(GasMap):
         self._solved: list[np.ndarray] | None = None
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
-        """Take in the readings at time t [s]; the tick that reaches a multiple of the window ends the window."""
+        """Add the readings at time t [s]; the tick that reaches a multiple of the window ends the window."""
         before, now = windows(t, self.model.window, dt)
-        self._end_windows(before)  # nothing came in since they ended
+        self._end_windows(before)  # no readings since the windows ended
         _collect(swarm.members, swarm.team_size, swarm.believed_position, swarm.reading, self.extent, self.cell,
                  self.shape, self.count, self.total)  # fmt: skip
         self._end_windows(now)
 
     def estimate(self) -> np.ndarray:
-        """Return the mean at the end of the last window [ppm], (trials, nx, ny); NaN where no reading reaches."""
+        """Return the mean at the end of the last window [ppm], (trials, nx, ny); NaN beyond all readings."""
         return self._solution()[0]
 
     def variance(self) -> np.ndarray:
-        """Return the variance of the mean [ppm²], (trials, nx, ny); NaN where no reading reaches."""
+        """Return the variance of the mean [ppm²], (trials, nx, ny); NaN beyond all readings."""
         return self._solution()[1]
 
     def remembered(self, t: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:
@@ -105,7 +106,7 @@ class MarkovMap(GasMap):
             self.past = [window for window in self.past if self._share(window[0]) > 0.0]
 
     def _moved(self, values: np.ndarray) -> np.ndarray:
-        """Return sums (trials, nx, ny) with those of blocked cells moved to the nearest free cells, flat."""
+        """Return flat sums (trials, nx, ny); sums of blocked cells are moved to the nearest free cells."""
         trials, cells = len(values), self.counted_in.size
         into = np.arange(trials)[:, None] * cells + self.counted_in.ravel()
         return np.bincount(into.ravel(), values.ravel(), minlength=trials * cells)
@@ -118,7 +119,7 @@ class MarkovMap(GasMap):
             self.past = [[self.past[-1][0], cells, count.ravel()[cells], total.ravel()[cells]]]
 
     def _share(self, time: float | np.ndarray) -> np.ndarray:
-        """Return the remaining weight, from 1 to 0, of readings whose window ended at that time [s]."""
+        """Return the remaining weight, from 1 to 0, of readings whose window ended at a time [s]."""
         if self.model.memory is None:
             return np.ones_like(time)
         return np.maximum(1.0 - (self.ended * self.model.window - time) / self.model.memory, 0.0)
@@ -139,7 +140,7 @@ class MarkovMap(GasMap):
             trials = len(count)
             number = np.arange(trials)[:, None, None] * (self.region.max() + 1) + self.region
             known = (np.bincount(number.ravel(), count.ravel()) > 0)[number]
-            precision = self.model.lambda_observation * count + ~known  # or H were singular
+            precision = self.model.lambda_observation * count + ~known  # otherwise H would be singular
             mean, variance = _solve(
                 precision, self.model.lambda_observation * total, self.links, self.model.lambda_prior
             )
@@ -150,7 +151,7 @@ class MarkovMap(GasMap):
 def _links(
     cells: tuple[int, int], cell: float, obstacle_distance: Callable[[np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return whether the path from a cell to the next along x (nx - 1, ny), and along y (nx, ny - 1), is free."""
+    """Return whether the paths between neighbour cells along x (nx - 1, ny), and along y (nx, ny - 1), are free."""
     place = centers(cells, cell)
     share = np.linspace(0.0, 1.0, LOOKS + 1)[:, None, None, None]
     along_x = (1 - share) * place[:-1] + share * place[1:]
@@ -159,7 +160,7 @@ def _links(
 
 
 def _regions(links: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Return numbers (nx, ny), the same for cells that a chain of links joins."""
+    """Return numbers (nx, ny), equal for cells joined by a chain of links."""
     nx, ny = links[1].shape[0], links[0].shape[1]
     cell = np.arange(nx * ny).reshape(nx, ny)
     ends = [

@@ -1,4 +1,4 @@
-"""Groups: the ranges of robots that the groups of a scenario have in the swarm."""
+"""Groups of a scenario and their ranges of robots in the swarm."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ from taichi_plume.scenario.robots import Group
 
 @dataclass(frozen=True)
 class GroupRange:
-    """The range of a group in the swarm: robot i of trial k has index start + k count + i.
+    """Range of a group in the swarm: robot i of trial k has index start + k count + i.
 
-    number: of the group in the scenario, from 0 on; names the random streams, as group names may repeat. row: of the
-    first trial in the swarm's `members`.
+    number: number of the group in the scenario, from 0 on; part of the names of random streams, as group names may
+    repeat. row: row of the first trial in the swarm's `members`.
     """
 
     number: int
@@ -33,15 +33,15 @@ class GroupRange:
 
     @property
     def first(self) -> int:
-        """Number of the first robot among all trials that there could be: random streams count by it."""
+        """Number of the first robot among all possible trials, the counter of random streams."""
         return self.model.first_trial * self.count
 
-    def speed(self, wanted: float | None) -> float:
+    def speed(self, given: float | None) -> float:
         """Return the given speed, or else the body's largest [m/s]."""
-        return self.model.body.max_speed if wanted is None else wanted
+        return self.model.body.max_speed if given is None else given
 
     def waits(self, tick: float) -> int:
-        """Return the number of ticks [s] before the tick in which the robots get their first command."""
+        """Return the number of ticks before the robots get their first command; tick: control period [s]."""
         return floor(self.model.begin / tick + 1e-6)
 
     def generators(self, seed: int, name: str) -> list[np.random.Generator]:

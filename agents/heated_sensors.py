@@ -1,6 +1,6 @@
 """Metal oxide gas sensors with a pulsed heater: a square wave between two temperatures, for fast readings.
 
-The film reacts at a rate that grows with its temperature. So the signal y follows its goal by
+The film reacts at a rate that grows with its temperature. The signal y follows its goal (sensor lag) by
 
     dy/dt = (y* - y) k(t)/tau,      k = k_hot in the first part of a cycle, k_cold = slowness k_hot in the rest,
 
@@ -25,13 +25,13 @@ from taichi_plume.grid.fields import Species
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.metal_oxides import MoxSensor
 
-PARTS = 65536  # of a cycle, in which ticks are counted: exact in 32 bits for any number
+PARTS = 65536  # fractions of a cycle, in which ticks are counted: exact in 32 bits for any number
 FASTEST = 1e-6  # s, of a time constant
 
 
 @ti.data_oriented
 class HeatedSensors(GasSensors):
-    """The metal oxides with heater cycles of some groups; other arguments as of `GasSensors`."""
+    """Metal oxides with heater cycles of several groups; other arguments: see `GasSensors`."""
 
     STATE = (*GasSensors.STATE, "held", "slow_held")
 
@@ -61,7 +61,7 @@ class HeatedSensors(GasSensors):
 
     @ti.func
     def phase(self, n, tick):
-        """Return the phase of the cycle of sensor n after so many ticks, from 0 to 1."""
+        """Return the phase of the cycle of sensor n after a number of ticks, from 0 to 1."""
         parts = (tick * self.cycle.parts[n]) & (PARTS - 1)
         rest = tick * self.cycle.rest[n]
         at = ti.cast(parts, ti.f32) / PARTS + rest - ti.floor(rest)

@@ -9,20 +9,20 @@ ACQUIRE  stand still; a mean reading at the threshold or above is a hit, and the
 MOVE     along a free path to the next cell
 
 From GrGSL: the floor's free cells, known to the robot; a Gaussian of the angle between upwind and the start of the
-path to the source, with paths that lead around obstacles (`ways`); a Gaussian of the length of the path, on all
+path to the source, with paths that lead around obstacles (`shortest_paths`); a Gaussian of the length of the path, on all
 sides; Bayes' rule over the cells; and an end of the search when the source's variance is small. From PMFS: hits have
 a probability, whose complement makes a miss evidence. A robot in cell c has a hit from a source in cell b with the
 likelihood
 
     false_alarm + (hit - false_alarm) max(exp(-θ²/2(spread² + cell²/6e²) - d/fading), exp(-d²/2 near²))
 
-of which in calm air only the second part remains. d: path from c to b [m], θ: angle between upwind and its start,
-which is straight for e [m]; cell²/6 is the variance of the positions of robot and source in their cells. PMFS
-simulates the gas of each candidate source in an estimated flow instead, and in GrGSL a miss speaks against the path
-since the last hit. Ours are the fading, the wind of the last measurement for the cells to come, and the choice of the
-next cell: within `range` the largest expected information on the source (mutual information with hit or miss) over
-the time to go there and measure; but after convergence the expected position of the source. Declarations, and how a
-continued search rules cells out, are as in `beliefs`.
+In calm air only the second term remains. d: path from c to b [m], θ: angle between upwind and the start of the path,
+which is straight for e [m]; cell²/6 is the variance of the positions of robot and source in their cells. PMFS simulates
+the gas of each candidate source in an estimated flow instead, and in GrGSL a miss is evidence against the path since
+the last hit. Our choices are the fading, the use of the last measured wind for further cells, and the next cell: within
+`range` the largest expected information on the source (mutual information with hit or miss) over the time to go there
+and measure; after convergence the expected position of the source. For declarations, and cells ruled out by a continued
+search, see `beliefs`.
 """
 
 from math import radians
@@ -43,14 +43,14 @@ from taichi_plume.scenario.belief_algorithms import HitMap as Model
 
 ACQUIRE, MOVE = range(2)
 
-ON_THE_WAY = 0.5  # cells from a corner of the way that count as there
+ON_THE_WAY = 0.5  # cells: distance from a corner of the path that counts as arrival
 
 
 @ti.data_oriented
 class HitMap(KernelAlgorithm):
-    """The hit map of the robots of one group, each with a belief of its own. tick: control period [s]."""
+    """Hit map of the robots of a group, each with its own belief. tick: control period [s]."""
 
-    PER_GROUP: bool = True  # has one map of paths
+    PER_GROUP: bool = True  # has a single map of paths
     WORK = 4
     STATE: tuple[str, ...] = ("potential", "acquisition", "declaring", "belief", "felt", "goal", "next")
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "MOVE")
@@ -72,7 +72,7 @@ class HitMap(KernelAlgorithm):
 
     @property
     def _room(self) -> float:
-        """Distance that robots keep from obstacles [m]."""
+        """Distance of robots from obstacles [m]."""
         return self.members.groups[0].model.body.radius + self.model.avoidance
 
     def numbers(self, group: GroupRange, model: Model) -> Numbers:
@@ -127,7 +127,7 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _forget(self, n):
-        """Make all cells that a way leads to equally probable, or all cells if none is free."""
+        """Make all cells with a path equally probable, or all cells if none is free."""
         total = 0
         for b in range(self.count):
             total += self._is_reached(n, b)
@@ -192,7 +192,7 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _go_on(self, n, wind, t):
-        """Declare the source if the belief is sure; then go to its mean, or to the most informative cell."""
+        """Declare the source if the belief is sure; then go to the expected position or the most informative cell."""
         i = self.robot[n]
         mean = self.belief.mean(n)
         spread = self.belief.spread(n, mean)
@@ -227,7 +227,9 @@ class HitMap(KernelAlgorithm):
         best, most = -1, -1.0
         for c in range(self.count):
             way = self.roads.length[start, c]
-            here = self.gas.free[c] == 1 and c != start  # again at the same place, gas is the same as before
+            here = (
+                self.gas.free[c] == 1 and c != start
+            )  # a second measurement at the same position brings no information
             if here and way <= self.p.range[n]:
                 gain = self._information(n, c, wind) / (self.p.pause[n] + way / self.p.speed[n])
                 if gain > most:
@@ -236,7 +238,7 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _follow(self, n, dt):
-        """Drive to the next cell of the way; measure at its end, or if blocked."""
+        """Drive to the next cell of the path; measure at its end, or if blocked."""
         i = self.robot[n]
         last = self.next[n] == self.goal[n]
         place = self.roads.center(self.next[n])

@@ -1,4 +1,4 @@
-"""Infotaxis: move where a detection, or none, is expected to reduce the entropy of the belief most.
+"""Infotaxis: move to where a detection or miss is expected to reduce the entropy of the posterior most.
 
 Vergassola, Villermaux & Shraiman, Nature 445 (2007) 406-409, doi:10.1038/nature05464.
 
@@ -11,9 +11,9 @@ mean wind V
 
     R = rate / ln(lambda/a) exp(-V r_along/2D) K0(|r|/lambda),  lambda = sqrt(D tau/(1 + V² tau/4D))
 
-for a searcher of size a in a plane with an effective diffusivity D and a lifetime tau of gas patches. Where a search
-ends by reaching a source, a search that goes on rules out the cells that are wholly within reach. With a reach of
-hardly more than a cell this is the published update, which rules out visited cells.
+for a searcher of size a in a plane with an effective diffusivity D and a lifetime tau of gas patches. If a search ends
+by reaching a source, a continued search rules out the cells that are wholly within reach. With a reach of about a cell
+this is the published update, which rules out visited cells.
 """
 
 from math import hypot, log, pi
@@ -35,7 +35,7 @@ from taichi_plume.scenario import belief_algorithms
 
 ACQUIRE, MOVE = range(2)
 
-STAY = 4  # after the moves 0 to 3, each by 90° more to the left
+STAY = 4  # number of the move "stay"; moves 0 to 3 are each 90° further left
 FINER = 2  # nodes of the table per cell
 NEAR = 1e-3  # steps, the smallest D + 2^(H - 1) - 1/2 of space-aware infotaxis
 
@@ -51,12 +51,12 @@ def detection_rate(
 
 @ti.data_oriented
 class AnyInfotaxis(KernelAlgorithm):
-    """The part that all kinds of infotaxis share, for the robots of one group, each with a belief of its own.
+    """Common part of all kinds of infotaxis, for the robots of a group, each with its own belief.
 
     A kind defines the `_cost` of an acquisition. tick: control period [s].
     """
 
-    PER_GROUP: bool = True  # has one table of chances and one size of cells
+    PER_GROUP: bool = True  # has a single table of probabilities and size of cells
     STREAM = "infotaxis"
     WORK = 4
     STATE: tuple[str, ...] = ("legs", "acquisition", "declaring", "belief", "downwind")
@@ -71,7 +71,7 @@ class AnyInfotaxis(KernelAlgorithm):
         self.spacing = self.belief_cell / FINER
         self.half = int(np.ceil(hypot(*self.belief.extent) / self.spacing)) + 1
         self.chance = ti.field(ti.f32, (2 * self.half + 1, 2 * self.half + 1))
-        self.downwind = ti.Vector.field(2, ti.f32, self.size)  # mean of the wind felt so far
+        self.downwind = ti.Vector.field(2, ti.f32, self.size)  # mean of the measured wind so far
         self._upload = uploader(self.chance, self.belief.p)
         self._read = reader(self.belief.p)
 
@@ -104,7 +104,7 @@ class AnyInfotaxis(KernelAlgorithm):
 
     @ti.func
     def _search(self, n, tick, t, dt):
-        """A tick of robot n."""
+        """Execute a tick of robot n."""
         i = self.robot[n]
         if self.swarm.wind_known[i] == 1:
             self.downwind[n] += self.swarm.wind[i]
@@ -132,7 +132,7 @@ class AnyInfotaxis(KernelAlgorithm):
 
     @ti.func
     def _place(self, n):
-        """Return the position of robot n, from the lower corner of the search area on [m]."""
+        """Return the position of robot n, relative to the lower corner of the search area [m]."""
         return self.swarm.believed_position[self.robot[n]] - ti.Vector(self.belief.low)
 
     @ti.func
@@ -189,7 +189,7 @@ class AnyInfotaxis(KernelAlgorithm):
 
     @ti.func
     def _best(self, n, tick):
-        """Return the move of least cost; any of equal ones."""
+        """Return the move of least cost; a random move among equal ones."""
         i = self.robot[n]
         here = self._place(n)
         turn = ti.floor(self._draw(n, tick)[0] * 4.0)
@@ -222,7 +222,7 @@ class AnyInfotaxis(KernelAlgorithm):
 
 @ti.data_oriented
 class Infotaxis(AnyInfotaxis):
-    """The infotaxis algorithm for the robots of one group, each with a belief of its own."""
+    """Infotaxis algorithm for the robots of a group, each with its own belief."""
 
     @ti.func
     def _cost(self, n, p):
@@ -236,7 +236,7 @@ class Infotaxis(AnyInfotaxis):
 
 @ti.data_oriented
 class SpaceAwareInfotaxis(AnyInfotaxis):
-    """Space-aware infotaxis, which also wants to be near the source.
+    """Space-aware infotaxis, which also prefers positions near the source.
 
     Loisy & Eloy, Proc. R. Soc. A 478 (2022) 20220118, doi:10.1098/rspa.2022.0118. A move minimises the mean over the
     outcomes of the acquisition, a detection or none, of

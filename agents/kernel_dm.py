@@ -13,12 +13,12 @@ with d along and across u_i; a = b = sigma without wind. Mean, confidence and va
     m_k = α_k Σ_i K_ik r_i / Ω_k + (1 - α_k) r0,      r0 = mean of all r_i
     v_k = α_k Σ_i K_ik q_i / Ω_k + (1 - α_k) v0,      v0 = mean of all q_i,      q_i = (r_i - m_k(i))²
 
-where k(i) is the cell of x_i and means are weighted by age too. K is 1 at zero distance: the papers' constant factor
-is the same for all readings, as a b = sigma², and goes into σ_Ω.
+where k(i) is the cell of x_i and means are weighted by age too. K is 1 at zero distance: the papers' constant factor is
+the same for all readings, as a b = sigma², and is part of σ_Ω.
 
-Ω and Σ K r are kept as sums, which fade with time: exact for any length of run. The q_i change with the map: they are
-recomputed for the `exact` latest readings of a trial, while an older reading keeps the q_i of the moment when it
-became older. Runs with fewer readings have the exact variance.
+Ω and Σ K r are stored as sums that fade with time: exact for any length of run. The q_i change with the map: they are
+recomputed for the `exact` latest readings of a trial; the q_i of older readings no longer change. Runs with fewer
+readings have the exact variance.
 """
 
 from math import exp
@@ -37,7 +37,7 @@ CUT_OFF = 4.0  # in widths of the kernel
 
 @ti.dataclass
 class Sample:
-    """A reading [ppm], its position [m], and the axes of its kernel, each over its width [1/m]."""
+    """Reading [ppm], its position [m], and the axes of its kernel, each over its width [1/m]."""
 
     place: ti.math.vec2
     along: ti.math.vec2
@@ -67,8 +67,8 @@ def _sample(row):
 class KernelMap(GasMap):
     """Mean and variance of the gas in each cell.
 
-    Reading n of a trial, from 0 on, has slot n % exact in `kept` while it is among the latest; `left` holds the
-    reading that it replaced.
+    Reading n of a trial, from 0 on, has slot n % exact in `kept` while among the latest; `left` holds the reading
+    replaced by reading n.
     """
 
     STATE = ("errors", "time", "weights", "weighted", "old", "totals", "kept", "end")
@@ -82,14 +82,14 @@ class KernelMap(GasMap):
         # sums that grow with the run are in f64, or their rounding would
         self.weights = double_field((trials, *self.shape))  # Ω
         self.weighted = double_field((trials, *self.shape))  # Σ K r [ppm]
-        self.old = double_field((trials, *self.shape))  # Σ K q of readings that are not kept [ppm²]
+        self.old = double_field((trials, *self.shape))  # Σ K q of readings without a slot [ppm²]
         self.squares = ti.field(ti.f32, (trials, *self.shape))  # Σ K q of all of them
-        # Σ of the weights of age, times 1, r, and q of the readings that are not kept
+        # Σ of the weights of age, times 1, r, and q of the readings without a slot
         self.totals = double_field((trials, 3))
         self.kept = ti.Vector.field(NUMBERS, ti.f32, (trials, self.exact))
         self.left = ti.Vector.field(NUMBERS, ti.f32, (trials, self.exact))
         self.deviation = ti.field(ti.f32, (trials, self.exact))  # q times the weight of its age [ppm²]
-        self.fresh: Field = ti.field(ti.i32, trials)  # number of the first reading that is being taken in
+        self.fresh: Field = ti.field(ti.i32, trials)  # number of the first new reading
         self.end: Field = ti.field(ti.i32, trials)
         self.n = Numbers("sigma", "sigma2", "sigma_omega", "wind_stretch", "fading")
         self._sums = reader(self.totals, self.weights, self.weighted)
@@ -111,7 +111,9 @@ class KernelMap(GasMap):
     def update(self, swarm: Readers, t: float, dt: float) -> None:
         fade = exp(-self.fading * (t - self.time))
         self.time = t
-        for first in range(0, swarm.members.shape[1], self.exact):  # no more at once than there are slots
+        for first in range(
+            0, swarm.members.shape[1], self.exact
+        ):  # at most as many at once as there are slots
             self._take_in(swarm, first, t, fade if first == 0 else 1.0)
 
     def estimate(self) -> np.ndarray:
@@ -145,9 +147,7 @@ class KernelMap(GasMap):
 
     @ti.kernel
     def _take_in(self, swarm: Template, first: int, t: float, fade: ti.f64):
-        """Fade all weights and add the readings of each trial's robots from number `first` on, as many as there are
-        slots.
-        """
+        """Fade all weights and add readings of each trial's robots from number `first` on, one per slot."""
         ti.loop_config(serialize=ti.static(runs_serially(self.fresh.shape[0])))
         for k in self.fresh:
             for m in ti.static(range(3)):
@@ -167,7 +167,7 @@ class KernelMap(GasMap):
                     self.kept[k, slot] = _row(self._taken(swarm, i, t))
                     n += 1
             self.end[k] = n
-            for at in range(self.fresh[k], n):  # after all that left have been judged by the same map
+            for at in range(self.fresh[k], n):  # after all replaced readings were compared with the same map
                 self.totals[k, 0] += 1.0
                 self.totals[k, 1] += _sample(self.kept[k, at % self.exact]).reading
         strips = ti.static(self.weights.shape[0] * self.shape[0] * self.parts)
@@ -197,7 +197,7 @@ class KernelMap(GasMap):
 
     @ti.kernel
     def _judge(self, t: float):
-        """Recompute the deviations of the kept readings, and their sum in each cell."""
+        """Recompute the deviations of the readings in slots, and their sum in each cell."""
         for k, slot in self.deviation:
             self.deviation[k, slot] = 0.0
             if slot < self.end[k]:

@@ -1,13 +1,13 @@
-"""First-order lag with a time constant."""
+"""Sensor lag: first-order lag (low-pass) with a time constant."""
 
 from math import expm1
 
 
 class Lag:
-    """A first-order lag with a time constant [s], solved exactly over ticks of dt [s] with a constant goal.
+    """First-order lag with a time constant [s], solved exactly over ticks of dt [s] with a constant goal.
 
-    share: fraction of the distance to the goal that is covered in a tick; rest: mean over the tick of the remaining
-    distance, as a fraction of the whole.
+    share: fraction of the distance to the goal covered in a tick; rest: mean over the tick of the remaining distance,
+    as a fraction of the whole.
     """
 
     def __init__(self, time_constant: float, dt: float):

@@ -1,11 +1,10 @@
-"""Least known: robots go to the parts of the floor that a gas map knows least, so that the map stays fresh
-everywhere.
+"""Map-driven paths: robots go to the least known parts of the floor, so that a gas map stays fresh everywhere.
 
-Marjovi & Marques, ICRA 2014, propose to send robots by the overall weights of their map, Σ W U of eq 6, "to the
-regions with less recent information"; the details are our choice. The map is a `TimeSeriesMap` of the readings of the
-whole team, shared whatever the range of messages. A robot that needs a way point takes, of the least known `share` of
-all cells that it can reach, the nearest that is `apart` from itself, from the way points of its team mates, and from
-a way point that it has given up. Its readings play no part.
+Marjovi & Marques, ICRA 2014, propose to send robots by the overall weights of their map, Σ W U of eq 6, "to the regions
+with less recent information"; the details are our choice. The map is a `TimeSeriesMap` of the readings of the whole
+team, shared at any range of messages. Candidates for a way point are the least known `share` of all cells that the
+robot can reach. The robot takes the nearest candidate that is `apart` from itself, from the way points of its team
+mates, and from a way point that it has given up. Readings are not used.
 
 DRIVE  to the way point by `potential`; then, or if others are in the way, to the next one
 """
@@ -27,14 +26,14 @@ from taichi_plume.grid.grid import centers
 from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario import algorithms
 
-TIE = 1e-6  # of the largest weight: cells as little known as each other
+TIE = 1e-6  # fraction of the largest weight: cells that count as equally known
 
 
 @ti.data_oriented
 class LeastKnown(KernelAlgorithm):
-    """Map-driven paths of the robots of one group, each trial separately. tick: control period [s]."""
+    """Map-driven paths of the robots of a group, each trial separately. tick: control period [s]."""
 
-    PER_GROUP: bool = True  # has one map
+    PER_GROUP: bool = True  # has a single map
     STATE: tuple[str, ...] = ("potential", "map", "goal")
     STATE_NAMES: tuple[str, ...] = ("DRIVE",)
 
@@ -45,7 +44,7 @@ class LeastKnown(KernelAlgorithm):
         floor = Floor(swarm.clearance.high, swarm.trials, swarm.members.shape[1], self.tick)
         self.map = TimeSeriesMap(self.model.map, floor)
         self.goal = ti.Vector.field(2, ti.f32, self.size)  # way points [m]
-        self.asks = ti.field(ti.i32, self.size)  # whether the robot needs another one
+        self.asks = ti.field(ti.i32, self.size)  # whether the robot needs another way point
         self._set_goal = uploader(self.goal, self.potential.mark)
         self._read = reader(self.asks, self.goal, swarm.believed_position)
 
@@ -53,7 +52,7 @@ class LeastKnown(KernelAlgorithm):
         return Potential.numbers(self.swarm, group, model.speed, model.avoidance)
 
     def begin(self) -> None:
-        """Set the numbers; the first way points are where the robots begin, so that they ask for others."""
+        """Set the numbers; the first way points are the start positions, so that all robots ask for new ones."""
         super().begin()
         self.map.begin(self.model.map)
         group, clearance = self.members.groups[0], self.swarm.clearance
@@ -81,7 +80,7 @@ class LeastKnown(KernelAlgorithm):
         self._drive(dt)
 
     def _regions(self, points: np.ndarray) -> np.ndarray:
-        """Return region numbers (n,) of points (n, 2) [m]: the same if robots can get from one point to the other."""
+        """Return region numbers (n,) of points (n, 2) [m]: equal if robots can get from one point to the other."""
         clearance, step = self.swarm.clearance, self.room / 2
         nodes = [np.arange(a, b, step) for a, b in zip(clearance.low, clearance.high, strict=True)]
         free = clearance.distance_at(np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1))
@@ -97,10 +96,10 @@ class LeastKnown(KernelAlgorithm):
     def _choose(
         self, weight: np.ndarray, place: np.ndarray, goal: np.ndarray, asks: np.ndarray, region: np.ndarray
     ) -> None:
-        """Give those robots of a trial that ask, (count,), another way point in `goal`, (count, 2) [m].
+        """Set another way point in `goal`, (count, 2) [m], for the robots of a trial that ask for one, (count,).
 
-        weight: (cells,). place: believed positions of the robots, (count, 2) [m]; region: regions that they can
-        reach, (count,).
+        weight: (cells,). place: believed positions of the robots, (count, 2) [m]; region: their reachable regions,
+        (count,).
         """
         for robot in np.flatnonzero(asks):
             there = np.flatnonzero(self.region == region[robot])
@@ -113,7 +112,7 @@ class LeastKnown(KernelAlgorithm):
             avoided = goal if given_up else np.delete(goal, robot, axis=0)
             near = (np.linalg.norm(self.places[there, None] - avoided, axis=-1) < self.apart).any(axis=1)
             near |= distance < self.apart
-            rank = np.lexsort((distance, known, near))  # the last counts most
+            rank = np.lexsort((distance, known, near))  # the last key is the primary key
             goal[robot] = self.places[there[rank[0]]]
 
     @ti.kernel

@@ -1,4 +1,4 @@
-"""Lasers (TDLAS): line integral of a gas along the beam, from the robot to the first surface.
+"""Open-path gas lasers (TDLAS): line integral of a gas along the beam, from the robot to the first surface.
 
 The integral uses the midpoint rule, at points no farther apart than the smallest features of the gas. For a Gaussian
 of standard deviation s its error is 2 exp(-2 (pi s/h)²) with points h apart, less than 1e-8 for h = s. The end of the
@@ -22,8 +22,8 @@ from taichi_plume.grid.fields import Species
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.sensors import TdlasSensor
 
-STRIDES = 4096  # until a beam ends
-SAFE = 0.57  # of a distance that is free: between nodes a distance changes by up to sqrt(3) of the way
+STRIDES = 4096  # steps until a beam ends
+SAFE = 0.57  # fraction of a distance that is free: between nodes a distance changes by up to sqrt(3) times the path
 HALVINGS = 6
 MOST_POINTS = 20_000
 
@@ -41,7 +41,7 @@ class Surroundings:
 
 @ti.data_oriented
 class LineSensors(GasSensors):
-    """The lasers of some groups: they write `reading` in ppm m, or in ppm, and as `true_ppm` the mean along the beam.
+    """Lasers of several groups: `reading` in ppm m, or in ppm, and the mean along the beam as `true_ppm`.
 
     around: surfaces that stop their beams.
     """
@@ -59,7 +59,7 @@ class LineSensors(GasSensors):
         super().__init__(members, law, dim, tick, species, slot)
         self.around = around
         self.beam = Parameters(members, partial(_beam, slot, around.step))
-        self.length = ti.field(ti.f32, members.size)  # of each beam [m]
+        self.length = ti.field(ti.f32, members.size)  # length of each beam [m]
 
     def begin(self) -> None:
         super().begin()

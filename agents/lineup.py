@@ -13,8 +13,8 @@ SWEEP  b moves on; when an end of the line reaches the margin, the line goes bac
 WAIT   as SWEEP, but the line stands until stragglers are there
 
 A lone robot sweeps likewise, and after each sweep steps by `stagger` upwind (from the margin on downwind, and so on).
-Positions beyond the margin, as in a wind oblique to the walls, are moved back to it. The robots of a line know of
-each other whatever the range of their messages.
+Positions beyond the margin, as in a wind oblique to the walls, are moved back to the margin. The robots of a line know
+each other's positions at any range of their messages.
 """
 
 from math import cos, radians, sin
@@ -32,7 +32,7 @@ from taichi_plume.scenario import algorithms
 
 FEEL, FORM, SWEEP, WAIT = range(4)
 
-MOST_SLANT = 0.5  # of the width of the sweep that the line may take across it
+MOST_SLANT = 0.5  # largest width of the line over the width of the sweep
 PROGRESS = 0.02  # m
 STILL = 1e-3  # m/s
 FAR = 1e9  # m
@@ -40,7 +40,7 @@ FAR = 1e9  # m
 
 @ti.data_oriented
 class LineUp(KernelAlgorithm):
-    """The line-up, a line per team. tick: control period [s]."""
+    """Line-up, a line per team. tick: control period [s]."""
 
     STATE: tuple[str, ...] = (
         *("potential", "mode", "wind", "slant", "gap", "a", "b", "tilt", "way", "step"),
@@ -55,12 +55,12 @@ class LineUp(KernelAlgorithm):
         )
         self.lines = len(counts)
         tables = Tables()
-        self.first = tables.listed(np.cumsum(counts) - counts)  # robot of a line, its others follow
+        self.first = tables.listed(np.cumsum(counts) - counts)  # first robot of a line; the others follow
         self.line = tables.listed(np.repeat(np.arange(self.lines), counts))  # of a robot
         tables.upload()
         n = self.lines
         self.mode = ti.field(ti.i32, n)
-        self.wind = ti.Vector.field(2, ti.f32, n)  # sum of what was measured, then the direction
+        self.wind = ti.Vector.field(2, ti.f32, n)  # sum of the measured wind, then its direction
         self.slant = ti.field(ti.f32, n)  # b from robot to robot [m]
         self.gap = ti.field(ti.f32, n)  # a from robot to robot [m]
         self.a = ti.field(ti.f32, n)  # of the line's middle [m]
@@ -148,7 +148,7 @@ class LineUp(KernelAlgorithm):
 
     @ti.func
     def _across(self, k):
-        """Return half the extent across the wind, less half of the line's own [m]: the bound of b."""
+        """Return the bound of b: half the extent of the floor across the wind less half that of the line [m]."""
         w = self.wind[k]
         gaps = self.p.count[self.first[k]] - 1
         return self._extent(k, ti.Vector([-w[1], w[0]])) - 0.5 * self.slant[k] * gaps
@@ -221,11 +221,11 @@ class LineUp(KernelAlgorithm):
 
     @ti.func
     def _is_awaited(self, n, dt):
-        """Return whether robot n is off its position, but may still come."""
+        """Return whether robot n is off its position, but may still reach it."""
         i = self.robot[n]
         off = (self.place(n) - self.swarm.believed_position[i]).norm()
         comes = off <= self.p.tolerance[n] or off < self.least[n] - PROGRESS
-        if comes and self.swarm.velocity[i].norm() > STILL:  # or the line comes to the robot
+        if comes and self.swarm.velocity[i].norm() > STILL:  # otherwise the line comes to the robot
             self.late[n], self.least[n] = 0.0, off
         else:
             self.late[n] = self.late[n] + dt

@@ -1,4 +1,4 @@
-"""Table of the kinds of online gas maps, and the maps of a run."""
+"""Kinds of online gas maps, and the maps of a run."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,7 @@ KINDS: dict[str, type[GasMap]] = {
     "kernel_dmv": KernelMap,
     "gmrf": MarkovMap,
 }
-"""By the kind in the scenario. Add a kind of map here."""
+"""Map classes by their kind in the scenario. Add a kind of map here."""
 
 
 def mappers(models: Sequence[Map], floor: Floor) -> list[GasMap]:

@@ -1,4 +1,4 @@
-"""Members: the robots that one algorithm drives, or that have one kind of sensor, in a row."""
+"""Members: robots that an algorithm drives, or that have a kind of sensor, numbered from 0 on."""
 
 from collections.abc import Sequence
 
@@ -14,8 +14,8 @@ from taichi_plume.grid.transfer import uploader
 
 
 class OfGroup:
-    """A number that the robots of a group share, or a row of numbers: in kernels ``x[n]`` or ``x[n, k]``, like a
-    field over the robots n, but from a table of one row per group, which stays in the cache.
+    """Number, or row of numbers, shared by the robots of a group: in kernels ``x[n]`` or ``x[n, k]``, like a field over
+    the robots n, but from a table with a row per group, which stays in the cache.
 
     group: field of the row of each robot; None with a single group.
     """
@@ -41,11 +41,11 @@ def group_rows(sizes: Sequence[int]) -> Field:
 
 @ti.data_oriented
 class Members:
-    """The robots of some groups of a swarm, all trials: member n is robot `robot[n]` of the swarm.
+    """Robots of several groups of a swarm, all trials: member n is robot `robot[n]` of the swarm.
 
-    numbers: of the groups, by their position in the scenario. number[n] counts the robot among all robots of all
-    trials that its group could have: random streams count by it, so that a trial draws the same alone and among
-    others.
+    numbers: numbers of the groups, by their position in the scenario. number[n]: number of the robot among all robots
+    of all possible trials of its group. Random streams count by this number, so that a trial draws the same alone and
+    among others.
     """
 
     def __init__(self, swarm: Swarm, numbers: Sequence[int]):
@@ -71,7 +71,7 @@ class Members:
 
 @ti.func
 def sensor_place(swarm: Template, dim: Template, i, height):
-    """Return the position of a sensor above the middle of robot i, a point of the domain's dimension.
+    """Return the position of a sensor above the middle of robot i, a point of the grid's dimension.
 
     height [m]: over the lower end of the body, which for robots on the floor is over the floor.
     """

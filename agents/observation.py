@@ -1,8 +1,8 @@
 """Observations of a policy: numbers from -1 to 1 made of sensor readings, in each robot's own frame.
 
-Observations never contain the truth: readings lag and scatter, winds are measured, poses are believed. The frame
-looks ahead along the believed heading, and to the left. In a mirrored world left is right. An observation is one row:
-the entries that the policy observes, in its order, then those of the decisions before (`history`).
+Observations never contain the truth: readings have sensor lag and noise, winds are measured, poses are believed. The
+axes point ahead along the believed heading, and to the left. In a mirrored world left is right. An observation is a
+row: the entries that the policy observes, in its order, then those of previous decisions (`history`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,27 +22,27 @@ from taichi_plume.grid.elementary import cos_sin, log
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.policy import Policy
 
-DECADES = 6.0  # of ppm from 1 on, up to pure gas
+DECADES = 6.0  # decades of ppm from 1 on, up to pure gas
 KILO_OHM, DECADES_OF_OHM = 1e3, 4.0  # metal oxides lie within 1 kohm and 10 Mohm
-HALF_TIME = 60.0  # s, that count as one half
-HALF_SPEED = 0.5  # m/s, a wind that counts as one half: rooms are below, fans and the open above
+HALF_TIME = 60.0  # s, mapped to one half
+HALF_SPEED = 0.5  # m/s, mapped to one half: typical winds of rooms are below, of fans and outdoors above
 PER_LN10 = 1.0 / float(np.log(10.0))
 OF_A_MATE = ("there", "ahead", "left", "gas")
 
 
 def action_names(model: Policy) -> tuple[str, ...]:
-    """Return the names of the numbers of an action."""
+    """Return the names of an action's numbers."""
     names = ("speed", "turn") if model.act == "drive" else ("ahead", "left")
     return (*names, "declare") if model.declares else names
 
 
-def entries(model: Policy, mates: int, noses: int = 1) -> Iterator[tuple[str, str, float]]:
-    """Yield the kind, the name and the least value of each entry of one decision; the largest is 1. noses: gas
-    sensors of each robot.
+def entries(model: Policy, mates: int, sensors: int = 1) -> Iterator[tuple[str, str, float]]:
+    """Yield the kind, the name and the least value of each entry of a decision; the largest is 1. sensors: number of
+    gas sensors of each robot.
     """
     pairs: dict[str, Sequence[tuple[str, float]]] = {
         "gas": [("gas", 0.0)],
-        "noses": [(f"gas of sensor {k}", 0.0) for k in range(1, noses)],
+        "noses": [(f"gas of sensor {k}", 0.0) for k in range(1, sensors)],
         "memory": [(f"gas over {time:g} s", 0.0) for time in model.memory],
         "rise": [("rise", -1.0)],
         "resistance": [("resistance", 0.0)],
@@ -65,7 +65,7 @@ def entries(model: Policy, mates: int, noses: int = 1) -> Iterator[tuple[str, st
 
 @ti.data_oriented
 class Observation:
-    """The observations of the policy of one group. tick: control period [s].
+    """Observations of the policy of a group. tick: control period [s].
 
     names, low, high: of the `size` numbers of an observation. Call `follow` once a tick, after the sensors; `write`
     at each decision, and `remember` its action; `clear` when a robot restarts.
@@ -77,9 +77,9 @@ class Observation:
         self.swarm, self.members, self.robot, self.tick = swarm, members, members.robot, tick
         (group,) = members.groups
         self.count, self.history = group.count, self.model.history
-        noses = len(group.model.sensors.noses)
-        self.own = list(entries(self.model, self.count - 1, noses))
-        self.others = tuple(getattr(swarm, f"reading_{k}") for k in range(1, noses))
+        sensors = len(group.model.sensors.noses)
+        self.own = list(entries(self.model, self.count - 1, sensors))
+        self.others = tuple(getattr(swarm, f"reading_{k}") for k in range(1, sensors))
         self.width = len(self.own)
         self.size = self.width * self.history
         self.names = tuple(
@@ -98,7 +98,7 @@ class Observation:
         self.averages = ti.field(ti.f32, (n, max(1, self.times)))  # of the gas entry
         self.before = ti.field(ti.f32, n)  # gas entry at the last decision
         self.past = ti.field(ti.f32, (n, max(1, self.size - self.width)))  # earlier observations
-        self.action = ti.field(ti.f32, (n, self.actions))  # the last one
+        self.action = ti.field(ti.f32, (n, self.actions))  # number of the last observation
         self.low_corner, high = swarm.clearance.low, swarm.clearance.high
         self.extent = tuple(high[d] - self.low_corner[d] for d in range(2))
         self.diagonal = hypot(*self.extent)
@@ -136,7 +136,7 @@ class Observation:
 
     @ti.func
     def remember(self, n, row, table: Template):
-        """Note the action of robot n in a row of a table (rows, actions)."""
+        """Store the action of robot n from a row of a table (rows, actions)."""
         for k in range(self.actions):
             self.action[n, k] = ti.math.clamp(table[row, k], -1.0, 1.0)
 
@@ -214,7 +214,8 @@ class Observation:
 
     @ti.func
     def _show_mates(self, n, heading, flip, row, table: Template, at: Template):
-        """Write for each mate, from the next one on, whether it is in range, its relative position and gas entry."""
+        """Write for each mate, from the next robot on, whether the mate is in range, its relative position and gas
+        entry."""
         i = self.robot[n]
         number = n % self.count
         for m in ti.static(range(self.count - 1)):

@@ -1,17 +1,16 @@
 """Odometry (dead reckoning): believed pose by wheel encoders, with systematic and random errors.
 
-Systematic errors after Borenstein & Feng, IEEE Trans. Robotics and Automation 12 (1996) 869-880,
-doi:10.1109/70.544770: wheels of another size (a), another distance between them (b) and wheels of unequal size (c).
-Random errors as in the odometry motion model of Thrun, Burgard & Fox, Probabilistic Robotics (2005), section 5.4: turns
-and distances both make errors of heading and of distance. For a tick in which a robot turns by w [rad] and drives s [m]
-(backwards s < 0), the odometer reads
+Systematic errors after Borenstein & Feng, IEEE Trans. Robotics and Automation 12 (1996) 869-880, doi:10.1109/70.544770:
+wrong wheel size (a), wrong wheel base (b) and unequal wheels (c). Random errors as in the odometry motion model of
+Thrun, Burgard & Fox, Probabilistic Robotics (2005), section 5.4: turns and distances both cause errors of heading and
+of distance. For a tick in which a robot turns by w [rad] and drives s [m] (backwards s < 0), the odometer reads
 
     w' = (1 + b) w + c s + N(0, k1 |w| + k2 |s|)
     s' = (1 + a) s + N(0, k3 |s| + k4 |w|)
 
-Variances grow with |w| and |s|, not with their squares as in the book: so errors do not depend on the tick (as in
+Variances grow with |w| and |s|, not with their squares as in the book, so that errors do not depend on the tick (as in
 Kleeman, Odometry error covariance estimation for two wheel robot vehicles, 1995). Wheels do not slip: at contact the
-odometer reads the distance really driven.
+odometer reads the true distance.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,48 +28,48 @@ from taichi_plume.scenario.robots import Odometry as Model
 
 @ti.data_oriented
 class Odometry:
-    """The odometers of `count` robots; only groups with `odometry` have errors. counter: see `Swarm.counter`."""
+    """Odometers of `count` robots; only groups with `odometry` have errors. counter: see `Swarm.counter`."""
 
     def __init__(self, count: int, counter: Callable):
         self.counter = counter
         self.errs = ti.field(ti.i32, count)
-        self.number = ti.field(ti.i32, count)  # of the robot in its group, among all trials there could be
+        self.number = ti.field(ti.i32, count)  # number of the robot in its group, among all possible trials
         self.stream = ti.field(ti.u32, count)
         self.kept = ti.Vector.field(3, ti.f32, count)  # a, b [1], c [rad/m]
         self.variances = ti.Vector.field(4, ti.f32, count)  # k1 [rad], k2 [rad²/m], k3 [m], k4 [m²/rad]
-        self.deviations = ti.Vector.field(3, ti.f32, count)  # of a, b and c
+        self.deviations = ti.Vector.field(3, ti.f32, count)  # standard deviations of a, b and c
         self._upload = uploader(
             self.errs, self.number, self.stream, self.kept, self.variances, self.deviations
         )
 
     def begin(self, groups: Sequence[GroupRange], seed: int) -> None:
-        """Draw the systematic errors of each robot; groups: all of the swarm."""
+        """Draw the systematic errors of each robot; groups: all groups of the swarm."""
         count = self.errs.shape[0]
-        kept, variances, deviations = np.zeros((count, 3)), np.zeros((count, 4)), np.zeros((count, 3))
+        errors, variances, deviations = np.zeros((count, 3)), np.zeros((count, 4)), np.zeros((count, 3))
         errs, numbers, streams = np.zeros(count), np.zeros(count), np.zeros(count, np.uint32)
         for group in groups:
             model = group.model.odometry
             if model is None:
                 continue
-            kept[group.slice] = _drawn(model, group, seed)
+            errors[group.slice] = _drawn(model, group, seed)
             variances[group.slice], deviations[group.slice] = _variances(model), _deviations(model)
             errs[group.slice] = 1
             numbers[group.slice] = group.first + np.arange(group.size)
             streams[group.slice] = stream_id(f"group {group.number}/odometry")
-        self._upload(errs, numbers, streams, kept, variances, deviations)
+        self._upload(errs, numbers, streams, errors, variances, deviations)
 
     @ti.func
     def measured(self, i, tick, w, s):
         """Return the measured turn w' [rad] of robot i, 1 + a, and the random part of the distance s' [m]."""
         key, number, now = self.counter(i, self.number[i], tick)
         g = normal4(key, self.stream[i], number, now, 0)
-        kept, k = self.kept[i], self.variances[i]
-        turn = (1.0 + kept[1]) * w + kept[2] * s + ti.sqrt(k[0] * ti.abs(w) + k[1] * ti.abs(s)) * g[0]
-        return turn, 1.0 + kept[0], ti.sqrt(k[2] * ti.abs(s) + k[3] * ti.abs(w)) * g[1]
+        errors, k = self.kept[i], self.variances[i]
+        turn = (1.0 + errors[1]) * w + errors[2] * s + ti.sqrt(k[0] * ti.abs(w) + k[1] * ti.abs(s)) * g[0]
+        return turn, 1.0 + errors[0], ti.sqrt(k[2] * ti.abs(s) + k[3] * ti.abs(w)) * g[1]
 
     @ti.func
     def renew(self, i):
-        """Draw other systematic errors for robot i, for an episode that has just started."""
+        """Draw new systematic errors of robot i, at the start of an episode."""
         key, number, now = self.counter(i, self.number[i], 0)
         g = normal4(key, self.stream[i], number, now, 0)
         self.kept[i] = self.deviations[i] * ti.Vector([g[0], g[1], g[2]])
@@ -100,7 +99,7 @@ def _variances(model: Model) -> tuple[float, float, float, float]:
 
 
 class Reckoning(Columns):
-    """The part of a swarm for believed poses: by odometry, or the true poses of robots without errors."""
+    """Part of a swarm for believed poses: by odometry, or the true poses of robots without errors."""
 
     @ti.func
     def _reckon(self, i, tick, turn, way, moved):
@@ -121,7 +120,7 @@ class Reckoning(Columns):
 
     @ti.func
     def as_believed(self, i, v):
-        """Return a vector v that robot i senses, as robot i puts it on its map: turned by the error of its heading."""
+        """Return a sensed vector v as it appears on the map of robot i: turned by the error of the robot's heading."""
         result = v
         if ti.static(self.reckons):
             result = turned(v, self.believed_heading[i] - self.heading[i])

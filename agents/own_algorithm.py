@@ -1,4 +1,4 @@
-"""A user's own search algorithm in NumPy: a class in a Python file that a scenario names.
+"""User's own search algorithm in NumPy: a class in a Python file that a scenario names.
 
     class Upwind:
         def act(self, robots):
@@ -21,7 +21,7 @@ import numpy as np
 
 from taichi_plume.agents.columns import Rows
 from taichi_plume.agents.members import Members
-from taichi_plume.agents.own_robots import GOALS, Robots, Said, readable_columns, writable_columns
+from taichi_plume.agents.own_robots import GOALS, Outputs, Robots, readable_columns, writable_columns
 from taichi_plume.agents.parameters import Parameters
 from taichi_plume.agents.radio import NEVER, Radio
 from taichi_plume.agents.swarm import Swarm
@@ -31,11 +31,11 @@ from taichi_plume.grid.state import saves_itself
 from taichi_plume.grid.transfer import reader, uploader
 
 MOST_NUMBERS = 16  # of a message
-MOST_HEARD = 20_000_000  # numbers that all robots of a group keep of each other
+MOST_HEARD = 20_000_000  # limit of the numbers that all robots of a group store of each other
 
 
 class UserState:
-    """The state of a user's algorithm, by its own state() and restore(). Raises OwnAlgorithmError if these fail."""
+    """State of a user's algorithm, by its own state() and restore(). Raises OwnAlgorithmError if these fail."""
 
     def __init__(self, path: Path, algorithm: object):
         self.path, self.algorithm = path, algorithm
@@ -53,7 +53,7 @@ class UserState:
 
 
 class Messages:
-    """Messages of several numbers between the robots of each team; the radio decides whom each reaches.
+    """Messages of several numbers between the robots of each team; the radio decides which robots receive them.
 
     words: numbers of a message. heard (size, count, words), NaN if none: the last message from each mate; heard_at
     (size, count): its time [s].
@@ -76,22 +76,22 @@ class Messages:
         shape = self.radio.time.shape
         self.heard, self.heard_at = np.full((*shape, self.words), np.nan), np.full(shape, np.nan)
 
-    def deliver(self, said: Said, tick: int, t: float) -> None:
+    def deliver(self, outputs: Outputs, tick: int, t: float) -> None:
         """Deliver the messages of this tick to the robots that receive them."""
-        if not said.speaks.any():
+        if not outputs.speaks.any():
             return
-        self._put_speakers(said.speaks)
+        self._put_speakers(outputs.speaks)
         self.radio.deliver(tick, t)
         (times,) = self._times()
-        n, m = np.nonzero(times == np.float32(t))  # late in a run that may be the tick before, too
-        now = said.speaks[self.first[n] + m] > 0
+        n, m = np.nonzero(times == np.float32(t))  # late in a run this may also be the previous tick
+        now = outputs.speaks[self.first[n] + m] > 0
         n, m = n[now], m[now]
-        self.heard[n, m] = said.message[self.first[n] + m]
+        self.heard[n, m] = outputs.message[self.first[n] + m]
         self.heard_at[n, m] = t
 
 
 class OwnAlgorithm:
-    """Runs a class of the user's, `own`, for one group. Raises OwnAlgorithmError where it fails."""
+    """Runner of a user's class, `own`, for a group. Raises OwnAlgorithmError if the class fails."""
 
     PER_GROUP = True
     STATE = ("kept", "robots", "messages")
@@ -114,7 +114,7 @@ class OwnAlgorithm:
         self.begin()
 
     def _words(self, count: int) -> int:
-        """Return the numbers of a message, as the class states, for teams of `count` robots."""
+        """Return the class's count of numbers in a message, for teams of `count` robots."""
         words, where = getattr(self.own, "MESSAGE", 0), f"{self.path}, MESSAGE of {self.own.__name__}"
         if not isinstance(words, int) or not 0 <= words <= MOST_NUMBERS:
             raise OwnAlgorithmError(f"{where} is {words!r}, not a whole number from 0 to {MOST_NUMBERS}")
@@ -147,7 +147,7 @@ class OwnAlgorithm:
         robots = self.robots
         robots.t, robots.dt = t, dt
         robots.heard, robots.heard_at = self._heard()
-        robots.said = said = Said(self.size, self.words)
+        robots.said = outputs = Outputs(self.size, self.words)
         for column, values in zip(self.readings.columns, self.readings.read(), strict=True):
             setattr(robots, column.read_as, values)
         robots.readings = np.column_stack(
@@ -157,11 +157,11 @@ class OwnAlgorithm:
             self.algorithm.act(robots)
             commands = [self._checked(column.written_as) for column in self.commands]
         if self.flies:
-            commands += [said.goals, said.goal_headings]
+            commands += [outputs.goals, outputs.goal_headings]
         self.orders.write(commands)
-        self.swarm.declare_all(self.start, said.places, t)
+        self.swarm.declare_all(self.start, outputs.places, t)
         if self.messages:
-            self.messages.deliver(said, tick, t)
+            self.messages.deliver(outputs, tick, t)
 
     def _heard(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the messages that the robots received, and their times, as read-only views."""
@@ -173,7 +173,7 @@ class OwnAlgorithm:
         return shown
 
     def _checked(self, name: str) -> np.ndarray:
-        """Return the commands of that name; raise OwnAlgorithmError unless they are a finite number for every robot."""
+        """Return the commands of a name. Raises OwnAlgorithmError unless every robot has a finite number."""
         where = f"{self.path}, act of {type(self.algorithm).__name__}: robots.{name}"
         try:
             values = np.broadcast_to(np.asarray(getattr(self.robots, name), float), self.size)

@@ -1,4 +1,4 @@
-"""The interface of a user's own algorithm to its robots: readings, commands, declarations and messages."""
+"""Interface of a user's own algorithm to its robots: readings, commands, declarations and messages."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ from taichi_plume.agents.columns import Column, Columns, columns_of
 from taichi_plume.guard.attributes import KnownAttributes
 
 GOALS = (Columns.goal, Columns.goal_heading)
-"""Further columns that are written for drones, see `Robots.go_to`."""
+"""Further columns written for drones, see `Robots.go_to`."""
 
 
 def readable_columns(flies: bool) -> tuple[Column, ...]:
@@ -23,9 +23,9 @@ def writable_columns(flies: bool) -> tuple[Column, ...]:
     return tuple(column for column in columns_of(flies) if column.written_as)
 
 
-class Said:
-    """Declarations, messages and goals of n robots in a tick: declared positions, NaN if none; who sends which
-    message; goals of drones (n, 3) [m] and headings there [rad], NaN where they fly by their speeds.
+class Outputs:
+    """Declarations, messages and goals of n robots in a tick: declared positions, NaN if none; senders and their
+    messages; goals of drones (n, 3) [m] and headings there [rad], NaN for drones that fly by their speeds.
     """
 
     def __init__(self, n: int, words: int):
@@ -35,15 +35,15 @@ class Said:
 
 
 class Robots(KnownAttributes):
-    """The robots of an algorithm: their readings and commands, as arrays over the n robots.
+    """Robots of an algorithm: readings and commands, as arrays over the n robots.
 
-    Read: `reading` [ppm], and `readings` (n, gas sensors) [ppm], of which it is the first; `wind` (n, 2) [m/s], zero
-    if not `wind_known`; `position` (n, 2) [m], `heading` [rad] and `path_length` [m], with errors if the group has
-    `odometry`; `blocked`, the bumper; `trial` and `robot`, numbers of each; `t`, `dt` [s]; of classes with a MESSAGE
-    `heard` (n, robots of a team, MESSAGE), the last message from each mate, NaN if none, and `heard_at` (n, robots of
-    a team), its time [s]. Write: `speed` [m/s]; `turn_rate` [rad/s]; `state`, whole numbers that index the
-    algorithm's STATE_NAMES. Other attributes cannot be set: AttributeError. Call: `turn_to`, `declare`, `tell`;
-    `said` holds the declarations and messages of this tick.
+    Read: `reading` [ppm], the first column of `readings` (n, gas sensors) [ppm]; `wind` (n, 2) [m/s], zero if not
+    `wind_known`; `position` (n, 2) [m], `heading` [rad] and `path_length` [m], with errors if the group has `odometry`;
+    `blocked`, the bumper; `trial` and `robot`, numbers of each; `t`, `dt` [s]; of classes with a MESSAGE `heard` (n,
+    robots of a team, MESSAGE), the last message from each mate, NaN if none, and `heard_at` (n, robots of a team), its
+    time [s]. Write: `speed` [m/s]; `turn_rate` [rad/s]; `state`, whole numbers that index the algorithm's STATE_NAMES.
+    Other attributes cannot be set: AttributeError. Call: `turn_to`, `declare`, `tell`; `said` holds the declarations
+    and messages of this tick.
 
     Of drones also, read: `altitude` [m]. Write: `left_speed` [m/s], `climb_rate` [m/s]. Call in each tick: `go_to`.
     """
@@ -67,7 +67,7 @@ class Robots(KnownAttributes):
         self.t, self.dt = 0.0, 0.0
         self.heard, self.heard_at = heard, heard_at
         self.readings = np.zeros((n, 1))
-        self.said = Said(n, heard.shape[2])
+        self.said = Outputs(n, heard.shape[2])
         arrays = {column.read_as: column.zeros(n) for column in readable_columns(flies)}
         for column in writable_columns(flies):
             arrays[column.written_as] = np.zeros(n, int if column.dtype is np.int32 else float)
@@ -77,7 +77,7 @@ class Robots(KnownAttributes):
 
     @contextmanager
     def sealed(self) -> Iterator[None]:
-        """Let only the commands be set, while the user's code runs."""
+        """Allow only commands to be set while the user's code runs."""
         self._seal(*(column.written_as for column in writable_columns(self.flies)))
         try:
             yield
@@ -97,11 +97,10 @@ class Robots(KnownAttributes):
         heading: ArrayLike | None = None,
         which: ArrayLike | None = None,
     ) -> None:
-        """Fly all drones, or those of `which`, to a position in this tick, straight and as fast as they can still
-        stop.
+        """Fly all drones, or those of `which`, towards a position in this tick, straight and as fast as they can stop.
 
-        x, y, z [m], z of the lower end of the body, and heading [rad], by default as `turn_rate` makes it: a number
-        for all of them or one each. which: as for `declare`. Raises ValueError.
+        x, y, z [m], z of the lower end of the body, and heading [rad], by default controlled by `turn_rate`: a number
+        for all drones or one each. which: as for `declare`. Raises ValueError.
         """
         if not self.flies:
             raise ValueError("go_to needs drones: give body.kind: drone")
@@ -121,8 +120,8 @@ class Robots(KnownAttributes):
     def declare(self, which: ArrayLike, place: ArrayLike | None = None) -> None:
         """Declare that a source is at `place`, by default at the believed positions of the robots.
 
-        which: a boolean mask over the robots, or a list of robot indices; place: (2,) for all of them or (their
-        number, 2) [m]. Raises ValueError.
+        which: a boolean mask over the robots, or a list of robot indices; place: (2,) for all declaring robots or
+        (their number, 2) [m]. Raises ValueError.
         """
         some = self._numbers(which)
         places = self.position[some] if place is None else _numbers(place, "place", (len(some), 2))
@@ -130,14 +129,13 @@ class Robots(KnownAttributes):
         self.said.places[some] = places
 
     def tell(self, values: ArrayLike, which: ArrayLike | None = None) -> None:
-        """Send a message from all robots, or those of `which`, to their teams; mates in range receive it in the next
-        tick.
+        """Send a message from all robots, or those of `which`, to their teams; mates in range receive it a tick later.
 
-        values: (MESSAGE,) for all of them or (their number, MESSAGE). which: as for `declare`. Raises ValueError.
+        values: (MESSAGE,) for all senders or (their number, MESSAGE). which: as for `declare`. Raises ValueError.
         """
         words = self.said.message.shape[1]
         if not words:
-            raise ValueError("the class has no MESSAGE: give it one, how many numbers a message has")
+            raise ValueError("the class has no MESSAGE: add MESSAGE, the count of numbers in a message")
         some = np.arange(len(self.trial)) if which is None else self._numbers(which)
         message = _numbers(values, "values", (len(some), words))
         _require_finite(message, "values")
@@ -159,7 +157,7 @@ class Robots(KnownAttributes):
 
 
 def _numbers(values: ArrayLike, name: str, shape: tuple[int, int]) -> np.ndarray:
-    """Values of that shape, one row for all repeated. Raises ValueError."""
+    """Return values of a shape; a single row is repeated. Raises ValueError."""
     try:
         array = np.asarray(values, float)
         if array.ndim == 0 and shape[1] != 1:

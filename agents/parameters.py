@@ -1,4 +1,4 @@
-"""Numbers of robots that kernels read at run time, so that other values compile nothing."""
+"""Parameters of robots that kernels read at run time, so that new values need no compilation."""
 
 from collections.abc import Callable, Iterable, Mapping
 
@@ -11,16 +11,16 @@ from taichi_plume.grid.kernels import Field
 from taichi_plume.grid.transfer import uploader
 
 Numbers = Mapping[str, float | tuple[float, ...] | np.ndarray]
-"""Numbers of a group by name: one for all robots, several for all (a tuple), or an array over the robots."""
+"""Numbers of a group by name: a number for all robots, several for all (a tuple), or an array over the robots."""
 
 
 class Parameters:
     """Numbers of each robot, in kernels: ``p = Parameters(members, numbers)``, ``p.threshold[n]``.
 
-    numbers: gives those of a group, worked out in f64 and rounded once, to f32; whole ones and flags are i32. Of
-    several the k-th is ``p.arms[n, k]``; groups that have fewer have zeros behind. What is an array differs from robot
-    to robot; all else is kept once per group. streams: names of the random streams of each group, their keys under the
-    keywords. `begin` sets all to what the groups say now, in one launch.
+    numbers: function that returns the numbers of a group, computed in f64 and rounded once, to f32; integers and flags
+    are i32. Of several the k-th is ``p.arms[n, k]``; groups with fewer are padded by zeros. An array differs from robot
+    to robot; all else is stored once per group. streams: names of the random streams of each group, their keys under
+    the keywords. `begin` sets all numbers to the present ones of the groups, in a single launch.
     """
 
     def __init__(self, members: Members, numbers: Callable[[GroupRange], Numbers], **streams: str):

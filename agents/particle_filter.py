@@ -1,23 +1,22 @@
-"""Particle filter: cast along the plume, trace its gas back along the measured wind, and declare where that ends.
+"""Particle filter (Bayes): trace gas back along the measured wind by likelihood and particle resampling, then declare.
 
 After Li, Meng, Wang & Zeng, "Odor source localization using a mobile robot in outdoor airflow environments with a
-particle filter algorithm", Autonomous Robots 30 (2011) 281-292, doi:10.1007/s10514-011-9219-2: the filter runs beside
-a plume tracing behaviour, here `casting`, and the search ends when its estimates lie together. The likelihood is that
-of the plume model of `releases`. Particles are drawn at the first detection (importance sampling): half of them where
-the gas may have come from, from the mean of the distributions of the releases that were on the floor, seen from the
-robot, the rest uniformly over the floor. Weights are the likelihood over the density of the draw, later multiplied by
-the likelihood. Systematic resampling (Kitagawa 1996, doi:10.1080/10618600.1996.10474692) follows when the effective
-number of particles is below half of them, with roughening (Gordon, Salmond & Smith 1993,
-doi:10.1049/ip-f-2.1993.0015).
+particle filter algorithm", Autonomous Robots 30 (2011) 281-292, doi:10.1007/s10514-011-9219-2: the filter runs beside a
+plume tracing behaviour, here `casting`, and the search ends when its estimates lie together. The likelihood is that of
+the plume model of `releases`. Particles are drawn at the first detection (importance sampling): half of them where the
+gas may have come from, from the mean of the distributions of the releases that were on the floor, seen from the robot,
+the rest uniformly over the floor. Weights are the likelihood over the density of the draw; each update multiplies them
+by the likelihood. Systematic resampling (Kitagawa 1996, doi:10.1080/10618600.1996.10474692) follows when the effective
+number of particles is below half of them, with roughening (Gordon, Salmond & Smith 1993, doi:10.1049/ip-f-2.1993.0015).
 
-GO  to the estimate by `potential`, when the last estimates and the particles lie together; there, or as near as
-    possible, the robot declares the estimate if the belief is sure, see `beliefs`, and the robot was there before;
-    then IN_PLUME or LOST, as when the particles spread again
+GO  to the estimate by `potential`, when the last estimates and the particles lie together; at the estimate, or as near
+as possible, the robot declares the estimate if the belief is sure (see `beliefs`) on a second visit; then IN_PLUME or
+LOST, as when the particles spread again
 
-Ours: the robot drives to the estimate and has to come back to the same position before it declares, which an estimate
-halfway up the plume does not survive; the probability of a detection is bounded as a whole, as misses come in bouts;
-five detections in a row that the particles explain worse than a source anywhere on the floor restart the filter; a
-continued search rules positions out; and the values of keys, whose scale is that of a room.
+Our choices: the robot drives to the estimate and must come back to the same position before it declares, which rejects
+an estimate halfway up the plume. The probability of a detection is bounded as a whole, as misses come in bouts. Five
+detections in a row that the particles explain worse than a source anywhere on the floor restart the filter. A continued
+search rules positions out. The values of keys suit the scale of a room.
 """
 
 import numpy as np
@@ -36,8 +35,8 @@ from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario.belief_algorithms import ParticleFilter as Model
 
 GO = 5  # after the states of casting
-ENOUGH = 0.5  # of the particles; a lower effective number asks for resampling
-EVENLY = 0.5  # of the particles are drawn all over the floor
+ENOUGH = 0.5  # of the particles; a lower effective number triggers resampling
+EVENLY = 0.5  # fraction of the particles drawn uniformly over the floor
 DOUBTS = 5  # unexplained detections in a row
 APART = 2.0  # times `converged`: particles that spread so far have not converged
 LEAST = 1e-30  # sum of weights that counts as none
@@ -45,7 +44,7 @@ LEAST = 1e-30  # sum of weights that counts as none
 
 @ti.data_oriented
 class ParticleFilter(Casting):
-    """The particle filter of the robots of one group, each with particles of its own. tick: control period [s]."""
+    """Particle filter of the robots of a group, each with its own particles. tick: control period [s]."""
 
     PER_GROUP: bool = True  # the numbers of particles and periods are shapes
     STREAM = "particle_filter"
@@ -68,9 +67,9 @@ class ParticleFilter(Casting):
         self.smelt = ti.field(ti.i32, n)  # whether there is gas
         self.mean = ti.Vector.field(2, ti.f32, n)  # of the particles: the estimate [m]
         self.spread = ti.field(ti.f32, n)  # root mean square distance of the particles from it [m]
-        self.estimate = ti.Vector.field(2, ti.f32, (n, self.kept))  # the last ones, a ring [m]
-        self.estimated = ti.field(ti.i32, n)  # how many there were
-        self.visit: Field = ti.Vector.field(2, ti.f32, n)  # the last estimate that the robot went to [m]
+        self.estimate = ti.Vector.field(2, ti.f32, (n, self.kept))  # last estimates, a ring buffer [m]
+        self.estimated = ti.field(ti.i32, n)  # number of estimates so far
+        self.visit: Field = ti.Vector.field(2, ti.f32, n)  # last estimate visited by the robot [m]
         self.visited = ti.field(ti.i32, n)  # whether there was one
         self.doubts = ti.field(ti.i32, n)  # unexplained detections in a row
         self.belief_cell = model.cell
@@ -118,7 +117,7 @@ class ParticleFilter(Casting):
 
     @ti.kernel
     def _sense(self, due: bool, dt: float):
-        """Process wind, gas and contact; at an update, look back at the wind."""
+        """Process wind, gas and contact; at an update, process the past wind."""
         ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             i = self.robot[n]
@@ -143,9 +142,7 @@ class ParticleFilter(Casting):
 
     @ti.kernel
     def _weigh(self, tick: int):
-        """Draw the particles of robots that detect gas for the first time, and update the weights of all by the
-        likelihood.
-        """
+        """Draw the particles of robots at their first detection, and update the weights of all by the likelihood."""
         ti.loop_config(serialize=ti.static(runs_serially(10 * self.size * self.count)))
         for n, m in self.weight:
             if not self.swarm.searches(self.robot[n]):
@@ -163,7 +160,7 @@ class ParticleFilter(Casting):
 
     @ti.func
     def _draw(self, n, m, tick):
-        """Draw particle m of robot n, with its weight; particles off the floor weigh nothing."""
+        """Draw particle m of robot n, with its weight; particles off the floor have weight 0."""
         low, high = ti.Vector(self.floor[0]), ti.Vector(self.floor[1])
         x = self.swarm.believed_position[self.robot[n]]
         u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 1 + 2 * m)
@@ -199,7 +196,9 @@ class ParticleFilter(Casting):
                 self._normalise(n)
             elif self.known[n] == 1:
                 total = self._normalise(n)
-                if self.smelt[n] == 1:  # total: the chance of it, as the weights summed up to one
+                if (
+                    self.smelt[n] == 1
+                ):  # total: probability of the observation, as the previous weights sum to 1
                     self.doubts[n] = ti.select(
                         total < self.releases.likelihood_anywhere(n), self.doubts[n] + 1, 0
                     )
@@ -243,9 +242,7 @@ class ParticleFilter(Casting):
 
     @ti.func
     def _resample(self, n, tick):
-        """Resample systematically, then roughen: move each particle by a fraction of the extent of all along each
-        axis.
-        """
+        """Resample systematically, then roughen: move particles by a fraction of the extent of all along each axis."""
         u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 0)
         low, high = ti.Vector(self.floor[1]), ti.Vector(self.floor[0])
         taken, total = 0, self.weight[n, 0]
@@ -291,7 +288,7 @@ class ParticleFilter(Casting):
 
     @ti.kernel
     def _drive(self, t: float, dt: float):
-        """Set out for the estimate, declare it there, and command the next dt [s]."""
+        """Set out for the estimate, declare on arrival, and command the next dt [s]."""
         ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             i = self.robot[n]

@@ -1,7 +1,6 @@
-"""Path segments ("legs"): turn on the spot, drive a length; after a collision back off, turn aside and drive the
-rest.
+"""Path segments ("legs"): turn on the spot, drive a length; after a collision back off, turn aside, drive the rest.
 
-SPIRAL, E. coli, infotaxis and the random walk move so. The reaction to a collision is that of Ferri et al., Robotics
+Used by SPIRAL, E. coli, infotaxis and the random walk. The reaction to a collision is that of Ferri et al., Robotics
 and Autonomous Systems 57 (2009) 393-402: back, rotate by 90°, go the remaining distance.
 """
 
@@ -17,16 +16,16 @@ from taichi_plume.agents.swarm import wrap
 REST, TURN, DRIVE, BACK = range(4)
 
 BACK_OFF = 0.1  # m
-MOST_BUMPS = 6  # of a leg, which then ends
+MOST_BUMPS = 6  # collisions of a leg, which then ends
 NEAR = 1e-4  # m, and rad: tolerance of the end
 NEAR_BY_WHEELS = 2e-3  # rad, of robots with odometry noise
 
 
 @ti.data_oriented
 class Legs:
-    """The path segments of robots: call `set_out` once, then `advance` each tick until it returns False.
+    """Path segments of robots: call `set_out` once, then `advance` each tick until it returns False.
 
-    parameters: with the `numbers` of legs; robots turn as fast as their bodies can.
+    parameters: include the `numbers` of legs; robots turn as fast as their bodies can.
     """
 
     STATE = ("phase", "course", "length", "mark", "aside", "bumps")

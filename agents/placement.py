@@ -8,13 +8,13 @@ import numpy as np
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.starts import GAP, StartArea
 
-DRAWS = 20_000  # random places tried per trial before an area counts as full
+DRAWS = 20_000  # random positions tried per trial before an area counts as full
 ROUNDING = 1e-9  # m
 
 
 @dataclass(frozen=True)
 class Placed:
-    """Robots of one group that have their positions (n, 2) [m]; radius [m]; trial (n,): their trials."""
+    """Placed robots of a group: positions (n, 2) [m]; radius [m]; trial (n,): their trials."""
 
     positions: np.ndarray
     radius: float
@@ -29,8 +29,8 @@ def place(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return positions (trials·count, 2) [m] and headings [rad], trial after trial.
 
-    draws: the random numbers of each trial, by its number. distance: of points (n, 2) to the next wall or obstacle,
-    (n,) [m]. occupied: the groups before. Raises ValueError if robots do not fit.
+    draws: random numbers of each trial, by its number. distance: of points (n, 2) to the next wall or obstacle, (n,)
+    [m]. occupied: groups placed before. Raises ValueError if robots do not fit.
     """
     start = group.start
     positions = np.empty((group.trials, group.count, 2))
@@ -50,7 +50,7 @@ def place(
 
 
 def placed(group: Group, positions: np.ndarray) -> Placed:
-    """Return the robots of a group that `place` has put down, for the groups to come."""
+    """Return the robots of a group placed by `place`, as obstacles of later groups."""
     return Placed(positions, group.body.radius, np.repeat(np.arange(group.trials), group.count))
 
 
@@ -98,16 +98,16 @@ def _scatter(
 ) -> np.ndarray:
     """Return random free positions, (count, 2), drawn one after the other."""
     radius = group.body.radius
-    kept = np.empty((0, 2))
+    placed = np.empty((0, 2))
     batch = max(64, 4 * group.count)
     for _ in range(-(-DRAWS // batch)):
         points = rng.uniform(start.low, start.high, (batch, 2))
         free = (distance(points) >= radius + GAP) & (_gaps(points, radius, others) >= GAP)
         for point in points[free]:
-            if _gaps(point[None], radius, [(kept, radius)])[0] >= GAP:
-                kept = np.vstack([kept, point])
-                if len(kept) == group.count:
-                    return kept
+            if _gaps(point[None], radius, [(placed, radius)])[0] >= GAP:
+                placed = np.vstack([placed, point])
+                if len(placed) == group.count:
+                    return placed
     raise ValueError(
-        f"only {len(kept)} of {group.count} robots of radius {radius:g} m fit into the area; enlarge it"
+        f"only {len(placed)} of {group.count} robots of radius {radius:g} m fit into the area; enlarge it"
     )

@@ -1,6 +1,6 @@
-"""Learnt policies: every `period` a neural network makes actions of the observations of all robots of a group.
+"""Learnt policies: every `period` a neural network maps the observations of all robots of a group to actions.
 
-Observations and commands are those of the environment of the training, see `observation` and `commands`.
+Observations and commands are those of the training environment, see `observation` and `commands`.
 """
 
 from typing import cast
@@ -19,7 +19,7 @@ from taichi_plume.scenario.policy import Policy
 
 @ti.data_oriented
 class PolicyAlgorithm:
-    """The policy of one group. tick: control period [s]. Raises NetworkError if the network does not fit."""
+    """Policy of a group. tick: control period [s]. Raises NetworkError if the network does not fit."""
 
     PER_GROUP: bool = True
     STATE: tuple[str, ...] = ("observation", "commands")

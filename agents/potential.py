@@ -5,12 +5,12 @@ doi:10.1177/027836498600500106, with an attraction of bounded strength; scales a
 
     F = (w - x) / max(|w - x|, SOFT) + Σ k (1/d - 1/d0) / d² n,      k = d0³ / 4
 
-summed over the robots of the trial, the moving obstacles and the next surface that are closer than d0; d: gap between
-the two [m], n: unit vector away. With this k the repulsion at d0/2 balances the full attraction. The robot turns to
-F, and drives the faster the better it faces F.
+summed over the robots of the trial, the moving obstacles and the next surface that are closer than d0; d: gap to the
+robot [m], n: unit vector away. With this k the repulsion at d0/2 balances the full attraction. The robot turns to F;
+its speed grows with its alignment to F.
 
-A robot without progress for PATIENCE is in a local minimum: for a while it follows the tangent of the repulsion, left
-and right in turn and each time for twice as long.
+A robot without progress for PATIENCE is in a local minimum: for a while the robot follows the tangent of the repulsion,
+left and right in turn and each time for twice as long.
 """
 
 import numpy as np
@@ -25,7 +25,7 @@ SOFT = 0.1  # m from the way point, within which the attraction fades
 ROUNDING = 1e-5  # m
 CLOSE = 0.005  # m, the smallest gap in the repulsion
 STEER = 0.4  # s in which the robot tries to turn to its course
-NEAR = 0.05  # m from the way point that count as there
+NEAR = 0.05  # m from the way point: distance that counts as arrival
 PATIENCE = 3.0  # s without progress
 WAY = 0.1  # of the distance that the robot could drive in PATIENCE; less is no progress
 ESCAPE = 2.0  # s of the first escape
@@ -37,7 +37,7 @@ PUSHES = 4  # out of obstacles, of a way point
 class Potential:
     """Potential-field commands for robots: call `set_out` with each new way point, then `drive` each tick.
 
-    parameters: with the `numbers` of potentials. Robots that never `set_out` start with `mark` inf.
+    parameters: include the `numbers` of potentials. Robots that never `set_out` start with `mark` inf.
     """
 
     STATE = ("mark", "idle", "tries", "escape")
@@ -48,14 +48,14 @@ class Potential:
         self.mark = ti.Vector.field(2, ti.f32, n)  # position at the last progress [m]
         self.idle = ti.field(ti.f32, n)  # time since then [s]
         self.tries = ti.field(ti.i32, n)  # escapes since `set_out`
-        self.escape = ti.field(ti.f32, n)  # what is left of the present escape [s]
+        self.escape = ti.field(ti.f32, n)  # remaining time of the present escape [s]
 
     @staticmethod
     def numbers(swarm: Swarm, group: GroupRange, speed: float | None, avoidance: float) -> Numbers:
         """Return the numbers of a group; speed [m/s]: by default the body's largest; avoidance: d0 [m].
 
-        Way points should be `room` [m] away from obstacles, or the repulsion would keep the robot from them; low and
-        high: corners of that part of the floor [m].
+        Way points should be `room` [m] away from obstacles, or the repulsion would keep the robot from them; low, high:
+        corners of this part of the floor [m].
         """
         room = group.model.body.radius + avoidance
         return {
@@ -83,7 +83,7 @@ class Potential:
 
     @ti.func
     def is_stuck(self, n):
-        """Return whether robot n has given its way point up."""
+        """Return whether robot n has given up its way point."""
         return self.tries[n] > TRIES
 
     @ti.func
@@ -98,7 +98,7 @@ class Potential:
 
     @ti.func
     def clear(self, n, place):
-        """Return the way point `place` [m], moved to where robot n can get."""
+        """Return the way point `place` [m], moved into the area of way points of robot n."""
         low, high = self.low(n), self.high(n)
         w = ti.math.clamp(place, low, high)
         for _ in range(PUSHES):

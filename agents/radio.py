@@ -1,6 +1,6 @@
-"""Radio communication in a team: short messages that reach mates within range, unless they are lost.
+"""Radio communication in a team: short messages that reach mates within range, unless lost.
 
-A message is a value and a position; the time and the sender's believed position go with it. Each robot keeps the last
+A message is a value and a position, with the time and the sender's believed position. Each robot stores the last
 message of each mate.
 """
 
@@ -13,7 +13,7 @@ from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.serial import runs_serially
 from taichi_plume.grid.rng import uniform4
 
-NEVER = -1.0  # s, time of a message that has not come
+NEVER = -1.0  # s, time of a message never received
 UNLIMITED = 1e9  # m
 
 
@@ -21,9 +21,9 @@ UNLIMITED = 1e9  # m
 class Radio:
     """Messages between the robots of each team.
 
-    `value`, `place`, `sender` [m] and `time` [s] of [n, m]: the last message to robot n from robot m of its team;
-    check `has_heard` before. parameters: with the `numbers` of radios, and the stream `radio`. At the start of a run
-    all have to `forget`.
+    `value`, `place`, `sender` [m] and `time` [s] of [n, m]: the last message to robot n from robot m of its team; check
+    `has_heard` before. parameters: include the `numbers` of radios, and the stream `radio`. Call `forget` for all
+    robots at the start of a run.
     """
 
     STATE = ("value", "place", "sender", "time")
@@ -36,7 +36,7 @@ class Radio:
         self.place = ti.Vector.field(2, ti.f32, shape)
         self.sender = ti.Vector.field(2, ti.f32, shape)
         self.time = ti.field(ti.f32, shape)
-        self.speaks = ti.field(ti.i32, self.size)  # whether the robot says something in this tick
+        self.speaks = ti.field(ti.i32, self.size)  # whether the robot sends a message in this tick
         self.said_value = ti.field(ti.f32, self.size)
         self.said_place = ti.Vector.field(2, ti.f32, self.size)
 
@@ -63,7 +63,7 @@ class Radio:
 
     @ti.func
     def forget(self, n):
-        """Delete the messages that robot n has."""
+        """Delete the messages received by robot n."""
         for m in range(self.p.count[n]):
             self.time[n, m] = NEVER
 

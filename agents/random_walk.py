@@ -1,4 +1,4 @@
-"""Random walk: straight legs in random directions, whatever the readings: the baseline of search algorithms.
+"""Random walk: straight legs in random directions, without readings: the baseline of search algorithms.
 
 WALK  turn by a random angle and drive a leg
 BUMP  after a collision: another random angle, and a new leg
@@ -20,7 +20,7 @@ WALK, BUMP = range(2)
 
 @ti.data_oriented
 class RandomWalk(KernelAlgorithm):
-    """The random walk. tick: control period [s]."""
+    """Random walk. tick: control period [s]."""
 
     STREAM = "random walk"
     STATE: tuple[str, ...] = ("legs",)

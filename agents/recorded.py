@@ -1,4 +1,4 @@
-"""Recorded readings in place of a swarm, for gas maps that are made after a run."""
+"""Recorded readings in place of a swarm, for gas maps computed after a run."""
 
 import numpy as np
 import taichi as ti
@@ -8,7 +8,7 @@ from taichi_plume.grid.transfer import uploader
 
 @ti.data_oriented
 class RecordedTeam:
-    """One team of at most `most` robots with changing members: the fields of `gas_map.Readers`."""
+    """Team of at most `most` robots with changing members: the fields of `gas_map.Readers`."""
 
     def __init__(self, most: int):
         self.believed_position = ti.Vector.field(2, ti.f32, most)
@@ -21,7 +21,7 @@ class RecordedTeam:
 
     def show(self, place: np.ndarray, wind: np.ndarray, reading: np.ndarray) -> None:
         """Set positions (n, 2) [m], winds (n, 2) [m/s], zero if unknown, and readings (n,) [ppm] of n robots."""
-        rows = np.zeros((max(1, len(reading)), 5), np.float32)  # Taichi takes no empty arrays
+        rows = np.zeros((max(1, len(reading)), 5), np.float32)  # Taichi accepts no empty arrays
         rows[: len(reading)] = np.column_stack([place, wind, reading])
         self._show(rows, len(reading))
 

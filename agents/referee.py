@@ -1,6 +1,6 @@
-"""The referee: judges whether robots find a source, by coming within reach or by declaring its position.
+"""Referee: decides whether robots find a source, by coming within reach or by declaring the source's position.
 
-The referee alone knows the sources.
+Only the referee knows the sources.
 """
 
 import numpy as np
@@ -12,11 +12,11 @@ from taichi_plume.grid.kernels import Template
 
 
 class Referee(Columns):
-    """The part of a swarm that knows the sources, which its robots do not."""
+    """Part of a swarm that knows the sources, unknown to the robots."""
 
     @ti.func
     def searches(self, i):
-        """Return whether robot i still searches: it found no source and, with `found: declared`, declared none."""
+        """Return whether robot i still searches: no source found and, with `found: declared`, none declared."""
         return self.found[i] == 0 and (self.by_declaring[i] == 0.0 or self.declarations[i] == 0)
 
     @ti.func
@@ -56,8 +56,8 @@ class Referee(Columns):
     def declare(self, i, place, t):
         """Judge the declaration of robot i at time t [s] that a source is at `place` [m], on the floor for drones too.
 
-        With `found: declared` the declaration ends the search, right or wrong. Otherwise the search goes on, and the
-        first right declaration is kept, or else the last.
+        With `found: declared` the declaration ends the search, right or wrong. Otherwise the search continues, and the
+        first right declaration is stored, or else the last.
         """
         if self.searches(i):
             right = self._is_source(i, place, False)

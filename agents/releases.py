@@ -1,11 +1,11 @@
-"""Releases: present positions of the gas patches that a source has released, and the likelihood of a detection.
+"""Plume model of releases: positions of the gas patches from a source, and the likelihood of a detection.
 
 The plume model of Pang & Farrell, IEEE Trans. Systems, Man, and Cybernetics B 36 (2006) 1068-1080,
-doi:10.1109/TSMCB.2006.874689. A patch that a source at s released `age` before is by now about
+doi:10.1109/TSMCB.2006.874689. A patch that a source at s released `age` before has now the mean and variance
 
     s + Σ u Δt over the periods since,  σ² = patch² + 2 D age  per axis
 
-u: wind that the robot measured in each period Δt, taken for that of the whole floor. With one release each period,
+u: wind that the robot measured in each period Δt, used for the whole floor. With a release each period,
 the likelihood of a detection in an update by a robot at x is
 
     false_alarm + (1 - false_alarm) detection (1 - Π (1 - min(1, π notice² N(x; s + Σ u Δt, σ²))))
@@ -23,9 +23,9 @@ from taichi_plume.scenario.belief_algorithms import ParticleFilter as Model
 
 @ti.data_oriented
 class Releases:
-    """The releases of the last `most` periods, as the robots of one group know them by the measured wind.
+    """Releases of the last `most` periods, estimated from the wind that the robots of a group measure.
 
-    period: between releases [s]. parameters: with the `numbers` of this class.
+    period: between releases [s]. parameters: include the `numbers` of this class.
     """
 
     STATE: tuple[str, ...] = ("wind_way", "drift", "periods")
@@ -36,8 +36,8 @@ class Releases:
         low, high = members.swarm.clearance.low, members.swarm.clearance.high
         self.floor = (tuple(low), tuple(high))
         n = members.size
-        self.wind_way = ti.Vector.field(2, ti.f32, (n, most))  # Σ u Δt of each period, a ring [m]
-        self.drift = ti.Vector.field(2, ti.f32, n)  # of the present period so far [m]
+        self.wind_way = ti.Vector.field(2, ti.f32, (n, most))  # Σ u Δt of each period, a ring buffer [m]
+        self.drift = ti.Vector.field(2, ti.f32, n)  # Σ u Δt of the present period so far [m]
         self.periods = ti.field(ti.i32, n)  # so far
         self.back = ti.Vector.field(2, ti.f32, (n, most + 1))  # way since each release, newest first [m]
 
@@ -54,7 +54,7 @@ class Releases:
 
     @ti.func
     def drifts(self, n, dt):
-        """Take the wind at robot n, if known, for that of the whole floor in the next dt [s]."""
+        """Use the wind at robot n, if known, for the whole floor in the next dt [s]."""
         i = self.robot[n]
         if self.swarm.wind_known[i] == 1:
             self.drift[n] += dt * self.swarm.wind[i]
@@ -78,12 +78,12 @@ class Releases:
 
     @ti.func
     def variance(self, n, age):
-        """Return the variance along each axis of a patch released so many periods ago [m²]."""
+        """Return the variance along each axis of a patch of an age in periods [m²]."""
         return self.p.first[n] + self.p.growth[n] * self.period * age
 
     @ti.func
     def patch(self, n, place, age):
-        """Return the density at robot n of a patch that a source at `place` [m] released so many periods ago [1/m²]."""
+        """Return the density at robot n of a patch from a source at `place` [m] of an age in periods [1/m²]."""
         variance = self.variance(n, age)
         apart = self.swarm.believed_position[self.robot[n]] - place - self.back[n, age]
         return exp(-0.5 * apart.dot(apart) / variance) / (2.0 * pi * variance)
@@ -103,12 +103,12 @@ class Releases:
 
     @ti.func
     def _probability(self, n, there):
-        """Return the probability of a detection, if patches are there with a probability."""
+        """Return the probability of a detection for a probability that patches are present."""
         return self.p.false_alarm[n] + (1.0 - self.p.false_alarm[n]) * self.p.detection[n] * there
 
     @ti.func
     def likelihood_anywhere(self, n):
-        """Return the likelihood of a detection by robot n of a source anywhere on the floor, by the releases on it."""
+        """Return the likelihood of a detection by robot n of a source anywhere on the floor, by its releases there."""
         x = self.swarm.believed_position[self.robot[n]]
         low, high = ti.Vector(self.floor[0]), ti.Vector(self.floor[1])
         on_floor = 0

@@ -1,8 +1,7 @@
 """Replay: robots that repeat recorded paths, and measure the simulated plume there.
 
-WAITING    the recording has not started: the robot is at its first pose
-REPLAYED   the robot is at its recorded pose, interpolated linearly
-ENDED      the recording is over: the robot is at its last pose
+WAITING    the recording has not started: the robot stays at its first pose REPLAYED   the robot is at its recorded
+pose, interpolated linearly ENDED      the recording is over: the robot stays at its last pose
 
 Obstacles do not stop these robots. Each recorded reading is compared with the simulated one of its tick.
 """
@@ -19,11 +18,11 @@ from taichi_plume.files.trajectories import Way
 from taichi_plume.scenario.external import Replay
 
 WAITING, REPLAYED, ENDED = range(3)
-SUMS = ("n", "a", "b", "aa", "bb", "ab", "apart")  # of recorded readings a and simulated b
+SUMS = ("n", "a", "b", "aa", "bb", "ab", "apart")  # sums of recorded readings a and simulated readings b
 
 
 class ReplayAlgorithm:
-    """Puts the robots of one group to the poses of `ways`. tick: control period [s]."""
+    """Replay of a group along the recorded poses `ways`. tick: control period [s]."""
 
     PER_GROUP: bool = True
     STATE: tuple[str, ...] = ("sums",)
@@ -39,7 +38,7 @@ class ReplayAlgorithm:
         self.begin()
 
     def begin(self) -> None:
-        """Put the robots to their poses at the end of the first tick."""
+        """Move the robots to their poses at the end of the first tick."""
         (group,) = self.members.groups
         model = cast(Replay, group.model.algorithm)
         self.chosen = model.chosen(self.ways, group.count)
@@ -81,7 +80,7 @@ class ReplayAlgorithm:
     def recorded(self) -> dict[str, int | list[float]] | None:
         """Return the comparison with the recorded readings, per trial; None if none was recorded.
 
-        readings: their number; correlation; mae_ppm: mean absolute error; bias_ppm: mean error of the simulated
+        readings: number of readings; correlation; mae_ppm: mean absolute error; bias_ppm: mean error of the simulated
         readings.
         """
         (group,) = self.members.groups

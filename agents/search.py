@@ -1,16 +1,16 @@
-"""Table of the search algorithms.
+"""Table of the search algorithms by kind.
 
 To add an algorithm: derive a class from `algorithm.KernelAlgorithm` in a file of its own, write its parameters as a
 model with a `kind` in scenario/algorithms.py, and enter it in ALGORITHMS. One object drives the robots of all groups
 with that algorithm: member n is robot `members.robot[n]` of the swarm, and counts as `members.number[n]` for random
 numbers; a class with `PER_GROUP` has an object per group. An algorithm reads the swarm's `reading`, `wind`,
 `wind_known`, `blocked`, `believed_heading` and `odometer` (and `believed_position`, if the robots are to have
-positioning) and writes `speed_command`, `turn_rate_command` and `state`. It must not read true poses: vectors to
-walls and mates that a robot senses go on its map by `swarm.as_believed`. It may declare a source by `swarm.declare`.
-Its belief maps, if any, are offered as `beliefs`, and are recorded and scored.
+positioning) and writes `speed_command`, `turn_rate_command` and `state`. An algorithm must not read true poses:
+`swarm.as_believed` maps sensed vectors to walls and mates to a robot's map. `swarm.declare` declares a source. The
+attribute `beliefs`, if any, offers belief maps, which are recorded and scored.
 
-Numbers of the model reach kernels by `parameters`, so that other numbers compile nothing. `path_segments` and
-`potential` drive for an algorithm, `acquisition` samples, and `radio` carries messages between the robots of a team.
+Numbers of the model reach kernels by `parameters`, so that new numbers need no compilation. `path_segments` and `potential`
+drive for an algorithm, `acquisition` samples, and `radio` carries messages between the robots of a team.
 """
 
 from taichi_plume.agents.algorithm import Algorithm

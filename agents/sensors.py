@@ -1,4 +1,4 @@
-"""All sensors of the robots: gas sensors, lasers and anemometers, one kernel for each law."""
+"""All sensors of the robots: gas sensors, lasers and anemometers, with a kernel for each law."""
 
 from collections.abc import Callable, Sequence
 from math import exp
@@ -17,17 +17,17 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.fields import Odour, Species, Wind
 from taichi_plume.grid.kernels import Template, on_cpu
 
-STRIP = 16  # sensors computed together on a CPU: LLVM vectorises loops that store nothing global
+STRIP = 16  # sensors computed together on a CPU: LLVM vectorises loops without global stores
 WARMING = 900.0  # s, time constant after a cold start: our choice
 
 
 @ti.data_oriented
 class Sensors:
-    """The sensors of all robots, measured in one launch for each law.
+    """Sensors of all robots, measured in a launch for each law.
 
-    The first gas sensors (`noses`) are measured in one launch with the anemometers (`vanes`), each further one
-    (`others`) in a launch of its own. dim: of gas and wind; in 3-D the sensors sit at their heights. tick: control
-    period [s]. species: of the gas. around: makes the surfaces that stop the beams of lasers, if there are any.
+    The first gas sensors are measured in a launch with the anemometers (`vanes`), each further gas sensor (`others`) in
+    its own launch. dim: of gas and wind; in 3-D the sensors sit at their heights. tick: control period [s]. species: of
+    the gas. around: returns the surfaces that stop the beams of lasers, if there are lasers.
     """
 
     STATE: tuple[str, ...] = ("noses", "vanes")
@@ -63,7 +63,7 @@ class Sensors:
         self.begin()
 
     def begin(self) -> None:
-        """Set the numbers that the groups give; clean and still air before."""
+        """Set the numbers of the groups; sensors start in clean and still air."""
         for part in (*self.noses, *self.vanes, *self.others):
             part.begin()
 
@@ -92,7 +92,7 @@ class Sensors:
 
     @ti.func
     def renew(self, i, unit):
-        """Reset the sensors of robot i of the only group to the start of a run; unit: which one, from 0 to 1."""
+        """Reset the sensors of robot i of the only group to the start of a run; unit: choice of unit, from 0 to 1."""
         self.noses[0].renew(i, unit)
         self.vanes[0].renew(i)
         for sensor in ti.static(self.others):
@@ -102,9 +102,7 @@ class Sensors:
     def sense_strip(
         self, sensor: Template, anemometer: Template, gas: Template, wind: Template, first, tick, t, cold
     ):
-        """Measure with a strip of gas sensors, from number `first` on, and of anemometers, if any, in trials that
-        take part.
-        """
+        """Measure with a strip of gas sensors and anemometers, if any, from number `first` on, in active trials."""
         last = sensor.members.size - 1
         count = ti.min(self.strip, last + 1 - first)
         noise, drift = ti.Vector([0.0] * self.strip), ti.Vector([0.0] * self.strip)

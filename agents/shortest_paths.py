@@ -1,17 +1,17 @@
-"""Shortest paths over a floor of square cells, around obstacles and never through."""
+"""Shortest paths (path planning) over a floor of square cells, around obstacles."""
 
 import numpy as np
 import taichi as ti
 
 FAR = 1e9  # m: no way
-MOST_SWEEPS = 1000  # over all cells, four ways each; ways around n corners take about n
+MOST_SWEEPS = 1000  # passes over all cells, four ways each; paths around n corners take about n
 ROOT_OF_TWO = 2**0.5
-CLOSER = 1e-5  # m by which a way has to be shorter than the one before
+CLOSER = 1e-5  # m by which a path must be shorter than the previous one
 
 
 @ti.data_oriented
 class Ways:
-    """The shortest paths between the centres of all cells, at least `room` [m] from all obstacles.
+    """Shortest paths between the centres of all cells, at least `room` [m] from all obstacles.
 
     Straight if the line of sight is free, else from cell to cell (of eight neighbours) after the last cell in sight;
     a segment is free if the clearance all along is above `room`, so that walls thinner than a cell count. `free[a]`:
@@ -35,7 +35,7 @@ class Ways:
         self.begin(room)
 
     def begin(self, room: float) -> None:
-        """Find the paths for another room [m]; obstacles never change."""
+        """Find the paths for another `room` [m]; obstacles never change."""
         if room != self.room:
             self.room = room
             self._look(room)
@@ -80,7 +80,7 @@ class Ways:
     @ti.func
     def _neighbour(self, a, k):
         """Return the k-th of eight neighbours of cell a, -1 off the floor."""
-        j = k + ti.cast(k >= 4, ti.i32)  # of nine, without the middle
+        j = k + ti.cast(k >= 4, ti.i32)  # cells of nine, without the middle
         x, y = a // self.shape[1] + j // 3 - 1, a % self.shape[1] + j % 3 - 1
         inside = x >= 0 and x < self.shape[0] and y >= 0 and y < self.shape[1]
         return ti.select(inside, x * self.shape[1] + y, -1)
@@ -117,7 +117,7 @@ class Ways:
 
     @ti.func
     def _shorten(self, a, b):
-        """Shorten the path from cell a to cell b by a neighbour, if possible; return whether it got shorter."""
+        """Shorten the path from cell a to cell b by a neighbour, if possible; return whether the path got shorter."""
         shorter = False
         if self.free[b] == 1 and self.via[a, b] != b:
             for k in range(8):

@@ -1,4 +1,4 @@
-"""Snapshots of time windows, and the gas maps made of them: inverse distance, and the base of `time_series`.
+"""Gas maps from snapshots of time windows: inverse distance weighting, and the base class of `time_series`.
 
 Marjovi & Marques, "Multi-Robot Odor Distribution Mapping in Realistic Time-Variant Conditions", ICRA 2014, with its
 equation numbers. Time is cut into snapshots of `window` seconds. In snapshot k the samples (x_i, C_i) of all robots
@@ -11,7 +11,7 @@ The past forecasts the running snapshot t as S_j(t), judged at its end by
 
     MAE(t) = mean over j of |S_j(t) - C_j(t)|                                                   (8)
 
-A snapshot keeps A = C W = Σ w C_i and B = W. Maps whose snapshots are the same share them.
+A snapshot stores A = C W = Σ w C_i and B = W. Maps with equal snapshots share them.
 """
 
 from dataclasses import dataclass
@@ -27,34 +27,34 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario import maps as models
 
-WIDEST = 64  # cells that are worked out together; more no longer fit into registers
+WIDEST = 64  # cells computed together; more no longer fit into registers
 
 
 @dataclass
 class Needs:
-    """The needs of maps that share snapshots: how many snapshots' samples and cells to keep, and cells around the
-    map.
+    """Needs of maps that share snapshots: number of snapshots stored with samples (`sampled`) and with cells (`depth`),
+    and cells around the map.
     """
 
-    kept: int = 1
+    sampled: int = 1
     depth: int = 1
     margin: int = 0
-    snaps: "Snaps | None" = None
-    """The snaps, once a map has been made of them."""
+    snapshots: "Snapshots | None" = None
+    """The snapshots, once a map uses them."""
 
     def add(self, other: "Needs") -> None:
         """Extend to the needs of another map."""
-        self.kept, self.depth = max(self.kept, other.kept), max(self.depth, other.depth)
+        self.sampled, self.depth = max(self.sampled, other.sampled), max(self.depth, other.depth)
         self.margin = max(self.margin, other.margin)
 
 
 def alike(model: models.Snaps) -> tuple:
-    """Return a key that is the same for models with the same snapshots."""
+    """Return a key that is equal for models with equal snapshots."""
     return "snaps", model.cell, model.window, model.power, model.min_distance
 
 
-class Snaps:
-    """The samples of the latest snapshots and their interpolation to the cells.
+class Snapshots:
+    """Samples of the latest snapshots and their interpolation to the cells.
 
     `ended` counts the ended snapshots. Snapshot n, from 0 on, has its samples (x [m], y [m], C [ppm]) at
     ``samples[trial, n % kept]``, `taken` of them, and ``weighted[trial, n % depth]`` and `weights` hold A [ppm /
@@ -69,7 +69,7 @@ class Snaps:
         self.extent = ti.math.vec2(floor.extent)
         self.shape = shape(floor.extent, model.cell)
         self.strip = min(WIDEST, 8 * ceil(self.shape[1] / 8))  # whole registers
-        self.kept, self.depth, self.margin = needs.kept, needs.depth, needs.margin
+        self.kept, self.depth, self.margin = needs.sampled, needs.depth, needs.margin
         self.maps: list[SnapMap] = []  # closed at the end of a snapshot
         trials, most = floor.trials, floor.robots * (ceil(model.window / floor.tick) + 1)
         self.samples = ti.Vector.field(3, ti.f32, (trials, self.kept, most))
@@ -86,17 +86,17 @@ class Snaps:
 
     @property
     def last(self) -> int:
-        """Slot of A and B of the last snapshot."""
+        """Slot of A and B for the last snapshot."""
         return (self.ended - 1) % self.depth
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
-        """Take in the readings at time t [s], once; the tick that reaches a multiple of the window ends a snapshot."""
+        """Add the readings at time t [s], once; the tick that reaches a multiple of the window ends a snapshot."""
         if t <= self.time:
             return  # done for another map
         self.time = t
         before, now = windows(t, self.window, dt)
         while self.ended < before:
-            self._close()  # nothing came in since it ended
+            self._close()  # no readings since the snapshot ended
         _gather(
             self.samples, self.taken, self.ended % self.kept, swarm.members, swarm.team_size,
             swarm.believed_position, swarm.reading, self.extent,
@@ -118,23 +118,23 @@ class Snaps:
 
 
 class SnapMap(GasMap):
-    """A forecast of the running snapshot, and its error.
+    """Forecast of the running snapshot, and its error.
 
-    A subclass writes both sums of S for the snapshot after the last in `_forecast()`, and gives `remembered` for
-    readings of so many snapshots ago, the last being 1, in `remembered_of(lag, place)`.
+    A subclass writes both sums of S for the snapshot after the last in `_forecast()`, and returns `remembered` for
+    readings of `lag` snapshots ago, the last being 1, in `remembered_of(lag, place)`.
 
-    snaps: snapshots of other maps, to share. `errors` holds the MAE of each snapshot but the first, over the forecast
+    snapshots: those of other maps, to share. `errors` holds the MAE of each snapshot but the first, over the forecast
     cells; NaN without forecast or samples.
     """
 
     STATE = ("errors", "snaps", "numerator", "denominator")
 
-    def __init__(self, model: models.Snaps, floor: Floor, snaps: Snaps | None = None):
+    def __init__(self, model: models.Snaps, floor: Floor, snapshots: Snapshots | None = None):
         super().__init__(model.cell, floor)
-        self.snaps = snaps or Snaps(model, floor, self.needs(model, floor))
+        self.snaps = snapshots or Snapshots(model, floor, self.needs(model, floor))
         self.snaps.maps.append(self)
         self.window = model.window
-        self.numerator = ti.field(ti.f32, (floor.trials, *self.shape))  # of S for the running snap
+        self.numerator = ti.field(ti.f32, (floor.trials, *self.shape))  # sums of S for the running snapshot
         self.denominator = ti.field(ti.f32, (floor.trials, *self.shape))
         self.mae = ti.field(ti.f32, floor.trials)  # of the last forecast [ppm]
         self._sums, self._error = reader(self.numerator, self.denominator), reader(self.mae)
@@ -152,11 +152,11 @@ class SnapMap(GasMap):
     @classmethod
     def made(cls, model: models.Snaps, floor: Floor, shared: dict) -> Self:
         needs = shared[alike(model)]
-        needs.snaps = needs.snaps or Snaps(model, floor, needs)
-        return cls(model, floor, needs.snaps)
+        needs.snapshots = needs.snapshots or Snapshots(model, floor, needs)
+        return cls(model, floor, needs.snapshots)
 
     def begin(self, model: models.Snaps) -> None:
-        """Start a run; the numbers of the model must be the same, as maps share snapshots by them."""
+        """Start a run; the numbers of the model must not change, as maps share snapshots by these numbers."""
         super().begin(model)
         self.window = model.window
         self.snaps.begin()
@@ -179,12 +179,13 @@ class SnapMap(GasMap):
 
     def close(self) -> None:
         """Judge the forecast of the snapshot that has ended, then make the next."""
-        snaps = self.snaps
-        if snaps.ended > 1:
+        snapshots = self.snaps
+        if snapshots.ended > 1:
             _judge(
-                self.numerator, self.denominator, snaps.weighted, snaps.weights, snaps.last, snaps.margin, self.mae,
+                self.numerator, self.denominator, snapshots.weighted, snapshots.weights, snapshots.last,
+                snapshots.margin, self.mae,
             )  # fmt: skip
-            self.errors.append((snaps.ended * snaps.window, self._error()[0]))
+            self.errors.append((snapshots.ended * snapshots.window, self._error()[0]))
         self._forecast()
 
 
@@ -195,8 +196,15 @@ class InverseDistanceMap(SnapMap):
         return np.where(lag == 1, 1.0, 0.0)
 
     def _forecast(self) -> None:
-        snaps = self.snaps
-        _copy(snaps.weighted, snaps.weights, snaps.last, snaps.margin, self.numerator, self.denominator)
+        snapshots = self.snaps
+        _copy(
+            snapshots.weighted,
+            snapshots.weights,
+            snapshots.last,
+            snapshots.margin,
+            self.numerator,
+            self.denominator,
+        )
 
 
 @ti.kernel
@@ -227,7 +235,7 @@ def _forget(taken: Template, slot: int):
 @ti.kernel
 def _interpolate(
     strip: Template, squared: Template, samples: Template, taken: Template, slot: int, cell: float, least: float,
-    half_power: float, shape: Template, margin: Template, kept: int, weighted: Template, weights: Template,
+    half_power: float, shape: Template, margin: Template, place: int, weighted: Template, weights: Template,
 ):  # fmt: skip
     """Write the sums A and B of a snapshot to a slot, along y in strips that fit into registers; least: shortest
     distance² [m²].
@@ -252,8 +260,8 @@ def _interpolate(
                 a[s] += w * sample[2]
                 b[s] += w
         for s in range(ti.min(strip, ny - first)):
-            weighted[k, kept, margin + i, margin + first + s] = a[s]
-            weights[k, kept, margin + i, margin + first + s] = b[s]
+            weighted[k, place, margin + i, margin + first + s] = a[s]
+            weights[k, place, margin + i, margin + first + s] = b[s]
 
 
 @ti.kernel
@@ -261,12 +269,12 @@ def _judge(
     numerator: Template, denominator: Template, weighted: Template, weights: Template, slot: int, margin: Template,
     mae: Template,
 ):  # fmt: skip
-    """Evaluate eq 8 for each trial, over the cells that both know; NaN if there are none."""
+    """Evaluate eq 8 for each trial, over the cells known to forecast and snapshot; NaN without such cells."""
     for k in mae:
         total = 0.0
         cells = 0
         for i in range(numerator.shape[1]):
-            row = 0.0  # apart, or rounding would add up
+            row = 0.0  # separate sums, or rounding would add up
             for j in range(numerator.shape[2]):
                 W = weights[k, slot, margin + i, margin + j]
                 if denominator[k, i, j] > 0.0 and W > 0.0:

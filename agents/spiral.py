@@ -10,16 +10,16 @@ HIT (PI >= threshold): PI becomes the threshold, and a new spiral starts straigh
 row, or three below half of the threshold, lower the threshold to the minimum less delta. ESCAPE resets it to the
 minimum.
 
-The paper gives no lengths of arms, except that they suit the area. Random SPIRAL ignores gas, so that its published
+The paper states no lengths of arms, except that they suit the area. Random SPIRAL ignores gas, so that its published
 acquisitions, 38.6 and 28.3 from 180 and 150 cm (n = 10), depend on the arms alone: first arms of 0.35, 0.4 (the
 default) and 0.5 m all agree with them (chi-square 1.3, 0.7, 0.9; validation/spiral_floor.py).
 
-After a collision the rest of the leg turns aside: as the spiral turns, or to the side of the highest PI among the
-remembered positions.
+After a collision the rest of the leg turns aside: in the sense of the spiral, or to the side of the highest PI among
+the remembered positions.
 
 PI = k_mean mu + k_peak P of a record with peaks, 2 mu of a record without. mu: mean [ppm]; P: sum over windows of the
-largest peak in each; a peak is a local maximum above mu, and counts with its height over mu. (The paper does not name
-the reference of the height; but the mean is to tell the distance where the peaks are low, and whole peaks are never
+largest peak in each; a peak is a local maximum above mu, and counts with its height over mu. (The paper does not define
+the reference of the height; but the mean is meant to indicate the distance if peaks are low, and whole peaks are never
 lower than the mean.)
 """
 
@@ -47,7 +47,7 @@ FLAT = 2.0  # weight of the mean of a record without a peak
 
 @ti.data_oriented
 class Spiral(KernelAlgorithm):
-    """The SPIRAL algorithm. tick: control period [s]."""
+    """SPIRAL algorithm. tick: control period [s]."""
 
     STREAM = "spiral"
     STATE: tuple[str, ...] = (
@@ -138,7 +138,7 @@ class Spiral(KernelAlgorithm):
     def _is_peak(self, n, k, mean):
         """Return whether sample k is a local maximum above the mean; of a plateau only the first sample is."""
         after = k + 1
-        last = self.p.samples[n] - 1  # `and` works out both sides
+        last = self.p.samples[n] - 1  # `and` evaluates both sides
         while after <= last and self.heard[n, ti.min(after, last)] == self.heard[n, k]:
             after += 1
         peak = k > 0 and after <= last and self.heard[n, k] > mean

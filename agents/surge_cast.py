@@ -1,4 +1,4 @@
-"""Surge-cast: straight upwind while in the plume, ever wider crosswind casts when it is lost.
+"""Surge-cast: straight upwind while in the plume, widening crosswind casts when the plume is lost.
 
 After Lochmatter & Martinoli, "Theoretical analysis of three bio-inspired plume tracking algorithms", ICRA 2009,
 doi:10.1109/ROBOT.2009.5152521. FIND, UPWIND, U, V and s as in `tracking`.
@@ -22,7 +22,7 @@ PAIRS = 3  # of legs without gas before the search restarts
 
 @ti.data_oriented
 class SurgeCast(PlumeTracker):
-    """The surge-cast algorithm. tick: control period [s]."""
+    """Surge-cast algorithm. tick: control period [s]."""
 
     STREAM = "surge_cast"
     STATE: tuple[str, ...] = (*PlumeTracker.STATE, "leg", "length")

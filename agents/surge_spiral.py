@@ -1,4 +1,4 @@
-"""Surge-spiral: straight upwind while in the plume, along an Archimedean spiral around where it was lost.
+"""Surge-spiral: straight upwind while in the plume, then an Archimedean spiral around where the plume was lost.
 
 After Lochmatter & Martinoli, "Theoretical analysis of three bio-inspired plume tracking algorithms", ICRA 2009,
 doi:10.1109/ROBOT.2009.5152521. FIND, UPWIND, U and s as in `tracking`.
@@ -21,7 +21,7 @@ SURGE, SPIRAL = range(2, 4)
 
 @ti.data_oriented
 class SurgeSpiral(PlumeTracker):
-    """The surge-spiral algorithm. tick: control period [s]."""
+    """Surge-spiral algorithm. tick: control period [s]."""
 
     STREAM = "surge_spiral"
     STATE: tuple[str, ...] = (*PlumeTracker.STATE, "phi", "began")

@@ -1,8 +1,8 @@
-"""The swarm: pose, kinematics (unicycle, differential drive, drone) and readings of all robots, without any overlap.
+"""Swarm: pose, kinematics (unicycle, differential drive, drone) and readings of all robots, without any overlap.
 
 A body is an upright disc that drives like a unicycle, or flies (see `flight`). Per tick a body moves along the chord of
-its arc; a collision cuts the move short, and the rest of the move slides along the obstacle. Robots of one trial move
-one after the other, each among the new positions of those before. Trials neither see nor touch each other.
+its arc; a collision cuts the move short, and the rest of the move slides along the obstacle. Robots of a trial move one
+after the other, each among the new positions of the robots before. Trials neither sense nor touch each other.
 """
 
 from collections.abc import Callable, Sequence
@@ -47,8 +47,8 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
     positions: (count, 2) [m] and headings: (count,) [rad] at the start, free of overlap (see `placement`). clearance:
     see `Contact`. sources: (m, 2 or 3) [m], known to the referee, not to the robots. walkers: moving obstacles, each
     felt as the disc around its footprint. A walker that runs into a robot pushes the robot aside, or pins the robot if
-    walls and other bodies leave no way out. Robots that are placed from outside stay where they are. rivals: whether
-    groups neither see nor touch each other. episodes: trials of the only group that each restart on their own.
+    walls and other bodies leave no way out. Robots placed from outside are not pushed. rivals: whether groups neither
+    sense nor touch each other. episodes: trials of the only group that each restart on their own.
 
     Algorithms read `reading` [ppm], `wind` [m/s], `wind_known`, `blocked` (the bumper) and the pose by odometry,
     `believed_position` [m], `believed_heading` [rad] and `odometer` [m], and write `speed_command` [m/s],
@@ -199,7 +199,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
                 self._push(t, dt)
 
     def all_over(self) -> bool:
-        """Return whether no robot of any trial searches any more."""
+        """Return whether the searches of all robots in all trials are over."""
         found, declarations = (values[: self.count] for values in self._ended())
         by_declaring = self._each(BODY["by_declaring"])[: self.count]
         return bool(((found > 0) | ((by_declaring > 0) & (declarations > 0))).all())
@@ -304,12 +304,12 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     @ti.func
     def _put(self, i, dt):
-        """Put robot i to its ordered position, whatever stands there: the robot is a real one."""
+        """Put robot i to its ordered position without collision checks: the robot is a real one."""
         place = self.ordered_position[i]
         if not ti.math.isnan(place[0]):
             moved = place - self.position[i]
             way = moved.norm()
-            # a jump of the tracking system makes no wind
+            # a jump of the tracking system causes no wind
             self.velocity[i] = moved / ti.max(dt, way / ti.max(self.max_speed[i], 1e-9))
             self.position[i], self.heading[i] = place, self.ordered_heading[i]
             if ti.static(self.flies):
@@ -334,10 +334,10 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         course = self.heading[i] + 0.5 * turn
         self.heading[i] = wrap(self.heading[i] + turn)
 
-        wanted = chord * cos_sin(course)
+        displacement = chord * cos_sin(course)
         begin = self.position[i]
-        p, path, contact = self.contact.slide(i, k, begin, wanted)
-        if contact == 1 and (p - begin).dot(wanted) < FREE * wanted.dot(wanted):
+        p, path, contact = self.contact.slide(i, k, begin, displacement)
+        if contact == 1 and (p - begin).dot(displacement) < FREE * displacement.dot(displacement):
             self.blocked[i] = 1
         self.position[i] = p
         self.velocity[i] = (p - begin) / dt

@@ -1,8 +1,8 @@
 """Sweep (coverage search): lanes to and fro over the whole floor, shared between the robots of a team.
 
-The systematic search that Turduev, Cabrita, Kırtay, Gazi & Marques, Autonomous Agents and Multi-Agent Systems 28
-(2014) 72-100, compare swarms with; gas plays no part. Each robot has a block of neighbouring lanes, in the order in
-which the robots start across the lanes, and starts at the nearest corner of its block.
+Systematic search to which Turduev, Cabrita, Kırtay, Gazi & Marques, Autonomous Agents and Multi-Agent Systems 28 (2014)
+72-100, compare swarms; gas is not used. Each robot has a block of neighbouring lanes, in the order in which the robots
+start across the lanes, and starts at the nearest corner of its block.
 
 TRANSIT  drive to the start of the first lane
 SWEEP    along lane after lane, around obstacles and back; a lane that ends in an obstacle ends at the next free point
@@ -29,7 +29,7 @@ AHEAD = 0.3  # m along the lane from the robot to its present goal
 
 @ti.data_oriented
 class Sweep(KernelAlgorithm):
-    """The sweep, each team separately. tick: control period [s]."""
+    """Sweep, each team separately. tick: control period [s]."""
 
     STATE: tuple[str, ...] = ("potential", "next", "order")
     STATE_NAMES: tuple[str, ...] = ("TRANSIT", "SWEEP", "DONE")
@@ -39,8 +39,8 @@ class Sweep(KernelAlgorithm):
         ways = self._ways()
         n = self.size
         self.way: Field = ti.Vector.field(2, ti.f32, (n, max(map(len, ways))))  # way points [m]
-        self.length = ti.field(ti.i32, n)  # how many of them there are
-        self.next = ti.field(ti.i32, n)  # number of the present one
+        self.length = ti.field(ti.i32, n)  # number of way points
+        self.next = ti.field(ti.i32, n)  # number of the present way point
         self.order = ti.field(ti.i32, n)  # +1: forwards, -1: back
         self._upload = uploader(self.way, self.length, self.order, self.potential.mark)
 

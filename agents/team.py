@@ -1,4 +1,4 @@
-"""A team: the robots of the groups that one search algorithm drives."""
+"""Team: robots of the groups that a search algorithm drives."""
 
 from collections.abc import Mapping, Sequence
 
@@ -16,12 +16,12 @@ from taichi_plume.files.network import Network
 from taichi_plume.files.trajectories import Way
 
 HANDED = ("own", "policy", "replay")  # kinds with a class, network or paths from files
-BEFORE = "BEFORE_BEGIN"  # state of robots that have not set off; no algorithm has it
+BEFORE = "BEFORE_BEGIN"  # state of robots that have not set off, used by no algorithm
 
 
 @ti.data_oriented
 class Team:
-    """Acts for the robots of the groups `numbers`, whose algorithms are of one kind, all trials at once.
+    """Team of the robots of the groups `numbers`, whose algorithms are of the same kind, all trials at once.
 
     Until the groups set off, at their `begin`, the robots get no command; their state is BEFORE, and the algorithm's
     first state is stored. tick: control period [s]. own: class of a user's algorithm. network: of a policy. ways:

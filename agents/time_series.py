@@ -1,4 +1,4 @@
-"""Gas map from a neighbourhood in space and time: eq 4-7 of Marjovi & Marques, ICRA 2014 (see `snapshots`).
+"""Time-series gas map from a neighbourhood in space and time: eq 4-7 of Marjovi & Marques, ICRA 2014 (see `snapshots`).
 
 The past snapshots k forecast the next one, t, from the neighbourhood N_j in space and time,
 
@@ -7,8 +7,8 @@ The past snapshots k forecast the next one, t, from the neighbourhood N_j in spa
     S_j(t) = Σ_N C W U / Σ_N W U                                                                (6)
 
 where i counts the cells, with their C and W, or with `raw_samples` the samples, with their readings and W = 1. With
-cells N_j is the same everywhere: a list of (lag, offset, U), made once. The snapshots within reach live in a ring
-buffer, so that runs of any length fit. T >= time_scale window, so that U is never infinite.
+cells N_j is the same everywhere: a list of (lag, offset, U), computed once. A ring buffer holds the snapshots within
+reach, so that runs of any length fit. T >= time_scale window, so that U is never infinite.
 """
 
 from math import hypot
@@ -17,24 +17,24 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.gas_map import Floor, shape
-from taichi_plume.agents.snapshots import Needs, SnapMap, Snaps
+from taichi_plume.agents.snapshots import Needs, SnapMap, Snapshots
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario import maps as models
 
 Stencil = list[tuple[int, int, int, float]]
-"""(lag in snaps, offset in cells along x and y, weight) of each member of a cell's neighbourhood."""
+"""(lag in snapshots, offset in cells along x and y, weight) of each member of a cell's neighbourhood."""
 
 
 class TimeSeriesMap(SnapMap):
     """Forecast from the neighbourhood in space and time."""
 
-    def __init__(self, model: models.TimeSeriesMap, floor: Floor, snaps: Snaps | None = None):
+    def __init__(self, model: models.TimeSeriesMap, floor: Floor, snapshots: Snapshots | None = None):
         self.model = model
-        super().__init__(model, floor, snaps)
+        super().__init__(model, floor, snapshots)
         neighbours = neighbourhood(model, max(self.shape) - 1)
         self.depth = max(lag for lag, *_ in neighbours)
-        # Σ U of the cells so many snaps back, from 0 on
+        # Σ U of the cells per lag in snapshots, from 0 on
         self.total = np.bincount([lag for lag, *_ in neighbours], [U for *_, U in neighbours])
         if model.raw_samples:
             return
@@ -51,11 +51,11 @@ class TimeSeriesMap(SnapMap):
 
     @classmethod
     def needs(cls, model: models.TimeSeriesMap, floor: Floor) -> Needs:
-        """Return needs as far back and around as the neighbourhood reaches."""
+        """Return the needs, in time and space, of the neighbourhood."""
         neighbours = neighbourhood(model, max(shape(floor.extent, model.cell)) - 1)
         depth = max(lag for lag, *_ in neighbours)
         if model.raw_samples:
-            return Needs(kept=depth + 1)
+            return Needs(sampled=depth + 1)
         return Needs(depth=depth, margin=max(max(abs(x), abs(y)) for _, x, y, _ in neighbours))
 
     def remembered_of(self, lag: np.ndarray, place: np.ndarray) -> np.ndarray:
@@ -70,16 +70,18 @@ class TimeSeriesMap(SnapMap):
         return np.where(now < self.model.beta - models.BORDER, fresh / now, 0.0)
 
     def _forecast(self) -> None:
-        model, snaps = self.model, self.snaps
+        model, snapshots = self.model, self.snaps
         if model.raw_samples:
-            lag_age = (1 - model.alpha) * model.time_scale * model.window  # what a lag adds to Dist
+            lag_age = (1 - model.alpha) * model.time_scale * model.window  # contribution of a lag to Dist
             _from_samples(
-                snaps.samples, snaps.taken, snaps.ended, self.depth, self.cell, model.alpha, model.beta - models.BORDER,
+                snapshots.samples, snapshots.taken, snapshots.ended, self.depth, self.cell, model.alpha,
+                model.beta - models.BORDER,
                 lag_age, self.numerator, self.denominator,
             )  # fmt: skip
             return
         _from_cells(
-            snaps.strip, snaps.weighted, snaps.weights, snaps.ended, self.offsets, self.closeness, snaps.margin,
+            snapshots.strip, snapshots.weighted, snapshots.weights, snapshots.ended, self.offsets, self.closeness,
+            snapshots.margin,
             self.numerator, self.denominator,
         )  # fmt: skip
 

@@ -5,9 +5,9 @@ U: unit vector upwind, V: U turned left by 90°, s = ±1: the robot's side.
 FIND      sweep along s V until blocked, then UPWIND
 UPWIND    step along U by find_step, then FIND on the other side; when blocked, later steps go the other way
 
-Out of the plume: reading below 70 % of the threshold, or below peak_fraction of the largest since entering, so that a
-slow sensor notices in time. Into it: reading at the threshold or more, and (if peak_fraction is in use) up by 15 %
-from the smallest since the loss.
+Out of the plume: reading below 70 % of the threshold, or below peak_fraction of the largest since entering, in time for
+a slow sensor. Into the plume: reading at the threshold or more, and (if peak_fraction is in use) up by 15 % from the
+smallest since the loss.
 """
 
 import taichi as ti
@@ -32,9 +32,9 @@ ON_COURSE = 0.98  # cosine of the heading error; below, the robot turns away fro
 
 @ti.data_oriented
 class PlumeTracker(KernelAlgorithm):
-    """The common part of plume tracking algorithms. tick: control period [s].
+    """Base class of plume tracking algorithms. tick: control period [s].
 
-    A tracker adds its own states and `numbers`, and overrides `_decide`, which changes the state, and `_course`, the
+    A subclass adds its own states and `numbers`, and overrides `_decide`, which changes the state, and `_course`, the
     direction in each state.
     """
 
@@ -43,7 +43,7 @@ class PlumeTracker(KernelAlgorithm):
     def _allocate(self) -> None:
         n = self.size
         self.wind = ti.Vector.field(2, ti.f32, n)  # average of the measured wind [m/s]
-        self.upwind = ti.Vector.field(2, ti.f32, n)  # U; the first heading until wind is felt
+        self.upwind = ti.Vector.field(2, ti.f32, n)  # U; the first heading until wind is measured
         self.side = ti.field(ti.f32, n)  # s
         self.step_sign = ti.field(ti.f32, n)  # +1: find upwind, -1: downwind
         self.peak = ti.field(ti.f32, n)  # largest reading since entering the plume [ppm]
@@ -87,7 +87,7 @@ class PlumeTracker(KernelAlgorithm):
 
     @ti.func
     def _course(self, n):
-        """Return the unit vector along which robot n wants to drive."""
+        """Return the unit vector of robot n's intended drive."""
         return self._finding_course(n)
 
     @ti.func
@@ -128,7 +128,7 @@ class PlumeTracker(KernelAlgorithm):
 
     @ti.func
     def _still_smells(self, n):
-        """Return whether robot n, in the plume, still detects gas; mark where it does."""
+        """Return whether robot n, in the plume, still detects gas; store the position of detections."""
         c = self.swarm.reading[self.robot[n]]
         self.peak[n] = ti.max(self.peak[n], c)
         self.trough[n] = c
@@ -175,7 +175,7 @@ class PlumeTracker(KernelAlgorithm):
 
     @ti.func
     def _steer(self, n, dt):
-        """Turn towards the course, driving the slower the larger the heading error."""
+        """Turn towards the course; the speed falls with the heading error."""
         i = self.robot[n]
         course = self._course(n)
         error = wrap(direction(course.y, course.x) - self.swarm.believed_heading[i])

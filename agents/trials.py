@@ -1,6 +1,6 @@
-"""Trials that each restart on their own, with a clock, a seed and sources of their own: episodes of environments.
+"""Trials that each restart on their own, each with its own clock, seed and sources: episodes of environments.
 
-In an ordinary run all trials share one clock, one seed and the scenario's sources, and none of this exists.
+In an ordinary run all trials share the clock, the seed and the scenario's sources, and this module is unused.
 """
 
 import taichi as ti
@@ -63,13 +63,13 @@ class Trials:
 
 
 class OwnClocks:
-    """The part of a swarm for trials that each restart on their own: if it is `apart`, with `episodes`."""
+    """Part of a swarm for trials that each restart on their own: if the swarm is `apart`, with `episodes`."""
 
     @ti.func
     def counter(self, i, number, tick):
         """Return the key of the random streams of robot i, and the number and tick that count them.
 
-        number: of the robot among all trials that there could be, unless each trial restarts on its own.
+        number: number of the robot among all possible trials, unless each trial restarts on its own.
         """
         key, counted, now = self.key[None], number, tick
         if ti.static(self.apart):

@@ -1,13 +1,13 @@
 """Moving bodies in the air (immersed boundaries by penalisation): obstacles of prescribed motion, and robots.
 
-The air inside a body is made to move with it by penalisation (Angot, Bruneau & Fabrie 1999,
-doi:10.1007/s002110050401): a force (v - u) r, implicit in u, of a rate that grows without bound towards the inside.
-Where the surface cuts a face's volume the rate is s/(1 - s)/dt, s the share of it that is body, which is to mix the
-velocities as the volumes are. A body is no wall to the pressure, whose matrix so stays as it is, and gas inside it is
-carried along. Only the faces in a box around each body are looked at.
+The air inside a body is made to move with it by penalisation (Angot, Bruneau & Fabrie 1999, doi:10.1007/s002110050401):
+a force (v - u) r, implicit in u, of a rate that grows without bound towards the inside. Where the surface cuts a face's
+volume the rate is s/(1 - s)/dt, s the volume fraction of the body: this averages the velocities by volume. A body is no
+wall to the pressure, whose matrix does not change. Gas inside a body moves with it. Only the faces in a box around each
+body are visited.
 
-A robot in a 2-D run fills but a part of the slab, and most of the air passes over it: there it takes the momentum of
-its form drag, C_d/2 (v - u)|v - u| per frontal area, spread evenly over its disc.
+A robot in a 2-D run fills only a part of the slab, and most of the air passes over the robot. The robot then takes its
+form drag from the air, C_d/2 (v - u)|v - u| per frontal area, spread evenly over its disc.
 """
 
 from dataclasses import dataclass
@@ -30,8 +30,8 @@ DRAG = 1.0  # drag coefficient of a squat upright cylinder on the ground
 
 @dataclass(frozen=True)
 class Outline:
-    """Outline of a body: all points within `radius` [m] of a rectangle of half widths `half` [m] (0, 0: a disc) that
-    is turned by `yaw` [rad], from `low` to `high` [m]; ball: whether it is round in the third direction too.
+    """Outline of a body: all points within `radius` [m] of a rectangle of half widths `half` [m] (0, 0: a disc) turned
+    by `yaw` [rad], from `low` to `high` [m]; ball: whether the outline is round in the third direction too.
     """
 
     half: tuple[float, float] = (0.0, 0.0)
@@ -46,9 +46,9 @@ class Outline:
 class Bodies:
     """Bodies of one outline; satisfies `screens.Resistance` once `advance` is defined.
 
-    open: face fields, 1 where the velocity is solved for. place [m] and velocity [m/s]: fields of 2-vectors that others
-    keep up to date; the bodies are entries first to first + count. ball: see `Outline`; permeable: whether they let air
-    pass and have a drag.
+    open: face fields, 1 where the velocity is solved for. place [m] and velocity [m/s]: fields of 2-vectors that the
+    caller updates; the bodies are entries first to first + count. ball: see `Outline`; permeable: whether air passes
+    through the bodies, with a drag.
     """
 
     def __init__(
@@ -72,13 +72,13 @@ class Bodies:
         self.reach: Field = ti.Vector.field(grid.dim, ti.f32, ())
         """Half sizes of the box around a body [m]."""
         self.block: Field = ti.Vector.field(grid.dim, ti.i32, ())
-        """Faces of a box half a cell wider, per axis."""
+        """Return the number of faces per axis of a box half a cell wider than `half_box`."""
         self._put = uploader(self.half, self.turn, self.reach, self.block)
 
     def shape(self, outline: Outline, drag: float = 0.0) -> None:
         """Set the outline; drag: force per mass over the square of the relative speed [1/m], if permeable."""
         top = self.grid.extent[2] if self.dim == 3 else 1.0
-        margin = 0.0 if self.ball else self.grid.dx  # where it stands on the floor no air may slip under it
+        margin = 0.0 if self.ball else self.grid.dx  # no air may slip under a body that stands on the floor
         low = outline.low - margin if outline.low <= 0 else outline.low
         high = top + margin if outline.high >= top else outline.high
         middle = 0.5 * (outline.low + outline.high) if self.ball else 0.5 * (low + high)
@@ -96,7 +96,7 @@ class Bodies:
 
     @ti.func
     def distance(self, x: Template, b):
-        """Distance [m] of point x [m] to the surface of body b, negative inside; above and below a bound of it."""
+        """Distance [m] of point x [m] to the surface of body b, negative inside; above and below, a bound."""
         p = ti.Vector([x[0], x[1]]) - self.place[b]
         turn, radius = self.turn[None], self.n.radius[None]
         q = (
@@ -115,7 +115,7 @@ class Bodies:
 
     @ti.func
     def share(self, x: Template, b):
-        """Share of the volume of dx³ around x that is body b."""
+        """Volume fraction of body b in the cube dx³ around x."""
         return ti.math.clamp(0.5 - self.distance(x, b) / self.grid.dx, 0.0, SOLID)
 
     @ti.func
@@ -203,7 +203,7 @@ class MovingObstacle(Bodies):
         self.begin(model)
 
     def begin(self, model: Obstacle) -> None:
-        """Set outline and motion."""
+        """Set the outline and the motion."""
         self.shape(outline(model, self.dim))
         motion = model.motion
         assert motion is not None
@@ -216,7 +216,7 @@ class MovingObstacle(Bodies):
         self.n.set(pace=1.0 / dt)
 
     def fastest(self, t: float) -> float:
-        """Return the largest speed [m/s] from t to t + HORIZON; of a loop that of all path segments."""
+        """Return the largest speed [m/s] from t to t + HORIZON; on a loop the largest of all path segments."""
         legs = self.motion.legs(self.center)
         return max(
             (speed for a, b, speed in legs if self.motion.loop or (a < t + HORIZON and t <= b)), default=0.0
@@ -228,7 +228,7 @@ class Wake(Bodies):
 
     In 3-D they are solid, in 2-D they have a drag.
 
-    place and velocity: of the swarm; the robots are entries first to first + count.
+    place and velocity: fields of the swarm; the robots are entries first to first + count.
     """
 
     def __init__(
@@ -238,9 +238,9 @@ class Wake(Bodies):
         self.begin(body)
 
     def begin(self, body: Body) -> None:
-        """Set size and speed."""
+        """Set the size and the speed."""
         drag = 0.0
-        if self.permeable:  # frontal area over the volume of the disc through the whole slab, times C_d/2
+        if self.permeable:  # C_d/2 times frontal area over the volume of the disc through the whole slab
             drag = DRAG * min(body.height / self.grid.depth, 1.0) / (np.pi * body.radius)
         self.shape(Outline(radius=body.radius, high=body.height), drag)
         self.max_speed = body.max_speed

@@ -1,8 +1,8 @@
-"""Boundary conditions of the air: per boundary face a prescribed velocity (Dirichlet) or an ambient pressure.
+"""Boundary conditions of the air at inlets, outlets and walls: prescribed velocity (Dirichlet) or ambient pressure.
 
-Every boundary face has, per velocity component, a target V and a mirror factor, which `ghosts` turns into values beyond
-the face. The component through it is either prescribed (V) or free, with the ambient pressure outside. The
-targets along the face lie on the staggered grid, between the boundary face and the one below it.
+Every boundary face has, per velocity component, a target V and a mirror factor, which `ghosts` turns into ghost values
+beyond the face. The normal component is either prescribed (V) or free, with the ambient pressure outside. The targets
+of tangential components lie on the staggered grid, between a boundary face and the boundary face below.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,7 +24,7 @@ from taichi_plume.solvers.openings import VENTS, JetPatch, Patch, patch_of
 AIR_DENSITY = 1.184  # kg/m³ at 25 °C
 HORIZON = 1.0  # s: a step is never longer
 MIRRORS = {"wall": -1.0, "slip": 1.0, "outlet": 1.0, "honeycomb": 0.0}
-"""Mirror factors by the kind of an opening that does not blow; of those that blow it is 0."""
+"""Mirror factors by the kind of an opening that does not blow; openings that blow have the factor 0."""
 
 
 def curve_of(opening: Opening) -> FanCurve | None:
@@ -36,7 +36,7 @@ def curve_of(opening: Opening) -> FanCurve | None:
 class Boundaries:
     """Targets, mirror factors and ambient pressure of all boundary faces.
 
-    patches: where the openings lie, with the openings as they are at present; jets: those of them that blow.
+    patches: openings on the grid, with their present parameters; jets: the patches that blow.
     `begin` needs `tables` to be uploaded.
     """
 
@@ -52,7 +52,7 @@ class Boundaries:
     )
 
     def __init__(self, openings: tuple[Opening, ...], grid: Grid, area: Sequence[np.ndarray], tables: Tables):
-        """area: per axis the shares of the faces that are open. Raises ValueError where no air is behind an opening."""
+        """area: per axis the area fractions of the faces. Raises ValueError if no air is behind an opening."""
         self.grid = grid
         self.dim = grid.dim
         self._placed: list[tuple[int, Patch]] = []
@@ -92,9 +92,7 @@ class Boundaries:
         return np.moveaxis(array, patch.axis, 0)[patch.side]
 
     def _spread_indices(self, d: int) -> np.ndarray:
-        """Return for each face of axis d, ghost layers of the other axes included, the flat index of the inner face
-        that it repeats.
-        """
+        """Return the flat index of the inner face that each face of axis d (and other axes' ghost layers) repeats."""
         result = np.arange(prod(self._inner[d])).reshape(self._inner[d])
         for a in range(self.dim):
             if a != d:
@@ -103,7 +101,7 @@ class Boundaries:
         return result
 
     def spread(self, array: np.ndarray, d: int) -> np.ndarray:
-        """Return a boundary array of axis d, spread over the ghost layers of the other axes."""
+        """Return a boundary array of axis d, extended to the ghost layers of the other axes."""
         return array.reshape(-1, *array.shape[self.dim :])[self._repeats[d]]
 
     def _kinds(self, tables: Tables) -> list[np.ndarray]:
@@ -170,7 +168,7 @@ class Boundaries:
         self.update(-np.inf, 0.0)
 
     def _peak(self, n: int) -> float:
-        """Largest velocity component of a jet over its mean speed."""
+        """Ratio of a jet's largest velocity component to its mean speed."""
         swirl = max((float(np.abs(v).max()) for v in self._swirl[n].values()), default=0.0)
         return float(self.jets[n].profile.max()) + swirl + 3.0 * self._openings[n].turbulence_intensity
 
@@ -190,7 +188,7 @@ class Boundaries:
     def update(self, t: float, dt: float) -> None:
         """Set the targets for time t; inflow turbulence advances by dt, walls have their mean velocity over dt.
 
-        Velocities through a face change linearly within a step, those along it are constant.
+        Normal velocities change linearly within a step, tangential velocities are constant.
         """
         slid = self._set_wall_velocities(t - dt, t)
         if self._set_targets(self.speeds(t), dt, slid):
@@ -209,8 +207,8 @@ class Boundaries:
         return changed
 
     def _along_walls(self, d: int) -> np.ndarray:
-        """Return the targets that the walls alone set on the faces of axis d: along the face the mean of the velocities
-        of the two boundary faces that a target lies between.
+        """Return the targets of the walls alone on the faces of axis d. A tangential target is the mean of the
+        velocities of the two boundary faces around it.
         """
         target = self._wall_velocities[d].copy()
         for c in range(self.dim):
@@ -219,16 +217,14 @@ class Boundaries:
         return target
 
     def _below(self, values: np.ndarray, axis: int) -> np.ndarray:
-        """Return the values of the boundary faces below, along an axis; of the first face those of the last, or its
-        own.
-        """
+        """Return the values of the boundary faces one below along an axis; for the first face the last, or its own."""
         first = -1 if self.grid.periodic[axis] else 0
         return np.concatenate([np.take(values, [first], axis), np.delete(values, -1, axis)], axis)
 
     def measure_inertia(self, pressure_of: Callable[[], Field]) -> None:
-        """Measure the inertia of the air in front of each fan with a curve.
+        """Compute the inertia of the air in front of each fan with a curve.
 
-        pressure_of: gives the field phi that makes the flow divergence-free; the pressure is dx/dt phi.
+        pressure_of: returns the field phi that makes the flow divergence-free; the pressure is dx/dt phi.
         """
         for n, fan in self.curved.items():
             self._set_targets([float(m == n) for m in range(len(self.jets))], 0.0)
@@ -238,7 +234,7 @@ class Boundaries:
             self.update(-np.inf, 0.0)
 
     def _set_targets(self, speeds: list[float], dt: float, slid: bool = False) -> bool:
-        """Set the targets of jets with these mean speeds. Return whether they may have changed.
+        """Set the targets of jets with these mean speeds. Return whether the targets may have changed.
 
         slid: whether the velocity of a wall has changed.
         """
@@ -265,7 +261,7 @@ class Boundaries:
             put(self.spread(self._targets[d], d))
 
     def fastest(self, t: float) -> float:
-        """Largest velocity component [m/s] that a schedule prescribes from t to HORIZON later."""
+        """Return the largest velocity component [m/s] that a schedule prescribes from t to HORIZON later."""
         result = 0.0
         for n, fan in self.curved.items():
             soon = max(fan.speed, min(fan.free_speed, fan.speed + 0.2 * fan.acceleration))
@@ -277,10 +273,9 @@ class Boundaries:
         return result
 
     def trapped(self, regions: np.ndarray) -> list[int]:
-        """Return the numbers of the openings whose air cannot leave: they blow into a region without an outlet or a
-        balance.
+        """Return the numbers of the openings that blow into a region without an outlet or a balancing opening.
 
-        regions: of grid.shape, equal numbers where air is connected.
+        regions: array of grid.shape with equal numbers where the air is connected.
         """
         jets = [(n, p) for n, p in self._placed if p in self.jets]
         exits = [p for p in self.patches if p.kind in VENTS and p not in self.jets]

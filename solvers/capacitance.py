@@ -1,7 +1,7 @@
-"""Direct solution of the Poisson equation in a box with obstacles: the capacitance matrix method.
+"""Direct solution of the Poisson equation in a box with obstacles by the capacitance matrix method.
 
-In the K cells of air beside obstacles, A, and in all others B, the equations of the empty box, is solved. The rows of
-C = A - B that are not empty are these K. What they miss counts as sources s in their cells:
+A are the equations to solve, B the equations of the empty box. They differ in the K cells of air beside obstacles: only
+these rows of C = A - B are not empty. The difference counts as sources s in these cells:
 
     x = B^-1 (b - s),   M s = C B^-1 b,   M = 1 + C B^-1
 
@@ -20,19 +20,19 @@ from scipy.sparse.csgraph import connected_components
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Field
 from taichi_plume.solvers.direct import Balance, FastTransforms, Window, angles
-from taichi_plume.solvers.poisson import Openness
+from taichi_plume.solvers.poisson import OpenFractions
 
 ENTRIES = 1 << 25  # of the Green's function at a time
 
 
 @dataclass(frozen=True)
 class Changes:
-    """The empty box nearest to an openness, and how their equations differ where the air is.
+    """Empty box that is closest to given open fractions, and the difference of the equations in the air.
 
     kinds: closed, free, periodic, closed-free or free-closed per axis of the grid. near: numbers (axis 0 fastest) of
-    the K cells whose equations differ; reach: of the cells in them; matrix: C, (K, len(reach)). air: cells that are not
-    closed off; part: number of the part of the air that each of these belongs to; floating: which parts no free face
-    of the domain touches. In each, one cell's equation has phi besides, which then is 0 there: A would be singular.
+    the K cells whose equations differ; reach: numbers of the cells in these equations; matrix: C, (K, len(reach)). air:
+    cells that are not closed off; part: number of the connected part of the air per such cell; floating: parts that no
+    free face of the domain touches. There phi is added to one cell's equation: A would be singular.
     """
 
     kinds: tuple[str, ...]
@@ -44,10 +44,10 @@ class Changes:
     floating: np.ndarray
 
     @staticmethod
-    def of(openness: Openness, grid: Grid) -> "Changes":
-        """Return the changes from the box whose sides are as most of the air at each side of the domain."""
-        faces = [_faces(openness, d) for d in range(grid.dim)]
-        total = int(np.prod(openness.shape))
+    def of(fractions: OpenFractions, grid: Grid) -> "Changes":
+        """Return the changes from the box whose sides are like most of the air at each side of the domain."""
+        faces = [_faces(fractions, d) for d in range(grid.dim)]
+        total = int(np.prod(fractions.shape))
         air = np.zeros(total + 1, bool)  # the last entry stands for the outside
         for a, ends in faces:
             air[ends[a > 0]] = True
@@ -55,13 +55,13 @@ class Changes:
         kinds, more = [], []
         for d, (a, ends) in enumerate(faces):
             sides, box = [], np.ones(len(a), np.float32)
-            for outside in (1, 0):  # of the two ends, at the domain's lower side and at its upper one
+            for outside in (1, 0):  # of the domain's lower and upper side
                 side = np.flatnonzero(ends[:, outside] < 0)
                 meets = a[side[air[ends[side, 1 - outside]]]]
                 sides.append("free" if 2 * np.count_nonzero(meets) > len(meets) else "closed")
                 box[side] = 2.0 if sides[-1] == "free" else 0.0
             kind = sides[0] if sides[0] == sides[1] else "-".join(sides)
-            kinds.append("periodic" if openness.periodic[d] else kind)
+            kinds.append("periodic" if fractions.periodic[d] else kind)
             more.append(a - box)
         a, ends, more = (np.concatenate(x) for x in ([f[0] for f in faces], [f[1] for f in faces], more))
         changed = np.flatnonzero((np.abs(more) > 1e-6) & (ends[:, 0] != ends[:, 1]) & air[ends].any(axis=1))
@@ -83,21 +83,21 @@ class Changes:
         return Changes(tuple(kinds), near, reach, matrix, air[:-1], part, floating)
 
 
-def _faces(openness: Openness, d: int) -> tuple[np.ndarray, np.ndarray]:
-    """Openness of all d-faces, and the numbers of the cells above and below, (n, 2), -1 outside."""
-    number = np.arange(int(np.prod(openness.shape)), dtype=np.int32).reshape(openness.shape, order="F")
-    inner = [slice(1, 1 + n) for n in openness.shape]
-    if openness.periodic[d]:
+def _faces(fractions: OpenFractions, d: int) -> tuple[np.ndarray, np.ndarray]:
+    """Open fraction of all d-faces, and the numbers of the cells above and below, (n, 2), -1 outside."""
+    number = np.arange(int(np.prod(fractions.shape)), dtype=np.int32).reshape(fractions.shape, order="F")
+    inner = [slice(1, 1 + n) for n in fractions.shape]
+    if fractions.periodic[d]:
         above, below = number, np.roll(number, 1, axis=d)
     else:
-        inner[d] = slice(1, 2 + openness.shape[d])
+        inner[d] = slice(1, 2 + fractions.shape[d])
         beyond = np.full_like(np.take(number, [0], axis=d), -1)
         above, below = (np.concatenate(x, axis=d) for x in ((number, beyond), (beyond, number)))
-    return openness.a[d][tuple(inner)].ravel(), np.stack([above.ravel(), below.ravel()], axis=1)
+    return fractions.a[d][tuple(inner)].ravel(), np.stack([above.ravel(), below.ravel()], axis=1)
 
 
 def _parts(ends: np.ndarray, air: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Number of the part of the air of each cell of air, and whether no free face touches the part.
+    """Return the number of the connected part of each cell of air, and per part whether no free face touches it.
 
     ends: cells above and below the open faces.
     """
@@ -114,11 +114,11 @@ def _parts(ends: np.ndarray, air: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 class GreensFunction:
     """Solutions of the empty box for unit sources.
 
-    Along each axis they depend on the distance and, as ends mirror, on the distance from the mirror image.
+    Along each axis the solutions depend on the distance and, as ends mirror, on the distance from the mirror image.
     """
 
     def __init__(self, box: FastTransforms):
-        # cells in one line along the last axis share two of three steps: it is the shortest one
+        # cells in a line along the last (shortest) axis share two of three steps
         self.order = sorted(range(len(box.kinds)), key=lambda d: -box.grid.shape[d])
         self.kinds = [box.kinds[d] for d in self.order]
         table = (1.0 / box.eigenvalues).transpose(self.order)
@@ -145,9 +145,7 @@ class GreensFunction:
         return np.asarray(sum(s * between.reshape(-1)[first + m] for s, m in _images(self.kinds[2], p, q)))
 
     def apply(self, matrix: sp.csr_array, cells: np.ndarray, sources: np.ndarray) -> np.ndarray:
-        """Return the matrix times the function in cells (P, dim) for sources in cells (Q, dim), as many as matrix has
-        rows.
-        """
+        """Return matrix times Green's function in cells (P, dim), sources in cells (Q, dim); Q: rows of the matrix."""
         result = np.empty((len(sources), len(sources)))
         by_line = np.lexsort(sources[:, self.order[::-1]].T)
         blocks = -(-len(sources) * len(cells) * self.height // ENTRIES)
@@ -159,20 +157,20 @@ class GreensFunction:
 
 
 def _in_lines(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The lines along the third axis that cells lie in (n, 2), the number of each cell's line, its place in it."""
+    """Return the lines along the third axis that hold cells (n, 2), and each cell's line number and index in it."""
     cells = cells.astype(np.int32)
     lines, line = np.unique(cells[:, :2], axis=0, return_inverse=True)
     return lines, line.astype(np.int32), cells[:, 2] if cells.shape[1] > 2 else np.zeros_like(cells[:, 0])
 
 
 def _images(kind: str, i: np.ndarray, j: np.ndarray) -> list[tuple[int, np.ndarray]]:
-    """(sign, steps) from positions i to j and to the mirror image of j, each (len(i), len(j))."""
+    """Return (sign, steps) from positions i to j and to the mirror image of j, each (len(i), len(j))."""
     direct = [(1, np.abs(i[:, None] - j))]
     return direct if kind == "periodic" else [*direct, (-1 if kind[0] == "f" else 1, i[:, None] + j + 1)]
 
 
 class Capacitance:
-    """Fast transforms of the empty box twice, and between them a dense matrix for the cells beside obstacles."""
+    """Pressure solver: two fast transforms of the empty box, and a dense capacitance matrix between them."""
 
     def __init__(self, changes: Changes, grid: Grid):
         self.grid = grid
@@ -192,14 +190,14 @@ class Capacitance:
         ]
         matrix = GreensFunction(self.box).apply(changes, *places)
         matrix[np.diag_indices_from(matrix)] += 1.0
-        if self.box.singular:  # the constant that B leaves free goes with a source that B cannot take
+        if self.box.singular:  # pair the free constant of B with the mean source, which B cannot have
             ones = np.ones((1, len(matrix)))
             matrix = np.block([[matrix, -changes.sum(axis=1)[:, None]], [ones, np.zeros((1, 1))]])
-        # single precision will do: its condition is 30
+        # single precision is enough: the condition number is 30
         self.inverse = scipy.linalg.inv(matrix.astype(np.float32), overwrite_a=True, check_finite=False)
 
     def solve(self, b: Field, phi: Field, tolerance: float) -> None:
-        """Set the inner cells of field phi to the solution for field b; exact to rounding, whatever the tolerance."""
+        """Set the inner cells of field phi to the solution for field b; exact to rounding for any tolerance."""
         del tolerance
         right = self.grid.read(b).T
         right *= self.air

@@ -1,4 +1,4 @@
-"""Continuity equation: divergence of each cell, and the pressure projection that removes it (incompressible flow).
+"""Continuity equation of incompressible flow: divergence of each cell, and the pressure projection that removes it.
 
     div u = 0,   u -= a dphi/dx,   p += dphi dx/dt
 
@@ -26,7 +26,7 @@ def net_inflow(m: Template, I):
 
 @ti.func
 def corrected(m: Template, phi: Template, I, d: Template):
-    """Return u_d [m/s] at face I less the gradient of phi, in proportion to the openness of the face."""
+    """Return u_d [m/s] at face I less the gradient of phi, in proportion to the open fraction of the face."""
     return m.u[d][I] - m.open[d][I] * (phi[I] - phi[I - ti.Vector.unit(m.dim, d, ti.i32)])
 
 

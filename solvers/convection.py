@@ -1,4 +1,4 @@
-"""Convection schemes: upwind values of a transported quantity at a cell face, of high order and limited.
+"""Convection (advection) schemes: limited high-order upwind values of a transported quantity at a cell face.
 
 `koren`: third order, limited so that no new extremum appears; it damps eddies of less than some 16 cells. `upwind5`:
 fifth order, limited where the field is not smooth only, for little more work. `weno5`: fifth order, weighted by
@@ -17,13 +17,13 @@ from taichi_plume.grid.kernels import Template
 
 @ti.func
 def lesser(a, b):
-    """The smaller of two numbers; faster than Taichi's, which looks for NaN."""
+    """Return the smaller of two numbers; faster than Taichi's minimum, which checks for NaN."""
     return ti.select(a < b, a, b)
 
 
 @ti.func
 def greater(a, b):
-    """The larger of two numbers."""
+    """Return the larger of two numbers."""
     return ti.select(a > b, a, b)
 
 
@@ -50,12 +50,12 @@ def koren_value(q: Template, I, e, v):
 
 @ti.func
 def weno5_value(q: Template, I, e, v, far):
-    """Return q as `koren_value` does, by the fifth-order WENO scheme (weighted essentially non-oscillatory). far: the
-    second cell after I, or the last one.
+    """Return q at the face by the fifth-order WENO scheme (weighted essentially non-oscillatory); see `koren_value`.
+    far: the second cell after I, or the last cell.
 
     Jiang & Shu 1996, doi:10.1006/jcph.1996.0130, for cell averages (Shu 1998, doi:10.1007/BFb0096355). Smoothness is
-    measured against the squares of the values, so that the weights do not depend on the unit; written in differences
-    from the upwind cell, which are exactly zero in a uniform field. New extrema can appear, small ones.
+    measured against the squares of the values, so that the weights do not depend on the unit. Differences from the
+    upwind cell are exactly zero in a uniform field. Small new extrema can appear.
     """
     m3, m2, m1, p0, p1, p2 = q[I - 3 * e], q[I - 2 * e], q[I - e], q[I], q[I + e], q[far]
     forward = v > 0.0
@@ -78,8 +78,8 @@ def weno5_value(q: Template, I, e, v, far):
 
 @ti.func
 def from_upwind(q: Template, I, e, v, far):
-    """Return q of the cell upwind of the lower face of cell I along e, and differences from it: of two cells upwind,
-    the outer one first, and two downwind. far: as of `weno5_value`. Exactly 0 in a uniform field.
+    """Return q of the cell upwind of the lower face of cell I along e, and the differences of two more cells upwind
+    (outer cell first) and two downwind. far: see `weno5_value`. Differences are exactly 0 in a uniform field.
     """
     m3, m2, m1, p0, p1, p2 = q[I - 3 * e], q[I - 2 * e], q[I - e], q[I], q[I + e], q[far]
     forward = v > 0.0
@@ -99,12 +99,12 @@ def fifth_order(a2, a1, b1, b2):
 
 @ti.func
 def upwind5_value(q: Template, I, e, v, far):
-    """Return q as `weno5_value` does, by the linear fifth-order upwind scheme (Wicker & Skamarock 2002,
-    doi:10.1175/1520-0493(2002)130<2088:TSMFEM>2.0.CO;2), held back only where q is not smooth.
+    """Return q at the face by the linear fifth-order upwind scheme (Wicker & Skamarock 2002,
+    doi:10.1175/1520-0493(2002)130<2088:TSMFEM>2.0.CO;2), limited only where q is not smooth.
 
-    Without bounds, short waves grow behind the edges of obstacles. They let q lie between the two cells at the face,
-    no further from the upwind cell than four times the slope behind it, and beyond that by what the curvature makes of
-    a smooth extremum, if it is alike in both cells (after Suresh & Huynh 1997, doi:10.1006/jcph.1997.5745).
+    Without bounds, short waves grow behind the edges of obstacles. The bounds keep q between the two cells at the face
+    and within four times the slope behind the upwind cell. A smooth extremum, with a like curvature in both cells, may
+    exceed these bounds as its curvature demands (after Suresh & Huynh 1997, doi:10.1006/jcph.1997.5745).
     """
     center, a2, a1, b1, b2 = from_upwind(q, I, e, v, far)
     change = fifth_order(a2, a1, b1, b2)
@@ -119,7 +119,7 @@ def upwind5_value(q: Template, I, e, v, far):
 
 @ti.func
 def koren_between(q: Template, I, e, v, far):
-    """Return `koren_value`, with the signature of the wider schemes."""
+    """Return `koren_value`; same signature as the wider schemes."""
     return koren_value(q, I, e, v)
 
 
@@ -130,7 +130,7 @@ STEEPEST = 3.0
 
 
 class Limited(NamedTuple):
-    """Limited (bounded) scheme, by which no cell gives away more than it holds.
+    """Limited (bounded) scheme: no cell loses more than its content.
 
     value: ti.func of the field, a cell, a unit vector and the velocity along it, as `koren_value`; steepest: largest
     value over that of the upwind cell.
@@ -142,16 +142,14 @@ class Limited(NamedTuple):
 
 @ti.func
 def minmod(a, b, c, d):
-    """Return the argument nearest to 0 where all are of one sign, otherwise 0 (minmod limiter)."""
+    """Return the argument nearest to 0 if all have one sign, otherwise 0 (minmod limiter)."""
     least, most = lesser(lesser(a, b), lesser(c, d)), greater(greater(a, b), greater(c, d))
     return greater(least, 0.0) + lesser(most, 0.0)
 
 
 @ti.func
 def fifth_order_value(q: Template, I, e, v):
-    """Return q on the lower face of cell I along unit vector e, where the air moves with v [m/s] along e; q is nowhere
-    negative.
-    """
+    """Return q on the lower face of cell I along unit vector e, with the air's velocity v [m/s] along e; q >= 0."""
     center, a2, a1, b1, b2 = from_upwind(q, I, e, v, I + 2 * e)
     change = fifth_order(a2, a1, b1, b2)
     curved, before, beyond = a1 + b1, a2 - 2.0 * a1, b2 - 2.0 * b1

@@ -1,4 +1,4 @@
-"""Direct solvers of the Poisson equation of the projection: sparse factors, and fast transforms of empty boxes."""
+"""Direct solvers of the Poisson equation of the pressure projection: sparse LU factors, and FFTs of empty boxes."""
 
 from collections.abc import Sequence
 from math import prod
@@ -13,16 +13,15 @@ from threadpoolctl import ThreadpoolController
 
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import FEW_CELLS, Field
-from taichi_plume.solvers.poisson import Openness
+from taichi_plume.solvers.poisson import OpenFractions
 
 DENSE = 100  # cells of an axis up to which a product with a matrix takes less than a fast transform
 
 
 class Balance:
-    """Mean of the right side in each closed part of the air, where the equations are only solvable without a net
-    source.
+    """Mean of the right side in each closed part of the air: without a net source the equations are solvable.
 
-    part: number of the part that each cell belongs to; floating: whether phi = 0 nowhere touches the part.
+    part: number of each cell's part of the air; floating: whether phi = 0 nowhere touches the part.
     """
 
     def __init__(self, part: np.ndarray, floating: np.ndarray):
@@ -39,9 +38,9 @@ class Balance:
 class SparseFactors:
     """Sparse LU factors of the equations, made once (SuperLU, Li 2005, doi:10.1145/1089014.1089017)."""
 
-    def __init__(self, openness: Openness, grid: Grid):
+    def __init__(self, fractions: OpenFractions, grid: Grid):
         self.grid = grid
-        matrix = openness.matrix()
+        matrix = fractions.matrix()
         self.air = np.flatnonzero(matrix.diagonal() > 0)
         matrix = matrix[self.air][:, self.air]
         count, region = connected_components(matrix, directed=False)
@@ -57,7 +56,7 @@ class SparseFactors:
         self.iterations = 1
 
     def solve(self, b: Field, phi: Field, tolerance: float) -> None:
-        """Set the inner cells of field phi to the solution for field b; exact, whatever the tolerance."""
+        """Set the inner cells of field phi to the solution for field b; exact for any tolerance."""
         del tolerance
         right = self.grid.read(b).ravel(order="F")[self.air].astype(np.float64)
         if self.balance.any:
@@ -68,7 +67,7 @@ class SparseFactors:
 
 
 class FastTransforms:
-    """Cosine, sine and Fourier transforms that make the equations of a box without obstacles diagonal.
+    """Cosine, sine and Fourier transforms that diagonalise the equations of a box without obstacles.
 
     Each face of the domain must be closed, free or periodic as a whole. Closed ends are even, free ends odd about the
     domain's face, which is half a cell from the first centre: types II and IV (Strang 1999,
@@ -91,7 +90,7 @@ class FastTransforms:
         self.eigenvalues = np.where(constant, np.inf, eigenvalues)
         inverse = (1.0 / self.eigenvalues).astype(np.float32).T  # axes reversed, as `Grid.read` returns them
         self.wrapped = [grid.dim - 1 - d for d, kind in enumerate(kinds) if kind == "periodic"]
-        if self.wrapped:  # a real Fourier transform keeps half of its last axis
+        if self.wrapped:  # a real Fourier transform returns half of its last axis
             last = self.wrapped[-1]
             inverse = np.take(inverse, np.arange(inverse.shape[last] // 2 + 1), axis=last)
         self.inverse = np.ascontiguousarray(inverse)
@@ -106,13 +105,13 @@ class FastTransforms:
         self.blas = ThreadpoolController().select(user_api="blas")
 
     def matrices(self, d: int) -> list[np.ndarray]:
-        """The transform along axis d, which does not wrap round, and its inverse."""
+        """Return the transform along axis d, which is not periodic, and the inverse transform."""
         odd, kind = _type(self.kinds[d])
         make = (scipy.fft.dst, scipy.fft.idst) if odd else (scipy.fft.dct, scipy.fft.idct)
         return [transform(np.eye(self.grid.shape[d]), kind, axis=0).astype(np.float32) for transform in make]
 
     def forward(self, x: np.ndarray) -> np.ndarray:
-        """The amplitudes of the modes in x, f32 of the grid's shape reversed; x may be overwritten."""
+        """Return the amplitudes of the modes in x, f32 of the grid's shape reversed; x may be overwritten."""
         for d, (there, _) in self.dense.items():
             x = along(there, x, d)
         for (odd, kind), axes in self.transforms.items():
@@ -120,7 +119,7 @@ class FastTransforms:
         return np.asarray(scipy.fft.rfftn(x, None, self.wrapped, workers=self.workers)) if self.wrapped else x
 
     def backward(self, x: np.ndarray) -> np.ndarray:
-        """The inverse of `forward`; x may be overwritten."""
+        """Return the inverse of `forward`; x may be overwritten."""
         if self.wrapped:
             shape = [self.grid.shape[::-1][d] for d in self.wrapped]
             x = np.asarray(scipy.fft.irfftn(x, shape, self.wrapped, **self.options))
@@ -131,7 +130,7 @@ class FastTransforms:
         return x
 
     def solve(self, b: Field, phi: Field, tolerance: float) -> None:
-        """Set the inner cells of field phi to the solution for field b; exact to rounding, whatever the tolerance."""
+        """Set the inner cells of field phi to the solution for field b; exact to rounding for any tolerance."""
         del tolerance
         with self.blas.limit(limits=1):
             waves = self.forward(self.grid.read(b).T)
@@ -145,10 +144,10 @@ def _type(kind: str) -> tuple[bool, int]:
 
 
 class Window:
-    """Transforms between the modes of a box and some of its cells.
+    """Transforms between the modes of a box and selected cells.
 
-    By dense matrices over the rows, columns and layers that have such places, and for these only; where an axis wraps
-    round, by transforms of the whole box.
+    By dense matrices over only the rows, columns and layers with selected cells; with a periodic axis, by transforms of
+    the whole box.
     """
 
     def __init__(self, box: FastTransforms, cells: np.ndarray, sources: np.ndarray):
@@ -176,7 +175,7 @@ class Window:
         return np.ravel_multi_index(inside, [len(u) for u in used], order="F")
 
     def values(self, waves: np.ndarray) -> np.ndarray:
-        """Return the values in the cells of modes with these amplitudes."""
+        """Return the values in the cells for these amplitudes of the modes."""
         if self.whole:
             return self.box.backward(waves.copy()).reshape(-1)[self.cells]
         for d, matrix in enumerate(self.back):
@@ -184,7 +183,7 @@ class Window:
         return waves.reshape(-1)[self.cells]
 
     def waves(self, sources: np.ndarray) -> np.ndarray:
-        """Return the amplitudes of the modes that sources make."""
+        """Return the amplitudes of the modes for these sources."""
         x = np.zeros(self.box.grid.shape[::-1] if self.whole else self.shape, np.float32)
         x.reshape(-1)[self.sources] = sources
         if self.whole:
@@ -195,7 +194,7 @@ class Window:
 
 
 def along(matrix: np.ndarray, x: np.ndarray, d: int) -> np.ndarray:
-    """The product of a matrix with axis d of x, the axes of which are reversed."""
+    """Return the product of a matrix with axis d of x, whose axes are reversed."""
     if d == 0:
         return x @ matrix.T
     shape = x.shape

@@ -1,15 +1,15 @@
-"""The downwash of drones: their rotors as actuator discs.
+"""Downwash of drones: rotors as actuator discs.
 
-By Newton's laws the air takes up m (g - a) from a drone of mass m that accelerates by a, g the acceleration of gravity:
-hovering, its weight, downward. What its body takes from the air by drag, its rotors give back, so that drag does not
-count. This force is shared by the rotors evenly, and each spreads it over a thin disc: over the faces within its radius
-and half a cell more, in two layers around its plane, in weights whose sum over the faces that have air is one. So the
-air gets the momentum to rounding, wherever the disc lies on the grid. A rotor narrower than a cell is spread to the
-width of one. It is an explicit force: after the stages of a step its sum is that of the whole step.
+By Newton's laws the air receives the force m (g - a) from a drone of mass m and acceleration a, g the acceleration of
+gravity; a hovering drone pushes down its weight. The rotors return what the body takes from the air by drag, so that
+drag cancels. The rotors share the force evenly, and each spreads it over a thin disc: over the faces within its radius
+plus half a cell, in two layers around its plane, with weights whose sum over the faces with air is 1. The air thus gets
+the momentum to rounding, wherever the disc lies on the grid. A rotor narrower than a cell is spread to the width of a
+cell. The force is explicit: after the stages of a step its sum is that of the whole step.
 
-The air is sucked through the disc at w = (T/(2 rho A))^½ and goes on at 2 w (momentum theory: Rankine 1865, Froude
-1889), ground and ceiling effect included, as far as the grid resolves it. Swirl, blades and tip vortices are not there,
-and the body itself is no obstacle to the air.
+The air passes the disc at w = (T/(2 rho A))^½ and reaches 2 w below (momentum theory: Rankine 1865, Froude 1889), with
+ground and ceiling effect as far as the grid resolves them. Swirl, blades and tip vortices are not modelled, and the
+body itself is no obstacle to the air.
 """
 
 from math import pi, prod, sqrt
@@ -23,17 +23,17 @@ from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.bodies import GRAVITY, Body
 from taichi_plume.scenario.species import AIR_DENSITY
 
-LEAST_RADIUS = 0.5  # of a disc, over a cell
+LEAST_RADIUS = 0.5  # least radius of a disc, over a cell
 LANDED = 2e-3  # m of altitude over the floor below which rotors stand still
 AHEAD_LEFT = 0.25 * pi  # of the first rotor
 
 
 @ti.data_oriented
 class Downwash:
-    """The rotors of the drones of a group, put there at t = 0; satisfies `screens.Resistance`, in 3-D.
+    """Rotors of the drones of a group, present from t = 0; satisfies `screens.Resistance`, in 3-D.
 
-    place (2,) [m], heading [rad], altitude [m], acceleration (3,) [m/s²]: fields that others keep up to date; the
-    drones are entries first to first + count. open: face fields, 1 where the velocity is solved for.
+    place (2,) [m], heading [rad], altitude [m], acceleration (3,) [m/s²]: fields that the caller updates; the drones
+    are entries first to first + count. open: face fields, 1 where the velocity is solved for.
     """
 
     def __init__(
@@ -58,12 +58,12 @@ class Downwash:
         self.reach: Field = ti.Vector.field(3, ti.f32, ())
         """Half sizes of the box around the discs of a drone [m]."""
         self.block: Field = ti.Vector.field(3, ti.i32, ())
-        """Faces of it per axis."""
+        """Number of faces of the box per axis."""
         self._put = uploader(self.reach, self.block)
         self.begin(body)
 
     def begin(self, body: Body) -> None:
-        """Set mass and dimensions."""
+        """Set the mass and the dimensions."""
         dx = self.grid.dx
         mass, arm = body.mass or 0.0, body.arm or 0.0
         radius = max(body.rotor_radius or 0.0, LEAST_RADIUS * dx)
@@ -85,7 +85,7 @@ class Downwash:
             self._compute_forces()
 
     def fastest(self, t: float) -> float:
-        """The speed of the far wake at the largest thrust [m/s]."""
+        """Return the speed of the far wake at the largest thrust [m/s]."""
         return self.jet if t > -1e-9 else 0.0
 
     @ti.kernel
@@ -113,7 +113,7 @@ class Downwash:
 
     @ti.func
     def _face(self, d: Template, K, middle):
-        """Index and place [m] of the d-face number K of the block around a point, and whether it is one (1 or 0)."""
+        """Return index and position [m] of d-face K of the block around a point, and whether it exists (1 or 0)."""
         x = ti.Vector.zero(ti.f32, 3)
         I = ti.Vector.zero(ti.i32, 3)
         inside = 1
@@ -141,7 +141,7 @@ class Downwash:
 
     @ti.func
     def _weight(self, x, hub):
-        """Return the share of the disc around a hub at a face at x, up to a factor that all faces have in common."""
+        """Return the weight of a face at x in the disc around a hub, up to a factor common to all faces."""
         apart = self._apart(x, hub)
         off = ti.sqrt(apart[0] * apart[0] + apart[1] * apart[1])
         covered = ti.math.clamp(0.5 + (self.n.radius[None] - off) / self.grid.dx, 0.0, 1.0)
@@ -162,8 +162,8 @@ class Downwash:
 
     @ti.func
     def _push_face(self, u: Template, d: Template, K: Template, dt):
-        """Push face component d at place K[1:] of the block of drone K[0], for all drones at once: for the first one
-        in whose block it lies, so that no face is written twice.
+        """Apply the force of all drones to face component d at place K[1:] of the block of drone K[0]. Only the first
+        drone whose block holds the face does so, so that no face is written twice.
         """
         I, x, inside = self._face(d, ti.Vector([K[1], K[2], K[3]]), self._middle(K[0]))
         if inside == 1 and self.n.runs[None] > 0.0 and self.open[d][I] > 0.0:

@@ -1,4 +1,4 @@
-"""Emission of sources: rate over time, pulses, evaporation from dishes, and the puffs that are released."""
+"""Emission of sources: rate over time, pulses, evaporation from dishes, and release of puffs."""
 
 from math import ceil
 
@@ -11,7 +11,7 @@ from taichi_plume.scenario.sources import Source
 from taichi_plume.scenario.species import Species
 from taichi_plume.solvers.evaporation import Evaporation, speed_over
 
-INTERVAL = 0.1  # s: how often a dish feels the wind
+INTERVAL = 0.1  # s: interval at which a dish samples the wind
 
 
 class Emission:
@@ -20,11 +20,11 @@ class Emission:
     STATE = ("pulses", "rng", "_dish_rate", "_due")
 
     def __init__(self, name: str, wind: Wind | None = None):
-        """name: of the random stream; wind: over a dish. The owner calls `begin`."""
+        """name: name of the random stream; wind: wind over a dish. The owner calls `begin`."""
         self.name, self.wind = name, wind
 
     def begin(self, source: Source, t: float, seed: int, species: Species | None = None) -> None:
-        """t: start of the run [s]; species: liquid in a dish."""
+        """t: start of the run [s]; species: the liquid in a dish."""
         self.source = source
         self.evaporation = None
         if source.dish is not None:
@@ -48,7 +48,7 @@ class Emission:
         return float(self.masses(np.array([t, t + dt]))[0])
 
     def masses(self, times: np.ndarray) -> np.ndarray:
-        """Mass emitted between each two of the ascending times (n,): (n - 1,) [kg]."""
+        """Mass emitted between consecutive ascending times (n,): (n - 1,) [kg]."""
         self._draw_until(times[-1])
         while len(self.pulses) > 1 and self.pulses[0][1] < times[0]:
             self.pulses.pop(0)
@@ -72,12 +72,12 @@ class Emission:
 
 
 class Portions:
-    """Puffs of a source: each holds what the source has emitted since the puff before."""
+    """Puffs of a source: each holds the mass emitted since the previous puff."""
 
     STATE = ("emission", "rng", "pending", "_next")
 
     def __init__(self, name: str, wind: Wind):
-        """name: of the random streams; wind: over a dish. The owner calls `begin`."""
+        """name: name of the random streams; wind: wind over a dish. The owner calls `begin`."""
         self.name = name
         self.emission = Emission(name, wind)
 
@@ -103,7 +103,7 @@ class Portions:
             moments.append(ahead[:due])
             self._next = ahead[min(due, len(intervals))]
             if due > len(intervals):
-                moments[-1] = moments[-1][:-1]  # it is the first of the next lot
+                moments[-1] = moments[-1][:-1]  # it is the first of the next batch
         return np.concatenate(moments)
 
     def puffs(self, t: float, dt: float) -> tuple[np.ndarray, np.ndarray, float]:

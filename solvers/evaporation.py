@@ -1,17 +1,17 @@
-"""Evaporation from an open dish in the wind: mass transfer by Sherwood number, and the cooling of the liquid.
+"""Evaporation from an open dish in the wind: mass transfer by the Sherwood number, and cooling of the liquid.
 
     m = Sh D/d A (p M / R T_f) ln(1/(1 - x_s)),    Sh³ = (0.664 Re^1/2 Sc^1/3)³ + (8/pi)³
 
 d and A: diameter and area of the dish. In a wind the dish is a plate with a laminar boundary layer; in still air it is
-a disc flush with the floor, which gives off 4 D (d/2) c_s. The logarithm is the flow that the vapour itself makes away
-from the liquid; x_s is the share of vapour in the air at the surface, which is saturated. D grows as T^1.75 and is
-taken, like the density, at the mean T_f of surface and air.
+a disc flush with the floor, which emits 4 D (d/2) c_s. The logarithm is the flow of the vapour away from the liquid
+(Stefan flow); x_s is the mole fraction of vapour in the saturated air at the surface. D grows as T^1.75 and is taken,
+like the density, at the mean T_f of surface and air.
 
-The heat that evaporation takes comes by radiation and, as the vapour goes, through the air:
+The heat of evaporation arrives by radiation and by transfer through the air:
 
     L m/A = (h_rad + Nu k/d) (T - T_s),    Nu as Sh with the Prandtl number
 
-The air far away counts as clean; that heavy vapour flows over the rim, and rims themselves, are left out.
+The air far away counts as clean. Rims, and heavy vapour that flows over them, are not modelled.
 """
 
 from math import log1p, pi
@@ -37,7 +37,7 @@ RADIATION = 5.5  # W/(m² K) between a wet surface and a room a few kelvin warme
 def speed_over(source: Source, wind: Wind, t: float) -> float:
     """Speed [m/s] of the wind over a source's dish: beyond its boundary layer, half a diameter up.
 
-    In 2-D, at the dish itself.
+    In 2-D, the speed at the dish itself.
     """
     assert source.dish is not None
     point = np.array([source.position])
@@ -46,20 +46,20 @@ def speed_over(source: Source, wind: Wind, t: float) -> float:
 
 
 class Evaporation:
-    """Mass flux from a dish of liquid."""
+    """Mass flux of vapour from a dish of liquid."""
 
     def __init__(self, dish: Dish, species: Species):
         self.dish = dish
         self.species = species
 
     def _transfer(self, speed: float, diffusivity: float) -> float:
-        """Sherwood or Nusselt number of the dish in air of some speed [m/s]."""
+        """Sherwood or Nusselt number of the dish in air of a speed [m/s]."""
         reynolds = speed * self.dish.diameter / AIR_VISCOSITY
         forced = 0.664 * reynolds**0.5 * (AIR_VISCOSITY / diffusivity) ** (1 / 3)
         return (forced**3 + (8.0 / pi) ** 3) ** (1 / 3)
 
     def flux(self, speed: float, surface: float) -> float:
-        """Mass [kg/(m² s)] that evaporates in air of some speed [m/s] from a surface of some temperature [K]."""
+        """Evaporation rate per area [kg/(m² s)] in air of a speed [m/s] from a surface of a temperature [K]."""
         film = 0.5 * (surface + self.dish.temperature)
         D = self.species.diffusivity * (film / TEMPERATURE) ** 1.75
         share = self.species.saturation(surface, self.dish.temperature) / PRESSURE
@@ -67,7 +67,7 @@ class Evaporation:
         return self._transfer(speed, D) * D / self.dish.diameter * pure * -log1p(-share)
 
     def surface(self, speed: float) -> float:
-        """Temperature [K] of the liquid's surface in air of some speed [m/s]."""
+        """Temperature [K] of the liquid's surface in air of a speed [m/s]."""
         from scipy.optimize import brentq  # for runs with liquids only
 
         warm = self.dish.temperature
@@ -85,5 +85,5 @@ class Evaporation:
         return found
 
     def rate(self, speed: float) -> float:
-        """Mass per time [kg/s] that evaporates in air of some speed [m/s]."""
+        """Evaporation rate [kg/s] in air of a speed [m/s]."""
         return self.flux(speed, self.surface(speed)) * 0.25 * pi * self.dish.diameter**2

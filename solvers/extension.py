@@ -1,12 +1,12 @@
 """Extension of velocities to the closed faces of cut cells, for the convection of the air beside oblique surfaces.
 
-Where a surface cuts the cells, air that flows along it passes closed faces. With the velocity 0 there the surface takes
-the momentum of that air, as though it were a stair. So far as convection goes the air there keeps the velocity that it
-has beside the surface: what flows in flows out again, and friction alone takes momentum (see `surfaces`).
+Where a surface cuts the cells, air along the surface passes closed faces. With the velocity 0 on closed faces the
+surface would take the momentum of that air, as a stair does. For convection the closed faces therefore get the velocity
+beside the surface: inflow equals outflow, and friction alone takes momentum (see `surfaces`).
 
-Only beside plane surfaces: on curved ones and at edges the layers separate, for which the grid is too coarse, and with
-air that slips they do not (a cylinder of 8 cells at Re 10,000 had a drag coefficient of 0.2; with 0 on the closed faces
-it has 1.15, as measured ones about have). Along the axes no air passes closed faces.
+Only beside plane surfaces: on curved surfaces and at edges the boundary layers separate, but with air that slips they
+do not (a cylinder of 8 cells at Re 10,000 had a drag coefficient of 0.2; with 0 on the closed faces it has 1.15, about
+the measured value). Beside surfaces along the axes no air passes closed faces.
 """
 
 from itertools import combinations_with_replacement, product
@@ -21,20 +21,19 @@ from taichi_plume.grid.kernels import Field, Pass
 from taichi_plume.grid.tables import Tables
 
 REACH = 3  # cells: as far as schemes look
-PLANE = 0.994  # of the sum of squares of the normals' components, the share along one direction within REACH
+PLANE = 0.994  # share of the sum of squares of the normals' components along one direction within REACH
 ALONG = 0.999  # share above which that direction counts as one of the axes
-FAR = 1000  # no distance squared
+FAR = 1000  # lower bound of a squared distance
 
 
 def oblique_planes(vectors: np.ndarray, cells: np.ndarray, grid: Grid) -> np.ndarray:
-    """Return for cells (n, dim), padded, whether all surface within REACH of them is plane and along no axis, bool
-    (n,).
+    """Return for cells (n, dim), padded, whether all surface within REACH is plane and along no axis, bool (n,).
 
     vectors: areas of the surface, (*padded, dim). Opposite sides of a sheet count as one plane.
     """
     vectors = vectors.copy()
     for a, (begin, end) in enumerate(grid.cells):
-        if not grid.periodic[a]:  # faces of the domain are open or closed as a whole: they have no direction
+        if not grid.periodic[a]:  # faces of the domain are open or closed as a whole: no direction
             along = np.moveaxis(vectors, a, 0)
             along[: begin + 1] = along[end - 1 :] = 0.0
     dim, size = vectors.shape[-1], np.maximum(np.linalg.norm(vectors, axis=-1), 1e-6)
@@ -49,12 +48,12 @@ def oblique_planes(vectors: np.ndarray, cells: np.ndarray, grid: Grid) -> np.nda
 
 @ti.data_oriented
 class Extension:
-    """Sets the velocities on closed faces near an oblique plane surface to those of the nearest faces that have some of
-    it: their mean, by area. None where the viscous layer is resolved (see `Surfaces.slip`).
+    """Extension of velocities to the closed faces near an oblique plane surface: the mean, by area, over the nearest
+    faces with a part of the surface. None where the viscous layer is resolved (see `Surfaces.slip`).
     """
 
     def __init__(self, surfaces: Any, convex: np.ndarray, area: list[np.ndarray], tables: Tables):
-        """surfaces: `Surfaces`; convex: which of all faces in `surfaces` lie beside a convex surface, bool (n,); area:
+        """surfaces: `Surfaces`; convex: mask of the faces in `surfaces` beside a convex surface, bool (n,); area:
         padded arrays of the field `area` of the flow.
         """
         self.surfaces, self.grid = surfaces, surfaces.grid
@@ -78,10 +77,10 @@ class Extension:
         self.cells = sum(self._count)
 
     def _sources(self, d: int, area: np.ndarray, slips: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Closed faces of axis d, (n, dim), those in the ghost layers of periodic axes too; the ends (n) of their parts
-        of the other two arrays: numbers of the faces in `surfaces` that make their velocity, and their weights.
+        """Return the closed faces of axis d, (n, dim), ghost layers of periodic axes included; the ends (n) of their
+        parts of the other two arrays; numbers of the faces in `surfaces` that set their velocity; the weights of these.
 
-        slips: which of the faces in `surfaces` do, bool.
+        slips: mask of the faces in `surfaces` at which air slips, bool.
         """
         grid, listed = self.grid, self.surfaces.faces[d]
         if not slips.any():
@@ -94,7 +93,7 @@ class Extension:
                 within = np.take(number, np.arange(begin, end), axis=a)
                 width = [(grid.ghost, grid.ghost) if b == a else (0, 0) for b in range(grid.dim)]
                 number = np.pad(within, width, mode="wrap")
-            else:  # its boundary faces are prescribed, or open
+            else:  # boundary faces are prescribed or open
                 along = np.moveaxis(solved, a, 0)
                 along[: begin + (a == d)], along[end:] = False, False
         near = maximum_filter(np.where(number >= 0, slips[number], False), 2 * REACH + 1, mode="constant")
@@ -110,15 +109,15 @@ class Extension:
         weight = np.where(nearest, area[places], 0.0)
         weight /= np.maximum(weight.sum(axis=1, keepdims=True), 1e-6)
         used = nearest & slips[number[places]]
-        kept = used.any(axis=1)
-        return face[kept], np.cumsum(used[kept].sum(axis=1)), number[places][used], weight[used]
+        has_source = used.any(axis=1)
+        return face[has_source], np.cumsum(used[has_source].sum(axis=1)), number[places][used], weight[used]
 
     def setting(self) -> Pass:
-        """Return the pass that sets the velocities on closed faces; it needs those on others, ghosts included."""
+        """Return the pass that sets the velocities on closed faces from those on open faces, ghosts included."""
         return Pass(self._extend, sum(self._beside_count) + self.cells)
 
     def clearing(self) -> Pass:
-        """Return the pass that makes them 0 again."""
+        """Return the pass that resets the velocities on closed faces to 0."""
         return Pass(self._clear, self.cells)
 
     @ti.func

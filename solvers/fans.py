@@ -1,12 +1,12 @@
-"""Fans with a characteristic curve: the pressure behind the opening sets the flow rate.
+"""Fans with a characteristic curve (fan curve): the pressure behind the opening sets the flow rate.
 
 dp = dp0 (1 - (Q/Q0)²), Q the flow rate and dp the mean pressure behind the opening over that of the still air outside.
-What the fan can do beyond it sets the air in front, of inertia m (kinematic pressure over the acceleration that raises
-it [m]), and its own blades in motion,
+The excess of the fan's pressure accelerates the air in front, of inertia m (kinematic pressure over the acceleration
+that causes it [m]), and the fan's blades,
 
     (m + r) dU/dt = dp0/rho (1 - (U/U0)²) - p,   r = 2 dp0/(rho U0) response,
 
-p the kinematic pressure less what accelerates the air already. Implicit in U, for a p that grows with its square.
+p the kinematic pressure without the part that accelerates the air. Implicit in U, for a p that grows with U².
 """
 
 import numpy as np
@@ -16,22 +16,22 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.tables import Tables
 from taichi_plume.scenario.openings import FanCurve
 
-LEAST = 0.05  # of the free speed: below, the resistance counts as linear
+LEAST = 0.05  # of the free speed: below, the resistance is linear
 
 
 @ti.kernel
 def _mean(p: Template, cells: Template, weights: Template, count: Template) -> ti.f32:
     total = 0.0
-    for _ in range(1):  # in order, so that equal runs are equal
+    for _ in range(1):  # in a fixed order, so that equal runs give equal results
         for n in range(count):
             total += weights[n] * p[cells[n]]
     return total
 
 
 class CurvedFan:
-    """The state of one fan. cells: (n, dim) behind the opening, on the padded grid; weights: of their pressures.
+    """State of a fan. cells: (n, dim) behind the opening, on the padded grid; weights: weights of their pressures.
 
-    area: of the opening [m²]; density: of the air [kg/m³].
+    area: area of the opening [m²]; density: density of the air [kg/m³].
     """
 
     STATE = ("speed", "acceleration")
@@ -43,7 +43,7 @@ class CurvedFan:
         self.weights = tables.listed(weights / weights.sum())
 
     def begin(self, curve: FanCurve, speed: float) -> None:
-        """Start with a speed [m/s]; the inertia of the air in front is to be set."""
+        """Start with a speed [m/s]; the caller then sets the inertia of the air in front."""
         self.speed = speed
         self.free_speed = curve.flow / self.area
         self.shut_off = curve.pressure / self.density  # kinematic [m²/s²]
@@ -56,7 +56,7 @@ class CurvedFan:
         return float(_mean(p, self.cells, self.weights, self.count))
 
     def advance(self, p, dt: float) -> None:
-        """Advance the speed by dt [s] at the kinematic pressure p; it is never negative."""
+        """Advance the speed by dt [s] at the kinematic pressure p; the speed is never negative."""
         against = self.mean(p) - self.inertia * self.acceleration
         beyond = self.shut_off * (1.0 - (self.speed / self.free_speed) ** 2) - against
         speed = max(self.speed, LEAST * self.free_speed)

@@ -1,7 +1,7 @@
-"""Recorded flow realisations in memory, several films at once: each environment of a learner plays one, from any time.
+"""Recorded flow realisations in memory: each environment of a learner plays a film, from any start time.
 
-The films are planes at the height of the sensors, half precision (11 bits: 0.05 %), linear in time between frames and
-bilinear in space over the cells that hold air there.
+The films are planes at the height of the sensors in half precision (11 bits: 0.05 %), interpolated linearly in time
+between frames and bilinearly in space over the cells that hold air.
 """
 
 from collections.abc import Sequence
@@ -14,21 +14,21 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import Numbers, uploader
 
 WIND, GAS = 0, 1  # rows of `air`: at the height of the anemometer, and of the gas sensor
-TOP = 2.0**15  # what the largest ppm of a gas in a film is stored as; half precision ends at 65504
+TOP = 2.0**15  # stored value of the largest ppm of a gas in a film; half precision ends at 65504
 
 
 @ti.data_oriented
 class FilmBank:
-    """Wind and gas at robots, from the film of the environment that each robot belongs to.
+    """Wind and gas at robots, from the film of each robot's environment.
 
-    Robot i belongs to environment e = i // robots. It meets film[e] at begin[e] + now[e] [s] of the film, whose last
-    frame holds at its end, and of its gases the one gas_of[e], or all of them where that is -1.
+    Robot i belongs to environment e = i // robots, which plays film[e] at begin[e] + now[e] [s] of the film. After its
+    end the last frame holds. gas_of[e] is the number of the gas in use, -1 for all gases.
     """
 
     STATE = ("film", "gas_of", "begin", "now")
 
     def __init__(self, bank: Any, count: int, robots: int = 1):
-        """count: of the environments; robots of each. bank: as of envs/bank.py, with
+        """count: number of environments; robots: robots of each environment. bank: see envs/bank.py, with
 
         values (films, frames, nx, ny, 2 + gases), float16: wind [m/s], and each gas in units of its scale; scale
         (films, gases) [ppm]; air (2, nx, ny), rows WIND and GAS; spacing of the cells [m]; frame [s] between frames;
@@ -47,7 +47,7 @@ class FilmBank:
         uploader(self.film, self.gas_of, self.begin, self.now)(0, -1, 0.0, 0.0)
         self._numbers.set(frame=bank.frame, spacing=bank.spacing)
         self._values = ti.field(ti.f16, bank.values.shape)
-        for n, values in enumerate(bank.values):  # one by one: no second copy of the whole
+        for n, values in enumerate(bank.values):  # film by film, to avoid a second copy of the whole
             self._load(n, np.ascontiguousarray(values))
 
     @ti.kernel
@@ -58,14 +58,14 @@ class FilmBank:
 
     @ti.func
     def _moment(self, e):
-        """Frame before the present time of environment e, and how far it is on the way to the next one."""
+        """Return the frame before the present time of environment e, and the weight of the next (0 to 1)."""
         at = ti.math.clamp((self.begin[e] + self.now[e]) / self._numbers.frame[None], 0.0, self.frames - 1.0)
         n = ti.min(ti.cast(at, ti.i32), ti.max(self.frames - 2, 0))
         return n, at - n
 
     @ti.func
     def _corners(self, x: Template, row: ti.i32):
-        """Lower cell of the four centres around point x [m], and their weights: 0 where there is no air."""
+        """Return the lower cell of the four centres around point x [m], and the four weights: 0 without air."""
         most = ti.Vector([self.nx, self.ny])
         low, weights = ti.Vector([0, 0]), ti.Vector([0.0, 0.0, 0.0, 0.0])
         part = ti.Vector([0.0, 0.0])
@@ -85,7 +85,7 @@ class FilmBank:
 
     @ti.func
     def _value(self, film, n, share, low, weights, c):
-        """Channel c at a moment and place."""
+        """Return channel c at a time and position."""
         later, value = ti.min(n + 1, self.frames - 1), 0.0
         for a, b in ti.static(ti.ndrange(2, 2)):
             i, j = ti.min(low[0] + a, self.nx - 1), ti.min(low[1] + b, self.ny - 1)
@@ -96,7 +96,7 @@ class FilmBank:
 
     @ti.func
     def velocity_of(self, i, x: Template, t: float):
-        """Velocity [m/s] that robot i feels at point x [m], as long as x; the time is its environment's own."""
+        """Velocity [m/s] at point x [m] for robot i, as long as x; the time is that of the robot's environment."""
         e = i // self.robots
         n, share = self._moment(e)
         low, weights = self._corners(x, WIND)
@@ -107,7 +107,7 @@ class FilmBank:
 
     @ti.func
     def ppm_of(self, i, x: Template, t: float):
-        """Mole fraction [ppm] of each species that robot i smells at point x [m]; the time is its environment's own."""
+        """Mole fraction [ppm] of each species at point x [m] for robot i; the time is its environment's."""
         e = i // self.robots
         film, chosen = self.film[e], self.gas_of[e]
         n, share = self._moment(e)

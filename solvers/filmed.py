@@ -1,6 +1,6 @@
-"""Wind and gas of an earlier solution, played to the bit at every tick (shared flow of a study).
+"""Wind and gas of an earlier solution, replayed bit for bit at every tick (shared flow of a study).
 
-`playback` is another thing: it plays a film at any time and rate, and gas can be dispersed on it.
+`playback`, in contrast, plays a film at any time and rate, and gas can be dispersed on its flow.
 """
 
 from typing import Protocol
@@ -27,15 +27,14 @@ class Ticks(Protocol):
     frames: int
 
     def frame(self, n: int) -> dict[str, np.ndarray]:
-        """The variables at tick n over the grid and one layer beyond, axes (x, y, z)."""
+        """Return the variables at tick n over the grid and one ghost layer, axes (x, y, z)."""
         ...
 
 
 class Reel:
-    """Holder of the film that is played; before a reset another film of the same shape and variables may take its
-    place.
+    """Holder of the film that is played; before a reset it may be replaced by a film of equal shape and variables.
 
-    wind: whether the wind is in it; gases: which of the scenario's gases are, by their places.
+    wind: whether the film holds the wind; gases: indices of the scenario's gases in the film.
     """
 
     def __init__(self, wind: bool, gases: tuple[str, ...]):
@@ -43,7 +42,7 @@ class Reel:
         self.film: Ticks | None = None
 
     def put(self, film: Ticks, shape: tuple[int, ...], tick: float, ticks: int) -> None:
-        """Play this film from now on; shape, tick [s], ticks: of the run. Raises ValueError if it does not fit."""
+        """Play this film from now on; shape, tick [s], ticks: of the run. Raises ValueError if these differ."""
         names = {*(VELOCITIES[: len(shape)] if self.wind else ()), *map(variable, range(len(self.gases)))}
         if tuple(film.shape) != tuple(shape) or film.tick != tick or set(film.names) != names:
             raise ValueError("the film of the air is of another grid, tick, wind or gas")
@@ -54,7 +53,7 @@ class Reel:
         self.film = film
 
     def frame(self, t: float) -> dict[str, np.ndarray] | None:
-        """The frame of time t [s], the end of a tick; None before t = 0."""
+        """Return the frame of time t [s], the end of a tick; None before t = 0."""
         assert self.film is not None
         n = round(t / self.film.tick)
         return self.film.frame(n) if n >= 0 else None
@@ -67,12 +66,12 @@ def variable(n: int) -> str:
 
 @ti.data_oriented
 class FilmedWind(Wind):
-    """Velocities of a wind at each tick. No gas is solved for in it: the gas was filmed too."""
+    """Recorded wind: velocities at each tick. No gas is dispersed in this wind: the gas was filmed too."""
 
     STATE = ("u",)
 
-    def __init__(self, reel: Reel, grid: Grid, t: float):
-        self.reel, self.grid, self.dim = reel, grid, grid.dim
+    def __init__(self, film: Reel, grid: Grid, t: float):
+        self.film, self.grid, self.dim = film, grid, grid.dim
         self.u = grid.faces_field()
         uploader(*self.u)(*(0.0 for _ in self.u))
         self.begin(None, t, 0)
@@ -84,7 +83,7 @@ class FilmedWind(Wind):
         self._show(t + dt)
 
     def _show(self, t: float) -> None:
-        frame = self.reel.frame(t)
+        frame = self.film.frame(t)
         if frame is not None:
             for name, field in zip(VELOCITIES, self.u, strict=False):
                 self.grid.write(field, frame[name], 1)
@@ -96,15 +95,15 @@ class FilmedWind(Wind):
 
 @ti.data_oriented
 class FilmedGas(GridGas):
-    """Concentration of a gas on the grid at each tick."""
+    """Recorded gas: concentration on the grid at each tick."""
 
     STATE = ("c",)
 
-    def __init__(self, reel: Reel, number: int, model: PureGas, grid: Grid, air: Air, t: float):
-        """number: of the gas among those filmed; t: start of the run [s]."""
-        self.reel, self.name = reel, variable(number)
+    def __init__(self, film: Reel, number: int, model: PureGas, grid: Grid, air: Air, t: float):
+        """number: index of the gas in the film; t: start of the run [s]."""
+        self.film, self.name = film, variable(number)
         self.grid, self.dim = grid, grid.dim
-        # in trees of their own, as those of a solver: else LLVM adds up in another order, and the last bit may differ
+        # in trees of their own, as a solver's fields: otherwise LLVM sums in another order, and the last bit may differ
         self.air = grid.field()
         uploader(self.air)(grid.pad(~air.solid))
         self.c = grid.field()
@@ -119,6 +118,6 @@ class FilmedGas(GridGas):
         self._show(t + dt)
 
     def _show(self, t: float) -> None:
-        frame = self.reel.frame(t)
+        frame = self.film.frame(t)
         if frame is not None:
             self.grid.write(self.c, frame[self.name], 1)

@@ -3,8 +3,8 @@
     du/dt + div(u u) = -grad p + div(nu (grad u + grad u^T)) + b + g,   div u = 0
 
 p is the kinematic pressure [m²/s²], b buoyancy and g a constant acceleration. The terms are in `momentum`: convection
-in flux form (see `convection`), central diffusion. In time three stages (see `time_stepping`) with the last pressure's
-gradient, and projections (see `continuity`) for the pressure's increment: second order.
+in flux form (see `convection`), central diffusion. A three-stage Runge-Kutta method (see `time_stepping`)
+advances with the last pressure's gradient, and projections (see `continuity`) for the pressure's increment: second order.
 """
 
 from collections.abc import Callable, Sequence
@@ -41,8 +41,8 @@ from taichi_plume.solvers.walls import Walls, distances
 class FlowSolver(Carrier):
     """Air flow in a box with solid cells and openings; satisfies `fields.Carrier`.
 
-    Fields besides the carrier's: p [m²/s²]. boundaries: boundary conditions; heat: the temperature of the air, None
-    where it is not computed; weighing: gases that change the density; resistances: screens, moving bodies.
+    Fields besides the carrier's: p [m²/s²]. boundaries: boundary conditions; heat: temperature of the air, None if not
+    computed; weighing: gases that change the density (buoyancy); resistances: screens, moving bodies.
     """
 
     STATE = (
@@ -60,15 +60,15 @@ class FlowSolver(Carrier):
         weighing: Sequence[BuoyantScalar] = (),
         resistances: Sequence[Callable[[Faces], Resistance]] = (),
     ):
-        """weighing: scalars besides heat that change the density; resistances: functions that make resistances, of the
-        fields `open`. Raises ValueError with the key in `model` of a jet, heater or warm surface that has no air.
+        """weighing: scalars besides heat that change the density; resistances: functions of the fields `open` that
+        return resistances. Raises ValueError with the key in `model` of a jet, heater or warm surface without air.
         """
         self.grid = grid
         self.dim = grid.dim
         tables = Tables()
         self.boundaries = Boundaries(model.openings, grid, air.area, tables)
         self._area = [grid.pad_faces(faces, d) for d, faces in enumerate(air.area)]
-        openness = opennesses(grid, self._area, self.boundaries.is_free)
+        fractions = opennesses(grid, self._area, self.boundaries.is_free)
         self.u = grid.faces_field()
         self.p = grid.field()
         self.nu = grid.field() if model.turbulence.kind in MODELS else None
@@ -81,17 +81,17 @@ class FlowSolver(Carrier):
         fields = [scalar.field for scalar in weighing] + ([theta.q] if theta is not None else [])
         areas = None if air.empty else self._area
         away = None if self.nu is None else distances(air, self.boundaries.is_wall, grid)
-        self.momentum = Momentum(model, grid, self.u, self.p, self.nu, openness, areas, fields, tables, away)
+        self.momentum = Momentum(model, grid, self.u, self.p, self.nu, fractions, areas, fields, tables, away)
         self.walls = None
         if self.nu is not None and not all(grid.periodic):
             self.walls = Walls(self.boundaries, self.momentum)
         self.open, self.area = self.momentum.open, self.momentum.area
-        self.screens = [ScreenResistance(screen, grid, openness, tables) for screen in model.screens]
+        self.screens = [ScreenResistance(screen, grid, fractions, tables) for screen in model.screens]
         self.resistances: tuple[Resistance, ...] = (*self.screens, *(make(self.open) for make in resistances))
-        self.surfaces = None if air.empty else Surfaces(self.momentum, air, self._area, openness, tables)
+        self.surfaces = None if air.empty else Surfaces(self.momentum, air, self._area, fractions, tables)
         self.limits = Limits(self.momentum)
         tables.upload()
-        self.solver = pressure_solver(tuple(a * o for a, o in zip(self._area, openness, strict=True)), grid)
+        self.solver = pressure_solver(tuple(a * o for a, o in zip(self._area, fractions, strict=True)), grid)
         self._compile_step()
         self._read_velocity = reader(*self.u)
         self._take_numbers(model)

@@ -8,11 +8,11 @@ from taichi_plume.solvers.flow import FlowSolver
 
 
 class Forces:
-    """Force [N] of the air on each of `count` obstacles, shape (count, dim), at the present time of the flow; in
-    2-D on the slab's depth; nan where one is not part of `air`.
+    """Force [N] of the air on each of `count` obstacles, shape (count, dim), at the present time of the flow; in 2-D
+    over the slab's depth; nan for an obstacle that is not part of `air`.
 
-    The pressure on the surfaces in the cells, and the momentum that friction takes from the air next to them: the sum
-    over the obstacles is the loss of the air.
+    The force is the pressure on the surfaces in the cells plus the momentum that friction takes from the air beside
+    them: the sum over the obstacles is the loss of the air.
     """
 
     def __init__(self, flow: FlowSolver, air: Air, count: int):
@@ -24,14 +24,14 @@ class Forces:
         self._faces, self._owners = [], []
         for d in range(grid.dim):
             owner = np.where(air.body >= 0, air.body, np.roll(air.body, 1, axis=d))
-            if not grid.periodic[d]:  # friction on the domain's own walls does not count
+            if not grid.periodic[d]:  # without the friction on the domain's walls
                 np.moveaxis(owner, d, 0)[0] = -1
             self._faces.append(np.nonzero(owner >= 0))
             self._owners.append(owner[self._faces[d]])
         self._none = np.bincount(self._bodies, minlength=count) == 0
 
     def __call__(self) -> np.ndarray:
-        """Return the forces at present."""
+        """Return the present forces."""
         grid = self.flow.grid
         pressure = grid.read(self.flow.p)[self._cells]
         loss = self.flow.momentum_loss()

@@ -1,4 +1,4 @@
-"""Frozen flow: the time average of a computed flow, which is divergence-free as the flow is."""
+"""Frozen flow: time average of a computed flow; the average is divergence-free like the flow."""
 
 import taichi as ti
 
@@ -9,10 +9,10 @@ from taichi_plume.solvers.flow import FlowSolver
 
 @ti.data_oriented
 class FrozenSolver(FlowSolver):
-    """A flow solver whose u and nu become their own means over the last `average` seconds before `after`, for ever.
+    """Flow solver whose u and nu are replaced, at time `after`, by their means over the last `average` seconds.
 
-    From then on the air costs nothing and schedules no longer matter. The fluctuations are gone, and with them the
-    meandering and the intermittency of a plume: nu does not make up for their mean mixing.
+    From then on the air costs nothing and schedules have no effect. The fluctuations are gone, and with them the
+    meandering and the intermittency of a plume: nu does not replace their mean mixing.
     """
 
     STATE = (*FlowSolver.STATE, "means", "frozen", "_averaged")
@@ -23,7 +23,7 @@ class FrozenSolver(FlowSolver):
         self.means = tuple(self.grid.field() for _ in moving)
         self._average = self.grid.blending(self.means, moving)
         self._stand_still = self.grid.blending(moving, self.means)
-        # unlike `_finish`, without filling ghosts: beyond the inlets the mean stands, not the last gust
+        # unlike `_finish`, without filling ghosts: beyond the inlets the mean counts, not the last gust
         self._measure_mean = launch(*self.limits.passes())
 
     def begin(self, model: FrozenWind, t: float, seed: int) -> None:
@@ -42,7 +42,7 @@ class FrozenSolver(FlowSolver):
             return
         super().advance(t, dt)
         end = t + dt + 1e-9 * dt
-        # all of the step is in the span, or it is the last step
+        # the whole step is in the span, or this is the last step
         if end > self.since + dt or end >= self.until:
             self._averaged += dt
             self._average(dt / self._averaged)

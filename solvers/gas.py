@@ -1,4 +1,4 @@
-"""Gas dispersion on the grid (Eulerian): sources emit vapour, which the air carries and spreads (see `transport`)."""
+"""Gas dispersion on the grid (Eulerian advection-diffusion): sources emit vapour into the air (see `transport`)."""
 
 from collections.abc import Callable, Sequence
 from math import inf, isfinite
@@ -38,8 +38,8 @@ class EulerianSolver(GridGas):
         scalar: Scalar | None = None,
         openings: Sequence[Opening] = (),
     ):
-        """t: start of the run [s]; name: of the gas among others; scalar: the concentration, where the flow feels its
-        weight; openings: of the wind. Raises ValueError for a source or a surface in no air.
+        """t: start of the run [s]; name: name of the gas; scalar: the concentration, if the gas has buoyancy; openings:
+        openings of the wind. Raises ValueError for a source or a surface without air.
         """
         self.grid = grid
         self.dim = grid.dim
@@ -66,7 +66,7 @@ class EulerianSolver(GridGas):
         self.begin(gas, t, seed)
 
     def begin(self, model: EulerianGas, t: float = 0.0, seed: int = 0) -> None:
-        """Raises ValueError for a source in no air."""
+        """Place the sources. Raises ValueError for a source without air."""
         self.species = model.vapour
         self._inflow = model.inflow
         self.release.begin(model.sources)
@@ -91,7 +91,7 @@ class EulerianSolver(GridGas):
         return {n: patch for n, patch in patches.items() if patch is not None}
 
     def _density(self, ppm: float) -> float:
-        """Concentration [kg/m³] of so many ppm."""
+        """Concentration [kg/m³] of a mole fraction [ppm]."""
         return ppm / self.species.ppm_per_density
 
     def start_from(self, concentration: Callable[[np.ndarray], np.ndarray]) -> None:
@@ -103,7 +103,7 @@ class EulerianSolver(GridGas):
     # ---------------------------------------------------------------- the step
 
     def advance(self, t: float, dt: float) -> None:
-        """Emit and disperse from t to t + dt, in as many steps as keep the gas positive."""
+        """Emit and disperse from t to t + dt, in enough steps to keep the gas positive."""
         steps = self.transport.steps(dt)
         h = dt / steps
         for n in range(steps):
@@ -127,8 +127,8 @@ class EulerianSolver(GridGas):
     # ---------------------------------------------------------------- budget
 
     def budget(self) -> dict[str, float]:
-        """Return the mass balance [kg]: initial, if any, emitted, in the domain and gone through its faces; if inflow
-        or surfaces exchange gas, also the mass that came in with air and that surfaces took up.
+        """Return the mass balance [kg]: initial, if any, emitted, in the domain and lost through its faces; if inflow
+        or surfaces exchange gas, also the mass that entered with air and the mass that surfaces took up.
         """
         budget = {
             **({"initial_kg": self.initial_kg} if self.initial_kg else {}),

@@ -10,14 +10,13 @@ from taichi_plume.grid.elementary import exp
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.vocabulary import Face
 
-FAR = 1e30  # m: where a wall is that is none
+FAR = 1e30  # m: position that stands for "no wall"
 
 
 def walls_along(faces: Sequence[Face], axes: np.ndarray, extent: tuple[float, ...]) -> np.ndarray:
-    """Return the lower and upper wall along each axis (a row of unit vectors) [m], (axes, 2), at FAR where there is
-    none.
+    """Return the lower and upper wall along each axis (a row of unit vectors) [m], (axes, 2); FAR without a wall.
 
-    faces: those of the domain that are walls.
+    faces: faces of the domain that are walls.
     """
     limits = np.tile([-FAR, FAR], (len(axes), 1))
     for face in faces:
@@ -31,9 +30,10 @@ def walls_along(faces: Sequence[Face], axes: np.ndarray, extent: tuple[float, ..
 
 @ti.func
 def bell(q, centre, variance, low, high, most: Template):
-    """A Gaussian of unit area at q, reflected by walls at `low` and at `high`, of which there are `most` or fewer.
+    """Return a Gaussian of unit area at q, reflected by at most `most` walls, at `low` and `high`.
 
-    Between two walls: images while it is narrow, a cosine series when it is wide (Poisson's formula); both to 1e-7.
+    Between two walls: images of a narrow Gaussian, a cosine series of a wide Gaussian (Poisson's formula); both to
+    1e-7.
     """
     total = 0.0
     if ti.static(most == 0):

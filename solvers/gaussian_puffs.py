@@ -3,8 +3,8 @@
     puff:        c = M prod_k exp(-(x_k - X_k)²/(2 s_k²))/(sqrt(2 pi) s_k),  X = x0 + U a + Y,  s_k² = radius² + 2 D_k a
     continuous:  c = int Q puff(x, a) da
 
-a is the age and Y how far gusts have carried the air meanwhile. In 2-D c is divided by the depth of the slab. Walls are
-faces of the domain along which the air moves.
+a is the age and Y the displacement of the air by gusts since the release. In 2-D c is divided by the depth of the slab.
+Walls are faces of the domain along which the air moves.
 """
 
 from math import inf
@@ -20,8 +20,8 @@ from taichi_plume.scenario.closed_forms import ContinuousGas, GaussianPuffGas
 from taichi_plume.solvers.gaussian_kernels import FAR, bell, walls_along
 from taichi_plume.solvers.uniform import UniformSolver
 
-FAINT = 16.0  # exp(-FAINT) of the largest part of an integral is left out
-NODES = 32  # of an integral over the logarithm of the age
+FAINT = 16.0  # parts of an integral below exp(-FAINT) of the largest part are left out
+NODES = 32  # nodes of an integral over the logarithm of the age
 
 
 def diffusivities(gas: GaussianPuffGas | ContinuousGas, dim: int) -> np.ndarray:
@@ -31,7 +31,7 @@ def diffusivities(gas: GaussianPuffGas | ContinuousGas, dim: int) -> np.ndarray:
 
 
 def reflecting(gas: GaussianPuffGas | ContinuousGas, grid: Grid) -> tuple[tuple[float, float, int], ...]:
-    """Lower and upper wall [m] along each axis of the grid, and how many there are."""
+    """Return the lower and upper wall [m] along each axis of the grid, and the number of walls."""
     limits = walls_along(gas.reflecting(grid.dim), np.eye(grid.dim), grid.extent)
     return tuple((float(low), float(high), int(low > -FAR) + int(high < FAR)) for low, high in limits)
 
@@ -92,13 +92,13 @@ class GaussianPuffs(Gas):
 class ContinuousPuffs(Gas):
     """Gas of steady sources in a wind without gusts: the integral of Gaussian puffs.
 
-    A source is what has spread from a point for a while already: for s = a + radius²/(2 D), D the geometric mean of the
-    diffusivities. So its Gaussian is round where they are equal. With A/s + B s the exponent of a puff at x, up to a
-    constant, the integral is taken over the ages at which it is within FAINT of its least value: Gauss and Legendre's
+    A finite source counts as a point source that spread earlier: s = a + radius²/(2 D), D the geometric mean of the
+    diffusivities, so that its Gaussian is round if they are equal. With A/s + B s the exponent of a puff at x, up to a
+    constant, the integral covers the ages at which the exponent is within FAINT of its least value: Gauss-Legendre
     nodes in log s. Images are fainter than the puff itself at any age.
 
-    Fields: U [m/s], D [m²/s] and root_B, and per source its place, rate, spread (s of age 0) and the ages of what it
-    has emitted, youngest and oldest.
+    Fields: U [m/s], D [m²/s] and root_B; per source its place, rate, spread (s of age 0) and the youngest and oldest
+    age of its gas.
     """
 
     STATE = ("youngest", "oldest")
@@ -164,7 +164,7 @@ class ContinuousPuffs(Gas):
 
     @ti.func
     def _ages(self, dx: Template, n: ti.i32):
-        """The first and last s at which a puff of source n is felt at dx from it; last <= first where none is."""
+        """Return the first and last s at which a puff of source n counts at dx from it; last <= first if none does."""
         A = 0.0
         for d in ti.static(range(self.dim)):
             A += (dx[d] + self.U[None][d] * self.spread[n]) ** 2 / (4.0 * self.D[None][d])

@@ -1,4 +1,5 @@
-"""Ghost cells: passes that impose the boundary conditions (Dirichlet, no-slip, slip, outflow, ambient pressure).
+"""Ghost cells: passes that impose the boundary conditions (Dirichlet, Neumann, no-slip, slip, outlet, ambient
+pressure).
 
 Slip walls and outlets mirror the velocity (zero gradient). Where the velocity is prescribed as V (Dirichlet), V is the
 mean of a cell and its image, which makes face values of second order. At a wall that moves with V (no-slip) the first
@@ -44,8 +45,8 @@ class Ghosts:
         return self._visit(self._fill_velocity_at, u)
 
     def prescribing(self, u: Field, u0: Field) -> Pass:
-        """Return the pass that sets prescribed faces at a share `a` of the step: between u0 at its start and the
-        targets at its end. It also sets the upper faces of periodic axes.
+        """Return the pass that sets prescribed faces at a fraction `a` of the step, between u0 at its start and the
+        targets at its end, and the upper faces of periodic axes.
         """
         return self._visit(self._prescribe_at, u, u0)
 
@@ -66,7 +67,7 @@ class Ghosts:
         D = ti.Vector.unit(self.dim, d, ti.i32)
         face = K + D * (self.grid.ghost + K[d] * n - K[d])
         if ti.static(self.grid.periodic[d]):
-            if K[d] == 1:  # the lower face is the one that is solved
+            if K[d] == 1:  # only the lower face is solved for
                 u[d][face] = u[d][face - D * n]
         elif self.b.free[d][K] == 0:
             u[d][face] = u0[d][face] + a * (self.b.target[d][K][d] - u0[d][face])
@@ -86,7 +87,7 @@ class Ghosts:
                 if ti.static(c != d):
                     for m in ti.static(range(g)):
                         u[c][inner + D * outward * (m + 1)] = u[c][other + D * outward * m]
-            if side == 1:  # the lower face is the one that is solved
+            if side == 1:  # only the lower face is solved for
                 for m in ti.static(range(g)):
                     u[d][face + D * m] = u[d][face + D * (m - n)]
             else:

@@ -1,10 +1,10 @@
-"""Gusts: Ornstein-Uhlenbeck processes, and their integrals over time, which displace the air.
+"""Gusts of wind: Ornstein-Uhlenbeck processes, and their time integrals, the displacement of the air.
 
     dv = -v/T dt + s sqrt(2/T) dW,  dY = v dt
 
-Drawn by the exact joint law of both increments (Gillespie 1996, doi:10.1103/PhysRevE.54.2084) at knots in time that no
-one's steps change. In between Y is the cubic that has v as its slope at the knots: the mean of all paths through them,
-to leading order in the knots' interval over T.
+Drawn by the exact joint law of both increments (Gillespie 1996, doi:10.1103/PhysRevE.54.2084) at knots in time that do
+not depend on time steps. Between knots Y is the cubic with slope v at the knots: the mean of all paths through them, to
+leading order in the knots' interval over T.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,10 +15,10 @@ import taichi as ti
 
 from taichi_plume.grid.transfer import Numbers
 
-KNOTS_PER_TIME = 20  # in between v lacks 0.6 % of its variance, Y 0.1 % of s T
+KNOTS_PER_TIME = 20  # between knots v lacks 0.6 % of its variance, Y 0.1 % of s T
 KNOTS_PER_REACH = 50  # where the integral time of the gusts is longer than the reach
 BLOCK = 64  # knots drawn at a time
-LEAST = 1 << 15  # knots that there is room for: a reset may make the wind slower, or the gusts shorter
+LEAST = 1 << 15  # capacity in knots: a reset may make the wind slower, or the gusts shorter
 
 
 def knots(time: float, reach: float) -> int:
@@ -32,7 +32,7 @@ def interval(time: float, reach: float) -> float:
 
 
 def cubic(w, h, y, v):
-    """Y, and h times the growth of v, at share w of an interval of length h, from y and v at both of its ends."""
+    """Return Y, and h times the growth of v, at fraction w of an interval of length h, from y and v at both ends."""
     rise = y[1] - y[0]
     bend, twist = 3 * rise - h * (2 * v[0] + v[1]), h * (v[0] + v[1]) - 2 * rise
     return y[0] + w * (h * v[0] + w * (bend + w * twist)), w * (2 * bend + 3 * w * twist)
@@ -43,10 +43,10 @@ _cubic: Callable = ti.func(cubic)
 
 @ti.data_oriented
 class OrnsteinUhlenbeck:
-    """Independent processes v of zero mean, and their integrals Y; of all, the last `reach` seconds are known.
+    """Independent processes v of zero mean and their integrals Y, stored for the last `reach` seconds.
 
-    Fields: path, a ring of knots, Y and v of each process; head, the knot before now, and share, how far now is from
-    it to the next one; now, Y of each process.
+    Fields: path, a ring of knots with Y and v of each process; head, the knot before the present time; share, the
+    fraction of the interval to the next knot; now, the present Y of each process.
     """
 
     STATE = ("path", "head", "share", "now", "_rng", "_known", "_drawn", "_last")
@@ -59,7 +59,7 @@ class OrnsteinUhlenbeck:
         reach: float,
         rng: np.random.Generator,
     ):
-        """As of `begin`."""
+        """Parameters: see `begin`."""
         self.size = len(deviations)
         self.count = max(knots(time, reach), LEAST)
         self.path = ti.Vector.field(2 * self.size, ti.f32, self.count)
@@ -77,9 +77,9 @@ class OrnsteinUhlenbeck:
         reach: float,
         rng: np.random.Generator,
     ) -> None:
-        """deviations: standard deviation of each; time: their integral time [s]; t: the first time asked for [s].
+        """deviations: standard deviation of each process; time: integral time [s]; t: first time requested [s].
 
-        Raises ValueError where so much of the past has not been given room.
+        Raises ValueError if the ring of knots is too short for these gusts.
         """
         if knots(time, reach) > self.count:
             raise ValueError(
@@ -98,7 +98,7 @@ class OrnsteinUhlenbeck:
         self.advance(t)
 
     def _law(self) -> None:
-        """Memory of v over an interval, and the factor of the covariance of what is new in v and Y, for s = 1."""
+        """Return the memory of v over an interval, and the covariance factor of the increments of v and Y for s = 1."""
         h, T = self.interval / self.time, self.time
         fresh = -expm1(-h)
         variance_v = fresh * (2.0 - fresh)
@@ -124,7 +124,7 @@ class OrnsteinUhlenbeck:
         self._drawn += BLOCK
 
     def advance(self, t: float) -> None:
-        """Advance `now` to time t [s], which never goes back."""
+        """Advance `now` to time t [s], which never decreases."""
         while (t - self._origin) / self.interval >= self._drawn - 1:
             self._draw()
         self._set_now(*self._place(t), self.at(t)[0].astype(np.float32))
@@ -146,7 +146,7 @@ class OrnsteinUhlenbeck:
         return int(knot) % self.count, float(share)
 
     def at(self, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Y and v of each process at a time that is not further back than `reach`, nor ahead of now."""
+        """Return Y and v of each process at a time between `reach` before the present time and the present time."""
         knot, share = self._place(t)
         ends = self._known[[knot, (knot + 1) % self.count]]
         y, growth = cubic(share, self.interval, ends[:, 0], ends[:, 1])

@@ -1,9 +1,9 @@
-"""Handover of puffs wider than a cell to gas on the grid, which the wind carries and mixes there.
+"""Handover of puffs wider than a cell to gas on the grid, which the wind carries and mixes.
 
-A puff is handed over once its standard deviation is WIDTH cells: from then on eddies larger than a cell mix it, which
-are the wind's, and until then smaller ones, which are not (see `puff_growth`). A mean over cells has 1/12 dx² more of
-variance than the puff, what is interpolated between them another 1/6 dx²: a puff is put into the cells narrower by as
-much, and reads the same before and after.
+A puff is handed over once its standard deviation is WIDTH cells. From then on eddies larger than a cell mix the gas,
+which the wind resolves; before, smaller eddies do, which it does not (see `puff_growth`). Means over cells add 1/12 dx²
+to the variance of the puff, interpolation between cells another 1/6 dx². A puff is deposited narrower by this variance,
+so that the concentration reads the same before and after.
 """
 
 from typing import Any
@@ -20,12 +20,12 @@ from taichi_plume.solvers.puff_deposit import Deposit
 from taichi_plume.solvers.transport import Scalar, Transport
 
 WIDTH = 1.0  # cells
-WIDENED = 1.0 / 12.0 + 1.0 / 6.0  # variance [cells²] that means over cells and interpolation add
+WIDENED = 1.0 / 12.0 + 1.0 / 6.0  # variance [cells²] added by means over cells and interpolation
 
 
 @ti.data_oriented
 class Handover:
-    """Gas on the grid that was in puffs before."""
+    """Gas on the grid that came from puffs."""
 
     STATE = ("transport",)
 
@@ -39,11 +39,11 @@ class Handover:
         self._deposit = Deposit(solver, air, self.transport.q, self.transport.rest)
 
     def begin(self, diffusivity: float) -> None:
-        """diffusivity [m²/s]: of all that the wind leaves out."""
+        """diffusivity [m²/s]: diffusivity of all motion that the wind does not resolve."""
         self.transport.begin(diffusivity, self.wind.schmidt)
 
     def advance(self, t: float, dt: float) -> None:
-        """Take the wide puffs, which keep no mass, and carry the gas from t to t + dt."""
+        """Take the mass of the wide puffs, and carry the gas from t to t + dt."""
         self._take(t)
         steps = self.transport.steps(dt)
         for _ in range(steps):
@@ -51,7 +51,7 @@ class Handover:
 
     @ti.kernel
     def _take(self, t: float):
-        for _ in range(1):  # in order: they share cells
+        for _ in range(1):  # one after another: puffs share cells
             puffs = self.solver.puffs
             for q in range(puffs.cells.alive()):
                 variance = puffs.now[puffs.variance][q]
@@ -59,13 +59,13 @@ class Handover:
                     narrow = ti.sqrt(variance - ti.static(WIDENED * self.grid.dx**2))
                     mass = puffs.now[puffs.mass][q]
                     held = self._deposit.add(0, q, narrow, t)
-                    if held > 0.0:  # else no cell of air has a part of it
+                    if held > 0.0:  # otherwise no cell of air holds a part of the puff
                         puffs.now[puffs.mass][q] = 0.0
                         puffs.lose((1.0 - held) * mass)
 
     @ti.func
     def concentration(self, x: Template):
-        """[kg/m³] at point x [m], linear between the centres of cells that hold air."""
+        """Concentration [kg/m³] at point x [m], linear between the centres of cells that hold air."""
         return sample_cells(self.transport.q, self.air, x, self.grid.dx, self.grid.ghost, self.grid.padded)
 
     def cells(self) -> np.ndarray:

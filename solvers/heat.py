@@ -1,10 +1,10 @@
-"""Heat equation of the air (temperature): convection, diffusion, heaters, and exchange with surfaces.
+"""Heat equation of the air (temperature): convection (advection), diffusion, heaters, exchange with surfaces.
 
     dT/dt + div(u T) = div((alpha + nu_t/Pr_t) grad T) + P/(rho c_p V)
 
-A surface of temperature T_s gives its cells k (T_s - T) per area: k = h/(rho c_p) where its coefficient of heat
-transfer h is known, else alpha/(dx/2), and beyond the conductive layer, where there is a model of eddies, that of
-`wall_law.transfer_velocity`. All others are adiabatic.
+A surface of temperature T_s heats its cells by k (T_s - T) per area: k = h/(rho c_p) for a given heat transfer
+coefficient h, else alpha/(dx/2), or beyond the conductive layer, with a turbulence model, the value of
+`wall_law.transfer_velocity`. All other surfaces are adiabatic.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,20 +26,19 @@ from taichi_plume.solvers.release import Release
 from taichi_plume.solvers.surface_exchange import SurfaceExchange
 from taichi_plume.solvers.transport import Scalar, Transport
 
-WIDTH, DURATION = 0.5, 3.0  # found by trials of one source; durations of 2 and 5 differ by no more than seeds
+WIDTH, DURATION = 0.5, 3.0  # fitted to trials of a source; durations of 2 and 5 differ by no more than seeds
 
 
 class HeatPuffs:
-    """Unsteady release of heat: the disturbance that makes the plume above a heater turbulent.
+    """Unsteady release of heat that makes the plume above a heater turbulent.
 
-    Warm air that rises from rest is unstable, but on a grid nothing disturbs it: above a heater that warms its cells
-    evenly the plume stays laminar for metres and entrains too little air. Real heat sources release warm air in puffs,
-    which follow one another about as fast as air rises through the source (Cetegen & Kasper 1996, Phys. Fluids 8,
-    2974).
+    Warm air that rises from rest is unstable, but nothing on a grid disturbs it: above an evenly warmed heater the
+    plume stays laminar for metres and entrains too little air. Real heat sources release warm air in puffs, about as
+    often as air rises through the source (Cetegen & Kasper 1996, Phys. Fluids 8, 2974).
 
     A puff warms the cells of a heater around a random place with a Gaussian kernel, whose standard deviation is WIDTH
-    R, R being the radius of the heater. It lasts DURATION R/U, with U = (g beta P/(rho c_p R))^(1/3), the speed that
-    air gains over R. R is at least one cell here. The shares of all cells sum to 1 at any moment, so the power is
+    R, R being the radius of the heater. A puff lasts DURATION R/U, with U = (g beta P/(rho c_p R))^(1/3), the speed
+    that air gains over R. R is at least one cell here. The shares of all cells sum to 1 at any moment, so the power is
     exact. The seed and the number of a puff determine it, so there is no state.
     """
 
@@ -58,7 +57,7 @@ class HeatPuffs:
             heat.rising_speed(heater.power, radius) / (DURATION * radius)
             for heater, radius in zip(heat.heaters, self._radii, strict=True)
         ]  # puffs per second
-        self._numbers: list[int] = []  # of the puffs that the cells receive now
+        self._numbers: list[int] = []  # numbers of the present puffs
 
     def advance(self, t: float) -> None:
         """Release the puffs of time t [s]."""
@@ -97,7 +96,7 @@ class HeatSolver:
         air: Air,
         scalar: Scalar | None = None,
     ):
-        """patches: of the wind's openings; scalar: theta, where the flow feels it. Raises ValueError for a heater or a
+        """patches: of the wind's openings; scalar: theta, if the flow has buoyancy. Raises ValueError for a heater or a
         surface that touches no air.
         """
         self.grid, self.air = grid, air
@@ -119,7 +118,7 @@ class HeatSolver:
         self.begin(heat)
 
     def begin(self, model: Heat, t: float = 0.0, seed: int = 0) -> None:
-        """Raises ValueError for a heater that touches no air."""
+        """Place the heaters. Raises ValueError for a heater that touches no air."""
         self.reference = model.reference
         self.capacity = model.capacity
         self.heaters = model.heaters
@@ -148,7 +147,7 @@ class HeatSolver:
     # ---------------------------------------------------------------- the step
 
     def advance(self, t: float, dt: float) -> None:
-        """Warm, carry and spread from t to t + dt, in as many steps as make no new extrema."""
+        """Heat, carry and diffuse from t to t + dt, in enough steps to create no new extrema."""
         steps = self.transport.steps(dt)
         h = dt / steps
         if self.puffs is not None:
@@ -162,8 +161,8 @@ class HeatSolver:
     # ---------------------------------------------------------------- budget and diagnostics
 
     def budget(self) -> dict[str, float]:
-        """Return the heat balance [J] above the reference: initial, if any, given by heaters and surfaces, that
-        is in the air and that left through the openings.
+        """Return the heat balance [J] above the reference: initial heat, if any, heat from heaters and from surfaces,
+        heat in the air and heat lost through the openings.
         """
         return {
             **({"initial_J": self.initial_joule} if self.initial_joule else {}),

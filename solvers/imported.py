@@ -17,13 +17,13 @@ from taichi_plume.solvers.playback import PlayedWind
 from taichi_plume.solvers.pressure import pressure_solver
 
 LEFT = 1e-6  # divergence that may be left, over the largest |u|/dx
-ROUNDS = 8  # of the pressure solver, in single precision, on the residual
+ROUNDS = 8  # limit of the pressure solver's residual in single precision
 
 
 class Projection:
-    """Makes face velocities divergence-free: the nearest such flow with the same air through the domain's faces.
+    """Projection of face velocities to the nearest divergence-free flow with the same flux through the domain's faces.
 
-    walls: names of faces of the domain that let nothing through.
+    walls: names of faces of the domain that are closed.
     """
 
     def __init__(self, grid: Grid, air: Air, walls: Sequence[str] = ()):
@@ -43,14 +43,14 @@ class Projection:
         self._b, self._phi = grid.field(), grid.field()
 
     def _net_inflow(self, u: list[np.ndarray]) -> np.ndarray:
-        """Into each cell, over a face's area [m/s]."""
+        """Net inflow of each cell over a face's area [m/s]."""
         flux = [a * v for a, v in zip(self.area, u, strict=True)]
         return np.sum(
             [np.delete(f, -1, axis=d) - np.delete(f, 0, axis=d) for d, f in enumerate(flux)], axis=0
         )
 
     def _balance(self, u: list[np.ndarray]) -> None:
-        """Balance inflow and outflow of each connected part of the air: both change by a factor, towards their mean."""
+        """Balance inflow and outflow of each connected part of the air: both are scaled towards their mean."""
         flows = np.zeros((2, self.regions.max() + 1))  # in, out
         sides = []
         for d, v in enumerate(u):
@@ -67,8 +67,8 @@ class Projection:
             face *= factor[out, region]
 
     def __call__(self, u: list[np.ndarray]) -> tuple[list[np.ndarray], float, float]:
-        """Return the flow in single precision; its change in the air (root mean square over that of u); the
-        divergence left over the largest |u|/dx.
+        """Return the flow in single precision, its change in the air (root mean square over that of u), and the
+        remaining divergence over the largest |u|/dx.
         """
         air = [area > 0.0 for area in self.area]
         given = np.concatenate([v[o] for v, o in zip(u, air, strict=True)])
@@ -123,7 +123,7 @@ class ImportedFilm:
         self.attributes: dict[str, float] = {"viscosity": wind.viscosity, "schmidt": wind.schmidt}
 
     def still(self, name: str) -> np.ndarray:
-        """Variable open_u and so on: the faces inside the domain that let air through."""
+        """Variable open_u etc.: the faces inside the domain that let air through."""
         return self._project.inside[VELOCITIES.index(name.removeprefix("open_"))] > 0.0
 
     def air(self) -> Air:
@@ -132,8 +132,8 @@ class ImportedFilm:
 
     def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
         """Variables of frame n, axes (x, y, z)."""
-        kept = self._frames[n]
-        return {name: self._viscosity(kept[name]) if name == "viscosity" else kept[name] for name in names}
+        frame = self._frames[n]
+        return {name: self._viscosity(frame[name]) if name == "viscosity" else frame[name] for name in names}
 
     def _viscosity(self, eddies: np.ndarray) -> np.ndarray:
         """Return the viscosity [m²/s] of the air, given the eddy viscosity of the files."""
@@ -141,7 +141,7 @@ class ImportedFilm:
         return np.asarray(molecular + (eddies if given is None else np.full_like(eddies, given)), np.float32)
 
     def _frame(self, points: Points) -> tuple[dict[str, np.ndarray], float, float, float]:
-        """The variables, the correction, the divergence left, and the largest speed through a face [m/s]."""
+        """Return the variables, the correction, the remaining divergence, and the largest face velocity [m/s]."""
         dim, wind = self.grid.dim, self._site.wind
         if not np.array_equal(points.place, self._place):
             self._place, known = points.place, Interpolation(points.place)
@@ -163,14 +163,14 @@ class ImportedFilm:
         return frame, correction, left, max(float(np.abs(u).max()) for u in faces)
 
     def _onto(self, interpolate: Callable, values: np.ndarray) -> np.ndarray:
-        """Values at the points on the grid, without the axis along which a 2-D run cuts."""
+        """Values at the points on the grid, without the axis across the plane of a 2-D run."""
         result = np.array(interpolate(values))
         return result[..., 0] if result.ndim > self.grid.dim else result
 
 
 @ti.data_oriented
 class ImportedFlow(PlayedWind):
-    """A flow that another program computed."""
+    """Imported flow of another program (CFD)."""
 
     frames: ImportedFilm
 
@@ -179,8 +179,8 @@ class ImportedFlow(PlayedWind):
         super().begin(model, t, seed)
 
     def diagnostics(self) -> dict[str, float]:
-        """Return of all frames the largest change by the projection, rms over that of the velocity; what is left
-        of the divergence, over the largest |u|/dx; the largest speed [m/s].
+        """Return the maxima over all frames: change by the projection, rms over that of the velocity; remaining
+        divergence over the largest |u|/dx; speed [m/s].
         """
         return {
             "correction": self.frames.correction,

@@ -2,16 +2,16 @@
 
     u = curl A,   <|A(k)|²> ~ (k_L² + k²)^-(5/6 + (dim + 1)/2)
 
-makes the spectra of von Karman (1948, doi:10.1073/pnas.34.11.530): along the wind (k_L² + k²)^-5/6, with a -5/3 range.
-The air moves past the opening as if frozen (Taylor's hypothesis), so time goes with the distance that it has travelled,
-and as it is free of divergence the pressure takes nothing from it. A wave that varies along the face has no net flux
-through it, and of those that do not, freedom from divergence leaves only motion along the face.
+gives the spectra of von Karman (1948, doi:10.1073/pnas.34.11.530): along the wind (k_L² + k²)^-5/6, with a -5/3 range.
+The turbulence moves past the opening as if frozen (Taylor's hypothesis): time is the travelled distance over the speed.
+As the waves are divergence-free, the pressure does not weaken them. A wave that varies along the face has no net flux
+through it; a wave that does not vary along the face has, being divergence-free, only motion along the face.
 
-Only resolved turbulence is blown in: waves from 6 cells on, and the strongest at least 8 cells long; of shorter ones
-convection would erase too much on their first metres. The intensity is that of all these waves, and k_L such that
-their integral length is the one asked for, where the two limits allow it: at least about 4 cells. An opening of less
-than 10 cells across has no eddies as long as that: shaking its whole jet with the full intensity would make it spread
-half as fast again. There, shorter eddies that the cells do not resolve are left out, and the intensity is less.
+Only resolved turbulence is blown in: waves from 6 cells on, and the strongest at least 8 cells long; convection would
+erase shorter waves within metres. All these waves together have the required intensity, and k_L is chosen for the
+required integral length, as far as both limits allow: at least about 4 cells. An opening of less than 10 cells across
+has no eddies of that length: shaking its whole jet with the full intensity would make the jet spread half as fast
+again. There, shorter eddies that the cells do not resolve are left out, and the intensity is less.
 """
 
 from math import ceil, pi, sqrt
@@ -23,35 +23,35 @@ from scipy.special import betainc
 from taichi_plume.grid.rng import generator
 from taichi_plume.solvers.openings import JetPatch
 
-SHORTEST, STRONGEST = 6.0, 8.0  # cells: the shortest waves, and the shortest that may be the strongest
+SHORTEST, STRONGEST = 6.0, 8.0  # cells: shortest wave, and least length of the strongest wave
 INTEGRAL = 0.7468  # length times k_L of all waves, Gamma(1/3)^-1 Gamma(5/6) sqrt(pi)
-PLANES = 8  # to the shortest wave: interpolated by cubics, it keeps 99 % of its amplitude
-SCALES = 12  # that are tried for k_L
-CARRIED = 4.0  # cells: integral lengths below become about as long
-WIDEST = 0.4  # of an opening's width: integral length of the eddies in it
+PLANES = 8  # points per shortest wave, which keeps 99 % of its amplitude when interpolated by cubics
+SCALES = 12  # number of trial values of k_L
+CARRIED = 4.0  # cells: shorter integral lengths become about as long
+WIDEST = 0.4  # integral length of the eddies in an opening, over its width
 LENGTHS = 12.0  # integral lengths from one box of waves to the next: blending them shortens those by 2 %
 
 
 class Waves:
-    """The waves of one opening: their wave numbers, and how strong each may be.
+    """Waves of an opening: wave numbers and strengths.
 
     k: per axis of the domain, as the differences of the grid see it [1/m], with a third that is zero in 2-D; along the
-    wind first, then along the face's axes, of which the last has only one sign. amplitude: of each wave's potential;
-    shift: phase factor by each component's place on the staggered grid; strength: deviation of all that is carried,
-    over the nominal one.
+    wind first, then along the face's axes, the last of only one sign. amplitude: amplitude of each wave's potential;
+    shift: phase factor by each component's place on the staggered grid; strength: standard deviation of all waves over
+    the nominal deviation.
     """
 
     def __init__(self, patch: JetPatch, counts: list[int], length: float):
         """counts: cells along the axes of the face."""
         dx, dim = patch.grid.dx, patch.grid.dim
         cut = 2.0 * pi / (SHORTEST * dx)
-        self.spacing = SHORTEST * dx / PLANES  # of the planes along the wind [m]
-        # planes that two boxes share
+        self.spacing = SHORTEST * dx / PLANES  # spacing of the planes along the wind [m]
+        # planes shared by two boxes
         self.overlap = ceil(LENGTHS * max(length, SHORTEST * dx) / self.spacing)
         self.planes = 2 * self.overlap
         numbers = 2.0 * pi * np.fft.fftfreq(self.planes, self.spacing)
         self.kept = np.abs(numbers) <= cut
-        # small openings have one wave
+        # small openings have a single wave
         limits = [cut, *(max(cut, 2.0 * sqrt(2.0) * pi / (n * dx)) for n in counts)]
         self.across = [self._fitting(n, dx, most) for n, most in zip(counts, limits[1:], strict=True)]
         self.across[-1] = np.unique(np.abs(self.across[-1]))
@@ -64,7 +64,7 @@ class Waves:
         self.k = np.zeros((3, *self.square.shape))
         for axis, k in zip(axes, mesh, strict=True):
             self.k[axis] = 2.0 / dx * np.sin(0.5 * k * dx)
-        self.k[patch.axis] *= -1.0 if patch.side == 0 else 1.0  # air from upstream comes later
+        self.k[patch.axis] *= -1.0 if patch.side == 0 else 1.0  # air from upstream arrives later
         moved = [np.where(a == patch.axis, 0.0, mesh[axes.index(a)]) for a in range(dim)]
         self.shift = np.exp(-0.5j * dx * np.array(moved))
         self.potentials = range(3) if dim == 3 else (2,)
@@ -81,12 +81,12 @@ class Waves:
 
     @staticmethod
     def _fitting(n: int, dx: float, most: float) -> np.ndarray:
-        """Wave numbers of at most `most` [1/m] that repeat after n cells."""
+        """Wave numbers up to `most` [1/m] with a period of n cells."""
         k = 2.0 * pi * np.fft.fftfreq(n, dx)
         return k[np.abs(k) <= most]
 
     def curl(self, potential: np.ndarray) -> np.ndarray:
-        """k x potential, (3, ...), of one potential (3) for all waves or of one each, (3, ...)."""
+        """Return k x potential, (3, ...), for a common potential (3) or for one per wave (3, ...)."""
         a = potential.reshape(3, *(1,) * (self.k.ndim - potential.ndim), *potential.shape[1:])
         return np.stack([self.k[m] * a[n] - self.k[n] * a[m] for m, n in ((1, 2), (2, 0), (0, 1))])
 
@@ -94,7 +94,7 @@ class Waves:
         return self.weight / (scale**2 + self.square) ** self.exponent
 
     def _scale(self, length: float, strongest: float) -> float:
-        """The k_L [1/m] that makes the integral length `length` [m], or the next that is allowed."""
+        """Return the k_L [1/m] for the integral length `length` [m], or the nearest allowed value."""
         scales = np.geomspace(strongest, min(INTEGRAL / length, strongest), SCALES)
         powers = [self._spectrum(scale) * self.of_unit[self._through] for scale in scales]
         # half the power of the waves that are constant along the wind, over all power and the spacing of the wave
@@ -109,10 +109,10 @@ def _share(x: float, dim: int) -> float:
 
 
 class Fluctuations:
-    """Turbulent velocity of a jet, as planes of unit variance over the cells of its face; less of small openings.
+    """Turbulent velocity of a jet: planes of unit variance (less at small openings) over the cells of its face.
 
-    The waves fill boxes as wide as the opening, each drawn once and blended with the next, so nothing is repeated.
-    travelled: how far the air has moved through the opening [m].
+    The waves fill boxes as wide as the opening. Each box is drawn once and blended with the next, so nothing repeats.
+    travelled: distance that the air has moved through the opening [m].
     """
 
     STATE = ("travelled",)
@@ -146,7 +146,7 @@ class Fluctuations:
     def _scales(self) -> np.ndarray:
         """Return the factors that give each component its standard deviation, at its place on the staggered grid.
 
-        Of the flow through the opening less its mean, where obstacles or a round rim leave one.
+        The normal component counts without its mean, which obstacles or a round rim may leave.
         """
         power = self.waves.amplitude**2 * self.waves.of_unit
         total = power.reshape(self.dim, -1).sum(axis=1)
@@ -160,7 +160,7 @@ class Fluctuations:
         return self.waves.shift * np.reshape(scale, (-1, *(1,) * self.dim))
 
     def _box(self, number: int) -> np.ndarray:
-        """Waves along the face, as they change from plane to plane: (planes, dim, waves along each axis)."""
+        """Return the waves along the face in each plane: (planes, dim, waves along each axis)."""
         if number not in self._boxes:
             self._boxes = {n: box for n, box in self._boxes.items() if n == number - 1}
             waves, rng = self.waves, generator(self._seed, f"{self._name} box {number}")
@@ -175,9 +175,7 @@ class Fluctuations:
         return self._boxes[number]
 
     def advance(self, speed: float, dt: float) -> np.ndarray:
-        """The planes after dt [s] at `speed` [m/s], one per velocity component, the one through the face without a
-        mean.
-        """
+        """Return the planes after dt [s] at `speed` [m/s], one per component; the normal component has no mean."""
         self.travelled += abs(speed) * dt
         whole, f = divmod(self.travelled / self.waves.spacing, 1.0)
         overlap, size = self.waves.overlap, self.waves.planes

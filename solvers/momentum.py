@@ -1,9 +1,9 @@
-"""Terms of the momentum equation (Navier-Stokes) on the staggered grid, one function each.
+"""Terms of the momentum equation (Navier-Stokes, buoyancy by Boussinesq) on the staggered grid, one function each.
 
     du_d/dt = sum_e -d(u_e u_d)/dx_e + d(nu (du_d/dx_e + du_e/dx_d))/dx_e - dp/dx_d + b_d + g_d
 
 Face I of axis d is the lower d-face of cell I; the volume around it reaches half a cell to both sides. Where obstacles
-cut the grid, the flux through a side of that volume counts with the share of the side that is air.
+cut the grid, the flux through a side of that volume is multiplied by the air fraction of the side.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,9 +23,9 @@ from taichi_plume.solvers.turbulence import MODELS, mixing_lengths
 
 
 def _widest(area: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return the widest passage of the volume around each face, which counts as the volume that stores its momentum.
+    """Return the widest passage of the volume around each face: the volume that stores the momentum of the face.
 
-    A volume with little air then does not shorten the step; steady flows do not depend on this choice.
+    A volume with little air thus does not shorten the step; steady flows do not depend on this choice.
     """
     result = []
     for d, faces in enumerate(area):
@@ -38,9 +38,9 @@ def _widest(area: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def opennesses(grid: Grid, area: Sequence[np.ndarray], is_free: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return the openness of faces per axis, padded: area over stored volume, 0 where the velocity is not solved for.
+    """Return the open fraction of faces per axis, padded: area over stored volume, 0 where no velocity is solved for.
 
-    area: shares of the faces that are air, padded; is_free: of the domain's faces, see `Boundaries`.
+    area: air fractions of the faces, padded; is_free: free faces of the domain, see `Boundaries`.
     """
     g, result = grid.ghost, []
     for d, widest in enumerate(_widest(area)):
@@ -55,8 +55,8 @@ def opennesses(grid: Grid, area: Sequence[np.ndarray], is_free: Sequence[np.ndar
 
 @dataclass
 class BuoyantScalar:
-    """Cell field that changes the density of the air (Boussinesq), and the relative change of the density per unit of
-    the field, which the flow reads in `begin`.
+    """Cell field that changes the density of the air (buoyancy, Boussinesq), and the relative change of the density per
+    unit of the field, read by the flow in `begin`.
     """
 
     field: Field
@@ -67,11 +67,11 @@ class Momentum:
     """Inputs of the terms: the fields of the flow (see `FlowSolver`) and the parameters of the scenario.
 
     viscosity [m²/s]; constant: of the turbulence model; roughness: k_s of surfaces [m]; force: g dx [m²/s²] per axis;
-    weighing: cell fields of buoyancy; pull: acceleration [m/s²] by a unit of each; half_pull: pull dx/2. distance,
-    mixing [m]: of cells from the next surface, and the mixing length that depends on it.
+    weighing: cell fields of buoyancy; pull: acceleration [m/s²] per unit of each field; half_pull: pull dx/2. distance,
+    mixing [m]: distance of cells to the next surface, and the mixing length that depends on the distance.
 
-    Where obstacles cut the grid, volumes in cells and areas in faces: spread[d], one over the volume that stores the
-    momentum of a face, 0 where the velocity is not solved for; sheared[d][e], see `sheared_areas`.
+    Where obstacles cut the grid, volumes in cells and areas in faces: spread[d], the inverse of the volume that stores
+    the momentum of a face, 0 where no velocity is solved for; sheared[d][e], see `sheared_areas`.
     """
 
     def __init__(
@@ -81,15 +81,15 @@ class Momentum:
         u: Faces,
         p: Field,
         nu: Field,
-        openness: Sequence[np.ndarray],
+        fractions: Sequence[np.ndarray],
         areas: Sequence[np.ndarray] | None,
         weighing: Sequence[Field],
         tables: Tables,
         distance: np.ndarray | None,
     ):
-        """openness, areas: of all faces on the padded grid, see `fields.Carrier`; no areas where no face is cut.
+        """fractions, areas: of all faces on the padded grid, see `fields.Carrier`; no areas if no face is cut.
 
-        distance: of the cells from the next surface [m], grid.shape; None where there are no eddies.
+        distance: from the cells to the next surface [m], grid.shape; None without a turbulence model.
         """
         self.grid, self.dim, self.dx = grid, grid.dim, grid.dx
         self.u, self.p, self.nu = u, p, nu
@@ -97,17 +97,17 @@ class Momentum:
         def put(values: np.ndarray) -> Field:
             return tables.put(grid.field(), values)
 
-        self.open = tuple(put(values) for values in openness)
+        self.open = tuple(put(values) for values in fractions)
         self.cut = areas is not None
         self.area: Field = None
         self.spread, self.sheared = self.open, ()
         if areas is not None:
             self.area = tuple(put(area) for area in areas)
             volumes = [
-                np.maximum(a, 1e-6) / np.maximum(o, 1e-6) for a, o in zip(areas, openness, strict=True)
+                np.maximum(a, 1e-6) / np.maximum(o, 1e-6) for a, o in zip(areas, fractions, strict=True)
             ]
             self.spread = tuple(
-                put((o > 0.0) / np.maximum(v, 1e-3)) for v, o in zip(volumes, openness, strict=True)
+                put((o > 0.0) / np.maximum(v, 1e-3)) for v, o in zip(volumes, fractions, strict=True)
             )
             self.sheared = tuple(
                 tuple(put(area) if d != e else None for e, area in enumerate(sheared_areas(areas, d)))
@@ -134,7 +134,7 @@ class Momentum:
         )
 
     def begin(self, model: CfdWind, pull: np.ndarray) -> None:
-        """Set the parameters; pull: of each weighing field, (count, dim) [m/s²]."""
+        """Set the parameters; pull: acceleration per unit of each weighing field, (count, dim) [m/s²]."""
         constant = 0.0 if model.turbulence.kind == "none" else model.turbulence.constant
         force = np.array(model.acceleration or (0.0,) * self.dim) * self.dx
         pull = pull if len(pull) else np.zeros((1, self.dim))
@@ -147,7 +147,7 @@ class Momentum:
 
 def sheared_areas(areas: Sequence[np.ndarray], d: int) -> list[np.ndarray]:
     """Return per axis e the area of the lower e-side of the volume around each face of axis d, over the distance across
-    which the velocity u_d changes. The middles of the open parts of the two faces of axis d lie closer than dx.
+    which the velocity u_d changes: the middles of the open parts of the two faces of axis d lie closer than dx.
     """
     result = []
     for e, area in enumerate(areas):
@@ -165,7 +165,8 @@ def sheared_areas(areas: Sequence[np.ndarray], d: int) -> list[np.ndarray]:
 def convective_flux(m: Template, I, d: Template, e: Template, last: Template):
     """Return the convective flux u_e u_d [m²/s²] through the lower e-side of the volume around face I of axis d.
 
-    `convection` gives u_d there. last: whether I may lie beyond the domain's upper face, where one face less is stored.
+    `convection` returns u_d there. last: whether I may lie beyond the domain's upper face, where one face less is
+    stored.
     """
     D, E = ti.Vector.unit(m.dim, d, ti.i32), ti.Vector.unit(m.dim, e, ti.i32)
     v = 0.5 * (m.u[e][I] + m.u[e][I - D])
@@ -179,9 +180,7 @@ def convective_flux(m: Template, I, d: Template, e: Template, last: Template):
 
 @ti.func
 def viscosity_at(m: Template, I, d: Template, e: Template):
-    """Return the viscosity nu [m²/s], eddy viscosity included, on the lower e-side of the volume around face I of axis
-    d.
-    """
+    """Return nu [m²/s], eddy viscosity included, on the lower e-side of the volume around face I of axis d."""
     result = m.viscosity[None]
     if ti.static(m.eddies):
         D, E = ti.Vector.unit(m.dim, d, ti.i32), ti.Vector.unit(m.dim, e, ti.i32)
@@ -260,7 +259,7 @@ def tendency(m: Template, I, d: Template, net):
 
 @ti.func
 def loss(m: Template, I, d: Template, net):
-    """Return the momentum [m/s² of a whole cell] that flows to faces that obstacles close."""
+    """Return the momentum [m/s² of a whole cell] that flows to faces closed by obstacles."""
     return ti.select(m.open[d][I] > 0.0, 0.0, net / m.dx)
 
 

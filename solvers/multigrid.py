@@ -1,4 +1,4 @@
-"""Conjugate gradients on the Poisson equation of the projection, preconditioned by a multigrid V-cycle."""
+"""Conjugate gradients for the Poisson equation of the pressure projection, preconditioned by a multigrid V-cycle."""
 
 import numpy as np
 import scipy.sparse as sp
@@ -7,7 +7,7 @@ import taichi as ti
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import STRIP, Field, Template
 from taichi_plume.grid.tables import Tables
-from taichi_plume.solvers.poisson import Openness
+from taichi_plume.solvers.poisson import OpenFractions
 from taichi_plume.solvers.vcycle import VCycle
 
 
@@ -15,23 +15,23 @@ from taichi_plume.solvers.vcycle import VCycle
 class Multigrid(VCycle):
     """Conjugate gradients preconditioned by one V-cycle; satisfies `pressure.PressureSolver`."""
 
-    def __init__(self, openness: Openness, grid: Grid):
+    def __init__(self, fractions: OpenFractions, grid: Grid):
         tables = Tables()
-        super().__init__(openness, tables)
+        super().__init__(fractions, tables)
         self.grid = grid
-        fine = openness.a[0].size
+        fine = fractions.a[0].size
         self.p, self.phi = (ti.field(ti.f32, fine) for _ in range(2))
         self.partial = ti.field(ti.f32, self.rows[0])  # of single precision: Vulkan misplaces 64-bit fields
         self.rho, self.alpha, self.beta, self.mean = (ti.field(ti.f32, ()) for _ in range(4))
-        matrix = openness.matrix()
+        matrix = fractions.matrix()
         self.air_cells = int((matrix.diagonal() > 0).sum())
-        self._list_grounded(matrix, openness.shape, tables)
+        self._list_grounded(matrix, fractions.shape, tables)
         self.floating = self.conductance == 0.0
         self.iterations = 0
         tables.upload()
 
     def _list_grounded(self, matrix: sp.csr_array, shape: tuple[int, ...], tables: Tables) -> None:
-        """The cells beside free faces of the domain, where phi = 0: their indices and the faces' coefficients."""
+        """List the cells beside free faces of the domain, where phi = 0: indices, and coefficients of the faces."""
         excess = np.where(matrix.diagonal() > 0, np.asarray(matrix.sum(axis=1)).ravel(), 0.0)
         cells = np.flatnonzero(excess > 1e-6)
         i, j, k = np.unravel_index(cells, shape, order="F")
@@ -59,7 +59,7 @@ class Multigrid(VCycle):
 
     @ti.kernel
     def _load(self, b: Template, rows: ti.i32):
-        """The residual of phi = 0; closed-off cells and, where only differences of phi count, the mean are left out."""
+        """Start from phi = 0: set residual b, without closed-off cells and, if floating, without the mean."""
         for row in range(rows):
             first, n0, _, _, _ = self._row(0, row)
             total = 0.0
@@ -82,9 +82,9 @@ class Multigrid(VCycle):
 
     @ti.kernel
     def _iterate(self, rows: ti.i32) -> ti.f32:
-        """One step along p = x + beta p, where x is the preconditioned residual b; returns the largest residual.
+        """Step along p = x + beta p, where x is the preconditioned residual b; return the largest residual.
 
-        t, which the V-cycle no longer needs, takes A p.
+        t, no longer needed by the V-cycle, receives A p.
         """
         for row in range(rows):
             first, n0, _, _, _ = self._row(0, row)
@@ -162,7 +162,7 @@ class Multigrid(VCycle):
         for row in range(rows):
             first, n0, _, _, _ = self._row(0, row)
             for i in range(n0):
-                value = self.phi[first + i]  # 0 where no air is
+                value = self.phi[first + i]  # 0 without air
                 phi[self._cell(row, i)] = ti.select(value != 0.0, value + self.alpha[None], 0.0)
 
     def solve(self, b: Field, phi: Field, tolerance: float, limit: int = 60) -> None:

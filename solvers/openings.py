@@ -1,4 +1,4 @@
-"""Openings (inlets, outlets, fans) on the grid: the boundary faces that they cover, and their velocity profiles."""
+"""Openings (inlets, outlets, fans) on the grid: covered boundary faces and velocity profiles."""
 
 from collections.abc import Callable, Sequence
 
@@ -9,15 +9,15 @@ from taichi_plume.grid.grid import Grid, block_mean
 from taichi_plume.scenario.openings import Fan, Inlet, Jet, Opening
 from taichi_plume.scenario.windows import Region
 
-SAMPLES = 8  # per axis, to average an opening's profile over a cell face
-RIM = 0.05  # of a fan's radius, over which its jet ends
-RIM_ROUNDING = 1e-9  # of an opening's half size: a mirrored room covers the mirrored faces
+SAMPLES = 8  # samples per axis, to average an opening's profile over a cell face
+RIM = 0.05  # fraction of a fan's radius over which the rim of its jet decays
+RIM_ROUNDING = 1e-9  # tolerance over an opening's half size: a mirrored room covers the mirrored faces
 JETS = ("fan", "inlet", "honeycomb")  # kinds of openings that blow where they have a speed
-VENTS = (*JETS, "outlet")  # kinds that let air through
+VENTS = (*JETS, "outlet")  # kinds through which air passes
 NO_AIR = "no air behind the opening, obstacles cover all of it on this grid; move one of them or lower domain.spacing"
 
 Places = list[np.ndarray]
-"""Per axis of the face, places relative to an opening's centre over its half size: [-1, 1] is inside."""
+"""Positions per axis of the face, relative to an opening's centre, over its half size: [-1, 1] is inside."""
 
 
 def periodic_axes(openings: tuple[Opening, ...], dim: int) -> tuple[bool, ...]:
@@ -27,13 +27,13 @@ def periodic_axes(openings: tuple[Opening, ...], dim: int) -> tuple[bool, ...]:
 
 
 class Patch:
-    """A region of a face of the domain. covered: bool over the face's cells, where the face lets air through.
+    """Region of a face of the domain. covered: mask of the face's cells through which air passes.
 
-    opening: the region as the scenario has it at present; kind: of the opening, empty where it is none.
+    opening: present parameters of the region; kind: kind of the opening, empty if the region is none.
     """
 
     def __init__(self, region: Region, grid: Grid, area: Sequence[np.ndarray], kind: str = ""):
-        """area: per axis the shares of the faces that are open, see `Air`."""
+        """area: per axis the area fractions of the faces, see `Air`."""
         self.grid = grid
         self.opening: Region = region
         self.kind = kind
@@ -48,7 +48,7 @@ class Patch:
         self.covered = self.inside(self._places((0.0,) * len(self.along), 1)) & self.behind
 
     def _places(self, shift: tuple[float, ...], samples: int) -> Places:
-        """`samples` places per axis of each boundary face; shift: of all places, in cells."""
+        """Return `samples` positions per axis of each boundary face; shift: offset of all positions, in cells."""
         axes = []
         for k, a in enumerate(self.along):
             cells = np.arange(self.grid.shape[a])[:, None] + (np.arange(samples) + 0.5) / samples + shift[k]
@@ -56,11 +56,11 @@ class Patch:
         return list(np.meshgrid(*axes, indexing="ij"))
 
     def average(self, function: Callable[[Places], np.ndarray], shift: tuple[float, ...] = (0.0, 0.0)):
-        """Mean of a function of the relative place over each boundary face."""
+        """Mean over each boundary face of a function of the relative position."""
         return block_mean(function(self._places(shift, SAMPLES)), SAMPLES)
 
     def points(self, places: Places) -> list[np.ndarray]:
-        """Coordinates of places along each axis of the domain [m]."""
+        """Coordinates of positions along each axis of the domain [m]."""
         found = [p * h + c for p, h, c in zip(places, self.half, self.center, strict=True)]
         found.insert(self.axis, np.full_like(found[0], self.side * self.grid.extent[self.axis]))
         return found
@@ -72,7 +72,7 @@ class Patch:
         return np.max([np.abs(p) for p in places], axis=0)
 
     def inside(self, places: Places) -> np.ndarray:
-        """Return a mask of the places that the region covers, the rim included in spite of rounding."""
+        """Return a mask of the positions that the region covers; rounding does not exclude the rim."""
         return self.radius(places) <= 1.0 + RIM_ROUNDING
 
     def cells(self) -> tuple[np.ndarray, ...]:
@@ -104,14 +104,14 @@ def _even(patch: Patch, places: Places, opening: Jet) -> np.ndarray:
 
 
 PROFILES = {"fan": _top_hat, "inlet": _of_inlet, "honeycomb": _even}
-"""By kind: speed over mean speed at places on the face, before the scaling to the exact flow rate."""
+"""Profiles by kind: speed over mean speed at positions on the face, before the scaling to the exact flow rate."""
 
 
 class JetPatch(Patch):
     """An opening that prescribes the speed of the air. profile: speed over mean speed, over the face's cells."""
 
     def __init__(self, opening: Jet, kind: str, grid: Grid, area: Sequence[np.ndarray]):
-        """Raises ValueError where no air is behind it."""
+        """Raises ValueError if no air is behind the opening."""
         super().__init__(opening, grid, area, kind)
         profile = self.average(lambda p: PROFILES[kind](self, p, opening)) * self.behind
         profile[profile < 1e-3] = 0.0
@@ -121,7 +121,7 @@ class JetPatch(Patch):
         self.covered = self.profile > 0
 
     def swirl(self, ratio: float) -> dict[int, np.ndarray]:
-        """A fan's velocity along the face over its mean speed, per axis; ratio: of the rim's speed to that."""
+        """Return a fan's tangential velocity over its mean speed, per axis; ratio: rim speed over mean speed."""
         if self.kind != "fan" or ratio == 0 or len(self.along) < 2:
             return {}
         turn = ratio if self.side == 0 else -ratio  # right-handed about the direction of the jet
@@ -137,7 +137,7 @@ class JetPatch(Patch):
 
 
 def opening_cells(openings: tuple[Opening, ...], grid: Grid) -> np.ndarray:
-    """Return a mask of the cells behind an opening that lets air through, of grid.shape."""
+    """Return a mask, of grid.shape, of the cells behind openings through which air passes."""
     result, everywhere = np.zeros(grid.shape, bool), Air.everywhere(grid).area
     for opening in openings:
         patch = patch_of(opening, grid, everywhere)
@@ -147,9 +147,9 @@ def opening_cells(openings: tuple[Opening, ...], grid: Grid) -> np.ndarray:
 
 
 def patch_of(opening: Opening, grid: Grid, area: Sequence[np.ndarray]) -> Patch | None:
-    """Return the place of an opening on its face, as a `JetPatch` if it blows; None for a whole axis.
+    """Return the patch of an opening, a `JetPatch` if the opening blows; None for a whole axis.
 
-    area: per axis the shares of the faces that are open. Raises ValueError where a jet or an outlet has no open face.
+    area: per axis the area fractions of the faces. Raises ValueError if a jet or an outlet has no open face.
     """
     match opening.kind:
         case "periodic":

@@ -1,7 +1,7 @@
-"""Playback of recorded wind and gas (films, movies), linear in time between frames.
+"""Playback of recorded wind and gas (films), linear in time between frames.
 
-A mean of two divergence-free fields is divergence-free, so gas can be dispersed on a played flow as on a computed one.
-Two frames are on the device; the next one is read from the disk meanwhile.
+A mean of two divergence-free fields is divergence-free, so gas can be dispersed on a played flow as on a computed flow.
+Two frames are on the device, while a thread reads the next frame from the disk.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,14 +25,14 @@ from taichi_plume.scenario.played import MovieGas, PlaybackWind, Played
 CLOSE = 1e-12  # relative difference up to which times are equal
 
 Maxima = tuple[float, ...] | None
-"""Maxima of a frame; of a gas there are none."""
+"""Maxima of a frame; empty for a gas."""
 
 
 class Frames(Protocol):
-    """Frames that can be played: a `Film`, or frames in memory."""
+    """Protocol of frames that can be played: a `Film`, or frames in memory."""
 
     times: np.ndarray
-    """Of the frames, ascending [s]."""
+    """Times of the frames, ascending [s]."""
 
     def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
         """Return variables of frame n, axes (x, y, z)."""
@@ -44,11 +44,11 @@ class Frames(Protocol):
 
 
 class WindFrames(Frames, Protocol):
-    """Frames of a wind."""
+    """Protocol of the frames of a wind."""
 
     @property
     def attributes(self) -> Mapping[str, float]:
-        """viscosity [m²/s] and schmidt, among others."""
+        """Attributes such as viscosity [m²/s] and schmidt."""
         ...
 
     @property
@@ -62,7 +62,7 @@ class WindFrames(Frames, Protocol):
 
 
 class GasFrames(Frames, Protocol):
-    """Frames of a gas."""
+    """Protocol of the frames of a gas."""
 
     def gas_of(self, species: object) -> str:
         """Return the variable to play for a species."""
@@ -73,8 +73,7 @@ class FramePlayer:
     """Player of a film: sets fields to the film's values at the simulated time.
 
     names: the film's variables; prepare: function that the reading thread applies to a frame, (values with `margin`
-    ghost layers per name, maxima). now: the fields by name; known: the maxima of the two frames
-    around.
+    ghost layers per name, maxima). now: fields by name; known: maxima of the two enclosing frames.
     """
 
     STATE = ("now", "_goal", "known", "_reached", "_end")
@@ -93,10 +92,10 @@ class FramePlayer:
         self.known: tuple[Maxima, Maxima] = (None, None)
 
     def begin(self, model: Played, t: float) -> None:
-        """Start at simulated time t [s], played at the rate and from the start of the model."""
+        """Start at simulated time t [s], with the rate and start time of the model."""
         self.model = model
         self.ends = np.append(self.film.times[1:], self.first + self.period if model.loop else np.inf)
-        self._frames: dict[int, Future] = {}  # a cache, and no state
+        self._frames: dict[int, Future] = {}  # a cache, not part of the state
         self._reached = self._end = -np.inf
         self.show(t)
 
@@ -114,14 +113,14 @@ class FramePlayer:
         self._reached = time
 
     def _snapped(self, time: float) -> float:
-        """Return the time of a frame if `time` equals it up to the rounding of sums of ticks."""
+        """Return the time of the frame that equals `time` up to the rounding of sums of ticks, otherwise `time`."""
         near = CLOSE * max(1.0, abs(time))
         n = int(np.searchsorted(self.film.times, time - near))
         equal = n < len(self.film.times) and self.film.times[n] <= time + near
         return float(self.film.times[n]) if equal else time
 
     def _change(self, n: int) -> None:
-        """Put frame n and the next one on the device, and start to read the frame after."""
+        """Put frames n and n + 1 on the device, and start to read frame n + 2."""
         numbers = (n, self._next(n), self._next(self._next(n)))
         self._frames = {k: self._frames.get(k) or self._pool.submit(self._read, k) for k in numbers}
         frames = [self._frames[k].result() for k in numbers[:2]]
@@ -142,11 +141,11 @@ class FramePlayer:
 
 @ti.data_oriented
 class PlayedWind(Carrier):
-    """A flow that was recorded, or computed by another program."""
+    """Recorded flow, or flow computed by another program."""
 
     STATE = ("film", "outflow_rate", "max_viscosity", "max_speed")
     carries = True
-    """Whether gas is solved for in the wind, which limits the step."""
+    """Whether gas is dispersed on the wind, which limits the step."""
 
     def __init__(
         self,
@@ -181,7 +180,7 @@ class PlayedWind(Carrier):
         self._set_maxima()
 
     def _prepare(self, frame: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], tuple[float, ...]]:
-        """Values with a ghost layer; largest flow out of a cell over its volume [1/s], viscosity and speed."""
+        """Return values with a ghost layer, and maxima: flow out of a cell over its volume [1/s], viscosity, speed."""
         values, faces = dict(frame), []
         for d, name in enumerate(self.speed_names):
             u = frame[name]
@@ -192,12 +191,12 @@ class PlayedWind(Carrier):
         return values, (self.grid.largest_outflow(faces), viscosity, speed)
 
     def _set_maxima(self) -> None:
-        # between two frames a maximum is at most the larger of both
+        # between two frames a maximum is at most the larger maximum
         known = np.max([maxima for maxima in self.film.known if maxima is not None], axis=0)
         self.outflow_rate, self.max_viscosity, self.max_speed = (float(value) for value in known)
 
     def stable_dt(self, t: float = 0.0) -> float:
-        """Return the longest step [s] of gas that is solved for, so that it follows the flow; infinite without."""
+        """Return the longest step [s] with which dispersed gas follows the flow; infinite without such gas."""
         return inf if not self.carries else 0.5 / max(self.outflow_rate, 1e-9)
 
     def advance(self, t: float, dt: float) -> None:
@@ -207,7 +206,7 @@ class PlayedWind(Carrier):
 
 @ti.data_oriented
 class PlayedGas(GridGas):
-    """A recorded gas. Frames are checked when they are read."""
+    """Recorded gas. Frames are checked when read."""
 
     STATE = ("film",)
 
@@ -236,8 +235,8 @@ class PlayedGas(GridGas):
 class MovieFrames:
     """Pictures of a movie on a grid, in the file's unit: the mean over the area of each cell.
 
-    Pixels are squares of one value and beyond the picture there is none, so the sum over cells is that over the
-    part of the picture in the domain, whether cells or pixels are the larger ones.
+    Pixels are squares of constant value, 0 beyond the picture. The sum over cells thus equals the sum over the part of
+    the picture in the domain, whether cells or pixels are larger.
     """
 
     def __init__(self, movie: Movie, grid: Grid):
@@ -256,7 +255,7 @@ class MovieFrames:
         return np.ones(self.grid.shape)
 
     def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
-        """Return values of frame n, axes (x, y, z), the same at every height. Raises FilmError where it is damaged."""
+        """Return values of frame n, axes (x, y, z), the same at every height. Raises FilmError for damaged frames."""
         values = self.movie.frame(n)
         for axis, edges in enumerate(self.edges):
             values = means(values, edges, axis)
@@ -278,7 +277,7 @@ def means(values: np.ndarray, edges: np.ndarray, axis: int) -> np.ndarray:
 
 @ti.data_oriented
 class PlayedMovie(PlayedGas):
-    """A recorded gas whose frames are pictures."""
+    """Recorded gas whose frames are pictures."""
 
     def __init__(self, gas: MovieGas, movie: Movie, grid: Grid, t: float = 0.0):
         super().__init__(gas, MovieFrames(movie, grid), grid, t)

@@ -1,13 +1,12 @@
-"""Gaussian plumes of steady sources in a uniform wind: the mean plume, and one that gusts sweep to and fro.
+"""Gaussian plumes of steady sources in a uniform wind: the mean plume, and the meandering plume moved by gusts.
 
     c = Q/U prod_k exp(-(q_k - q0_k - Y_k)²/(2 s_k²))/(sqrt(2 pi) s_k)
 
 over the axes k across the wind, in 2-D divided by the depth of the slab. s_k grows with the distance x downwind. In the
-mean plume Y is zero. In the meandering one it is how far gusts have carried the air since it passed the source, x/U
-ago: the plume is where the air is in which the robots' anemometers have seen those gusts. The straight rays that are
-often taken instead, Y = x v(t - x/U)/U, are the same for x << U T, T the gusts' integral time: in the mean both are as
-wide as the intensity of the gusts times x. Beyond, the air forgets where its gusts had been going, and the mean plume
-widens as by diffusion, with the root of x.
+mean plume Y is zero. In the meandering plume Y is the displacement of the air by gusts since it passed the source, x/U
+ago: plume and anemometers see the same gusts. The straight rays that are often used instead, Y = x v(t - x/U)/U, are
+equal for x << U T, T the gusts' integral time: the width of both means is the intensity of the gusts times x. Farther
+away the air loses the memory of its gusts, and the mean plume widens as by diffusion, with the root of x.
 """
 
 import taichi as ti
@@ -25,9 +24,9 @@ from taichi_plume.solvers.uniform import UniformSolver, memory
 
 
 def most_walls(faces: tuple[Face, ...], dim: int) -> tuple[int, ...]:
-    """Return the largest number of walls along each axis across the wind, whatever the wind's direction along them.
+    """Return the largest number of walls along each axis across the wind, for any direction of the wind along them.
 
-    With a ground or a ceiling the wind is level, so that the second axis across it is upright.
+    With a ground or a ceiling the wind is horizontal, and the second axis across the wind is vertical.
     """
     level, upright = (sum((face[0] == "z") == flat for face in faces) for flat in (False, True))
     return tuple(min(2, most) for most in (level, upright or level)[: dim - 1])
@@ -53,7 +52,7 @@ class Plumes(Gas):
         seed: int = 0,
         name: str = "gas",
     ):
-        """name: of the gas among others; t: start of the run [s]; the wind must have begun."""
+        """name: name of the gas; t: start of the run [s]; the wind must have begun."""
         self.grid, self.dim, self.name = grid, grid.dim, name
         self.wind = wind
         self.count = len(gas.sources)
@@ -94,7 +93,7 @@ class Plumes(Gas):
         )
         if not self.meanders:
             return
-        assert wind.gusts is not None, "a plume meanders as its gusts do"
+        assert wind.gusts is not None, "a meandering plume needs a wind with gusts"
         reach, rng = memory(wind, self.grid.extent), generator(seed, f"{self.name}.width_fluctuation")
         law = [fluctuation], wind.gusts.time, t, reach, rng
         if self.width is None:

@@ -1,7 +1,7 @@
 """The plumes of PlumeSim (Cabrita, Sousa & Marques, "Player/Stage simulation of olfactory experiments", IROS 2010):
 frames of points from files, its Gaussian puff on nodes, its static plume of random points.
 
-All are of a plane; in 3-D they are the same at every height, and their wind is horizontal.
+All are planar: in 3-D they are the same at every height, and their wind is horizontal.
 """
 
 from math import floor, pi, sqrt
@@ -22,16 +22,16 @@ STATIONS = 20  # of the meandering centre line
 TURN = 0.2  # standard deviation of its change of course per station, over their distance
 
 MOST_PERIODS = 1e15
-ROUNDING = 1.000001  # factor of a radius, so that points at the radius count
+ROUNDING = 1.000001  # factor on a radius, so that points at the radius count
 
 
 def density_per_percent(gas: PercentGas) -> float:
-    """Concentration [kg/m³] of one percent of the full scale."""
+    """Concentration [kg/m³] of 1 % of the full scale."""
     return 0.01 * gas.full_scale_ppm / gas.vapour.ppm_per_density
 
 
 def periods(time: float, period: float) -> int:
-    """Whole periods in a time, however long."""
+    """Number of whole periods in a time."""
     return floor(min(max(time / period, -MOST_PERIODS), MOST_PERIODS) + 1e-6)
 
 
@@ -41,7 +41,7 @@ class PointFilm:
     STATE = ("cloud", "shown")
 
     def __init__(self, frames: PointFrames, extent: tuple[float, ...], values: int):
-        """values: numbers per point. `begin` shows the first frame."""
+        """values: number of values per point. `begin` shows the first frame."""
         self.frames = frames
         self.cloud = PointCloud(extent, frames.cell, values, int(np.diff(frames.begin).max()))
 
@@ -68,7 +68,7 @@ class PointFilm:
 
 @ti.data_oriented
 class PointGas(Gas):
-    """A gas known at points. The frames were looked at when they were read."""
+    """Gas given at points. The frames were checked when they were read."""
 
     STATE = ("film",)
 
@@ -98,7 +98,7 @@ class PointGas(Gas):
 
 @ti.data_oriented
 class PointWind(Wind):
-    """A wind known at points, zero elsewhere."""
+    """Wind given at points, zero elsewhere."""
 
     STATE = ("film",)
 
@@ -137,8 +137,8 @@ class PointWind(Wind):
 class ProgramPuff(Gas):
     """PlumeSim's Gaussian puff on nodes, its spread counted in frames.
 
-    Fields, of the axes x and y: release [m], lowest and highest number of a node, spread [m² per frame]; number: of the
-    frame that is shown.
+    Fields, for the axes x and y: release [m], lowest and highest number of a node, spread [m² per frame]; number:
+    number of the present frame.
     """
 
     STATE = ("number",)
@@ -184,7 +184,7 @@ class ProgramPuff(Gas):
 
     @ti.func
     def concentration(self, x: Template, t: float):
-        """Concentration [kg/m³] at the node nearest to x [m]; the time is the player's own."""
+        """Concentration [kg/m³] at the node nearest to x [m], at the player's time."""
         n, cell = self.number[None], self.cell[None]
         gap2, exponent = 0.0, 0.0
         for d in ti.static(range(2)):
@@ -196,11 +196,11 @@ class ProgramPuff(Gas):
 
 
 def meandering_points(gas: PlumeSimMeander, length: float, rng: np.random.Generator) -> np.ndarray:
-    """Places (n, 2) [m] of the plume's points; length: where the domain ends along x [m]."""
+    """Positions (n, 2) [m] of the plume's points; length: size of the domain along x [m]."""
     x0, y0 = gas.release_point
     step = (length - x0) / STATIONS
     stations = x0 + step * np.arange(STATIONS)
-    turn = TURN * step * rng.standard_normal(STATIONS)  # its first, a course, and changes of it
+    turn = TURN * step * rng.standard_normal(STATIONS)  # first point, course, and changes of course
     y = y0 + np.concatenate([[0.0], np.cumsum(np.cumsum(turn))[:-1]])
     spacing = (stations[-1] - x0) / gas.points
     between = np.arange(gas.points // (STATIONS - 1) + 1) * spacing
@@ -211,7 +211,7 @@ def meandering_points(gas: PlumeSimMeander, length: float, rng: np.random.Genera
 
 @ti.data_oriented
 class ProgramMeander(Gas):
-    """PlumeSim's meandering plume: how many points are near, as a share of those near its start."""
+    """PlumeSim's meandering plume: number of points nearby, over the number near its start."""
 
     def __init__(
         self,
@@ -221,7 +221,7 @@ class ProgramMeander(Gas):
         seed: int = 0,
         name: str = "gas",
     ):
-        """name: of the gas among others."""
+        """name: name of the gas."""
         self.name, self.length = name, extent[0]
         capacity = len(meandering_points(gas, self.length, generator(seed, name)))
         self.cloud = PointCloud(extent, ROUNDING * gas.radius, 1, capacity)
@@ -233,12 +233,12 @@ class ProgramMeander(Gas):
         self.place = meandering_points(model, self.length, generator(seed, f"{self.name} meandering"))
         self.cloud.set(self.place, np.zeros((len(self.place), 1)))
         start = np.add(model.release_point, (model.radius, 0.0))
-        # the release itself is exactly that far away, and counts
+        # the release itself lies exactly at this distance, and counts
         most = int((np.linalg.norm(self.place - start, axis=1) <= ROUNDING * model.radius).sum())
         self.n.set(share=100.0 / most, full=density_per_percent(model))
 
     def advance(self, t: float, dt: float) -> None:
-        """Nothing changes."""
+        """Do nothing: the plume is static."""
 
     @ti.func
     def concentration(self, x: Template, t: float):

@@ -1,7 +1,7 @@
-"""Points in the plane with values, looked up on the device through bins (cell lists).
+"""Points in the plane with values, looked up on the device through bins (cell lists, neighbour search).
 
-The host sorts the points into the bins of a lattice (counting sort); bins are at least as wide as a look-up reaches, so
-that a look-up sees three by three of them, a row of three at a time.
+The host sorts the points into the bins of a lattice (counting sort). Bins are at least as wide as the reach of a
+look-up, which thus visits 3 x 3 bins, a row of three at a time.
 """
 
 from math import ceil, prod, sqrt
@@ -13,17 +13,17 @@ from taichi_plume.grid.kernels import Field, Template
 from taichi_plume.grid.transfer import uploader
 
 MOST_BINS = 65_536
-NEAREST, FARTHEST = 1e-6, 1e6  # m: a reach has to be between, as its square in f32
+NEAREST, FARTHEST = 1e-6, 1e6  # m: limits of a reach, whose square must fit in f32
 CORNER = 0.25  # weight of a lattice's last node half a cell beyond it along both axes
-SLACK = 1.001  # of a bin's width: the device sorts places into bins with f32
+SLACK = 1.001  # of a bin's width: the device finds bins of positions in f32
 
 
 @ti.data_oriented
 class PointCloud:
-    """Points that can be found from places in [0, extent] (x, y) [m].
+    """Points that can be looked up from positions in [0, extent] (x, y) [m].
 
-    reach [m]: points count below this distance; values: numbers per point; capacity: largest number of points.
-    Fields: the points, sorted by bins, with place, value and order (their number as given); first, of each bin.
+    reach [m]: points count below this distance; values: number of values per point; capacity: largest number of points.
+    Fields: points sorted by bins, with position, value and order (original number); first: first point of each bin.
     """
 
     STATE = ("first", "order", "place", "value")
@@ -41,7 +41,7 @@ class PointCloud:
         self._put = uploader(self.first, self.order, self.place, self.value)
 
     def set(self, place: np.ndarray, value: np.ndarray) -> None:
-        """Take points (n, 2) with values (n, values) in place of those before; those out of reach are left out."""
+        """Replace the points by points (n, 2) with values (n, values); points out of reach are left out."""
         near = np.flatnonzero(within_reach(place, self.extent, self.reach))
         place, value = place[near], value[near]
         column, row = (np.clip((place[:, d] / self.edge).astype(int), 0, self.bins[d] - 1) for d in range(2))
@@ -52,7 +52,7 @@ class PointCloud:
         self._put(first, *(self._filled(of_each) for of_each in (sort, place[sort], value[sort])))
 
     def _filled(self, values: np.ndarray) -> np.ndarray:
-        """Values of as many points as there is room for."""
+        """Values of `capacity` points."""
         return np.concatenate([values, np.zeros((self.capacity - len(values), *values.shape[1:]))])
 
     @ti.func
@@ -63,7 +63,7 @@ class PointCloud:
 
     @ti.func
     def nearest(self, x: Template):
-        """Values of the nearest point closer than `reach`; of several as near, the one given first. Else zero."""
+        """Return the values of the nearest point closer than `reach`, the first of equally near points; or zero."""
         best, winner = ti.cast(self.reach * self.reach, ti.f32), -1
         left, right = self._bins(x, 0)
         low, high = self._bins(x, 1)
@@ -82,11 +82,10 @@ class PointCloud:
 
     @ti.func
     def between(self, x: Template):
-        """Mean of the values, each weighted by (1 - |dx|/reach)(1 - |dy|/reach); towards zero where there is little
-        weight.
+        """Mean of the values with weights (1 - |dx|/reach)(1 - |dy|/reach); tends to zero where the weights do.
 
-        On a lattice of that spacing it is the bilinear interpolation. Half a cell beyond the last nodes, where a domain
-        ends whose cells they are the middles of, it is still the mean, even in its corners.
+        On a lattice of spacing `reach` this is the bilinear interpolation. Up to half a cell beyond the last nodes, at
+        the ends and corners of a domain with nodes at the cell centres, the result is still the mean.
         """
         total, share = ti.Vector.zero(ti.f32, self.values), 0.0
         left, right = self._bins(x, 0)

@@ -1,7 +1,7 @@
 """The Poisson equation of the pressure projection: sum over faces of a (phi_I - phi_neighbour) = b.
 
-`a` is the openness of a face: 0 closed, 1 open, 2 on the domain's boundary with phi = 0 on the face itself. All arrays
-have one ghost layer, axis 0 contiguous, and three axes whatever the dimension.
+`a` is the open fraction of a face: 0 closed, 1 open, 2 on the domain's boundary with phi = 0 (Dirichlet) on the face.
+All arrays have one ghost layer, axis 0 contiguous, and three axes in any dimension.
 """
 
 from dataclasses import dataclass
@@ -13,8 +13,8 @@ from taichi_plume.grid.grid import Grid
 
 
 @dataclass(frozen=True)
-class Openness:
-    """Face coefficients a per axis, arrays of shape n + 2 with one ghost layer, and which axes wrap round."""
+class OpenFractions:
+    """Face coefficients a per axis, arrays of shape n + 2 with one ghost layer, and flags of the periodic axes."""
 
     a: tuple[np.ndarray, ...]
     periodic: tuple[bool, ...]
@@ -25,12 +25,12 @@ class Openness:
         return tuple(m - 2 for m in self.a[0].shape)
 
     @staticmethod
-    def of(openness: tuple[np.ndarray, ...], grid: Grid) -> "Openness":
+    def of(fractions: tuple[np.ndarray, ...], grid: Grid) -> "OpenFractions":
         """Convert face arrays on the padded grid, 1 where open; free domain faces become 2."""
-        beyond = 3 - grid.dim  # axes that a 2-D grid lacks
+        beyond = 3 - grid.dim  # axes missing in a 2-D grid
         n = (*grid.shape, *(1,) * beyond)
         result = [np.zeros(tuple(m + 2 for m in n), np.float32) for _ in range(3)]
-        for d, source in enumerate(openness):
+        for d, source in enumerate(fractions):
             inner = [slice(b, e + (axis == d)) for axis, (b, e) in enumerate(grid.cells)]
             faces = source[tuple(inner)].astype(np.float32)
             if not grid.periodic[d]:
@@ -40,12 +40,12 @@ class Openness:
                 faces = np.moveaxis(faces, 0, d)
             index = tuple(slice(1, 1 + m) for m in faces.shape) + (1,) * beyond
             result[d][index] = faces
-        return Openness(tuple(result), (*grid.periodic, *(False,) * beyond))
+        return OpenFractions(tuple(result), (*grid.periodic, *(False,) * beyond))
 
-    def coarser(self) -> "Openness":
-        """Merge cells in twos (multigrid coarsening); a coarse face is the mean of the fine faces that make it.
+    def coarser(self) -> "OpenFractions":
+        """Merge pairs of cells (multigrid coarsening); a coarse face is the mean of its fine faces.
 
-        An axis of one cell stays: its faces then weigh four times as much against those that doubled their spacing.
+        An axis of a single cell stays: its faces weigh four times as much as those of axes whose spacing doubled.
         """
         factor = [2 if n > 1 else 1 for n in self.shape]
         shape = [-(-n // f) for n, f in zip(self.shape, factor, strict=True)]
@@ -65,7 +65,7 @@ class Openness:
             padded = np.zeros([n + 2 for n in shape], np.float32)
             padded[tuple(slice(1, 1 + n) for n in coarse.shape)] = coarse
             result.append(padded)
-        return Openness(tuple(result), self.periodic)
+        return OpenFractions(tuple(result), self.periodic)
 
     def matrix(self) -> sp.csr_array:
         """Return the equations of all inner cells (axis 0 fastest); closed-off cells have an empty row."""

@@ -21,10 +21,10 @@ def padded_faces(grid: Grid, d: int) -> np.ndarray:
 
 @ti.data_oriented
 class PrescribedWind(Carrier):
-    """A steady wind of known velocities. No eddies, no obstacles."""
+    """Steady wind of given velocities, without eddies or obstacles."""
 
     def __init__(self, velocity: Velocities, grid: Grid):
-        """velocity: taken at the middles of the faces, ghost layers included."""
+        """velocity: evaluated at the middles of the faces, ghost layers included."""
         self.grid, self.dim = grid, grid.dim
         self.u = grid.faces_field()
         self.open = grid.faces_field()
@@ -43,4 +43,4 @@ class PrescribedWind(Carrier):
         self.outflow_rate = grid.largest_outflow(inner)
 
     def advance(self, t: float, dt: float) -> None:
-        """Nothing changes."""
+        """Do nothing: the wind is steady."""

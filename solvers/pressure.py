@@ -1,4 +1,4 @@
-"""Choice of the pressure solver: the Poisson equation of the projection."""
+"""Choice of the pressure solver: Poisson equation of the pressure projection."""
 
 from math import prod, sqrt
 from typing import Protocol
@@ -11,14 +11,14 @@ from taichi_plume.scenario.size import ENTRIES_PER_CELL, MOST_BESIDE
 from taichi_plume.solvers.capacitance import Capacitance, Changes
 from taichi_plume.solvers.direct import FastTransforms, SparseFactors
 from taichi_plume.solvers.multigrid import Multigrid
-from taichi_plume.solvers.poisson import Openness
+from taichi_plume.solvers.poisson import OpenFractions
 
 
 class PressureSolver(Protocol):
-    """Solves the equations of `poisson` again and again for the same faces."""
+    """Protocol of solvers of the equations of `poisson`, for repeated use with the same faces."""
 
     iterations: int
-    """Taken by the last solve."""
+    """Iterations of the last solve."""
 
     def solve(self, b: Field, phi: Field, tolerance: float) -> None:
         """Set the inner cells of field phi to the solution for field b, to a largest residual below `tolerance`."""
@@ -26,18 +26,18 @@ class PressureSolver(Protocol):
 
 
 def pressure_solver(faces: tuple[np.ndarray, ...], grid: Grid) -> PressureSolver:
-    """The fastest for these faces (1 where open): fast transforms for an empty box, with a capacitance matrix where
-    few cells lie beside obstacles, otherwise sparse factors for one layer of cells and multigrid; on a GPU multigrid
-    always.
+    """Return the fastest solver for these faces (1 where open): fast transforms for an empty box, with a capacitance
+    matrix if few cells lie beside obstacles, otherwise sparse factors for one layer of cells or multigrid. On a GPU
+    always multigrid.
     """
-    openness = Openness.of(faces, grid)
+    fractions = OpenFractions.of(faces, grid)
     if not on_cpu():
-        return Multigrid(openness, grid)
-    changes = Changes.of(openness, grid)
+        return Multigrid(fractions, grid)
+    changes = Changes.of(fractions, grid)
     if not len(changes.near):
         return FastTransforms(changes.kinds, grid)
     if len(changes.near) <= min(MOST_BESIDE, sqrt(ENTRIES_PER_CELL * prod(grid.shape))):
         return Capacitance(changes, grid)
     if sum(n > 1 for n in grid.shape) <= 2:
-        return SparseFactors(openness, grid)
-    return Multigrid(openness, grid)
+        return SparseFactors(fractions, grid)
+    return Multigrid(fractions, grid)

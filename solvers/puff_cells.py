@@ -1,9 +1,9 @@
 """Cell lists of puffs, and the order of the puffs by cells.
 
-There are several lists of cells, one per octave of the puffs' size, each with cells half as wide as its largest puffs
-reach: a point looks at few cells of any list.
+There is a list of cells per octave of the puffs' size. Its cells are half as wide as the reach of its largest puffs, so
+that a point visits few cells of any list.
 
-The order is that of the cells, then of the puffs before, on a CPU; of the cells, then of the puffs' numbers, on a GPU.
+The order is by cell, then by previous order (CPU) or by number of the puff (GPU).
 Neither depends on threads, so sums are the same to the bit.
 """
 
@@ -16,22 +16,22 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Field, Template, on_cpu
 from taichi_plume.grid.transfer import uploader
 
-STEP = 2.0  # from the sizes of one list to those of the next
-WIDTH = 0.5  # of the cells, over how far the puffs of a list reach
-CELLS = 1 << 16  # of the finest list, at most
+STEP = 2.0  # factor from the sizes of a list to those of the next list
+WIDTH = 0.5  # width of the cells over the reach of a list's puffs
+CELLS = 1 << 16  # largest number of cells of the finest list
 BLOCK = 256  # cells per task of the parallel running sum
 
 
 @ti.data_oriented
 class PuffCells:
-    """Lists of cells for up to `most` puffs. `start` tells of each cell, list by list, how many puffs lie in those
-    before; at the end, in all. `order` holds the puffs by cells.
+    """Lists of cells for up to `most` puffs. `start` holds for each cell, list by list, the number of puffs in all
+    cells before, and at its end the total. `order` holds the puffs by cells.
     """
 
     STATE = ("start", "farthest")
 
     def __init__(self, most: int, cutoff: float, grid: Grid):
-        """Room for the cells of the smallest puffs. The owner calls `begin`."""
+        """Allocate the cells of the smallest puffs. The owner calls `begin`."""
         self.grid, self.dim, self.cutoff = grid, grid.dim, cutoff
         sizes, shapes = self._lists_of(0.0)
         capacity = sum(map(prod, shapes))
@@ -46,9 +46,9 @@ class PuffCells:
             self._size, self._shape, self._first, self.lists, self._cells, self._largest, self._per_smallest
         )
         self.start: Field = ti.field(ti.i32, capacity + 1)
-        self.farthest: Field = ti.field(ti.f32, ())  # that any puff reaches [m]
+        self.farthest: Field = ti.field(ti.f32, ())  # largest reach of any puff [m]
         self.order: Field = ti.field(ti.i32, most)
-        self._cell: Field = ti.field(ti.i32, most)  # of each new puff; -1: gone
+        self._cell: Field = ti.field(ti.i32, most)  # cell of each new puff; -1: left the domain
         self._cursor: Field = ti.field(ti.i32, capacity)
         self._blocks: Field = ti.field(ti.i32, capacity // BLOCK + 1)
         self._rough_order: Field = None if on_cpu() else ti.field(ti.i32, most)
@@ -75,7 +75,7 @@ class PuffCells:
         while np.prod(np.ceil(extent / width)) > CELLS:
             width *= 1.02
         sizes = [width / (WIDTH * self.cutoff)]
-        while sizes[-1] < extent.max():  # a puff as large as the room is spread evenly over it
+        while sizes[-1] < extent.max():  # a puff as large as the room is spread evenly over the room
             sizes.append(STEP * sizes[-1])
         return sizes, [tuple(np.ceil(extent / (WIDTH * self.cutoff * size)).astype(int)) for size in sizes]
 
@@ -83,12 +83,12 @@ class PuffCells:
 
     @ti.func
     def size(self, variance: float):
-        """Standard deviation that a puff is shown with [m]."""
+        """Standard deviation with which a puff is shown [m]."""
         return ti.min(ti.sqrt(variance), self._largest[None])
 
     @ti.func
     def put(self, k: ti.i32, x: Template, variance: float, stays):
-        """Put new puff k into its cell; whether it stays in the domain."""
+        """Put new puff k into its cell. Return whether the puff stays in the domain."""
         octaves = ti.log(self.size(variance) * self._per_smallest[None]) * ti.static(1 / np.log(STEP))
         which = ti.math.clamp(ti.cast(ti.ceil(octaves), ti.i32), 0, self.lists[None] - 1)
         width = WIDTH * self.cutoff * self._size[which]
@@ -120,9 +120,7 @@ class PuffCells:
 
     @ti.func
     def block(self, p: Template, which: ti.i32):
-        """The rows of a list's cells about a point [m]: on every axis but the first the cell that they begin at and how
-        many there are, and how many in all.
-        """
+        """Rows of a list's cells around a point [m]: first cell and count per axis from axis 1, number of rows."""
         reach, shape = self.reach(which), self._shape[which]
         width = WIDTH * reach
         low, rows = ti.Vector.zero(ti.i32, self.dim), ti.Vector.zero(ti.i32, self.dim)
@@ -136,7 +134,7 @@ class PuffCells:
 
     @ti.func
     def row(self, p: Template, which: ti.i32, low: Template, rows: Template, r: ti.i32):
-        """(begin, end) in the order of the puffs in row r of a block, as far as they reach point p [m]."""
+        """Return (begin, end) in `order` of the puffs in row r of a block that reach point p [m]."""
         reach, shape = self.reach(which), self._shape[which]
         width = WIDTH * reach
         begin, end = 0, 0
@@ -161,7 +159,7 @@ class PuffCells:
 
     @ti.func
     def sort(self, count: ti.i32, number: Template):
-        """Put the first `count` new puffs in order, without those that are gone; number: field of theirs."""
+        """Sort the first `count` new puffs without those that left the domain; number: field of the puffs' numbers."""
         if ti.static(on_cpu()):
             self._order_serially(count)
         else:

@@ -1,8 +1,8 @@
 """Deposit of puffs on the grid: the mean concentration of every cell, without loss of mass.
 
-A puff gives each cell the integral of its Gaussian over it, a product of differences of error functions; what lies
-beyond a closed face is mirrored back. Cells of obstacles, those behind the tangent plane of the surface next to a puff,
-and those that no straight row of air cells leads to get nothing, and the others as much more.
+A puff gives each cell the integral of its Gaussian over the cell, a product of differences of error functions; gas
+beyond a closed face is mirrored back. Excluded are cells of obstacles, cells behind the tangent plane of the surface
+next to the puff, and cells that no straight row of air cells reaches; the other cells share their part.
 """
 
 from math import sqrt
@@ -17,8 +17,8 @@ from taichi_plume.grid.transfer import uploader
 from taichi_plume.solvers.puff_list import FREE
 from taichi_plume.solvers.transport import raised
 
-REACH = 4.0  # standard deviations to either side that are looked at
-LEAST = 0.01  # share of a cell that is air, below which it gets no gas of its own
+REACH = 4.0  # standard deviations to either side that are visited
+LEAST = 0.01  # air fraction of a cell below which the cell gets no gas of its own
 
 
 @ti.func
@@ -36,9 +36,7 @@ class Deposit:
     """Deposit of a solver's puffs in the cells of the grid. Field c: [kg/m³]."""
 
     def __init__(self, solver: Any, air: Air, c: Field | None = None, rest: Field | None = None):
-        """solver: `PuffSolver`, the owner of the puffs; c: field that they are added to, a new one unless given; rest:
-        rounding errors of c.
-        """
+        """solver: `PuffSolver`, owner of the puffs; c: field to fill, by default new; rest: rounding errors of c."""
         self.solver, self.grid, self.dim = solver, solver.grid, solver.dim
         self.c: Field = self.grid.field() if c is None else c
         self.rest: Field = rest
@@ -47,7 +45,7 @@ class Deposit:
         self._area: Field = (carrier.area if carrier is not None else None) or ()
         self.room: Field = self.grid.field()
         uploader(self.room)(self.grid.pad(np.where(air.solid | (air.room < LEAST), 0.0, air.room)))
-        # of the puff at hand, per axis and cell; on a GPU of each of some at a time
+        # weights of the present puff per axis and cell; on a GPU of a batch of puffs
         self._lanes = 1 if on_cpu() else 4096
         self._share: Field = ti.field(ti.f32, (self._lanes, self.dim, max(self.grid.shape)))
 
@@ -69,27 +67,27 @@ class Deposit:
 
     @ti.func
     def add(self, lane, q, deviation: float, t: float):
-        """Add puff q, of a standard deviation [m], to the cells; returns the share of its mass that they got."""
+        """Add puff q, of a standard deviation [m], to the cells; return the fraction of its mass in the cells."""
         puffs = self.solver.puffs
         x = puffs.place(q)
         s = puffs.cells.size(deviation**2)
         first, size = ti.Vector.zero(ti.i32, self.dim), ti.Vector.zero(ti.i32, self.dim)
         dx = ti.static(self.grid.dx)
         below, above = self.solver.walls.closed(x, REACH * s, t)
-        held = 1.0  # share that lies in the domain, or is mirrored into it
+        held = 1.0  # fraction in the domain, mirrored parts included
         cells = 1
         for d in ti.static(range(self.dim)):
             n = ti.static(self.grid.shape[d])
             first[d] = ti.math.clamp(ti.cast(ti.floor((x[d] - REACH * s) / dx), ti.i32), 0, n - 1)
             last = ti.math.clamp(ti.cast(ti.floor((x[d] + REACH * s) / dx), ti.i32), 0, n - 1)
-            if ti.static(self.grid.periodic[d]):  # settled at compile time
+            if ti.static(self.grid.periodic[d]):  # decided at compile time
                 if x[d] < REACH * s or ti.static(self.grid.extent[d]) - x[d] < REACH * s:
                     first[d], last = 0, n - 1
             size[d] = last - first[d] + 1
             cells *= size[d]
             held *= self._along(lane, d, x, s, first[d], size[d], below[d], above[d])
         given, mass = ti.cast(0.0, ti.f64), puffs.now[puffs.mass][q] * held
-        for turn in range(2):  # first how much the cells would get in all
+        for turn in range(2):  # first the total that the cells would receive
             for m in range(cells):
                 part = self._part(lane, q, x, first, size, m)
                 if turn == 0:
@@ -109,9 +107,7 @@ class Deposit:
 
     @ti.func
     def _along(self, lane, d: ti.template(), x, s, first, size, below, above):  # type: ignore[valid-type]
-        """Shares of a puff in the cells along an axis, whose faces are closed (1) or open (0); returns the share
-        that does not lie beyond open ones.
-        """
+        """Set a puff's fractions in cells along an axis with closed (1) or open (0) ends; return the part inside."""
         L, dx = ti.static(self.grid.extent[d]), ti.static(self.grid.dx)
         for k in range(size):
             low, high = (first + k) * dx, (first + k + 1) * dx
@@ -139,7 +135,7 @@ class Deposit:
 
     @ti.func
     def _part(self, lane, q, x, first, size, m):
-        """Return the share of a puff in cell m of the puff's block, not yet normalised."""
+        """Return the fraction of a puff in cell m of the puff's block, not yet normalised."""
         part, left, before = 1.0, m, 0.0
         away = self.solver.puffs.plane_distance(q)
         for d in ti.static(range(self.dim)):
@@ -157,7 +153,7 @@ class Deposit:
 
     @ti.func
     def _leads_to(self, I, x):
-        """1 where the cells from I to that of x, as straight as they go, and the faces between them are air; else 0."""
+        """Return 1 if the straightest row of cells from I to x, and the faces between, are air; otherwise 0."""
         home, left = I, I
         for d in ti.static(range(self.dim)):
             n = ti.static(self.grid.shape[d])
@@ -181,6 +177,6 @@ class Deposit:
                         face[d] += ti.max(step, 0)
                         free = ti.select(self._area[d][face] > 0.0, free, 0.0)
                     J[d] += step
-            if (home != J).any():  # there is air at x, however little the cell holds
+            if (home != J).any():  # there is air at x, even if the cell holds little
                 free = ti.select(self.room[J] > 0.0, free, 0.0)
         return free

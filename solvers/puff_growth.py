@@ -1,16 +1,16 @@
 """Growth of puffs: molecular diffusion, eddy viscosity of the wind, and relative dispersion (Richardson's law).
 
-A puff among eddies of the inertial range grows as R^(2/3) = R0^(2/3) + (g epsilon/6)^(1/3) t. Unless the dissipation is
-given, it is that of the wind about the puff, from the differences of the velocity over r = 4 cells, which are carried
-well even where eddies of two cells are not (Kolmogorov's law, with the constant of Sreenivasan 1995,
-doi:10.1063/1.868656; Taylor's and Obukhov's 4/3 for the components across r):
+A puff among eddies of the inertial range grows as R^(2/3) = R0^(2/3) + (g epsilon/6)^(1/3) t. Unless given, the
+dissipation epsilon is estimated from the wind around the puff. The differences of the velocity over r = 4 cells are
+used, as the grid resolves these well. The law is Kolmogorov's, with the constant of Sreenivasan (1995,
+doi:10.1063/1.868656) and Taylor's and Obukhov's 4/3 for the components across r:
 
     epsilon^(1/3) = |u(x + r/2) - u(x - r/2)| / (C W (1 + 4/3 (dim - 1)) r^(2/3))^(1/2),  C = 2.1
 
-W is the share that waves longer than r have in the square of the difference, as shorter ones are not in the wind: with
-E ~ k^(-5/3), 1 - I(2 pi)/I(0), I(a) the integral of x^(-5/3) (1 - sin(x)/x) from a on. Of epsilon^(1/3) the mean over
-the axes counts, so that a mean shear, which is along one, counts little. Eddies larger than a cell are the wind's own:
-a puff that is as wide grows on at the rate that it has then, which is never less than that of the gas on the grid.
+W is the share of waves longer than r in the square of the difference, as shorter waves are not in the wind: with E ~
+k^(-5/3), 1 - I(2 pi)/I(0), I(a) the integral of x^(-5/3) (1 - sin(x)/x) from a on. epsilon^(1/3) is averaged over the
+axes, so that a mean shear, along a single axis, counts little. The wind resolves eddies larger than a cell: a puff
+wider than a cell keeps its growth rate, which is never below that of gas on the grid.
 """
 
 from math import gamma, sqrt
@@ -24,18 +24,16 @@ from taichi_plume.grid.kernels import Field, Template
 from taichi_plume.grid.transfer import Numbers
 from taichi_plume.scenario.gases import PuffGas
 
-GROWTH = 1e-4  # m²/s in a wind without eddies
-DISSIPATION = 1e-3  # m²/s³ of inertial growth there
-RICHARDSON = 0.5  # constant of the distance of two particles
+GROWTH = 1e-4  # m²/s, default in a wind without eddies
+DISSIPATION = 1e-3  # m²/s³, default dissipation of inertial growth there
+RICHARDSON = 0.5  # Richardson's constant of the distance of two particles
 KOLMOGOROV = 2.1  # constant of the second-order structure function along the separation
 RESOLVED = 0.64  # W
 HALF = 2  # cells to either side
 
 
 def rate_per_difference(dim: int) -> float:
-    """Return the growth rate of R^(2/3) [m^(2/3)/s], over the mean of |u(x + r) - u(x)| / r^(1/3), Gaussian in its
-    components.
-    """
+    """Return the growth rate of R^(2/3) [m^(2/3)/s] over the mean of |u(x + r) - u(x)| / r^(1/3), u Gaussian."""
     mean_per_rms = sqrt(2.0 / dim) * gamma(0.5 * (dim + 1)) / gamma(0.5 * dim)
     square = KOLMOGOROV * RESOLVED * (1.0 + 4.0 / 3.0 * (dim - 1))
     return (RICHARDSON / 6.0) ** (1 / 3) / (mean_per_rms * sqrt(square))
@@ -60,7 +58,7 @@ class Growth:
         self._n = Numbers("diffusivity", "rate", "widest", "viscosity", "per_schmidt", "uphill")
 
     def begin(self, gas: PuffGas, alone: bool) -> None:
-        """alone: whether the wind has no eddies."""
+        """alone: whether the wind has no eddy viscosity."""
         law, carrier = gas.growth, self.wind.carrier
         rate = (GROWTH if alone else 0.0) if law is None or law.kind != "diffusive" else law.rate
         if self.local:
@@ -78,7 +76,7 @@ class Growth:
 
     @property
     def diffusive(self) -> float:
-        """Diffusivity [m²/s] that grows a puff as a given law does, besides molecules and the wind; 0 if none does."""
+        """Diffusivity [m²/s] of a given growth law, besides molecules and the wind; 0 without such a law."""
         return 0.0 if self.inertial else 0.5 * self._n["rate"]
 
     @ti.func
@@ -99,7 +97,7 @@ class Growth:
 
     @ti.func
     def _difference(self, x: Template):
-        """Mean over the axes of the velocity's difference over r = 4 cells about x, fewer at faces, over r^(1/3)."""
+        """Mean over the axes of the velocity difference across r = 4 cells around x (fewer at faces), over r^(1/3)."""
         total = 0.0
         I = ti.Vector.zero(ti.i32, self.dim)
         for d in ti.static(range(self.dim)):

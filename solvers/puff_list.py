@@ -1,7 +1,7 @@
 """Puffs side by side in memory, in the order of their cells, and the sum of their Gaussians at a point.
 
-The sum over the puffs of a row of cells is one loop without stores or branches, which LLVM vectorises; ti.exp would
-stop it, a polynomial does not.
+The sum over the puffs of a row of cells is a loop without stores or branches, which LLVM vectorises; a polynomial
+replaces ti.exp, which LLVM cannot vectorise.
 """
 
 from math import ceil, erf, exp, log2, pi, sqrt
@@ -14,11 +14,11 @@ from taichi_plume.grid.kernels import Field, Template, double_field, on_cpu
 from taichi_plume.grid.level_set import LevelSet
 from taichi_plume.solvers.puff_cells import PuffCells
 
-FREE = 1e3  # m: distance of a puff from surfaces that it does not reach
+FREE = 1e3  # m: distance that stands for surfaces out of a puff's reach
 
 
 def exponential(largest: float) -> tuple[list[float], int]:
-    """(coefficients, k) such that exp(-y) is p(y) squared k times, 0 <= y <= `largest`; to 4e-5 of it."""
+    """Return (coefficients, k) such that exp(-y) is p(y) squared k times, 0 <= y <= `largest`; relative error 4e-5."""
     k = max(0, ceil(log2(largest / 0.8)))
     end = largest / 2**k
     fit = np.polynomial.Chebyshev.interpolate(lambda y: np.exp(-y), 4, [0.0, end])
@@ -35,10 +35,10 @@ def share_within(cutoff: float, dim: int) -> float:
 
 @ti.data_oriented
 class PuffList:
-    """Up to `most` puffs. `new` is where they are moved to, `sort` puts them in order into `now`.
+    """Up to `most` puffs. Moved puffs are written to `new`; `sort` writes them in order to `now`.
 
-    Columns of both: x [m] and v [m/s] per axis, variance [m²], mass [kg]; and their numbers.
-    count: of the puffs that there are.
+    Columns of both: x [m] and v [m/s] per axis, variance [m²], mass [kg]; and the puffs' numbers. count: number of
+    puffs.
     """
 
     STATE = ("count", "now", "number", "cells", "_per_area", "_weight", "_plane", "_gone")
@@ -64,7 +64,7 @@ class PuffList:
             self._unit /= grid.depth
 
     def begin(self, smallest: float) -> None:
-        """No puffs; smallest: size of a new one [m]."""
+        """Remove all puffs; smallest: size of a new puff [m]."""
         self.cells.begin(smallest)
         self.count = 0
 
@@ -72,11 +72,11 @@ class PuffList:
 
     @property
     def gone(self) -> float:
-        """Mass of the puffs that did not stay [kg]."""
+        """Mass of the puffs that left the domain [kg]."""
         return self._gone[None]
 
     def rows(self) -> np.ndarray:
-        """All columns of the puffs that there are, (count, columns)."""
+        """All columns of the present puffs, (count, columns)."""
         values = np.empty((self.count, len(self.now)), np.float32)
         if self.count:
             self._read(values)
@@ -106,7 +106,7 @@ class PuffList:
 
     @ti.func
     def plane_distance(self, q: ti.i32):
-        """Return the distance of puff q from the tangent plane of the next surface [m]; FREE if it reaches none."""
+        """Return the distance of puff q from the tangent plane of the next surface [m]; FREE without such a plane."""
         away = FREE
         if ti.static(self.walled):
             away = self._plane[ti.static(self.dim)][q]
@@ -122,7 +122,7 @@ class PuffList:
 
     @ti.func
     def in_front(self, q: ti.i32, p: Template):
-        """Distance of p from the plane of the surface next to puff q [m]; negative behind it."""
+        """Distance of p from the plane of the surface next to puff q [m]; negative behind the plane."""
         result = self._plane[ti.static(self.dim)][q]
         for d in ti.static(range(self.dim)):
             result += self._plane[d][q] * (p[d] - self.now[d][q])
@@ -132,7 +132,7 @@ class PuffList:
 
     @ti.func
     def put(self, k: ti.i32, x: Template, v: Template, variance: float, mass: float, number: ti.i32, stays):
-        """Set new puff k, and whether it stays in the domain."""
+        """Set new puff k, and whether the puff stays in the domain."""
         for d in ti.static(range(self.dim)):
             self.new[d][k] = x[d]
             self.new[self.dim + d][k] = v[d]
@@ -142,7 +142,7 @@ class PuffList:
         self.cells.put(k, x, variance, stays)
 
     def sort(self, count: int) -> None:
-        """Put the first `count` new puffs in order, without those that are gone."""
+        """Sort the first `count` new puffs into `now`, without those that left the domain."""
         self.count = self._sort(count)
 
     @ti.kernel
@@ -160,7 +160,7 @@ class PuffList:
     @ti.func
     def _count_gone(self, count: ti.i32):
         if ti.static(on_cpu()):
-            for _ in range(1):  # in order, whatever the threads
+            for _ in range(1):  # in a fixed order, for any number of threads
                 for k in range(count):
                     self._lose(k)
         else:
@@ -174,7 +174,7 @@ class PuffList:
 
     @ti.func
     def lose(self, mass: float):
-        """Count a mass [kg] that does not stay."""
+        """Count a mass [kg] that leaves the domain."""
         self._gone[None] += ti.cast(mass, ti.f64)
 
     @ti.func
@@ -198,9 +198,9 @@ class PuffList:
     # ---------------------------------------------------------------- merging
 
     def merge(self) -> None:
-        """Make one puff of neighbours in the order, two by two, that overlap and see each other.
+        """Merge pairs of neighbours in the order that overlap and see each other.
 
-        Mass, centre of mass, and variance about it, summed over the axes, stay as they are.
+        Mass, centre of mass, and the variance about this centre, summed over the axes, are conserved.
         """
         self._merge(self.count)
         self.sort(self.count)
@@ -239,7 +239,7 @@ class PuffList:
 
     @ti.func
     def gaussian(self, y):
-        """exp(-y) up to the cut-off, 0 beyond."""
+        """Return exp(-y) up to the cut-off, 0 beyond."""
         inside = ti.min(y, ti.static(0.5 * self.cutoff**2))
         e = ti.cast(self._powers[-1], ti.f32)
         z = inside * ti.static(1.0 / 2**self._squarings)
@@ -250,10 +250,8 @@ class PuffList:
         return ti.select(y < ti.static(0.5 * self.cutoff**2), e, 0.0)
 
     @ti.func
-    def _one(self, q: ti.i32, p: Template):
-        """Concentration of puff q at p; behind the plane of the next surface there is none, before it the mirrored
-        puff adds to it.
-        """
+    def _concentration(self, q: ti.i32, p: Template):
+        """Concentration of puff q at p, with the mirrored puff; zero behind the plane of the next surface."""
         square = 0.0
         for d in ti.static(range(self.dim)):
             square += (p[d] - self.now[d][q]) ** 2
@@ -267,11 +265,11 @@ class PuffList:
 
     @ti.func
     def near(self, p: Template, which: ti.i32):
-        """Concentration [kg/m³] at a point [m], perhaps outside of the domain, of the puffs of one list."""
+        """Concentration [kg/m³] of the puffs of a list at a point [m], which may lie outside the domain."""
         low, rows, count = self.cells.block(p, which)
         total = 0.0
         for r in range(count):
             begin, end = self.cells.row(p, which, low, rows, r)
             for q in range(begin, end):
-                total += self._one(q, p)
+                total += self._concentration(q, p)
         return total

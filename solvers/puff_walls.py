@@ -12,7 +12,7 @@ STILL = 1e-4  # m/s: slower air does not go through a face
 
 @ti.data_oriented
 class PuffWalls:
-    """Faces of a grid's domain, closed where no air goes through, and surfaces in it (None: there are none)."""
+    """Faces of a grid's domain, closed where no air passes, and surfaces in the domain (None: no surfaces)."""
 
     def __init__(self, grid: Grid, wind: Wind, surfaces: LevelSet | None):
         self.grid, self.dim, self.wind, self.surfaces = grid, grid.dim, wind, surfaces
@@ -20,7 +20,7 @@ class PuffWalls:
 
     @ti.func
     def inside(self, x: Template):
-        """x, wrapped round periodic axes and moved into the domain along the others."""
+        """Return x, wrapped round periodic axes and clipped to the domain along the others."""
         y = x
         for d in ti.static(range(self.dim)):
             L = ti.static(self.grid.extent[d])
@@ -31,9 +31,7 @@ class PuffWalls:
 
     @ti.func
     def air_goes_through(self, x: Template, face: ti.i32, t: float):
-        """Return whether air goes through a face of the domain next to x; face: 2 d at the lower, 2 d + 1 at the upper
-        end.
-        """
+        """Return whether air passes a face of the domain next to x; face: 2 d (lower end) or 2 d + 1 (upper)."""
         p = self.inside(x)
         for d in ti.static(range(self.dim)):
             p[d] = ti.select(face == 2 * d, 0.0, p[d])
@@ -50,7 +48,7 @@ class PuffWalls:
         end, speed, stays = x + way, v, True
         if ti.static(self.solid):
             end, speed = self.surfaces.bounce(x, way, v)
-        face, share = -1, 1.0  # the first that is met, and where on the way
+        face, share = -1, 1.0  # first face on the way, and its position
         rest = end - x
         for d in ti.static([a for a in range(self.dim) if not self.grid.periodic[a]]):
             L = ti.static(self.grid.extent[d])
@@ -65,7 +63,7 @@ class PuffWalls:
         if face >= 0:
             stays = not self.air_goes_through(x + share * rest, face, t)
             if ti.static(self.solid):
-                free = self.surfaces.distance(place) > 0.0  # or thrown back into an obstacle at the wall
+                free = self.surfaces.distance(place) > 0.0  # or reflected into an obstacle at the wall
                 place = ti.select(free, place, x)
         return place, speed, stays
 
@@ -73,8 +71,8 @@ class PuffWalls:
 
     @ti.func
     def closed(self, x: Template, farthest: float, t: float):
-        """Return 1 for lower and upper faces of the axes that are closed next to x, else 0; 1 where no puff within
-        `farthest` [m] reaches it.
+        """Return per lower and upper face 1 if closed next to x, or if no puff within `farthest` [m] reaches it; else
+        0.
         """
         below, above = ti.Vector.one(ti.i32, self.dim), ti.Vector.one(ti.i32, self.dim)
         for face in range(ti.static(2 * self.dim)):
@@ -91,16 +89,16 @@ class PuffWalls:
 
     @ti.func
     def images(self, x: Template, reach: float, below: Template, above: Template):
-        """The images of x that puffs reach: the first along each axis, how many of them, and how many in all.
+        """Return the images of x that puffs reach: first image and number of images along each axis, and total number.
 
-        Along an axis the images are x mirrored at closed faces, over and over, or shifted by the period.
+        Along an axis the images are x mirrored at closed faces, repeatedly, or shifted by the period.
         """
         first, size = ti.Vector.zero(ti.i32, self.dim), ti.Vector.zero(ti.i32, self.dim)
         count = 1
         for d in ti.static(range(self.dim)):
             L = ti.static(self.grid.extent[d])
             low, high = ti.cast(x[d] < reach, ti.i32), ti.cast(L - x[d] < reach, ti.i32)
-            if ti.static(self.grid.periodic[d]):  # what is beyond the lower face is at the upper one
+            if ti.static(self.grid.periodic[d]):  # points beyond the lower face are at the upper face
                 low, high = high, low
             first[d] = -below[d] * low
             last = above[d] * high

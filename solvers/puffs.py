@@ -1,20 +1,21 @@
-"""Lagrangian puffs (stochastic filament model) that a wind carries (Farrell et al. 2002, doi:10.1023/A:1016283702837),
-improved.
+"""Lagrangian Gaussian puffs carried by a wind: improved stochastic filament model (Farrell et al. 2002,
+doi:10.1023/A:1016283702837).
 
     dx = (u + u' + grad K + w) dt,  K = nu_t/Sc_t
     du' = -u'/T dt + s sqrt(2/T) dW
     R² = R0² + growth + 2 D t (see `puff_growth`)
 
-u' stands for the eddies that the wind leaves out. It and its integral are advanced jointly and exactly (Gillespie 1996,
-doi:10.1103/PhysRevE.54.2084), the wind by Heun's method: in a uniform wind the spread does not depend on the step. The
-eddy viscosity makes puffs grow, and drift up its gradient, as it spreads the gas on the grid: both have the same mean.
+u' is the velocity of the eddies that the wind does not resolve. u' and its integral are advanced jointly and exactly
+(Gillespie 1996, doi:10.1103/PhysRevE.54.2084), the displacement by the wind by Heun's method: in a uniform wind the
+spread does not depend on the step. The eddy viscosity makes puffs grow and drift up its gradient, so that puffs and gas
+on the grid have the same mean.
 
-A puff is a Gaussian that ends at a few standard deviations and holds all its mass within. Centres are mirrored by walls
-and obstacles. A closed face of the domain mirrors the concentration, too, and a surface near a puff does so as its
-tangent plane: gas is neither lost nor does it leak through thin walls. Near edges of obstacles a puff does not reach
-behind the plane, and of two surfaces it knows the nearer one only.
+A puff is a Gaussian cut off at a few standard deviations that holds all its mass within. Walls and obstacles mirror
+centres. Closed faces of the domain, and the tangent plane of a surface near a puff, mirror the concentration as well:
+gas is not lost and does not leak through thin walls. Near edges of obstacles a puff does not reach behind the plane,
+and of two surfaces only the nearer counts.
 
-Puffs that have become wider than the cells of the grid may go on as gas there (see `handover`): both are one gas.
+Puffs that are wider than the cells of the grid may become gas on the grid (see `handover`); both count as one gas.
 """
 
 from math import isfinite
@@ -38,17 +39,17 @@ from taichi_plume.solvers.puff_list import PuffList
 from taichi_plume.solvers.puff_walls import PuffWalls
 from taichi_plume.solvers.uniform import UniformSolver
 
-FLUCTUATION = 0.05  # m/s in a wind without eddies
+FLUCTUATION = 0.05  # m/s, default of s in a wind without eddies
 GRAVITY = 9.81  # m/s²
-FULL = 0.95  # of the places: from then on puffs are merged
-DRAG = 1.0  # coefficient of a sinking puff
-TRIES = 1000  # to find air in a source's ball
+FULL = 0.95  # fraction of the capacity above which puffs are merged
+DRAG = 1.0  # drag coefficient of a sinking puff
+TRIES = 1000  # attempts to find air in a source's ball
 
 
 def joint_update(dt: np.ndarray, time: float, deviation: float) -> np.ndarray:
-    """Coefficients (n, 6) of u' and its integral X over steps dt [s] of an Ornstein-Uhlenbeck process.
+    """Coefficients (n, 6) of an Ornstein-Uhlenbeck process u' and its integral X over steps dt [s].
 
-    u' <- a u' + b g,  X = c u' + d g + e h with two normal numbers g and h; the last column is dt.
+    u' <- a u' + b g,  X = c u' + d g + e h with normal random numbers g and h; the last column is dt.
     """
     share = dt / time
     a, less = np.exp(-share), -np.expm1(-share)
@@ -65,7 +66,7 @@ def joint_update(dt: np.ndarray, time: float, deviation: float) -> np.ndarray:
 class PuffSolver(Gas):
     """Gas as puffs in any wind.
 
-    Of a wind that has an eddy viscosity it takes nu, viscosity and schmidt as well, as on the grid.
+    A wind with an eddy viscosity also provides nu, viscosity and schmidt, as for gas on the grid.
     """
 
     STATE = ("puffs", "portions", "handover", "emitted_kg", "_step", "_released")
@@ -81,7 +82,7 @@ class PuffSolver(Gas):
         seed: int = 0,
         name: str = "gas",
     ):
-        """t: start of the run [s]; name: of the gas among others. Raises ValueError for a source in no air."""
+        """t: start of the run [s]; name: name of the gas. Raises ValueError for a source without air."""
         self.grid, self.dim, self.wind = grid, grid.dim, wind
         self.alone = isinstance(wind, UniformSolver)
         self.fluctuates = self.alone or gas.fluctuation is not None
@@ -93,7 +94,7 @@ class PuffSolver(Gas):
         self.puffs = PuffList(gas.most, gas.cutoff, grid, self.surfaces)
         self.stream = stream_id(f"{name} fluctuations")
         self.portions = [Portions(f"{name}.sources[{n}]", wind) for n in range(len(gas.sources))]
-        self._air, self._deposit = air, None  # fields that most runs do not need
+        self._air, self._deposit = air, None  # fields that most runs do not use
         hands_over = gas.handover if gas.handover is not None else self.growth.eddying and not gas.buoyancy
         self.hands_over = hands_over and wind.carrier is not None
         self.handover = None
@@ -103,7 +104,7 @@ class PuffSolver(Gas):
         self.begin(gas, t, seed)
 
     def begin(self, model: PuffGas, t: float = 0.0, seed: int = 0) -> None:
-        """Raises ValueError for a source in no air."""
+        """Set the sources. Raises ValueError for a source without air."""
         self.seed = seed
         self.species = model.vapour
         default = FLUCTUATION if self.alone else 0.0
@@ -119,7 +120,7 @@ class PuffSolver(Gas):
                     "move it by a cell or lower domain.spacing"
                 )
         self.growth.begin(model, self.alone)
-        if self.handover is not None:  # on the grid, u' leaves its long-time diffusivity
+        if self.handover is not None:  # on the grid, u' contributes its long-time diffusivity
             strayed = self.deviation**2 * self.time
             self.handover.begin(self.species.diffusivity + strayed + self.growth.diffusive)
         self._n.set(weight=self.species.weight_per_density)
@@ -127,7 +128,7 @@ class PuffSolver(Gas):
         self._step = self._released = 0
 
     def start_from(self, x: np.ndarray, mass: float) -> None:
-        """Add puffs at places (n, dim) [m] in the air, each of some mass [kg]; it counts as emitted."""
+        """Add puffs at positions (n, dim) [m] in the air, each of a mass [kg] that counts as emitted."""
         n = len(x)
         velocity = self.deviation * generator(self.seed, "first puffs").standard_normal((n, self.dim))
         rows = np.column_stack([x, velocity, np.full(n, self.initial_size**2), np.full(n, mass)])
@@ -140,12 +141,12 @@ class PuffSolver(Gas):
         if self.puffs.count > FULL * self.most:
             self.puffs.merge()
         if self.handover is not None:
-            self.handover.advance(t, dt)  # puffs that are handed over stay in the list until they move
+            self.handover.advance(t, dt)  # puffs that were handed over stay in the list until they move
         first, born = self._new_puffs(t, dt)
         self._put(first, t + dt - born, t + dt, dt)
 
     def _put(self, rows: np.ndarray, ages: np.ndarray, t: float, dt: float) -> None:
-        """Take in new puffs of some ages [s], and move all to time t: the old by dt, the new by their ages."""
+        """Add new puffs of given ages [s], and move all puffs to time t: old puffs by dt, new puffs by their ages."""
         count = self.puffs.count
         if len(rows):
             self._put_new(count, self._released, rows)
@@ -156,13 +157,13 @@ class PuffSolver(Gas):
         self._step += 1
 
     def _new_puffs(self, t: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        """Rows (x, u', variance, mass) of the new puffs, and their moments [s]."""
+        """Rows (x, u', variance, mass) of the new puffs, and their release times [s]."""
         rows, moments = [np.empty((0, 2 * self.dim + 2))], [np.empty(0)]
         free = self.most - self.puffs.count
         for portions in self.portions:
             when, masses, emitted = portions.puffs(t, dt)
             self.emitted_kg += emitted
-            if len(when) > free:  # the mass of puffs without a place goes into the next puff
+            if len(when) > free:  # the mass of puffs without a position goes into the next puff
                 portions.pending += masses[free:].sum()
                 when, masses = when[:free], masses[:free]
             n = len(when)
@@ -174,7 +175,7 @@ class PuffSolver(Gas):
         return np.concatenate(rows).astype(np.float32), np.concatenate(moments)
 
     def _places(self, portions: Portions, n: int) -> np.ndarray:
-        """Random places [m] in the air of a source's ball, (n, dim); none where there is no air."""
+        """Random positions [m] in the air of a source's ball, (n, dim); none without air."""
         found = np.empty((0, self.dim))
         for _ in range(TRIES):
             if len(found) >= n:
@@ -218,7 +219,7 @@ class PuffSolver(Gas):
             if ti.static(self.sinks):
                 way[self.dim - 1] -= dt * self._fall(x, variance, t)
             drift, place = ti.Vector.zero(ti.f32, self.dim), x
-            for _ in range(2):  # Heun's method; a loop, as Taichi takes its time for every copy of the wind
+            for _ in range(2):  # Heun's method; a loop, as Taichi compiles every copy of the wind slowly
                 u = self.wind.velocity(place, t)
                 drift += 0.5 * dt * u
                 place = self.walls.inside(x + way + dt * u)
@@ -226,14 +227,14 @@ class PuffSolver(Gas):
             end, speed, stays = self.walls.travel(x, way, v, t)
             variance = self.growth.grown(variance, x, K, dt)
             if ti.static(self.hands_over):
-                stays = stays and mass > 0.0  # it was handed over
+                stays = stays and mass > 0.0  # the puff was handed over
             self.puffs.put(k, end, speed, variance, mass, number, stays)
 
     @ti.func
     def _fall(self, x: Template, variance: float, t: float):
-        """Speed at which a puff sinks [m/s]: the weight of a ball of radius R = 2 s against its drag.
+        """Settling speed of a puff [m/s]: negative buoyancy of a ball of radius R = 2 s against its drag.
 
-        g' 4/3 pi R³ = 1/2 C_d pi R² w², with the density excess of all the gas at its centre (our choice).
+        g' 4/3 pi R³ = 1/2 C_d pi R² w², with the density excess of all gas at the ball's centre (our choice).
         """
         excess = self._n.weight[None] * self.concentration(x, t)
         square = ti.static(8.0 / 3.0 * GRAVITY / DRAG) * excess * 2.0 * self.puffs.cells.size(variance)
@@ -248,7 +249,7 @@ class PuffSolver(Gas):
         return held if self.handover is None else held + self.handover.cells()
 
     def budget(self) -> dict[str, float]:
-        """Mass emitted, in the domain and gone through its faces [kg]."""
+        """Mass emitted, in the domain and lost through its faces [kg]."""
         inside = self.puffs.rows()[:, self.puffs.mass].astype(float).sum()
         waiting, gone = sum(portions.pending for portions in self.portions), self.puffs.gone
         if self.handover is not None:
@@ -265,7 +266,7 @@ class PuffSolver(Gas):
 
     @ti.func
     def concentration(self, x: Template, t: float):
-        """Concentration [kg/m³] at point x [m]: the puffs about it and about its images."""
+        """Concentration [kg/m³] at point x [m]: sum over the puffs around x and around its images."""
         below, above = self.walls.closed(x, self.puffs.cells.farthest[None], t)
         total = 0.0
         for which in range(self.puffs.cells.lists[None]):

@@ -1,11 +1,11 @@
 """Release from balls (in 2-D discs) on the grid: vapour sources and heaters of finite size.
 
-A small ball is released by a kernel (see `shares`) of one to two cells, wherever in a cell it sits and however small
-it is. A ball of radius R has the variance R²/(dim + 2) along an axis. From where that is more than the kernel's, each
-cell releases its part of the ball, narrowed along each axis by what means over cells and interpolation between them add
-to the variance: the plume of a large source is as wide as the source makes it. The kernel also spreads the ball of a
-heater, and a ball whose centre lies in an obstacle, as its release has to reach the air around. The release stays in
-the air that a ball's own cells are connected to nearby: behind a thin wall nothing appears.
+A small ball, anywhere in a cell, is released by a kernel (see `shares`) of one to two cells. A ball of radius R has the
+variance R²/(dim + 2) along an axis. If this exceeds the kernel's variance, each cell releases its part of the ball. The
+ball is narrowed along each axis by the variance that means over cells and interpolation add, so that the plume of a
+large source has the right width. The kernel also spreads the ball of a heater, and a ball whose centre lies in an
+obstacle, as its release has to reach the air around. The release stays in the air connected to the ball's own cells:
+behind a thin wall nothing appears.
 """
 
 from collections.abc import Sequence
@@ -23,25 +23,25 @@ from taichi_plume.scenario.sources import Source
 from taichi_plume.solvers.transport import Scalar
 
 VARIANCE = 5.0 / 6.0
-"""Variance [cells²] of the shares of a point and of the linear interpolation by which gas is read, together."""
+"""Sum of the variances [cells²] of the shares of a point and of the linear interpolation by which gas is read."""
 REACH = 2
-"""Cells on either side of the one at or before the point, and one more beyond it."""
+"""Cells on either side of the cell at or before the point; above there is another."""
 SMOOTHED = 1.0 / 6.0
-"""Measured: of thinner plumes weno5, of wider ones koren misses more of the way that the wind goes across the grid."""
+"""Measured: for thinner plumes weno5, for wider plumes koren lags more behind a wind oblique to the grid."""
 
 
 def shares(f: float) -> np.ndarray:
-    """Return the shares w of cells -REACH to REACH + 1, shape (2 REACH + 2,), in what is released at a point.
+    """Return the shares w, (2 REACH + 2,), of cells -REACH to REACH + 1 in the release at a point.
 
     f [cells]: position of the point in [0, 1) from the centre of cell 0 to that of cell 1 (beyond 1/2, mirrored).
-    Linear interpolation, by which robots smell, spreads a value at f with the variance f (1 - f) [cells²]; w has the
-    rest of 5/6, so that what is smelt of a plume on its axis does not depend on where in a cell its source sits,
-    however far the plume has spread (within 3 %; the usual shares of the two nearest cells give 4 times as much at a
-    cell's centre as at its corner). No share is negative, and their centroid is f. As in Peskin's conditions for
-    immersed boundaries (2002, doi:10.1017/S0962492902000077), a few moments determine the shares: four cells whose
-    centroid is f, whose variance is 1/2 - f (1 - f), and whose interpolate at f is 1/2. They are smoothed by SMOOTHED
-    on either side. What is below zero then, in the last cell, is taken from its neighbours by a third difference, which
-    leaves the sum, the centroid and the variance.
+    Linear interpolation, by which gas sensors read, spreads a value at f with the variance f (1 - f) [cells²]; w has
+    the rest of 5/6. Readings on the axis of a plume thus do not depend on the position of the source in a cell, at any
+    distance (within 3 %; the usual shares of the two nearest cells give 4 times as much at a cell's centre as at its
+    corner). No share is negative, and their centroid is f. As in Peskin's conditions for immersed boundaries (2002,
+    doi:10.1017/S0962492902000077), moments determine the shares: four cells whose centroid is f, whose variance is 1/2
+    - f (1 - f), and whose interpolate at f is 1/2. They are smoothed by SMOOTHED on either side. A negative share in
+    the last cell is then balanced from its neighbours by a third difference, which leaves the sum, the centroid and the
+    variance.
     """
     if f > 0.5:
         return shares(1.0 - f)[::-1]
@@ -53,9 +53,7 @@ def shares(f: float) -> np.ndarray:
 
 
 def spread(values: np.ndarray, f: np.ndarray) -> np.ndarray:
-    """Return an array of cells, each spread from a point f (dim,) behind its centre: larger by 2 REACH + 1 along each
-    axis, by REACH before it.
-    """
+    """Spread each cell of an array from a point f (dim,) behind its centre: REACH cells before, REACH + 1 after."""
     for axis, place in enumerate(f):
         along = np.moveaxis(values, axis, 0)
         wider = np.zeros((len(along) + 2 * REACH + 1, *along.shape[1:]))
@@ -66,13 +64,13 @@ def spread(values: np.ndarray, f: np.ndarray) -> np.ndarray:
 
 
 def tilted(weights: np.ndarray, points: np.ndarray, centroid: np.ndarray) -> np.ndarray:
-    """Weights (n,) of points (n, dim) that differ least, in relative entropy, from those given and have that centroid.
+    """Weights (n,) of points (n, dim) with a centroid and the least relative entropy to given weights.
 
-    Where the points do not surround it, they come near it. All lengths are in cells. The dual problem is convex, of dim
-    unknowns, here by Newton's method: scipy.optimize takes half a second to import.
+    If the points do not surround the centroid, the result comes near it. All lengths are in cells. The dual problem is
+    convex with dim unknowns, solved by Newton's method: scipy.optimize takes half a second to import.
     """
     away = points - centroid
-    near = 1e-3  # of the centroid, over the tilt: keeps it finite
+    near = 1e-3  # regularisation that keeps the tilt finite
     tilt = np.zeros(points.shape[1])
 
     def dual(tilt: np.ndarray) -> tuple[float, np.ndarray]:
@@ -97,17 +95,16 @@ def tilted(weights: np.ndarray, points: np.ndarray, centroid: np.ndarray) -> np.
     return w
 
 
-CELL = 1.0 / 12.0  # variance that a cell adds along an axis to what its mean stands for [cells²]
-SAMPLES = 4  # per axis and cell, to measure how much of a cell a ball covers
+CELL = 1.0 / 12.0  # variance along an axis that a mean over a cell adds [cells²]
+SAMPLES = 4  # samples per axis, to measure a ball's fraction of a cell
 
 
 @ti.data_oriented
 class Release:
-    """Balls on the grid. `set_amounts` sets the next release of each, `adding` adds it to the cells.
+    """Balls on the grid. `set_amounts` sets the next release of each ball, `adding` adds the release to the cells.
 
-    balls: cells (n, dim) of each ball and the share of the release (n,) that each cell receives. blurred: whether the
-    kernel spreads balls of any radius, which leaves the puffs of heaters (see `heat`) the width of a cell around
-    their ball to stir.
+    balls: cells (n, dim) of each ball and the share of the release (n,) per cell. blurred: whether the kernel spreads
+    balls of any radius, which lets the puffs of heaters (see `heat`) stir a cell's width around their ball.
     """
 
     STATE = ()
@@ -121,19 +118,17 @@ class Release:
         room: np.ndarray,
         blurred: bool = False,
     ):
-        """name: of the balls in messages; room: share of each cell that stores, of grid.shape. To be begun by its
-        owner.
-        """
+        """name: of the balls in messages; room: air fraction of each cell, of grid.shape. The owner calls `begin`."""
         self.name, self.grid, self.room, self.blurred = name, grid, room, blurred
         self._area = air.area
         self._amounts: list[float] = []
-        # those that the balls may touch
+        # cells that the balls may touch
         self.cells = sum(
             prod(min(2 * self._half(ball), n + 2 * REACH) + 2 * REACH + 2 for n in grid.shape)
             for ball in balls
         )
         self._cell = ti.Vector.field(grid.dim, ti.i32, self.cells)
-        self._share = double_field((self.cells,))  # per volume that stores
+        self._share = double_field((self.cells,))  # amount per volume of air
         self._owner = ti.field(ti.i32, self.cells)
         self._count: Field = ti.field(ti.i32, ())  # of the cells
         self._amount = double_field((len(balls),))
@@ -142,7 +137,7 @@ class Release:
         self._put_amounts = uploader(self._amount)
 
     def begin(self, balls: Sequence[Source | Heater]) -> None:
-        """Place the balls, of the radii that they were made with. Raises ValueError for a ball that covers no air."""
+        """Place the balls, with their radii unchanged. Raises ValueError for a ball that covers no air."""
         cell, owner = (np.zeros((*self._cell.shape, n)) for n in (self.grid.dim, 1))
         self.balls: list[tuple[np.ndarray, np.ndarray]] = []
         count = 0
@@ -157,7 +152,7 @@ class Release:
         self.set_shares([part for _, part in self.balls])
 
     def set_shares(self, shares: Sequence[np.ndarray]) -> None:
-        """Shares of each ball's release that the cells of `balls` receive from now on."""
+        """Set the shares of each ball's release that the cells of `balls` receive from now on."""
         found, first = np.zeros(self._share.shape), 0
         for (where, _), share in zip(self.balls, shares, strict=True):
             room = self.room[tuple(where.T)] * self.grid.cell_volume
@@ -166,18 +161,18 @@ class Release:
         self._put_shares(found)
 
     def _half(self, ball: Source | Heater) -> int:
-        """Cells that a ball around a cell's centre touches on either side of it, along an axis."""
+        """Number of cells on either side that a ball around a cell's centre touches, along an axis."""
         return max(0, ceil(ball.radius / self.grid.dx - 0.5))
 
     def _cells_of(self, path: str, ball: Source | Heater) -> tuple[np.ndarray, np.ndarray]:
-        """Cells of a ball, shape (n, dim), and the share of its release that each receives."""
+        """Cells of a ball, shape (n, dim), and each cell's share of the release."""
         radius, half = ball.radius / self.grid.dx, self._half(ball)  # here lengths are in cells
         place = np.array(ball.position) / self.grid.dx - 0.5  # from the centre of the first cell
         base = np.floor(place).astype(int)
         f = place - base
         nearest = np.clip(np.round(place).astype(int), 0, np.array(self.grid.shape) - 1)
         in_air = self.room[tuple(nearest)] > 0.0
-        # cells of a ball around that of the base, as far as they can matter to the domain
+        # cells of a ball around the base cell, as far as they can touch the domain
         first = [max(-half, -b - REACH - 1) for b in base]
         last = [min(half, n - b + REACH - 1) for b, n in zip(base, self.grid.shape, strict=True)]
         blocks = [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)]
@@ -190,16 +185,16 @@ class Release:
         every, axes = np.count_nonzero(share), []
         for axis, n in enumerate(self.grid.shape):
             at = base[axis] + first[axis] - REACH + np.arange(share.shape[axis])
-            kept = (at >= 0) & (at < n) | self.grid.periodic[axis]
-            share = np.compress(kept, share, axis)
-            axes.append(at[kept])
+            inside = (at >= 0) & (at < n) | self.grid.periodic[axis]
+            share = np.compress(inside, share, axis)
+            axes.append(at[inside])
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1) - place
         cells = np.ix_(*(at % n for at, n in zip(axes, self.grid.shape, strict=True)))
         room = self.room[cells]
         home = np.unravel_index(np.abs(points).max(axis=-1).argmin(), room.shape)
         start = np.zeros(room.shape, bool)
         start[home] = True
-        if room[home] == 0.0:  # the middle of an obstacle may give off something around it
+        if room[home] == 0.0:  # an obstacle may hold the centre and emit around itself
             start = np.linalg.norm(np.maximum(np.abs(points) - 0.5, 0.0), axis=-1) < radius
         start &= (room > 0.0) & (share > 0.0)
         if not start.any():
@@ -219,7 +214,7 @@ class Release:
         return np.stack([at[where[:, d]] for d, at in enumerate(axes)], axis=-1) % self.grid.shape, share
 
     def set_amounts(self, amounts: list[float]) -> None:
-        """Set the amount that each ball releases in the next pass of `adding`."""
+        """Set the amount that each ball releases in the next `adding` pass."""
         if amounts != self._amounts:
             self._amounts = amounts
             self._put_amounts(amounts)
@@ -245,7 +240,7 @@ class Release:
 
 
 def _even_ball(radii: np.ndarray, cells: Sequence[np.ndarray], middle: np.ndarray) -> np.ndarray:
-    """Shares of an ellipsoid around a point that fall into cells: their numbers per axis, without gaps.
+    """Fractions of an ellipsoid around a point in cells, given by their numbers per axis, without gaps.
 
     All lengths are in cells.
     """
@@ -253,24 +248,24 @@ def _even_ball(radii: np.ndarray, cells: Sequence[np.ndarray], middle: np.ndarra
     away = [(axis[:, None] + sub - x).ravel() for axis, x in zip(cells, middle, strict=True)]
     squares = [(x / max(radius, 1e-9)) ** 2 for x, radius in zip(away, radii, strict=True)]
     share = block_mean(sum(np.ix_(*squares), start=np.zeros(())) <= 1.0, SAMPLES)
-    if not share.any():  # smaller than a cell's samples
+    if not share.any():  # smaller than the sample spacing
         share[tuple(round(x) - axis[0] for axis, x in zip(cells, middle, strict=True))] = 1.0
     return share / share.sum()
 
 
 def _reached(start: np.ndarray, leads: Sequence[np.ndarray], within: np.ndarray) -> np.ndarray:
-    """Return a mask of the cells of a block that the air `within` it connects to those of `start`; leads: whether a
-    lower face is open, per axis.
+    """Return a mask of the cells of a block that the air `within` connects to the cells `start`; leads: open lower
+    faces.
     """
     reached, before = start.copy(), 0
     while (count := np.count_nonzero(reached)) > before:
         before = count
         for axis, open_faces in enumerate(leads):
-            cells, faces, kept = (np.moveaxis(array, axis, 0) for array in (reached, open_faces, within))
+            cells, faces, allowed = (np.moveaxis(array, axis, 0) for array in (reached, open_faces, within))
             for n in range(1, len(cells)):
-                cells[n] |= cells[n - 1] & faces[n] & kept[n]
+                cells[n] |= cells[n - 1] & faces[n] & allowed[n]
             for n in range(len(cells) - 1, 0, -1):
-                cells[n - 1] |= cells[n] & faces[n] & kept[n - 1]
+                cells[n - 1] |= cells[n] & faces[n] & allowed[n - 1]
     return reached
 
 

@@ -1,13 +1,13 @@
-"""Eddy diffusivity of a room with a synthetic flow, by particles that the same waves, rolls and eddies carry.
+"""Eddy diffusivity of a room with a synthetic flow, from particles carried by its waves, rolls and eddies.
 
-The cosine that is half a wave long along an axis of length L decays by diffusion as exp(-K (pi/L)² t), walls included.
-So does its mean over particles that fill the room evenly, <cos(pi x(s + t)/L) cos(pi x(s)/L)>. K is the decay's rate
-once the air has forgotten where it went, between a third and two thirds of the time that is followed, or before it is
-lost in chance; of all axes the mean. The run is not disturbed: all random numbers are from a stream of their own.
+A cosine of half a wavelength along an axis of length L decays by diffusion as exp(-K (pi/L)² t), walls included. So
+does its autocovariance over particles that fill the room evenly, <cos(pi x(s + t)/L) cos(pi x(s)/L)>. K follows from
+the rate of decay once the particles have lost the memory of their velocity: between a third and two thirds of the
+simulated time, or until noise dominates; K is the mean over all axes. The random numbers have a stream of their own, so
+that the run does not change.
 
-Between obstacles the cosine is no mode of diffusion. What its mean over the air leaves of it then decays by K times its
-Rayleigh quotient, the mean square of its slope over its variance: (pi/L)² in an empty room, and more where walls leave
-a part of the length.
+Between obstacles the cosine is no mode of diffusion. The cosine less its mean over the air then decays by K times its
+Rayleigh quotient, the mean square of its slope over its variance: (pi/L)² in an empty room, more between inner walls.
 """
 
 from dataclasses import dataclass
@@ -17,34 +17,35 @@ from math import pi
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-AIRS, EACH = 8, 64  # drawn independently, and particles in each
-STEP = 0.3  # of the time in which the flow turns a particle round
-TURNS, MEMORIES = 60.0, 3.0  # of these times, and of the rolls' memory, that are followed at least
+AIRS, EACH = 8, 64  # independent realisations, and particles in each
+STEP = 0.3  # of the turnover time of a particle
+TURNS, MEMORIES = 60.0, 3.0  # least number of turnover times, and of the rolls' memory, to simulate
 MOST = 240  # steps
-LEAST = 0.3  # of a cosine, below which chance decides
+LEAST = 0.3  # autocovariance of a cosine below which noise dominates
 
 PER_CHANGE, WITHOUT = 0.52, 0.31  # of V^(2/3) per hour, by air changes per hour
 
 
 def air_changes(diffusivity: float, volume: float) -> float:
-    """Air changes per hour in a room of `volume` [m³] that mixes so [m²/s], below 0 where it mixes less than closed
-    rooms: K = V^(2/3) (0.52 n + 0.31) per hour (Cheng et al. 2011, doi:10.1021/es103080p, by 11 measurements)."""
+    """Air changes per hour n from K = V^(2/3) (0.52 n + 0.31) per hour, V the `volume` [m³] of the room and K its
+    mixing [m²/s] (Cheng et al. 2011, doi:10.1021/es103080p, 11 measurements); negative below that of closed rooms.
+    """
     return (3600.0 * diffusivity / volume ** (2 / 3) - WITHOUT) / PER_CHANGE
 
 
 def diffusivity(volume: float, changes: float) -> float:
-    """K [m²/s] of a room of `volume` [m³] with so many air changes per hour, by the same law."""
+    """K [m²/s] of a room of `volume` [m³] with given air changes per hour, by the law of `air_changes`."""
     return volume ** (2 / 3) * (PER_CHANGE * changes + WITHOUT) / 3600.0
 
 
 @dataclass(frozen=True)
 class RoomFlow:
-    """The flow at any point, for several realisations at once.
+    """Synthetic flow at any point, for several realisations at once.
 
     k (n, 3) [1/m], c (n, 3) [m²/s] and frequency (n,) [rad/s] of the waves; rolls: largest potential [m²/s] by axis;
-    memory: of the rolls [s]; distance: of cell middles to the next surface [m], negative in what is solid, with one
-    layer of cells all round; layer: where all fade [m]; eddies: the viscosity of shorter ones [m²/s], the air's own,
-    viscosity, in it.
+    memory: of the rolls [s]; distance: of cell middles to the next surface [m], negative in solids, with a layer of
+    cells all round; layer: thickness in which the flow fades [m]; eddies: viscosity of shorter eddies [m²/s], including
+    the air's own `viscosity`.
     """
 
     extent: np.ndarray
@@ -67,7 +68,7 @@ class RoomFlow:
 
     @property
     def turning(self) -> float:
-        """Return about how often per second a particle goes through an eddy or through the room."""
+        """Return the approximate rate [1/s] at which a particle crosses an eddy or the room."""
         across = pi / self.extent.min()
         k = np.linalg.norm(self.k, axis=1)
         waves = 0.5 * ((k * np.maximum(k, across)) ** 2 * (np.abs(self.c) ** 2).sum(axis=1)).sum()
@@ -120,27 +121,27 @@ class RoomFlow:
         return K, uphill[:, : self.dim]
 
     def inside(self, x: np.ndarray, before: np.ndarray) -> np.ndarray:
-        """Points in the box, mirrored at its faces; where obstacles are, as before."""
+        """Return points mirrored at the faces of the box; points that would enter an obstacle stay."""
         x = self.extent - np.abs(self.extent - np.abs(x) % (2.0 * self.extent))
         cells = tuple(np.floor(x / self.dx).astype(int).T + 1)
         return np.where((self.distance[cells] > 0.0)[:, None], x, before)
 
     def starts(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Points (n, dim) [m] evenly over the air."""
+        """Random points (n, dim) [m], uniform over the air."""
         air = np.argwhere(self.distance > 0.0) - 1
         return (air[rng.integers(len(air), size=n)] + rng.random((n, self.dim))) * self.dx
 
     def even(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return for the cosines along each axis, (dim,): means over the air, and Rayleigh quotients [1/m²]."""
+        """Return, for the cosines along each axis (dim,), means over the air and Rayleigh quotients [1/m²]."""
         air = np.argwhere(self.distance > 0.0) - 1
-        points = np.concatenate([air + 0.25, air + 0.75])  # a single cell has a variance, too
+        points = np.concatenate([air + 0.25, air + 0.75])  # a single cell has a variance too
         angle = pi * points * self.dx / self.extent
         slope = pi / self.extent * np.sin(angle)
         return np.cos(angle).mean(axis=0), (slope**2).mean(axis=0) / np.cos(angle).var(axis=0)
 
 
 def particle_paths(flow: RoomFlow, rng: np.random.Generator, step: float, steps: int) -> np.ndarray:
-    """The places [m] of particles at every step [s], (steps + 1, AIRS, EACH, dim)."""
+    """Positions [m] of particles at every step [s], (steps + 1, AIRS, EACH, dim)."""
     n = AIRS * EACH
     x = flow.starts(n, rng)
     phase = np.repeat(rng.uniform(0.0, 2.0 * pi, (AIRS, len(flow.k))), EACH, axis=0)
@@ -169,8 +170,9 @@ def _each(turns: dict[int, np.ndarray]) -> dict[int, np.ndarray]:
 def rates(
     places: np.ndarray, step: float, extent: np.ndarray, even: tuple[np.ndarray, np.ndarray]
 ) -> tuple[float, float]:
-    """K [m²/s] of particles that were at `places` (steps + 1, airs, each, dim) [m], the mean over the axes, and its
-    standard error by the realisations (a jackknife); even: as of `RoomFlow.even`."""
+    """K [m²/s] of particles at `places` (steps + 1, airs, each, dim) [m], the mean over the axes, and its standard
+    error over the realisations (jackknife); even: see `RoomFlow.even`.
+    """
     mean, quotient = even
     cosines = np.cos(pi * places / extent) - mean
     all_airs = np.arange(cosines.shape[1])
@@ -197,7 +199,7 @@ def _rate(cosines: np.ndarray, step: float, quotient: np.ndarray, airs: np.ndarr
 
 
 def _autocovariance(series: np.ndarray, lag: int) -> float:
-    """Return the autocovariance of a cosine at a lag of so many steps."""
+    """Return the autocovariance of a cosine at a lag in steps."""
     return float((series[: len(series) - lag] * series[lag:]).mean())
 
 

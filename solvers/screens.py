@@ -1,9 +1,9 @@
 """Flow resistance inside the domain; screens (honeycombs, perforated sheets) as porous slabs (Darcy-Forchheimer).
 
-A Darcy-Forchheimer slab of thickness l takes dp/rho = (a + b |u|) u from air that goes through it with u, and holds air
-that moves along it `transverse` times as hard. The slab is a layer of whole cells. Through it, its faces share the
-pressure drop as the trapezoidal rule does, so that the whole drop is exact; along it, |u| is the sum of the parts.
-Every face solves u + h (a + b |u|) u = u* on its own, which no step makes unstable.
+A Darcy-Forchheimer slab of thickness l takes dp/rho = (a + b |u|) u from air that passes with u; the resistance to air
+along the slab is `transverse` times as large. The slab is a layer of whole cells. For the normal velocity its faces
+share the pressure drop as in the trapezoidal rule, so that the whole drop is exact; for tangential velocities |u| is
+the sum of the parts. Every face solves u + h (a + b |u|) u = u* on its own, which is stable for any step.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ class Resistance(Protocol):
         ...
 
     def fastest(self, t: float) -> float:
-        """Return the largest velocity component [m/s] that the air is given soon after t [s]."""
+        """Return the largest velocity component [m/s] that the resistance gives to the air soon after t [s]."""
         ...
 
     def apply(self, u: Field, dt: Field) -> None:
@@ -40,20 +40,20 @@ class Resistance(Protocol):
 
 @ti.func
 def slowed(u, linear, square):
-    """The solution v of v + (linear + square |v|) v = u, without cancellation."""
+    """Return the solution v of v + (linear + square |v|) v = u, without cancellation."""
     b = 1.0 + linear
     return 2.0 * u / (b + ti.sqrt(b * b + 4.0 * square * ti.abs(u)))
 
 
 @ti.data_oriented
 class ScreenResistance:
-    """One screen; satisfies `Resistance`.
+    """Resistance of a screen; satisfies `Resistance`.
 
-    openness: per axis 1 on faces whose velocity is solved for, on the padded grid. `begin` needs `tables` to be
+    fractions: per axis 1 on faces whose velocity is solved for, on the padded grid. `begin` needs `tables` to be
     uploaded.
     """
 
-    def __init__(self, screen: Screen, grid: Grid, openness: Sequence[np.ndarray], tables: Tables):
+    def __init__(self, screen: Screen, grid: Grid, fractions: Sequence[np.ndarray], tables: Tables):
         self.dim, self.dx = grid.dim, grid.dx
         self.axis = screen.normal
         self.across = [d for d in range(grid.dim) if d != self.axis]
@@ -63,8 +63,8 @@ class ScreenResistance:
         first = int(np.clip(round(screen.at / grid.dx - layers / 2), 1, max(1, n - 1 - layers)))
         cells = self._cells(screen, grid, first, layers)
         behind = np.roll(cells, 1, axis=self.axis)
-        share = (0.5 * cells + 0.5 * behind) / layers * (openness[self.axis] > 0)
-        held = [(cells | np.roll(cells, 1, axis=d)) & (openness[d] > 0) for d in range(grid.dim)]
+        share = (0.5 * cells + 0.5 * behind) / layers * (fractions[self.axis] > 0)
+        held = [(cells | np.roll(cells, 1, axis=d)) & (fractions[d] > 0) for d in range(grid.dim)]
         held[self.axis] = share > 0
         self.counts = [int(faces.sum()) for faces in held]
         self.cells = sum(self.counts)

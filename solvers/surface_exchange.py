@@ -2,10 +2,10 @@
 
     dq/dt = v A/V (q_s - q)
 
-v [m/s]: transfer velocity, across the film of air at the surface and on to the surface itself, one after the other: 1/v
-is the sum of 1/v of both. q_s: q of the surface; A/V [1/m]: its area over the volume of air of a cell. The film's is
-given, or what diffuses through half a cell, or beyond the diffusive layer, where there is a model of eddies, that of
-`wall_law.transfer_velocity`. What is not named exchanges nothing.
+v [m/s]: transfer velocity across the film of air at the surface and then into the surface, in series: 1/v is the sum of
+both values 1/v. q_s: q of the surface; A/V [1/m]: its area over the volume of air of a cell. The transfer velocity of
+the film is given, or follows from diffusion through half a cell, or beyond the diffusive layer, with a turbulence
+model, from `wall_law.transfer_velocity`. Surfaces that the scenario does not name exchange nothing.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,7 +24,7 @@ from taichi_plume.solvers.openings import Patch
 from taichi_plume.solvers.wall_law import transfer_velocity
 
 Touched = tuple[tuple[np.ndarray, ...] | np.ndarray, float | np.ndarray]
-"""Cells that a surface touches (indices or a mask), and its area in each of them over a face's."""
+"""Cells that a surface touches (indices or a mask), and its area in each cell over the area of a face."""
 
 FIRST, BETWEEN, LAST = 0.0, 1.0, 2.0
 """Stage of a step."""
@@ -32,8 +32,8 @@ FIRST, BETWEEN, LAST = 0.0, 1.0, 2.0
 
 @ti.data_oriented
 class Tally:
-    """Total in f64 of a flux. Each stage of a step sets it to its value before the step plus the step's length times
-    the sum of the rates of all stages so far.
+    """Total of a flux in f64. Each stage of a step sets the total to its value before the step plus the step's length
+    times the sum of the rates of all stages so far.
     """
 
     STATE = ("_total",)
@@ -55,7 +55,7 @@ class Tally:
 
     @ti.func
     def end(self, h):
-        """Finish a stage; h: length [s] of which each stage has a share, see `transport`."""
+        """Finish a stage; h: length [s] of which each stage contributes a part, see `transport`."""
         self._total[None] = self._before[None] + ti.cast(h, ti.f64) * self._rate[None]
 
     def read(self) -> float:
@@ -64,16 +64,16 @@ class Tally:
 
 
 def in_series(first: float, second: float) -> float:
-    """Transfer velocity of two, one after the other."""
+    """Transfer velocity of two layers in series."""
     return 0.0 if 0.0 in (first, second) else 1.0 / (1.0 / first + 1.0 / second)
 
 
 @ti.data_oriented
 class SurfaceExchange:
-    """Some walls and obstacles and the cells that touch them.
+    """Walls and obstacles that exchange heat or gas, and the cells that touch them.
 
-    fastest [1/s]: largest rate of exchange, without the part by the law of the wall, which is implicit. A cell at
-    several surfaces whose film is not given sees them as one.
+    fastest [1/s]: largest rate of exchange, without the part by the law of the wall, which is implicit. For a cell at
+    several surfaces without a given film, these count as one surface.
     """
 
     STATE = ("_given",)
@@ -87,7 +87,7 @@ class SurfaceExchange:
         obstacles: Sequence[int],
         vents: Sequence[Patch],
     ):
-        """obstacles: their numbers; vents: openings, where there is no wall. The owner calls `begin`. Raises
+        """obstacles: numbers of the obstacles; vents: openings, where there is no wall. The owner calls `begin`. Raises
         ValueError for a surface that touches no air.
         """
         self.grid, self.wind, self.room = grid, wind, air.room
@@ -108,7 +108,7 @@ class SurfaceExchange:
         self._set = uploader(self._rate, self._gain, self._film, self._film_gain, self._sticky)
 
     def _of_walls(self, walls: Sequence[Region], air: Air, vents: Sequence[Patch]) -> Iterator[Touched]:
-        """Yield for each wall the cells that touch it, and its area in each of them over a face's."""
+        """Yield for each wall the cells that touch it, and its area in each cell over the area of a face."""
         for n, wall in enumerate(walls):
             patch = Patch(wall, self.grid, air.area)
             for vent in vents:
@@ -137,9 +137,9 @@ class SurfaceExchange:
         held: Sequence[float],
         diffusivity: float,
     ) -> None:
-        """Set per wall and then per obstacle: films, transfer velocity [m/s] of the air at it, where it is given;
-        takes, of the surface itself [m/s], infinite where it holds its q; held, its q. diffusivity [m²/s]: of still
-        air.
+        """Set the parameters per wall, then per obstacle. films: given transfer velocities [m/s] of the air film;
+        takes: transfer velocities [m/s] of the surface itself, infinite for a surface of fixed q; held: q of the
+        surface. diffusivity [m²/s]: of still air.
         """
         still = 2.0 * diffusivity / self.grid.dx
         known, film = np.zeros((2, *self.grid.shape)), np.zeros((3, *self.grid.shape))
@@ -183,7 +183,7 @@ class SurfaceExchange:
 
     @ti.func
     def _through(self, film, n):
-        """v [m/s] across the film of cell n and on to its surfaces."""
+        """v [m/s] across the film of cell n and into its surfaces."""
         return film / (1.0 + film * self._sticky[n])
 
     @ti.func
@@ -197,5 +197,5 @@ class SurfaceExchange:
         return transfer_velocity(ti.sqrt(square), y, nu, self.n.diffusivity[None])
 
     def given(self) -> float:
-        """Return the total that the surfaces have given so far, q times a volume."""
+        """Return the total that the surfaces have released so far, q times a volume."""
         return self._given.read() * self.grid.cell_volume

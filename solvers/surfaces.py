@@ -1,12 +1,12 @@
-"""Friction of the air on obstacles (wall stress) and the separation of the flow from bluff bodies, for the few faces
-whose volume holds some of the surface.
+"""Friction of the air on obstacles (wall stress) and separation of the flow from bluff bodies, at the faces whose
+volume holds a part of the surface.
 
 The law of the wall holds for attached layers. Where the pressure rises along a convex surface, the air next to the
-surface comes to rest and the flow separates; on a cylinder or a sphere the layer that stops is thinner than a cell, and
-a grid that sees only the friction of the law of the wall keeps the flow attached too long. There the layer is as thick
-as the grid can carry: the wall stress is that of air at rest on the surface (no slip), nu_w = (C dx)² D² |u_t|/s, with
-Smagorinsky's length and van Driest's damping D. Where a laminar layer separates does not depend on its thickness
-(Thwaites 1949, doi:10.1017/S0001925900000184), so neither does the place, as long as the layer is thin beside the body.
+surface comes to rest and the flow separates. On a cylinder or a sphere this layer is thinner than a cell, and with only
+the friction of the law of the wall the flow stays attached too long. There the layer is made as thick as the grid
+needs: the wall stress is that of air at rest on the surface (no-slip), nu_w = (C dx)² D² |u_t|/s, with Smagorinsky's
+length and van Driest's damping D. The separation point of a laminar layer does not depend on its thickness (Thwaites
+1949, doi:10.1017/S0001925900000184), as long as the layer is thin compared with the body.
 """
 
 import numpy as np
@@ -52,18 +52,19 @@ def curvatures(vectors: np.ndarray, cells: np.ndarray, normals: np.ndarray) -> n
     return turning / np.maximum(area * len(steps) ** 2 / 12.0, 1e-6)
 
 
-NEAREST = 0.05  # cells: no distance from a surface counts as less
+NEAREST = 0.05  # cells: lower bound of distances from a surface
 LEAST = 0.25  # cells: least distance over which the velocity of a layer that separates rises
 MIXING = 0.13  # cells: mixing length C of a layer that separates, as Smagorinsky's constant
 
 
 @ti.data_oriented
 class Surfaces:
-    """Wall stress nu_w u_t/s of the velocity u_t along a surface s away, nu_w by the law of the wall where there is a
-    model of eddies; on convex surfaces in an adverse pressure gradient that of a layer which can separate.
+    """Wall stress nu_w u_t/s of the tangential velocity u_t at a distance s from a surface, nu_w by the law of the wall
+    if there is a turbulence model; on convex surfaces in an adverse pressure gradient that of a layer that can
+    separate.
 
-    area, openness: padded arrays of the fields `area` and `open` of the flow. vectors: of the surface in each cell,
-    padded; faces: which they are, (n, dim) of each axis; cells: their number.
+    area, fractions: padded arrays of the fields `area` and `open` of the flow. vectors: area vector of the surface in
+    each cell, padded; faces: indices of the faces, (n, dim) of each axis; cells: number of cells.
     """
 
     def __init__(
@@ -71,7 +72,7 @@ class Surfaces:
         momentum: Momentum,
         air: Air,
         area: list[np.ndarray],
-        openness: list[np.ndarray],
+        fractions: list[np.ndarray],
         tables: Tables,
     ):
         self.m = momentum
@@ -91,9 +92,9 @@ class Surfaces:
             size = np.linalg.norm(upper, axis=-1) + np.linalg.norm(lower, axis=-1)
             inner = np.zeros(grid.padded, bool)
             inner[tuple(slice(begin, end) for begin, end in grid.faces(d))] = True
-            cell = np.argwhere(inner & (size > 1e-6) & (openness[d] > 0.0))
+            cell = np.argwhere(inner & (size > 1e-6) & (fractions[d] > 0.0))
             where = tuple(cell.T)
-            stored = area[d][where] / openness[d][where]
+            stored = area[d][where] / fractions[d][where]
             distance = np.maximum(grid.pad_faces(air.distance[d], d)[where], NEAREST)
             normal = (upper + lower)[where]
             normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
@@ -101,7 +102,7 @@ class Surfaces:
             normals.append(normal)
             per_face = (cell, distance * grid.dx, size[where] / (distance * stored), stored, normal)
             fields.append([tables.listed(values) for values in per_face])
-        # distance of the face's middle from the surface [m]; rate: surface over (distance times stored volume), in
+        # distance of the face's middle from the surface [m]; rate: surface area/(distance times stored volume), in
         # cells; stored: volume that stores the momentum of the face, in cells; normal of the surface, out of the air
         self._cell, self._distance, self._rate, self._stored, self._normal = zip(*fields, strict=True)
         self._count = [len(cell) for cell in self.faces]
@@ -116,7 +117,7 @@ class Surfaces:
             self._extension = Extension(self, convex, area, tables)
 
     def slipping(self, convection: Pass) -> list[Pass]:
-        """Return the passes with velocities on closed faces extended by `extension`; they are 0 before and after."""
+        """Return the passes with velocities extended to closed faces by `extension`; these are 0 before and after."""
         if self._extension is None or self._extension.cells == 0:
             return [convection]
         return [self._extension.setting(), convection, self._extension.clearing()]
@@ -160,7 +161,7 @@ class Surfaces:
 
     @ti.func
     def _friction(self, d: Template, k):
-        """(face, rate [1/s] of friction, velocity along the surface [m/s]) of the k-th face of axis d."""
+        """Return (face, rate [1/s] of friction, velocity along the surface [m/s]) of the k-th face of axis d."""
         along, nu = self._along(d, k), self.m.viscosity[None]
         wall = nu
         if ti.static(self.m.eddies):
@@ -173,11 +174,11 @@ class Surfaces:
 
     @ti.func
     def slip(self, d: Template, k):
-        """Velocity u_d [m/s] with which the air at the k-th face of axis d goes on beyond the surface: its own, or 0
-        where half a cell from the surface the viscous layer is resolved, as it is at walls (see `straightness`).
+        """Extended velocity u_d [m/s] beyond the surface at the k-th face of axis d: the velocity of the face, or 0 if
+        the viscous layer is resolved half a cell from the surface, as at walls (see `straightness`).
 
-        What is left of a velocity through the surface is not taken off: it would be found from faces at other distances
-        from the surface, and what they are faster would be driven into the air.
+        A remaining velocity normal to the surface is not removed: it would come from faces at other distances from the
+        surface, and their excess speed would be driven into the air.
         """
         speed = self._along(d, k).norm()
         y = ti.max(self._distance[d][k], ti.static(0.5 * self.grid.dx))
@@ -186,7 +187,7 @@ class Surfaces:
 
     @ti.func
     def slow(self, rate: Template, dt: float):
-        """Take friction off the rates of change of u [m/s²]; implicit, as it is stiff close to a surface."""
+        """Subtract friction from the rates of change of u [m/s²]; implicit, as friction is stiff close to a surface."""
         for d in ti.static(range(self.dim)):
             for k in range(ti.static(self._count[d])):
                 I, f, along = self._friction(d, k)

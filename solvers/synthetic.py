@@ -1,4 +1,4 @@
-"""Weak convection of a closed room as a synthetic flow: random waves of a vector potential, no equation of motion.
+"""Synthetic flow for the weak convection of a closed room: random waves of a vector potential, no equation of motion.
 
     u = curl(f A),  A = sum of c_n exp(i (k_n x + w_n t)),  w_n = unsteadiness sqrt(k_n³ E(k_n)),  E(k) ~ k^-5/3
 
@@ -7,13 +7,13 @@ follows an Ornstein-Uhlenbeck process. The ramp f falls to zero at walls and obs
 (Bridson et al. 2007, doi:10.1145/1276377.1276435). The potential lives on the edges of the cells (in 2-D, as a stream
 function, on their corners) and the velocity on their faces: the sum over a cell's faces is zero by construction.
 
-Eddies shorter than the shortest wave, of wavenumber k_c, are there as a viscosity of the same spectrum,
+Eddies shorter than the shortest wave, of wavenumber k_c, are modelled by the eddy viscosity of the same spectrum,
 
     nu = 2/3 C^(-3/2) sqrt(E(k_c)/k_c) f, at least the air's own, C = 1.62:
 
-with it the waves dissipate, int 2 nu k² E dk up to k_c, what the spectrum hands on, epsilon = (E k^(5/3)/C)^(3/2)
-(Metais & Lesieur 1992, doi:10.1017/S0022112092000733; C by Sreenivasan 1995, doi:10.1063/1.868656). Gas and puffs are
-mixed by the part that is the eddies', over the turbulent Schmidt number, as in a computed flow.
+with this viscosity the dissipation of the waves, int 2 nu k² E dk up to k_c, is epsilon = (E k^(5/3)/C)^(3/2) (Metais &
+Lesieur 1992, doi:10.1017/S0022112092000733; C by Sreenivasan 1995, doi:10.1063/1.868656). Gas and puffs are mixed by
+the eddy part over the turbulent Schmidt number, as in a computed flow.
 """
 
 import numpy as np
@@ -31,12 +31,14 @@ from taichi_plume.scenario.species import AIR_VISCOSITY
 from taichi_plume.scenario.winds import SyntheticWind
 from taichi_plume.solvers.room_mixing import RoomFlow, air_changes, measured_diffusivity
 
-FRAMES_PER_PERIOD = 16  # of the fastest wave: linear in between, it loses 2 % of its amplitude
-DRAWS = 16  # of the phases, to measure the speed of unit waves
+FRAMES_PER_PERIOD = (
+    16  # key frames per period of the fastest wave: interpolation costs it 2 % of its amplitude
+)
+DRAWS = 16  # samples of the phases, to measure the speed of unit waves
 KOLMOGOROV = 1.62  # constant of the energy spectrum
 
 Potential = dict[int, np.ndarray]
-"""Component along each axis [m²/s]; in 2-D axis 2 alone. That along m has the edges along m: n + 1 per other axis."""
+"""Component along each axis [m²/s]; in 2-D only axis 2. Component m lies on the edges along m: n + 1 per other axis."""
 
 
 def curl(potential: Potential, dx: float) -> list[np.ndarray]:
@@ -50,14 +52,12 @@ def curl(potential: Potential, dx: float) -> list[np.ndarray]:
 
 
 def distances(solid: np.ndarray) -> np.ndarray:
-    """Return the distance from each cell's middle to the next surface, in cells, with a layer of cells all round; 0
-    where there is no air.
-    """
+    """Return the distance [cells] from each cell's middle to the next surface, padded by a layer; 0 without air."""
     return np.maximum(np.asarray(distance_transform_edt(np.pad(~solid, 1))) - 0.5, 0.0)
 
 
 def on_edges(distance: np.ndarray, axis: int) -> np.ndarray:
-    """Distances to the next surface on the edges along `axis`, of those of cells; exactly 0 on surfaces."""
+    """Interpolate the cells' distances to the next surface to the edges along `axis`; exactly 0 on surfaces."""
     air = distance > 0.0
     for a in range(distance.ndim):
         n = air.shape[a] - 1
@@ -70,14 +70,14 @@ def on_edges(distance: np.ndarray, axis: int) -> np.ndarray:
 class Waves:
     """Random waves of a potential that fills the box with unit mean square velocity, before any ramp.
 
-    eddies: viscosity of the shorter ones [m²/s], the air's own in it; it goes with the waves' strength.
+    eddies: viscosity of shorter eddies [m²/s], including the air's own; it scales with the waves' strength.
     """
 
     def __init__(self, wind: SyntheticWind, grid: Grid, rng: np.random.Generator):
         longest, shortest = wind.longest, wind.shortest_on(grid.dx)
         bands = np.geomspace(2 * np.pi / longest, 2 * np.pi / shortest, wind.modes + 1)
         k = np.sqrt(bands[:-1] * bands[1:])
-        share = bands[:-1] ** (-2 / 3) - bands[1:] ** (-2 / 3)  # of the energy, int k^-5/3 dk
+        share = bands[:-1] ** (-2 / 3) - bands[1:] ** (-2 / 3)  # energy integral, int k^-5/3 dk
         spectrum = 0.5 * wind.speed**2 * share / share.sum() / np.diff(bands)
         last = bands[-1] ** (-5 / 3) / (3.0 * share.sum())  # E(k_c) of waves of unit mean square velocity
         self.eddies = 2.0 / 3.0 * KOLMOGOROV**-1.5 * np.sqrt(last / bands[-1])
@@ -104,9 +104,9 @@ class Waves:
             self.tables[m] = first, others, shape
 
     def at(self, phase: np.ndarray) -> Potential:
-        """The potential when each wave has gone on by its phase [rad].
+        """Return the potential when each wave has advanced by its phase [rad].
 
-        Waves are products of waves along the axes, so a product of two matrices sums them up.
+        Waves are products of waves along the axes, so a product of two matrices sums them.
         """
         result = {}
         for m, (first, others, shape) in self.tables.items():
@@ -117,25 +117,23 @@ class Waves:
 
 
 def edges(grid: Grid, axis: int) -> list[np.ndarray]:
-    """Places [m] of the edges along `axis`, per axis of the grid."""
+    """Positions [m] of the edges along `axis`, per axis of the grid."""
     return [
         (np.arange(n) + 0.5 if a == axis else np.arange(n + 1)) * grid.dx for a, n in enumerate(grid.shape)
     ]
 
 
 def as_fast(speed: float, square: float) -> float:
-    """Return the factor that gives a flow of mean square speed `square` [m²/s²] the speed `speed` [m/s]; 0 where the
-    room is so narrow that there is none.
-    """
+    """Return the factor that scales a flow of mean square speed `square` [m²/s²] to `speed` [m/s]; 0 for no flow."""
     return speed / float(np.sqrt(square)) if square > 0.0 else 0.0
 
 
 @ti.data_oriented
 class SyntheticSolver(Carrier):
-    """A synthetic flow in a closed room; obstacles are steps.
+    """Synthetic flow in a closed room; obstacles are steps.
 
-    It is made of key frames and linear in time between two of them, which leaves div u = 0.
-    Fields: u, face velocities [m/s]; open, 1 on faces between two cells of air, one of each per axis; nu, see above.
+    The flow is interpolated linearly in time between key frames, which conserves div u = 0. Fields per axis: u, face
+    velocities [m/s]; open, 1 on faces between two cells of air. Field nu: see above.
     """
 
     viscosity = AIR_VISCOSITY
@@ -173,13 +171,13 @@ class SyntheticSolver(Carrier):
         self.interval = 2 * np.pi / fastest / FRAMES_PER_PERIOD
         self._memory = np.exp(-self.interval / model.circulation_time)
         self._outflow = [0.0, 0.0]  # of the two frames
-        self._frame = -2  # number of the frame before
+        self._frame = -2  # number of the earlier frame
         self._next_frame()
         self._next_frame()
         self.advance(t, 0.0)
 
     def _begin_eddies(self, schmidt: float, ramp: np.ndarray) -> None:
-        """ramp: of the cells and one layer beyond."""
+        """ramp: ramp of the cells and one layer beyond."""
         self.schmidt = schmidt
         inner = ramp[(slice(1, -1),) * self.dim]
         nu = np.maximum(self._strength * self._waves.eddies * inner, self.viscosity)
@@ -188,7 +186,7 @@ class SyntheticSolver(Carrier):
 
     @ti.kernel
     def _shift_frames(self):
-        """Copy the frame after to the frame before."""
+        """Copy the later frame to the earlier frame."""
         for d in ti.static(range(self.dim)):
             for I in ti.grouped(self._after[d]):
                 self._before[d][I] = self._after[d][I]
@@ -221,19 +219,19 @@ class SyntheticSolver(Carrier):
         return float(total[self._air].mean())
 
     def _waves_of_roll(self, axis: int) -> np.ndarray:
-        """Half a wave along each other axis."""
+        """Half a wave along each axis other than `axis`."""
         places = np.meshgrid(*edges(self.grid, axis), indexing="ij")
         waves = [np.sin(np.pi * places[a] / self.grid.extent[a]) for a in range(self.dim) if a != axis]
         return np.prod(waves, axis=0)
 
     def _roll(self, axis: int, speed: float) -> float:
-        """Largest potential [m²/s] of one roll about `axis`, as large as the room, of this root mean square speed."""
+        """Largest potential [m²/s] of a roll about `axis`, as large as the room, for a root mean square speed."""
         others = {m: np.zeros_like(r) for m, r in self._ramp.items()}
         square = self._mean_square(others | {axis: self._waves_of_roll(axis)})
         return as_fast(speed, square)
 
     def _next_frame(self) -> None:
-        """Leave the frame behind and compute the one after the next."""
+        """Advance by a key frame: drop the earlier frame and compute the next."""
         self._frame += 1
         t = (self._frame + 1) * self.interval
         fresh = np.sqrt(1.0 - self._memory**2)
@@ -247,18 +245,18 @@ class SyntheticSolver(Carrier):
         self._outflow = [self._outflow[1], self.grid.largest_outflow(velocity)]
 
     def advance(self, t: float, dt: float) -> None:
-        """Take the velocity of time t + dt; time never goes back."""
+        """Set the velocity of time t + dt; time never decreases."""
         frame = (t + dt - self._begun) / self.interval
         while frame > self._frame + 1:
             self._next_frame()
         share = frame - self._frame
         self._blend(share)
-        # flow out of a cell is a convex function of u: between two frames it is at most in between
+        # the flow out of a cell is convex in u: between two frames it is at most the interpolated value
         self.outflow_rate = (1.0 - share) * self._outflow[0] + share * self._outflow[1]
 
     @property
     def room(self) -> RoomFlow:
-        """The same waves and rolls at any point, whenever."""
+        """Return the same waves and rolls as a flow at any point and time."""
         solid = np.pad(~self._air, 1, constant_values=True)
         depth = np.maximum(np.asarray(distance_transform_edt(solid)) - 0.5, 0.0)
         return RoomFlow(
@@ -277,8 +275,7 @@ class SyntheticSolver(Carrier):
         )
 
     def mixing(self) -> dict[str, float]:
-        """Eddy diffusivity [m²/s], its standard error, and how many air changes per hour a room of this volume has that
-        mixes as much (see room_mixing)."""
+        """Eddy diffusivity [m²/s], standard error, and air changes per hour of equal mixing (see room_mixing)."""
         K, error = measured_diffusivity(self.room, generator(self._seed, "mixing of the air"))
         mixing = {"eddy_diffusivity_m2_per_s": K, "eddy_diffusivity_error_m2_per_s": error}
         if self.dim == 3:

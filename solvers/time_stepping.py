@@ -1,4 +1,4 @@
-"""Time stepping of the flow: the three-stage Runge-Kutta method, and the limits of the step (Courant number, CFL)."""
+"""Time stepping of the flow: three-stage Runge-Kutta method and limits of the step (Courant number, CFL condition)."""
 
 from math import prod, sqrt
 from typing import cast
@@ -9,12 +9,12 @@ from taichi_plume.grid.kernels import STRIP, Pass, on_cpu
 from taichi_plume.grid.transfer import reader
 from taichi_plume.solvers.momentum import Momentum
 
-SHORT, LONG = 0.58, 1.0  # lengths of the first stage over the step
+SHORT, LONG = 0.58, 1.0  # possible lengths of the first stage over the step
 STABLE = 1.3  # Courant number up to which the short first stage is stable
 
 
 def stages_for(courant: float) -> tuple[tuple[float, float, float], ...]:
-    """Return the `stages` that damp least in steps of up to a Courant number."""
+    """Return the `stages` with the least damping for steps up to a Courant number."""
     return stages(SHORT if courant <= STABLE else LONG)
 
 
@@ -24,14 +24,14 @@ def stages(first: float) -> tuple[tuple[float, float, float], ...]:
     After a stage u = u0 + k (u - u0 + dt du/dt) approximates the velocity at t + c dt. The stage ends with a pressure
     projection if g > 0; the pressure is then g dt old.
 
-    All are of second order, for any `first`, the length of the first stage over the step's. With 1 it is SSP-RK3 (Shu &
-    Osher 1988, doi:10.1016/0021-9991(88)90177-5), which damps waves that the wind carries: the energy of one that goes
-    by the angle a in a step becomes 1 - a⁴/12 of what it was. In general that is 1 - (2 C - 1/4) a⁴ + C² a⁶, with
-    C = first/(2 + 4 first): from 1/2 on it grows by the last term only, which the upwind scheme of convection outweighs
-    up to a Courant number of 1.3.
+    The method is of second order for any `first`, the length of the first stage over the step's. With 1 it is SSP-RK3
+    (Shu & Osher 1988, doi:10.1016/0021-9991(88)90177-5), which damps waves that the wind carries: the energy of a wave
+    that advances by the phase a per step is multiplied by 1 - a⁴/12. In general the factor is 1 - (2 C - 1/4) a⁴ + C²
+    a⁶, with C = first/(2 + 4 first). From 1/2 on only the last term lets the energy grow, which the upwind scheme of
+    convection outweighs up to a Courant number of 1.3.
 
-    Were the last projection the only one, short waves that the wind carries on by a cell or so would lose or gain
-    energy. One after the first stage changes nothing.
+    With only the last projection, short waves that move by about a cell per step would lose or gain energy. A
+    projection after the first stage has no effect.
     """
     second = 1.0 / (1.0 + 3.0 * first)
     third = (1.0 + 3.0 * first) / (2.0 + 4.0 * first)
@@ -39,7 +39,7 @@ def stages(first: float) -> tuple[tuple[float, float, float], ...]:
     return (first, first, 0.0), (second, reached, reached), (third, 1.0, third)
 
 
-HUGE = 1e6  # m/s: no flow of ours is as fast
+HUGE = 1e6  # m/s: far above the speed of any flow here
 
 
 @ti.data_oriented
@@ -55,7 +55,7 @@ class Limits:
         self._rows = tuple(reversed(self.grid.cells[1:]))
         self._found = ti.field(ti.f32, 4)
         self._read = reader(self._found)
-        # Maxima of every 32nd cell of a row, on a CPU: LLVM vectorises none that goes along a row.
+        # Maxima of every 32nd cell of a row, on a CPU: LLVM does not vectorise a maximum along a row.
         self._width = STRIP if on_cpu() else 1
 
     @ti.func
@@ -64,7 +64,7 @@ class Limits:
         return ti.Vector([i + self.grid.ghost] + [J[self.dim - 1 - d] for d in ti.static(range(1, self.dim))])
 
     def passes(self) -> tuple[Pass, Pass]:
-        """Return the passes that take the maxima."""
+        """Return the passes that compute the maxima."""
         return Pass(self._clear, 1), Pass(self._measure, prod(self.grid.shape))
 
     @ti.func
@@ -110,7 +110,7 @@ class Limits:
 
     @ti.kernel
     def _strongest_buoyancy(self) -> ti.f32:
-        """Largest acceleration by buoyancy, its components' magnitudes summed [m/s²]."""
+        """Return the largest acceleration by buoyancy, summed over the magnitudes of its components [m/s²]."""
         result = 0.0
         for J in ti.grouped(ti.ndrange(*self._rows)):
             most = 0.0
@@ -135,7 +135,7 @@ class Limits:
         # stage, and its error grows when viscosity spreads it too fast. Eddies' stress has a second part.
         diffusion = (3.75 if self.m.eddies else 2.5) * self.dim * viscosity / self.grid.dx**2
         limit = max(rate / courant + diffusion, 1e-30)
-        # What buoyancy adds to |u| within the step counts as well; near a corner the pressure turns and more than
-        # doubles it. Waves in layered air are slower than that.
+        # The growth of |u| by buoyancy within the step counts as well; near a corner the pressure turns and more than
+        # doubles it. Waves in stratified air are slower.
         strongest = cast(float, self._strongest_buoyancy()) if self.m.weighing else 0.0
         return 2.0 / (limit + sqrt(limit**2 + 12.0 * strongest / (courant * self.grid.dx)))

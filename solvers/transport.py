@@ -1,11 +1,11 @@
-"""Transport of a scalar by the air on the grid, convection and diffusion (scalar transport equation): gas and heat.
+"""Scalar transport equation on the grid: convection (advection) and diffusion of gas and heat in the air.
 
     dq/dt + div(u q) = div((K + nu_t/Sc_t) grad q) + sources
 
-Finite volumes with the flow's own face velocities, so a well-mixed quantity stays well mixed; limited face values and
-stages short enough that no cell gives away more than it holds make no new extrema. Every face's flux is seen alike from
-both sides and a cell's fluxes are summed in f64; what f32 cannot hold of q is kept beside it, so that the total
-is conserved however many steps are taken and however little each one changes.
+Finite volumes with the face velocities of the flow, so a well-mixed quantity stays well mixed. Limited face values, and
+stages short enough that no cell loses more than its content, create no new extrema. Both sides of a face use the same
+flux, and a cell's fluxes are summed in f64. The rounding errors of q in f32 are stored in `rest`, so that the total is
+conserved for any number of steps and for changes of any size.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,7 +28,7 @@ from taichi_plume.solvers.surface_exchange import BETWEEN, FIRST, LAST, SurfaceE
 
 
 class Scalar:
-    """A scalar q per volume of air in the cells of a grid; rest: field of the rounding errors of q in f32."""
+    """Scalar q per volume of air in the cells of a grid; rest: field of the rounding errors of q in f32."""
 
     STATE = ("q", "rest")
 
@@ -37,12 +37,12 @@ class Scalar:
 
 
 FULLEST = 0.98  # largest share of a cell's content that leaves it in one stage, at the steepest slope
-MOST_STAGES = 5  # of a step; more stages leave more of the old content behind
+MOST_STAGES = 5  # stages of a step; more stages leave more of the old content behind
 
 
 @ti.func
 def open_slope(q: Template, open_faces: Template, I, D, dx: float):
-    """dq/dx through the lower face of cell I across D; none where the face is closed."""
+    """Gradient dq/dx at the lower face of cell I across D; zero if the face is closed."""
     return ti.select(open_faces[I] > 0.0, (q[I] - q[I - D]) / dx, 0.0)
 
 
@@ -57,11 +57,11 @@ def raised(q, rest, rate, dt):
 
 @ti.data_oriented
 class Transport:
-    """A quantity q per volume of air that the wind carries and that diffuses.
+    """Transport of a quantity q per volume of air by convection and diffusion.
 
-    scheme: of convection. add_sources: a pass that adds sources to q and `rest` for a step of length a. surfaces: walls
-    and obstacles that exchange q with the air. has_inflow: whether air may come in with q, see `set_inflow`; else it is
-    clean.
+    scheme: convection scheme. add_sources: a pass that adds sources to q and `rest` for a step of length a. surfaces:
+    walls and obstacles that exchange q with the air. has_inflow: whether inflow may carry q, see `set_inflow`;
+    otherwise inflow is clean.
 
     Fields: q; rest, rounding errors of q; rate [1/s], the sum of the tendencies in the step's stages so far.
     """
@@ -89,11 +89,11 @@ class Transport:
         self.eddies = wind.nu is not None
         self._area = wind.area or ()
         self.cut = wind.area is not None
-        self.room: Field = None  # share of each cell's volume that stores q
+        self.room: Field = None  # air fraction of each cell, which stores q
         if self.cut:
             self.room = grid.field()
             uploader(self.room)(grid.pad(air.room))
-        # a solver of the flow lends fields that it does not need meanwhile
+        # a flow solver lends fields that are unused meanwhile
         self._start, self.rate = wind.scratch or (grid.field(), grid.field())
         self._outflow = Tally()
         self._inflow = Tally() if has_inflow else None
@@ -123,7 +123,7 @@ class Transport:
         self._n.set(still=float(still), per_schmidt=float(per_schmidt))
 
     def set_inflow(self, openings: Sequence[tuple[Patch, float]]) -> None:
-        """Set q of the air that comes in through openings (Dirichlet condition of the inflow); elsewhere it is 0."""
+        """Set q of the air that enters through openings (inlet, Dirichlet condition); elsewhere q of inflow is 0."""
         values = [np.zeros(side) for side in self._sides]
         for patch, q in openings:
             np.moveaxis(values[patch.axis], patch.axis, 0)[patch.side][patch.covered] = q
@@ -160,10 +160,10 @@ class Transport:
 
     @ti.func
     def _tendency(self, I, h, stage):
-        """dq/dt by the fluxes, added to that of the stages before."""
+        """Return dq/dt by the fluxes, added to that of the previous stages."""
         net = ti.cast(0.0, ti.f64)
         for d in ti.static(range(self.dim)):
-            for side in range(2):  # not unrolled by Taichi: half the time of compiling; LLVM unrolls it
+            for side in range(2):  # not unrolled by Taichi, to halve the compile time; LLVM unrolls the loop
                 flux = self._face_flux(I + side * ti.Vector.unit(self.dim, d, ti.i32), d)
                 net += ti.cast((1 - 2 * side) * flux, ti.f64)
         rate = ti.cast(net, ti.f32) * self.per_length
@@ -232,7 +232,7 @@ class Transport:
     # ---------------------------------------------------------------- the step
 
     def _euler_steps(self, dt: float) -> float:
-        """Number of steps of Euler's method within dt [s] in none of which a cell gives away more than it holds."""
+        """Number of Euler steps within dt [s] that are short enough that no cell loses more than its content."""
         K = self.diffusivity + (self.wind.max_viscosity - self.wind.viscosity) / self.schmidt
         given = self._steepest * self.wind.outflow_rate + 2.0 * self.dim * K / self.grid.dx**2
         if self.surfaces is not None:
@@ -244,9 +244,9 @@ class Transport:
         return max(1, ceil(self._euler_steps(dt) / (MOST_STAGES - 1) - 1e-9))
 
     def step(self, dt: float) -> None:
-        """Advance by one step, no longer than `steps` allows, of second order (strong stability preserving
-        Runge-Kutta): s - 1 stages of Euler's method by dt/(s - 1) [s], one more, and the mean of their rates over the
-        step (SSP(s, 2), Spiteri & Ruuth 2002, doi:10.1137/S0036142901389025; Heun's method where s = 2).
+        """Advance by a second-order step, no longer than `steps` allows (strong stability preserving Runge-Kutta,
+        SSP(s, 2), Spiteri & Ruuth 2002, doi:10.1137/S0036142901389025; Heun's method for s = 2): s - 1 Euler stages of
+        dt/(s - 1) [s], another stage, and the mean of their rates over the step.
         """
         stages = 1 + max(1, ceil(self._euler_steps(dt) - 1e-9))
         self._start_step(dt)

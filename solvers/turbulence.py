@@ -1,4 +1,4 @@
-"""Turbulence models (large-eddy simulation): eddy viscosity of the scales that the grid does not resolve."""
+"""Turbulence models (large-eddy simulation): eddy viscosity of unresolved scales by Smagorinsky or Vreman."""
 
 import numpy as np
 import taichi as ti
@@ -35,10 +35,10 @@ def strain_rate(u: Template, I, dx: float):
 
 
 def mixing_lengths(distance: np.ndarray, dx: float, constant: float) -> tuple[np.ndarray, np.ndarray]:
-    """l and l_s [m] of `damped` at distances [m] from the next surface.
+    """Mixing lengths l and l_s [m] of `damped` at distances [m] from the next surface.
 
-    l = min(C dx, k d), of what the grid does not resolve; l_s = k d/(1 + (d/LAYER dx)^4), of all eddies so near to a
-    surface that it resolves none of them (after the hybrid of Senocak et al. 2007, doi:10.1007/s10546-007-9181-y).
+    l = min(C dx, k d): unresolved eddies; l_s = k d/(1 + (d/LAYER dx)^4): all eddies, so near to a surface that the
+    grid resolves none (after the hybrid model of Senocak et al. 2007, doi:10.1007/s10546-007-9181-y).
     """
     layer = KAPPA * distance
     return np.minimum(constant * dx, layer), layer / (1.0 + (distance / (LAYER * dx)) ** 4)
@@ -48,8 +48,8 @@ def mixing_lengths(distance: np.ndarray, dx: float, constant: float) -> tuple[np
 def damped(length, rate, distance, viscosity):
     """Eddy viscosity (length D)² rate [m²/s], with van Driest's damping D = 1 - exp(-y+/26) (1956, doi:10.2514/8.3662).
 
-    y+ is taken with the friction that is here, (nu + nu_t) |S| before the damping: near a surface, where D is not 1, it
-    is the surface's.
+    y+ uses the local friction, (nu + nu_t) |S| before the damping. Near a surface, where D is not 1, this is the
+    friction at the surface.
     """
     undamped = length * length * rate
     y_plus = distance * ti.sqrt((viscosity + undamped) * rate) / greater(viscosity, 1e-12)
@@ -69,8 +69,8 @@ def smagorinsky(m: Template, I):
 def vreman(m: Template, I):
     """Eddy viscosity that vanishes in laminar shear (Vreman 2004, doi:10.1063/1.1785131, eq 5-8).
 
-    c sqrt(B / (a_ij a_ij)) with a_ij = du_j/dx_i, b_ij = dx² a_mi a_mj and B the second invariant of b. c stands for
-    2.5 (C dx)², and beside surfaces for no more than 2.5 (k d)²; there it is at least l_s² |S|, damped.
+    c sqrt(B / (a_ij a_ij)) with a_ij = du_j/dx_i, b_ij = dx² a_mi a_mj and B the second invariant of b. c is 2.5 (C
+    dx)², beside surfaces at most 2.5 (k d)²; there the viscosity is at least l_s² |S|, damped.
     """
     dim = ti.static(len(m.u))
     a = ti.Matrix.zero(ti.f32, dim, dim)

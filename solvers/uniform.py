@@ -1,4 +1,4 @@
-"""Uniform wind: one velocity everywhere, constant or with gusts across it."""
+"""Uniform wind: the same velocity everywhere, constant or with gusts across the wind."""
 
 import numpy as np
 import taichi as ti
@@ -15,17 +15,17 @@ LONGEST_TICK = 1.0  # s
 
 
 def memory(wind: UniformWind, extent: tuple[float, ...]) -> float:
-    """Return the time [s] for which gusts are kept: as long as air takes through the domain, and a tick."""
+    """Return the time [s] for which gusts are stored: the time of air through the domain plus a tick."""
     crossing = np.abs(wind.frame[0]) @ extent / wind.speed
     return float(crossing) + LONGEST_TICK
 
 
 @ti.data_oriented
 class UniformSolver(Carrier):
-    """A wind that is the same everywhere.
+    """Wind that is the same everywhere.
 
-    With gusts, the face velocities u are those of the last step in the mean, so that gas on the grid is carried as far
-    as the air has gone. Field now: the velocity [m/s].
+    With gusts, the face velocities u are the means over the last step, so that gas on the grid moves exactly with the
+    air. Field now: the velocity [m/s].
     """
 
     STATE = ("u", "now", "outflow_rate", "gusts")
@@ -61,7 +61,7 @@ class UniformSolver(Carrier):
         self.advance(t, 0.0)
 
     def _set_velocity(self, carrying: np.ndarray, gust: np.ndarray) -> None:
-        """Set the velocity; carrying: of the faces [m/s]; gust: present velocity less the mean [m/s]."""
+        """Set the velocity; carrying: velocity of the faces [m/s]; gust: present velocity less the mean [m/s]."""
         felt = np.array(self.mean, np.float32) + gust.astype(np.float32)
         self._fill(*(np.append(u, [0.0] * (3 - self.dim)) for u in (carrying, felt)))
         self.outflow_rate = float(np.abs(carrying).sum()) / self.grid.dx

@@ -1,4 +1,4 @@
-"""A multigrid V-cycle for the Poisson equation of the projection."""
+"""Multigrid V-cycle for the Poisson equation of the pressure projection."""
 
 from math import prod
 
@@ -8,29 +8,29 @@ from threadpoolctl import threadpool_limits
 
 from taichi_plume.grid.kernels import FEW_CELLS, STRIP, Template, on_cpu
 from taichi_plume.grid.tables import Tables
-from taichi_plume.solvers.poisson import Openness
+from taichi_plume.solvers.poisson import OpenFractions
 
 OMEGA = 0.8  # damping of the Jacobi sweeps
-COARSEST = 600  # cells that are solved by their dense inverse
+COARSEST = 600  # largest number of cells that are solved by their dense inverse
 
 
 @ti.data_oriented
 class VCycle:
-    """x = M b on the finest level, M symmetric: two damped Jacobi sweeps each way, merged cells, and on the coarsest
-    level the dense inverse.
+    """Multigrid V-cycle x = M b on the finest level, M symmetric: two damped Jacobi sweeps each way, merged cells, and
+    the dense inverse on the coarsest level.
 
-    All levels live in flat arrays one after the other, so every kernel is compiled once for all of them. What is put
-    into `tables` is to be uploaded before the first cycle.
+    All levels are stored in flat arrays one after the other, so every kernel is compiled only once. The caller uploads
+    `tables` before the first cycle.
     """
 
-    def __init__(self, openness: Openness, tables: Tables):
-        levels = [openness]
+    def __init__(self, fractions: OpenFractions, tables: Tables):
+        levels = [fractions]
         while np.prod(levels[-1].shape) > COARSEST and max(levels[-1].shape) > 2:
             levels.append(levels[-1].coarser())
         self.shapes = [level.shape for level in levels]
-        self.periodic = openness.periodic
+        self.periodic = fractions.periodic
         self.strips = on_cpu()
-        self.axes = tuple(d for d in range(3) if openness.shape[d] > 1 or openness.a[d].any())
+        self.axes = tuple(d for d in range(3) if fractions.shape[d] > 1 or fractions.a[d].any())
         sizes = [int(np.prod([n + 2 for n in shape])) for shape in self.shapes]
         begins = np.concatenate([[0], np.cumsum(sizes)])
         merged = [np.where(np.array(shape) > 1, 2, 1) for shape in self.shapes]
@@ -51,20 +51,20 @@ class VCycle:
         self.damped = tables.put(ti.field(ti.f32, total), damped)
         self.x, self.t, self.b = (ti.field(ti.f32, total) for _ in range(3))
         self.rows = [n[1] * n[2] for n in self.shapes]
-        few = FEW_CELLS if on_cpu() else 0  # levels up to this size are left to one thread
+        single = FEW_CELLS if on_cpu() else 0  # levels up to this size are solved in a single thread
         last = len(levels) - 1
-        self.threaded = next(k for k, n in enumerate(self.shapes) if prod(n) <= few or k == last)
+        self.threaded = next(k for k, n in enumerate(self.shapes) if prod(n) <= single or k == last)
         self._invert_coarsest(levels[-1], int(begins[-2]), tables)
 
     @staticmethod
-    def _damped(level: Openness) -> np.ndarray:
-        """omega over the diagonal of the equations, 0 in closed-off cells; one ghost layer."""
+    def _damped(level: OpenFractions) -> np.ndarray:
+        """Return omega over the diagonal of the equations, 0 in closed-off cells; one ghost layer."""
         inner = (slice(1, -1),) * 3
         diagonal = sum(a[inner] + np.roll(a, -1, axis=d)[inner] for d, a in enumerate(level.a))
         return np.pad(np.where(diagonal > 1e-6, OMEGA / np.maximum(diagonal, 1e-6), 0.0), 1)
 
-    def _invert_coarsest(self, level: Openness, begin: int, tables: Tables) -> None:
-        """The dense inverse of the coarsest level, and where its cells are in the flat arrays."""
+    def _invert_coarsest(self, level: OpenFractions, begin: int, tables: Tables) -> None:
+        """Return the dense inverse of the coarsest level, and the indices of its cells in the flat arrays."""
         matrix = level.matrix().toarray()
         with threadpool_limits(1, "blas"):  # the same bits on all machines
             inverse = np.linalg.pinv(matrix, rcond=1e-6, hermitian=True)
@@ -78,7 +78,7 @@ class VCycle:
 
     @ti.func
     def _row(self, level, row):
-        """(index of the row's first cell, its length, index steps to the neighbours below and above per axis)."""
+        """Return (index of the row's first cell, its length, steps to the neighbours below and above per axis)."""
         n0, n1, n2 = self.layout[level, 1], self.layout[level, 2], self.layout[level, 3]
         s1, s2 = n0 + 2, (n0 + 2) * (n1 + 2)
         k = row // n1
@@ -115,9 +115,7 @@ class VCycle:
 
     @ti.func
     def _fill(self, target: Template, formula: Template, level, row, extra: Template):
-        """target = formula(first, i, n0, low, high, step, extra) at cells i of a row; in strips on a CPU, see
-        `kernels.sweep`.
-        """
+        """Set target = formula(first, i, n0, low, high, step, extra) in a row; strips on a CPU: see `kernels.sweep`."""
         first, n0, low, high, step = self._row(level, row)
         if ti.static(self.strips):
             for strip in range((n0 + STRIP - 1) // STRIP):
@@ -158,7 +156,7 @@ class VCycle:
 
     @ti.func
     def _restrict(self, level, coarse_rows):
-        """b of the coarser level = residual summed over merged cells, scaled to its spacing."""
+        """Set b of the coarser level to the residual summed over merged cells, scaled to the coarser spacing."""
         for row in range(coarse_rows):
             target, _, _, _, _ = self._row(level + 1, row)
             n1, n2 = self.layout[level, 2], self.layout[level, 3]
@@ -244,7 +242,7 @@ class VCycle:
 
     @ti.kernel
     def _coarse_levels(self, begin: ti.i32, end: ti.i32):
-        """The V-cycle from level `begin` to the dense inverse of level `end` and back, in one thread."""
+        """Execute the V-cycle from level `begin` to the dense inverse of level `end` and back, in a single thread."""
         if ti.static(on_cpu()):
             ti.loop_config(serialize=True)
         for _ in range(1):

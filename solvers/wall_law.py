@@ -4,11 +4,11 @@ Reichardt's law (1951, doi:10.1002/zamm.19510310704), valid from the surface thr
 
     u+ = ln(1 + k y+)/k + (B - ln(k)/k) (1 - exp(-y+/11) - y+/11 exp(-y+/3)),   u+ = u/u_tau,   y+ = y u_tau/nu
 
-which is u+ = y+ at the surface and u+ = ln(y+)/k + B far from it. A cell at the surface knows the mean of u from there
-to 2 y, y its middle's distance: by (1 - ln 2)/k less than u there, 5 % where y+ is 50; the friction is 10 % more than
-if that were u at y. What is known is u at a distance y, so u+ is taken as a function of u+ y+ = u y/nu: two polynomials
-of its logarithm, fitted within 0.1 %. Beside rough surfaces u+ is at most ln(1 + y/z)/k, z = exp(-k B) nu/u_tau +
-exp(-8.5 k) k_s (Colebrook 1939, doi:10.1680/ijoti.1939.13150), k_s the size of Nikuradse's sand grains.
+which is u+ = y+ at the surface and u+ = ln(y+)/k + B far away. A cell at the surface stores the mean of u from the
+surface to 2 y, y the distance of its middle. The mean is (1 - ln 2)/k less than u at y, 5 % at y+ = 50; the friction is
+10 % more than if the mean were u at y. As u and y are known but not u_tau, u+ is expressed as a function of u+ y+ = u
+y/nu: two polynomials of its logarithm, fitted within 0.1 %. Beside rough surfaces u+ is at most ln(1 + y/z)/k, z =
+exp(-k B) nu/u_tau + exp(-8.5 k) k_s (Colebrook 1939, doi:10.1680/ijoti.1939.13150), k_s Nikuradse's sand grain size.
 """
 
 from collections.abc import Callable
@@ -28,9 +28,9 @@ KAPPA = 0.41
 B = 5.2
 SMOOTH, ROUGH = float(np.exp(-KAPPA * B)), float(np.exp(-KAPPA * 8.5))  # of nu/u_tau and k_s, lengths z above
 INNER = float(B - np.log(KAPPA) / KAPPA)
-VISCOUS = 3.0  # y+ up to which u+ = y+ counts as exact: Reichardt's law leaves it by up to 1 % in its own way
+VISCOUS = 3.0  # y+ up to which u+ = y+ counts as exact, although Reichardt's law deviates by up to 1 %
 MIDDLE = 1200.0  # u y/nu at which the second polynomial takes over
-LAST = 1e9  # u y/nu beyond which u+ grows no more
+LAST = 1e9  # u y/nu beyond which u+ is constant
 
 
 def law_of_the_wall(y_plus: Real) -> Real:
@@ -49,18 +49,18 @@ def mean_law(y_plus: Real) -> Real:
 
 
 def bend_of_law(y_plus: Real) -> Real:
-    """du+/dy+ at y+ over that mean's slope from the surface."""
+    """du+/dy+ at y+ over the slope from the surface to `mean`."""
     slope = 1.0 / (1.0 + KAPPA * y_plus) + INNER / 11.0 * (
         np.exp(-y_plus / 11.0) - (1.0 - y_plus / 3.0) * np.exp(-y_plus / 3.0)
     )
     return y_plus * slope / mean_law(y_plus)
 
 
-RESOLVED = (0.5 * VISCOUS) ** 2  # u y/nu up to which all of the cell is viscous
+RESOLVED = (0.5 * VISCOUS) ** 2  # u y/nu up to which the whole cell is viscous
 
 
 def _fitted(law: Callable[[Real], Real]) -> tuple[list[float], list[float]]:
-    """A function of y+ as polynomials of ln(u y/nu), below MIDDLE and above: their coefficients, the constant first."""
+    """Fit a function of y+ by polynomials of ln(u y/nu) below and above MIDDLE: coefficients, the constant first."""
     y_plus = np.geomspace(0.25 * VISCOUS, 1e8, 3000)
     values, product = law(y_plus), mean_law(y_plus) * y_plus
     parts = []
@@ -80,7 +80,7 @@ LOGARITHM = Polynomial.fit(MANTISSA, np.log(MANTISSA), 6).convert().coef.tolist(
 
 @ti.func
 def logarithm(x):
-    """ln(x) of a positive normal x, within 1e-5; no CPU vectorises Taichi's."""
+    """Return ln(x) of a positive normal x, within 1e-5; no CPU vectorises Taichi's logarithm."""
     bits = ti.bit_cast(x, ti.i32)
     mantissa = ti.bit_cast((bits & 0x7FFFFF) | 0x3F800000, ti.f32)
     result = 0.0
@@ -91,7 +91,7 @@ def logarithm(x):
 
 @ti.func
 def _of_fit(x, fit: Template):
-    """A fitted function where ln(u y/nu) is x."""
+    """Value of a fitted function at x = ln(u y/nu)."""
     low, high = 0.0, 0.0
     for c in ti.static(fit[0][::-1]):
         low = low * x + c
@@ -102,7 +102,7 @@ def _of_fit(x, fit: Template):
 
 @ti.func
 def near_surface(speed, y, viscosity, roughness, rough: Template):
-    """(nu_w [m²/s], bend) of air that moves with `speed` [m/s] along a surface, on the mean from there to 2 y [m].
+    """Return (nu_w [m²/s], bend) of air with the mean `speed` [m/s] along a surface, from the surface to 2 y [m].
 
     The friction is nu_w speed/y [m²/s²], and du/dy in the middle is bend speed/y. In the viscous layer nu_w is the
     viscosity and bend is 1. roughness: k_s [m], where the surface is `rough`.
@@ -116,7 +116,7 @@ def near_surface(speed, y, viscosity, roughness, rough: Template):
     bend = ti.select(viscous, 1.0, lesser(_of_fit(x, BEND), 1.0))
     if ti.static(rough):
         u_tau = speed / u_plus
-        for _ in range(4):  # the logarithm makes each error a third of the last one, or less
+        for _ in range(4):  # the logarithm reduces the error to a third or less per iteration
             u_tau = speed / rough_law(2.0 * y, _grain(u_tau, nu, roughness))
         drag = u_tau * u_tau * y / ti.max(speed, 1e-9)
         if drag > result:
@@ -127,7 +127,7 @@ def near_surface(speed, y, viscosity, roughness, rough: Template):
 
 @ti.func
 def _grain(u_tau, nu, roughness):
-    """z [m] of the law above."""
+    """z [m] of the law in the module docstring."""
     return SMOOTH * nu / ti.max(u_tau, 1e-9) + ROUGH * roughness
 
 
@@ -143,7 +143,7 @@ def transfer_velocity(speed, y, viscosity, diffusivity):
     """Flux per difference [m/s] of a scalar, such as heat or a gas, between a smooth surface and the air at a distance
     y [m] from it: Kader 1981, doi:10.1016/0017-9310(81)90220-9, eq 33; diffusivity/y in the viscous layer.
 
-    speed: as of `near_surface` [m/s]. Valid for Schmidt (or Prandtl) numbers viscosity/diffusivity of 0.006 to 40,000;
+    speed: see `near_surface` [m/s]. Valid for Schmidt (or Prandtl) numbers viscosity/diffusivity of 0.006 to 40,000;
     the turbulent one is 0.85.
     """
     nu = ti.max(viscosity, 1e-12)

@@ -1,9 +1,9 @@
 """Wall functions: friction on the walls of the domain by the law of the wall, and distances from all surfaces.
 
-Beyond the viscous layer the velocity profile bends far more at a wall than cells resolve. The ghost values then
-continue the slope of the law of the wall in the middle of the first cell, which convection and eddy viscosity need; and
-the viscosity at the wall is the one that with that slope has the law's stress. Where the viscous layer is resolved the
-law changes neither.
+Beyond the viscous layer the velocity profile bends more at a wall than cells resolve. The ghost values then continue
+the slope of the law of the wall in the middle of the first cell, for convection and eddy viscosity. The viscosity at
+the wall is chosen such that this slope gives the wall stress of the law. If the viscous layer is resolved, neither
+changes.
 """
 
 from collections.abc import Callable
@@ -20,15 +20,15 @@ from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.momentum import Momentum
 from taichi_plume.solvers.wall_law import near_surface
 
-FAR = 1e3  # m: distance where there is no surface
+FAR = 1e3  # m: distance without a surface
 
 
 @ti.data_oriented
 class Walls:
     """Law of the wall in the cells at the domain's walls, per boundary face.
 
-    bend: d ln u/d ln y in the middle of the cell, 1 where the profile is straight and on all that is no wall;
-    viscosity [m²/s]: that has the stress of the law with the slope that the ghost values make.
+    bend: d ln u/d ln y in the middle of the cell, 1 for a straight profile and without a wall; viscosity [m²/s]: gives
+    the wall stress of the law with the slope of the ghost values.
     """
 
     def __init__(self, boundaries: Boundaries, momentum: Momentum):
@@ -103,7 +103,7 @@ class Walls:
 
 @ti.func
 def straightness(bend):
-    """Return how far a first cell is resolved: 1 in the viscous layer, 0 from where u grows as the root of y on."""
+    """Return the resolution of a first cell: 1 in the viscous layer, 0 from u ~ sqrt(y) on."""
     return ti.math.clamp(2.0 * bend - 1.0, 0.0, 1.0)
 
 
@@ -113,7 +113,7 @@ def distances(air: Air, walls: list[np.ndarray], grid: Grid) -> np.ndarray:
     Surfaces are the middles of the domain's wall faces and, in each cell that an obstacle cuts, the point of the
     obstacle's surface that is nearest to the centre.
 
-    walls: per axis which faces of its two sides are walls, bool, of the grid's shape but for 2 along the axis.
+    walls: per axis a mask of the wall faces on its two sides, of the grid's shape but 2 along the axis.
     """
     points = [_wall_points(sides, d, grid) for d, sides in enumerate(walls)]
     if not air.empty:
@@ -137,9 +137,7 @@ def _wall_points(sides: np.ndarray, d: int, grid: Grid) -> np.ndarray:
 
 
 def _obstacle_points(air: Air) -> np.ndarray:
-    """Return the points of the obstacles' surfaces nearest to the centres of the cells that they cut, (count, dim)
-    [cells].
-    """
+    """Return the obstacles' surface points nearest to the centres of the cells that they cut, (count, dim) [cells]."""
     vectors = air.surface()
     size = np.linalg.norm(vectors, axis=-1)
     cut = (size > 1e-6) & ~air.solid

@@ -1,4 +1,4 @@
-"""Clearance: distance from a robot on the floor to the next surface, for collisions; a lower bound between nodes."""
+"""Clearance map for collision detection: distance from the floor's points to the next surface, a lower bound."""
 
 from collections.abc import Sequence
 from math import ceil, sqrt
@@ -15,16 +15,16 @@ from taichi_plume.grid.transfer import uploader
 if TYPE_CHECKING:
     from taichi_plume.grid.layers import Layers
 
-FAR = 1e6  # m, clearance where there is no obstacle
+FAR = 1e6  # m, clearance without obstacles
 
 
 @ti.data_oriented
 class HorizontalDistances:
-    """Distance from the edges of the floor, exact, and from obstacles, a lower bound, for several ranges of height.
+    """Distance to the edges of the floor (exact) and to obstacles (a lower bound), for several ranges of height.
 
     low, high: corners of the floor [m]; ranges: (lower, upper end) of each range of height k [m]. Obstacle distances
-    are kept on nodes `resolution` [m] apart. As a distance changes by at most the way walked, the bilinear value
-    exceeds the truth by no more than resolution/√2 (at the middle of four nodes), which is taken off.
+    are stored on nodes `resolution` [m] apart. As the slope of a distance is at most 1, the bilinear value exceeds the
+    truth by at most resolution/√2 (at the middle of four nodes), which is subtracted.
     """
 
     def __init__(
@@ -107,10 +107,10 @@ class HorizontalDistances:
 
 @ti.data_oriented
 class ClearanceMap(HorizontalDistances):
-    """Distance of a point of the floor from the next edge or obstacle, for collisions of robots that drive.
+    """Distance from a point of the floor to the next edge or obstacle, for collisions of robots that drive.
 
-    Obstacles count as far as they reach between `base`, the floor, and `body_height` [m] above it. low, high: corners
-    of the floor [m]. layers: maps for robots that fly, None if none does.
+    Only the parts of obstacles between `base`, the floor, and `body_height` [m] above it count. low, high: corners of
+    the floor [m]. layers: maps for flying robots, None without drones.
     """
 
     layers: "Layers | None" = None
@@ -133,5 +133,5 @@ class ClearanceMap(HorizontalDistances):
         return self._distance_at(points, 0)
 
     def obstacle_distance_at(self, points: np.ndarray) -> np.ndarray:
-        """Return the distance [m] from obstacles alone of points (..., 2); off the floor, that of its next point."""
+        """Return the distance [m] from points (..., 2) to obstacles alone; off the floor, from its nearest point."""
         return self._obstacle_distance_at(points, 0)

@@ -1,8 +1,8 @@
 """Cut cells (immersed boundary): volume and area fractions of air, where surfaces of obstacles cut through the grid.
 
 The signed distance to the surfaces is taken as linear between nodes half a cell apart: the fractions are of second
-order in the spacing, exact where a plane surface runs along the cells. Parts thinner than half a cell may be missed
-(see `unresolved`). Shapes may give fractions of their own (`Shape.shares`).
+order in the spacing, exact for plane surfaces along the axes. Parts thinner than half a cell may be missed (see
+`unresolved`). Shapes may provide their own fractions (`Shape.shares`).
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from taichi_plume.grid.grid import Grid, block_mean
 from taichi_plume.grid.shapes import FINER, TIE, Shape
 
-SECTIONS = 8  # per axis, to integrate a fraction between nodes
+SECTIONS = 8  # parts per axis, to integrate a fraction between nodes
 SLIVER = 0.02  # smaller fractions are closed
 Fractions = tuple[np.ndarray, list[np.ndarray]]
 """Fractions of air of the cells, and of the faces per axis."""
@@ -28,7 +28,7 @@ class Air:
 
     distance: mean distance [cells] of a face's open part from the nearest surface, arrays like area.
     body: number of the obstacle next to the cell, -1 if none is near; periodic: per axis. sealed: per axis the faces,
-    bool like area, closed by walls that may be thinner than any cell; empty if there are no such walls.
+    bool like area, closed by walls that may be thinner than any cell; empty without such walls.
     """
 
     volume: np.ndarray
@@ -50,9 +50,9 @@ class Air:
 
     @property
     def room(self) -> np.ndarray:
-        """Volume fraction that a cell counts as storing, grid.shape: at least its widest face's area fraction.
+        """Volume fraction of storage of each cell, grid.shape: at least the area fraction of its widest face.
 
-        However small the cell, it does not shorten the time step.
+        A small cell thus does not shorten the time step.
         """
         return np.maximum(self.volume, _widest(list(self.area), self.volume.ndim))
 
@@ -63,7 +63,7 @@ class Air:
         for d, area in enumerate(self.area):
             lower = np.moveaxis(np.roll(number, 1, axis=d), d, 0)
             upper, leads = np.moveaxis(number, d, 0), np.moveaxis(area, d, 0)[:-1] > 0.0
-            leads[0] &= self.periodic[d]  # else the first face leads out of the domain
+            leads[0] &= self.periodic[d]  # otherwise the first face leads out of the domain
             links.append(np.stack([lower[leads], upper[leads]]))
         i, j = np.concatenate(links, axis=1)
         graph = csr_array((np.ones(len(i), np.int8), (i, j)), shape=(number.size, number.size))
@@ -102,11 +102,11 @@ def air_of(
     open_cells: np.ndarray | None = None,
     left: Fractions | None = None,
 ) -> Air:
-    """Return the air around shapes; None stands for an absent shape, which keeps its number.
+    """Return the air around shapes; None: an absent shape, whose number stays reserved.
 
-    open_cells: bool of grid.shape, cells at an opening; unless given, all cells at the domain's faces. Air stays
-    if it is the largest connected part or reaches an open cell; air sealed off by obstacles counts as solid. left:
-    fractions of the cells and of the faces per axis that other obstacles leave.
+    open_cells: bool of grid.shape, cells at an opening; unless given, all cells at the domain's faces. Air stays if it
+    is the largest connected part or reaches an open cell; air sealed off by obstacles counts as solid. left: air
+    fractions of the cells and of the faces per axis beside other obstacles.
     """
     distance, nearest = _distances(shapes, grid)
     area, away = _face_fractions(distance)
@@ -127,8 +127,8 @@ def air_of(
                 np.moveaxis(reached, d, 0)[end] |= np.moveaxis(area, d, 0)[end] > 0.0
         if open_cells is not None:
             reached &= open_cells
-        kept = np.union1d(regions[reached], 1 + np.bincount(regions.ravel())[1:].argmax())
-        volume = np.where(np.isin(regions, kept), air.volume, 0.0)
+        vented = np.union1d(regions[reached], 1 + np.bincount(regions.ravel())[1:].argmax())
+        volume = np.where(np.isin(regions, vented), air.volume, 0.0)
         air = _closed(volume, list(air.area), away, body, grid)
     return _sealed(air, known)
 
@@ -139,7 +139,7 @@ def sealed(air: Air, shapes: Sequence[Shape | None], grid: Grid) -> Air:
 
 
 def _own_fractions(shapes: Sequence[Shape | None], grid: Grid) -> dict[int, Fractions]:
-    """Return the fractions that shapes give themselves, by the shapes' numbers."""
+    """Return the fractions that shapes provide, by the shapes' numbers."""
     given = {n: shape.shares(grid.shape, grid.dx) for n, shape in enumerate(shapes) if shape is not None}
     return {n: shares for n, shares in given.items() if shares is not None}
 
@@ -172,7 +172,7 @@ def _distances(shapes: Sequence[Shape | None], grid: Grid) -> tuple[np.ndarray, 
             closer = here < distance[block]
             distance[block] = np.where(closer, here, distance[block])
             nearest[block] = np.where(closer, number, nearest[block])
-    distance[np.abs(distance) < TIE] = 0.0  # on the surface, whatever the rounding
+    distance[np.abs(distance) < TIE] = 0.0  # on the surface, in spite of rounding
     return distance, nearest
 
 
@@ -191,7 +191,7 @@ def _fraction(distance: np.ndarray, axes: tuple[int, ...]) -> tuple[np.ndarray, 
     ends = [
         (slice(None, -1), slice(1, None)) if a in axes else (slice(None, None, FINER),) for a in range(dim)
     ]
-    corners = [distance[index] for index in product(*ends)]  # of every part, axis 0 slowest
+    corners = [distance[index] for index in product(*ends)]  # corners of every part, axis 0 slowest
     low, high, total = corners[0], corners[0], np.zeros_like(corners[0])
     for corner in corners:
         low, high = np.minimum(low, corner), np.maximum(high, corner)

@@ -1,7 +1,7 @@
-"""Logarithm, exponential, sine, cosine and arctangent in f32 that call no library: loops over them are vectorised.
+"""Logarithm, exponential, sine, cosine and arctangent in f32 without library calls, for vectorised loops.
 
 Taichi's own functions call the C library for each number, three to eight nanoseconds each. Here the argument is reduced
-to a small interval and the function interpolated there by a polynomial in the Chebyshev points, right to about 1e-7.
+to a small interval, where a polynomial interpolates the function in the Chebyshev points, with an error of about 1e-7.
 """
 
 from collections.abc import Callable
@@ -42,7 +42,7 @@ def _polynomial(k: ti.template(), x):  # type: ignore[valid-type]
 
 @ti.func
 def _nearest(x: ti.f32):
-    """Whole number nearest to x."""
+    """Integer nearest to x."""
     return ti.cast(x + ti.select(x < 0.0, -0.5, 0.5), ti.i32)
 
 
@@ -58,7 +58,7 @@ def log(x: ti.f32):
 
 @ti.func
 def exp(x: ti.f32):
-    """e^x as 2^k e^r, |r| <= ln(2)/2; x is kept within ±87, where f32 ends."""
+    """e^x as 2^k e^r, |r| <= ln(2)/2; x is clipped to ±87, the range of f32."""
     inside = ti.math.clamp(x, -87.0, 87.0)
     k = _nearest(inside * (1.0 / LN2))
     power = ti.bit_cast((k + 127) << 23, ti.f32)
@@ -67,7 +67,7 @@ def exp(x: ti.f32):
 
 @ti.func
 def cos_sin(angle: ti.f32):
-    """Cosine and sine of an angle [rad] of a few turns at most, from those of the rest within an eighth of a turn."""
+    """Cosine and sine of an angle [rad] of a few turns at most, reduced to an eighth of a turn."""
     q = _nearest(angle * (2.0 / np.pi))
     a = angle - (0.5 * np.pi) * ti.cast(q, ti.f32)
     c, s = _polynomial(COS, a * a), a * _polynomial(SIN, a * a)
@@ -99,5 +99,5 @@ def turned(v, angle):
 
 @ti.func
 def wrap(angle):
-    """Angle [rad] brought into [-π, π]."""
+    """Angle [rad] wrapped to [-π, π]."""
     return angle - 2.0 * np.pi * ti.round(angle / (2.0 * np.pi))

@@ -1,6 +1,6 @@
 """Lifetime of Taichi's program: fields raise EngineError after a restart, unused kernels and SNode trees are freed.
 
-Taichi frees all fields when it is started again or reset. Using such a field would crash the process.
+Taichi frees all fields when Taichi is restarted or reset. Access to such a field would crash the process.
 """
 
 import gc
@@ -18,7 +18,7 @@ from taichi.lang.kernel_impl import Kernel
 
 
 class EngineError(TaichiCompilationError, RuntimeError):
-    """A simulation whose fields are gone, because Taichi was started again or reset after its assembly."""
+    """Access to a simulation whose fields are gone, because Taichi was restarted or reset after its assembly."""
 
     def __init__(self, *_: object):  # Taichi raises errors within kernels again, with the place in the kernel
         super().__init__(
@@ -28,11 +28,11 @@ class EngineError(TaichiCompilationError, RuntimeError):
 
 
 class Kernels(weakref.WeakSet):
-    """Kernels that Taichi resets when it starts again. Taichi's own list would keep all kernels and fields alive."""
+    """Kernels that Taichi resets at a restart. Taichi's own list would keep all kernels and fields alive."""
 
     append = weakref.WeakSet.add
     compiled = 0
-    """Number compiled since Taichi was reset."""
+    """Number of kernels compiled since Taichi was reset."""
 
     def __bool__(self) -> bool:
         return True  # Taichi would replace an empty list by a list of its own
@@ -59,7 +59,7 @@ def live_fields() -> list[Field]:
 
 
 def free_unused_trees(live: list[Field]) -> None:
-    """Free the trees of fields (SNode trees) that hold none of the live fields; Taichi has places for 512 trees."""
+    """Free the trees of fields (SNode trees) without live fields; Taichi has room for 512 trees."""
     runtime = impl.get_runtime()
     used = {field.snode.ptr.get_snode_tree_id() for field in live if field.snode.ptr is not None}
     for tree in reversed(_trees):
@@ -74,7 +74,7 @@ def free_unused_trees(live: list[Field]) -> None:
 def _finalize(
     builder: FieldsBuilder, *args: object, plain: Callable = FieldsBuilder._finalize, **named: object
 ) -> SNodeTree:
-    """Place the fields of a builder, and note their tree."""
+    """Place the fields of a builder, and register their tree."""
     _trees.append(plain(builder, *args, **named))
     return _trees[-1]
 
@@ -87,7 +87,7 @@ def _materialize(runtime: PyTaichi, plain: Callable = PyTaichi.materialize) -> N
 
 
 def _compile(kernel: Kernel, *args: object, plain: Callable = Kernel.materialize, **named: object) -> None:
-    """Compile a kernel for new arguments, and count."""
+    """Compile a kernel for new arguments, and count it."""
     before = len(kernel.compiled_kernels)
     plain(kernel, *args, **named)
     KERNELS.compiled += len(kernel.compiled_kernels) - before
@@ -101,7 +101,7 @@ def _reset(plain: Callable = impl.reset) -> None:
     plain()
     _trees.clear()
     KERNELS.compiled = 0
-    impl.get_runtime().print_full_traceback = False  # a kernel that fails reads it, and only `init` sets it
+    impl.get_runtime().print_full_traceback = False  # read by failing kernels, set only by `init`
 
 
 _trees: list[SNodeTree] = []

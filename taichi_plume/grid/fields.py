@@ -1,7 +1,7 @@
 """Protocols of Gas, Wind and Carrier (gridded wind), multilinear interpolation, and sampling from the host.
 
-Sensors, recorder and scores know gas and wind only through these protocols, so a grid, puffs, a closed form and a
-recording of an earlier run are interchangeable, in 2-D and 3-D. Winds and gases inherit their protocol's defaults.
+Sensors, recorder and scores access gas and wind only through these protocols. A grid, puffs, a closed form and a
+recording of an earlier run are thus interchangeable, in 2-D and 3-D. Winds and gases inherit their protocol's defaults.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ Faces = tuple[Field, ...]
 
 
 class Wind(Protocol):
-    """Moving air. Implementations are `ti.data_oriented`."""
+    """Protocol of winds (moving air). Implementations are `ti.data_oriented`."""
 
     STATE: ClassVar[tuple[str, ...]] = ()
 
@@ -44,7 +44,7 @@ class Wind(Protocol):
         return {}
 
     def mixing(self) -> dict[str, float]:
-        """Return the eddy diffusivity of a random wind, measured without a change of the run; empty for other winds."""
+        """Return the eddy diffusivity of a random wind, measured without effect on the run; empty for other winds."""
         return {}
 
     @property
@@ -70,15 +70,15 @@ class Carrier(Wind, Protocol):
     """Velocity [m/s] on the lower d-faces of the cells, one field per axis d; divergence-free, ghost layers filled."""
 
     open: tuple[Field, ...]
-    """Fields like u: how freely pressure moves the air of a face. 1 in the open, less where an obstacle cuts the face,
-    0 where nothing diffuses through: on walls, in obstacles, and where a velocity is prescribed (Dirichlet)."""
+    """Fields like u: open fraction of each face. 1 in the open, less where an obstacle cuts the face, 0 without
+    diffusion: on walls, in obstacles, and where a velocity is prescribed (Dirichlet)."""
 
     area: tuple[Field, ...] | None = None
     """Fields like u: area fraction of each face that is air, 0 to 1; None if no face is cut."""
 
     nu: Field = None
-    """Cell field: molecular and eddy viscosity [m²/s], at least `viscosity` after the first step; None if there are no
-    eddies, which is fixed at construction."""
+    """Cell field: molecular and eddy viscosity [m²/s], at least `viscosity` after the first step; None without a
+    turbulence model, which is fixed at construction."""
 
     viscosity: float = 0.0
     """Molecular viscosity [m²/s]; nu less this is the eddy viscosity."""
@@ -87,7 +87,7 @@ class Carrier(Wind, Protocol):
     """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas."""
 
     max_viscosity: float = 0.0
-    """Largest nu [m²/s], `viscosity` if there are no eddies."""
+    """Largest nu [m²/s], `viscosity` without eddies."""
 
     outflow_rate: float = 0.0
     """Largest flow out of a cell over its volume [1/s]."""
@@ -102,12 +102,12 @@ class Carrier(Wind, Protocol):
 
     @ti.func
     def velocity(self, x: Template, t: float):
-        """Velocity [m/s] at point x [m], linear between the faces; the time is the solver's own."""
+        """Velocity [m/s] at point x [m], linear between the faces, at the solver's time."""
         return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)
 
 
 class Species(Protocol):
-    """A vapour; equal ones are the same species."""
+    """Vapour; equal vapours are the same species."""
 
     @property
     def name(self) -> str:
@@ -121,7 +121,7 @@ class Species(Protocol):
 
 
 class Gas(Protocol):
-    """Vapour of one species in the air. Implementations are `ti.data_oriented`."""
+    """Protocol of gases: vapour of a species in the air. Implementations are `ti.data_oriented`."""
 
     STATE: ClassVar[tuple[str, ...]] = ()
 
@@ -131,7 +131,7 @@ class Gas(Protocol):
     """Whether `concentration` resolves more than `cells`: all gases but those solved for on the grid."""
 
     details: int = 1
-    """Details per cell and axis: pictures are finer than the grid by this factor."""
+    """Pixels per cell and axis: pictures are finer than the grid by this factor."""
 
     def begin(self, model: Any, t: float, seed: int) -> None:
         """Start a run at time t [s] with the numbers of the scenario's section, whose structure is unchanged."""
@@ -150,8 +150,8 @@ class Gas(Protocol):
         ...
 
     def budget(self) -> dict[str, float]:
-        """Return the masses emitted_kg, in_domain_kg, outflow_kg (gone through the domain's faces) and, if the run
-        started with gas, initial_kg; empty if the gas keeps no budget.
+        """Return the masses emitted_kg, in_domain_kg, outflow_kg (lost through the domain's faces) and, if the run
+        started with gas, initial_kg; empty if the gas has no budget.
         """
         return {}
 
@@ -161,7 +161,7 @@ class Gas(Protocol):
 
 
 class GridGas(Gas, Protocol):
-    """A gas on the grid. c: padded field of the concentration [kg/m³]; air: padded field, 1 in cells that hold air."""
+    """Gas on the grid. c: padded field of the concentration [kg/m³]; air: padded field, 1 in cells that hold air."""
 
     finer_than_cells = False
     grid: Grid
@@ -178,11 +178,11 @@ class GridGas(Gas, Protocol):
 
 
 class Odour(Protocol):
-    """Mixture of species as a gas sensor smells it."""
+    """Protocol of a mixture of species as measured by gas sensors."""
 
     @property
     def species(self) -> tuple[Species, ...]:
-        """Species of the numbers that `ppm` gives."""
+        """Species of the components of `ppm`."""
         ...
 
     def ppm(self, x: Expression, t: Expression) -> Expression:
@@ -192,7 +192,7 @@ class Odour(Protocol):
 
 @ti.data_oriented
 class Mixture:
-    """All gas of a run, an `Odour`: one or several gases; gases of one species add up."""
+    """All gas of a run, an `Odour`: one or several gases; gases of the same species add up."""
 
     STATE = ("gases",)
 
@@ -205,7 +205,7 @@ class Mixture:
         self.begin()
 
     def begin(self) -> None:
-        """Take the species of the gases, which have begun. Raises ValueError if other gases than before share one."""
+        """Set the species of the gases, which have begun. Raises ValueError if other gases than before share one."""
         species = tuple(dict.fromkeys(gas.species for gas in self.gases))
         if self._which != tuple(species.index(gas.species) for gas in self.gases):
             raise ValueError("other gases than before are of one species")
@@ -232,7 +232,7 @@ class Mixture:
 
 @ti.func
 def corner(x: Template, shift: Template, dx: float, ghost: ti.i32, padded: Template):
-    """Lower sample index and weight of x per axis; sample I sits at (I - ghost + shift) dx. Kept inside the array."""
+    """Lower sample index and weight of x per axis, clipped to the array; sample I sits at (I - ghost + shift) dx."""
     base = ti.Vector.zero(ti.i32, x.n)
     weight = ti.Vector.zero(ti.f32, x.n)
     for d in ti.static(range(x.n)):

@@ -1,8 +1,8 @@
 """Walls of an occupancy map as an obstacle: pixels of a floor plan, in 3-D extruded to a height.
 
-Walls of one pixel may be much thinner than the cells of the grid. So the air fractions of cells and faces are measured
-on the pixels: the largest connected part of the air in a cell is kept, and a face is open where the kept parts on both
-sides touch. Two cells then exchange air only by a path between the pixels, and no wall leaks, however thin.
+Walls of a pixel may be much thinner than the cells of the grid. The air fractions of cells and faces are therefore
+measured on the pixels: of the air in a cell only the largest connected part counts, and a face is open where the parts
+on both sides touch. Two cells then exchange air only by a path between the pixels, and even the thinnest wall is tight.
 """
 
 from functools import cached_property
@@ -19,14 +19,14 @@ FAR = 1e6  # m, distance without any wall
 SLIVER = 0.02  # smaller fractions are closed
 HALF = 0.49  # fraction of a cell: with less air, the domain's face before the cell is closed
 TURNED = 2  # refinement of the pixels of a turned map
-MOST_TURNED = 16_000_000  # pixels of a turned map in the domain
-MOST_RIM = 1_000_000  # of these, at the edges of walls: lines are drawn from each
+MOST_TURNED = 16_000_000  # largest number of pixels of a turned map in the domain
+MOST_RIM = 1_000_000  # largest number of these at the edges of walls: lines are drawn from each
 STRAIGHT = 1e-6  # quarters of a turn: a map turned by less lies along the axes
 KNOWN = 4_000_000  # pixels: in larger maps, distances are taken to blocks of pixels
 
 
 class FloorPlan(Upright):
-    """Walls of a map; only the part in the domain is kept.
+    """Walls of a map; only the part in the domain is stored.
 
     solid: wall pixels, bool, axes (x, y), along the domain's; size: edge of a pixel [m]; corner: lower corner of the
     first pixel in the domain [m]. low, high: box around the whole map; reach: box of its floor in the map's frame.

@@ -1,7 +1,7 @@
 """Shortest paths (geodesic distances) over the floor, around obstacles, for a disc.
 
-Dijkstra's algorithm on a grid of positions where the disc fits, each linked to 32 others around it: in the open a path
-is at most 1.4 % longer than the true one. A straight path is tried first and taken if it is free.
+Dijkstra's algorithm on a grid of positions where the disc fits, each linked to 32 positions around it: in the open a
+path is at most 1.4 % longer than the shortest path. A straight path is tried first and used if free.
 """
 
 from collections import OrderedDict
@@ -10,12 +10,12 @@ from hashlib import sha256
 
 import numpy as np
 
-NODES = 128  # along the longer side of the floor
+NODES = 128  # positions along the longer side of the floor
 OFFSETS = [(i, j) for i in range(4) for j in range(-3, 4) if np.gcd(i, j) == 1 and (i > 0 or j > 0)]
-"""Steps to half of the linked positions; the others are opposite."""
+"""Steps to half of the linked positions; the other steps are opposite."""
 ALONG = (0.25, 0.5, 0.75)  # fractions of a step at which the disc has to fit too
 FAR = 3.0  # steps from a start to the positions by which it joins the grid
-MOST_KNOWN = 4  # floors whose distances are kept for the next runs
+MOST_KNOWN = 4  # floors whose distances are cached for the next runs
 SLACK = 2e-3  # m by which a start may be closer to an obstacle
 
 _known: OrderedDict[bytes, np.ndarray] = OrderedDict()

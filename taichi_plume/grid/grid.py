@@ -1,4 +1,4 @@
-"""The staggered (MAC) grid: shape, spacing, ghost layers, allocation of fields.
+"""Staggered (MAC) grid: shape, spacing, ghost layers, allocation of fields.
 
 Cell I covers [(I - ghost) dx, (I - ghost + 1) dx]. A face field of axis d holds at index I the value on the lower
 d-face of cell I. Fields store axis 0 contiguously, where the domain is usually longest.
@@ -155,7 +155,7 @@ class Grid:
         return tuple(slice(begin - margin, end + margin) for begin, end in self.cells)
 
     def blending(self, fields: Sequence[Field], goals: Sequence[Field]) -> Callable[[float], None]:
-        """Return a kernel that moves fields by a fraction of the way to their goals, ghost layers too; 1 is exact."""
+        """Return a kernel that moves fields by a fraction towards their goals, ghost layers included; 1 is exact."""
 
         def toward(field: Field, goal: Field) -> Callable:
             @ti.func

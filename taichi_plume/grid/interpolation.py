@@ -1,8 +1,8 @@
-"""Linear interpolation from points in any order to a lattice.
+"""Linear interpolation from points in any order to a lattice (moving least squares).
 
-Points that fill a lattice themselves are interpolated along each axis, others by moving least squares: the linear
-function that fits the nearest points best, weighted by the inverse square of their distance (Lancaster & Salkauskas
-1981, doi:10.1090/S0025-5718-1981-0616367-1). Both are of second order and extrapolate a little beyond the points.
+Points that fill a lattice are interpolated along each axis, other points by moving least squares: the best linear fit
+to the nearest points, weighted by the inverse square of their distance (Lancaster & Salkauskas 1981,
+doi:10.1090/S0025-5718-1981-0616367-1). Both are of second order and extrapolate a little beyond the points.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,9 +12,9 @@ import scipy.sparse as sp
 from scipy.interpolate import make_interp_spline
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
-SAME = 2e-5  # of the largest extent: files give five or six digits
+SAME = 2e-5  # tolerance over the largest extent: files have five or six digits
 STEEPEST = 3.0  # sum of absolute weights, above which the plain mean takes over: far beyond the points
-CHUNK = 1 << 16  # places whose weights are computed at a time
+CHUNK = 1 << 16  # positions whose weights are computed at a time
 
 Axes = Sequence[np.ndarray]
 """Coordinates [m] along each axis of a lattice."""
@@ -70,19 +70,19 @@ class Interpolation:
     def onto(self, axes: Axes) -> Callable[[np.ndarray], np.ndarray]:
         """Return the function from values at the points (n,) to values on a lattice, one dimension per axis."""
         shape = tuple(len(axis) for axis in axes)
-        wanted = [axes[int(a)] for a in self.used]
+        targets = [axes[int(a)] for a in self.used]
         level = [n if a in self.used else 1 for a, n in enumerate(shape)]
         if self.lattice is not None:
             order, places = self.order, self.lattice
 
             def along_axes(values: np.ndarray) -> np.ndarray:
                 result = values[order].reshape([len(axis) for axis in places])
-                for a, (known, x) in enumerate(zip(places, wanted, strict=True)):
+                for a, (known, x) in enumerate(zip(places, targets, strict=True)):
                     result = make_interp_spline(known, result, k=1, axis=a)(x)
                 return np.broadcast_to(result.reshape(level), shape)
 
             return along_axes
-        grid = np.stack(np.meshgrid(*wanted, indexing="ij"), axis=-1).reshape(-1, len(wanted))
+        grid = np.stack(np.meshgrid(*targets, indexing="ij"), axis=-1).reshape(-1, len(targets))
         weights = sp.vstack([self._weights(grid[n : n + CHUNK]) for n in range(0, len(grid), CHUNK)]).tocsr()
         return lambda values: np.broadcast_to((weights @ values).reshape(level), shape)
 

@@ -1,4 +1,4 @@
-"""Kernels: start of Taichi, cache of compiled kernels, type aliases, and launches of several passes as one kernel."""
+"""Kernels: start of Taichi, cache of compiled kernels, type aliases, and launches of several passes in a kernel."""
 
 import contextlib
 import gc
@@ -37,23 +37,23 @@ CACHE_BYTES = 2_000_000_000
 _CACHE_FOLDER = "TI_OFFLINE_CACHE_FILE_PATH"  # Taichi's own variable
 STALE_S = 60.0  # age of the cache's lock, which Taichi holds for less than a second
 STRIP = 32  # cells per strip; 100 and more are six times slower (LLVM stops using registers)
-MANY_CELLS = 50_000  # set by a pass: from here on a separate launch costs comparatively little
-FEW_CELLS = 300_000  # set by a pass: up to here the caller's thread finishes before another thread wakes up
+MANY_CELLS = 50_000  # cells set by a pass: from here on a separate launch costs comparatively little
+FEW_CELLS = 300_000  # cells set by a pass: up to here the caller's thread is done before another wakes up
 FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer rows, strips are tasks too
 
 _started: list[Any] = []  # program, arch, debug and threads of the last start
 
 
 class DeviceError(InputError, RuntimeError):
-    """The machine has no such device to compute on."""
+    """Error: the machine has no device of the requested kind."""
 
 
 def start(arch: str = "cpu", debug: bool = False, threads: int | None = None) -> str:
     """Initialise Taichi on `arch` (auto, cpu, cuda, vulkan, metal) and return the backend that it chose.
 
     threads: of a CPU; the default is all cores. If Taichi already runs with the same arguments and some of its fields
-    are in use, nothing happens. Otherwise Taichi starts again, and simulations assembled before raise EngineError.
-    Raises DeviceError if there is no such device; Taichi is then not running.
+    are in use, nothing happens. Otherwise Taichi restarts, and simulations assembled before raise EngineError. Raises
+    DeviceError if there is no such device; Taichi is then not running.
     """
     known = {"auto": ti.gpu, "cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}
     if not isinstance(arch, str) or arch not in known:
@@ -103,7 +103,7 @@ def ensure_started() -> None:
 def _in_use() -> bool:
     """Return whether a reference to a field of the running program is left."""
     for kernel in KERNELS:
-        if kernel.template_slot_locations:  # the kernel keeps the fields that were its arguments
+        if kernel.template_slot_locations:  # the kernel holds the fields that were its arguments
             kernel.mapper.mapping.clear()
             kernel.compiled_kernels.clear()
     gc.collect()
@@ -226,7 +226,7 @@ def launch(*passes: Pass) -> Callable[..., None]:
 
 
 def _kernel(passes: Sequence[Pass]) -> Any:
-    """Return one kernel of several passes; in the caller's thread if that is quicker."""
+    """Return a single kernel of several passes; in the caller's thread if that is faster."""
     serial = on_cpu() and passes[0].cells <= FEW_CELLS
     bodies = tuple(part.run for part in passes)
 
@@ -247,8 +247,8 @@ def _kernel(passes: Sequence[Pass]) -> Any:
 def _launcher(kernel: Any) -> Callable[..., None]:
     """Return ``run(a=0, b=0)`` of a kernel of two f32. From the second launch on it takes 2 us; Taichi's own takes 16.
 
-    Taichi looks up the instance of a kernel by the kind of each argument, and the compiled kernel by its hash. Here
-    there is one of each. After another start of Taichi the kernel is compiled again.
+    Taichi looks up the instance of a kernel by the kind of each argument, and the compiled kernel by its hash. Here a
+    single instance and kernel exist. After a restart of Taichi the kernel is compiled again.
     """
     program: Any = None
     traced: Any = None
@@ -273,7 +273,7 @@ def _launcher(kernel: Any) -> Callable[..., None]:
 
 @contextlib.contextmanager
 def data_flow_by_llvm() -> Iterator[None]:
-    """Compile without Taichi's analysis of which store reaches which load, and leave that to LLVM.
+    """Compile without Taichi's store-to-load analysis, and leave it to LLVM.
 
     The analysis takes up to half of the compile time, as it grows with the square of a kernel's length. The V-cycle
     needs it: without it Taichi 1.7 gives LLVM faulty code for those kernels, and aborts.

@@ -1,4 +1,4 @@
-"""Clearance at several altitudes: distance from a flying body to the next surface beside, above and below it."""
+"""Clearance at several altitudes, for collisions of drones: distance to surfaces beside, above and below a body."""
 
 from math import ceil, sqrt
 from typing import Any
@@ -13,18 +13,18 @@ from taichi_plume.grid.transfer import uploader
 MOST_LAYERS = 64
 MOST_NODES = 4_000_000
 STEP = 0.05  # m of altitude between two layers of a shape that differs with height
-INSIDE = 1e-6  # m: a shape that only touches a range of heights does not count
+INSIDE = 1e-6  # m: overlap below which a shape only touches a range of heights
 SAME = 1e-5  # m: levels this close are merged
 
 
 @ti.data_oriented
 class Layers(HorizontalDistances):
-    """Distance of an upright body somewhere in a range of altitude (layer k) from the next surface, a lower bound.
+    """Distance from an upright body in a range of altitude (layer k) to the next surface, a lower bound.
 
     A surface counts if it reaches between the body's lower and upper end. floor: the map of the floor, whose edges are
     walls at all heights. ceiling [m]; body_height [m]: of the tallest body that flies. levels (n,) [m]: lower ends of
-    the ranges, of the altitude of a body's lower end. They are those where upright shapes begin and end, so that a body
-    passes close above and below these; elsewhere they are STEP apart, or as much as makes MOST_LAYERS of them.
+    the ranges, for the altitude of a body's lower end. Levels lie at the ends of upright shapes, so that a body passes
+    close above and below these; elsewhere levels are STEP apart, or more, up to MOST_LAYERS levels.
     """
 
     def __init__(self, shapes: list[Shape], floor: ClearanceMap, ceiling: float, body_height: float):
@@ -56,7 +56,7 @@ class Layers(HorizontalDistances):
 
 
 def levels(shapes: list[Shape], ceiling: float, body_height: float) -> np.ndarray:
-    """Lower ends of the layers, (n,) [m], from 0 on; body_height [m]: of what flies between the shapes."""
+    """Lower ends of the layers, (n,) [m], from 0 on; body_height [m]: of the bodies that fly between the shapes."""
     found = [0.0]
     for shape in shapes:
         low, high = float(shape.low[2]) - body_height, float(shape.high[2])

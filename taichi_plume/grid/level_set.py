@@ -1,7 +1,7 @@
-"""Level set of obstacles, at which puffs and particles bounce: a signed distance on nodes half a cell apart.
+"""Level set of obstacles that reflect puffs and particles: a signed distance on nodes half a cell apart.
 
-Each half of a cut cell counts as air or solid, so the distance is right to half a cell. No point of a solid cell has a
-positive distance.
+Each half of a cut cell counts as air or solid, so the error of the distance is half a cell. No point of a solid cell
+has a positive distance.
 """
 
 from itertools import product
@@ -17,12 +17,13 @@ from taichi_plume.grid.kernels import Field, Template
 from taichi_plume.grid.transfer import uploader
 
 FINER = 2  # nodes per cell and axis
-BOUNCES = 3  # off surfaces in one step
-SAFE = 0.57  # fraction of a distance that is free: interpolated, it changes by up to sqrt(3) times the way
+BOUNCES = 3  # reflections off surfaces in a step
+SAFE = 0.57  # fraction of a distance that is free: interpolated, a distance changes by up to sqrt(3) times the path
 
 
 def signed_distance(air: Air, grid: Grid) -> np.ndarray:
-    """Distance [m] of the nodes, FINER n + 1 per axis, from the next surface; not positive on it and in solid cells."""
+    """Distance [m] of the nodes, FINER n + 1 per axis, to the next surface; not positive on surfaces and in solid
+    cells."""
     solid = _halves(air, grid)
     wide = [(n // 2, n // 2) if wraps else (0, 0) for n, wraps in zip(solid.shape, air.periodic, strict=True)]
     around = np.pad(np.pad(solid, wide, mode="wrap"), 1, mode="edge")
@@ -37,7 +38,7 @@ def signed_distance(air: Air, grid: Grid) -> np.ndarray:
 
 
 def _halves(air: Air, grid: Grid) -> np.ndarray:
-    """Return the solid halves of the cells, bool: of cut cells, the deepest halves that make up the solid fraction."""
+    """Return the solid halves of the cells, bool; in cut cells the deepest halves up to the solid fraction."""
     solid = air.volume.astype(float)
     for axis in range(grid.dim):
         solid = solid.repeat(FINER, axis=axis)
@@ -81,7 +82,7 @@ class LevelSet:
 
     @ti.func
     def wrapped(self, x: Template):
-        """x inside the domain along periodic axes."""
+        """Return x wrapped into the domain along periodic axes."""
         y = x
         for d in ti.static([a for a in range(self.dim) if self.grid.periodic[a]]):
             L = ti.static(self.grid.extent[d])
@@ -118,7 +119,8 @@ class LevelSet:
 
     @ti.func
     def bounce(self, x: Template, way: Template, v: Template):
-        """End of a way from x, in the air, and the velocity v there, both reflected at surfaces; it is in the air."""
+        """Return the end of a path from x in the air, and the velocity v there, both reflected at surfaces; it is in
+        air."""
         end, last, speed = x + way, x, v
         met, bounces = 1, 0
         while met == 1 and bounces <= BOUNCES:

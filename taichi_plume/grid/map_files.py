@@ -1,11 +1,11 @@
-"""Occupancy maps of ROS's map_server: a YAML file, and beside it a picture of the floor.
+"""Occupancy grid maps of ROS's map_server: a YAML file, and beside it a picture of the floor.
 
 The picture's first row is the map's upper edge. A pixel of mean shade s, 0 black to 1 white, is occupied with the
-probability p = 1 - s, or s if the map is negated. The mode decides about a pixel:
+probability p = 1 - s, or s if the map is negated. The mode classifies pixels:
 
-    trinary  occupied above `occupied_thresh`, free below `free_thresh`, unknown in between
-    scale    the same, but in between occupied from the middle of the two on; unknown if transparent
-    raw      255 s are percents, occupied from 50 on; unknown above 100
+trinary  occupied above `occupied_thresh`, free below `free_thresh`, unknown in between scale    as trinary, but in
+between occupied from the middle of both thresholds on; unknown if transparent raw      255 s are percents, occupied
+from 50 on; unknown above 100
 """
 
 import os
@@ -91,7 +91,7 @@ def image_of(path: Path) -> Path | None:
 
 
 def _meanings(shade: np.ndarray, known: Mapping[str, float], mode: str) -> np.ndarray:
-    """Return FREE, OCCUPIED or UNKNOWN for shades from 0 to 1."""
+    """Classify shades from 0 to 1 as FREE, OCCUPIED or UNKNOWN."""
     if mode == "raw":
         percent = np.rint(255.0 * shade)
         return np.select([percent > 100, percent >= HALF], [UNKNOWN, OCCUPIED], FREE).astype(np.uint8)
@@ -128,7 +128,7 @@ def _image(path: Path, data: Mapping[str, object]) -> Path:
 
 
 def _picture(path: Path, image: Path) -> tuple[np.ndarray, int, np.ndarray | None]:
-    """Return the levels of the pixels, (rows, columns), the level of white, and which pixels are fully opaque."""
+    """Return the levels of the pixels, (rows, columns), the level of white, and a mask of the opaque pixels."""
     from PIL import Image, UnidentifiedImageError
 
     content = _content(path, image, LARGEST_IMAGE)

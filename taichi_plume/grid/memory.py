@@ -1,8 +1,8 @@
 """Fields as NumPy views of their memory, on the CPU: filling and reading them compiles and launches no kernel.
 
 A kernel for a few numbers takes 0.1 s to compile, 0.01 to 0.05 s to trace and load from the cache, and up to 0.1 ms to
-launch; writing to memory takes microseconds. Only kernels know the address of a field, and one kernel for
-each of its trees of fields is enough, as the layout of a tree is known.
+launch; writing to memory takes microseconds. Only kernels know the address of a field, and a kernel per tree of fields
+(SNode tree) is enough, as the layout of a tree is known.
 """
 
 import ctypes
@@ -24,7 +24,7 @@ Two = ti.types.vector(2, ti.u64)
 def view(field: Field) -> np.ndarray | None:
     """Return the memory of a field of scalars or vectors: shape of the field, and components. The field must live.
 
-    None on a GPU, or if the layout of the field is none that is understood; use kernels then.
+    None on a GPU, or for a field of unknown layout; use kernels then.
     """
     runtime = impl.get_runtime()
     # Addresses of the trees. Taichi makes a new runtime at each start: addresses found before are not used again.
@@ -37,7 +37,7 @@ def view(field: Field) -> np.ndarray | None:
 
 
 def views(fields: Sequence[Field]) -> list[np.ndarray] | None:
-    """Return the memory of several fields, None if one of them has no view."""
+    """Return the memory of several fields, None if a field has no view."""
     places = [view(field) for field in fields]
     return None if any(place is None for place in places) else places  # pyright: ignore
 

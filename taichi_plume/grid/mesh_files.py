@@ -1,7 +1,7 @@
-"""Meshes of STL, OBJ and PLY files: read whole, with every count and index in range, or not at all.
+"""Meshes of STL, OBJ and PLY files: read whole, with every count and index in range, or rejected.
 
-Libraries read parts of a damaged file, and open3d ends the process at an index out of range. Of an STL file size and
-grammar can be checked; an OBJ file has no counts, so bodies missing at the end of the file are not noticed.
+Libraries read parts of a damaged file, and open3d ends the process at an index out of range. Size and grammar of an STL
+file can be checked; an OBJ file has no counts, so bodies missing at the end of the file are not detected.
 """
 
 import re

@@ -17,13 +17,15 @@ from taichi_plume.grid.shapes import Shape, rotation
 LONGEST_REASON = 150  # characters of the reason why open3d cannot be imported
 CHUNK = 1 << 18  # points handed to open3d at a time
 FLAT = 1e-9  # fraction of a body's length: in single precision a thinner body has no inside
-MOST_BODIES = 800  # in all meshes: open3d ends the process near 1000 scenes (thread-local keys of the system)
+MOST_BODIES = (
+    800  # bodies in all meshes: open3d ends the process near 1000 scenes (thread-local keys of the system)
+)
 MOST_AT_EDGE = 100  # triangles that share an edge: more make no body, and open3d compares each with each
 SKIN = 1e-5  # m: offset of a section from the given height, so that it does not run within a level face
 
 
 class Solid(Shape):
-    """Closed bodies from a mesh file: their union, scaled, then turned about the vertical, then moved.
+    """Union of the closed bodies of a mesh file: scaled, then turned about the vertical, then moved.
 
     vertices: (n, 3) [m] and triangles: (m, 3) indices, as placed in the domain. In 2-D the shape is the section of the
     bodies at one height, with distances in the plane.
@@ -165,7 +167,7 @@ def _scene(vertices: np.ndarray, triangles: np.ndarray) -> Any:
     return scene
 
 
-_scenes: "WeakSet[Any]" = WeakSet()  # those that are in use
+_scenes: "WeakSet[Any]" = WeakSet()  # vertices in use
 
 
 def _least(points: np.ndarray, queries: list[Callable], sign: float = 1.0) -> np.ndarray:
@@ -197,8 +199,8 @@ def _edges_between(corners: np.ndarray, low: float, high: float) -> np.ndarray:
     level = (start[..., 2] >= low) & (start[..., 2] <= high)
     enter = np.where(rise == 0, 0.0, np.clip(np.minimum(at_low, at_high), 0.0, 1.0))
     leave = np.where(rise == 0, level, np.clip(np.maximum(at_low, at_high), 0.0, 1.0))
-    kept = leave > enter
-    ends = [start[kept][:, :2] + share[kept][:, None] * way[kept][:, :2] for share in (enter, leave)]
+    inside = leave > enter
+    ends = [start[inside][:, :2] + share[inside][:, None] * way[inside][:, :2] for share in (enter, leave)]
     edges = [np.stack(ends, axis=1)]
     for z, share in ((low, at_low), (high, at_high)):
         above = corners[..., 2] >= z

@@ -1,4 +1,4 @@
-"""PLY files, text or binary: a header that lists elements and their counts, then exactly these.
+"""PLY files, text or binary: a header that lists elements and their counts, then exactly these elements.
 
 trimesh is not used: it refuses binary files whose lists differ in length (triangles and quads) and comments in Latin-1,
 and cuts every polygon into a fan, even if the polygon is not convex.
@@ -25,7 +25,7 @@ CORNERS = ("vertex_indices", "vertex_index")
 
 @dataclass
 class Element:
-    """`count` rows of properties: name, type of a list's length (None for a single value), type of the values."""
+    """Element of `count` rows of properties: name, type of a list's length (None: single value), type of the values."""
 
     name: str
     count: int
@@ -117,7 +117,7 @@ class _Body:
         self.content, self.at = content, 0
 
     def left(self) -> int:
-        """Return the number of bytes that no element has taken."""
+        """Return the number of bytes that belong to no element."""
         return len(self.content) - self.at
 
     def columns(self, element: Element) -> dict[str, Any]:

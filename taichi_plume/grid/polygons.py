@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-MOST_CORNERS = 2000  # of a polygon that is not convex
-MOST_WORK = 20_000_000  # corners examined in all searches for ears of a file: some seconds
-PER_TURN = 50  # corners that take as long as one test for a convex corner
+MOST_CORNERS = 2000  # corners of a polygon that is not convex
+MOST_WORK = 20_000_000  # corners examined for all ears of a file: takes some seconds
+PER_TURN = 50  # corners that take as long as a test for a convex corner
 
 
 class DamagedError(Exception):
-    """Fault of a mesh file, in words."""
+    """Damage of a mesh file, in words."""
 
 
 def triangulated(vertices: np.ndarray, polygons: Sequence[Sequence[int]]) -> np.ndarray:
@@ -28,13 +28,13 @@ def triangulated(vertices: np.ndarray, polygons: Sequence[Sequence[int]]) -> np.
 
 
 class _Work:
-    """Count of the corners examined for a file."""
+    """Counter of the corners examined for a file."""
 
     def __init__(self) -> None:
         self.done = 0
 
     def add(self, corners: int) -> None:
-        """Count some corners. Raises DamagedError above MOST_WORK."""
+        """Add a number of corners. Raises DamagedError above MOST_WORK."""
         self.done += corners
         if self.done > MOST_WORK:
             raise DamagedError(
@@ -61,7 +61,7 @@ def ears(outline: np.ndarray, work: _Work | None = None, afresh: bool = False) -
     """Return triangles of a counter-clockwise polygon (n, 2), by ear clipping; a fan if the polygon crosses itself.
 
     afresh: search for each ear from the first corner on, which takes longer. The triangles of mesh files, and so the
-    distances to their surface, depend on it.
+    distances to their surface, depend on this choice.
     """
     left, found = list(range(len(outline))), []
     n = misses = 0

@@ -1,4 +1,4 @@
-"""Random numbers: one seed, many independent named streams; the same numbers whatever the order of threads.
+"""Random numbers: a seed, many independent named streams; the same numbers for any order of threads.
 
 On the host: numpy generators. In kernels: Philox4x32-10, a counter-based generator (Salmon et al. 2011,
 doi:10.1145/2063384.2063405), keyed by (seed, stream) and counted by (index, tick, draw).

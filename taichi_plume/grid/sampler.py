@@ -1,4 +1,4 @@
-"""Sampling of wind, gas and cell fields at given points, in one launch."""
+"""Sampling of wind, gas and cell fields at given points, in a single launch."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ from taichi_plume.grid.transfer import uploader
 
 @ti.data_oriented
 class Sampler:
-    """Samples wind [m/s], each species of the gas [ppm] and cell fields at points (n, dim) [m].
+    """Sampler of wind [m/s], each species of the gas [ppm] and cell fields at points (n, dim) [m].
 
     solid: cells that hold no air, bool of the grid's shape.
     """

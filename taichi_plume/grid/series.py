@@ -1,4 +1,4 @@
-"""Time series of numbers in one array, which grows by doubling: no Python object per row."""
+"""Time series of numbers in a single array, which grows by doubling: no Python object per row."""
 
 from collections.abc import Iterator
 from typing import overload

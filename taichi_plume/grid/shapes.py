@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 
 FINER = 2  # nodes per cell and axis at which distances are taken, to cut cells
-TIE = 1e-4  # cells: a point this close to a surface counts as outside, whatever the rounding
+TIE = 1e-4  # cells: a point this close to a surface counts as outside, in spite of rounding
 CLEARANCE_STEP = 0.01  # m, the finest grid of a clearance map
 CLEARANCE_NODES = 400_000
 
 
 class ShapeError(ValueError):
-    """A file of an obstacle that is missing or cannot be used; the message begins with the file's name."""
+    """Error for a missing or unusable file of an obstacle; the message begins with the file's name."""
 
 
 class Shape(ABC):
-    """An obstacle. model: section of the scenario, None for an imported wind; low, high: bounding box (dim,) [m]."""
+    """Obstacle. model: section of the scenario, None for an imported wind; low, high: bounding box (dim,) [m]."""
 
     model: Any = None
     low: np.ndarray
@@ -48,7 +48,7 @@ class Shape(ABC):
 
 
 class Upright(Shape):
-    """A footprint, in 3-D drawn out from z = `base` to `top` [m]."""
+    """Footprint, in 3-D extruded from z = `base` to `top` [m]."""
 
     def __init__(self, model: Any, dim: int, low: np.ndarray, high: np.ndarray, base: float, top: float):
         self.model, self.base, self.top = model, base, top
@@ -75,7 +75,7 @@ class Upright(Shape):
 
 
 class UprightBox(Upright):
-    """A box turned about the vertical."""
+    """Box turned about the vertical."""
 
     def __init__(self, model: Any, dim: int):
         self.center = np.array(model.center[:2])
@@ -91,7 +91,7 @@ class UprightBox(Upright):
 
 
 class UprightCylinder(Upright):
-    """A cylinder with a vertical axis."""
+    """Cylinder with a vertical axis."""
 
     def __init__(self, model: Any, dim: int, ceiling: float):
         self.center, self.radius = np.array(model.center), model.radius
@@ -104,7 +104,7 @@ class UprightCylinder(Upright):
 
 
 class UprightPrism(Upright):
-    """A prism over a simple polygon, in either sense of rotation."""
+    """Prism over a simple polygon, in either sense of rotation."""
 
     def __init__(self, model: Any, dim: int, ceiling: float):
         self.vertices = np.array(model.vertices)
@@ -126,7 +126,7 @@ class UprightPrism(Upright):
 
 
 class Ball(Shape):
-    """A sphere, in 2-D a disc."""
+    """Sphere, in 2-D a disc."""
 
     def __init__(self, model: Any, dim: int):
         self.model = model

@@ -1,13 +1,13 @@
-"""State of a run: each component names the attributes that change; checkpoints, restoring and resets follow from it.
+"""State of a run: each component names the attributes that change, for checkpoints, restoring and resets.
 
 A component has ``STATE``, the names of its attributes that change in a run: Taichi fields, tuples of fields, components
 with a STATE of their own (also in lists, tuples and dicts), random generators, objects that save themselves with
 ``state()`` and ``restore(state)``, and plain Python data (numbers, arrays, lists, dicts). An attribute that each step
 computes again before it is read is not part of the state.
 
-A component also has ``begin(...)``, which sets its numbers and its state at the start of a run; it finds the fields of
-its state zero, as new fields are. Its constructor ends with it. The kernels that `begin` launches have therefore been
-compiled when the component is complete.
+A component also has ``begin(...)``, which sets its numbers and its state at the start of a run. Before `begin` the
+fields of the state are zero, as new fields are. The constructor of a component ends with `begin`, so that the kernels
+that `begin` launches are compiled once the component is complete.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -23,12 +23,12 @@ from taichi_plume.grid.transfer import alike, reader, uploader
 
 
 def saves_itself(value: object) -> bool:
-    """Return whether an object has the methods by which it is saved and restored."""
+    """Return whether an object has the methods `state` and `restore`."""
     return callable(getattr(value, "state", None)) and callable(getattr(value, "restore", None))
 
 
 class _Piece(NamedTuple):
-    """Piece of state not made of others: attribute `key` of its owner, or item `key` of a list, tuple or dict."""
+    """Indivisible piece of state: attribute `key` of its owner, or item `key` of a list, tuple or dict."""
 
     path: str
     owner: Any
@@ -108,7 +108,7 @@ class State:
         return saved
 
     def unlike(self, saved: dict[str, Any]) -> str | None:
-        """Return the reason why a saved state cannot be restored, None if it can."""
+        """Return the reason why a saved state cannot be restored, otherwise None."""
         other = sorted({*self.paths, *(piece.path for piece in self._on_host())} ^ saved.keys())
         if other:
             return f"{other[0]} exists in only one of the two states"
@@ -118,7 +118,7 @@ class State:
         return None
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Go back to a saved state."""
+        """Restore a saved state."""
         if self._put is None:
             self._put = uploader(*self._fields)
         self._put(*(saved[path] for path in self.paths))
@@ -139,11 +139,11 @@ class State:
 
 
 def _clearer(fields: list[Field]) -> Callable[[], None]:
-    """Return a function that zeroes the fields: in place, or by one kernel, with one loop for fields of one shape."""
+    """Return a function that zeroes the fields: in place, or by a kernel with a loop for the fields of each shape."""
     if views(fields) is not None:
 
         def zero() -> None:
-            for place in views(fields) or ():  # asked again: the views are gone after a reset of Taichi
+            for place in views(fields) or ():  # requested again: the views are gone after a reset of Taichi
                 place[...] = 0
 
         return zero

@@ -1,4 +1,4 @@
-"""Sweeps: passes over the cells or faces of a grid that set a field from others, vectorised strip by strip."""
+"""Sweeps (stencil loops): passes over a grid's cells or faces that set a field from others, vectorised in strips."""
 
 from collections.abc import Callable, Sequence
 from math import prod
@@ -14,7 +14,7 @@ Ranges = Sequence[tuple[int, int]]
 def _strips(cells: int) -> tuple[int, int]:
     """Return the number of strips of a row of cells, and the cells of each strip except the last.
 
-    The last strip has several cells: LLVM makes faulty code of loops over one cell and, of another field, none.
+    The last strip has several cells: LLVM generates faulty code for loops over a cell of a field and none of another.
     """
     strips = -(-cells // STRIP)
     even = -(-cells // strips)
@@ -32,7 +32,7 @@ def _merged(
 
 def sweep(bodies: Sequence[Callable], outs: Sequence[Field | tuple[Field, ...]], *ranges: Ranges) -> Pass:
     """Return a pass that sets ``out[I] = body(I, a, b)`` per pair of body and out, for I in the common range of all
-    bodies or in the range of each body; ranges differ in their ends only.
+    bodies or in the range of each body; ranges differ only in their ends.
 
     body: ti.func of an index vector and two scalars, without stores and with `ti.select` for `if`; it may read `out` at
     I only. If `out` is a tuple of fields, body returns a vector with a value for each field.
@@ -210,5 +210,5 @@ def flux_sweep(
     cells = prod(b - a for a, b in whole) * len(bodies)
     if not on_cpu():
         return Pass(by_cell, cells)
-    few = prod(b - a for a, b in slabs) * blocks < FEW_ROWS
-    return Pass(by_strip if few and cells > FEW_CELLS else by_block, cells)
+    is_small = prod(b - a for a, b in slabs) * blocks < FEW_ROWS
+    return Pass(by_strip if is_small and cells > FEW_CELLS else by_block, cells)

@@ -1,4 +1,4 @@
-"""Constants of a solver, in fields that are filled once."""
+"""Tables of a solver: constant fields that are filled once."""
 
 import numpy as np
 import taichi as ti
@@ -8,14 +8,14 @@ from taichi_plume.grid.transfer import uploader
 
 
 class Tables:
-    """Collects the constant fields of a solver and its parts, to fill all of them in one launch."""
+    """Collection of the constant fields of a solver and its parts, filled together in a single launch."""
 
     def __init__(self):
         self._fields: list[Field] = []
         self._values: list[np.ndarray] = []
 
     def put(self, field: Field, values: np.ndarray) -> Field:
-        """Fill the field with values of its shape; returns the field."""
+        """Register values of the field's shape, to be filled later; return the field."""
         self._fields.append(field)
         self._values.append(np.asarray(values))
         return field

@@ -1,9 +1,9 @@
 """Faster tracing of Taichi's kernels, the longest part of a start with compiled kernels on disk.
 
-Taichi 1.7, the last release, reads a function's source again for each call of it, computes the position in the source
-for each node of each kernel, and for each field the whole stack that declares it, all for error messages. Here sources
-are read once and positions are given by file and line. A function of Taichi is replaced only if it is as expected;
-otherwise it stays. The traced code is the same, so that the cache of compiled kernels stays valid.
+Taichi 1.7, the last release, collects much for error messages: at each call of a function its source, for each node of
+a kernel the position in the source, and for each field the whole stack. Here sources are read once and positions are
+file and line. A function of Taichi is replaced only if its parameters are as expected. The traced code is the same, so
+that the cache of compiled kernels stays valid.
 """
 
 import ast
@@ -43,7 +43,7 @@ def replace(owner: object, name: str, parameters: tuple[str, ...], other: Callab
 
 def once(read: Callable[[object], Read]) -> Callable[[object], Read]:
     """Return a `read` of a function's source that reads once for all functions made by the same `def`."""
-    known: dict[int, tuple[CodeType, Read]] = {}  # with the code, so that its id is not given again
+    known: dict[int, tuple[CodeType, Read]] = {}  # with the code object, so that its id is not reused
 
     def reading(function: object) -> Read:
         if type(function) is not FunctionType or "__wrapped__" in vars(function):
@@ -90,7 +90,7 @@ def declaration(stacklevel: int = 1) -> str:
 
 
 class _Failing:
-    """A builder of nodes that fails with the same error as another builder."""
+    """Builder of nodes that fails with the error of another builder."""
 
     def __init__(self, error: Exception):
         self.error = error
@@ -109,7 +109,7 @@ def _builder(builder: type, kind: type) -> tuple[Callable | None, bool]:
 
 
 def building(plain: Callable) -> Callable:
-    """Return a function that builds a node as `plain` does; `plain` still reports the errors."""
+    """Return a function that builds a node like `plain`; `plain` still reports the errors."""
 
     def build(self: object, ctx: ASTTransformerContext, node: ast.AST) -> object:
         method, placed = _builder(type(self), type(node))

@@ -1,8 +1,8 @@
-"""Arrays to and from fields, many at once, and numbers that kernels read when they run.
+"""Transfer of arrays to and from many fields at once, and numbers that kernels read at run time.
 
-On the CPU fields are copied in place. Elsewhere every `from_numpy`, `to_numpy` and `fill` of another field compiles a
-kernel of its own (0.1 s without a cache, 0.03 s with one); here a component compiles one kernel for all its fields, in
-its constructor. After that nothing here compiles.
+On the CPU fields are copied in place. Elsewhere every `from_numpy`, `to_numpy` and `fill` of another field compiles its
+own kernel (0.1 s without a cache, 0.03 s with a cache). Here a component compiles a single kernel for all its fields,
+in its constructor, and nothing later.
 """
 
 from collections.abc import Callable, Sequence
@@ -154,10 +154,10 @@ def _copier(fields: Sequence[Field]) -> tuple[Callable[..., None], Callable[[], 
 
 
 class Numbers:
-    """Numbers that kernels read when they run, so that other values need no other kernel; all f32.
+    """Numbers (f32) that kernels read at run time, so that new values need no new kernel.
 
-    ``n = Numbers("viscosity", "schmidt")`` makes them, ``n.set(viscosity=1.56e-5, schmidt=0.7)`` sets them (all that
-    change in one call: a launch), a kernel reads ``n.viscosity[None]``, the host ``n["viscosity"]``.
+    ``n = Numbers("viscosity", "schmidt")`` creates the fields, ``n.set(viscosity=1.56e-5, schmidt=0.7)`` sets them in a
+    launch per call. A kernel reads ``n.viscosity[None]``, the host ``n["viscosity"]``.
     """
 
     if TYPE_CHECKING:
@@ -174,7 +174,7 @@ class Numbers:
         return self._values[name]
 
     def set(self, **values: float) -> None:
-        """Set some of the numbers, or all."""
+        """Set the given numbers."""
         unknown = values.keys() - self._values.keys()
         if unknown:
             raise KeyError(*sorted(unknown))

@@ -1,7 +1,7 @@
-"""Parts of an obstacle that the grid does not resolve: they are thin and lie between the nodes of the signed distance.
+"""Check for thin parts of an obstacle, between the nodes of the signed distance, that the grid does not resolve.
 
-`cut_cells` takes the distance to a surface as linear between nodes half a cell apart, so a point is resolved if that
-value is negative. It is evaluated here at random points of a shape, before anything is assembled.
+`cut_cells` interpolates the distance to a surface linearly between nodes half a cell apart: a point is resolved if that
+value is negative. The value is evaluated here at random points of a shape, before the assembly.
 """
 
 from dataclasses import dataclass
@@ -13,15 +13,15 @@ from taichi_plume.grid.shapes import FINER, TIE, Shape
 
 SAMPLES = 20_000  # points in the box around a body
 LOOKED_AT = 500  # points in the body that are evaluated
-FEW = 10  # with fewer points in the body, more are tried once
+LEAST_POINTS = 10  # with fewer points in the body, more are tried once
 MOST_MISSED = 0.4  # fraction of a body: more counts as missed
 MOST_LOST = 0.02  # fraction of a body without a node inside near it: more is a missed part
 
 
 @dataclass(frozen=True)
 class Missed:
-    """share: fraction of a body's volume in the domain that the grid does not resolve; place: middle of the missed
-    part, (dim,) [m]; whole: whether the body as a whole is missed.
+    """Missed part of a body. share: fraction of the body's volume in the domain that the grid does not resolve; place:
+    middle of the missed part, (dim,) [m]; whole: whether the body as a whole is missed.
     """
 
     share: float
@@ -36,7 +36,7 @@ def missed(shape: Shape, extent: tuple[float, ...], dx: float, samples: int = SA
         return None
     places, random = np.empty((0, len(low))), np.random.default_rng(0)
     for tries in (samples, 10 * samples):
-        if len(places) < FEW:
+        if len(places) < LEAST_POINTS:
             places = low + random.random((tries, len(low))) * (high - low)
             places = places[shape.inside(places)][:LOOKED_AT]
     if not len(places):
@@ -64,6 +64,6 @@ def missed(shape: Shape, extent: tuple[float, ...], dx: float, samples: int = SA
 
 
 def _distance(shape: Shape, points: np.ndarray, dx: float) -> np.ndarray:
-    """Return the distance [m] as `cut_cells` takes it."""
+    """Return the distance [m] as interpolated by `cut_cells`."""
     distance = shape.signed_distance(points)
     return np.where(np.abs(distance) < TIE * dx, 0.0, distance)

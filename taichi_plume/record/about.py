@@ -38,7 +38,7 @@ def _table(rows: Iterable[tuple[str, str]]) -> str:
 def _legend(
     sim: Simulation, seen: Sequence[Plane], quantities: Sequence[Quantity]
 ) -> Iterator[tuple[str, str]]:
-    """Yield the look and the meaning of what is drawn."""
+    """Yield the look and the meaning of each drawn item."""
     scenario, deep = sim.scenario, sim.grid.dim == 3
     if scenario.sources:
         yield "red ball", "a source of gas"
@@ -68,7 +68,7 @@ def _legend(
         if any(may_declare(group) for group in scenario.robots):
             yield (
                 "rings with a cross",
-                "declared source positions, the last or the first right one of a robot: green right, orange wrong",
+                "declared source positions, the last or the first right position of a robot: green right, orange wrong",
             )
         yield "bars of behaviour", "state of each robot; green: the robot has found a source"
     if any(obstacle.motion for obstacle in scenario.obstacles):

@@ -29,15 +29,15 @@ STATES = np.array(
     [0x546E7AFF, 0xFFB300FF, 0x29B6F6FF, 0xAB47BCFF, 0x5C6BC0FF, 0xEC407AFF, 0x8D6E63FF, 0x26A69AFF],
     np.uint32,
 )
-FOUND = 0x43A047FF  # green, which no state has; sources are red
+FOUND = 0x43A047FF  # green, used by no state; sources are red
 RIGHT, WRONG = (102, 255, 120), (255, 145, 40)
 """Right and wrong declarations of a source's position."""
 VIRIDIS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
 EMBER = ((24, 26, 32), (78, 52, 46), (191, 97, 44), (255, 183, 77), (255, 245, 200))
 BLUE_RED = ((33, 102, 172), (103, 169, 207), (236, 239, 241), (239, 138, 98), (178, 24, 43))
 TIME = "sim_time"
-"""The axis of time of recordings."""
-FIELD_OF_VIEW = radians(55)  # of the viewer's camera, over the height of its panel
+"""Name of the time axis of recordings."""
+FIELD_OF_VIEW = radians(55)  # of the viewer's camera, the angle over the height of its panel
 
 # ---------------------------------------------------------------- colours
 
@@ -48,13 +48,13 @@ def pale(color: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def logarithmic(values: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Return the place of `values` on a logarithmic scale from `low` (0) to `high` (1); NaN stays NaN."""
+    """Return the position of `values` on a logarithmic scale from `low` (0) to `high` (1); NaN stays NaN."""
     place = (np.log10(np.maximum(values, low * 1e-6)) - log10(low)) / (log10(high) - log10(low))
     return np.clip(place, 0.0, 1.0)
 
 
 def decades(low: float, high: float) -> list[tuple[float, str]]:
-    """Return place and label of each power of ten on a logarithmic scale; if they are few, also of 3 times each."""
+    """Return position and label of each power of ten on a logarithmic scale; on short scales also of 3 times each."""
     powers = range(floor(log10(low)), floor(log10(high) + 1e-9) + 1)
     factors = (1, 3) if log10(high / low) < 4 - 1e-9 else (1,)
     marks = [
@@ -70,7 +70,7 @@ def decades(low: float, high: float) -> list[tuple[float, str]]:
 
 
 def rounded_up(value: float, steps: Sequence[float] = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)) -> float:
-    """Return the smallest of these numbers, times a power of ten, that is not below a positive value."""
+    """Return the smallest of these numbers, times a power of ten, that is at least a positive value."""
     power = 10.0 ** ceil(log10(value) - 1 - 1e-9)
     return next(n * power for n in (*steps, 10.0) if n * power >= value * (1 - 1e-9))
 
@@ -94,7 +94,7 @@ class Scale:
         return np.minimum(places + np.float32(0.5), 255).astype(np.uint8)
 
     def marks(self) -> list[tuple[float, str]]:
-        """Return place and label of the marks of a legend."""
+        """Return position and label of the marks of a legend."""
         if self.kind == "log":
             return decades(self.low, self.high)
         step = rounded_up((self.high - self.low) / 7, (1.0, 2.0, 5.0))
@@ -133,9 +133,9 @@ Triangles = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def robot_mesh(radius: float, height: float) -> Triangles:
-    """Return the mesh of a disc with a nose along +x."""
+    """Return the mesh of a disc with a pointed front along +x."""
     nose = 1.7 * radius
-    side = np.arccos(radius / nose)  # where the nose's flanks touch the disc
+    side = np.arccos(radius / nose)  # angle at which the flanks of the point touch the disc
     angle = np.linspace(side, 2 * pi - side, 24)
     outline = radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     return prism_mesh(np.vstack([[nose, 0.0], outline]), 0.0, height)
@@ -243,7 +243,7 @@ def camera(
     half_height = tan(FIELD_OF_VIEW / 2)
     target = (points.min(axis=0) + points.max(axis=0)) / 2
     distance = 0.0
-    for _ in range(20):  # near things look larger: move the target until top and bottom have the same margin
+    for _ in range(20):  # near objects look larger: move the target until top and bottom have the same margin
         offsets = points - target
         depth, height = offsets @ forward, offsets @ up
         distance = max(

@@ -66,13 +66,13 @@ class Panel(NamedTuple):
 
     @property
     def titled(self) -> bool:
-        """Whether there is room for the titles of legends; the names of views are the same."""
+        """Whether there is room for the titles of legends, which repeat the names of views."""
         return self.height > 330
 
 
 class Layout:
-    """Makes views. Left: the arena above sections, sensors and behaviour. Right: views from above and maps, above their
-    scores and the events.
+    """Builder of views. Left: the arena above sections, sensors and behaviour. Right: views from above and maps, above
+    their scores and the events.
     """
 
     def __init__(self, sim: Simulation, shown: Shown):
@@ -246,13 +246,13 @@ class Layout:
             kinds = list(zip(MAP_SERIES, MAP_TITLES, strict=True))
             if not any(isinstance(gas_map, Uncertain) for gas_map in self.sim.maps):
                 kinds.pop()
-            few = len(self.sim.maps) <= MOST_LANES
-            scored = [_series(f"/{origin}", title, few) for origin, title in kinds]
+            is_short = len(self.sim.maps) <= MOST_LANES
+            scored = [_series(f"/{origin}", title, is_short) for origin, title in kinds]
             parts.append(rrb.Tabs(*scored, active_tab=0, name="Scores"))
             shares.append(0.18)
         columns = rrb.TextLogColumns(timeline_columns=[TIME], text_log_columns=["loglevel", "body"])
         events = rrb.TextLogView(origin="/events", name="Events", columns=columns)
-        described = rrb.TextDocumentView(origin="/about", name="About: what is what")
+        described = rrb.TextDocumentView(origin="/about", name="About: legend and key facts")
         parts.append(rrb.Tabs(events, described, active_tab=0 if self.names else 1))
         shares.append(max(0.18, 1 - sum(shares)))
         return rrb.Vertical(*parts, row_shares=shares)
@@ -287,7 +287,7 @@ class Layout:
         return maps
 
     def _beliefs(self, wide: float, tall: float) -> list[Part]:
-        """Return the belief map of the first robot of each group that keeps one."""
+        """Return the belief map of the first robot of each group with beliefs."""
         panel = Panel.of(wide, tall)
         return [
             self._map(f"Belief of {group.name} [1/m²]", f"/beliefs/{group.number}", "belief", panel)

@@ -1,4 +1,4 @@
-"""Viewer of a running simulation (--live): listens on the loopback interface only and sends nothing elsewhere."""
+"""Viewer of a running simulation (--live): a server on the loopback interface only, which sends nothing elsewhere."""
 
 import json
 import os
@@ -16,18 +16,18 @@ PATIENCE = 30.0  # s until the viewer's window is open
 LOOPBACK = "127.0.0.1"
 VIEWER = (sys.executable, "-m", "rerun_cli")
 OPTIONS = ("--hide-welcome-screen", "--expect-data-soon")
-NOWHERE = f"http://{LOOPBACK}:9"  # the discard port: hardly any machine listens there
+NOWHERE = f"http://{LOOPBACK}:9"  # the discard port, closed on nearly all machines
 SEVERED = "gRPC connection severed"
 """Start of rerun's message when the viewer is gone."""
 
 
 def open_viewer() -> str:
-    """Open a viewer in a process of its own, which outlives this process; returns the address for recordings.
+    """Open a viewer in its own process, which outlives this process; return the address for recordings.
 
-    Raises RunFolderError if the viewer cannot be opened, as without a screen, or would send reports to its makers.
+    Raises RunFolderError if the viewer cannot be opened, as without a screen, or would send usage reports.
     """
     with tempfile.TemporaryDirectory(prefix="taichi_plume-", ignore_cleanup_errors=True) as settings:
-        environment = quiet(settings)  # the viewer reads its settings before it listens
+        environment = quiet(settings)  # the viewer reads its settings before it opens the port
         with socket.socket() as free:
             free.bind((LOOPBACK, 0))
             port = free.getsockname()[1]
@@ -44,12 +44,12 @@ def open_viewer() -> str:
         fault = _fault(viewer, port, output)
         if fault:
             raise RunFolderError(f"--live: the viewer cannot be opened: {plain(fault)}")
-        viewer.returncode = 0  # Python need not wait for it
+        viewer.returncode = 0  # Python need not wait for the viewer
     return f"rerun+http://{LOOPBACK}:{port}/proxy"
 
 
 def _fault(viewer: subprocess.Popen[bytes], port: int, output: Path) -> str:
-    """Wait until the viewer listens and return "", or the reason why it does not."""
+    """Wait until the viewer's port is open and return "", or the reason for the failure."""
     until = time.monotonic() + PATIENCE
     while time.monotonic() < until:
         if viewer.poll() is not None:
@@ -62,16 +62,16 @@ def _fault(viewer: subprocess.Popen[bytes], port: int, output: Path) -> str:
         except OSError:
             time.sleep(0.1)
     viewer.terminate()
-    return f"it did not listen within {PATIENCE:g} s"
+    return f"its port did not open within {PATIENCE:g} s"
 
 
 def quiet(settings: str) -> dict[str, str]:
-    """Return the environment of a viewer that sends nothing, with a settings folder of its own.
+    """Return the environment of a viewer that sends nothing, with its own settings folder.
 
-    Raises RunFolderError if the viewer reads other settings, by which it would send reports.
+    Raises RunFolderError if the viewer reads other settings, which make it send usage reports.
     """
     environment = os.environ | {"XDG_CONFIG_HOME": settings}
-    for name in ("HTTPS_PROXY", "HTTP_PROXY", "ALL_PROXY"):  # else it asks for newer versions
+    for name in ("HTTPS_PROXY", "HTTP_PROXY", "ALL_PROXY"):  # otherwise the viewer asks for newer versions
         environment |= {name: NOWHERE, name.lower(): NOWHERE}
     subprocess.run([*VIEWER, "analytics", "disable"], env=environment, capture_output=True, check=False)
     command = [*VIEWER, "analytics", "config"]

@@ -18,7 +18,7 @@ RAMP = np.arange(256) / 255
 
 
 class MapPictures:
-    """Draws the estimate, truth, weight and error of the maps of a run; series: their scores."""
+    """Pictures of the estimate, truth, weight and error of the maps of a run; series: their scores."""
 
     STATE = ("sent",)
 
@@ -30,7 +30,7 @@ class MapPictures:
         self.sent = [{"forecast": 0, "rows": 0} for _ in self.maps]
         """Number of forecasts and scores of each map that have been sent."""
         made_by = [names for names, _ in map_rows(sim)]
-        whose = f", {made_by[0][0]}" if len(made_by) > 1 else ""  # the first trial is one of the first rival
+        whose = f", {made_by[0][0]}" if len(made_by) > 1 else ""  # the first trial belongs to the first rival
         for n, model in enumerate(sim.scenario.maps):
             stream.log_still(self._styles(n, model.kind.replace("_", " ") + whose))
         for n, gas_map in enumerate(self.maps):
@@ -88,7 +88,7 @@ class MapPictures:
 
 
 class BeliefPictures:
-    """Draws the belief of the first robot of each group, as probability density [1/m²]."""
+    """Pictures of the belief of the first robot of each group, as probability density [1/m²]."""
 
     STATE = ()
 

@@ -13,10 +13,10 @@ from taichi_plume.record.stage import Stage, picture, placed
 from taichi_plume.record.stream import Stream
 from taichi_plume.simulation import Simulation
 
-SPLIT = 2  # samples per cell and axis of a gas that is finer than the cells
+SPLIT = 2  # samples per cell and axis of a gas with details below the cell size
 ARROW = 0.9  # length of the arrow in the key, over the distance between arrows
-KEY = 0.95  # share of the arrows that are shorter
-SHORTEST = 0.04  # of the key's arrow: shorter arrows are not drawn
+KEY = 0.95  # fraction of the arrows that are shorter than the key's arrow
+SHORTEST = 0.04  # fraction of the key's arrow: shorter arrows are not drawn
 SLOWEST = 1e-3  # m/s: the least speed of the key's arrow
 THIN = 0.038  # radius of arrows, over the distance between them
 ARROW_COLOR = (165, 180, 200, 180)
@@ -25,9 +25,9 @@ DENSITY = 3.5  # optical density of the volume across the arena's height, at lea
 
 
 class Pictures:
-    """Draws quantities on planes and in 3-D the gas as a volume, picture by picture.
+    """Pictures of quantities on planes and, in 3-D, of the gas as a volume.
 
-    A byte of a picture stands for the largest of the cells that its pixel covers. The static values `quantity`, `unit`,
+    A byte of a picture is the largest value of the cells that its pixel covers. The static values `quantity`, `unit`,
     `low`, `high`, `scale`, `plane`, `axes`, `cell` and `origin` of an entity describe its pictures.
     """
 
@@ -43,7 +43,7 @@ class Pictures:
         grid = sim.grid
         self.rasters: dict[str, list[Raster]] = {}
         self.sampled: dict[str, list[np.ndarray | None]] = {}
-        """Sampling points of each raster; None if it is made of cells."""
+        """Sampling points of each raster; None for a raster of cells."""
         self.centers: np.ndarray | None = None
         for quantity in quantities:
             rasters = self.rasters[quantity.entity] = []
@@ -108,7 +108,7 @@ class Pictures:
 
 
 def _still(quantity: Quantity, raster: Raster, stage: Stage) -> scene.Entities:
-    """Yield the place of a picture, and the meaning of its bytes."""
+    """Yield the position of a picture, and the meaning of its bytes."""
     plane, scale = raster.plane, quantity.scale
     entity = f"{quantity.entity}/{plane.name}"
     how = {"colormap": quantity.colormap, "opacity": 0.95}
@@ -119,7 +119,7 @@ def _still(quantity: Quantity, raster: Raster, stage: Stage) -> scene.Entities:
 
 
 class Arrows:
-    """Draws the wind on the first slice and on sections as arrows, whose length is the speed.
+    """Wind arrows on the first slice and on sections; their length is the speed.
 
     top: speed [m/s] of the key's arrow, the largest so far; nearly all arrows are shorter.
     """

@@ -1,4 +1,4 @@
-"""Planes of a recording (horizontal slices, column maximum, vertical sections), and their pixels made of cells.
+"""Planes of a recording (horizontal slices, column maximum, vertical sections), and their pixels from cells.
 
 Plain arrays, no rerun. A picture is an array (first axis, second axis) of its plane.
 """
@@ -14,14 +14,14 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.size import MOST_PIXELS, MOST_VOXELS
 
 SLIGHT = 1e-9  # weight of solids beside air
-FLOOR = 0.1  # m: height of the slice without any source or sensor
+FLOOR = 0.1  # m: height of the slice without sources and sensors
 
 
 @dataclass(frozen=True)
 class Plane:
     """Plane of a picture. axes: horizontal and vertical axis of the picture; normal: third axis, None in 2-D.
 
-    level: position along the normal [m]; None for the maximum along it. text: for people.
+    level: position along the normal [m]; None for the maximum along the normal. text: description.
     """
 
     name: str
@@ -66,7 +66,7 @@ def _nth(name: str, n: int) -> str:
 
 
 def heights(scenario: Scenario, extent: Sequence[float]) -> list[float]:
-    """Return the heights of the slices [m]; unless given, of the first source, sensors and heater, if they differ."""
+    """Return the heights of the slices [m]; by default of the first source, sensors and heater, if different."""
     if scenario.recording.slice_height is not None:
         return list(scenario.recording.slice_height)
     sources, heaters = _first(scenario)
@@ -76,7 +76,7 @@ def heights(scenario: Scenario, extent: Sequence[float]) -> list[float]:
 
 
 def cuts(scenario: Scenario, extent: Sequence[float]) -> list[tuple[int, float]]:
-    """Return normal axis and position [m] of each section; unless given, at the first source and the first heater."""
+    """Return normal axis and position [m] of each section; by default at the first source and the first heater."""
     section = scenario.recording.section
     if section is None:
         return []
@@ -89,7 +89,7 @@ def cuts(scenario: Scenario, extent: Sequence[float]) -> list[tuple[int, float]]
 
 
 def _first(scenario: Scenario) -> tuple[list[tuple[float, ...]], list[tuple[float, ...]]]:
-    """Return the position of the first source and of the first heater, each as a list that may be empty."""
+    """Return the positions of the first source and of the first heater, each as a list that may be empty."""
     heat = scenario.buoyancy.heat if scenario.buoyancy is not None else None
     sources = [source.position for _, source in scenario.sources[:1]]
     return sources, [heater.position for heater in heat.heaters[:1]] if heat is not None else []
@@ -105,11 +105,11 @@ def _apart(levels: Sequence[float], distance: float) -> list[float]:
 
 
 class Raster:
-    """Pixels of a plane on a grid: at most MOST_PIXELS along each axis, each the largest value that it covers.
+    """Pixels of a plane on a grid: at most MOST_PIXELS along each axis; a pixel is the largest covered value.
 
     split: samples per cell along each axis, of a quantity known between the cells' centres; details: pixels per cell of
-    such a quantity, if they are not too many. shape: number of pixels; cell, origin: size of a pixel and lower left
-    corner, in the plane's axes [m].
+    such a quantity, within MOST_PIXELS. shape: number of pixels; cell, origin: size of a pixel and lower left corner,
+    in the plane's axes [m].
     """
 
     def __init__(self, plane: Plane, grid: Grid, solid: np.ndarray, split: int = 1, details: int = 1):
@@ -173,7 +173,7 @@ def _between(
 
 
 def largest(values: np.ndarray, counts: Sequence[int]) -> np.ndarray:
-    """Return the largest of the cells that each of `counts` equal parts per axis touches."""
+    """Return the largest value of the cells touched by each of `counts` equal parts per axis."""
     for axis, (n, count) in enumerate(zip(values.shape, counts, strict=True)):
         if n == count:
             continue

@@ -1,6 +1,6 @@
-"""Pictures and wind arrows read back from a recording, in the units that they stand for.
+"""Reader of a recording's pictures and wind arrows, in physical units.
 
-A recording that cannot be read raises RunFolderError: one line that begins with the recording's path.
+A recording that cannot be read raises RunFolderError: a line that begins with the recording's path.
 """
 
 import warnings
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SCALE = ("quantity", "unit", "low", "high", "scale", "plane", "axes", "cell", "origin")
-"""Values that a recording holds about the bytes and the place of each picture."""
+"""Values in a recording that describe the bytes and the position of each picture."""
 FORMAT, DATA = "GridMap:format", "GridMap:data"
 ALL_TIMES = (-np.inf, np.inf)
 MEANING = {"slice": "in a plane", "column": "maximum over the height", "section": "in a vertical plane"}
@@ -30,12 +30,12 @@ FAULTS = (RuntimeError, ValueError, LookupError, TypeError, ArithmeticError, OSE
 
 
 class Picture(NamedTuple):
-    """Plane of a scalar over time, as it was recorded.
+    """Recorded plane of a scalar over time.
 
-    name: "gas_0_section_2", for example; view: name of the plane, "section_2"; plane: its position, for people; axes:
-    of the plane, "xy", "xz" or "yz"; cell, origin: size of the pixels and lower left corner along these [m]. times (n,)
-    [s]; data (n, rows, columns): place of each pixel on the scale from `low` (0) to `high` (255), rows along the second
-    axis, columns along the first, both ascending.
+    name: "gas_0_section_2", for example; view: name of the plane, "section_2"; plane: text of its position; axes: of
+    the plane, "xy", "xz" or "yz"; cell, origin: size of the pixels and lower left corner along these [m]. times (n,)
+    [s]; data (n, rows, columns): position of each pixel on the scale from `low` (0) to `high` (255), rows along the
+    second axis, columns along the first, both ascending.
     """
 
     name: str
@@ -98,7 +98,7 @@ def read(
     between: tuple[float, float] = ALL_TIMES,
     spacing: float = 0.0,
 ) -> dict[str, Picture]:
-    """Return the pictures of a recording by name, all or those of some names.
+    """Return the pictures of a recording by name, all or those of given names.
 
     between: first and last time [s]; spacing: least time from frame to frame [s]. Raises RunFolderError.
     """
@@ -107,12 +107,12 @@ def read(
     for name in scales if names is None else [name for name in names if name in scales]:
         entity, size, scale = scales[name]
         times, parts = [np.zeros(0)], [np.zeros((0, *size), np.uint8)]
-        for t, kept, column in _rows(path, entity, [DATA], between, spacing):
+        for t, selected, column in _rows(path, entity, [DATA], between, spacing):
             pixels = column[0].flatten().flatten().to_numpy(zero_copy_only=False)
             if pixels.size != len(t) * size[0] * size[1]:
                 raise RunFolderError(f"{path}: is damaged: pictures of {entity} have another size")
-            times.append(t[kept])
-            parts.append(pixels.reshape(len(t), *size)[kept, ::-1])
+            times.append(t[selected])
+            parts.append(pixels.reshape(len(t), *size)[selected, ::-1])
         t = np.concatenate(times)
         order = np.argsort(t, kind="stable")
         pictures[name] = Picture(name, **scale, times=t[order], data=np.concatenate(parts)[order])
@@ -124,14 +124,14 @@ def names(path: Path) -> list[str]:
     return list(_scales(path))
 
 
-def span(path: Path, wanted: Sequence[str] | None = None) -> tuple[float, float] | None:
-    """Return the first and last time [s] of the pictures of some names, or of all; None without pictures.
+def span(path: Path, selection: Sequence[str] | None = None) -> tuple[float, float] | None:
+    """Return the first and last time [s] of the pictures of given names, or of all; None without pictures.
 
-    No picture is kept in memory. Raises RunFolderError.
+    No picture stays in memory. Raises RunFolderError.
     """
     ends: list[float] = []
     for name, (entity, _, _) in _scales(path).items():
-        if wanted is None or name in wanted:
+        if selection is None or name in selection:
             for t, _, _ in _rows(path, entity, [DATA], ALL_TIMES, 0.0):
                 ends += [float(t.min()), float(t.max())]
     return (min(ends), max(ends)) if ends else None
@@ -140,12 +140,12 @@ def span(path: Path, wanted: Sequence[str] | None = None) -> tuple[float, float]
 def arrows(
     path: Path, plane: str = "slice", between: tuple[float, float] = ALL_TIMES, spacing: float = 0.0
 ) -> Arrows:
-    """Return the wind of a recording in a plane, "slice" or "section"; may be empty. Raises RunFolderError."""
+    """Return the wind of a recording in a plane, "slice" or "section", or an empty wind. Raises RunFolderError."""
     found: list[tuple[float, np.ndarray, np.ndarray]] = []
     components = ["Arrows3D:origins", "Arrows3D:vectors"]
-    for t, kept, columns in _rows(path, f"/wind/{plane}", components, between, spacing):
+    for t, selected, columns in _rows(path, f"/wind/{plane}", components, between, spacing):
         tails, ways = (_points(column) for column in columns)
-        found += [(float(t[k]), tails[k], ways[k]) for k in np.flatnonzero(kept)]
+        found += [(float(t[k]), tails[k], ways[k]) for k in np.flatnonzero(selected)]
     found.sort(key=lambda arrow: arrow[0])
     return Arrows(
         np.array([t for t, _, _ in found]), [tail for _, tail, _ in found], [way for _, _, way in found]
@@ -197,12 +197,12 @@ def _attributes(axis: str) -> dict[str, str]:
 
 
 def _stream(path: Path) -> "rr.chunk.LazyChunkStream":
-    """Return the chunks of a recording, by its index if there is one: the recording of a killed run has none."""
+    """Return the chunks of a recording, by its index if present: the recording of a killed run has no index."""
     reason = unopenable(path)
     if reason:
         raise RunFolderError(f"{path}: {reason}")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of rerun, if there is no index
+        warnings.simplefilter("ignore")  # errors of rerun without an index
         reader = rr.chunk.RrdReader(str(path))
         try:
             return reader.store().stream()
@@ -211,7 +211,7 @@ def _stream(path: Path) -> "rr.chunk.LazyChunkStream":
 
 
 def _chunks(path: Path, **chosen: Any) -> Iterator[tuple[str, pa.RecordBatch]]:
-    """Yield the chunks that a filter leaves: entity and table."""
+    """Yield entity and table of the chunks that pass a filter."""
     try:
         for chunk in _stream(path).filter(**chosen):
             yield chunk.entity_path, chunk.to_record_batch()
@@ -240,20 +240,20 @@ def _scales(path: Path) -> dict[str, tuple[str, tuple[int, int], dict[str, Any]]
     try:
         return {
             entity.strip("/").replace("/", "_"): (entity, *_scale(entity, values))
-            for entity, values in sorted(scaled.items())  # in a file they come in any order
+            for entity, values in sorted(scaled.items())  # a file has them in any order
         }
     except FAULTS as error:
         raise RunFolderError(f"{path}: is damaged: {plain(str(error))}") from None
 
 
 def _scale(entity: str, values: dict[str, Any]) -> tuple[tuple[int, int], dict[str, Any]]:
-    """Return rows and columns, and the fields of a picture, from lists as rerun keeps them."""
+    """Return rows and columns, and the fields of a picture, from lists as stored by rerun."""
     quantity, unit, scale, axes = (values[key][0] for key in ("quantity", "unit", "scale", "axes"))
     low, high, logarithmic = float(values["low"][0]), float(values["high"][0]), scale == "log"
     if not np.isfinite([low, high]).all() or high <= low or (logarithmic and low <= 0):
         raise ValueError(f"a scale from {low:g} to {high:g}")
     cell, origin = [float(x) for x in values["cell"]], [float(x) for x in values.get("origin", (0.0, 0.0))]
-    form, plane = values[FORMAT][0], (values.get("plane") or [""])[0]  # rerun keeps no empty text
+    form, plane = values[FORMAT][0], (values.get("plane") or [""])[0]  # rerun stores no empty text
     fields = {"view": entity.rpartition("/")[2], "quantity": quantity, "unit": unit, "low": low, "high": high}
     fields |= {"logarithmic": logarithmic, "plane": plane, "axes": axes}
     fields |= {"cell": (cell[0], cell[-1]), "origin": (origin[0], origin[1])}
@@ -263,22 +263,22 @@ def _scale(entity: str, values: dict[str, Any]) -> tuple[tuple[int, int], dict[s
 def _rows(
     path: Path, entity: str, components: list[str], between: tuple[float, float], spacing: float
 ) -> Iterator[tuple[np.ndarray, np.ndarray, list[pa.Array]]]:
-    """Yield the times [s] of each chunk of an entity, the rows to keep, and its columns.
+    """Yield the times [s] of each chunk of an entity, a mask of the selected rows, and its columns.
 
-    Rows are kept if they are `between` two times, and `spacing` apart.
+    Rows are selected if they are `between` two times, and `spacing` apart.
     """
     latest = -np.inf
     for _, batch in _chunks(path, content=entity, components=components, is_static=False):
         if TIME not in batch.schema.names or not set(components) <= set(batch.schema.names):
             continue
         t = batch.column(TIME).cast(pa.int64()).to_numpy() * 1e-9
-        kept = (t >= between[0] - 1e-9) & (t <= between[1] + 1e-9)
+        selected = (t >= between[0] - 1e-9) & (t <= between[1] + 1e-9)
         if spacing > 0:
-            for k in np.flatnonzero(kept):
-                kept[k] = t[k] >= latest + spacing - 1e-6
-                latest = t[k] if kept[k] else latest
-        if kept.any():
-            yield t, kept, [batch.column(name) for name in components]
+            for k in np.flatnonzero(selected):
+                selected[k] = t[k] >= latest + spacing - 1e-6
+                latest = t[k] if selected[k] else latest
+        if selected.any():
+            yield t, selected, [batch.column(name) for name in components]
 
 
 def _points(column: pa.Array) -> list[np.ndarray]:

@@ -1,7 +1,7 @@
-"""Rerun recording of a run: gas, wind, robots, sensors, maps, events.
+"""Recorder: rerun recording of a run, with gas, wind, robots, sensors, maps and events.
 
 Fields are logged picture by picture; robots are gathered and sent in batches. Of several trials the first is recorded.
-The file can be read up to the last flush even when the process dies. Only the files of this folder import rerun.
+The file is readable up to the last flush even if the process dies. Only the modules of this folder import rerun.
 """
 
 import time
@@ -24,7 +24,7 @@ from taichi_plume.scoring.maps import MapScores
 from taichi_plume.simulation import Every, Simulation
 
 SAMPLE_PERIOD = 0.1  # s, robots
-LIVE = 0.5  # s of the clock between two batches for a viewer
+LIVE = 0.5  # s of wall time between two batches for a viewer
 BATCH = 2.0  # s, at least
 BATCHES = 250  # at most: rerun keeps 1.5 kB per batch and entity in memory until the end
 AT_ONCE = 10  # robots whose samples are sent together
@@ -33,11 +33,11 @@ MENDED = "recording.part.rrd"
 
 
 class Recorder:
-    """Writes `path` while `sim` runs. Add `observers()` to the simulation's; call `close()` in any case.
+    """Writer of `path` while `sim` runs. Add `observers()` to the simulation's; call `close()` in any case.
 
-    `start()` begins the file, `go_on()` continues that of a resumed run. live: address of a viewer (see `live`).
+    `start()` begins the file, `go_on()` continues the file of a resumed run. live: address of a viewer (see `live`).
 
-    Raises OSError, from the constructor or an observer, as soon as the disk has no room for more.
+    Raises OSError, from the constructor or an observer, as soon as the disk has too little room.
     """
 
     STATE = ("t", "share", "schedule", "tracks", "maps", "arrows")
@@ -68,9 +68,9 @@ class Recorder:
         seen, shown = planes.planes(scenario, sim.grid.extent), scales.quantities(sim)
         blueprint = layout.Layout(sim, layout.Shown(stage, robots, seen, shown, live is not None)).blueprint()
         self.stream = Stream(path, scenario.name, list(scenario.seeds.values()), blueprint, live)
-        self.sent = -np.inf  # on the clock, to the viewer
+        self.sent = -np.inf  # wall time of the next batch for the viewer
         self.shares = max(1, ceil(len(robots) / AT_ONCE))
-        self.share = 0  # share of the robots that is sent next
+        self.share = 0  # number of the next share of the robots to send
         values: dict[str, Any] = {**scenario.seeds, "backend": backend, "version": __version__}
         self.stream.rerun.send_property("run", rr.AnyValues(**values, spacing_m=sim.grid.dx))
         self.stream.log_still(scene.arena(sim, stage))
@@ -103,7 +103,7 @@ class Recorder:
         ]
 
     def show_now(self, sim: Simulation) -> None:
-        """Send the gathered samples to the viewer, twice a second of the clock."""
+        """Send the gathered samples to the viewer, twice per second of wall time."""
         if time.monotonic() - self.sent > LIVE:
             self.flush()
             self.sent = time.monotonic()
@@ -115,7 +115,7 @@ class Recorder:
     def go_on(self) -> None:
         """Begin the file with the contents up to the last `flush`."""
         whole = self.path.with_name(EARLIER)
-        if self.path.exists() and not whole.exists():  # else this step was interrupted before
+        if self.path.exists() and not whole.exists():  # otherwise this step was interrupted before
             fresh = self.path.with_name(MENDED)
             mend(self.path, fresh)
             fresh.replace(whole)
@@ -133,8 +133,8 @@ class Recorder:
                 samples.append((sim.t, x - obstacle.center[0], y - obstacle.center[1]))
 
     def note(self, sim: Simulation) -> None:
-        """Log scheduled events and write the gathered samples, of many robots in turns: a run in real time has less
-        than a tick for it. Raises OSError if there is no room.
+        """Log scheduled events and write the gathered samples; many robots take turns, as a run in real time has less
+        than a tick for this. Raises OSError if there is no room.
         """
         while self.schedule and self.schedule[0][0] <= sim.t + 1e-9:
             at, text = self.schedule.pop(0)

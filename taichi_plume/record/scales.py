@@ -16,9 +16,9 @@ NARROWEST = 1.0  # K: least width of a range of temperatures
 
 @dataclass(frozen=True)
 class Quantity:
-    """A scalar that is drawn. entity: parent of its pictures; colormap: of the viewer.
+    """Drawn scalar. entity: parent of its pictures; colormap: of the viewer.
 
-    cells: function of a simulation that returns the values of all cells (*grid.shape), or None if they are known at
+    cells: function of a simulation that returns the values of all cells (*grid.shape), or None if values are known at
     points only. points: function that returns the values at points (..., dim) [m]; None if cells are as fine.
     """
 
@@ -33,7 +33,7 @@ class Quantity:
     """Pixels per cell and axis."""
 
     def on(self, plane: Plane) -> bool:
-        """Return whether the quantity is drawn on a plane: the maximum over the height says little of heat."""
+        """Return whether the quantity is drawn on a plane; temperature has no maximum over the height."""
         return self.unit == "ppm" or not plane.over_height
 
     @property
@@ -63,7 +63,7 @@ def quantities(sim: Simulation) -> list[Quantity]:
 
 
 def _gas(entity: str, which: list[int], scale: Scale, sim: Simulation) -> Quantity:
-    """Return the sum of the species of some numbers."""
+    """Return the sum of the species with given numbers."""
     species = [sim.gas.species[n] for n in which]
     gases = [gas for gas in sim.gas.gases if gas.species in species]
 

@@ -25,7 +25,7 @@ from taichi_plume.scenario.vocabulary import Color
 from taichi_plume.scenario.windows import Window
 from taichi_plume.simulation import Simulation
 
-MOST_BOXES = 5000  # of a map's walls: of more, pixels are joined
+MOST_BOXES = 5000  # largest number of a map's wall boxes: beyond, pixels are joined
 BODY = 0.009  # robots are drawn at least this large, over the arena's length
 ESTIMATES = {
     "estimate": drawing.VIRIDIS,
@@ -292,7 +292,7 @@ def section(sim: Simulation, raster: Raster, stage: Stage) -> Entities:
 
 
 def beside(sim: Simulation, plane: Plane) -> list[str]:
-    """Return the sources and heaters that a section cuts, or nearly so."""
+    """Return the sources and heaters at or near a section."""
     heat = sim.scenario.buoyancy.heat if sim.scenario.buoyancy is not None else None
     there = [(f"sources/{n}", thing) for n, (_, thing) in enumerate(sim.scenario.sources)]
     there += [(f"heaters/{n}", heater) for n, heater in enumerate(heat.heaters if heat is not None else ())]

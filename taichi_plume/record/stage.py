@@ -15,7 +15,7 @@ FLAT = 0.05  # height of the walls of a 2-D arena over its shorter side
 
 @dataclass(frozen=True)
 class Stage:
-    """The arena as drawn: floor, height of its walls, longer side, gap between things that lie on the floor [m]."""
+    """Arena as drawn: floor, height of its walls, longer side, gap between objects that lie on the floor [m]."""
 
     extent: tuple[float, ...]
     height: float
@@ -33,7 +33,7 @@ class Stage:
 def placed(plane: Plane, points: ArrayLike, stage: Stage, above: float = 1.0) -> np.ndarray:
     """Return points (n, 2) [m] in a plane's axes as (n, 3), by `above` times `stage.lift` towards the viewer.
 
-    Horizontal planes lie on the floor, whatever their height.
+    Horizontal planes lie on the floor at any height.
     """
     points = np.asarray(points, float)
     found = np.zeros((len(points), 3))

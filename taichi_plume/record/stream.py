@@ -23,11 +23,11 @@ MOST_GATHERED = 1 << 22  # bytes of pictures
 
 
 class Stream:
-    """Writes `path`. Pictures are gathered, and sent in columns as series are: logging one costs as much as ten rows of
-    a column. Nothing is on the disk before `flush`.
+    """Writer of `path`. Pictures are gathered and sent in columns, like series: logging a picture alone costs as much
+    as ten rows of a column. Nothing is on the disk before `flush`.
 
-    live: address of a viewer that receives the recording, too; the file is written even if the viewer fails. Raises
-    OSError, from `begin` and `flush`, as soon as the disk has no room for more.
+    live: address of a viewer that also receives the recording; the file is written even if the viewer fails. Raises
+    OSError, from `begin` and `flush`, as soon as the disk has too little room.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class Stream:
         self.rerun.send_columns(entity, [rr.TimeColumn(TIME, duration=t)], columns)
 
     def require_room(self) -> None:
-        """Raise OSError if a few more batches would fill the disk."""
+        """Raise OSError if the next batches would fill the disk."""
         disk.require_room(self.path, 4 * self.largest_batch)
 
     def flush(self) -> None:
@@ -111,7 +111,7 @@ class Stream:
                 self._abandon()
                 disk.require_room(self.path)
                 raise OSError(errno.EIO, f"writing failed ({error})", str(self.path)) from None
-            disk.require_room(self.path)  # of two faults rerun reports only one
+            disk.require_room(self.path)  # rerun reports only one of two errors
         size = self.path.stat().st_size
         self.largest_batch = max(self.largest_batch, size - self.good_size)
         self.good_size = size
@@ -123,7 +123,7 @@ class Stream:
             self.open = False
 
     def _abandon(self) -> None:
-        """Give up after a failed write: rerun would now hang in `disconnect` and when the stream is freed."""
+        """Abandon the stream after a failed write: rerun would hang in `disconnect` and when the stream is freed."""
         rr.unregister_shutdown()
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(self.rerun.to_native()))
         self.open = False

@@ -19,17 +19,17 @@ MOST_ROBOTS = 50
 Event = tuple[float, str, str, tuple[int, ...]]
 """Time [s], level, text and colour of an event."""
 Declared = tuple[float, np.ndarray, bool]
-"""Time [s] and place (2,) [m] of a declaration, and whether it is right."""
+"""Time [s] and position (2,) [m] of a declaration, and whether the declaration is right."""
 
 
 @dataclass
 class Robot:
-    """A recorded robot, and its changes since the last batch."""
+    """Recorded robot, and its changes since the last batch."""
 
     STATE: ClassVar[tuple[str, ...]] = ("state", "last", "said", "right")
 
     index: int
-    """In the swarm."""
+    """Index in the swarm."""
     name: str
     color: tuple[int, ...]
     states: tuple[str, ...]
@@ -38,7 +38,7 @@ class Robot:
     state: int = -1
     changes: list[tuple[float, str]] = field(default_factory=list)
     last: dict[str, np.ndarray] = field(default_factory=dict)
-    """End of each of its trails."""
+    """End of each trail of the robot."""
     said: int = 0
     """Number of its declarations."""
     right: int = 0
@@ -52,7 +52,7 @@ class Robot:
 
 
 def recorded_robots(sim: Simulation) -> list[Robot]:
-    """Return the first trial's robots, at most MOST_ROBOTS, the groups in equal shares."""
+    """Return up to MOST_ROBOTS robots of the first trial, in equal shares of the groups."""
     groups = list(sim.swarm.groups)
     share = max(1, MOST_ROBOTS // max(1, len(groups)))
     robots, first = [], 0
@@ -70,7 +70,7 @@ def recorded_robots(sim: Simulation) -> list[Robot]:
 
 
 class Tracks:
-    """Samples robots and sends the samples in batches.
+    """Sampler of robots that sends the samples in batches.
 
     thresholds: lines in the plot of the readings [ppm]; events: list to which events are added.
     """
@@ -136,12 +136,12 @@ class Tracks:
                 self._note_declared(robot, sim.t, now)
 
     def _note_declared(self, robot: Robot, t: float, now: dict[str, np.ndarray]) -> None:
-        """Note a declaration as an event and a mark. After a right declaration the swarm keeps no other position."""
-        said, false, place, when = (
+        """Add a declaration as an event and a mark. After a right declaration the swarm stores no other position."""
+        declared, false, place, when = (
             now[name][robot.index]
             for name in ("declarations", "false_declarations", "declared_position", "declared_time")
         )
-        before, right = robot.right > 0, said - false > robot.right
+        before, right = robot.right > 0, declared - false > robot.right
         word = "rightly" if right else "falsely"
         if before:
             text = f"{robot.name} declared again, {word}; its first right place counts"
@@ -149,10 +149,10 @@ class Tracks:
             text = f"{robot.name} declared a source at ({place[0]:.2f}, {place[1]:.2f}) m, {word}"
             robot.declared.append((float(when), place.copy(), bool(right)))
         self.events.append((t if before else float(when), "DECLARED", text, robot.color))
-        robot.said, robot.right = int(said), int(said - false)
+        robot.said, robot.right = int(declared), int(declared - false)
 
     def _note_state(self, robot: Robot, state: int, sample: np.ndarray, now: dict[str, np.ndarray]) -> None:
-        """Note a change of state as an event; sample: as in `samples`."""
+        """Add a change of state as an event; sample: as in `samples`."""
         t, x, y, _, reading = (float(value) for value in sample[:5])
         name = robot.states[state]
         robot.changes.append((t, name))

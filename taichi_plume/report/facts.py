@@ -14,57 +14,57 @@ Rows = list[tuple[str, ...]]
 FILES = {
     "report.html": "this report",
     "recording.rrd": "gas, wind, robots, sensors and maps over time, for the viewer: rerun recording.rrd",
-    "result.json": "what came of the run, as numbers",
-    "robots.parquet": "a row per robot and moment: pose, reading, true gas, wind, state",
-    "maps.zarr": "the gas maps at the end, beside the truth, and what robots believed of the source's place",
+    "result.json": "results of the run, as numbers",
+    "robots.parquet": "a row per robot and time: pose, reading, true gas, wind, state",
+    "maps.zarr": "gas maps at the end, beside the truth, and beliefs (posterior) of the source's position",
     "fields.zarr": "wind and gas on the grid over time, for xarray, ParaView (by export) and playing back",
     "probes.parquet": "wind, pressure and gas at points",
     "forces.csv": "the force of the air on each obstacle",
     "plume.pslog": "wind and gas as a log of PlumeSim",
     "scenario.yaml": "the scenario with every default written out; run it again with the command on top of it",
     "manifest.json": "size and SHA-256 of what the run read and wrote",
-    "checkpoint.npz": "what the run can be resumed from",
+    "checkpoint.npz": "saved states from which the run can be resumed",
 }
 QUANTITIES = {
     "time_s": ("time to find the source", "s", "successful trial"),
-    "path_m": ("way driven by the robot that found it", "m", "successful trial"),
-    "overhead": ("this way over the straight one", "×", "successful trial"),
-    "time_with_failures_s": ("time, where a failure counts as the whole run", "s", "trial"),
+    "path_m": ("path of the robot that found the source", "m", "successful trial"),
+    "overhead": ("this path over the straight path", "×", "successful trial"),
+    "time_with_failures_s": ("time, a failure counts as the whole run", "s", "trial"),
 }
 OUTCOMES = {
     "declared_rate": "declared rightly",
     "reached_rate": "reached, not declared",
     "neither_rate": "neither",
 }
-SAID = {
+DECLARED = {
     "localisation_error_m": ("from the declared place to the nearest source", "m", "trial that declared"),
     "declared_time_s": ("time to declare", "s", "trial that declared"),
     "false_declarations": ("false declarations", "a trial", "trial"),
 }
 """Quantities of robots that have declared."""
 BUDGET = {
-    "initial_kg": "there at the begin",
-    "emitted_kg": "given off by the sources",
+    "initial_kg": "in the room at the start",
+    "emitted_kg": "emitted by the sources",
     "inflow_kg": "brought in by the air",
     "in_domain_kg": "still in the room at the end",
     "outflow_kg": "carried out by the air",
     "taken_up_kg": "taken up by surfaces",
 }
 FLOW = {
-    "max_divergence": ("largest divergence", "should be all but zero: air is neither made nor lost"),
+    "max_divergence": ("largest divergence", "should be nearly zero: conservation of air"),
     "max_courant": (
         "largest Courant number",
-        "cells that the air crossed in a step; the scheme takes up to 1.3",
+        "cells crossed by the air in a step; the scheme is stable up to 1.3 (CFL)",
     ),
     "max_speed": ("largest speed", "in m/s"),
     "eddy_diffusivity_m2_per_s": (
         "eddy diffusivity",
-        "how fast the air mixes, in m²/s, by particles in airs of this kind; 0.001 to 0.013 was measured in homes "
+        "mixing of the air, in m²/s, from particles in flows of this kind; 0.001 to 0.013 was measured in homes "
         "(Cheng et al. 2011, doi:10.1021/es103080p)",
     ),
     "eddy_diffusivity_error_m2_per_s": ("its standard error", "in m²/s"),
     "as_of_air_changes_per_h": (
-        "air changes per hour of rooms that mix as much",
+        "air changes per hour of equally mixed rooms",
         "in rooms of this volume, by the law of Cheng et al. 2011; below 0: less than closed rooms",
     ),
 }
@@ -109,16 +109,16 @@ def _wind(scenario: Scenario) -> str:
 
 
 def _counted(names: Sequence[str]) -> str:
-    """Return the names with their counts."""
+    """Return names with their counts as text."""
     counts = Counter(names)
     return ", ".join(f"{n} × {name}" if n > 1 else name for name, n in counts.items())
 
 
 def trials(group: dict[str, Any]) -> Rows:
-    """Return a group's means with their intervals: (quantity, mean, interval of 95 % confidence, over which trials)."""
+    """Return a group's means with intervals: (quantity, mean, interval of 95 % confidence, trials of the mean)."""
     summary, quantities, shares = group["summary"], QUANTITIES, {"success_rate": "success"}
     if has_declared(group["per_trial"]):
-        quantities, shares = quantities | SAID, shares | OUTCOMES
+        quantities, shares = quantities | DECLARED, shares | OUTCOMES
     rows: Rows = []
     for key, name in shares.items():
         rate = summary.get(key, {})
@@ -130,7 +130,7 @@ def trials(group: dict[str, Any]) -> Rows:
         mean = summary.get(key, {})
         if mean.get("mean") is not None:
             known = mean.get("low") is not None and isfinite(mean["low"])
-            interval = f"{mean['low']:.3g} to {mean['high']:.3g} {unit}" if known else "none: a single one"
+            interval = f"{mean['low']:.3g} to {mean['high']:.3g} {unit}" if known else "none: a single value"
             over = f"{_trials(mean['n'], over)} in one air"
             rows.append((name, f"{mean['mean']:.3g} {unit}", interval, over))
     return rows
@@ -149,7 +149,7 @@ def budget(result: dict[str, Any]) -> Rows:
     ]
     error = gas.get("relative_error")
     if rows and error is not None:
-        rows.append(("unaccounted for", f"{error:.1e} of what came"))
+        rows.append(("unaccounted for", f"{error:.1e} of the incoming mass"))
     return rows
 
 

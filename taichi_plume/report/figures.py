@@ -18,10 +18,10 @@ from taichi_plume.results.tracks import Track
 
 WIDE = 7.2  # inches
 DPI = 100
-MOST_SERIES = 4  # robots whose readings are shown
+MOST_SERIES = 4  # largest number of robots whose readings are shown
 MOST_LANES = 12  # robots whose behaviour is shown
-MOST_POINTS = 1200  # of a line: more than a page has dots
-MOST_STATES = 6  # side by side in their legend
+MOST_POINTS = 1200  # points of a line: more than a page can show
+MOST_STATES = 6  # entries side by side in the legend
 PLOT, LANE, GAP = 1.1, 0.19, 0.2  # inches: a robot's readings, its behaviour, between them
 
 
@@ -63,9 +63,9 @@ def _trails(tracks: Sequence[Track]) -> list[np.ndarray]:
 
 
 def smelt(run: Run, tracks: Sequence[Track]) -> bytes:
-    """Draw readings beside the true gas of a few robots, and the behaviour of some more, over one time axis.
+    """Draw readings and true gas of the first robots, and the behaviour of more robots, over a common time axis.
 
-    All share one pair of axes, in inches upwards: drawing separate axes would take as long as all the rest.
+    All share a single pair of axes, in inches upwards: separate axes would double the time of drawing.
     """
     shown, lanes = tracks[:MOST_SERIES], tracks[:MOST_LANES]
     low, high = _ends(run, shown)
@@ -108,7 +108,7 @@ def _ends(run: Run, tracks: Sequence[Track]) -> tuple[float, float]:
 
 
 def _readings(axes: Axes, track: Track, base: float, low: float, high: float) -> list[tuple[float, str]]:
-    """Draw a robot's true gas as an area and reading as a line, logarithmic, above `base`; return the scale's marks."""
+    """Draw a robot's true gas (area) and reading (line), logarithmic, above `base`; return the scale's marks."""
 
     def up(ppm: np.ndarray | float) -> np.ndarray:
         return base + (PLOT - GAP) * logarithmic(np.asarray(ppm), low, high)
@@ -132,16 +132,16 @@ def _readings(axes: Axes, track: Track, base: float, low: float, high: float) ->
 
 
 def _behaviour(axes: Axes, tracks: Sequence[Track]) -> tuple[list[float], list[str]]:
-    """Draw a lane per robot at the bottom, coloured by state; return the positions of the robots' names, and these."""
+    """Draw a lane per robot at the bottom, coloured by state; return positions and texts of the robots' names."""
     names = _states(tracks)
     boxes, colors = [], []
     places = [(len(tracks) - lane - 0.5) * LANE for lane in range(len(tracks))]
     for place, track in zip(places, tracks, strict=True):
         cuts = np.flatnonzero(np.diff(track.state)) + 1
         begins, ends = np.concatenate([[0], cuts]), np.concatenate([cuts, [len(track.t) - 1]])
-        kept = max(1, len(begins) // MOST_POINTS)
+        stride = max(1, len(begins) // MOST_POINTS)
         low, high = place - 0.4 * LANE, place + 0.4 * LANE
-        for begin, end in list(zip(begins, ends, strict=True))[::kept]:
+        for begin, end in list(zip(begins, ends, strict=True))[::stride]:
             left, right = track.t[begin], track.t[end]
             boxes.append([(left, low), (right, low), (right, high), (left, high)])
             colors.append(look.STATES[names.index(track.states[track.state[begin]]) % len(look.STATES)])
@@ -168,7 +168,7 @@ def _states(tracks: Sequence[Track]) -> list[str]:
 
 
 def _columns(names: Sequence[str]) -> int:
-    """Return the number of names side by side under a figure, fewer if they are long."""
+    """Return the number of names side by side under a figure, which depends on their length."""
     longest = max((len(look.short(name)) for name in names), default=0)
     return max(1, min(MOST_STATES, 80 // (longest + 5)))
 
@@ -178,7 +178,7 @@ def _legend_rows(names: Sequence[str]) -> int:
 
 
 def thinned(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a long series by the least and largest values of its parts, so that no peak is lost."""
+    """Return the least and largest values of the parts of a long series, so that no peak is lost."""
     parts = len(t) // (MOST_POINTS // 2)
     if parts < 2:
         return t, values
@@ -210,7 +210,7 @@ def success(groups: Sequence[dict[str, Any]], end: float) -> bytes:
         axes.set_xlim(0, end)
         axes.set_ylim(0, 1.02)
         axes.set_xlabel("time since the robots started [s]")
-        axes.set_ylabel("share of trials")
+        axes.set_ylabel("fraction of trials")
         look.verbatim(axes.legend(loc="upper left").get_texts())
         return look.png(figure)
 

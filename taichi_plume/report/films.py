@@ -14,16 +14,16 @@ from PIL import Image
 from taichi_plume.files.disk import written_whole
 from taichi_plume.guard.input_error import InputError
 
-COLORS = 255  # of a GIF
+COLORS = 255  # colours of a GIF
 Frame = TypeVar("Frame")
 
 
 class NoFilmError(InputError):
-    """A film that cannot be made here; a line that begins with the film's path."""
+    """Error for a film that cannot be made here; a line that begins with the film's path."""
 
 
 class Still(FigureCanvasAgg):
-    """A canvas that keeps the picture of the static parts, and draws the moving parts on top."""
+    """Canvas that stores the picture of the static parts, and draws the moving parts on top."""
 
     def __init__(self, figure: Figure, moving: Sequence[Artist]):
         super().__init__(figure)
@@ -37,7 +37,7 @@ class Still(FigureCanvasAgg):
             part.set_animated(True)
 
     def draw(self) -> None:
-        """Draw everything the first time, later the moving parts and the parts on top of them."""
+        """Draw everything the first time, later only the moving parts and the parts on top of them."""
         if self.background is None:
             super().draw()
             self.background = self.copy_from_bbox(self.figure.bbox)
@@ -57,7 +57,7 @@ def film(
     """Write a film of frames; `show` puts a frame on the figure. Raises NoFilmError and OSError."""
     if path.suffix.lower() != ".gif" and not animation.FFMpegWriter.isAvailable():
         raise NoFilmError(
-            f"{path}: MP4 needs the program ffmpeg, which is not there; name it .gif, or install ffmpeg"
+            f"{path}: MP4 needs the program ffmpeg, which was not found; install ffmpeg, or use the ending .gif"
         )
     canvas = Still(figure, moving)
     with written_whole(path) as fresh:
@@ -73,7 +73,7 @@ def film(
 
 
 def _gif(canvas: Still, path: Path, fps: int, frames: Sequence[Frame], show: Callable[[Frame], None]) -> None:
-    """Write a GIF with one palette, made of three frames: quicker and smaller than one palette per frame."""
+    """Write a GIF with a single palette from three frames: faster and smaller than a palette per frame."""
 
     def drawn(frame: Frame) -> Image.Image:
         show(frame)

@@ -1,4 +1,4 @@
-"""Self-contained HTML pages: sections of lines, images and tables, put into the template `page.html`.
+"""Self-contained HTML pages: sections of lines, images and tables, inserted into the template `page.html`.
 
 Reports of runs and studies, statistics and standings of contests are such pages. The template escapes every text, so
 sections hold names and messages as they are.
@@ -15,13 +15,13 @@ from taichi_plume.guard.terminal import visible
 
 TEMPLATE = Path(__file__).with_name("page.html")
 NO_BREAK = "\u00a0"
-LONGEST = 4000  # characters of a text; longer ones are cut in the middle, commands are not
+LONGEST = 4000  # characters of a text; longer texts are cut in the middle, except commands
 Rows = Sequence[Sequence[object]]
 
 
 @dataclass
 class Image:
-    """A figure: PNG, title in a line, and caption on how to read it."""
+    """Figure: PNG, title of a line, and caption."""
 
     png: bytes
     title: str
@@ -35,7 +35,7 @@ class Image:
 
 @dataclass
 class Table:
-    """Rows under their heads, with a caption."""
+    """Table: rows under their heads, with a caption."""
 
     rows: Rows
     heads: Sequence[str] = ()
@@ -44,7 +44,7 @@ class Table:
 
 @dataclass
 class Section:
-    """A part of the page, in reading order: lines, images, tables. code: lines are commands."""
+    """Section of a page, in reading order: lines, images, tables. code: lines are commands."""
 
     title: str
     key: str
@@ -71,10 +71,10 @@ def write(
     what: str = "report of a run",
     about: str = "Report of a run of taichi_plume",
 ) -> Path:
-    """Write a page of the sections that are not empty; returns the page's path. Raises OSError.
+    """Write a page of the sections that are not empty; return the page's path. Raises OSError.
 
-    name: heading; status, good: a word in a green box, or a red one; message: a line beside it. about: the line below,
-    followed by those of `began`. what: follows the name in the title of the window.
+    name: heading; status: word in a box, green if `good`, else red; message: line beside the box. about: line below,
+    followed by the lines of `began`. what: follows the name in the title of the window.
     """
     import jinja2
 
@@ -91,5 +91,5 @@ def write(
 
 
 def shown(text: object, longest: int | None = LONGEST) -> str:
-    """Return a text as `visible` does, but keep non-breaking spaces."""
+    """Return a text like `visible`, but with non-breaking spaces unchanged."""
     return NO_BREAK.join(visible(part, longest) for part in str(text).split(NO_BREAK))

@@ -1,4 +1,4 @@
-"""Style of figures: colours, sizes of letters, colour bars; and figures without a window."""
+"""Style of figures: colours, sizes of letters, colour bars; figures without a window."""
 
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -69,15 +69,15 @@ HALO = [withStroke(linewidth=2.2, foreground=PAPER)]
 
 
 def robot(number: int) -> str:
-    """Return the colour of a robot or a group, the same as in recordings."""
+    """Return the colour of a robot or a group, as in recordings."""
     return "#{:02x}{:02x}{:02x}".format(*robot_color(number))
 
 
 @contextmanager
 def styled(more: Mapping[Any, Any] | None = None) -> Iterator[None]:
-    """Enter the context in which our figures are made and saved; more: other settings of matplotlib."""
+    """Enter the context for drawing and saving figures; more: further settings of matplotlib."""
     with warnings.catch_warnings(), mpl.rc_context({**STYLE, **(more or {})}):
-        warnings.filterwarnings("ignore", "Glyph .* missing")  # of names in scripts that the font lacks
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # names in scripts that the font lacks
         yield
 
 
@@ -117,7 +117,7 @@ def scale(
     label: str,
     **where: Any,
 ) -> Colorbar:
-    """Add a colour bar beside an image of bytes or fractions, whose least and largest colour stand for low and high."""
+    """Add a colour bar beside an image of bytes or fractions; its least and largest colours are low and high."""
     bottom, top = image.get_clim()
     bar = image.figure.colorbar(image, ax=axes, **({"fraction": 0.04, "pad": 0.02, "aspect": 28} | where))
     if logarithmic:

@@ -68,7 +68,7 @@ def _map(group: Any) -> MapAtEnd:
     estimate, truth = np.asarray(group["estimate"][0], float), np.asarray(group["truth"][0], float)
     if estimate.ndim != 2 or estimate.shape != truth.shape:
         raise ValueError(f"map {group.name} has an estimate of {estimate.shape}")
-    made_by = group.attributes["groups"]  # the first trial is one of the first rival
+    made_by = group.attributes["groups"]  # the first trial belongs to the first rival
     whose = f" of {made_by[0]['names'][0]}" if len(made_by) > 1 else ""
     return MapAtEnd(f"{kind} map{whose}", 2.0 * float(x[0]), estimate, truth)
 
@@ -85,7 +85,7 @@ def _belief(group: Any) -> BeliefAtEnd:
 
 
 def beside_truth(run: Run, maps: Sequence[MapAtEnd]) -> bytes:
-    """Draw each map's estimate on the left, the truth on the right, on one scale; all in one pair of axes."""
+    """Draw each map's estimate on the left, the truth on the right, on a common scale and in one pair of axes."""
     width, length = run.scenario.domain.extent[:2]
     scale = run.scenario.recording.range_ppm
     inches = min(MAPS / (2.05 * width), TALLEST_MAP / length)  # per metre

@@ -29,7 +29,7 @@ def windows(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool)
         if opening.passes:
             way = 1 if opening.blows and (vars(opening).get("speed") or 0.0) >= 0 else -1
         like = (opening.region.face, opening.label)
-        name = opening.label if named and like not in shown else ""  # only the first of several alike
+        name = opening.label if named and like not in shown else ""  # only the first of equal arrows
         shown.add(like)
         one_window(axes, scenario, opening.region, color, plane, name, way, opening.straight)
         velocity = vars(opening).get("velocity")
@@ -50,7 +50,7 @@ def one_window(
     way: int,
     combed: bool = False,
 ) -> None:
-    """Draw a window as a thick line if it is seen edge on, else by its outline; way: +1 blows in, -1 lets out."""
+    """Draw a window as a thick line if seen edge on, else by its outline; way: +1 inflow, -1 outflow."""
     extent, normal = scenario.domain.extent, window.normal
     center, half = window.rectangle(extent)
     along = window.along(len(extent))
@@ -120,7 +120,7 @@ def _ends(normal: int, level: float, low: float, high: float, plane: tuple[int, 
 
 
 def wind(axes: Axes, scenario: Scenario, plane: tuple[int, int]) -> None:
-    """Draw an arrow and a speed for a wind that is given by its velocity."""
+    """Draw an arrow and a speed for a wind of given velocity."""
     velocity = vars(scenario.wind).get("velocity")
     if velocity is None:
         return

@@ -1,4 +1,4 @@
-"""Report of a run, `report.html`: one page with its images inside, without scripts, that needs no network."""
+"""Report of a run, `report.html`: a page with embedded images, without scripts, that needs no network."""
 
 from collections.abc import Callable, Iterator
 from math import inf
@@ -14,16 +14,16 @@ from taichi_plume.results.run import Run
 from taichi_plume.running import summary
 
 NAME = "report.html"
-MOST_FRAMES = 240  # of a recording, from which its mean is computed
+MOST_FRAMES = 240  # largest number of pictures of a recording for its mean
 COMPLETE = {"wall_s", "simulated_s", "cells", "steps", "backend", "flow", "gas", "groups", "maps"}
 """Keys of a complete result; results of killed runs have fewer."""
 Value = TypeVar("Value")
 
 
 def write(run: Run, tolerant: bool | None = None) -> Path:
-    """Write the report of a run into the run's folder; returns the path.
+    """Write the report of a run into the run's folder; return the path.
 
-    tolerant: whether files that cannot be read are only noted on the page; the default for unfinished runs. Raises
+    tolerant: whether unreadable files only cause a note on the page; the default for unfinished runs. Raises
     RunFolderError and OSError.
     """
     parts = Parts(run, run.unfinished if tolerant is None else tolerant)
@@ -35,7 +35,7 @@ def write(run: Run, tolerant: bool | None = None) -> Path:
 
 
 class Parts:
-    """Sections of a run's report, in their order. An error in reading is raised or, if tolerant, noted."""
+    """Sections of a run's report, in their order. A reading error is raised or, if tolerant, noted on the page."""
 
     def __init__(self, run: Run, tolerant: bool):
         self.run, self.tolerant = run, tolerant
@@ -65,7 +65,7 @@ class Parts:
             yield make()
 
     def _of_result(self, make: Callable[[], Section]) -> Section:
-        """Make a section of the result, which may have any contents if another version wrote it."""
+        """Return a section of the result, which may have any contents if another version wrote the result."""
 
         def section() -> Section:
             try:
@@ -80,7 +80,7 @@ class Parts:
         return self._tried(section, Section("", ""))
 
     def words(self) -> Section:
-        """Return the result as the command printed it."""
+        """Return the result as printed by the command."""
         section = Section("The result in words", "words")
         if self.result:
             section.tables.append(Table(summary.summary(self.result)[1:]))
@@ -101,7 +101,7 @@ class Parts:
         robots = "; coloured discs are the robots at their start" if run.scenario.robots else ""
         caption = captions.SCENE.format(seen=seen, robots=robots)
         image = Image(scene.picture(run.scenario, run.shapes, figures.DPI), "The scene", caption)
-        return Section("What was run", "setting", images=[image], tables=[Table(facts.key_facts(run))])
+        return Section("Scenario", "setting", images=[image], tables=[Table(facts.key_facts(run))])
 
     def trials(self) -> Section:
         """Return success and times with their intervals."""
@@ -122,13 +122,13 @@ class Parts:
         many = [group for group in searched if group["trials"] > 4 and group["trials_differ_by"] != "nothing"]
         if many:
             end = max(float(self.result["simulated_s"]) + self.run.begin, 1e-3)
-            section.images.append(Image(figures.success(many, end), "Found by when", captions.SUCCESS))
+            section.images.append(Image(figures.success(many, end), "Success over time", captions.SUCCESS))
         return section
 
     def plume(self) -> Section:
         """Return the mean pictures of the recording with tracks."""
         run = self.run
-        section = Section("Where the gas was, and where the robots went", "plume")
+        section = Section("Gas and paths of the robots", "plume")
         spacing = max(run.scenario.duration + run.scenario.warm_up, 1e-3) / MOST_FRAMES
         pictures = self._tried(lambda: run.planes.read(self._planes(), (0.0, inf), spacing), {})
         shown = [picture for picture in pictures.values() if len(picture.times)]
@@ -164,12 +164,12 @@ class Parts:
         total = sum(group.count * group.trials for group in self.run.scenario.robots)
         shown = len(self.tracks)
         part = f" Shown are {shown} of {total:,} robots: those of the first trial." if shown < total else ""
-        said = captions.SAID if any(track.values["declarations"].any() for track in self.tracks) else ""
-        return captions.TRAILS.format(part=said + part)
+        declared = any(track.values["declarations"].any() for track in self.tracks)
+        return captions.TRAILS.format(part=(captions.DECLARED if declared else "") + part)
 
     def smelt(self) -> Section:
         """Return readings and behaviour."""
-        section = Section("What the robots smelt and did", "smelt")
+        section = Section("Sensor readings and behaviour", "smelt")
         if self.tracks and max(len(track.t) for track in self.tracks) > 1:
             some = min(len(self.tracks), figures.MOST_SERIES)
             lanes = min(len(self.tracks), figures.MOST_LANES)
@@ -207,7 +207,7 @@ class Parts:
 
     def beliefs(self) -> Section:
         """Return the beliefs about the source position, and their scores."""
-        section = Section("Where robots believed the source to be", "beliefs")
+        section = Section("Beliefs about the source's position", "beliefs")
         results = self.result.get("beliefs", [])
         made = self._tried(lambda: maps.beliefs_of(self.run.folder), []) if results else []
         if made:
@@ -226,13 +226,13 @@ class Parts:
         if gas:
             section.tables.append(Table(gas, ("gas", "mass"), captions.BUDGET))
         if flow:
-            section.tables.append(Table(flow, ("air", "value", "what it says")))
+            section.tables.append(Table(flow, ("air", "value", "meaning")))
         if self.result and not (gas or flow):
             section.lines.append("This kind of wind and gas keeps no budget.")
         return section
 
     def notes(self) -> Section:
-        """Return warnings, and what this page lacks."""
+        """Return warnings, and the missing contents of this page."""
         remarks = self.run.result.get("remarks")
         lines = [text for text in remarks if isinstance(text, str)] if isinstance(remarks, list) else []
         return Section("Notes", "notes", lines=lines + self.lacks)
@@ -251,5 +251,5 @@ class Parts:
         """Return command, versions, files."""
         section = Section("How to run it again", "again", code=True)
         section.lines += filter(None, self.run.header[:1])
-        section.tables.append(Table(facts.files(self.run), ("file", "size", "what it holds")))
+        section.tables.append(Table(facts.files(self.run), ("file", "size", "contents")))
         return section

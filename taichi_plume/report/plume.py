@@ -31,7 +31,7 @@ BAR = 1.15
 
 
 class PlumeView:
-    """A picture's plane of a run, drawn on axes; `show` updates it to a time.
+    """View of a picture's plane of a run, drawn on axes; `show` updates the view to a time.
 
     moving: artists that `show` changes.
     """
@@ -51,7 +51,7 @@ class PlumeView:
         )  # fmt: skip
         axes.set_xlim(*_around(extent[self.plane[0]], self.length))
         axes.set_ylim(*_around(extent[self.plane[1]], self.length))
-        if self.plane != look.ABOVE:  # they may stand before the plane or behind it
+        if self.plane != look.ABOVE:  # obstacles may stand before or behind the plane
             for solid in solids:
                 solid.set_alpha(0.55)
         shapes = zip(solids, run.shapes, strict=True)
@@ -63,13 +63,14 @@ class PlumeView:
         self.trails = axes.add_collection(LineCollection([], colors=colors, linewidths=1.3, zorder=8))
         bodies = PolyCollection([], facecolors=colors, edgecolors="white", linewidths=0.8, zorder=11)
         self.bodies = axes.add_collection(bodies)
-        self.said: list[Line2D] = []
+        self.crosses: list[Line2D] = []
         if self.plane == look.ABOVE:
-            declaring = [track for track in self.tracks if said(track)]
-            self.said = [declared_mark(axes, look.robot(track.number)) for track in declaring]
-        self.clock: Text | None = None  # text of `figure_of`
+            declaring = [track for track in self.tracks if has_declared(track)]
+            self.crosses = [declared_mark(axes, look.robot(track.number)) for track in declaring]
+        self.clock: Text | None = None  # set by `figure_of`
         patches = [patch for patch, _ in self.walkers]
-        self.moving: list[Artist] = [self.image, *patches, self.arrows, self.trails, self.bodies, *self.said]
+        drawn = [self.image, *patches, self.arrows, self.trails, self.bodies]
+        self.moving: list[Artist] = [*drawn, *self.crosses]
 
     def show(self, t: float, pixels: np.ndarray, arrows: Arrows | None = None) -> None:
         """Show the pixels (rows, columns) of a picture, on its scale of bytes, and everything else at time t [s]."""
@@ -90,7 +91,8 @@ class PlumeView:
         found = [n >= 0 and bool(track.values["found"][n]) for track, n in shown]
         self.bodies.set_edgecolor([look.FOUND if has_found else "white" for has_found in found])
         self.bodies.set_linewidth([2.4 if has_found else 0.8 for has_found in found])
-        for mark, (track, n) in zip(self.said, [pair for pair in shown if said(pair[0])], strict=False):
+        declared = [pair for pair in shown if has_declared(pair[0])]
+        for mark, (track, n) in zip(self.crosses, declared, strict=False):
             put_mark(mark, track.declared(n))
         a, b = ("xyz"[d] for d in self.plane)
         trailing = [
@@ -101,7 +103,7 @@ class PlumeView:
         )
 
     def _body(self, track: Track, n: int) -> np.ndarray:
-        """Return the outline of a robot: a disc with a nose or, from the side, a box."""
+        """Return the outline of a robot: a disc with a pointed front or, from the side, a box."""
         x, y, z, heading = (float(track.values[name][n]) for name in ("x", "y", "z", "heading"))
         place = (x, y)
         radius = max(track.group.body.radius, BODY * self.length)
@@ -109,14 +111,14 @@ class PlumeView:
             low, high = place[self.plane[0]] - radius, place[self.plane[0]] + radius
             top = z + max(track.group.body.height, radius)
             return np.array([[low, z], [high, z], [high, top], [low, top]])
-        side = np.arccos(1 / 1.8)  # where the nose's flanks touch the disc
+        side = np.arccos(1 / 1.8)  # angle at which the flanks of the point touch the disc
         angle = heading + np.linspace(side, 2 * pi - side, ROUND)
         ring = np.column_stack([np.cos(angle), np.sin(angle)])
         nose = 1.8 * np.array([np.cos(heading), np.sin(heading)])
         return np.array(place) + radius * np.vstack([nose, ring])
 
 
-def said(track: Track) -> bool:
+def has_declared(track: Track) -> bool:
     """Return whether a robot has declared a source."""
     return bool(track.values["declarations"].any())
 
@@ -199,8 +201,8 @@ def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> No
         handles.append(mark(name, marker="o", markersize=7, **style))
     if any(track.found_at is not None for track in view.tracks):
         style = {"color": "white", "markeredgecolor": look.FOUND, "markeredgewidth": 2}
-        handles.append(mark("has found it", marker="o", markersize=7, **style))
-    last = [track.declared(len(track.t) - 1) for track in view.tracks] if view.said else []
+        handles.append(mark("has found the source", marker="o", markersize=7, **style))
+    last = [track.declared(len(track.t) - 1) for track in view.tracks] if view.crosses else []
     for right, label, rim in ((True, "declared rightly", look.FOUND), (False, "falsely", look.WRONG)):
         if any(word is not None and word[1] == right for word in last):
             style = {"color": "white", "markeredgecolor": rim, "markeredgewidth": 1.6}

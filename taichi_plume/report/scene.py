@@ -1,6 +1,6 @@
 """Drawing of a scenario's scene: from above or, in 3-D, from the side; sizes in metres.
 
-It needs only a checked scenario and the shapes of the obstacles: nothing is simulated, and Taichi is not needed.
+The drawing needs only a checked scenario and the shapes of the obstacles: no simulation, no Taichi.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ from taichi_plume.scenario.sources import Source
 if TYPE_CHECKING:
     from taichi_plume.assembly.prepare import Prepared
 
-MOST_LABELS = 8  # obstacles, openings and so on; more of them get no names
+MOST_LABELS = 8  # obstacles, openings etc.; beyond this number, names are left out
 WIDE, MOST_TALL, LEFT, RIGHT, BELOW = 7.2, 9.0, 0.55, 0.1, 0.48  # inches of a drawing, and around its axes
 MARGIN = 0.09  # around a room, for names, over its longer side
 MOST_BODIES = 60  # robots whose starts are drawn one by one
@@ -219,6 +219,6 @@ def _starts(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool)
             text += " starts" if group.count == 1 else " start"
         if named:
             side = at[0] / scenario.domain.extent[plane[0]]
-            long = len(text) > look.LONGEST_NAME  # it would leave the drawing
+            long = len(text) > look.LONGEST_NAME  # otherwise it would leave the drawing
             ha = "right" if long and side > 0.7 else "left" if long and side < 0.3 else "center"
             look.note(axes, at[0], at[1], text, look.INK, va="bottom", ha=ha, dy=3)

@@ -17,7 +17,7 @@ from taichi_plume.grid.shapes import Ball, Shape, UprightBox, UprightCylinder, U
 from taichi_plume.report import look
 from taichi_plume.report.look import ABOVE
 
-MOST_RECTANGLES = 20_000  # of a map's walls: of more, pixels are joined
+MOST_RECTANGLES = 20_000  # largest number of a map's wall boxes: beyond, pixels are joined
 SECTION_NODES = 200  # per axis, to find the section of a mesh in 2-D
 Style = dict[str, Any]
 
@@ -120,7 +120,7 @@ OUTLINES: dict[type, Callable[[Any, tuple[int, int], Style], Patch]] = {
     Solid: _mesh,
     FloorPlan: _plan,
 }
-"""Outlines of obstacles of each shape, mostly seen from above; others are drawn by the rectangle around them."""
+"""Outlines of obstacles by shape, mostly seen from above; other shapes are drawn by the rectangle around them."""
 
 
 def name(axes: Axes, shape: Shape) -> None:

@@ -145,7 +145,7 @@ def _obstacles(context: Context) -> Iterator[str]:
     widths = {
         n: obstacle.width
         for n, obstacle in enumerate(context.scenario.obstacles)
-        if 0.5 * dx < obstacle.width < FEWEST_ACROSS_BODY * dx * (1 - 1e-6)  # thinner ones: see `missed`
+        if 0.5 * dx < obstacle.width < FEWEST_ACROSS_BODY * dx * (1 - 1e-6)  # thinner ones: see `unresolved`
     }
     if widths:
         n, width = min(widths.items(), key=lambda item: item[1])

@@ -118,7 +118,7 @@ def test_names_stay_text(tmp_path, report):
 SERIES = "Readings and behaviour over time"
 PARTS = (
     "1 of 2 robots found a source", "20 to 100 %", "one thing is unlikely", "Mean of 21 recorded pictures",
-    "Lochmatter & Martinoli", "python -m taichi_plume.run", "seed: 0", "0.01 g", "1.0e-08 of what came",
+    "Lochmatter & Martinoli", "python -m taichi_plume.run", "seed: 0", "0.01 g", "1.0e-08 of the incoming mass",
 )  # fmt: skip
 
 
@@ -138,7 +138,7 @@ def test_the_page_shows_what_there_is(tmp_path, report, dim, changes, recording,
     page = report(made_run.made(tmp_path / "run", model, recording=recording))
     assert page.titles == ["The scene", *titles]
     assert not [one for one in words if one not in page.text]
-    assert ("robots smelt" in page.text) == (changes.get("robots") != [])
+    assert ("Sensor readings and behaviour" in page.text) == (changes.get("robots") != [])
 
 
 def test_runs_that_failed_are_told_and_shown(tmp_path, report):
@@ -224,7 +224,7 @@ def test_thousands_of_trials_make_a_small_page(tmp_path, report):
     trials |= {"trials": 1000, "trials_differ_by": "starts and chance", "per_trial": per_trial}
     page = report(made_run.made(tmp_path / "run", model, trials=200, told=told))
     assert "Shown are 2 of 2,000 robots" in page.text
-    assert "Found by when" in page.titles
+    assert "Success over time" in page.titles
     assert (tmp_path / "run" / NAME).stat().st_size < 1e6
 
 

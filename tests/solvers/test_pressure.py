@@ -11,7 +11,7 @@ from taichi_plume.solvers.capacitance import Capacitance, Changes
 from taichi_plume.solvers.direct import FastTransforms, SparseFactors
 from taichi_plume.solvers.imported import Projection
 from taichi_plume.solvers.multigrid import Multigrid
-from taichi_plume.solvers.poisson import Openness
+from taichi_plume.solvers.poisson import OpenFractions
 from taichi_plume.solvers.pressure import pressure_solver
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -31,7 +31,7 @@ def fields(taichi):
 
 
 def problem(shape, obstacle, outlet, periodic=None):
-    """Face openness of a box with an obstacle, and a right-hand side that its air can satisfy."""
+    """Open fractions of the faces of a box with an obstacle, and a right-hand side that its air can satisfy."""
     rng = np.random.default_rng(0)
     grid = Grid(shape, 0.1, periodic=periodic or (False,) * len(shape))
     air = np.ones(shape, bool)
@@ -80,18 +80,18 @@ CASES = [
 )
 def test_the_equations_are_met(fields, method, shape, obstacle, outlet, periodic):
     grid, faces, b, air = problem(shape, obstacle, outlet, periodic)
-    openness = Openness.of(faces, grid)
-    phi = solve(method(openness, grid), grid, fields, b, 1e-4)
-    residual = openness.matrix() @ phi.ravel(order="F") - b.ravel(order="F")
+    fractions = OpenFractions.of(faces, grid)
+    phi = solve(method(fractions, grid), grid, fields, b, 1e-4)
+    residual = fractions.matrix() @ phi.ravel(order="F") - b.ravel(order="F")
     assert np.abs(residual[air.ravel(order="F")]).max() < 1e-3 * np.abs(b).max()
 
 
 @pytest.mark.slow
 def test_both_solvers_agree(fields):
     grid, faces, b, air = problem((37, 23, 11), True, True)
-    openness = Openness.of(faces, grid)
-    direct = solve(SparseFactors(openness, grid), grid, fields, b, 0.0)
-    iterated = solve(Multigrid(openness, grid), grid, fields, b, 1e-5)
+    fractions = OpenFractions.of(faces, grid)
+    direct = solve(SparseFactors(fractions, grid), grid, fields, b, 0.0)
+    iterated = solve(Multigrid(fractions, grid), grid, fields, b, 1e-5)
     np.testing.assert_allclose(iterated[air], direct[air], atol=1e-4 * np.abs(direct).max())
 
 
@@ -100,7 +100,7 @@ def test_iterations_hardly_grow_with_the_grid(fields):
     iterations = []
     for n in (16, 32):
         grid, faces, b, _ = problem((2 * n, n, n), True, True)
-        solver = Multigrid(Openness.of(faces, grid), grid)
+        solver = Multigrid(OpenFractions.of(faces, grid), grid)
         solve(solver, grid, fields, b, 1e-4 * float(np.abs(b).max()))
         iterations.append(solver.iterations)
     assert iterations[1] <= iterations[0] + 4
@@ -128,19 +128,19 @@ def test_fast_transforms_solve_empty_boxes(fields, shape, periodic, free):
         if not periodic[d]:
             along[grid.ghost], along[grid.ghost + shape[d]] = free[2 * d], free[2 * d + 1]
         faces.append(a)
-    openness = Openness.of(tuple(faces), grid)
+    fractions = OpenFractions.of(tuple(faces), grid)
     b = np.random.default_rng(0).standard_normal(shape)
     if not any(free):
         b -= b.mean()
     solver = pressure_solver(tuple(faces), grid)
     assert isinstance(solver, FastTransforms)
     phi = solve(solver, grid, fields, b.astype(np.float32), 0.0)
-    residual = openness.matrix() @ phi.ravel(order="F") - b.ravel(order="F")
+    residual = fractions.matrix() @ phi.ravel(order="F") - b.ravel(order="F")
     assert np.abs(residual).max() < 1e-4
 
 
 def maze(shape, seed, sides, periodic=None, solid=0.2):
-    """Openness of a box with random obstacles, some of one cell, cut faces and a pocket of air; sides: the share of
+    """Open fractions of a box with random obstacles, cut faces and a pocket of air; sides: the share of
     each that is open.
     """
     rng = np.random.default_rng(seed)
@@ -163,11 +163,11 @@ def maze(shape, seed, sides, periodic=None, solid=0.2):
     return grid, tuple(faces)
 
 
-def reference(openness, b):
+def reference(fractions, b):
     """Solution of the equations by SciPy's sparse solver, and the parts of the air, each with what is free in it left
     out: the mean of b and of phi where no free face touches it.
     """
-    matrix = openness.matrix()
+    matrix = fractions.matrix()
     air = np.flatnonzero(matrix.diagonal() > 0)
     matrix, right = matrix[air][:, air], b.ravel(order="F")[air].astype(float)
     parts, part = connected_components(matrix, directed=False)
@@ -202,13 +202,13 @@ MAZES = [
 def test_a_capacitance_matrix_solves_boxes_with_obstacles_exactly(fields, shape, sides, periodic):
     for seed in range(3):
         grid, faces = maze(shape, seed, sides, periodic)
-        openness = Openness.of(faces, grid)
+        fractions = OpenFractions.of(faces, grid)
         b = np.random.default_rng(seed).standard_normal(shape).astype(np.float32)
-        phi, of_air, parts = reference(openness, b)
-        solver = Capacitance(Changes.of(openness, grid), grid)
+        phi, of_air, parts = reference(fractions, b)
+        solver = Capacitance(Changes.of(fractions, grid), grid)
         found = solve(solver, grid, fields, b, 0.0)
         assert np.abs(of_air(found) - phi).max() < 1e-5 * np.abs(phi).max()
-        closed_off = openness.matrix().diagonal() == 0
+        closed_off = fractions.matrix().diagonal() == 0
         assert not found.ravel(order="F")[closed_off].any()
         assert parts > 1
 
@@ -218,7 +218,7 @@ def test_the_bits_do_not_depend_on_the_threads(fields):
     found = []
     for threads in (1, 2):
         with threadpool_limits(threads):
-            solver = Capacitance(Changes.of(Openness.of(faces, grid), grid), grid)
+            solver = Capacitance(Changes.of(OpenFractions.of(faces, grid), grid), grid)
             found.append(solve(solver, grid, fields, b, 0.0))
     np.testing.assert_array_equal(*found)
 

@@ -11,7 +11,7 @@ from taichi_plume.grid import kernels
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.solvers.multigrid import Multigrid
-from taichi_plume.solvers.poisson import Openness
+from taichi_plume.solvers.poisson import OpenFractions
 from taichi_plume.solvers.pressure import pressure_solver
 
 SIDES = (64, 96, 128)  # N of the cubes whose pressure is solved
@@ -82,7 +82,7 @@ def solve(n: int, arch: str, tolerance: float = 1e-4) -> list[Solved]:
     solvers = (
         [chosen]
         if isinstance(chosen, Multigrid)
-        else [chosen, Multigrid(Openness.of(tuple(faces), grid), grid)]
+        else [chosen, Multigrid(OpenFractions.of(tuple(faces), grid), grid)]
     )
     b, phi = grid.field(), grid.field()
     rows = []
