@@ -88,7 +88,7 @@ class ExternalAlgorithm:
     def act(self, tick: int, t: float, dt: float) -> None:
         """Do nothing: orders hold until the next."""
 
-    def told(self) -> dict[str, np.ndarray]:
+    def sample(self) -> dict[str, np.ndarray]:
         """Return the readings of each robot by column: (size,), (size, 2), or (size, sensors) of gas sensors. Altitude:
         0 on the floor.
         """

@@ -9,9 +9,9 @@ ACQUIRE  stand still; a mean reading at the threshold or above is a hit, and the
 MOVE     along a free path to the next cell
 
 From GrGSL: the floor's free cells, known to the robot; a Gaussian of the angle between upwind and the start of the
-path to the source, with paths that lead around obstacles (`shortest_paths`); a Gaussian of the length of the path, on all
-sides; Bayes' rule over the cells; and an end of the search when the source's variance is small. From PMFS: hits have
-a probability, whose complement makes a miss evidence. A robot in cell c has a hit from a source in cell b with the
+path to the source, with paths that lead around obstacles (`shortest_paths`); a Gaussian of the length of the path,
+on all sides; Bayes' rule over the cells; and an end of the search when the source's variance is small. From PMFS: hits
+have a probability, whose complement makes a miss evidence. A robot in cell c has a hit from a source in cell b with the
 likelihood
 
     false_alarm + (hit - false_alarm) max(exp(-θ²/2(spread² + cell²/6e²) - d/fading), exp(-d²/2 near²))

@@ -9,8 +9,8 @@ positioning) and writes `speed_command`, `turn_rate_command` and `state`. An alg
 `swarm.as_believed` maps sensed vectors to walls and mates to a robot's map. `swarm.declare` declares a source. The
 attribute `beliefs`, if any, offers belief maps, which are recorded and scored.
 
-Numbers of the model reach kernels by `parameters`, so that new numbers need no compilation. `path_segments` and `potential`
-drive for an algorithm, `acquisition` samples, and `radio` carries messages between the robots of a team.
+Numbers of the model reach kernels by `parameters`, so that new numbers need no compilation. `path_segments` and
+`potential` drive for an algorithm, `acquisition` samples, and `radio` carries messages between the robots of a team.
 """
 
 from taichi_plume.agents.algorithm import Algorithm

@@ -48,7 +48,7 @@ class Needs:
         self.margin = max(self.margin, other.margin)
 
 
-def alike(model: models.Snaps) -> tuple:
+def alike(model: models.SnapshotMap) -> tuple:
     """Return a key that is equal for models with equal snapshots."""
     return "snaps", model.cell, model.window, model.power, model.min_distance
 
@@ -63,7 +63,7 @@ class Snapshots:
 
     STATE = ("samples", "taken", "weighted", "weights", "ended", "time")
 
-    def __init__(self, model: models.Snaps, floor: Floor, needs: Needs):
+    def __init__(self, model: models.SnapshotMap, floor: Floor, needs: Needs):
         self.cell, self.window, self.power = model.cell, model.window, model.power
         self.min_distance = model.cell / 2 if model.min_distance is None else model.min_distance
         self.extent = ti.math.vec2(floor.extent)
@@ -129,7 +129,7 @@ class SnapMap(GasMap):
 
     STATE = ("errors", "snaps", "numerator", "denominator")
 
-    def __init__(self, model: models.Snaps, floor: Floor, snapshots: Snapshots | None = None):
+    def __init__(self, model: models.SnapshotMap, floor: Floor, snapshots: Snapshots | None = None):
         super().__init__(model.cell, floor)
         self.snaps = snapshots or Snapshots(model, floor, self.needs(model, floor))
         self.snaps.maps.append(self)
@@ -141,21 +141,21 @@ class SnapMap(GasMap):
         self.begin(model)
 
     @classmethod
-    def needs(cls, model: models.Snaps, floor: Floor) -> Needs:
+    def needs(cls, model: models.SnapshotMap, floor: Floor) -> Needs:
         """Return the needs of a model: by default the last snapshot."""
         return Needs()
 
     @classmethod
-    def reserve(cls, model: models.Snaps, floor: Floor, shared: dict) -> None:
+    def reserve(cls, model: models.SnapshotMap, floor: Floor, shared: dict) -> None:
         shared.setdefault(alike(model), Needs()).add(cls.needs(model, floor))
 
     @classmethod
-    def made(cls, model: models.Snaps, floor: Floor, shared: dict) -> Self:
+    def made(cls, model: models.SnapshotMap, floor: Floor, shared: dict) -> Self:
         needs = shared[alike(model)]
         needs.snapshots = needs.snapshots or Snapshots(model, floor, needs)
         return cls(model, floor, needs.snapshots)
 
-    def begin(self, model: models.Snaps) -> None:
+    def begin(self, model: models.SnapshotMap) -> None:
         """Start a run; the numbers of the model must not change, as maps share snapshots by these numbers."""
         super().begin(model)
         self.window = model.window

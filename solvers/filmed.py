@@ -31,7 +31,7 @@ class Ticks(Protocol):
         ...
 
 
-class Reel:
+class TickFilm:
     """Holder of the film that is played; before a reset it may be replaced by a film of equal shape and variables.
 
     wind: whether the film holds the wind; gases: indices of the scenario's gases in the film.
@@ -70,7 +70,7 @@ class FilmedWind(Wind):
 
     STATE = ("u",)
 
-    def __init__(self, film: Reel, grid: Grid, t: float):
+    def __init__(self, film: TickFilm, grid: Grid, t: float):
         self.film, self.grid, self.dim = film, grid, grid.dim
         self.u = grid.faces_field()
         uploader(*self.u)(*(0.0 for _ in self.u))
@@ -99,7 +99,7 @@ class FilmedGas(GridGas):
 
     STATE = ("c",)
 
-    def __init__(self, film: Reel, number: int, model: PureGas, grid: Grid, air: Air, t: float):
+    def __init__(self, film: TickFilm, number: int, model: PureGas, grid: Grid, air: Air, t: float):
         """number: index of the gas in the film; t: start of the run [s]."""
         self.film, self.name = film, variable(number)
         self.grid, self.dim = grid, grid.dim

@@ -4,7 +4,7 @@
 
 p is the kinematic pressure [m²/s²], b buoyancy and g a constant acceleration. The terms are in `momentum`: convection
 in flux form (see `convection`), central diffusion. A three-stage Runge-Kutta method (see `time_stepping`)
-advances with the last pressure's gradient, and projections (see `continuity`) for the pressure's increment: second order.
+advances with the last pressure's gradient; projections (see `continuity`) give its increment: second order.
 """
 
 from collections.abc import Callable, Sequence

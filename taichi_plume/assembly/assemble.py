@@ -40,7 +40,7 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.bodies import MovingObstacle, Wake
 from taichi_plume.solvers.downwash import Downwash
-from taichi_plume.solvers.filmed import FilmedGas, FilmedWind, Reel
+from taichi_plume.solvers.filmed import FilmedGas, FilmedWind, TickFilm
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import Forces
 from taichi_plume.solvers.momentum import BuoyantScalar
@@ -82,15 +82,15 @@ def assemble(
 def build(
     prepared: Prepared,
     algorithms: Mapping[str, type] | None = None,
-    reel: Reel | None = None,
+    film: TickFilm | None = None,
     driven: bool = False,
 ) -> Simulation:
     """Return the simulation of a checked scenario, at the start of its warm-up; Taichi must have been started.
 
     Files of own algorithms must have been executed, see own_code. algorithms: own classes by the name of their group,
-    whose algorithm is of kind own (see agents/own_algorithm.py). reel: a film of wind or gas that is
-    shown instead of solving for them. driven: whether external robots are driven. Raises ScenarioError if robots do not
-    fit, or nothing drives them.
+    whose algorithm is of kind own (see agents/own_algorithm.py). film: recorded wind or gas that is
+    played instead of solving for them. driven: whether external robots are driven. Raises ScenarioError if robots do
+    not fit, or nothing drives them.
     """
     scenario, resources = prepared
     if not driven:
@@ -107,9 +107,9 @@ def build(
     weighing = [BuoyantScalar(scalar.q, 0.0) for scalar in scalars.values()]
     _weigh(weighing, scenario)
     context = Context(scenario, resources, grid, air, scalars, weighing, stirring.makers)
-    wind = _wind(context, reel)
-    gas = Mixture([_gas(context, path, wind, reel) for path, _ in scenario.gases])
-    if reel is None:
+    wind = _wind(context, film)
+    gas = Mixture([_gas(context, path, wind, film) for path, _ in scenario.gases])
+    if film is None:
         begin_fields(scenario, resources, wind, gas.gases)
     sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species, partial(_around, scenario, grid, air))
     own, networks = _own(scenario, resources, algorithms), _networks(scenario, resources)
@@ -136,7 +136,7 @@ def build(
         for part, (_, model) in zip(gas.gases, scenario.gases, strict=True):
             part.begin(model, t, scenario.seed_of_air)
         gas.begin()
-        if reel is None:
+        if film is None:
             begin_fields(scenario, resources, wind, gas.gases)
         swarm.begin(scenario.robots, *starts, _places(scenario), scenario.seed, walkers)
         sensors.begin()
@@ -235,10 +235,10 @@ def _around(scenario: Scenario, grid: Grid, air: Air) -> Surroundings:
     return Surroundings(level, grid.extent, min([grid.dx / 8.0, *finest]), grid.dx)
 
 
-def _wind(context: Context, reel: Reel | None) -> Wind:
+def _wind(context: Context, film: TickFilm | None) -> Wind:
     model = context.scenario.wind
-    if reel is not None and reel.wind:
-        return FilmedWind(reel, context.grid, context.begin[0])
+    if film is not None and film.wind:
+        return FilmedWind(film, context.grid, context.begin[0])
     try:
         return WINDS[model.kind](model, context)
     except WindFileError as error:
@@ -249,10 +249,10 @@ def _wind(context: Context, reel: Reel | None) -> Wind:
         raise ScenarioError([f"wind.{error}"]) from None
 
 
-def _gas(context: Context, path: str, wind: Wind, reel: Reel | None) -> Gas:
+def _gas(context: Context, path: str, wind: Wind, film: TickFilm | None) -> Gas:
     model = dict(context.scenario.gases)[path]
-    if reel is not None and path in reel.gases:
-        return FilmedGas(reel, reel.gases.index(path), model, context.grid, context.air, context.begin[0])
+    if film is not None and path in film.gases:
+        return FilmedGas(film, film.gases.index(path), model, context.grid, context.air, context.begin[0])
     try:
         return GASES[model.kind](model, path, context, wind)
     except ValueError as error:

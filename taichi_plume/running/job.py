@@ -42,7 +42,7 @@ class Service(Protocol):
         """Disconnect."""
         ...
 
-    def told(self) -> Json:
+    def summary(self) -> Json:
         """Statistics for the result."""
         ...
 
@@ -200,7 +200,7 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[Js
         content = {"name": sim.scenario.name, "status": end.status, "message": end.message}
         content |= sim.scenario.seeds
     if job.service is not None:
-        content |= {"service": job.service.told()}
+        content |= {"service": job.service.summary()}
     content |= {"remarks": job.prepared.resources.remarks + outputs.remarks}
     if "flow" in content:
         try:

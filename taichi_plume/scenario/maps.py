@@ -51,7 +51,7 @@ class AnyMap(Model):
         return ill_sized(f"{where}.cell", self.cell, size, MOST_CELLS)
 
 
-class Snaps(AnyMap):
+class SnapshotMap(AnyMap):
     """Base class of the maps of snaps. A snap holds the readings of a time window."""
 
     cell: Annotated[si.Length, COMPILED] = 0.25
@@ -66,7 +66,7 @@ class Snaps(AnyMap):
         return super().bytes(size, readings) + 12.0 * readings * self.window
 
 
-class TimeSeriesMap(Snaps):
+class TimeSeriesMap(SnapshotMap):
     """A map from neighbours in space and time: readings count less, the farther and the older they are.
 
     Marjovi & Marques, ICRA 2014, eq 1-7.
@@ -137,7 +137,7 @@ class TimeSeriesMap(Snaps):
         return super().bytes(size, readings) + 8.0 * self.lags * (long + margin) * (short + margin)
 
 
-class InverseDistanceMap(Snaps):
+class InverseDistanceMap(SnapshotMap):
     """A map from the readings of one snap alone, weighted by the inverse distance.
 
     Marjovi & Marques, ICRA 2014, eq 1-3.

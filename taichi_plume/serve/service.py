@@ -78,7 +78,7 @@ class Outside:
 
     def readings(self, t: float, tick: int) -> list[topics.Message]:
         """Return the readings of the robots at time t [s] as messages."""
-        readings, inbox = self.algorithm.told(), self.inbox
+        readings, inbox = self.algorithm.sample(), self.inbox
         by_declaring = self.algorithm.members.groups[0].model.found == "declared"
         readings["over"] = self.over = readings["found"] | (by_declaring & (readings["declarations"] > 0))
         messages = [topics.readings(self.name, t, tick, readings, answered=inbox.number, lost=inbox.lost())]
@@ -124,7 +124,7 @@ class Service:
         for team in sim.teams:
             if isinstance(team.algorithm, ExternalAlgorithm):
                 team.algorithm.order(Orders.none(team.algorithm.size), 0.0)
-                team.algorithm.told()
+                team.algorithm.sample()
         for message in topics.View(sim).messages():
             message.data()
         sim.advance()
@@ -274,7 +274,7 @@ class Service:
 
     # ------------------------------------------------------------ summary
 
-    def told(self) -> dict[str, object]:
+    def summary(self) -> dict[str, object]:
         taking = 1e3 * np.array(self.taking or [np.nan])
         p50, p99 = (
             round(float(ms), 3) if np.isfinite(ms) else None for ms in np.percentile(taking, [50, 99])

@@ -68,7 +68,7 @@ class _Run:
             return known
         prepared = checked(scenario, task.folder, task.options.allow_outside)
         execute(prepared, task.options.allow_code)
-        player = None if film is None else shared_air.reel_of(prepared.scenario, film)
+        player = None if film is None else shared_air.film_of(prepared.scenario, film)
         return WARM.add(self.key, prepared, player)
 
     def _simulate(self, cached: CachedSimulation) -> tuple[End, dict[str, float | None]]:

@@ -15,7 +15,7 @@ from taichi_plume.running.job import explain
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation
-from taichi_plume.solvers.filmed import VELOCITIES, Reel, variable
+from taichi_plume.solvers.filmed import VELOCITIES, TickFilm, variable
 from taichi_plume.study.messages import AirRecord, Task
 from taichi_plume.study.sharing import filmed
 from taichi_plume.study.simulation_cache import WARM
@@ -115,13 +115,13 @@ def opened(path: Path) -> AirFilm:
     return _films[key]
 
 
-def reel_of(scenario: Scenario, film: AirFilm) -> Reel:
+def film_of(scenario: Scenario, film: AirFilm) -> TickFilm:
     """Return the player of a film for a simulation of a scenario. Raises ValueError if the film does not fit."""
-    player = Reel(*filmed(scenario))
+    player = TickFilm(*filmed(scenario))
     put(player, film, scenario)
     return player
 
 
-def put(player: Reel, film: AirFilm, scenario: Scenario) -> None:
+def put(player: TickFilm, film: AirFilm, scenario: Scenario) -> None:
     """Let a player play a film from the next start of a run. Raises ValueError if the film does not fit."""
     player.put(film, scenario.domain.shape, scenario.tick, scenario.last_tick)

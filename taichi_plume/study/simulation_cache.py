@@ -19,7 +19,7 @@ from taichi_plume.assembly.prepare import Prepared, StructureError
 from taichi_plume.grid import kernels
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
-from taichi_plume.solvers.filmed import Reel
+from taichi_plume.solvers.filmed import TickFilm
 
 PLACES = 480  # SNode trees in use, of 512; Taichi crashes beyond 512
 USUAL = 40  # assumed number of trees of the first simulation; usually 16
@@ -32,7 +32,7 @@ class CachedSimulation(NamedTuple):
 
     prepared: Prepared
     sim: Simulation
-    player: Reel | None
+    player: TickFilm | None
 
 
 class Warm:
@@ -75,12 +75,12 @@ class Warm:
             return None
         return known
 
-    def add(self, key: Hashable, prepared: Prepared, player: Reel | None = None) -> CachedSimulation:
+    def add(self, key: Hashable, prepared: Prepared, player: TickFilm | None = None) -> CachedSimulation:
         """Build and cache a simulation of a checked scenario after its Python files were run. Raises ScenarioError."""
         self._make_room()
         before = _trees()
         try:
-            sim = build(prepared, reel=player)
+            sim = build(prepared, film=player)
         finally:
             self._largest = max(self._largest, _trees() - before)
         self._cached[key] = CachedSimulation(prepared, sim, player)

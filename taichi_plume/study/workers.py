@@ -200,7 +200,7 @@ class DaskWorkers:
         self.death: type[BaseException] = KilledWorker
         self.remarks: list[str] = []
         content = (out / "study.yaml").read_bytes()
-        self._why_unusable = partial(unfit, __version__, out.resolve(), content, plan.folder.resolve())
+        self._why_unusable = partial(why_unusable, __version__, out.resolve(), content, plan.folder.resolve())
         self._executors: dict[str, Executor] = {}
         self._looked = float("-inf")
         self._lonely = False
@@ -256,7 +256,7 @@ class DaskWorkers:
         self.client.status = "closed"  # otherwise the client's finalizer would wait for an answer again
 
 
-def unfit(version: str, out: Path, content: bytes, folder: Path) -> str:
+def why_unusable(version: str, out: Path, content: bytes, folder: Path) -> str:
     """Return why this worker cannot be used for a study, in one line; "" if it can.
 
     version: of the command; out: folder of the study; content: of study.yaml; folder: folder of the base scenario.

@@ -68,7 +68,7 @@ def test_a_robot_is_where_it_is_said_to_be_and_smells_there(sim):
     places = np.array([[1.5, 1.5], [2.5, 1.6], [1.0, 1.4], [3.5, 1.5]])
     algorithm(sim, "real").order(placed(places, 0.5), sim.t)
     sim.advance()
-    told = algorithm(sim, "real").told()
+    told = algorithm(sim, "real").sample()
     np.testing.assert_allclose(told["believed_position"], places, rtol=1e-6)
     np.testing.assert_allclose(told["believed_heading"], 0.5)
     other = assemble(scenario_from(SCENARIO | {"robots": [team(*places.tolist(), **POSE)]}), driven=True)
@@ -112,7 +112,7 @@ def test_a_remote_robot_drives_as_commanded_and_stops(sim):
     assert now["position"][1] == pytest.approx(
         [2 + 0.2 * np.sin(1.0), 0.5 + 0.2 * (1 - np.cos(1.0))], abs=1e-3
     )
-    assert remote.told()["wind"][0] == pytest.approx([0.5, 0.0], abs=1e-5)
+    assert remote.sample()["wind"][0] == pytest.approx([0.5, 0.0], abs=1e-5)
     orders = Orders.none(2)
     orders.state[:] = LOST
     remote.order(orders, sim.t)

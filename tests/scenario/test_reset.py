@@ -186,7 +186,7 @@ STILL = {
     "ParticleFilter": {"memory", "period", "cell"},
     "HitMap": {"cell"},
     "Sweep": {"lane"},
-    "Snaps": {"cell", "window", "power", "min_distance"},
+    "SnapshotMap": {"cell", "window", "power", "min_distance"},
     "TimeSeriesMap": {"alpha", "beta", "time_scale"},
     "KernelMap": {"cell"},
     "MarkovMap": {"cell"},

@@ -166,7 +166,7 @@ def test_or_at_once(served):
     robots, service = served(lambda robots, now: None, Pace(at_once=True))
     assert [now.tick for _, now in robots.seen] == list(range(31))
     assert robots.seen[-1][1].x.tolist() == [3.0, 3.0]
-    assert service.told()["messages"]["my_team"]["never_heard"] == 2
+    assert service.summary()["messages"]["my_team"]["never_heard"] == 2
 
 
 def test_waiting_for_answers_nothing_depends_on_the_clock(served):
@@ -269,4 +269,4 @@ def test_lost_and_back(served, capsys):
     told = capsys.readouterr().err
     assert "my_team_1 lost: nothing heard, standing still" in told
     assert "my_team_1 back" in told
-    assert service.told()["messages"]["my_team"]["times_lost"] == 1
+    assert service.summary()["messages"]["my_team"]["times_lost"] == 1

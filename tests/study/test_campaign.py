@@ -20,7 +20,7 @@ import pytest
 
 from taichi_plume import __version__
 from taichi_plume.study.store import Store
-from taichi_plume.study.workers import WorkersError, _require_scheduler, unfit
+from taichi_plume.study.workers import WorkersError, _require_scheduler, why_unusable
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="POSIX signals")]
 HERE = Path(__file__).parent
@@ -382,11 +382,11 @@ def test_workers_of_no_use(tmp_path):
 def test_workers_that_do_not_see_the_folder(tmp_path):
     """They do not, where its study.yaml is not the same."""
     told = "name: one"
-    assert unfit("0.0.1", tmp_path, b"", tmp_path).startswith("has taichi_plume")
-    assert "does not see the study's folder" in unfit(__version__, tmp_path, told.encode(), tmp_path)
+    assert why_unusable("0.0.1", tmp_path, b"", tmp_path).startswith("has taichi_plume")
+    assert "does not see the study's folder" in why_unusable(__version__, tmp_path, told.encode(), tmp_path)
     (tmp_path / "study.yaml").write_text(told)
-    assert unfit(__version__, tmp_path, told.encode(), tmp_path) == ""
-    assert "does not see the scenario's folder" in unfit(
+    assert why_unusable(__version__, tmp_path, told.encode(), tmp_path) == ""
+    assert "does not see the scenario's folder" in why_unusable(
         __version__, tmp_path, told.encode(), tmp_path / "no"
     )
 

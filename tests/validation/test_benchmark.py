@@ -4,11 +4,11 @@ import json
 
 import numpy as np
 import pytest
-from tests.study.rooms import ROOM, UNIFORM, changed
 
 from taichi_plume.validation.benchmark import envs, pressure, puffs, robots, start, trials
 from taichi_plume.validation.benchmark.__main__ import main
 from taichi_plume.validation.benchmark.pressure import cluttered, right_sides
+from tests.study.study_rooms import ROOM, UNIFORM, changed
 
 
 def test_right_sides_can_be_solved():
