@@ -224,7 +224,7 @@ WALKED = {
         ({"scenario": TASK, "overrides": "task.airs=3"}, "overrides: got a text"),
         ({"scenario": TASK, "overrides": [3]}, "overrides: .* list of texts"),
         ({"scenario": TASK, "overrides": 3}, "overrides: .* list of texts"),
-        ({"scenario": task(**HEAVY)}, "none is alone in what is recorded"),
+        ({"scenario": task(**HEAVY)}, "task.sources: one: .* use sources: all"),
         ({"scenario": TASK, "overrides": ["task.airs=3"]}, "overrides: apply only to a scenario file"),
     ],
 )
