@@ -129,7 +129,7 @@ def test_killed_and_resumed(tmp_path, unbroken):
     os.killpg(second.pid, signal.SIGINT)
     code, said = finish(second)
     assert code == 130
-    assert "go" in said
+    assert "resume" in said
     until(lambda: not left(second.pid), "its processes to end")
     assert kept.keys() < Store(out).statuses().keys()
     assert (
