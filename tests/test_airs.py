@@ -116,6 +116,7 @@ def test_the_seed_of_the_air_is_that_of_wind_and_gas_alone():
     assert np.array_equal(fresh[1], stories[2, 5][1], equal_nan=True)
 
 
+@pytest.mark.slow
 def test_a_run_tells_both_seeds_where_it_tells_one(tmp_path):
     wanted = {"seed": 5, "air_seed": 77, "duration": 0.5, "wind": cfd(INLET), "fields": {"rate": 2}}
     wanted |= {"maps": [{"kind": "kernel_dmv", "cell": 0.2}]}

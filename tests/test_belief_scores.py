@@ -61,6 +61,7 @@ def test_scores_of_simple_beliefs():
     assert none["entropy_bits"][1] == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_a_run_leaves_its_beliefs(tmp_path, taichi):
     path = tmp_path / "beliefs.yaml"
     path.write_text(SCENARIO)

@@ -74,6 +74,7 @@ def test_the_static_gaussian_is_what_its_page_says(files):
     assert found == pytest.approx([100.0, 100.0 * np.exp(-0.5)], rel=2e-3)
 
 
+@pytest.mark.slow
 def test_gaden_s_room_runs_with_the_gas_of_its_filaments(files):
     overrides = ["duration=1 s", "warm_up=2 s"]
     simulation = assemble(load_scenario(files / "gaden_room.yaml", overrides), files)

@@ -124,6 +124,7 @@ def test_a_puff_in_3d_is_integrated_to_a_percent():
     np.testing.assert_allclose(read[some], true[some], rtol=0.01)
 
 
+@pytest.mark.slow
 def test_a_computed_field_is_integrated_to_a_percent_up_to_obstacles():
     """Against the mean of points 1 mm apart of the field as all see it, up to the box by the slab method."""
     size, low, high = (4.0, 3.0), np.array([2.0, 0.8]), np.array([2.8, 2.2])

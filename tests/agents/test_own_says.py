@@ -106,6 +106,7 @@ def test_a_reset_and_a_checkpoint_keep_what_was_heard(near):
     np.testing.assert_array_equal(near.swarm.snapshot()["declarations"], late[1])
 
 
+@pytest.mark.slow
 def test_messages_are_lost_at_the_groups_rate():
     class Calls:
         MESSAGE = 1

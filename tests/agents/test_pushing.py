@@ -173,6 +173,7 @@ def test_robots_put_from_outside_stay_and_count_the_time_inside(pushed):
     assert now["pinned_s"][0] == pytest.approx(2 * (R + WALKER) / 1.0, abs=0.2)
 
 
+@pytest.mark.slow
 def test_drones_are_pushed_by_walkers_at_their_height_and_rise_out_of_a_dead_end(taichi):
     shapes = [
         shape(Box(kind="box", center=(3.8, y, 1.2), size=(0.4, 0.4, 2.4)), HALL, Path()) for y in (1.19, 1.81)

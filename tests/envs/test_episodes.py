@@ -176,6 +176,7 @@ def test_episodes_differ(engines):
     assert 0.0 < many.rounds.films.begin.to_numpy().min() <= many.rounds.films.begin.to_numpy().max() < 3.4
 
 
+@pytest.mark.slow
 def test_noses_on_both_sides_change_sides_in_a_mirror():
     """Each reads the film where it is: to the left as the policy sees it."""
     noses = [{"kind": "ideal", "left": side, "ahead": 0.05} for side in (0.1, -0.15)]

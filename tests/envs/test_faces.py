@@ -92,6 +92,7 @@ def assert_same(one: list[tuple], other: list[tuple]) -> None:
 
 
 @pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
+@pytest.mark.slow
 def test_single_environments_give_the_episodes_of_a_vector_in_every_autoreset_mode(made, mode):
     several = at_once(made(mode), mode)
     for seed, steps in zip(SEEDS, several, strict=True):
@@ -289,6 +290,7 @@ def test_a_missing_package_is_told_with_its_extra(monkeypatch):
         taichi_plume.envs.sb3_env(TASK, 4)
 
 
+@pytest.mark.slow
 def test_pettingzoos_tests_pass(made):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

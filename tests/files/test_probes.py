@@ -87,6 +87,7 @@ def table_of(sim: Any, path: Path, **model: Any) -> ProbeTable:
     return table
 
 
+@pytest.mark.slow
 def test_rows_at_even_times_lie_between_those_of_steps(tmp_path):
     sim = assembled(ROOM)
     steps = table_of(sim, tmp_path / "steps.parquet", points=[LINE, POINT, GRID], every="step", start=-0.2)

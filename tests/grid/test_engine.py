@@ -113,6 +113,7 @@ def test_kernels_that_nothing_uses_are_forgotten(taichi):
 
 
 @pytest.mark.cpu
+@pytest.mark.slow
 def test_trees_of_fields_that_are_gone_make_room_and_the_others_keep_their_values(taichi):
     ti.reset()
     kernels.start("cpu", threads=1)

@@ -186,6 +186,7 @@ def test_files_and_page(folder, tmp_path, capsys):
     assert len(pq.read_table(tmp_path / "other" / "statistics.parquet")) == 1
 
 
+@pytest.mark.slow
 def test_names_of_a_foreign_table_are_text(folder, tmp_path, capsys):
     copy = broken(folder, tmp_path, lambda copy: None)
     table = pq.read_table(copy / "probes.parquet")

@@ -120,6 +120,7 @@ HEATED = {
 }
 
 
+@pytest.mark.slow
 def test_temperature_is_recorded_where_it_is_solved_for(tmp_path):
     sim = assemble(Scenario.model_validate(HEATED))
     found = recorded(sim, tmp_path / "a.rrd")

@@ -31,6 +31,7 @@ def folder(tmp_path_factory) -> Path:
     return path / "run"
 
 
+@pytest.mark.slow
 def test_pictures_are_those_of_the_recording(folder):
     it = Run(folder, lenient=True)
     recorded = it.planes.read(None, (0.4, 2.0))

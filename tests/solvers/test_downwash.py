@@ -104,6 +104,7 @@ def test_rotors_rest_on_the_floor_and_before_the_run(hover):
     assert hover.flow.max_speed == 0.0
 
 
+@pytest.mark.slow
 def test_strong_thrust_is_calm_for_the_steps_it_is_given(taichi):
     """30 kg on the grid of a drone of 0.4 kg, in a closed box: jets of 40 m/s, and still no divergence."""
     hover = Hover(cfd(), (False, False, False))

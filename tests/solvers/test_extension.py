@@ -48,6 +48,7 @@ def lost(flow: FlowSolver, air: Air, along: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("kind", ["vreman", "none"])
+@pytest.mark.slow
 def test_an_oblique_wall_takes_no_momentum_by_convection(kind):
     """At 45 degrees what comes to a closed face has the velocity of what leaves it: only friction is left."""
     flow, _, along = channel((1, 1), 0.013, turbulence={"kind": kind})

@@ -134,6 +134,7 @@ def test_gas_decays_as_fast_as_a_wall_takes_it_up(box):
     np.testing.assert_allclose(c / start(box.x), exp(-diffusivity * k**2 * 300.0), rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_a_well_mixed_room_decays_by_uptake_times_area_over_volume(box):
     """Eddies that mix it at once: uptake and film then pass gas one after the other."""
     uptake, transfer, end = 2e-3, 3e-3, 200.0

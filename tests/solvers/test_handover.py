@@ -80,6 +80,7 @@ def test_no_gas_gets_behind_walls(dim):
     assert c[4:12, :8].min() > 0.0
 
 
+@pytest.mark.slow
 def test_budget_and_state_of_gas_that_goes_out_through_an_outlet():
     """Emitted is what puffs hold, what the grid holds and what has left by either; a saved run goes on to the bit."""
     grid = Grid((24, 16), 0.05, depth=0.5)

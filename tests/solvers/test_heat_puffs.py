@@ -96,6 +96,7 @@ def test_the_power_is_exact_and_a_restored_state_goes_on_to_the_bit():
     np.testing.assert_array_equal(advance(1.5 / rate, 3.2 / rate), ahead)
 
 
+@pytest.mark.slow
 def test_without_eddies_or_at_zero_the_release_is_even():
     """Heat that is released evenly stays symmetric about a heater in the middle."""
     cases = (("none", 1.0, True), ("smagorinsky", 0.0, True), ("smagorinsky", 1.0, False))

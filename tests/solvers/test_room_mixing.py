@@ -112,6 +112,7 @@ def test_mirrors_face_each_other(air):
     np.testing.assert_allclose(wind.room.inside(far, np.full_like(far, -1.0)), near)
 
 
+@pytest.mark.slow
 def test_measuring_changes_nothing(air):
     grid, _, wind = air
     model = SyntheticWind(kind="synthetic", shortest=0.5)
