@@ -39,8 +39,10 @@ class StudyAxis(Model):
     spacing: Literal["linear", "log"] = "linear"
     """Spacing of the values in the range: equal distances, or equal ratios (log), as for rates and concentrations."""
     variants: Annotated[dict[str, dict[str, Any]], Field(min_length=1)] | None = None
-    """Named sets of changes: for each name the keys that change together, with their values, such as
-    {casting: {robots.0.algorithm: {kind: casting}}}."""
+    """Named sets of changes: for each name the keys that change together, with their values.
+
+    An example: {casting: {robots.0.algorithm: {kind: casting}}}.
+    """
 
     @model_validator(mode="after")
     def _one_form(self) -> "StudyAxis":
@@ -119,8 +121,8 @@ class Study(Model):
     searches: Annotated[int, Field(ge=1, le=100_000)] = 1
     """Number of runs in each air, with different starts and noise of the robots."""
     outcomes: Annotated[dict[str, Annotated[str, Field(min_length=1)]], Field(default_factory=dict)]
-    """Additional columns of each run, by name: the path of a number in result.json, such as maps.0.correlation, or
-    probes.NAME.QUANTITY for the mean of a probe over time and points."""
+    """Additional columns of each run, by name. A value is the path of a number in result.json, such as
+    maps.0.correlation, or probes.NAME.QUANTITY for the mean of a probe over time and points."""
     keep: tuple[Annotated[str, Field(min_length=1)], ...] = ()
     """Names of the files to keep of each run, such as result.json or report.html. By default only the tables are
     kept."""

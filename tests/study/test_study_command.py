@@ -117,7 +117,7 @@ def test_the_schema_describes_every_key(capsys):
 
 def test_a_key_is_found_by_its_name_and_what_is_near_is_told(capsys):
     assert print_key("axes.values", Study) == 0
-    assert capsys.readouterr().out.startswith("axes[].values\n  The values that the key takes")
+    assert capsys.readouterr().out.startswith("axes[].values\n  List of the key's values")
     with pytest.raises(InputError, match="share_air"):
         print_key("shareair", Study)
     assert look_up("wind.openings.speed", Study) == ([], [])
