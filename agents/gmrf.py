@@ -134,7 +134,7 @@ class MarkovMap(GasMap):
         return count, total
 
     def _solution(self) -> list[np.ndarray]:
-        """Return mean and variance."""
+        """Return mean and variance of the gas in each cell, by trial; NaN in unknown cells."""
         if self._solved is None:
             count, total = self._information()
             trials = len(count)

@@ -69,7 +69,7 @@ class HeatedSensors(GasSensors):
 
     @ti.func
     def reacted(self, n, q):
-        """Return the integral of k over the first q cycles [s]."""
+        """Return the integral of the relative reaction rate k over the first q heater cycles of sensor n [s]."""
         whole = ti.floor(q)
         hot, part = self.cycle.hot_share[n], q - whole
         return self.cycle.period[n] * (
@@ -100,7 +100,7 @@ class HeatedSensors(GasSensors):
 
 
 def _cycle(tick: float, slot: int, group: GroupRange) -> Numbers:
-    """Return the numbers of the heater cycles of a group."""
+    """Return the heater cycle of a group: period, hot share, reaction rates and time constants."""
     sensor = cast(MoxSensor, group.model.sensors.noses[slot])
     heater, signal = sensor.heater, sensor.signal
     assert heater is not None

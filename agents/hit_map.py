@@ -48,7 +48,7 @@ ON_THE_WAY = 0.5  # cells: distance from a corner of the path that counts as arr
 
 @ti.data_oriented
 class HitMap(KernelAlgorithm):
-    """Hit map of the robots of a group, each with its own belief. tick: control period [s]."""
+    """Hit map search: each robot infers the source from hits, misses and wind. tick: control period [s]."""
 
     PER_GROUP: bool = True  # has a single map of paths
     WORK = 4

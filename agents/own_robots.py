@@ -1,6 +1,6 @@
 """Interface of a user's own algorithm to its robots: readings, commands, declarations and messages."""
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 
 import numpy as np
@@ -76,7 +76,7 @@ class Robots(KnownAttributes):
         self.STATE = ("t", "dt", *arrays)
 
     @contextmanager
-    def sealed(self) -> Iterator[None]:
+    def sealed(self) -> Generator[None]:
         """Allow only commands to be set while the user's code runs."""
         self._seal(*(column.written_as for column in writable_columns(self.flies)))
         try:

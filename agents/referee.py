@@ -12,7 +12,7 @@ from taichi_plume.grid.kernels import Template
 
 
 class Referee(Columns):
-    """Part of a swarm that knows the sources, unknown to the robots."""
+    """Part of a swarm that judges searches: it knows the sources, which the robots do not."""
 
     @ti.func
     def searches(self, i):

@@ -194,7 +194,7 @@ class Window:
 
 
 def along(matrix: np.ndarray, x: np.ndarray, d: int) -> np.ndarray:
-    """Return the product of a matrix with axis d of x, whose axes are reversed."""
+    """Multiply x by a matrix along the grid's axis d; the axes of x are those of the grid in reversed order."""
     if d == 0:
         return x @ matrix.T
     shape = x.shape

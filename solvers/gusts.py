@@ -98,7 +98,7 @@ class OrnsteinUhlenbeck:
         self.advance(t)
 
     def _law(self) -> None:
-        """Return the memory of v over an interval, and the covariance factor of the increments of v and Y for s = 1."""
+        """Set the memory of v over an interval, and the covariance factor of the increments of v and Y for s = 1."""
         h, T = self.interval / self.time, self.time
         fresh = -expm1(-h)
         variance_v = fresh * (2.0 - fresh)

@@ -14,7 +14,7 @@ from taichi_plume.grid.grid import Grid
 
 @dataclass(frozen=True)
 class OpenFractions:
-    """Face coefficients a per axis, arrays of shape n + 2 with one ghost layer, and flags of the periodic axes."""
+    """Open fractions of faces, coefficients of the Poisson equation: per axis an array with a ghost layer."""
 
     a: tuple[np.ndarray, ...]
     periodic: tuple[bool, ...]

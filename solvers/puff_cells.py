@@ -88,7 +88,7 @@ class PuffCells:
 
     @ti.func
     def put(self, k: ti.i32, x: Template, variance: float, stays):
-        """Put new puff k into its cell. Return whether the puff stays in the domain."""
+        """Store the cell of new puff k at x. stays: False drops the puff, which left the domain."""
         octaves = ti.log(self.size(variance) * self._per_smallest[None]) * ti.static(1 / np.log(STEP))
         which = ti.math.clamp(ti.cast(ti.ceil(octaves), ti.i32), 0, self.lists[None] - 1)
         width = WIDTH * self.cutoff * self._size[which]

@@ -64,7 +64,7 @@ class VCycle:
         return np.pad(np.where(diagonal > 1e-6, OMEGA / np.maximum(diagonal, 1e-6), 0.0), 1)
 
     def _invert_coarsest(self, level: OpenFractions, begin: int, tables: Tables) -> None:
-        """Return the dense inverse of the coarsest level, and the indices of its cells in the flat arrays."""
+        """Set the dense inverse of the coarsest level, and the indices of its cells in the flat arrays."""
         matrix = level.matrix().toarray()
         with threadpool_limits(1, "blas"):  # the same bits on all machines
             inverse = np.linalg.pinv(matrix, rcond=1e-6, hermitian=True)

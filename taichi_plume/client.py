@@ -77,7 +77,7 @@ class Team(KnownAttributes):
         self.group, self.patience = ros.word(group), patience
         self.robots = None if robots is None else _numbers(robots)
         self._fault = ""
-        self._session = _connected(where, (token or "").strip() or token_of(), patience)
+        self._session: Any = _connected(where, (token or "").strip() or token_of(), patience)
         self._news = threading.Condition()
         self._newest: Readings | None = None
         self._shown, self._ended = -1, False
@@ -231,7 +231,7 @@ def _readings(message: Any, robots: slice | np.ndarray) -> Readings:
     """Return the readings of some robots of a message."""
     count = len(message.robot)
     gases, resistances = (each.reshape(count, -1)[robots] for each in (message.gas, message.resistance))
-    fields = vars(message)
+    fields: dict[str, Any] = vars(message)
     return Readings(
         t=message.t,
         tick=message.tick,

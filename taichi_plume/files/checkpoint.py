@@ -87,7 +87,9 @@ def _encoded(value: Any, arrays: dict[str, np.ndarray], path: str) -> object:
     """
     if type(value) is np.ndarray or isinstance(value, np.generic):
         if np.asarray(value).dtype.hasobject:
-            raise NotPlainError(f"{path}: is an array of objects")
+            raise NotPlainError(
+                f"{path}: is an array of Python objects; a checkpoint takes arrays of numbers"
+            )
         name = str(len(arrays))
         arrays[name] = np.asarray(value)
         return {"array" if type(value) is np.ndarray else "number": name}

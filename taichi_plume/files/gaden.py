@@ -31,7 +31,7 @@ NEIGHBOURS = 12  # number of nearest centres, among which is the nearest cube
 
 @dataclass(frozen=True)
 class Occupancy:
-    """low: lower corner [m]; size: edge of a cube [m]; cubes: 0, 1 or 2 as in the file, axes (x, y, z)."""
+    """GADEN's occupancy grid. low: lower corner [m]; size: edge of a cube [m]; cubes: air 0, wall 1, outlet 2."""
 
     path: Path
     low: np.ndarray
@@ -163,7 +163,7 @@ class Cubes(Shape):
 
 
 def _overlaps(cells: np.ndarray, cubes: np.ndarray) -> np.ndarray:
-    """Return the share of each cell that lies in each cube, both given by their edges along an axis."""
+    """Return the fraction of each cell inside each cube along an axis, (cells, cubes), from the edges of both."""
     low, high = np.maximum(cells[:-1, None], cubes[:-1]), np.minimum(cells[1:, None], cubes[1:])
     return np.maximum(high - low, 0.0) / np.diff(cells)[:, None]
 

@@ -195,4 +195,4 @@ def _chosen(path: Path, names: list[str], variable: str | None) -> str:
         return variable
     held = visible(", ".join(names[:10]) or "nothing", 200)
     missing = f"no '{visible(variable, 40)}'" if variable else "neither 'concentration' nor 'plume'"
-    raise FilmError(f"{path}: holds {missing}, only {held}; give the variable's name")
+    raise FilmError(f"{path}: has {missing}, but {held}; give the name of a variable")

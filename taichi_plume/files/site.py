@@ -83,7 +83,7 @@ class Site:
 
 
 def _files(path: Path) -> list[tuple[float, Path]]:
-    """Return the times of an OpenFOAM case, or the time that the path names; nothing for other paths."""
+    """Return time [s] and path of each time of an OpenFOAM case; 0 s for the path of a single time."""
     if os.path.isdir(path) and openfoam.is_case(path):
         return openfoam.times(path)
     return [(0.0, path)] if openfoam.is_time(path) else []

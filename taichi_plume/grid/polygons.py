@@ -28,7 +28,7 @@ def triangulated(vertices: np.ndarray, polygons: Sequence[Sequence[int]]) -> np.
 
 
 class _Work:
-    """Counter of the corners examined for a file."""
+    """Limit on the work of cutting polygons of a file into triangles: counts the corners examined."""
 
     def __init__(self) -> None:
         self.done = 0

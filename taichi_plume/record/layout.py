@@ -272,7 +272,7 @@ class Layout:
         return [group for group in groups if group]
 
     def _maps(self, wide: float, tall: float) -> list[Part]:
-        """Return a view of each map beside the truth."""
+        """Return a panel of the viewer for each map, with the truth beside it."""
         panel = Panel.of(wide / 2, tall, bars=2)
         species = " + ".join(gas.name for gas in self.sim.gas.species)
         maps = []

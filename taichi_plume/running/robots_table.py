@@ -28,7 +28,7 @@ WHO = (
 
 
 class RobotTable(PartsTable):
-    """`robots.parquet` of a run."""
+    """Writer of a run's `robots.parquet`: a row per robot and sample."""
 
     def __init__(self, sim: Simulation, path: Path):
         count = sim.swarm.count

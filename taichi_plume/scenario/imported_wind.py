@@ -92,7 +92,7 @@ class ImportedWind(AnyWind, Played):
                 yield _outside(site, a, (0.0, extent), (low, high), f"{self.occupancy} has cells")
 
     def _without_wind(self, site: "Site", context: Context) -> Iterator[str]:
-        """Yield an error for each axis along which air lies beyond the points."""
+        """Yield an error for each axis along which cells of air lie outside the points of the wind file."""
         cells = np.argwhere(~context.resources.solid())
         if not len(cells):
             yield f"wind.occupancy: {self.occupancy}: leaves no air in the domain"

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Played(Model):
-    """Playback of recorded frames; after the end the last frame holds."""
+    """Playback of recorded frames, once or in a loop."""
 
     loop: bool = False
     """Start again at the end of the frames; otherwise the last frame holds."""

@@ -40,7 +40,7 @@ class Course(NamedTuple):
 
 
 def course(context: Context) -> Course | None:
-    """Return the course in a uniform wind, or from inlets on one face to outlets on the opposite one; else None."""
+    """Return direction and largest speed of the air if all flows one way: in a uniform wind, or from face to face."""
     scenario, dim = context.scenario, context.domain.dim
     uniform, speed = scenario.wind.uniform, scenario.wind.top_speed(scenario)
     if not speed:

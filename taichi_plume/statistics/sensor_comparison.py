@@ -139,9 +139,10 @@ def readings(
 def smelt(
     several: Sequence[Nose], gas: str, step: float, ppm: np.ndarray, threshold: float, seed: int = 0
 ) -> Smelt:
-    """Count the whiffs of time series (n, points) [ppm], `step` [s] apart, that sensors keep.
+    """Simulate sensors on time series (n, points) [ppm], `step` [s] apart; count the whiffs that each detects.
 
-    threshold: of whiffs [ppm]. Whiffs that the ends of the record cut do not count, as for durations.
+    A sensor detects a whiff if its reading rises above the threshold [ppm] during the whiff. Whiffs that the ends of
+    the record cut do not count.
     """
     models = [sensor.model for sensor in several]
     least = np.array([model.reads(gas, threshold) for model in models])

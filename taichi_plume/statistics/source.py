@@ -23,7 +23,7 @@ SHARE = 0.1
 
 
 class Options(NamedTuple):
-    """Options of the function `of`, in the order of its arguments."""
+    """Options of `of`: species, probe, threshold [ppm], earliest time [s] and range of durations [s]."""
 
     gas: str | None
     probe: str | None

@@ -126,7 +126,7 @@ class Results:
             raise RunFolderError(f"{self.folder}: its tables are damaged: {_reason(error)}") from None
 
     def points(self) -> "pandas.DataFrame":
-        """Return a row for each point and group: means with 95 % intervals over airs, as numbers and in words."""
+        """Return a row for each combination of axis values and group: means with 95 % intervals over airs."""
         return self.by_points.frame()
 
     def differences(self, axis: str, quantity: str = "success") -> "pandas.DataFrame":

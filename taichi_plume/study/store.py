@@ -244,7 +244,7 @@ class Store:
         return records
 
     def _files(self) -> list[Path]:
-        """Return the parts in the order of writing. Raises StoreError if the folder holds other files."""
+        """Return the files of the parts in the order of writing. Raises StoreError if there are other files."""
         if not self.parts.is_dir():
             return []
         files = sorted(self.parts.iterdir(), key=lambda file: (len(file.name), file.name))

@@ -186,7 +186,7 @@ WRONG = [
     ("return {'seen': {1, 2}}", "state().seen: is a set, which is no number, text, array, list or dict"),
     ("return [self]", "state()[0]: is a A, which is no number, text, array, list or dict"),
     ("import collections; return collections.Counter('a')", "state(): is a Counter, which is no"),
-    ("import numpy; return numpy.array([self])", "state(): is an array of objects"),
+    ("import numpy; return numpy.array([self])", "state(): is an array of Python objects"),
     ("a = []; a.append(a); return a", "upwind.py: RecursionError"),
     ("raise SystemExit", "upwind.py, line 5: SystemExit"),
 ]
