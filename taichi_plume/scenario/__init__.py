@@ -2,14 +2,14 @@
 
 MAY_IMPORT: tuple[str, ...] = (
     "assembly.resources",  # this and `files` for types alone
-    "files.bag_ways",
+    "files.trajectories",
     "files.film",
     "files.gaden",
     "files.site",
     "grid.floor_plans",
     "grid.map_files",
     "grid.meshes",
-    "grid.missed",
+    "grid.unresolved",
     "grid.shapes",
     "guard",
 )
