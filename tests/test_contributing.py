@@ -100,6 +100,16 @@ def test_a_column_is_declared_in_one_file_and_written_in_another():
                     for path, tree in SOURCES.items()
                     if any(isinstance(node, ast.Constant) and node.value == name for node in ast.walk(tree))
                 }
-                looks = ("record/", "report/", "results/", "map", "readings", "bag", "trajectories", "serve/", "client")
+                looks = (
+                    "record/",
+                    "report/",
+                    "results/",
+                    "map",
+                    "readings",
+                    "bag",
+                    "trajectories",
+                    "serve/",
+                    "client",
+                )
                 shown = {path for path in files if any(part in path for part in looks)}
                 assert files - shown <= {"agents/columns.py"}, name
