@@ -1,5 +1,6 @@
 """Protocol of search algorithms, and base class of search algorithms in Taichi kernels over robots."""
 
+from contextlib import nullcontext
 from typing import Any, ClassVar, Protocol
 
 import taichi as ti
@@ -63,6 +64,7 @@ class KernelAlgorithm:
             lambda group: self.numbers(group, group.model.algorithm),
             **{key: name for key, name in streams.items() if name},
         )
+        self._compiled = False
         self._allocate()
         self.begin()
 
@@ -83,8 +85,9 @@ class KernelAlgorithm:
         self._start_all()
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        with data_flow_by_llvm():
+        with nullcontext() if self._compiled else data_flow_by_llvm():
             self._step_all(tick, t, dt)
+        self._compiled = True
 
     @ti.kernel
     def _start_all(self):
