@@ -193,6 +193,6 @@ def _chosen(path: Path, names: list[str], variable: str | None) -> str:
         return (usual or names)[0]
     if variable in names:
         return variable
-    held = visible(", ".join(names[:10]) or "nothing", 200)
+    held = f"its variables: {visible(', '.join(names[:10]), 200)}" if names else "it has no variable"
     missing = f"no '{visible(variable, 40)}'" if variable else "neither 'concentration' nor 'plume'"
-    raise FilmError(f"{path}: has {missing}, but {held}; give the name of a variable")
+    raise FilmError(f"{path}: has {missing}; {held}; give the name of one")
