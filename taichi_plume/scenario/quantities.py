@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from math import ceil, floor, inf, log10, sqrt
+from math import ceil, floor, log10, sqrt
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -91,15 +91,8 @@ def _as_written(value: float) -> float:
     return float(f"{value:.15g}")
 
 
-def quantity(
-    unit: str,
-    least: float = -inf,
-    most: float = inf,
-    likely: str = "",
-    or_zero: bool = False,
-    **limits: Any,
-) -> Any:
-    """Return the annotated type of a quantity in `unit` [SI], with pydantic's limits (gt, ge, lt, le).
+def quantity(unit: str, least: float, most: float, likely: str = "", or_zero: bool = False) -> Any:
+    """Return the annotated type of a quantity in `unit` [SI].
 
     A number below `least` or above `most` is an error, perhaps meant in the unit `likely`. or_zero: 0 is allowed.
     """
@@ -112,14 +105,13 @@ def quantity(
             raise fault(f"got {value:g} {unit}; {hint}{bound} {most if value > most else least:g} {unit}")
         return value
 
-    low, high = max(least, limits.get("ge", -inf)), min(most, limits.get("le", inf))
-    plain = Annotated[float, Field(ge=0.0 if or_zero else low, le=high)]  # for editors, which know no units
+    plain = Annotated[float, Field(ge=0.0 if or_zero else least, le=most)]  # for editors, which know no units
     return Annotated[
         float,
-        Field(allow_inf_nan=False, **limits),
+        Field(allow_inf_nan=False),
         AfterValidator(plausible),
         BeforeValidator(lambda value: parse(value, unit), json_schema_input_type=plain | str),
-        Quantity(unit, low, high, or_zero),
+        Quantity(unit, least, most, or_zero),
     ]
 
 

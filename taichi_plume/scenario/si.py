@@ -10,48 +10,48 @@ from taichi_plume.scenario.vocabulary import PER_AXIS, one_or_several
 # Each kind of quantity with its limits: wide (micrometres to 100 km, seconds to decades) but finite, as a value beyond
 # them is a slip of the unit or the keyboard. Coordinates may be those of a map.
 Coordinate = quantity("m", least=-1e7, most=1e7)
-Length = quantity("m", gt=0, least=1e-6, most=1e5, likely="mm")
-Distance = quantity("m", ge=0, most=1e5, likely="mm")
-BodyLength = quantity("m", gt=0, least=1e-3, most=100, likely="mm")  # of robots: contact is 0.1 mm
-Duration = quantity("s", gt=0, least=1e-6, most=1e9)
+Length = quantity("m", least=1e-6, most=1e5, likely="mm")
+Distance = quantity("m", least=0, most=1e5, likely="mm")
+BodyLength = quantity("m", least=1e-3, most=100, likely="mm")  # of robots: contact is 0.1 mm
+Duration = quantity("s", least=1e-6, most=1e9)
 Time = quantity("s", least=-1e9, most=1e9)
-Delay = quantity("s", ge=0, least=1e-6, most=1e9, or_zero=True)
-Wait = quantity("s", gt=0, least=1e-6, most=1e5)  # robots count it in ticks, in 32 bits
-Pause = quantity("s", ge=0, most=1e5)  # likewise
-Speed = quantity("m/s", ge=0, most=100, likely="mm/s")  # air is incompressible up to about there
+Delay = quantity("s", least=1e-6, most=1e9, or_zero=True)
+Wait = quantity("s", least=1e-6, most=1e5)  # robots count it in ticks, in 32 bits
+Pause = quantity("s", least=0, most=1e5)  # likewise
+Speed = quantity("m/s", least=0, most=100, likely="mm/s")  # air is incompressible up to about there
 Velocity = quantity("m/s", least=-100, most=100, likely="mm/s")
 Acceleration = quantity("m/s^2", least=-1000, most=1000)
-Thrust = quantity("m/s^2", gt=0, least=1e-6, most=1e4)
-Rate = quantity("kg/s", ge=0, most=1, likely="mg/s")
-Mass = quantity("kg", ge=0, most=1, likely="mg")
-BodyMass = quantity("kg", gt=0, least=1e-4, most=1000, likely="g")
-Frequency = quantity("1/s", gt=0, least=1e-9, most=1e6)
-MolarMass = quantity("kg/mol", gt=0, least=1e-3, most=1, likely="g/mol")
-Pressure = quantity("Pa", gt=0, least=1e-9, most=1e6)
-FlowRate = quantity("m^3/s", gt=0, least=1e-9, most=1000, likely="m^3/h")
-TopSpeed = quantity("m/s", gt=0, least=1e-6, most=100, likely="mm/s")
-Tick = quantity("s", gt=0, le=1, least=1e-4)
-Viscosity = quantity("m^2/s", ge=0, most=1, likely="mm^2/s")  # as much as an exact solution may ask for
-Diffusivity = quantity("m^2/s", ge=0, most=1, likely="mm^2/s")  # of molecules
-EddyDiffusivity = quantity("m^2/s", ge=0, most=1e4)
-Dissipation = quantity("m^2/s^3", gt=0, least=1e-12, most=1e3)
-Temperature = quantity("K", least=200, likely="degC", most=500)
+Thrust = quantity("m/s^2", least=1e-6, most=1e4)
+Rate = quantity("kg/s", least=0, most=1, likely="mg/s")
+Mass = quantity("kg", least=0, most=1, likely="mg")
+BodyMass = quantity("kg", least=1e-4, most=1000, likely="g")
+Frequency = quantity("1/s", least=1e-9, most=1e6)
+MolarMass = quantity("kg/mol", least=1e-3, most=1, likely="g/mol")
+Pressure = quantity("Pa", least=1e-9, most=1e6)
+FlowRate = quantity("m^3/s", least=1e-9, most=1000, likely="m^3/h")
+TopSpeed = quantity("m/s", least=1e-6, most=100, likely="mm/s")
+Tick = quantity("s", least=1e-4, most=1)
+Viscosity = quantity("m^2/s", least=0, most=1, likely="mm^2/s")  # as much as an exact solution may ask for
+Diffusivity = quantity("m^2/s", least=0, most=1, likely="mm^2/s")  # of molecules
+EddyDiffusivity = quantity("m^2/s", least=0, most=1e4)
+Dissipation = quantity("m^2/s^3", least=1e-12, most=1e3)
+Temperature = quantity("K", least=200, most=500, likely="degC")
 Power = quantity("W", least=-1e7, most=1e7)
-SurfaceVelocity = quantity("m/s", gt=0, least=1e-9, most=1, likely="mm/s")  # of gas that reaches a surface
-Concentration = quantity("ppm", ge=0, most=1e6)
-HeatTransfer = quantity("W/m^2/K", gt=0, least=1e-6, most=1e6)
-HeatCapacity = quantity("J/m^3/K", gt=0, least=1, most=1e8)
-Resistance = quantity("ohm", gt=0, least=1, most=1e9)
-LatentHeat = quantity("J/kg", gt=0, least=1e4, most=1e8, likely="MJ/kg")
-Expansion = quantity("1/K", ge=0, most=1)
+SurfaceVelocity = quantity("m/s", least=1e-9, most=1, likely="mm/s")  # of gas that reaches a surface
+Concentration = quantity("ppm", least=0, most=1e6)
+HeatTransfer = quantity("W/m^2/K", least=1e-6, most=1e6)
+HeatCapacity = quantity("J/m^3/K", least=1, most=1e8)
+Resistance = quantity("ohm", least=1, most=1e9)
+LatentHeat = quantity("J/kg", least=1e4, most=1e8, likely="MJ/kg")
+Expansion = quantity("1/K", least=0, most=1)
 Fraction = number(0, 1)
 SomeFraction = number(1e-6, 1)
 Angle = number(-1e4, 1e4, "deg")
 AngleNoise = number(0, 1e4, "deg")
 TurnRate = number(1e-3, 1e6, "deg/s")
 Ppm = Concentration
-SomePpm = quantity("ppm", gt=0, least=1e-9, most=1e6)
-FullScale = quantity("ppm", gt=0, least=1e-6, most=1e6)
+SomePpm = quantity("ppm", least=1e-9, most=1e6)
+FullScale = quantity("ppm", least=1e-6, most=1e6)
 Intensity = number(0, 10)
 Coefficient = number(0, 1e6)
 SomeCoefficient = number(1e-6, 1e6)
