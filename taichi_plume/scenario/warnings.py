@@ -69,11 +69,9 @@ def remarks(context: Context) -> Iterator[str]:
     """Yield the warnings of a scenario without errors."""
     where = course(context)
     yield from _air(context, where)
-    yield from _openings(context)
-    yield from _heaters(context)
-    yield from _obstacles(context)
-    for path, source in context.scenario.sources:
-        yield from _source(path, source, context, where)
+    yield from _narrow(context)
+    for path, source, gas in _emitters(context):
+        yield from _source(path, source, gas, context, where)
     yield from _concentrations(context)
     for n, group in enumerate(context.scenario.robots):
         yield from _group(f"robots[{n}]", group, context, where)
@@ -109,46 +107,32 @@ def _air(context: Context, where: Course | None) -> Iterator[str]:
         )
 
 
-def _openings(context: Context) -> Iterator[str]:
-    """Yield warnings of openings that blow through too few cells."""
-    domain = context.domain
-    for n, opening in enumerate(context.scenario.openings):
-        if opening.region is None or not opening.blows:
-            continue
-        width = 2.0 * min(opening.region.rectangle(domain.extent)[1])
-        if opening.region.center is not None and width < FEWEST_ACROSS * domain.spacing * (1 - 1e-6):
-            yield (
-                f"wind.openings[{n}]: is {width:g} m wide, {width / domain.spacing:.2g} cells, too few for its jet; "
-                f"use a domain.spacing of {width / 6:.2g} m or less"
-            )
-
-
-def _heaters(context: Context) -> Iterator[str]:
-    """Yield warnings of heaters that span too few cells for the plume above them."""
-    buoyancy, spacing = context.scenario.buoyancy, context.domain.spacing
-    if context.scenario.wind.computed is None or buoyancy is None or buoyancy.heat is None:
-        return
-    for n, heater in enumerate(buoyancy.heat.heaters):
+def _narrow(context: Context) -> Iterator[str]:
+    """Yield warnings of openings, heaters and obstacles that span too few cells of a computed flow."""
+    scenario, dx = context.scenario, context.domain.spacing
+    for n, opening in enumerate(scenario.openings):
+        if opening.blows and opening.region is not None and opening.region.center is not None:
+            width = 2.0 * min(opening.region.rectangle(context.domain.extent)[1])
+            if width < FEWEST_ACROSS * dx * (1 - 1e-6):
+                yield (
+                    f"wind.openings[{n}]: is {width:g} m wide, {width / dx:.2g} cells, too few for its jet; use a "
+                    f"domain.spacing of {width / 6:.2g} m or less"
+                )
+    heat = scenario.buoyancy.heat if scenario.buoyancy is not None else None
+    for n, heater in enumerate(heat.heaters if heat is not None else ()):
         width = 2.0 * heater.radius
-        if width < FEWEST_ACROSS * spacing * (1 - 1e-6):
+        if width < FEWEST_ACROSS * dx * (1 - 1e-6):
             yield (
-                f"wind.buoyancy.heat.heaters[{n}].radius: the heater is {width:g} m wide, {width / spacing:.2g} cells, "
-                f"too few; use a domain.spacing of {width / FEWEST_ACROSS:.2g} m or less, or a wider heater"
+                f"wind.buoyancy.heat.heaters[{n}].radius: the heater is {width:g} m wide, {width / dx:.2g} cells, too "
+                f"few; use a domain.spacing of {width / FEWEST_ACROSS:.2g} m or less, or a wider heater"
             )
-
-
-def _obstacles(context: Context) -> Iterator[str]:
-    """Yield a warning of all obstacles with too few cells across for their drag and wake in a computed wind."""
-    if context.scenario.wind.computed is None:
-        return
-    dx = context.domain.spacing
-    widths = {
-        n: obstacle.width
-        for n, obstacle in enumerate(context.scenario.obstacles)
+    widths = [
+        (obstacle.width, n)
+        for n, obstacle in enumerate(scenario.obstacles)
         if 0.5 * dx < obstacle.width < FEWEST_ACROSS_BODY * dx * (1 - 1e-6)  # thinner ones: see `unresolved`
-    }
-    if widths:
-        n, width = min(widths.items(), key=lambda item: item[1])
+    ]
+    if widths and scenario.wind.computed is not None:
+        width, n = min(widths)
         others = f" ({len(widths) - 1} more are narrow too)" if len(widths) > 1 else ""
         yield (
             f"obstacles[{n}]: the obstacle is {width:g} m wide, {width / dx:.2g} cells{others}, too few for drag and "
@@ -159,10 +143,17 @@ def _obstacles(context: Context) -> Iterator[str]:
 # ---------------------------------------------------------------- sources
 
 
-def _source(path: str, source: AnySource, context: Context, where: Course | None) -> Iterator[str]:
+def _emitters(context: Context) -> list[tuple[str, AnySource, PureGas]]:
+    """Return path, source and gas of every source."""
+    gases = dict(context.scenario.gases)
+    return [(path, source, gases[path.rpartition(".")[0]]) for path, source in context.scenario.sources]
+
+
+def _source(
+    path: str, source: AnySource, gas: PureGas, context: Context, where: Course | None
+) -> Iterator[str]:
     """Yield warnings of a source that is too small for the grid, or whose gas reaches nobody."""
     scenario, domain = context.scenario, context.domain
-    gas = dict(scenario.gases)[path.rpartition(".")[0]]
     if gas.on_grid and source.radius < 0.5 * domain.spacing * (1 - 1e-6):
         yield (
             f"{path}.radius: {source.radius:g} m is less than half a cell of {domain.spacing:g} m, so the mean is too "
@@ -214,18 +205,16 @@ def peak(gas: PureGas, source: AnySource, context: Context, slow: bool = True) -
 
 def _peaks(context: Context) -> list[float] | None:
     """Return the peak concentration [ppm] of each source; None if one is unknown."""
-    gases = dict(context.scenario.gases)
-    sources = [(gases[path.rpartition(".")[0]], source) for path, source in context.scenario.sources]
-    peaks = [peak(gas, source, context) for gas, source in sources]
+    peaks = [peak(gas, source, context) for _, source, gas in _emitters(context)]
     known = [ppm for ppm in peaks if ppm is not None]
     return known if known and len(known) == len(peaks) else None
 
 
 def _concentrations(context: Context) -> Iterator[str]:
     """Yield warnings of concentrations above pure gas, and of a colour scale that shows none."""
-    gases, recording = dict(context.scenario.gases), context.scenario.recording
-    for path, source in context.scenario.sources:
-        least = peak(gases[path.rpartition(".")[0]], source, context, slow=False)
+    recording = context.scenario.recording
+    for path, source, gas in _emitters(context):
+        least = peak(gas, source, context, slow=False)
         if least is not None and least > 1e6:
             yield f"{path}.rate: makes about {least:.2g} ppm at the source, more than pure gas; check its unit"
     peaks = _peaks(context)
