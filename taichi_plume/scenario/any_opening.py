@@ -2,18 +2,12 @@
 
 from collections.abc import Iterator
 from math import hypot
-from typing import TYPE_CHECKING, ClassVar, Self
-
-from pydantic import model_validator
+from typing import ClassVar
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain
-from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.vocabulary import Color, Model
+from taichi_plume.scenario.vocabulary import Color, Model, ordered_schedule
 from taichi_plume.scenario.windows import LEAST_OPEN, MOSTLY_OPEN, Region
-
-if TYPE_CHECKING:
-    pass
 
 
 class Change(Model):
@@ -95,12 +89,7 @@ class Scheduled(AnyOpening):
     ramp: si.Delay = 0.5
     """Time that each scheduled change takes. 0 switches at once."""
 
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        times = [step.at for step in self.changes]
-        if times != sorted(times):
-            raise fault("schedule must be ordered by 'at'")
-        return self
+    _ordered = ordered_schedule()
 
     @property
     def changes(self) -> "tuple[SpeedAt | VelocityAt, ...]":

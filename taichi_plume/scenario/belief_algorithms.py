@@ -33,8 +33,10 @@ class Declares(AnyAlgorithm):
     def may_declare(self) -> bool:
         return self.declare_spread is not None
 
-    least_spread: ClassVar[float] = 0.0
-    """Least possible spread of the belief [m]."""
+    @property
+    def least_spread(self) -> float:
+        """Least possible spread of the belief [m], that of a single cell."""
+        return vars(self)["cell"] / sqrt(6.0)
 
     @model_validator(mode="after")
     def _never_declares(self) -> Self:
@@ -89,10 +91,6 @@ class AnyInfotaxis(Listening, Declares):
         """Length lambda that patches travel across the wind [m]."""
         D, V, tau = self.diffusivity, self.wind_speed, self.lifetime
         return sqrt(D * tau / (1.0 + V**2 * tau / (4.0 * D)))
-
-    @property
-    def least_spread(self) -> float:
-        return self.cell / sqrt(6.0)
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
         """Belief of every robot, and probabilities of a detection on half cells around it."""
@@ -156,6 +154,7 @@ class ParticleFilter(Casting, Declares):
     """Distance kept to walls and other robots on the way to the estimate."""
     cell: Annotated[si.Length, COMPILED] = 0.1
     """Edge of the cells of the belief map that is written; the particles themselves have no cells."""
+    least_spread: ClassVar[float] = 0.0
 
     @property
     def releases(self) -> int:
@@ -211,10 +210,6 @@ class HitMap(Listening, Declares):
     source."""
     avoidance: si.Distance = 0.1
     """Distance kept to walls and other robots."""
-
-    @property
-    def least_spread(self) -> float:
-        return self.cell / sqrt(6.0)
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
         """Belief of every robot, and paths of gas and of robots between all cells."""

@@ -157,14 +157,25 @@ class ContinuousGas(ClosedForm):
                 yield f"{where}.sources[{n}].start: must be given in still air, such as {start:g} s"
 
 
-class GaussianPlumeGas(ClosedForm):
-    """The mean Gaussian plume of textbooks, which widens with the distance in a uniform wind."""
+class WindPlume(ClosedForm):
+    """Base class of plumes that exist only in moving air."""
 
     jumps: ClassVar[bool] = True
-    kind: Literal["gaussian_plume"]
-    width_fluctuation: ClassVar[float] = 0.0
     sources: Annotated[tuple[PlumeSource, ...], Field(min_length=1)]
     """Where gas is emitted evenly, at least one place; robots search for these."""
+
+    def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
+        if wind.speed:
+            yield from super().in_wind(where, wind, context)
+        else:
+            yield f"wind.velocity: is 0, but {where}.kind: {vars(self)['kind']} is a plume; give it a speed"
+
+
+class GaussianPlumeGas(WindPlume):
+    """The mean Gaussian plume of textbooks, which widens with the distance in a uniform wind."""
+
+    kind: Literal["gaussian_plume"]
+    width_fluctuation: ClassVar[float] = 0.0
     intensity: si.Intensities | None = None
     """Widening with the distance x: standard deviation = radius + intensity x. One number, or two: horizontal and
     vertical. Turbulence makes about 0.05 to 0.15."""
@@ -175,9 +186,6 @@ class GaussianPlumeGas(ClosedForm):
     _one_law = exactly_one("intensity", "diffusivity")
 
     def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
-        if not wind.speed:
-            yield _calm(where, self.kind)
-            return
         if wind.gusts is not None:
             yield (
                 f"{where}.kind: gaussian_plume is a mean over gusts and does not follow them; remove wind.gusts, or "
@@ -198,16 +206,13 @@ class GaussianPlumeGas(ClosedForm):
         return np.stack([zero, 2.0 * np.broadcast_to(self.diffusivity, axes) / speed, zero], axis=1)
 
 
-class MeanderingGas(ClosedForm):
+class MeanderingGas(WindPlume):
     """A plume that gusts sweep to and fro: thin at every moment, wide in the mean.
 
     Across, Q/(U w h) exp(-(y - y_c)²/(2 s_y²)), w = sqrt(2 pi) s_y, h = sqrt(2 pi) s_z; s² = radius² + (slope x)².
     """
 
-    jumps: ClassVar[bool] = True
     kind: Literal["meandering"]
-    sources: Annotated[tuple[PlumeSource, ...], Field(min_length=1)]
-    """Where gas is emitted evenly, at least one place; robots search for these."""
     width_slope: si.Intensity = 0.08
     """Growth of the horizontal standard deviation with the distance from the source."""
     height_slope: si.Intensity = 0.06
@@ -220,10 +225,7 @@ class MeanderingGas(ClosedForm):
         return self.width_fluctuation > 0
 
     def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
-        if not wind.speed:
-            yield _calm(where, self.kind)
-            return
-        if wind.gusts is None:
+        if wind.gusts is None and wind.speed:
             yield f"wind.gusts: must be given for {where}.kind: meandering, such as gusts: {{intensity: 0.15}}"
         yield from super().in_wind(where, wind, context)
 
@@ -231,11 +233,6 @@ class MeanderingGas(ClosedForm):
         """Return the growth of the variance, see `GaussianPlumeGas.growth`."""
         zero, slope = np.zeros(axes), np.array([self.width_slope, self.height_slope])[:axes]
         return np.stack([zero, zero, slope**2], axis=1)
-
-
-def _calm(where: str, kind: str) -> str:
-    """Return an error about a plume in still air."""
-    return f"wind.velocity: is 0, but {where}.kind: {kind} is a plume; give it a speed"
 
 
 def _numbers(path: str, given: tuple[float, ...] | None, most: int, where: str) -> Iterator[str]:

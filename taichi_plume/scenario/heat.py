@@ -7,10 +7,10 @@ from typing import Annotated, ClassVar
 from pydantic import model_validator
 
 from taichi_plume.scenario import si
-from taichi_plume.scenario.domain import Context, Located
+from taichi_plume.scenario.domain import Located
 from taichi_plume.scenario.initial import InitialHeat
 from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.surfaces import Number, obstacle_faults, wall_faults
+from taichi_plume.scenario.surfaces import OnObstacle, Surfaces
 from taichi_plume.scenario.vocabulary import COMPILED, Model
 from taichi_plume.scenario.windows import Region
 
@@ -39,16 +39,14 @@ class TemperedWall(TemperedSurface, Region):
     """A face of the domain, or a region of it, with a temperature; where an opening is, there is no wall."""
 
 
-class TemperedObstacle(TemperedSurface):
+class TemperedObstacle(TemperedSurface, OnObstacle):
     """An obstacle with a temperature."""
 
-    number: Number
-    """Index of the obstacle in `obstacles`, counted from 0."""
 
-
-class Heat(Model):
+class Heat(Surfaces):
     """Temperature of the air. Unnamed walls and obstacles are adiabatic."""
 
+    what: ClassVar[str] = "temperature"
     reference: si.Temperature = 298.15
     """Temperature of the air at the start, of the still air outside and of inflowing air."""
     expansion: si.Expansion | None = None
@@ -105,10 +103,6 @@ class Heat(Model):
             if speed > 0.0:
                 temperatures.append(self.reference + copysign(2 * heat / (pi * r**2 * speed), heater.power))
         return temperatures
-
-    def problems(self, where: str, context: Context) -> Iterator[str]:
-        yield from wall_faults(f"{where}.walls", self.walls, context)
-        yield from obstacle_faults(f"{where}.obstacles", self.obstacles, "temperature", context)
 
 
 class Buoyancy(Model):

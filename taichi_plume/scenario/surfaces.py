@@ -1,64 +1,64 @@
 """Boundary conditions of gas and heat: walls, obstacles and openings that exchange them with the air."""
 
-from collections.abc import Iterator, Sequence
-from typing import Annotated, Protocol
+from collections.abc import Iterator
+from typing import Annotated, ClassVar
 
 from pydantic import Field, model_validator
 
 from taichi_plume.scenario import si
+from taichi_plume.scenario.any_opening import Change
 from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.vocabulary import Model, exactly_one
+from taichi_plume.scenario.vocabulary import Model, exactly_one, ordered_schedule
 from taichi_plume.scenario.windows import Region
 
 Number = Annotated[int, Field(ge=0, le=1_000_000)]
 """Index in a list of the scenario, counted from 0."""
 
 
-class Numbered(Protocol):
-    """A section that names an obstacle by its number."""
+class OnObstacle(Model):
+    """Base class of boundary conditions at an obstacle."""
 
-    @property
-    def number(self) -> int:
-        """Index in `obstacles`."""
-        ...
+    number: Number
+    """Index of the obstacle in `obstacles`, counted from 0."""
 
 
-def wall_faults(where: str, walls: Sequence[Region], context: Context) -> Iterator[str]:
-    """Yield errors of wall regions: they have to lie on faces that are walls, and must not overlap."""
-    for n, wall in enumerate(walls):
-        yield from wall.on_its_face(f"{where}[{n}]", context)
-        for m, opening in enumerate(context.scenario.openings):
-            if opening.wraps == wall.face[0]:
-                yield (
-                    f"{where}[{n}].face: there is no wall {wall.face}, wind.openings[{m}] makes axis {opening.wraps} "
-                    "periodic; remove one of them"
-                )
-        for m, other in enumerate(walls[:n]):
-            if wall.overlaps(other, context.domain):
-                yield (
-                    f"{where}[{n}]: overlaps {where}[{m}] on face {wall.face}; "
-                    "give both a center and a size that leave them apart"
-                )
+class Surfaces(Model):
+    """Base class of boundary conditions at `walls` and `obstacles`."""
+
+    what: ClassVar[str] = "surface"
+    """Noun for the condition of an obstacle in messages."""
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        walls: tuple[Region, ...] = vars(self)["walls"]
+        for n, wall in enumerate(walls):
+            yield from wall.on_its_face(f"{where}.walls[{n}]", context)
+            for m, opening in enumerate(context.scenario.openings):
+                if opening.wraps == wall.face[0]:
+                    yield (
+                        f"{where}.walls[{n}].face: there is no wall {wall.face}, wind.openings[{m}] makes axis "
+                        f"{opening.wraps} periodic; remove one of them"
+                    )
+            for m, other in enumerate(walls[:n]):
+                if wall.overlaps(other, context.domain):
+                    yield (
+                        f"{where}.walls[{n}]: overlaps {where}.walls[{m}] on face {wall.face}; "
+                        "give both a center and a size that leave them apart"
+                    )
+        numbers = [obstacle.number for obstacle in vars(self)["obstacles"]]
+        count = len(context.scenario.obstacles)
+        for n, number in enumerate(numbers):
+            path = f"{where}.obstacles[{n}].number"
+            if number >= count:
+                allowed = f"use 0 to {count - 1}" if count else "there are none"
+                yield f"{path}: there is no obstacles[{number}]; {allowed}"
+            elif number in numbers[:n]:
+                yield f"{path}: obstacles[{number}] has a {self.what} already; remove one"
 
 
-def obstacle_faults(where: str, obstacles: Sequence[Numbered], what: str, context: Context) -> Iterator[str]:
-    """Yield errors about unknown obstacles, and obstacles with two entries; what: noun of an entry."""
-    count = len(context.scenario.obstacles)
-    for n, obstacle in enumerate(obstacles):
-        path = f"{where}[{n}].number"
-        if obstacle.number >= count:
-            allowed = f"use 0 to {count - 1}" if count else "there are none"
-            yield f"{path}: there is no obstacles[{obstacle.number}]; {allowed}"
-        elif any(obstacle.number == other.number for other in obstacles[:n]):
-            yield f"{path}: obstacles[{obstacle.number}] has a {what} already; remove one"
-
-
-class ConcentrationAt(Model):
+class ConcentrationAt(Change):
     """Change of the inflow: from `at` on, air comes in with `concentration`."""
 
-    at: si.Time
-    """Time when the change starts. The robots start at 0, the warm-up is before."""
     concentration: si.Concentration
     """Concentration in the air that comes in from then on."""
 
@@ -73,12 +73,7 @@ class Inflow(Model):
     schedule: tuple[ConcentrationAt, ...] = ()
     """Concentrations from given times on; before the first, `concentration` holds."""
 
-    @model_validator(mode="after")
-    def _ordered(self) -> "Inflow":
-        times = [step.at for step in self.schedule]
-        if times != sorted(times):
-            raise fault("schedule must be ordered by 'at'")
-        return self
+    _ordered = ordered_schedule()
 
     def at(self, t: float) -> float:
         """Return the concentration [ppm] at time t [s]."""
@@ -104,14 +99,11 @@ class GasWall(GasSurface, Region):
     """A face of the domain, or a region of it; where an opening is, there is no wall."""
 
 
-class GasObstacle(GasSurface):
+class GasObstacle(GasSurface, OnObstacle):
     """An obstacle that exchanges gas with the air."""
 
-    number: Number
-    """Index of the obstacle in `obstacles`, counted from 0."""
 
-
-class GasSurfaces(Model):
+class GasSurfaces(Surfaces):
     """Walls and obstacles that exchange gas with the air; the others are impermeable."""
 
     walls: tuple[GasWall, ...] = ()
@@ -124,10 +116,6 @@ class GasSurfaces(Model):
         if not self.walls and not self.obstacles:
             raise fault("names no walls and no obstacles")
         return self
-
-    def problems(self, where: str, context: Context) -> Iterator[str]:
-        yield from wall_faults(f"{where}.walls", self.walls, context)
-        yield from obstacle_faults(f"{where}.obstacles", self.obstacles, "surface", context)
 
 
 def inflow_faults(where: str, inflow: tuple[Inflow, ...], context: Context) -> Iterator[str]:

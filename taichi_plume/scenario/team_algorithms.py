@@ -22,46 +22,53 @@ MOST_PAIRS = 20_000_000  # of robots that keep each other's messages: half a gig
 MOST_LANES = 10_000
 
 
-class SearchSpace(Model):
+class Neighbourhood(Model):
+    """Base class of the neighbourhoods, each with one number."""
+
+    @property
+    def limit(self) -> float:
+        """Largest distance [m] of neighbours, their number, or the probability of being one."""
+        (limit,) = (value for key, value in vars(self).items() if key != "kind")
+        return float(limit)
+
+
+class SearchSpace(Neighbourhood):
     """Robots that were near when they sent their message."""
 
     kind: Literal["search_space"]
     distance: si.Length = 1.5
     """Largest distance of a neighbour when it sent its message."""
 
-    @property
-    def limit(self) -> float:
-        """Largest distance [m] of a neighbour."""
-        return self.distance
 
-
-class FunctionValue(Model):
+class FunctionValue(Neighbourhood):
     """Robots whose best readings are most like the robot's own."""
 
     kind: Literal["function_value"]
     number: si.Count = 2
     """Number of neighbours of each robot."""
 
-    @property
-    def limit(self) -> float:
-        """Number of neighbours."""
-        return float(self.number)
 
-
-class RandomMates(Model):
+class RandomMates(Neighbourhood):
     """Robots that are drawn at random at each way point."""
 
     kind: Literal["random"]
     probability: si.Fraction = 0.5
     """Probability that another robot becomes a neighbour."""
 
-    @property
-    def limit(self) -> float:
-        """Probability that another robot becomes a neighbour."""
-        return self.probability
+
+class Repelled(AnyAlgorithm):
+    """Base class of algorithms whose robots walls and other robots push away."""
+
+    avoidance: si.Length = 0.1
+    """Distance to walls and other robots below which they push the robot away."""
+
+    def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
+        gap = group.body.radius + self.avoidance
+        if 2 * gap >= min(floor.size):
+            yield f"{where}.algorithm.avoidance: no place is {gap:g} m (radius + avoidance) from all walls; lower it"
 
 
-class Dapso(Listening):
+class Dapso(Listening, Repelled):
     """Particle swarm optimisation by robots without a common clock (Akat & Gazi 2008). See agents/dapso.py."""
 
     talks: ClassVar[bool] = True
@@ -92,19 +99,16 @@ class Dapso(Listening):
     restart_step: si.Length = 0.05
     """Length below which a step counts as short."""
     avoidance: si.Length = 0.2
-    """Distance to walls and other robots below which they push the robot away."""
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        if crowded := _crowded(where, self.avoidance, group, floor):
-            yield crowded
-            return
+        yield from super().in_group(where, group, floor)
         yield from too_many_messages(where, [group])
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
         return 24.0 * group.trials * group.count**2
 
 
-class LineUp(AnyAlgorithm):
+class LineUp(Repelled):
     """Line-up: a diagonal line of robots that sweeps across the wind (Marjovi & Marques 2014). See agents/lineup.py."""
 
     kind: Literal["lineup"]
@@ -128,13 +132,9 @@ class LineUp(AnyAlgorithm):
     """The line waits for robots that are farther than this from their places."""
     patience: si.Delay = 10.0
     """Time without progress after which the line no longer waits for a robot."""
-    avoidance: si.Length = 0.1
-    """Distance to walls and other robots below which they push the robot away."""
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        if crowded := _crowded(where, self.avoidance, group, floor):
-            yield crowded
-            return
+        yield from super().in_group(where, group, floor)
         if 2 * self.margin >= min(floor.size):
             yield f"{where}.algorithm.margin: {self.margin:g} m to all walls leaves no floor; lower it"
             return
@@ -158,7 +158,7 @@ class LineUp(AnyAlgorithm):
             )
 
 
-class Sweep(AnyAlgorithm):
+class Sweep(Repelled):
     """Parallel lanes to and fro, shared out between the robots of a team. See agents/sweep.py."""
 
     kind: Literal["sweep"]
@@ -171,7 +171,6 @@ class Sweep(AnyAlgorithm):
     repeat: bool = True
     """Go back along the same lanes at the end, again and again; otherwise the robots stay there."""
     avoidance: si.Length = 0.05
-    """Distance to walls and other robots below which they push the robot away."""
 
     def lanes(self, size: Sequence[float] | np.ndarray, robots: int) -> tuple[int, int]:
         """Return the axis of the lanes and their number on a floor of this size [m]: at least one per robot."""
@@ -189,9 +188,7 @@ class Sweep(AnyAlgorithm):
         return 16.0 * group.trials * (self.lanes(floor.size, group.count)[1] + group.count)
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        if crowded := _crowded(where, self.avoidance, group, floor):
-            yield crowded
-            return
+        yield from super().in_group(where, group, floor)
         axis, number = self.lanes(floor.size, group.count)
         width = floor.size[1 - axis]
         if self.lane > width:
@@ -205,7 +202,7 @@ class Sweep(AnyAlgorithm):
             )
 
 
-class LeastKnown(AnyAlgorithm):
+class LeastKnown(Repelled):
     """Drive to the least known places of a map of the readings (Marjovi & Marques 2014). See agents/least_known.py."""
 
     kind: Literal["least_known"]
@@ -217,8 +214,6 @@ class LeastKnown(AnyAlgorithm):
     """Share of all cells that count as the least known; the robot goes to the nearest of them."""
     apart: si.Length = 0.5
     """Least distance of a way point from the robot and from those of its team mates."""
-    avoidance: si.Length = 0.1
-    """Distance to walls and other robots below which they push the robot away."""
 
     def grid_error(self, where: str, floor: "Arena") -> str | None:
         return self.map.grid_error(f"{where}.algorithm.map", floor.high)
@@ -227,7 +222,7 @@ class LeastKnown(AnyAlgorithm):
         return group.trials * self.map.bytes(floor.high, group.count / tick)
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        yield from filter(None, [_crowded(where, self.avoidance, group, floor)])
+        yield from super().in_group(where, group, floor)
         room = group.body.radius + self.avoidance
         least = 2.0 * sqrt(floor.size[0] * floor.size[1] / MOST_CELLS)
         if room < least:
@@ -247,11 +242,3 @@ def too_many_messages(where: str, groups: "Sequence[Group]") -> Iterator[str]:
             f"{where}.count: {last.count} robots in {last.trials} trials{others} would keep {pairs:.2g} messages; "
             f"use fewer robots or trials, for at most {MOST_PAIRS:.2g}"
         )
-
-
-def _crowded(where: str, avoidance: float, group: "Group", floor: "Arena") -> str | None:
-    """Return an error if no place on the floor is far enough from the walls."""
-    gap = group.body.radius + avoidance
-    if 2 * gap < min(floor.size):
-        return None
-    return f"{where}.algorithm.avoidance: no place is {gap:g} m (radius + avoidance) from all walls; lower it"

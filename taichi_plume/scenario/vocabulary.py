@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
@@ -191,27 +191,19 @@ class Model(BaseModel):
         yield from ()
 
 
-def exactly_one(*keys: str) -> Any:
-    """Return a validator of sections in which exactly one of two keys has to be given."""
+def exactly_one(*keys: str, least: int = 1) -> Any:
+    """Return a validator of sections in which one of two keys has to be given; least: 0 if neither is needed."""
 
     def check(section: Model) -> Model:
         given = [key for key in keys if vars(section)[key] is not None]
-        if len(given) != 1:
+        if not least <= len(given) <= 1:
             raise fault(f"takes {' or '.join(keys)}, got {'both' if given else 'neither'}")
         return section
 
     return model_validator(mode="after")(check)
 
 
-def not_both(*keys: str) -> Any:
-    """Return a validator of sections in which at most one of two keys may be given."""
-
-    def check(section: Model) -> Model:
-        if all(vars(section)[key] is not None for key in keys):
-            raise fault(f"takes {' or '.join(keys)}, not both")
-        return section
-
-    return model_validator(mode="after")(check)
+not_both = partial(exactly_one, least=0)
 
 
 def stop_after_start() -> Any:
@@ -221,6 +213,18 @@ def stop_after_start() -> Any:
         start, stop = vars(section)["start"], vars(section)["stop"]
         if start is not None and stop is not None and stop <= start:
             raise fault("stop must be later than start")
+        return section
+
+    return model_validator(mode="after")(check)
+
+
+def ordered_schedule() -> Any:
+    """Return a validator of sections with a `schedule` of changes."""
+
+    def check(section: Model) -> Model:
+        times = [step.at for step in vars(section)["schedule"]]
+        if times != sorted(times):
+            raise fault("schedule must be ordered by 'at'")
         return section
 
     return model_validator(mode="after")(check)

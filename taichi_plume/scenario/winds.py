@@ -6,7 +6,7 @@ from math import hypot
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.any_wind import GUST, AnyWind
@@ -17,7 +17,7 @@ from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.initial import InitialWind
 from taichi_plume.scenario.openings import Opening
 from taichi_plume.scenario.played import PlaybackWind, PlumeSimWind
-from taichi_plume.scenario.quantities import fault, number
+from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.screens import AnyScreen
 from taichi_plume.scenario.vocabulary import SPATIAL, Model, MomentumConvection
 
@@ -259,12 +259,6 @@ class SyntheticWind(AnyWind):
     """Time over which the rolls change their strength and direction."""
     wall_layer: si.Length = 0.3
     """Distance from walls and obstacles at which the eddies have about three quarters of their strength."""
-
-    @model_validator(mode="after")
-    def _ordered(self) -> "SyntheticWind":
-        if self.shortest is not None and self.shortest >= self.longest:
-            raise fault("shortest must be below longest")
-        return self
 
     by_chance: ClassVar[bool] = True
 
