@@ -35,7 +35,6 @@ from taichi_plume.grid.rng import generator
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.obstacles import Obstacle
-from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.bodies import MovingObstacle, Wake
@@ -93,8 +92,7 @@ def build(
     not fit, or nothing drives them.
     """
     scenario, resources = prepared
-    if not driven:
-        _require_inside(scenario)
+    own, networks, recorded = _drivers(scenario, resources, algorithms, driven)
     grid, air = _box(scenario, resources)
     cubes = resources.site.cubes if resources.site else None
     seen = [*resources.obstacles, *([cubes] if cubes else [])]
@@ -112,9 +110,8 @@ def build(
     if film is None:
         begin_fields(scenario, resources, wind, gas.gases)
     sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species, partial(_around, scenario, grid, air))
-    own, networks = _own(scenario, resources, algorithms), _networks(scenario, resources)
     try:
-        driving = teams(swarm, scenario.tick, own, networks, _recorded(scenario, resources))
+        driving = teams(swarm, scenario.tick, own, networks, recorded)
     except NetworkError as error:
         raise ScenarioError([str(error)]) from None
     extent, most = (grid.extent[0], grid.extent[1]), swarm.members.shape[1]
@@ -271,51 +268,34 @@ def _weigh(weighing: list[BuoyantScalar], scenario: Scenario) -> None:
         scalar.weight = weight
 
 
-def _own(scenario: Scenario, resources: Resources, algorithms: Mapping[str, type] | None) -> dict[str, type]:
-    """The users' own classes by the names of their groups. Raises ScenarioError if one is missing."""
-    groups = _by_path(scenario)
-    classes = {groups[path].name: own for path, own in resources.own.items()} | dict(algorithms or {})
-    what = "no class was given; pass one, or name a Python file with file: FILE.py"
-    _raise_missing(
-        {
-            path: what
-            for path, group in groups.items()
-            if group.algorithm.kind == "own" and group.name not in classes
-        }
-    )
-    return classes
+def _drivers(
+    scenario: Scenario, resources: Resources, algorithms: Mapping[str, type] | None, driven: bool
+) -> tuple[dict[str, type], dict[str, Network], dict[str, Sequence[Way]]]:
+    """The users' own classes, networks of policies and recorded paths, by the names of their groups.
 
-
-def _by_path(scenario: Scenario) -> dict[str, Group]:
-    """Groups of robots by the YAML paths of their algorithms."""
-    return {f"robots[{n}].algorithm": group for n, group in enumerate(scenario.robots)}
-
-
-def _raise_missing(faults: Mapping[str, str]) -> None:
+    Raises ScenarioError if a group lacks one, or if nothing drives external robots.
+    """
+    own, networks, recorded = dict(algorithms or {}), {}, {}
+    faults: list[str] = []
+    for n, group in enumerate(scenario.robots):
+        path, kind = f"robots[{n}].algorithm", group.algorithm.kind
+        if path in resources.own:
+            own.setdefault(group.name, resources.own[path])
+        if path in resources.networks:
+            networks[group.name] = resources.networks[path]
+        if path in resources.ways:
+            recorded[group.name] = resources.ways[path]
+        if kind == "own" and group.name not in own:
+            faults.append(f"{path}: no class was given; pass one, or name a Python file with file: FILE.py")
+        if kind == "policy" and group.name not in networks:
+            what = "none is given, the policy is still to be learnt; learn it in an environment of taichi_plume.envs"
+            faults.append(f"{path}.file: {what}")
+        if group.algorithm.outside and not driven:
+            what = "nothing drives its robots here; run the scenario by python -m taichi_plume.serve"
+            faults.append(f"{path}: external: {what}")
     if faults:
-        raise ScenarioError([f"{path}: {what}" for path, what in faults.items()])
-
-
-def _networks(scenario: Scenario, resources: Resources) -> dict[str, Network]:
-    """Networks of policies by the names of their groups. Raises ScenarioError if a policy has none yet."""
-    policies = [
-        (path, group) for path, group in _by_path(scenario).items() if group.algorithm.kind == "policy"
-    ]
-    what = "none is given, the policy is still to be learnt; learn it in an environment of taichi_plume.envs"
-    _raise_missing({f"{path}.file": what for path, _ in policies if path not in resources.networks})
-    return {group.name: resources.networks[path] for path, group in policies}
-
-
-def _recorded(scenario: Scenario, resources: Resources) -> dict[str, Sequence[Way]]:
-    """Paths of recorded robots by the names of the groups that replay them."""
-    groups = _by_path(scenario)
-    return {groups[path].name: ways for path, ways in resources.ways.items()}
-
-
-def _require_inside(scenario: Scenario) -> None:
-    """Raise ScenarioError if a group is driven from outside."""
-    what = "external: nothing drives its robots here; run the scenario by python -m taichi_plume.serve"
-    _raise_missing({path: what for path, group in _by_path(scenario).items() if group.algorithm.outside})
+        raise ScenarioError(faults)
+    return own, networks, recorded
 
 
 def _places(scenario: Scenario) -> np.ndarray:
