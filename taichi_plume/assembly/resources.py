@@ -1,6 +1,7 @@
 """Opened files of a scenario. Each kind of section that names a file has an opener here."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -97,6 +98,15 @@ class Resources:
         return self._site_air[key]
 
 
+@contextmanager
+def _reported(resources: Resources, path: str, error: type[Exception]) -> Iterator[None]:
+    """Report this error of a file as a fault of the key with this path."""
+    try:
+        yield
+    except error as fault:
+        resources.faults[path] = str(fault)
+
+
 def _opened(resources: Resources, file: Path) -> "Film":
     """Open a film once for all sections that name it. Raises FilmError."""
     from taichi_plume.files.film import Film
@@ -110,17 +120,14 @@ def _film(resources: Resources, path: str, model: Playback, folder: Path) -> Pur
     """Open the film of a section; a played gas is returned with the recorded species and sources."""
     from taichi_plume.files.film import FilmError
 
-    gas = None
-    try:
+    with _reported(resources, f"{path}.file", FilmError):
         film = _opened(resources, folder / model.file)
-        if isinstance(model, PlaybackGas):
-            gas = completed(model, film)
+        gas = completed(model, film) if isinstance(model, PlaybackGas) else None
         for n in {0, len(film.times) - 1}:
             film.frame(n, film.wind if model.part == "wind" else film.gas)
         resources.films[path] = film
-    except FilmError as error:
-        resources.faults[f"{path}.file"] = str(error)
-    return gas
+        return gas
+    return None
 
 
 def _moment(resources: Resources, path: str, model: InitialWind | InitialGas, folder: Path) -> None:
@@ -129,7 +136,7 @@ def _moment(resources: Resources, path: str, model: InitialWind | InitialGas, fo
         return
     from taichi_plume.files.film import FilmError
 
-    try:
+    with _reported(resources, f"{path}.film", FilmError):
         film = _opened(resources, folder / model.film)
         names = film.wind
         if model.part == "gas":
@@ -137,8 +144,6 @@ def _moment(resources: Resources, path: str, model: InitialWind | InitialGas, fo
             names = [film.gas_of(gas.species)] if film.gas else []
         film.moment(names, model.at)
         resources.films[path] = film
-    except FilmError as error:
-        resources.faults[f"{path}.film"] = str(error)
 
 
 def completed(gas: PlaybackGas, film: "Film") -> PlaybackGas:
@@ -159,12 +164,10 @@ def _points(
     resources: Resources, path: str, model: PlumeSimWind | PlumeSimGas | FluentGas, folder: Path
 ) -> None:
     """Read the frames of points of a section; a log that several play is read once."""
-    try:
+    with _reported(resources, f"{path}.{model.key}", PointFileError):
         file = folder / model.file if isinstance(model, PlumeSimLog) else None
         known = (frames for frames in resources.frames.values() if frames.path == file)
         resources.frames[path] = next(known, None) or frames_of(model, folder)
-    except PointFileError as error:
-        resources.faults[f"{path}.{model.key}"] = str(error)
 
 
 def _movie(resources: Resources, path: str, model: MovieGas, folder: Path) -> None:
@@ -172,13 +175,11 @@ def _movie(resources: Resources, path: str, model: MovieGas, folder: Path) -> No
     from taichi_plume.files.film import FilmError
     from taichi_plume.files.movie import Movie
 
-    try:
+    with _reported(resources, f"{path}.file", FilmError):
         movie = Movie(folder / model.file, model)
         for n in {0, len(movie.times) - 1}:
             movie.frame(n)
         resources.movies[path] = movie
-    except FilmError as error:
-        resources.faults[f"{path}.file"] = str(error)
 
 
 def _site(resources: Resources, path: str, model: ImportedWind, folder: Path) -> None:
@@ -186,40 +187,32 @@ def _site(resources: Resources, path: str, model: ImportedWind, folder: Path) ->
     from taichi_plume.files.site import Site
     from taichi_plume.files.wind_points import WindFileError
 
-    try:
+    with _reported(resources, f"{path}.files", WindFileError):
         site = Site(model, resources.scenario.domain.dim, folder)
         site.read(site.files[-1][1])
         resources.site = site
-    except WindFileError as error:
-        resources.faults[f"{path}.files"] = str(error)
 
 
 def _own(resources: Resources, path: str, model: Own, folder: Path) -> None:
     """Read the file of an own algorithm; without a file the class is given when the run is assembled."""
     if model.file:
-        try:
+        with _reported(resources, f"{path}.file", OwnAlgorithmError):
             resources.code[path] = OwnFile.read(folder / model.file, model.name)
-        except OwnAlgorithmError as error:
-            resources.faults[f"{path}.file"] = str(error)
 
 
 def _network(resources: Resources, path: str, model: Policy, folder: Path) -> None:
     """Read a policy's network; without a file it is still to be learnt."""
     if model.file:
-        try:
+        with _reported(resources, f"{path}.file", OwnAlgorithmError):
             resources.networks[path] = Network.read(folder / model.file)
-        except OwnAlgorithmError as error:
-            resources.faults[f"{path}.file"] = str(error)
 
 
 def _ways(resources: Resources, path: str, model: Replay, folder: Path) -> None:
     """Read the paths of recorded robots."""
     from taichi_plume.files.trajectories import WayError, read
 
-    try:
+    with _reported(resources, f"{path}.file", WayError):
         resources.ways[path] = read(folder / model.file, model.frame, model.topics, model.poses)
-    except WayError as error:
-        resources.faults[f"{path}.file"] = str(error)
 
 
 OPENERS: dict[type[Model], Callable[[Resources, str, Any, Path], PureGas | None]] = {
