@@ -6,23 +6,19 @@ import json
 import sys
 import textwrap
 from collections.abc import Callable, Sequence
-from math import inf, isfinite
 from pathlib import Path
-from typing import NoReturn, get_args
-
-from pydantic_core import PydanticCustomError
+from typing import Any, NoReturn, get_args
 
 from taichi_plume.cli.options import add, flag, option, whole_number
 from taichi_plume.files.bag_readings import UNITS, BagOptions
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import Parser
+from taichi_plume.scenario import si
 from taichi_plume.scenario.facts import facts, purpose
-from taichi_plume.scenario.loading import load_part
+from taichi_plume.scenario.loading import ScenarioError, load_part
 from taichi_plume.scenario.maps import Map
 from taichi_plume.scenario.metal_oxides import MOX_MODELS
-from taichi_plume.scenario.quantities import parse
 
-LARGEST_FLOOR = 1e4  # m
 DEFAULT = "time_series"
 KINDS = {get_args(model.model_fields["kind"].annotation)[0]: model for model in get_args(get_args(Map)[0])}
 
@@ -72,9 +68,9 @@ def _options(end: str) -> _Parser:
     parser.add_argument("readings", type=Path, metavar="READINGS", help=what)
     parser.add_argument("--map", help="as in a scenario: '{kind: time_series, alpha: 0.9, cell: 10 cm}'")
     parser.add_argument("--kind", help=f"short for --map '{{kind: KIND}}' (default: {DEFAULT})")
-    sides = {"type": _quantity("m", 0.0, LARGEST_FLOOR), "nargs": 2, "metavar": ("LX", "LY")}
+    sides = {"type": _quantity(si.Length), "nargs": 2, "metavar": ("LX", "LY")}
     parser.add_argument("--size", **sides, required=True, help="of the floor [m]")
-    place = {"type": _quantity("m"), "nargs": 2, "metavar": ("X", "Y")}
+    place = {"type": _quantity(si.Coordinate), "nargs": 2, "metavar": ("X", "Y")}
     what = "lower corner of the floor [m], from which the map's own places count (default: 0 0)"
     parser.add_argument("--origin", **place, default=(0.0, 0.0), help=what)
     add(parser, "--out", required=True, help="the map's folder")
@@ -101,7 +97,7 @@ def _of_bags(group: argparse._ArgumentGroup) -> None:
     what = "sensor whose law converts ohm to ppm (default: as in the messages)"
     group.add_argument("--model", choices=tuple(MOX_MODELS), help=what)
     what = "resistance in clean air (default: as in the messages)"
-    option(group, "--air", _quantity("ohm", 0.0), "OHM", what)
+    option(group, "--air", _quantity(si.Resistance), "OHM", what)
     flag(group, "--upwind", "Anemometer messages give the direction that the wind comes from")
 
 
@@ -145,19 +141,13 @@ def _item(name: str, text: str) -> str:
     return textwrap.fill(f"{name:<20}  {text}", 100, initial_indent="  ", subsequent_indent=" " * 24)
 
 
-def _quantity(unit: str, above: float = -inf, most: float = inf) -> Callable[[str], float]:
-    """Type of an option that takes a finite quantity above `above` and at most `most`, with or without a unit."""
+def _quantity(kind: Any) -> Callable[[str], float]:
+    """Type of an option that takes a quantity of this kind, with or without a unit."""
 
     def read(text: str) -> float:
         try:
-            value = parse(text, unit)
-        except PydanticCustomError as error:
-            raise argparse.ArgumentTypeError(f"got '{text}': {error.message()}") from None
-        if not isfinite(value):
-            raise argparse.ArgumentTypeError(f"got '{text}': must be a finite number")
-        if not above < value <= most:
-            limit = f" and at most {most:g} {unit}" if isfinite(most) else ""
-            raise argparse.ArgumentTypeError(f"got '{text}': must be above {above:g}{limit}")
-        return value
+            return load_part(text, "value", kind)
+        except ScenarioError as error:
+            raise argparse.ArgumentTypeError(str(error).removeprefix("value: ")) from None
 
     return read
