@@ -1,6 +1,7 @@
 """Readable YAML of a scenario: numbers with sensible units, all keys or those of the user."""
 
 import io
+from typing import Any
 
 import yaml
 
@@ -48,23 +49,21 @@ def own_keys(scenario: Model) -> str:
 
 def all_keys(scenario: Model) -> str:
     """Return all keys with their values as YAML, a key in each line."""
-    node = _Dumper(io.StringIO(), sort_keys=False).represent_data(readable(scenario))
-    _unfold(node)
-    return yaml.serialize(node, Dumper=_Dumper, allow_unicode=True, width=LONGEST)
-
-
-def _unfold(node: yaml.Node) -> None:
-    """Write lists of numbers and names in one line, and all else in several."""
-    if isinstance(node, yaml.CollectionNode):
-        is_mapping = isinstance(node, yaml.MappingNode)
-        parts = [part for pair in node.value for part in pair] if is_mapping else node.value
-        for part in parts:
-            _unfold(part)
-        node.flow_style = not any(isinstance(part, yaml.CollectionNode) for part in parts)
-        node.flow_style &= isinstance(node, yaml.SequenceNode) or not parts
+    return yaml.dump(
+        readable(scenario),
+        Dumper=_Dumper,
+        sort_keys=False,
+        default_flow_style=None,
+        allow_unicode=True,
+        width=LONGEST,
+    )
 
 
 class _Dumper(yaml.SafeDumper):
+    def represent_mapping(self, tag: str, mapping: Any, flow_style: bool | None = None) -> yaml.MappingNode:
+        """Write each key into a line of its own; of lists, only those of numbers and names are written in a line."""
+        return super().represent_mapping(tag, mapping, flow_style=not mapping)
+
     def ignore_aliases(self, data: object) -> bool:
         """Write equal values without aliases."""
         return True
