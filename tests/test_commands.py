@@ -180,13 +180,13 @@ def at_a_shell(script, folder):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a shell of POSIX")
-@pytest.mark.parametrize("command", ["run s.yaml --check", "scenario --explain gas", "report none"])
+@pytest.mark.parametrize("command", [" run s.yaml --check", ".scenario --explain gas", ".report none"])
 def test_a_working_folder_that_was_deleted_is_told_in_a_line(command, tmp_path):
-    for name in (f"-m taichi_plume {command}", f"-m taichi_plume.{command}"):
-        code, told = at_a_shell(f'mkdir gone && cd gone && rmdir "$PWD" && $python {name}', tmp_path)
-        assert code == 2
-        assert told.count("\n") == 1
-        assert "folder" in told
+    script = f'mkdir gone && cd gone && rmdir "$PWD" && $python -m taichi_plume{command}'
+    code, told = at_a_shell(script, tmp_path)
+    assert code == 2
+    assert told.count("\n") == 1
+    assert "folder" in told
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a shell of POSIX")

@@ -88,18 +88,6 @@ def test_load_scenario_is_the_scenario_alone(path):
         load_scenario(path, ["robots.0.start.positions=[[0, 0]]"])
 
 
-def test_many_faults_are_counted(path):
-    places = [[0.01, 0.1 * n] for n in range(30)]
-    robots = [
-        SCENARIO["robots"][0] | {"name": f"r{n}", "start": {"kind": "positions", "positions": [place]}}
-        for n, place in enumerate(places)
-    ]
-    with pytest.raises(ScenarioError) as caught:
-        load(path, [f"robots={robots}"])
-    assert caught.value.lines[-1] == f"... and {len(caught.value.faults) - 20} more"
-    assert all(line.startswith(f"{path}: ") for line in caught.value.faults)
-
-
 ROOM = {
     "duration": 1,
     "domain": {"size": [1, 1], "spacing": "5 cm"},

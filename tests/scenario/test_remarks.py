@@ -6,7 +6,6 @@ from test_meshes import box_triangles, write_stl
 from test_messages import DUCT, FLOOR, ROOM, said
 
 from taichi_plume.assembly.prepare import load
-from taichi_plume.cli import run
 from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.warnings import course, peak
 
@@ -51,15 +50,6 @@ def test_a_mesh_in_another_unit_is_told_with_the_scale(tmp_path):
     line, *_ = of_obstacles(tmp_path, "obstacles.0.scale=0.001", "obstacles.0.translate=[2.22, 1.66, 0.01]")
     assert "the grid misses all of it" in line
     assert "in metres, not millimetres, give scale: 1; otherwise lower domain.spacing" in line
-
-
-def test_a_check_prints_remarks(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "s.yaml").write_text(FLOOR)
-    assert run.main([str(tmp_path / "s.yaml"), "--set", "robots.0.reach=0", "--check"]) == 0
-    line, *rest = capsys.readouterr().err.splitlines()
-    assert line.startswith("note: robots[0].reach: 0 m")
-    assert all(one.startswith("note: runs") for one in rest)  # of a picture that could not be drawn
 
 
 def test_own_algorithms_may_declare(tmp_path):

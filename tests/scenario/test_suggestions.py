@@ -173,9 +173,3 @@ def test_every_group_of_synonyms_has_a_key():
     keys = {key for place in places().values() for model in place.models for key in model.model_fields}
     for group in suggestions._SYNONYMS:
         assert group & keys, group
-
-
-def test_a_fault_that_lists_what_is_allowed_in_its_own_way_is_told(tmp_path):
-    line = fault(tmp_path, GOOD, "gas.initial={concentration: 1e-5*exq(x)}")
-    assert line.startswith("gas.initial.concentration: ")
-    assert "exp" in line
