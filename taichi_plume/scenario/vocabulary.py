@@ -235,7 +235,8 @@ def sections(part: object, where: str) -> Iterator[tuple[str, Model]]:
     if isinstance(part, Model):
         yield where, part
         for key in type(part).model_fields:
-            yield from sections(vars(part)[key], f"{where}.{key}")
-    elif isinstance(part, tuple):
+            if isinstance(value := vars(part)[key], Model | tuple):
+                yield from sections(value, f"{where}.{key}")
+    elif isinstance(part, tuple) and part and isinstance(part[0], Model):
         for n, item in enumerate(part):
             yield from sections(item, f"{where}[{n}]")

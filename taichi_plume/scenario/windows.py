@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from taichi_plume.grid.floor_plans import FloorPlan
+from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain, span
 from taichi_plume.scenario.quantities import fault
@@ -154,9 +155,19 @@ class Region(Window):
         with_plates: whether obstacles thinner than half a cell close a face. The flow solver resolves only walls of
         maps that are so thin.
         """
-        domain = context.domain
+        domain, step = context.domain, context.domain.spacing / SAMPLES
+
+        def is_near(shape: Shape) -> bool:
+            width = domain.extent[self.axis]
+            away = width - shape.high[self.axis] if self.side else shape.low[self.axis]
+            return away <= domain.spacing + step
+
+        shapes = [
+            shape
+            for shape in context.resources.shapes.values()
+            if shape.model.motion is None and is_near(shape)
+        ]
         centers = self.covered(domain)
-        shapes = [shape for shape in context.resources.shapes.values() if shape.model.motion is None]
         if not shapes or not len(centers):
             return 1.0
         parts = (np.arange(SAMPLES) + 0.5) / SAMPLES
@@ -164,7 +175,6 @@ class Region(Window):
         shifts = np.stack(np.meshgrid(*[parts - 0.5] * centers.shape[1], indexing="ij"), axis=-1)
         points = centers[:, None] + domain.spacing * shifts.reshape(-1, centers.shape[1])
         solid = np.zeros((len(depths), *points.shape[:2]))
-        step = domain.spacing / SAMPLES
         for level, depth in zip(solid, depths, strict=True):
             away = depth * domain.spacing
             at = domain.shape[self.axis] * domain.spacing - away if self.side else away
