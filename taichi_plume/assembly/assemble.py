@@ -16,7 +16,7 @@ from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import teams
 from taichi_plume.assembly.initial import begin_fields
-from taichi_plume.assembly.kinds import GASES, WINDS, Context
+from taichi_plume.assembly.kinds import Context, make_gas, make_wind
 from taichi_plume.assembly.own_code import execute
 from taichi_plume.assembly.prepare import Prepared, again, checked
 from taichi_plume.assembly.resources import Resources
@@ -235,9 +235,9 @@ def _around(scenario: Scenario, grid: Grid, air: Air) -> Surroundings:
 def _wind(context: Context, film: TickFilm | None) -> Wind:
     model = context.scenario.wind
     if film is not None and film.wind:
-        return FilmedWind(film, context.grid, context.begin[0])
+        return FilmedWind(film, context.grid, context.start)
     try:
-        return WINDS[model.kind](model, context)
+        return make_wind(model, context)
     except WindFileError as error:
         raise ScenarioError([f"wind.files: {error}"]) from None
     except ScenarioError:
@@ -249,9 +249,9 @@ def _wind(context: Context, film: TickFilm | None) -> Wind:
 def _gas(context: Context, path: str, wind: Wind, film: TickFilm | None) -> Gas:
     model = dict(context.scenario.gases)[path]
     if film is not None and path in film.gases:
-        return FilmedGas(film, film.gases.index(path), model, context.grid, context.air, context.begin[0])
+        return FilmedGas(film, film.gases.index(path), model, context.grid, context.air, context.start)
     try:
-        return GASES[model.kind](model, path, context, wind)
+        return make_gas(model, path, context, wind)
     except ValueError as error:
         raise ScenarioError([f"{path}.{error}"]) from None
 

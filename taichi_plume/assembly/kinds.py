@@ -12,11 +12,13 @@ from taichi_plume.assembly.resources import Resources
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Gas, Wind
 from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.any_wind import AnyWind
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.sources import OneGas
+from taichi_plume.scenario.vocabulary import Model
 
 if TYPE_CHECKING:
-    from taichi_plume.solvers.flow import FlowSolver
     from taichi_plume.solvers.momentum import BuoyantScalar
     from taichi_plume.solvers.screens import Resistance
     from taichi_plume.solvers.transport import Scalar
@@ -40,98 +42,71 @@ class Context:
     resistances: "Sequence[Callable[[tuple[Any, ...]], Resistance]]"
 
     @property
-    def begin(self) -> tuple[float, int]:
-        """Start of the run [s], and the seed of wind and gas."""
-        return self.scenario.first_tick * self.scenario.tick, self.scenario.seed_of_air
+    def start(self) -> float:
+        """Start of the run [s]."""
+        return self.scenario.first_tick * self.scenario.tick
 
 
-def _of(module: str, name: str) -> Any:
-    """Import a class of the solvers."""
-    return getattr(import_module(f"taichi_plume.solvers.{module}"), name)
+Solver = tuple[str, str, str]
+"""Module and class of a solver, and the arguments of the constructor after the section, as `_make` names them."""
+
+WINDS: dict[str, Solver] = {
+    "cfd": ("flow", "FlowSolver", "grid air t seed weighing resistances"),
+    "frozen": ("frozen", "FrozenSolver", "grid air t seed weighing resistances"),
+    "uniform": ("uniform", "UniformSolver", "grid t seed"),
+    "synthetic": ("synthetic", "SyntheticSolver", "grid air t seed"),
+    "playback": ("playback", "PlayedWind", "film grid t seed"),
+    "imported": ("imported", "ImportedFlow", "film grid t seed"),
+    "plumesim_log": ("plumesim", "PointWind", "frames extent t seed"),
+}
+GASES: dict[str, Solver] = {
+    "eulerian": ("gas", "EulerianSolver", "grid wind air t seed path scalar openings"),
+    "puffs": ("puffs", "PuffSolver", "grid wind air t seed path"),
+    "gaussian_plume": ("plumes", "Plumes", "grid wind t seed path"),
+    "meandering": ("plumes", "Plumes", "grid wind t seed path"),
+    "continuous": ("gaussian_puffs", "ContinuousPuffs", "grid wind t"),
+    "gaussian_puff": ("gaussian_puffs", "GaussianPuffs", "grid wind t"),
+    "plumesim_gaussian": ("plumesim", "ProgramPuff", "extent t"),
+    "plumesim_meandering": ("plumesim", "ProgramMeander", "extent t seed path"),
+    "plumesim_log": ("plumesim", "PointGas", "frames extent t"),
+    "fluent": ("plumesim", "PointGas", "frames extent t"),
+    "playback": ("playback", "PlayedGas", "film grid t"),
+    "movie": ("playback", "PlayedMovie", "movie grid t"),
+}
 
 
-def _flow(solver: "type[FlowSolver]", model: Any, ctx: Context) -> "FlowSolver":
-    flow = solver(model, ctx.grid, ctx.air, *ctx.begin, ctx.weighing, ctx.resistances)
-    trapped = flow.boundaries.trapped(ctx.air.regions())
-    if trapped:
+def make_wind(model: AnyWind, ctx: Context) -> Wind:
+    """Return the solver of a wind. Raises ScenarioError if obstacles close off an opening that blows."""
+    resources, film = ctx.resources, ctx.resources.films.get("wind")
+    if resources.site is not None:
+        film = _solver("imported", "ImportedFilm")(resources.site, ctx.grid, ctx.air)
+    wind = _make(WINDS, model, "wind", ctx, film=film)
+    if model.computed is not None and (trapped := wind.boundaries.trapped(ctx.air.regions())):
         what = (
             "its air has no way to an outlet, obstacles close it off; move one of them or add an outlet there"
         )
         raise ScenarioError([f"wind.openings[{n}]: {what}" for n in trapped])
-    return flow
-
-
-def _imported(model: Any, ctx: Context) -> Wind:
-    assert ctx.resources.site is not None
-    film = _of("imported", "ImportedFilm")(ctx.resources.site, ctx.grid, ctx.air)
-    return _played(_of("imported", "ImportedFlow")(model, film, ctx.grid, *ctx.begin), ctx)
-
-
-def _played(wind: Any, ctx: Context) -> Wind:
-    """Let a recorded wind advance in whole ticks unless a gas is solved on its grid."""
-    wind.carries = any(gas.solved for _, gas in ctx.scenario.gases)
+    if film is not None:  # a recorded wind advances in whole ticks unless a gas is solved on its grid
+        wind.carries = any(gas.solved for _, gas in ctx.scenario.gases)
     return wind
 
 
-WINDS: dict[str, Callable[[Any, Context], Wind]] = {
-    "cfd": lambda model, ctx: _flow(_of("flow", "FlowSolver"), model, ctx),
-    "frozen": lambda model, ctx: _flow(_of("frozen", "FrozenSolver"), model, ctx),
-    "uniform": lambda model, ctx: _of("uniform", "UniformSolver")(model, ctx.grid, *ctx.begin),
-    "synthetic": lambda model, ctx: _of("synthetic", "SyntheticSolver")(model, ctx.grid, ctx.air, *ctx.begin),
-    "playback": lambda model, ctx: _played(
-        _of("playback", "PlayedWind")(model, ctx.resources.films["wind"], ctx.grid, *ctx.begin), ctx
-    ),
-    "plumesim_log": lambda model, ctx: _of("plumesim", "PointWind")(
-        model, ctx.resources.frames["wind"], ctx.grid.extent, *ctx.begin
-    ),
-    "imported": _imported,
-}
-"""Constructors of winds, from their sections."""
+def make_gas(model: OneGas, path: str, ctx: Context, wind: Wind) -> Gas:
+    """Return the solver of the gas at this path, which the wind carries."""
+    return _make(GASES, model, path, ctx, wind=wind, film=ctx.resources.films.get(path))
 
 
-def _points(model: Any, path: str, ctx: Context, wind: Wind) -> Gas:
-    return _of("plumesim", "PointGas")(model, ctx.resources.frames[path], ctx.grid.extent, ctx.begin[0])
+def _make(kinds: dict[str, Solver], model: Model, path: str, ctx: Context, **parts: Any) -> Any:
+    scenario, resources = ctx.scenario, ctx.resources
+    parts |= {
+        "grid": ctx.grid, "extent": ctx.grid.extent, "air": ctx.air, "path": path, "seed": scenario.seed_of_air,
+        "t": ctx.start, "frames": resources.frames.get(path), "openings": scenario.openings,
+        "movie": resources.movies.get(path), "scalar": ctx.scalars.get(path), "weighing": ctx.weighing,
+        "resistances": ctx.resistances,
+    }  # fmt: skip
+    module, name, arguments = kinds[vars(model)["kind"]]
+    return _solver(module, name)(model, *(parts[argument] for argument in arguments.split()))
 
 
-def _plumes(model: Any, path: str, ctx: Context, wind: Wind) -> Gas:
-    return _of("plumes", "Plumes")(model, ctx.grid, wind, *ctx.begin, path)
-
-
-GASES: dict[str, Callable[[Any, str, Context, Wind], Gas]] = {
-    "eulerian": lambda model, path, ctx, wind: _of("gas", "EulerianSolver")(
-        model,
-        ctx.grid,
-        wind,
-        ctx.air,
-        *ctx.begin,
-        path,
-        ctx.scalars.get(path),
-        ctx.scenario.openings,
-    ),
-    "puffs": lambda model, path, ctx, wind: _of("puffs", "PuffSolver")(
-        model, ctx.grid, wind, ctx.air, *ctx.begin, path
-    ),
-    "gaussian_plume": _plumes,
-    "meandering": _plumes,
-    "continuous": lambda model, path, ctx, wind: _of("gaussian_puffs", "ContinuousPuffs")(
-        model, ctx.grid, wind, ctx.begin[0]
-    ),
-    "gaussian_puff": lambda model, path, ctx, wind: _of("gaussian_puffs", "GaussianPuffs")(
-        model, ctx.grid, wind, ctx.begin[0]
-    ),
-    "plumesim_gaussian": lambda model, path, ctx, wind: _of("plumesim", "ProgramPuff")(
-        model, ctx.grid.extent, ctx.begin[0]
-    ),
-    "plumesim_meandering": lambda model, path, ctx, wind: _of("plumesim", "ProgramMeander")(
-        model, ctx.grid.extent, *ctx.begin, path
-    ),
-    "plumesim_log": _points,
-    "fluent": _points,
-    "playback": lambda model, path, ctx, wind: _of("playback", "PlayedGas")(
-        model, ctx.resources.films[path], ctx.grid, ctx.begin[0]
-    ),
-    "movie": lambda model, path, ctx, wind: _of("playback", "PlayedMovie")(
-        model, ctx.resources.movies[path], ctx.grid, ctx.begin[0]
-    ),
-}
-"""Constructors of gases, from their sections, their paths in the scenario, and the wind that carries them."""
+def _solver(module: str, name: str) -> Any:
+    return getattr(import_module(f"taichi_plume.solvers.{module}"), name)
