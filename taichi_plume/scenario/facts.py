@@ -18,7 +18,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from taichi_plume.scenario.quantities import Quantity
-from taichi_plume.scenario.vocabulary import InputFile, Model, Vector
+from taichi_plume.scenario.vocabulary import INPUT_FILE, Model, Vector
 
 UNIONS = (Union, types.UnionType)
 
@@ -178,7 +178,7 @@ def _type(kind: object, marks: tuple = ()) -> str:
         texts = any("BeforeValidator" in type(mark).__name__ for mark in marks)
         return "quantity" if texts else "number"
     if kind is str:
-        return "path" if any(isinstance(m, InputFile) for m in marks) else "formula" if units else "text"
+        return "path" if any(mark is INPUT_FILE for mark in marks) else "formula" if units else "text"
     if kind is Any:
         return "value"
     if kind in (bool, int):

@@ -11,7 +11,7 @@ from taichi_plume.guard.opening import OUTSIDE, inside
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.checks import every
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.scenario.vocabulary import InputFile, marked
+from taichi_plume.scenario.vocabulary import INPUT_FILE, marked
 
 NUMBER = re.compile(r"%[0-9]*[dg]")  # stands for a number in the name of several files
 
@@ -23,7 +23,7 @@ def input_files(scenario: Scenario) -> Iterator[tuple[str, str]]:
     """
     for where, section in every(scenario):
         for key in type(section).model_fields:
-            named = vars(section)[key] if marked(type(section), key, InputFile) else None
+            named = vars(section)[key] if marked(type(section), key, INPUT_FILE) else None
             if isinstance(named, tuple):
                 yield from ((f"{where}.{key}[{n}]", name) for n, name in enumerate(named))
             elif named:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from taichi_plume.scenario.vocabulary import Compiled, Free, Model, marked
+from taichi_plume.scenario.vocabulary import COMPILED, FREE, Model, marked
 
 LONGEST_VALUE = 48  # characters shown of a value
 Path = tuple[str, ...]
@@ -41,9 +41,9 @@ def _fixed(value: object, path: Path, compiled: bool = False) -> Iterator[tuple[
         model = type(value)
         yield path, (f"{model.__module__}.{model.__qualname__}", value)
         for key in model.model_fields:
-            if not marked(model, key, Free):
+            if not marked(model, key, FREE):
                 yield from _fixed(
-                    vars(value)[key], (*path, f".{key}"), compiled or marked(model, key, Compiled)
+                    vars(value)[key], (*path, f".{key}"), compiled or marked(model, key, COMPILED)
                 )
     elif isinstance(value, list | tuple):
         yield path, (f"list of {len(value)}", value)

@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from enum import Enum
 from functools import cache, partial
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
@@ -14,34 +15,20 @@ from taichi_plume.scenario.suggestions import meant_key
 if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Context
 
-Mark = TypeVar("Mark")
+
+class Mark(Enum):
+    """Mark of a key, such as ``Annotated[Length, COMPILED]``; the value is its meaning."""
+
+    COMPILED = """A number on which shapes of fields, tables or kernels depend. They depend on kinds, names, counts and
+    lengths of lists anyway. All other numbers reach kernels at run time: a reset may change them, see
+    `Simulation.reset`."""
+    FREE = "A reset may change the key, with all below it, although its value is no float."
+    INPUT_FILE = "Path of an input file, relative to the scenario's folder; with %d or %g, of several files."
+    SPATIAL = "Key of 3-D runs alone: in 2-D its value must be zero, false or not given."
+    PLANE = "Names of faces or axes, whose z does not exist in 2-D runs."
 
 
-class Compiled:
-    """Mark of a number (as ``Annotated[Length, COMPILED]``) on which shapes of fields, tables or kernels depend.
-
-    They depend on kinds, names, counts and lengths of lists anyway. All other numbers reach kernels at run time: a
-    reset may change them, see `Simulation.reset`.
-    """
-
-
-class Free:
-    """Mark of a key that a reset may change, with all below it, although its value is no float."""
-
-
-class InputFile:
-    """Mark of the path of an input file, relative to the scenario's folder; with %d or %g, of several files."""
-
-
-class Spatial:
-    """Mark of a key that is of 3-D runs alone: in 2-D its value must be zero, false or not given."""
-
-
-class Plane:
-    """Mark of names of faces or axes, whose z does not exist in 2-D runs."""
-
-
-COMPILED, FREE, INPUT_FILE, SPATIAL = Compiled(), Free(), InputFile(), Spatial()
+COMPILED, FREE, INPUT_FILE, SPATIAL, PLANE = Mark
 
 
 @dataclass(frozen=True)
@@ -70,31 +57,36 @@ def one_or_several(item: Any, most: int) -> Any:
 FileName = Annotated[str, Field(min_length=1), INPUT_FILE]
 Convection = Literal["koren", "weno5"]
 MomentumConvection = Literal["upwind5", "koren", "weno5"]
-Face = Annotated[Literal["x-", "x+", "y-", "y+", "z-", "z+"], Plane()]
-Axis = Annotated[Literal["x", "y", "z"], Plane()]
+Face = Annotated[Literal["x-", "x+", "y-", "y+", "z-", "z+"], PLANE]
+Axis = Annotated[Literal["x", "y", "z"], PLANE]
 Color = tuple[int, int, int]
 
 
 @cache
-def mark_of(model: type["Model"], key: str, kind: type[Mark]) -> Mark | None:
-    """Return the mark of this class on a key of a model, or on a part of its type; None if there is none."""
+def marked(model: type["Model"], key: str, mark: Mark) -> bool:
+    """Return whether a key of a model, or a part of its type, has a mark."""
+    return any(one is mark for one in _marks(model, key))
+
+
+@cache
+def vector(model: type["Model"], key: str) -> Vector | None:
+    """Return the mark of a list with a number per axis; None if the key, and all parts of its type, lack one."""
+    return next((one for one in _marks(model, key) if isinstance(one, Vector)), None)
+
+
+def _marks(model: type["Model"], key: str) -> Iterator[object]:
+    """Yield the annotations of a key of a model and within its type."""
     field = model.model_fields[key]
-    return next(
-        (mark for mark in (*field.metadata, *_marks(field.annotation)) if isinstance(mark, kind)), None
-    )
+    yield from field.metadata
+    yield from _annotations(field.annotation)
 
 
-def marked(model: type["Model"], key: str, kind: type) -> bool:
-    """Return whether a key of a model, or a part of its type, has a mark of this class."""
-    return mark_of(model, key, kind) is not None
-
-
-def _marks(kind: object) -> Iterator[object]:
+def _annotations(kind: object) -> Iterator[object]:
     """Yield the annotations within a type, outside of models."""
     if get_origin(kind) is Annotated:
         yield from get_args(kind)[1:]
     for part in get_args(kind):
-        yield from _marks(part)
+        yield from _annotations(part)
 
 
 class Model(BaseModel):
@@ -165,14 +157,14 @@ class Model(BaseModel):
         """
         model = type(self)
         for key in model.model_fields:
-            vector, value = mark_of(model, key, Vector), vars(self)[key]
-            if vector is not None and value is not None and len(value) != dim - vector.fewer:
+            axes, value = vector(model, key), vars(self)[key]
+            if axes is not None and value is not None and len(value) != dim - axes.fewer:
                 has = f"{len(value)} number{'s' * (len(value) > 1)}"
-                axes = "along the face" if vector.fewer else "x and y" if dim == 2 else "x, y and z"
-                yield f"{where}.{key}: has {has}, a {dim}-D run takes {dim - vector.fewer} here: {axes}"
-            if dim == 2 and value and marked(model, key, Spatial):
+                names = "along the face" if axes.fewer else "x and y" if dim == 2 else "x, y and z"
+                yield f"{where}.{key}: has {has}, a {dim}-D run takes {dim - axes.fewer} here: {names}"
+            if dim == 2 and value and marked(model, key, SPATIAL):
                 yield f"{where}.{key}: is for 3-D runs; remove it, or give domain.size three numbers"
-            if dim == 2 and value and marked(model, key, Plane):
+            if dim == 2 and value and marked(model, key, PLANE):
                 for n, name in enumerate(value if isinstance(value, tuple) else (value,)):
                     if name[0] == "z":
                         place = f"[{n}]" * isinstance(value, tuple)

@@ -9,7 +9,7 @@ from test_reset import vocabulary
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.facts import _numbers, _whole
-from taichi_plume.scenario.vocabulary import PER_AXIS, PER_FACE, Vector, mark_of
+from taichi_plume.scenario.vocabulary import PER_AXIS, PER_FACE, vector
 
 NUMBERS = [
     (f"{model.__name__}.{key}", Annotated[(kind, *marks)] if marks else kind)
@@ -99,13 +99,13 @@ def test_every_list_of_numbers_says_whether_it_is_a_vector():
     for model in vocabulary():
         for key, field in model.model_fields.items():
             if is_list(field.annotation):
-                mark = mark_of(model, key, Vector)
+                mark = vector(model, key)
                 names = {f"{base.__name__}.{key}" for base in model.__mro__}
                 assert (mark is None) == bool(names & OTHERS.keys()), (
                     f"{model.__name__}.{key}: {field.annotation}"
                 )
                 marked[f"{model.__name__}.{key}"] = mark
-            if (mark := mark_of(model, key, Vector)) is not None:
+            if (mark := vector(model, key)) is not None:
                 limits = [
                     one
                     for one in (*field.metadata, *annotations(field.annotation))

@@ -8,7 +8,7 @@ from taichi_plume.scenario.facts import models_in
 from taichi_plume.scenario.keys import places
 from taichi_plume.scenario.loading import read_scenario
 from taichi_plume.scenario.reset import differences, structure
-from taichi_plume.scenario.vocabulary import Compiled, Free, Model, marked
+from taichi_plume.scenario.vocabulary import COMPILED, FREE, Model, marked
 
 ROOM = """\
 duration: 10
@@ -142,8 +142,8 @@ def test_a_mark_counts_for_all_below():
         free: Inner = Inner()
         still: Inner = Inner()
 
-    Outer.model_fields["free"].metadata.append(Free())
-    Outer.model_fields["still"].metadata.append(Compiled())
+    Outer.model_fields["free"].metadata.append(FREE)
+    Outer.model_fields["still"].metadata.append(COMPILED)
     other = Inner(number=2.0, name="b")
     assert differences(Outer(), Outer(free=other, still=other)) == [
         "still.number: was 1, is 2",
@@ -175,9 +175,9 @@ def test_every_float_may_change_unless_it_is_marked():
         blank = dict.fromkeys(model.model_fields)
         for key, field in model.model_fields.items():
             pair = other_floats(field.annotation)
-            if pair is not None and not marked(model, key, Free):
+            if pair is not None and not marked(model, key, FREE):
                 one, other = (model.model_construct(**blank | {key: value}) for value in pair)
-                assert bool(differences(one, other)) == marked(model, key, Compiled), (
+                assert bool(differences(one, other)) == marked(model, key, COMPILED), (
                     f"{model.__name__}.{key}"
                 )
                 fixed |= {f"{model.__name__}.{key}"} if differences(one, other) else set()
