@@ -49,7 +49,7 @@ def test_numbers_and_texts_with_units(value, unit, expected):
         *((value, r"must .*unit .*\bm$") for value in ("__import__('os')", None, True, [1], {"m": 1})),
         *((f"3 {unit}", "must have a unit that converts to m") for unit in ("kg", "m/s", "m^2", "parrots")),
         # powers that pint would compute for ever
-        *((f"1 m{power}", "") for power in ("**9**9**9", "^(9^(9^9))", "*9**9**9**9", "**999999999")),
+        *((f"1 m{power}", "must") for power in ("**9**9**9", "^(9^(9^9))", "*9**9**9**9", "**999999999")),
         (10**400, "finite"),
     ],
 )
