@@ -65,13 +65,13 @@ Color = tuple[int, int, int]
 @cache
 def marked(model: type["Model"], key: str, mark: Mark) -> bool:
     """Return whether a key of a model, or a part of its type, has a mark."""
-    return any(one is mark for one in _marks(model, key))
+    return any(other is mark for other in _marks(model, key))
 
 
 @cache
 def vector(model: type["Model"], key: str) -> Vector | None:
     """Return the mark of a list with a number per axis; None if the key, and all parts of its type, lack one."""
-    return next((one for one in _marks(model, key) if isinstance(one, Vector)), None)
+    return next((mark for mark in _marks(model, key) if isinstance(mark, Vector)), None)
 
 
 def _marks(model: type["Model"], key: str) -> Iterator[object]:
