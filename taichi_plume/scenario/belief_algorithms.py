@@ -8,9 +8,9 @@ from pydantic import Field, model_validator
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.plume_tracking import Casting
-from taichi_plume.scenario.quantities import fault, ill_sized, number
+from taichi_plume.scenario.quantities import ill_sized, number
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm, Listening
-from taichi_plume.scenario.vocabulary import COMPILED
+from taichi_plume.scenario.vocabulary import COMPILED, consistency_check
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Arena
@@ -98,13 +98,10 @@ class AnyInfotaxis(Listening, Declares):
         chances = 16.0 * (floor.size[0] ** 2 + floor.size[1] ** 2) / self.cell**2
         return 4.0 * (group.count * group.trials * cells + chances)
 
-    @model_validator(mode="after")
-    def _small_detector(self) -> "AnyInfotaxis":
+    @consistency_check
+    def _small_detector(self) -> Iterator[str]:
         if self.size >= self.reach:
-            raise fault(
-                f"size = {self.size:g} m must be below lambda = {self.reach:.3g} m; or raise diffusivity"
-            )
-        return self
+            yield f"size = {self.size:g} m must be below lambda = {self.reach:.3g} m; or raise diffusivity"
 
 
 class Infotaxis(AnyInfotaxis):
@@ -167,13 +164,10 @@ class ParticleFilter(Casting, Declares):
         belief = 2 * 4.0 * floor.size[0] * floor.size[1] / self.cell**2
         return group.count * group.trials * (each + belief)
 
-    @model_validator(mode="after")
-    def _few_periods(self) -> "ParticleFilter":
+    @consistency_check
+    def _few_periods(self) -> Iterator[str]:
         if self.releases > 10_000:  # every particle looks at all of them
-            raise fault(
-                f"memory = {self.memory:g} s is more than 10000 periods of {self.period:g} s; lower it"
-            )
-        return self
+            yield f"memory = {self.memory:g} s is more than 10000 periods of {self.period:g} s; lower it"
 
 
 class HitMap(Listening, Declares):
@@ -216,8 +210,7 @@ class HitMap(Listening, Declares):
         cells = floor.size[0] * floor.size[1] / self.cell**2
         return 4.0 * group.count * group.trials * cells + 2 * 6.0 * cells**2
 
-    @model_validator(mode="after")
-    def _hit_above_false_alarm(self) -> "HitMap":
+    @consistency_check
+    def _hit_above_false_alarm(self) -> Iterator[str]:
         if self.hit <= self.false_alarm:
-            raise fault(f"hit = {self.hit:g} must be above false_alarm = {self.false_alarm:g}")
-        return self
+            yield f"hit = {self.hit:g} must be above false_alarm = {self.false_alarm:g}"

@@ -4,14 +4,11 @@ from collections.abc import Iterator
 from math import copysign, pi, sqrt
 from typing import Annotated, ClassVar
 
-from pydantic import model_validator
-
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Located
 from taichi_plume.scenario.initial import InitialHeat
-from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.surfaces import OnObstacle, Surfaces
-from taichi_plume.scenario.vocabulary import COMPILED, Model
+from taichi_plume.scenario.vocabulary import COMPILED, Model, consistency_check
 from taichi_plume.scenario.windows import Region
 
 
@@ -127,8 +124,7 @@ class Buoyancy(Model):
             yield f"{where}.gravity: is zero, without any effect; remove {where}, or give a gravity"
         yield from super().dimension_errors(where, dim)
 
-    @model_validator(mode="after")
-    def _acts(self) -> "Buoyancy":
+    @consistency_check
+    def _acts(self) -> Iterator[str]:
         if not self.solutal and self.heat is None:
-            raise fault("has no effect: give heat, or leave out solutal: false")
-        return self
+            yield "has no effect: give heat, or leave out solutal: false"

@@ -4,14 +4,13 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.formulas import AXES, FormulaError, evaluate, formula
-from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.species import Species
-from taichi_plume.scenario.vocabulary import FREE, PER_AXIS, FileName, Model
+from taichi_plume.scenario.vocabulary import FREE, PER_AXIS, FileName, Model, consistency_check
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Domain
@@ -91,14 +90,13 @@ class FilmedInitial(Initial):
     at: si.Time | None = None
     """Time in the film, with linear interpolation between frames; unless given, the last frame."""
 
-    @model_validator(mode="after")
-    def _either(self) -> "FilmedInitial":
+    @consistency_check
+    def _either(self) -> Iterator[str]:
         given = [key for key, _ in self.formulas][:1]
         if (self.film is None) == (not given):
-            raise fault(f"takes {self.key} or film, got {'both' if given else 'neither'}")
+            yield f"takes {self.key} or film, got {'both' if given else 'neither'}"
         if self.film is None and self.at is not None:
-            raise fault("at: is a time of a film; remove it, or give a film")
-        return self
+            yield "at: is a time of a film; remove it, or give a film"
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:
         if self.film is None:

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from math import ceil, prod
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context
-from taichi_plume.scenario.quantities import fault, ill_sized, round_up
-from taichi_plume.scenario.vocabulary import COMPILED, Model
+from taichi_plume.scenario.quantities import ill_sized, round_up
+from taichi_plume.scenario.vocabulary import COMPILED, Model, consistency_check
 
 MOST_CELLS = 4_000_000
 LOG_SNAPS = 120  # most snaps of a whole log, such as ten minutes of 5 s each
@@ -83,14 +83,11 @@ class TimeSeriesMap(SnapshotMap):
     """Whether the samples themselves are the neighbours, rather than the cells interpolated from the samples."""
     times: ClassVar[tuple[str, ...]] = ("window", "time_scale")
 
-    @model_validator(mode="after")
-    def _has_neighbours(self) -> "TimeSeriesMap":
+    @consistency_check
+    def _has_neighbours(self) -> Iterator[str]:
         age = (1.0 - self.alpha) * self.time_scale * self.window
         if age >= self.beta - BORDER:
-            raise fault(
-                f"sees no past snap: (1 - alpha) time_scale window = {age:g} must be below beta {self.beta:g}"
-            )
-        return self
+            yield f"sees no past snap: (1 - alpha) time_scale window = {age:g} must be below beta {self.beta:g}"
 
     def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, float | None]:
         """Choose ages up to half of the neighbourhood, for the oldest reading.

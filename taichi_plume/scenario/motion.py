@@ -6,13 +6,12 @@ from itertools import pairwise
 from math import hypot
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Domain, span
-from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.vocabulary import Model
+from taichi_plume.scenario.vocabulary import Model, consistency_check
 
 FASTEST_BODY = 20.0  # m/s: the air does not count as incompressible much beyond
 
@@ -31,13 +30,12 @@ class Motion(Model):
     loop: bool = False
     """Start again after the last way point, which must be the `center`; it then moves before t = 0 too."""
 
-    @model_validator(mode="after")
-    def _ascending(self) -> "Motion":
+    @consistency_check
+    def _ascending(self) -> Iterator[str]:
         times = [0.0, *(point[0] for point in self.path)]
         for n, (a, b) in enumerate(pairwise(times)):
             if not b > a:
-                raise fault(f"times must ascend from above 0: path[{n}] has {b:g} s after {a:g} s")
-        return self
+                yield f"times must ascend from above 0: path[{n}] has {b:g} s after {a:g} s"
 
     def place(self, center: tuple[float, ...], t: float) -> tuple[float, float]:
         """Return the centre at time t [s], x and y [m]; `center` at t = 0."""

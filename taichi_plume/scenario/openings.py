@@ -6,14 +6,13 @@ from math import hypot
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.any_opening import AnyOpening, FaceOpening, Scheduled, SpeedAt, VelocityAt, Vent
 from taichi_plume.scenario.domain import Context, Domain
 from taichi_plume.scenario.profiles import Profile
-from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.vocabulary import SPATIAL, Axis, Color, Model
+from taichi_plume.scenario.vocabulary import SPATIAL, Axis, Color, Model, consistency_check
 
 CARRIED = 3  # cells: convection damps eddies of a shorter integral length too much
 BLUE, YELLOW, GREEN, PURPLE = (79, 195, 247), (255, 213, 79), (129, 199, 132), (206, 147, 216)
@@ -35,11 +34,10 @@ class Jet(Scheduled, Vent):
     schedule: tuple[SpeedAt, ...] = ()
     """Speeds from given times on, for fans that are switched; before the first, `speed` holds."""
 
-    @model_validator(mode="after")
-    def _starts(self) -> "Jet":
+    @consistency_check
+    def _starts(self) -> Iterator[str]:
         if self.schedule and self.speed is None:
-            raise fault("schedule needs a speed to start with")
-        return self
+            yield "schedule needs a speed to start with"
 
     @property
     def by_chance(self) -> bool:
@@ -116,15 +114,14 @@ class Fan(Jet):
     """Characteristic curve of the fan. Its speed then follows the pressure behind it, and `speed` is the speed at the
     start, 0 unless given."""
 
-    @model_validator(mode="after")
-    def _driven(self) -> "Fan":
+    @consistency_check
+    def _driven(self) -> Iterator[str]:
         if self.curve is None and self.speed is None:
-            raise fault("needs a speed or a curve")
+            yield "needs a speed or a curve"
         if self.curve is not None and self.schedule:
-            raise fault("takes a schedule or a curve, not both: the curve sets the speed")
+            yield "takes a schedule or a curve, not both: the curve sets the speed"
         if self.curve is not None and (self.speed or 0.0) < 0:
-            raise fault("with a curve it blows into the domain: speed must not be negative")
-        return self
+            yield "with a curve it blows into the domain: speed must not be negative"
 
     blows: ClassVar[bool] = True
 

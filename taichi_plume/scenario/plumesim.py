@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain
 from taichi_plume.scenario.played import PlumeSimLog, PointPlayback
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.sources import OneGas, Target
-from taichi_plume.scenario.vocabulary import COMPILED, FileName
+from taichi_plume.scenario.vocabulary import COMPILED, FileName, consistency_check
 
 MOST_NODES = 1_000_000  # of a lattice on the domain
 
@@ -94,11 +94,10 @@ class PlumeSimPuff(PercentGas):
     start: si.Time = 0.0
     """Time since the release when the robots start."""
 
-    @model_validator(mode="after")
-    def _returns(self) -> "PlumeSimPuff":
+    @consistency_check
+    def _returns(self) -> Iterator[str]:
         if self.repeat_from > self.last:
-            raise fault("repeat_from must not be above last")
-        return self
+            yield "repeat_from must not be above last"
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         yield from _release(where, self.release_point, context)

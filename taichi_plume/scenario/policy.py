@@ -3,12 +3,11 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from taichi_plume.scenario import si
-from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm
-from taichi_plume.scenario.vocabulary import COMPILED, INPUT_FILE
+from taichi_plume.scenario.vocabulary import COMPILED, INPUT_FILE, consistency_check
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Arena, Context
@@ -70,14 +69,13 @@ class Policy(AnyAlgorithm):
     def may_declare(self) -> bool:
         return self.declares
 
-    @model_validator(mode="after")
-    def _once(self) -> "Policy":
+    @consistency_check
+    def _once(self) -> Iterator[str]:
         for n, name in enumerate(self.observe):
             if name in self.observe[:n]:
-                raise fault(f"observe: '{name}' is listed twice; list each entry once")
+                yield f"observe: '{name}' is listed twice; list each entry once"
         if "memory" in self.observe and not self.memory:
-            raise fault("memory: is empty; give a time for the entry 'memory', or do not observe it")
-        return self
+            yield "memory: is empty; give a time for the entry 'memory', or do not observe it"
 
     def ticks(self, tick: float) -> int:
         """Return the number of ticks between two decisions; tick [s]."""

@@ -5,12 +5,18 @@ from itertools import pairwise
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Domain
-from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.vocabulary import COMPILED, Face, Model, exactly_one, one_or_several
+from taichi_plume.scenario.vocabulary import (
+    COMPILED,
+    Face,
+    Model,
+    consistency_check,
+    exactly_one,
+    one_or_several,
+)
 from taichi_plume.scenario.windows import Region
 
 KARMAN = 0.41
@@ -98,15 +104,12 @@ class TableProfile(HeightProfile):
     speeds: Annotated[tuple[si.Speed, ...], ENTRIES, COMPILED]
     """Speed at each height, linear in between. Only their ratios count, the opening's `speed` stays the mean."""
 
-    @model_validator(mode="after")
-    def _equal_lengths(self) -> "TableProfile":
+    @consistency_check
+    def _equal_lengths(self) -> Iterator[str]:
         if len(self.heights) != len(self.speeds):
-            raise fault(
-                f"has {len(self.heights)} heights and {len(self.speeds)} speeds; give one speed per height"
-            )
+            yield f"has {len(self.heights)} heights and {len(self.speeds)} speeds; give one speed per height"
         if any(a >= b for a, b in pairwise(self.heights)):
-            raise fault("heights must grow from each to the next")
-        return self
+            yield "heights must grow from each to the next"
 
     def _speeds(self, heights: np.ndarray, of_opening: np.ndarray) -> np.ndarray:
         return np.interp(heights, self.heights, self.speeds)

@@ -3,13 +3,12 @@
 from collections.abc import Iterator
 from typing import Annotated, ClassVar
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.any_opening import Change
 from taichi_plume.scenario.domain import Context
-from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.vocabulary import Model, exactly_one, ordered_schedule
+from taichi_plume.scenario.vocabulary import Model, consistency_check, exactly_one, ordered_schedule
 from taichi_plume.scenario.windows import Region
 
 Number = Annotated[int, Field(ge=0, le=1_000_000)]
@@ -111,11 +110,10 @@ class GasSurfaces(Surfaces):
     obstacles: tuple[GasObstacle, ...] = ()
     """Obstacles that exchange gas with the air."""
 
-    @model_validator(mode="after")
-    def _not_empty(self) -> "GasSurfaces":
+    @consistency_check
+    def _not_empty(self) -> Iterator[str]:
         if not self.walls and not self.obstacles:
-            raise fault("names no walls and no obstacles")
-        return self
+            yield "names no walls and no obstacles"
 
 
 def inflow_faults(where: str, inflow: tuple[Inflow, ...], context: Context) -> Iterator[str]:

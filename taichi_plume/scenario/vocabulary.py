@@ -1,6 +1,6 @@
 """Base class of all sections of a scenario, and the types of its numbers with units and limits."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache, partial
@@ -183,16 +183,27 @@ class Model(BaseModel):
         yield from ()
 
 
-def exactly_one(*keys: str, least: int = 1) -> Any:
-    """Return a validator of sections in which one of two keys has to be given; least: 0 if neither is needed."""
+def consistency_check(errors: Callable[[Any], Iterator[str]]) -> Any:
+    """Return a validator of sections that raises the first error which this method or function yields."""
 
     def check(section: Model) -> Model:
-        given = [key for key in keys if vars(section)[key] is not None]
-        if not least <= len(given) <= 1:
-            raise fault(f"takes {' or '.join(keys)}, got {'both' if given else 'neither'}")
+        if line := next(errors(section), ""):
+            raise fault(line)
         return section
 
     return model_validator(mode="after")(check)
+
+
+def exactly_one(*keys: str, least: int = 1) -> Any:
+    """Return a validator of sections in which one of two keys has to be given; least: 0 if neither is needed."""
+
+    @consistency_check
+    def check(section: Model) -> Iterator[str]:
+        given = [key for key in keys if vars(section)[key] is not None]
+        if not least <= len(given) <= 1:
+            yield f"takes {' or '.join(keys)}, got {'both' if given else 'neither'}"
+
+    return check
 
 
 not_both = partial(exactly_one, least=0)
@@ -201,25 +212,25 @@ not_both = partial(exactly_one, least=0)
 def stop_after_start() -> Any:
     """Return a validator of sections with the optional times `start` and `stop`."""
 
-    def check(section: Model) -> Model:
+    @consistency_check
+    def check(section: Model) -> Iterator[str]:
         start, stop = vars(section)["start"], vars(section)["stop"]
         if start is not None and stop is not None and stop <= start:
-            raise fault("stop must be later than start")
-        return section
+            yield "stop must be later than start"
 
-    return model_validator(mode="after")(check)
+    return check
 
 
 def ordered_schedule() -> Any:
     """Return a validator of sections with a `schedule` of changes."""
 
-    def check(section: Model) -> Model:
+    @consistency_check
+    def check(section: Model) -> Iterator[str]:
         times = [step.at for step in vars(section)["schedule"]]
         if times != sorted(times):
-            raise fault("schedule must be ordered by 'at'")
-        return section
+            yield "schedule must be ordered by 'at'"
 
-    return model_validator(mode="after")(check)
+    return check
 
 
 def sections(part: object, where: str) -> Iterator[tuple[str, Model]]:

@@ -2,17 +2,16 @@
 
 from collections.abc import Iterator
 from math import pi, prod
-from typing import Annotated, Self
+from typing import Annotated
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain, span
-from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.vocabulary import COMPILED, PER_FACE, Face, Model, not_both
+from taichi_plume.scenario.vocabulary import COMPILED, PER_FACE, Face, Model, consistency_check, not_both
 
 LEAST_OPEN = 0.05  # open area fraction of an opening; less is closed
 MOSTLY_OPEN = 0.9  # open area fraction; more is open, as walls that meet the face cover some of it
@@ -40,11 +39,10 @@ class Window(Model):
 
     _one_form = not_both("size", "diameter")
 
-    @model_validator(mode="after")
-    def _whole_form(self) -> Self:
+    @consistency_check
+    def _whole_form(self) -> Iterator[str]:
         if (self.size is None and self.diameter is None) != (self.center is None):
-            raise fault("center goes with size (rectangle) or diameter (disc)")
-        return self
+            yield "center goes with size (rectangle) or diameter (disc)"
 
     @property
     def normal(self) -> int:
