@@ -1,7 +1,7 @@
 """Messages between the command of a study and its workers: named tuples that can be pickled."""
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 Value = float | int | str | bool
 Data = dict[str, Any]
@@ -51,7 +51,6 @@ class Options(NamedTuple):
     outcomes: dict[str, str]
     allow_code: bool
     allow_outside: bool
-    version: str
 
 
 class Task(NamedTuple):
@@ -106,3 +105,7 @@ class AirRecord(NamedTuple):
     frames: int
     bytes: int
     message: str = ""
+
+
+Result: TypeAlias = list[Record] | AirRecord
+"""Result of a task."""

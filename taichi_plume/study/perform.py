@@ -39,7 +39,6 @@ class _Run:
         self.key: Hashable = (request.structure, str(task.folder), task.film is not None)
         self.begun, self.clock = time.time(), time.perf_counter()
         self.compiled = WARM.compiled
-        self.scenario: Scenario | None = None
         self.simulated = 0.0
 
     def record(self) -> Record:
@@ -47,7 +46,7 @@ class _Run:
         trials: list[Row] = []
         outcomes: dict[str, float | None] = dict.fromkeys(self.task.options.outcomes)
         try:
-            scenario = self.scenario = scenario_of(self.task.base, self.request.changes)
+            scenario = scenario_of(self.task.base, self.request.changes)
             cached = self._ready(scenario)
             end, outcomes = self._simulate(cached)
             trials = trial_rows(cached.sim, self.request)
@@ -96,7 +95,7 @@ class _Run:
             message = explain(error)[1]
         message = " ".join(message.split())
         with suppress(OSError):
-            leave_failed(self.task, self.request, self.scenario, message)
+            leave_failed(self.task, self.request, message)
         return End("failed", message, 1)
 
     def _cost(self) -> Cost:

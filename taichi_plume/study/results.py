@@ -230,17 +230,18 @@ def cost_words(costs: pa.Table) -> list[tuple[str, str]]:
     each, beyond = table["total_s"].mean(), (table["total_s"] - table["simulation_s"]).mean()
     count = len(stretches)
     pauses_left_out = f", in {count} stretches, pauses between them left out" if count > 1 else ""
-    runs = f"{len(table):,}; {_time(each)} each, of which {_time(beyond)} beyond the simulation itself"
+    runs = f"{len(table):,}; {duration(each)} each, of which {duration(beyond)} beyond the simulation itself"
     workers = stays.groupby("stretch").size().max()
     return [
-        ("wall time", _time(wall) + pauses_left_out),
+        ("wall time", duration(wall) + pauses_left_out),
         ("runs", runs),
         ("workers", f"{workers:,}; at work {100 * busy:.0f} % of the time"),
         ("kernels compiled", f"{table['compiled'].sum():,}"),
     ]
 
 
-def _time(seconds: float) -> str:
+def duration(seconds: float) -> str:
+    """Return a duration with a suitable unit and three digits."""
     if seconds < 1:
         return f"{1000 * seconds:.3g} ms"
     if seconds < 120:

@@ -9,6 +9,7 @@ import json
 import re
 import shutil
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Self
 
@@ -18,11 +19,11 @@ import pyarrow.parquet as pq
 from taichi_plume.files import disk, own_folder, run_folder
 from taichi_plume.files.tables import plain
 from taichi_plume.guard.opening import read_regular, unopenable
+from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.study import columns
 from taichi_plume.study.messages import AirRecord, Cost, Record, Request, Row, Task
 
 if TYPE_CHECKING:
-    from taichi_plume.scenario.scenario import Scenario
     from taichi_plume.study.plan import Plan
 
 KIND = "study"  # study.json marks the folder of a study
@@ -304,11 +305,12 @@ def _record(part: Path, row: Row) -> Record:
 # ---------------------------------------------------------------- failed runs; without Taichi
 
 
-def leave_failed(task: Task, request: Request, scenario: "Scenario | None", message: str) -> None:
-    """Write the scenario and the message of a failed run, so that users can repeat the run. Raises OSError."""
+def leave_failed(task: Task, request: Request, message: str) -> None:
+    """Write the scenario, if valid, and the message of a failed run, so that users can repeat it. Raises OSError."""
     folder = task.options.out / FAILED / request.run
     folder.mkdir(parents=True, exist_ok=True)
-    if scenario is not None:
+    with suppress(ScenarioError):
+        scenario = scenario_of(task.base, request.changes)
         run_folder.write_scenario(folder, scenario, task.folder.resolve(), "cpu")
     with disk.written_whole(folder / "message.txt") as fresh:
         fresh.write_text(message + "\n", encoding="utf-8")

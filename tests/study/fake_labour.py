@@ -12,7 +12,14 @@ from taichi_plume.study.messages import AirRecord, Cost, Record, Request, Task
 
 
 def work(task: Task) -> list[Record] | AirRecord:
-    return solve_air(task) if task.solve else [run(task, request) for request in task.requests]
+    if task.solve:
+        return solve_air(task)
+    begun, records = time.monotonic(), []
+    for request in task.requests:
+        records.append(run(task, request))
+        if time.monotonic() - begun > task.limit_s:
+            break
+    return records
 
 
 def run(task: Task, request: Request) -> Record:
