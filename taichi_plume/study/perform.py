@@ -49,7 +49,7 @@ class _Run:
             scenario = scenario_of(self.task.base, self.request.changes)
             cached = self._ready(scenario)
             end, outcomes = self._simulate(cached)
-            trials = trial_rows(cached.sim, self.request)
+            trials = trial_rows(cached.sim)
             forget_failed(self.task, self.request)
         except (Exception, SystemExit) as error:  # users' code may raise anything
             end = self._failed(error)

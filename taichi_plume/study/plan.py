@@ -121,8 +121,8 @@ class _Planning:
             if key not in seen:
                 seen[key] = None
                 try:
-                    scenario = self.checks.checked(scenario_of(self.base, point.changes))
-                    seen[key] = len(seen) - 1, self._ids(scenario)
+                    scenario, resources = self.checks.checked(scenario_of(self.base, point.changes))
+                    seen[key] = len(seen) - 1, self._ids(scenario, resources.files)
                     if requested.outcomes or requested.keep:
                         requested.look(scenario)
                 except ScenarioError as error:
@@ -134,8 +134,8 @@ class _Planning:
                 found.append(_Checked(point, *checked))
         return found, [*refused.lines(), *(requested.lines if scenario is not None else [])]
 
-    def _ids(self, scenario: Scenario) -> Ids:
-        study, ids = self.study, self.digests.ids(scenario, self.checks.files(scenario))
+    def _ids(self, scenario: Scenario, files: Mapping[str, Sequence[Path]]) -> Ids:
+        study, ids = self.study, self.digests.ids(scenario, files)
         film_differs = study.share_air == "always" and differs(scenario, study.outcomes, study.keep)
         return ids.shown() if film_differs else ids
 

@@ -41,14 +41,12 @@ _SCHEMA = pa.schema(
         ("run", pa.string()),
         ("status", pa.string()),
         ("message", pa.string()),
-        ("told", pa.string()),  # JSON: values that all trials of the run share, such as those of the axes
         ("trials", pa.list_(_SCORES)),
         ("outcomes", pa.map_(pa.string(), pa.float64())),
         ("cost", _COST),
     ],
     {"format": FORMAT},
 )
-_NAMES = frozenset(field.name for field in _SCORES)
 
 
 class StoreError(ValueError):
@@ -263,9 +261,10 @@ def _read(part: Path, columns: list[str] | None = None) -> pa.Table:
         raise StoreError(f"{part}: {fault}")
     try:
         with pq.ParquetFile(part, page_checksum_verification=True) as file:
-            if not file.schema_arrow.equals(_SCHEMA):
+            known = [field for field in file.schema_arrow if field.name in _SCHEMA.names]
+            if not pa.schema(known).equals(_SCHEMA):
                 raise StoreError(f"{part}: was not written by a study of this version; remove it")
-            return file.read(columns)
+            return file.read(columns or _SCHEMA.names)
     except (pa.ArrowException, OSError, ValueError, LookupError) as error:
         if isinstance(error, StoreError):
             raise
@@ -276,29 +275,13 @@ def _read(part: Path, columns: list[str] | None = None) -> pa.Table:
 
 
 def _row(record: Record) -> Row:
-    common = {name: value for row in record.trials[:1] for name, value in row.items() if name not in _NAMES}
-    for row in record.trials:
-        if (
-            any(row.get(name) != value for name, value in common.items())
-            or row.keys() - common.keys() - _NAMES
-        ):
-            raise ValueError(f"run {record.run}: its trials differ in more than scores")
-    trials = [{name: row.get(name) for name in _NAMES} for row in record.trials]
-    return record._asdict() | {
-        "told": json.dumps(common),
-        "trials": trials,
-        "outcomes": list(record.outcomes.items()),
-        "cost": record.cost._asdict(),
-    }
+    return record._asdict() | {"outcomes": list(record.outcomes.items()), "cost": record.cost._asdict()}
 
 
 def _record(part: Path, row: Row) -> Record:
     try:
-        common = json.loads(row["told"])
-        trials = [common | scores for scores in row["trials"]]
-        cost = Cost(**row["cost"])
-        return Record(row["run"], row["status"], row["message"], trials, dict(row["outcomes"]), cost)
-    except (ValueError, TypeError, LookupError, RecursionError):
+        return Record(**row | {"outcomes": dict(row["outcomes"]), "cost": Cost(**row["cost"])})
+    except (ValueError, TypeError):
         raise StoreError(f"{part}: is damaged; remove it, then its runs are executed again") from None
 
 
