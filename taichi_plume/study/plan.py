@@ -104,7 +104,7 @@ class _Planning:
         same = _same_runs(requests)
         if same:
             raise ScenarioError([same])
-        return Plan(study, self.file, self.folder, self.base, tuple(_columns(axes)), requests)
+        return Plan(study, self.file, self.folder, self.base, tuple(columns(axes)), requests)
 
     # ------------------------------------------------------------ checks
 
@@ -223,7 +223,7 @@ def _plain(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _columns(axes: Sequence[Levels | Range]) -> Iterator[Axis]:
+def columns(axes: Sequence[Levels | Range]) -> Iterator[Axis]:
     """Yield the columns of the axes. Leading axes have a folder per value, up to MOST_FOLDERS folders."""
     folders = 1
     for axis in axes:
