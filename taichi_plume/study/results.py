@@ -97,7 +97,7 @@ class Results:
         from taichi_plume.study.store import Store, StoreError
 
         try:
-            return files.make_tables(self.plan, Store(self.folder).records())
+            return files.make_tables(self.plan, Store(self.folder).table())
         except StoreError as error:
             raise RunFolderError(str(error)) from None
         except FAULTS as error:

@@ -140,10 +140,10 @@ def publish(folder: Path, page: bool = True, quiet: bool = False) -> int:
     """
     from taichi_plume.study import tables
 
-    if not (folder / "plan.parquet").is_file():
+    if not (folder / tables.PLAN).is_file():
         raise RunFolderError(f"{folder}: is not the folder of a study")
     try:
-        tables.publish(folder, Store(folder).records())
+        tables.publish(folder, Store(folder).table)
         if not page:
             return 0
         from taichi_plume.study import page as pages
@@ -157,7 +157,8 @@ def publish(folder: Path, page: bool = True, quiet: bool = False) -> int:
 
 
 def _report_failed(store: Store, failed: int) -> None:
-    messages = sorted((record.run, record.message) for record in store.records() if record.status == "failed")
+    table = store.table(("run", "status", "message")).sort_by("run").to_pylist()
+    messages = [(row["run"], row["message"]) for row in table if row["status"] == "failed"]
     runs = "1 run has failed" if failed == 1 else f"{failed:,} runs have failed"
     where = store.folder / FAILED
     listed = f"all are listed in runs.parquet and lie in {where}; --retry executes them again"

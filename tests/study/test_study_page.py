@@ -14,6 +14,7 @@ from taichi_plume.study import page, tables
 from taichi_plume.study.messages import Axis
 from taichi_plume.study.plan import load_plan
 from taichi_plume.study.results import cost_words
+from taichi_plume.study.store import table_of
 from taichi_plume.study.tables import make_tables, planned
 
 WICKED = "<script>alert(1)</script>\x1b[31m & {{ name }}"
@@ -196,7 +197,7 @@ def test_costs_leave_out_pauses(sweep):
         records.append(
             record._replace(cost=record.cost._replace(begun=begun, worker=f"w{later}{turn % 2}", compiled=1))
         )
-    told = dict(cost_words(make_tables(planned(sweep), records).costs))
+    told = dict(cost_words(make_tables(planned(sweep), table_of(records)).costs))
     assert told["wall time"] == "89 s, in 2 stretches, pauses between them left out"
     assert told["runs"] == "72; 2 s each, of which 500 ms beyond the simulation itself"
     assert told["workers"] == "2; at work 81 % of the time"  # 36 s of 44.5 s
@@ -209,7 +210,7 @@ def test_the_command_to_go_on_finds_the_study(tmp_path, monkeypatch):
     case.mkdir()
     (out / "parts").mkdir(parents=True)
     tables.write_plan(out, load_plan(small_study.write(case)))
-    tables.publish(out, [])
+    tables.publish(out, lambda: table_of([]))
     text = Read(page.write(out).read_text(encoding="utf-8")).text
     command = re.search(r"python -m taichi_plume.study (study.yaml --out .*?) python", text)
     assert command
