@@ -58,16 +58,15 @@ class _Run:
     def _ready(self, scenario: Scenario) -> CachedSimulation:
         """Return a simulation at the start of the run: a cached simulation after a reset, or a new one."""
         task = self.task
-        film = None if task.film is None else shared_air.opened(task.film)
         known = WARM.find(self.key)
-        if film is not None and known is not None and known.player is not None:
-            shared_air.put(known.player, film, scenario)
+        if known is not None and known.player is not None and task.film is not None:
+            shared_air.put(known.player, task.film, scenario)
         known = WARM.reset(self.key, scenario)
         if known is not None:
             return known
         prepared = checked(scenario, task.folder, task.options.allow_outside)
         execute(prepared, task.options.allow_code)
-        player = None if film is None else shared_air.film_of(prepared.scenario, film)
+        player = None if task.film is None else shared_air.player_of(prepared.scenario, task.film)
         return WARM.add(self.key, prepared, player)
 
     def _simulate(self, cached: CachedSimulation) -> tuple[End, dict[str, float | None]]:

@@ -116,15 +116,9 @@ class Store:
             raise StoreError(f"{self.folder}: cannot be written to: {reason}") from None
 
     def _require_ours(self) -> None:
-        """Raise StoreError if the folder holds links or files that do not belong to a study."""
-        other = own_folder.other_in(self.folder, KIND)
-        if other is not None:
-            raise StoreError(
-                f"{self.folder}: is not empty, and holds no study ({other}); choose another --out"
-            )
-        link = own_folder.link_in(self.folder)
-        if link is not None:
-            raise StoreError(f"{self.folder / link}: is a link, which a study does not write to; remove it")
+        refusal = own_folder.refusal(self.folder, KIND)
+        if refusal:
+            raise StoreError(refusal)
 
     def _drop_others(self, planned: set[str], force: bool) -> None:
         """Raise StoreError if the folder holds runs that are not planned; with `force` remove these runs."""
