@@ -168,26 +168,20 @@ def _trials(axis: StudyAxis) -> Iterable[tuple[str, Data]]:
 
 
 def _read(scenario: Scenario, path: str, given: object) -> tuple[Any, str]:
-    """Return a scenario's value at a path, and the unit. A number given for a list of one item stays a number."""
+    """Return a scenario's value at a path in SI units, and the unit. A number given for a list of one stays a number."""
+    value: Any = scenario
+    unit = ""
     try:
-        value, unit = value_at(scenario, path)
+        for step in steps_of(path):
+            if isinstance(value, Model):
+                unit = facts(type(value), step).unit
+                value = vars(value)[step]
+            else:
+                value = value[int(step) if isinstance(value, list | tuple) else step]
     except LookupError:
         return given, ""
     single = isinstance(value, tuple) and len(value) == 1 and not isinstance(given, list)
     return value[0] if single else value, unit
-
-
-def value_at(scenario: Scenario, path: str) -> tuple[Any, str]:
-    """Return the value at the path of a key, in SI units, and the key's unit. Raises LookupError."""
-    place: Any = scenario
-    unit = ""
-    for step in steps_of(path):
-        if isinstance(place, Model):
-            unit = facts(type(place), step).unit
-            place = vars(place)[step]
-        else:
-            place = place[int(step) if isinstance(place, list | tuple) else step]
-    return place, unit
 
 
 def _too_large(value: object) -> bool:

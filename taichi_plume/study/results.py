@@ -162,7 +162,7 @@ class Results:
         self._require("refinement")
         axis = refine.axis_of(self.plan.about)
         if axis is None:
-            raise RunFolderError(f"{self.folder}: the study has no axis on {refine.KEY}")
+            raise RunFolderError(f"{self.folder}: the study has no axis on {refine.SPACING}")
         return pandas.DataFrame(
             [{**row, "words": refine.words(row)} for row in refine.orders(self.by_points, axis)]
         )

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 PLAN, RUNS, TRIALS, COSTS, PARTS = "plan.parquet", "runs.parquet", "trials", "costs.parquet", "parts"
 MADE_OF, HELD = b"made_of", b"trials"
-MOST_FOLDERS = 1000
 ROW_GROUP = 50_000
 
 
@@ -172,7 +171,7 @@ def publish(folder: Path, records: Callable[[], pa.Table]) -> None:
     made = make_tables(plan, records(), made_of)
     (folder / COSTS).unlink(missing_ok=True)  # readers ignore tables without costs
     write(folder / RUNS, made.runs)
-    _write_trials(folder, _folder_axes(plan), made.trials)
+    _write_trials(folder, [axis.name for axis in plan.axes if axis.partition], made.trials)
     write(folder / COSTS, made.costs)
 
 
@@ -194,19 +193,7 @@ def held(folder: Path, made_of: str) -> int | None:
     return int(metadata[HELD]) if there and metadata.get(MADE_OF) == made_of.encode() else None
 
 
-def _folder_axes(plan: Planned) -> tuple[str, ...]:
-    """Return the axes that partition the trials, as many as give at most MOST_FOLDERS folders."""
-    chosen: tuple[str, ...] = ()
-    fields = {field.name for field in plan.fields}
-    for axis in plan.axes:
-        more = (*chosen, axis.name)
-        splits = axis.partition and axis.name in fields
-        if splits and len(plan.table.group_by(more).aggregate([])) <= MOST_FOLDERS:
-            chosen = more
-    return chosen
-
-
-def _write_trials(folder: Path, names: tuple[str, ...], trials: pa.Table) -> None:
+def _write_trials(folder: Path, names: Sequence[str], trials: pa.Table) -> None:
     """Write the trials in folders by these axes, first to a temporary folder, which is then renamed."""
     fresh, old = folder / f"{TRIALS}.new", folder / f"{TRIALS}.old"
     for left in (fresh, old):

@@ -22,7 +22,7 @@ from taichi_plume.study.ids import Digests
 from taichi_plume.study.indices import numbers
 from taichi_plume.study.model import canonical
 from taichi_plume.study.plan import SEARCH_STEP, columns, load_plan, read_study
-from taichi_plume.study.resolving import resolve, value_at
+from taichi_plume.study.resolving import resolve
 from taichi_plume.study.sharing import shared_airs
 
 SEARCH = {
@@ -313,17 +313,6 @@ assert not {{"taichi", "pandas", "distributed", "matplotlib", "zarr"}} & set(sys
 
 
 # ---------------------------------------------------------------- changes
-
-
-def test_changes_may_be_numbers_sections_and_lists():
-    spiral = {"kind": "spiral"}
-    changes = {"wind.openings.0.speed": "20 cm/s", "robots[0].algorithm": spiral, "domain.size": [3, 1]}
-    scenario = scenario_of(ROOM, changes)
-    assert value_at(scenario, "wind.openings.0.speed") == (pytest.approx(0.2), "m/s")
-    assert scenario.robots[0].algorithm.kind == "spiral"
-    assert scenario.domain.extent == (3.0, 1.0)
-    assert ROOM["wind"]["openings"][0]["speed"] == 0.5
-    assert scenario_of(ROOM, {}) == scenario_of(ROOM, {"seed": 3})
 
 
 def test_what_aliases_share_changes_in_one_place_alone():

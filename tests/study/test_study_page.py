@@ -57,7 +57,7 @@ def rate(values, rng):
 def sweep():
     axes = {"speed": Axis("speed", "m/s", True), "algorithm": Axis("algorithm", "", True)}
     told = {
-        "speed": {"key": "wind.openings.0.speed"},
+        "speed": {"keys": ["wind.openings.0.speed", "robots.0.body.max_speed"]},
         "algorithm": {"variants": {"a": {"robots.0.algorithm": {}}}},
     }
     points = [(speed, name) for speed in (0.2, 0.6, 1.0) for name in ("casting", WICKED)]
@@ -70,7 +70,7 @@ def test_a_page_says_what_was_varied_and_what_came_of_it(write, sweep, tmp_path)
     read = write(sweep, records[:-2])
     assert "69 of 72 runs" in read.text
     assert "1 failed, 2 missing" in read.text
-    assert "wind.openings.0.speed" in read.text
+    assert "wind.openings.0.speed, robots.0.body.max_speed" in read.text
     assert re.search(r"\d+ % of 138 searches, 95 % interval \d+-\d+ % over 6 airs", read.text)
     assert "6 points, each in 6 airs with 2 runs in each: 72 runs. The base is arena.yaml." in read.text
     assert f"failed/{records[3].run}/scenario.yaml" in read.text

@@ -166,15 +166,6 @@ def test_no_trials_no_axes_no_folders(tmp_path):
     assert len(results.runs()) == 3
 
 
-def test_axes_of_many_values_are_no_folders(tmp_path):
-    axes = {"x": Axis("x", "", True), "y": Axis("y", "", True), "z": Axis("z", "m", False)}
-    plan = made_study.plan(axes, [(n // 40, n % 40, float(n)) for n in range(40 * 40)], airs=1)
-    records = made_study.records(plan, lambda one: made_study.record(one, [made_study.trial()]))
-    results = made_study.published(tmp_path, plan, records)
-    assert len(files(tmp_path)) == 2 + 40
-    assert len(results.trials()) == 1600
-
-
 @pytest.mark.parametrize(("name", "values"), [("seed", [7]), ("algorithm", ["fast casting", "spiral"])])
 def test_an_axis_may_be_a_column_of_the_tables(tmp_path, name, values):
     plan = made_study.plan({name: Axis(name, "", True)}, [(value,) for value in values], airs=1)
