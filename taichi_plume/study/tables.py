@@ -70,10 +70,9 @@ class Planned(NamedTuple):
 def planned(plan: "Plan") -> Planned:
     """Return the table of a plan, a row for each run."""
     requests = sorted(plan.requests, key=lambda request: request.number)
-    kinds = {}
-    for axis in plan.axes:
-        values = (request.values[axis.name] for request in requests)
-        kinds[axis.name] = columns.kind_of({type(value): value for value in values}.values())
+    kinds = {
+        axis.name: columns.kind_of(request.values[axis.name] for request in requests) for axis in plan.axes
+    }
     study = plan.study.model_dump(mode="json")
     about = {
         "name": study["name"],
