@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from taichi_plume.study.messages import Request
 
-MOST_RUNS = 500  # in a job
+MOST_RUNS = 1000  # in a job
 DEATHS = 2  # worker deaths after which a single run or film counts as failed
 
 

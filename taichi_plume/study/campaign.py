@@ -46,12 +46,12 @@ class Campaign:
     ):
         self.plan, self.store, self.workers, self.options = plan, store, workers, options
         self.display, self.signals = display, signals
-        self.there = workers.workers()
+        self.worker_names = workers.workers()
         self.totals = Totals()
         self.largest = max((record.bytes for record in store.air_records()), default=0)  # film so far, bytes
-        films = FILMS + max(1, len(self.there))
+        films = FILMS + max(1, len(self.worker_names))
         self.agenda = Agenda(requests, shared_airs(plan, requests), store.film, films, self._room)
-        self.given: dict[Future[Result], tuple[str, Job]] = {}  # worker and job
+        self.tasks: dict[Future[Result], tuple[str, Job]] = {}  # worker and job
         self.structures: dict[str, str] = {}  # last structure of each worker
         self.failed = 0
 
@@ -60,7 +60,7 @@ class Campaign:
         while not self.signals.stopped:
             self._look()
             self._give()
-            if not self.given and not self._waits():
+            if not self.tasks and not self._waits():
                 break
             self._collect(TICK_S)
             self.display.update(self)
@@ -70,7 +70,7 @@ class Campaign:
     def _waits(self) -> bool:
         """Whether pending jobs remain that no worker has. Raises OSError if only lack of disk space delays them."""
         unsolved = self.agenda.unsolved is not None
-        if unsolved and not self.agenda.solving and self.there and not self._room():
+        if unsolved and not self.agenda.solving and self.worker_names and not self._room():
             raise OSError(
                 errno.ENOSPC, "the disk has no room for another film of an air", str(self.store.airs)
             )
@@ -83,30 +83,30 @@ class Campaign:
 
     def _look(self) -> None:
         """Update the list of workers; take back the jobs of workers that are gone. Raises WorkersError."""
-        self.there = self.workers.workers()
-        self.totals.workers = max(self.totals.workers, len(self.there))
+        self.worker_names = self.workers.workers()
+        self.totals.workers = max(self.totals.workers, len(self.worker_names))
         while self.workers.remarks:
             self.display.note(self.workers.remarks.pop(0))
-        for future, (worker, job) in list(self.given.items()):
-            if worker not in self.there and not future.done():
-                del self.given[future]
+        for future, (worker, job) in list(self.tasks.items()):
+            if worker not in self.worker_names and not future.done():
+                del self.tasks[future]
                 future.cancel()
                 self._died(job)
 
     def _give(self) -> None:
         """Give each idle worker a job."""
-        busy = {worker for worker, _ in self.given.values()}
-        for worker in self.there:
+        busy = {worker for worker, _ in self.tasks.values()}
+        for worker in self.worker_names:
             if worker in busy:
                 continue
-            job = self.agenda.next(self.structures.get(worker, ""), len(self.there))
+            job = self.agenda.next(self.structures.get(worker, ""), len(self.worker_names))
             if job is None:
                 return
-            self.given[self.workers.submit(worker, work, self._task(job))] = worker, job
+            self.tasks[self.workers.submit(worker, work, self._task(job))] = worker, job
             self.structures[worker] = job.structure
 
     def _task(self, job: Job) -> Task:
-        limit = max(TASK_S, PER_WORKER_S * len(self.there))
+        limit = max(TASK_S, PER_WORKER_S * len(self.worker_names))
         folder = self.plan.folder.resolve()
         return Task(self.plan.base, folder, job.requests, self.options, job.film, job.solve, limit)
 
@@ -114,11 +114,11 @@ class Campaign:
 
     def _collect(self, seconds: float) -> None:
         """Wait for finished tasks and store their results. Raises WorkersError, OSError."""
-        if not self.given:
+        if not self.tasks:
             time.sleep(seconds)
             return
-        for future in wait(self.given, seconds, FIRST_COMPLETED).done:
-            worker, job = self.given.pop(future)
+        for future in wait(self.tasks, seconds, FIRST_COMPLETED).done:
+            worker, job = self.tasks.pop(future)
             try:
                 result = future.result()
             except self.workers.death:

@@ -8,6 +8,8 @@ Data = dict[str, Any]
 """Nested data as in YAML or JSON."""
 Row = dict[str, Any]
 """A row of a table, by column."""
+Outcomes = dict[str, float | None]
+"""Numbers of a whole run, by path; None for a number that the run does not have."""
 
 
 class Axis(NamedTuple):
@@ -93,7 +95,7 @@ class Record(NamedTuple):
     status: str
     message: str
     trials: list[Row]
-    outcomes: dict[str, float | None]
+    outcomes: Outcomes
     cost: Cost
 
 

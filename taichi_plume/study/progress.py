@@ -90,13 +90,13 @@ class Display:
 
 
 def _facts(campaign: "Campaign") -> str:
-    agenda, workers = campaign.agenda, len(campaign.there)
+    agenda, workers = campaign.agenda, len(campaign.worker_names)
     facts = []
     if agenda.airs:
         facts.append(f"{agenda.airs - len(agenda.left)} of {agenda.airs} airs")
     if campaign.failed:
         facts.append(f"{campaign.failed} failed")
-    facts.append(f"{len(campaign.given)} of {workers} workers busy" if workers else "no workers")
+    facts.append(f"{len(campaign.tasks)} of {workers} workers busy" if workers else "no workers")
     return ", ".join(facts)
 
 

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 from taichi_plume.grid.geodesic import shortest_ways
 from taichi_plume.scoring import trials as scores
 from taichi_plume.simulation import Simulation
-from taichi_plume.study.messages import Row
+from taichi_plume.study.messages import Outcomes, Row
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -77,8 +77,8 @@ def probed(outcomes: Mapping[str, str]) -> bool:
 
 
 def outcomes_of(
-    outcomes: Mapping[str, str], content: Mapping[str, Any], probes: Path | None
-) -> dict[str, float | None]:
+    outcomes: Mapping[str, str], content: Mapping[str, Any], probes: Path | None = None
+) -> Outcomes:
     """Return the numbers at the paths `outcomes` of a run's result or table of probes; None if there is none."""
     table = pq.read_table(probes) if probes is not None and probes.exists() else None
     return {
