@@ -10,7 +10,6 @@ from taichi_plume.running import result, summary
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scoring import trials as scores
 from taichi_plume.scoring.declarations import OUTCOMES, declared_outcomes, has_declared
-from taichi_plume.study.messages import Request
 from taichi_plume.study.rows import trial_rows
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -110,8 +109,7 @@ def test_the_summary_tells_what_was_declared():
 def test_rows_of_studies_tell_their_group_and_who_was_there(rivals):
     casters = {"name": "casters", "count": 1, "algorithm": {"kind": "casting"}}
     sim = run([(2.0, (0.6, 1.0), True)], [{}, casters], rivals=rivals)
-    request = Request("r", 0, 0, {}, 1, 1, "a", True, {}, "s")
-    rows = trial_rows(sim, request)
+    rows = trial_rows(sim)
     assert [(row["group"], row["trial"]) for row in rows] == [
         (who, n) for who in ("own", "casters") for n in (0, 1)
     ]

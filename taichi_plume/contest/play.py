@@ -91,12 +91,9 @@ def _require_ours(out: Path) -> None:
     fault = unopenable(out, folder=True)
     if fault:
         raise RunFolderError(f"{out}: {fault}; give a folder for the contest")
-    other = own_folder.other_in(out, KIND)
-    if other is not None:
-        raise RunFolderError(f"{out}: is not empty, and holds no contest ({other}); choose another --out")
-    link = own_folder.link_in(out)
-    if link is not None:
-        raise RunFolderError(f"{out / link}: is a link, which a contest does not write to; remove it")
+    refusal = own_folder.refusal(out, KIND)
+    if refusal:
+        raise RunFolderError(refusal)
 
 
 def _write(path: Path, text: str) -> None:

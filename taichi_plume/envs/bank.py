@@ -183,7 +183,10 @@ def _playing(scenario: Scenario, file: str) -> Scenario:
 def key_of(scenario: Scenario, folder: Path) -> str:
     """Return the hash of all that affects a bank: the airs, frames and heights. Raises OSError."""
     digests, checks = Digests(folder), Checks(folder, allow_outside=True)
-    ids = [digests.ids(air, checks.files(air)).air_of(air.seed, air.seed_of_air) for air in airs(scenario)]
+    ids = []
+    for air in airs(scenario):
+        files = checks.prepared(air).resources.files
+        ids.append(digests.ids(air, files).air_of(air.seed, air.seed_of_air))
     text = json.dumps([ids, f"{frame_of(scenario):.12g}", [f"{h:.12g}" for h in heights(scenario)]])
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 

@@ -88,6 +88,15 @@ def other_in(folder: Path, kind: str) -> str | None:
     return min((file.name for file in folder.iterdir() if file.name not in ours), default=None)
 
 
+def refusal(folder: Path, kind: str) -> str | None:
+    """Return an error line if a folder holds links or files that do not belong to that kind. Raises OSError."""
+    other = other_in(folder, kind)
+    if other is not None:
+        return f"{folder}: is not empty, and holds no {kind} ({other}); choose another --out"
+    link = link_in(folder)
+    return f"{folder / link}: is a link, which a {kind} does not write to; remove it" if link else None
+
+
 def format_of(kind: str) -> str:
     """Return the value of `format` in the mark of a kind of folder."""
     return f"taichi_plume {kind} 1"

@@ -3,17 +3,16 @@
 import errno
 import shutil
 import time
+from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from taichi_plume import __version__
 from taichi_plume.guard.terminal import visible
 from taichi_plume.running.signals import SignalRequests
-from taichi_plume.scenario.loading import scenario_of
 from taichi_plume.study.agenda import Agenda, Job
-from taichi_plume.study.messages import AirRecord, Cost, Options, Record, Request, Task
+from taichi_plume.study.messages import AirRecord, Cost, Options, Record, Request, Result, Task
 from taichi_plume.study.progress import Totals
+from taichi_plume.study.sharing import shared_airs
 from taichi_plume.study.store import Store, leave_failed
 from taichi_plume.study.workers import LOG, Workers, WorkersError, work
 
@@ -23,7 +22,8 @@ if TYPE_CHECKING:
 
 FULL = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
 TICK_S = 0.2  # polling interval of workers, clock and signals
-SLACK = 3.0  # time limit of a task over its desired duration
+TASK_S = 4.0  # time limit of a task: hides Dask's overhead; little is lost if a worker dies
+PER_WORKER_S = 0.04  # least time limit per worker: the scheduler handles the other workers' tasks meanwhile
 FILMS = 1  # films at a time beyond the number of workers
 SPARE = 2.0  # free disk space, in films, that starting another film requires
 
@@ -31,8 +31,7 @@ SPARE = 2.0  # free disk space, in films, that starting another film requires
 class Campaign:
     """Execution of the missing runs of a plan by workers.
 
-    requests: runs to execute; shared: ids of airs that are filmed for them. `run` ends when all runs are done or when
-    a signal asks for the end.
+    requests: runs to execute. `run` ends when all runs are done or when a signal asks for the end.
     """
 
     def __init__(
@@ -41,19 +40,18 @@ class Campaign:
         store: Store,
         workers: Workers,
         options: Options,
-        requests: list[Request],
-        shared: set[str],
+        requests: Sequence[Request],
         display: "Display",
         signals: SignalRequests,
     ):
         self.plan, self.store, self.workers, self.options = plan, store, workers, options
         self.display, self.signals = display, signals
-        self.there = workers.workers()
-        self.totals = Totals(len(self.there))
+        self.worker_names = workers.workers()
+        self.totals = Totals()
         self.largest = max((record.bytes for record in store.air_records()), default=0)  # film so far, bytes
-        films = FILMS + max(1, len(self.there))
-        self.agenda = Agenda(requests, shared, store.film, films, self._room)
-        self.given: dict[Future[list[Record] | AirRecord], tuple[str, Job]] = {}  # worker and job
+        films = FILMS + max(1, len(self.worker_names))
+        self.agenda = Agenda(requests, shared_airs(plan, requests), store.film, films, self._room)
+        self.tasks: dict[Future[Result], tuple[str, Job]] = {}  # worker and job
         self.structures: dict[str, str] = {}  # last structure of each worker
         self.failed = 0
 
@@ -62,7 +60,7 @@ class Campaign:
         while not self.signals.stopped:
             self._look()
             self._give()
-            if not self.given and not self._waits():
+            if not self.tasks and not self._waits():
                 break
             self._collect(TICK_S)
             self.display.update(self)
@@ -71,11 +69,12 @@ class Campaign:
 
     def _waits(self) -> bool:
         """Whether pending jobs remain that no worker has. Raises OSError if only lack of disk space delays them."""
-        if self.agenda.unsolved and not self.agenda.solving and self.there and not self._room():
+        unsolved = self.agenda.unsolved is not None
+        if unsolved and not self.agenda.solving and self.worker_names and not self._room():
             raise OSError(
                 errno.ENOSPC, "the disk has no room for another film of an air", str(self.store.airs)
             )
-        return bool(self.agenda.open or self.agenda.unsolved)
+        return bool(self.agenda.open)
 
     def _room(self) -> bool:
         """Whether the disk has room for another film of the largest size so far."""
@@ -84,30 +83,30 @@ class Campaign:
 
     def _look(self) -> None:
         """Update the list of workers; take back the jobs of workers that are gone. Raises WorkersError."""
-        self.there = self.workers.workers()
-        self.totals.count(len(self.there))
+        self.worker_names = self.workers.workers()
+        self.totals.workers = max(self.totals.workers, len(self.worker_names))
         while self.workers.remarks:
             self.display.note(self.workers.remarks.pop(0))
-        for future, (worker, job) in list(self.given.items()):
-            if worker not in self.there and not future.done():
-                del self.given[future]
+        for future, (worker, job) in list(self.tasks.items()):
+            if worker not in self.worker_names and not future.done():
+                del self.tasks[future]
                 future.cancel()
                 self._died(job)
 
     def _give(self) -> None:
         """Give each idle worker a job."""
-        busy = {worker for worker, _ in self.given.values()}
-        for worker in self.there:
+        busy = {worker for worker, _ in self.tasks.values()}
+        for worker in self.worker_names:
             if worker in busy:
                 continue
-            job = self.agenda.next(self.structures.get(worker, ""), len(self.there))
+            job = self.agenda.next(self.structures.get(worker, ""), len(self.worker_names))
             if job is None:
                 return
-            self.given[self.workers.submit(worker, work, self._task(job))] = worker, job
+            self.tasks[self.workers.submit(worker, work, self._task(job))] = worker, job
             self.structures[worker] = job.structure
 
     def _task(self, job: Job) -> Task:
-        limit = SLACK * self.agenda.target(len(self.there))
+        limit = max(TASK_S, PER_WORKER_S * len(self.worker_names))
         folder = self.plan.folder.resolve()
         return Task(self.plan.base, folder, job.requests, self.options, job.film, job.solve, limit)
 
@@ -115,11 +114,11 @@ class Campaign:
 
     def _collect(self, seconds: float) -> None:
         """Wait for finished tasks and store their results. Raises WorkersError, OSError."""
-        if not self.given:
+        if not self.tasks:
             time.sleep(seconds)
             return
-        for future in wait(self.given, seconds, FIRST_COMPLETED).done:
-            worker, job = self.given.pop(future)
+        for future in wait(self.tasks, seconds, FIRST_COMPLETED).done:
+            worker, job = self.tasks.pop(future)
             try:
                 result = future.result()
             except self.workers.death:
@@ -130,41 +129,28 @@ class Campaign:
             except Exception as error:
                 self._wrong(job, error)
             else:
+                self.totals.add(result)
                 self._take(job, result)
 
-    def _take(self, job: Job, result: list[Record] | AirRecord) -> None:
+    def _take(self, job: Job, result: Result) -> None:
         """Store the results of a task; queue the runs again that the task has not executed."""
-        self.totals.add(result)
-        if isinstance(result, AirRecord):
-            self._keep_air(job, result)
+        if not isinstance(result, AirRecord):
+            self._store_runs(result)
+            for air in self.agenda.executed(job, len(result)):
+                shutil.rmtree(self.store.film(air), ignore_errors=True)
             return
-        self._keep(result)
-        for record, request in zip(result, job.requests, strict=False):
-            self.agenda.took(request.structure, record.cost.total_s)
-        self.agenda.again(job, job.requests[len(result) :])
-        self._over(job.requests[: len(result)])
+        self.store.add_air(result)
+        if result.message:
+            runs = self.agenda.without(job.air)
+            self._store_runs([_failure(request, f"its air: {result.message}") for request in runs])
+        else:
+            self.largest = max(self.largest, result.bytes)
+            self.agenda.solved(job.air)
 
-    def _keep(self, records: list[Record]) -> None:
+    def _store_runs(self, records: list[Record]) -> None:
         self.store.add(records)
         self.failed += sum(record.status == "failed" for record in records)
         self.display.advance(len(records))
-
-    def _over(self, requests: tuple[Request, ...]) -> None:
-        """Remove films whose last pending run is among these runs."""
-        for request in requests:
-            air = self.agenda.done(request)
-            if air is not None:
-                shutil.rmtree(self.store.film(air), ignore_errors=True)
-
-    def _keep_air(self, job: Job, record: AirRecord) -> None:
-        """Store the record of an air. If the air could not be solved, store its runs as failed."""
-        self.store.add_air(record)
-        if not record.message:
-            self.largest = max(self.largest, record.bytes)
-            self.agenda.solved(job.air)
-            return
-        runs = self.agenda.without(job.air)
-        self._keep([_failure(request.run, f"its air: {record.message}") for request in runs])
 
     def _died(self, job: Job) -> None:
         """Execute the job of a dead worker again, unless its run or film has killed several workers alone."""
@@ -183,26 +169,13 @@ class Campaign:
             self.agenda.apart(job)
 
     def _fail(self, job: Job, message: str) -> None:
-        """Record that the run or the film of a job has failed."""
+        """Record that the film or the single run of a job has failed."""
         if job.solve:
-            self._keep_air(job, AirRecord(job.air, 0.0, 0, 0, message))
-            return
-        (request,) = job.requests
-        try:
-            scenario = scenario_of(self.plan.base, request.changes)
-        except ValueError:
-            scenario = None  # only the message is written
-        leave_failed(self._task(job), request, scenario, message)
-        self._keep([_failure(request.run, message)])
-        self._over(job.requests)
+            self._take(job, AirRecord(job.air, 0.0, 0, 0, message))
+        else:
+            leave_failed(self._task(job), job.requests[0], message)
+            self._take(job, [_failure(job.requests[0], message)])
 
 
-def options_of(plan: "Plan", out: Path, allow_code: bool, allow_outside: bool) -> Options:
-    """Return the options that all runs of a plan share."""
-    study = plan.study
-    paths = {path: path for path in study.outcomes.values()}  # names of columns may change later
-    return Options(out.resolve(), tuple(study.keep), paths, allow_code, allow_outside, __version__)
-
-
-def _failure(run: str, message: str) -> Record:
-    return Record(run, "failed", message, [], {}, Cost(time.time(), 0.0, 0.0, 0, ""))
+def _failure(request: Request, message: str) -> Record:
+    return Record(request.run, "failed", message, [], {}, Cost(time.time(), 0.0, 0.0, 0, ""))

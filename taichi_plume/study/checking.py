@@ -26,21 +26,18 @@ class Checks:
         self.folder, self.allow_outside = folder, allow_outside
         self._known: OrderedDict[tuple[str, ...], Prepared] = OrderedDict()
 
-    def checked(self, scenario: Scenario) -> Scenario:
-        """Return the scenario, completed from its files. Raises ScenarioError."""
+    def checked(self, scenario: Scenario) -> Prepared:
+        """Return the checked scenario, completed from its files, and the files. Raises ScenarioError."""
         faults = checks.early_errors(scenario)
         if not faults:
-            prepared = self._prepared(scenario)
+            prepared = self.prepared(scenario)
             faults = checks.problems(*prepared)
             if not faults:
-                return prepared.scenario
+                return prepared
         raise ScenarioError(faults)
 
-    def files(self, scenario: Scenario) -> dict[str, list[Path]]:
-        """Return the paths of the files that each section of a scenario reads. Raises ScenarioError."""
-        return self._prepared(scenario).resources.files
-
-    def _prepared(self, scenario: Scenario) -> Prepared:
+    def prepared(self, scenario: Scenario) -> Prepared:
+        """Return the scenario, completed from its files, and the files, without other checks. Raises ScenarioError."""
         reads = _reads(scenario)
         known = self._known.get(reads)
         if known is None:

@@ -17,11 +17,11 @@ from taichi_plume.scenario.input_files import input_files, read_for
 from taichi_plume.scenario.reset import structure
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study.axes import DIGITS
+from taichi_plume.study.model import SEEDS
 
 HEX = 16  # digits of an id
 OUTPUTS = ("name", "recording", "forces", "fields", "plumesim_log", "checkpoint")
 """Sections that affect only which files a run writes."""
-SEEDS = ("seed", "air_seed")
 OF_AIR = ("duration", "warm_up", "tick", "domain", "wind", "obstacles", "gas")
 OF_WAKES = ("arena", "robots", "rivals")
 """Sections that affect the air as well if robots have wakes."""

@@ -1,13 +1,15 @@
 """Messages between the command of a study and its workers: named tuples that can be pickled."""
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 Value = float | int | str | bool
 Data = dict[str, Any]
 """Nested data as in YAML or JSON."""
 Row = dict[str, Any]
 """A row of a table, by column."""
+Outcomes = dict[str, float | None]
+"""Numbers of a whole run, by path; None for a number that the run does not have."""
 
 
 class Axis(NamedTuple):
@@ -51,7 +53,6 @@ class Options(NamedTuple):
     outcomes: dict[str, str]
     allow_code: bool
     allow_outside: bool
-    version: str
 
 
 class Task(NamedTuple):
@@ -94,7 +95,7 @@ class Record(NamedTuple):
     status: str
     message: str
     trials: list[Row]
-    outcomes: dict[str, float | None]
+    outcomes: Outcomes
     cost: Cost
 
 
@@ -106,3 +107,7 @@ class AirRecord(NamedTuple):
     frames: int
     bytes: int
     message: str = ""
+
+
+Result: TypeAlias = list[Record] | AirRecord
+"""Result of a task."""

@@ -301,7 +301,6 @@ def _keys(axis: object) -> str:
     """Return the keys of the scenario that an axis of study.yaml changes."""
     if not isinstance(axis, dict):
         return "-"
-    if axis.get("key"):
-        return str(axis["key"])
     variants = [changes for changes in (axis.get("variants") or {}).values() if isinstance(changes, dict)]
-    return ", ".join(dict.fromkeys(key for changes in variants for key in changes)) or "-"
+    keys = [axis.get("key"), *(axis.get("keys") or ()), *(key for changes in variants for key in changes)]
+    return ", ".join(dict.fromkeys(str(key) for key in keys if key)) or "-"

@@ -104,7 +104,7 @@ class _Planning:
         same = _same_runs(requests)
         if same:
             raise ScenarioError([same])
-        return Plan(study, self.file, self.folder, self.base, tuple(_columns(axes)), requests)
+        return Plan(study, self.file, self.folder, self.base, tuple(columns(axes)), requests)
 
     # ------------------------------------------------------------ checks
 
@@ -121,8 +121,8 @@ class _Planning:
             if key not in seen:
                 seen[key] = None
                 try:
-                    scenario = self.checks.checked(scenario_of(self.base, point.changes))
-                    seen[key] = len(seen) - 1, self._ids(scenario)
+                    scenario, resources = self.checks.checked(scenario_of(self.base, point.changes))
+                    seen[key] = len(seen) - 1, self._ids(scenario, resources.files)
                     if requested.outcomes or requested.keep:
                         requested.look(scenario)
                 except ScenarioError as error:
@@ -134,8 +134,8 @@ class _Planning:
                 found.append(_Checked(point, *checked))
         return found, [*refused.lines(), *(requested.lines if scenario is not None else [])]
 
-    def _ids(self, scenario: Scenario) -> Ids:
-        study, ids = self.study, self.digests.ids(scenario, self.checks.files(scenario))
+    def _ids(self, scenario: Scenario, files: Mapping[str, Sequence[Path]]) -> Ids:
+        study, ids = self.study, self.digests.ids(scenario, files)
         film_differs = study.share_air == "always" and differs(scenario, study.outcomes, study.keep)
         return ids.shown() if film_differs else ids
 
@@ -223,7 +223,7 @@ def _plain(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _columns(axes: Sequence[Levels | Range]) -> Iterator[Axis]:
+def columns(axes: Sequence[Levels | Range]) -> Iterator[Axis]:
     """Yield the columns of the axes. Leading axes have a folder per value, up to MOST_FOLDERS folders."""
     folders = 1
     for axis in axes:

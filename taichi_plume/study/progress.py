@@ -14,11 +14,11 @@ from rich.progress import (
 )
 
 from taichi_plume.guard.terminal import say, terminal
-from taichi_plume.study.messages import AirRecord
+from taichi_plume.study.messages import AirRecord, Result
+from taichi_plume.study.results import duration
 
 if TYPE_CHECKING:
     from taichi_plume.study.campaign import Campaign
-    from taichi_plume.study.messages import Record
 
 FIRST_S, LINE_S = 10.0, 60.0  # time until the first line, and between further lines
 
@@ -90,32 +90,25 @@ class Display:
 
 
 def _facts(campaign: "Campaign") -> str:
-    agenda, workers = campaign.agenda, len(campaign.there)
+    agenda, workers = campaign.agenda, len(campaign.worker_names)
     facts = []
     if agenda.airs:
         facts.append(f"{agenda.airs - len(agenda.left)} of {agenda.airs} airs")
     if campaign.failed:
         facts.append(f"{campaign.failed} failed")
-    facts.append(f"{len(campaign.given)} of {workers} workers busy" if workers else "no workers")
+    facts.append(f"{len(campaign.tasks)} of {workers} workers busy" if workers else "no workers")
     return ", ".join(facts)
 
 
 class Totals:
-    """Runs and airs of a campaign, and the time of its workers [s]."""
+    """Totals of a campaign: runs, airs, the largest number of workers, and times summed over workers [s]."""
 
-    def __init__(self, workers: int):
-        self.runs = self.airs = 0
-        self.worker_s = self.busy_s = self.simulation_s = 0.0
-        self.most = self._workers = workers
-        self._began = self._last = time.perf_counter()
+    def __init__(self) -> None:
+        self.runs = self.airs = self.workers = 0
+        self.busy_s = self.simulation_s = 0.0
+        self._began = time.perf_counter()
 
-    def count(self, workers: int) -> None:
-        """Add the worker time since the last call; workers: present number of workers."""
-        now = time.perf_counter()
-        self.worker_s += self._workers * (now - self._last)
-        self._last, self._workers, self.most = now, workers, max(self.most, workers)
-
-    def add(self, result: "list[Record] | AirRecord") -> None:
+    def add(self, result: Result) -> None:
         """Add the result of a task."""
         if isinstance(result, AirRecord):
             self.airs += 1
@@ -128,19 +121,12 @@ class Totals:
 
     def line(self) -> str:
         """Return runs, wall time, number of workers and their utilisation in one line."""
-        self.count(self._workers)
+        wall = time.perf_counter() - self._began
+        worker_s = wall * self.workers
         airs = f" and {self.airs:,} airs" * bool(self.airs)
-        busy = min(1.0, self.busy_s / self.worker_s) if self.worker_s else 0.0
-        beyond = (self.worker_s - self.simulation_s) / max(1, self.runs)
+        busy = min(1.0, self.busy_s / worker_s) if worker_s else 0.0
+        beyond = (worker_s - self.simulation_s) / max(1, self.runs)
         return (
-            f"{self.runs:,} runs{airs} in {_span(self._last - self._began)} by {self.most} "
-            f"worker{'s' * (self.most != 1)}, busy {100 * busy:.0f} % of that; {beyond:.3g} s per run beyond the "
-            "simulation"
+            f"{self.runs:,} runs{airs} in {duration(wall)} by {self.workers} worker{'s' * (self.workers != 1)}, "
+            f"busy {100 * busy:.0f} % of that; {beyond:.3g} s per run beyond the simulation"
         )
-
-
-def _span(seconds: float) -> str:
-    if seconds < 100:
-        return f"{seconds:.1f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes // 60} h {minutes % 60:02d} min" if minutes >= 60 else f"{minutes} min {rest:02d} s"

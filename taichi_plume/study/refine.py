@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import root_scalar
 
 from taichi_plume.study.messages import Data, Row
+from taichi_plume.study.model import SPACING
 
 if TYPE_CHECKING:
     from taichi_plume.study.intervals import Estimate
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
 SAFETY = 1.25  # safety factor of the GCI with three grids
 HIGHEST = 12.0  # upper bound of the reported order
-KEY = "domain.spacing"
 
 
 class Order(NamedTuple):
@@ -77,7 +77,7 @@ def axis_of(about: Data) -> str | None:
     """Return the name of the axis that varies the spacing; about: metadata of a plan's table."""
     axes = about["study"].get("axes") or {}
     for name, axis in axes.items():
-        if isinstance(axis, dict) and KEY in (axis.get("key"), *(axis.get("keys") or ())):
+        if isinstance(axis, dict) and SPACING in (axis.get("key"), *(axis.get("keys") or ())):
             return name
     return None
 

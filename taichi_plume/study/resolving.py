@@ -30,6 +30,7 @@ class _Resolving:
     def __init__(self, study: Study, base: Changes, name: str):
         self.study, self.base, self.name = study, base, name
         self.trials = {name: list(_trials(axis)) for name, axis in study.axes.items()}
+        self.base_faults = self._faults({})
         self.faults: list[str] = []
 
     def axes(self) -> list[Levels | Range]:
@@ -59,11 +60,9 @@ class _Resolving:
     def _report_common(self, common: list[str]) -> None:
         """Report errors of the base, and errors that only a combination of first values has."""
         for line in common:
-            guilty = [name for name, trials in self.trials.items() if line in self._faults(trials[0][1])]
-            alone = self._faults({})
-            if line in alone:
+            if line in self.base_faults:
                 self.faults.append(f"{self.name}: {line}")
-            elif len(guilty) != 1:
+            elif sum(line in self._faults(trials[0][1]) for trials in self.trials.values()) != 1:
                 self.faults.append(f"axes: with the first value of each: {line}")
 
     def _faults(self, changes: Changes) -> list[str]:
@@ -75,7 +74,7 @@ class _Resolving:
         found: list[Scenario] = []
         others = self._first(without=name)
         refused: dict[str, list[str]] = {}
-        own = set(self._faults(self.trials[name][0][1])) - set(self._faults({}))
+        own = set(self._faults(self.trials[name][0][1])) - set(self.base_faults)
         for where, changes in self.trials[name]:
             tried = self._tried(others | changes)
             if isinstance(tried, Scenario):
@@ -168,26 +167,23 @@ def _trials(axis: StudyAxis) -> Iterable[tuple[str, Data]]:
 
 
 def _read(scenario: Scenario, path: str, given: object) -> tuple[Any, str]:
-    """Return a scenario's value at a path, and the unit. A number given for a list of one item stays a number."""
+    """Return a scenario's value at a path in SI units, and the unit.
+
+    A number given for a list of one item stays a number.
+    """
+    value: Any = scenario
+    unit = ""
     try:
-        value, unit = value_at(scenario, path)
+        for step in steps_of(path):
+            if isinstance(value, Model):
+                unit = facts(type(value), step).unit
+                value = vars(value)[step]
+            else:
+                value = value[int(step) if isinstance(value, list | tuple) else step]
     except LookupError:
         return given, ""
     single = isinstance(value, tuple) and len(value) == 1 and not isinstance(given, list)
     return value[0] if single else value, unit
-
-
-def value_at(scenario: Scenario, path: str) -> tuple[Any, str]:
-    """Return the value at the path of a key, in SI units, and the key's unit. Raises LookupError."""
-    place: Any = scenario
-    unit = ""
-    for step in steps_of(path):
-        if isinstance(place, Model):
-            unit = facts(type(place), step).unit
-            place = vars(place)[step]
-        else:
-            place = place[int(step) if isinstance(place, list | tuple) else step]
-    return place, unit
 
 
 def _too_large(value: object) -> bool:

@@ -9,6 +9,8 @@ Units are in ``frame.attrs["units"]``. The tables of a running or killed study h
 or damaged files raise a RunFolderError of one line.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,6 +26,7 @@ from taichi_plume.files.tables import LONGEST_TEXT, plain
 from taichi_plume.guard.opening import unopenable
 from taichi_plume.guard.terminal import visible
 from taichi_plume.study import tables as files
+from taichi_plume.study.store import Store, StoreError
 
 if TYPE_CHECKING:
     import pandas
@@ -52,12 +55,10 @@ class Results:
         fault = unopenable(path)
         if fault:
             raise RunFolderError(f"{folder}: is not the folder of a study: {files.PLAN} {fault}")
-        try:
+        with _damage(path):
             self.plan = files.read_plan(folder)
             made = str(self.plan.about["version"])
             self.fields, self.outcomes = self.plan.fields, self.plan.outcomes
-        except FAULTS as error:
-            raise RunFolderError(f"{path}: is damaged: {_reason(error)}") from None
         if made.split(".")[:2] != __version__.split(".")[:2]:
             of = visible(made, LONGEST_TEXT)
             raise RunFolderError(
@@ -67,22 +68,19 @@ class Results:
     @cached_property
     def tables(self) -> files.Tables:
         """Arrow tables: read from the folder if they are up to date, else made from the records."""
-        try:
+        with _damage(self.folder):
             held = files.held(self.folder, files.state(self.folder))
-        except FAULTS as error:
-            raise RunFolderError(f"{self.folder}: cannot be read: {_reason(error)}") from None
-        return self._made() if held is None else self._read(held)
+            return (
+                files.make_tables(self.plan, Store(self.folder).table()) if held is None else self._read(held)
+            )
 
     def _read(self, held: int) -> files.Tables:
         made = []
         for name, field in ((files.RUNS, "number"), (files.TRIALS, "point"), (files.COSTS, "run")):
-            path = self.folder / name
-            try:
-                table = files.read(path)
+            with _damage(self.folder / name):
+                table = files.read(self.folder / name)
                 if not {"run", field} <= set(table.column_names):
                     raise ValueError("holds other columns")
-            except FAULTS as error:
-                raise RunFolderError(f"{path}: is damaged: {_reason(error)}") from None
             made.append(table)
         runs, trials, costs = made
         if len(trials) != held:
@@ -91,17 +89,6 @@ class Results:
         place = pc.index_in(trials["run"], value_set=runs["run"].combine_chunks())
         order = place.to_numpy().argsort(kind="stable")
         return files.Tables(runs, trials.take(pa.array(order)), costs)
-
-    def _made(self) -> files.Tables:
-        """Return tables made from the plan and the records so far."""
-        from taichi_plume.study.store import Store, StoreError
-
-        try:
-            return files.make_tables(self.plan, Store(self.folder).records())
-        except StoreError as error:
-            raise RunFolderError(str(error)) from None
-        except FAULTS as error:
-            raise RunFolderError(f"{self.folder / files.PARTS}: is damaged: {_reason(error)}") from None
 
     def trials(self) -> "pandas.DataFrame":
         """Return a row for each trial of each group."""
@@ -120,10 +107,9 @@ class Results:
         """Points with their estimates, see `study/points.py`."""
         from taichi_plume.study.points import Points
 
-        try:
-            return Points(self.plan, self.tables)
-        except (KeyError, TypeError, ValueError) as error:
-            raise RunFolderError(f"{self.folder}: its tables are damaged: {_reason(error)}") from None
+        tables = self.tables
+        with _damage(self.folder):
+            return Points(self.plan, tables)
 
     def points(self) -> "pandas.DataFrame":
         """Return a row for each combination of axis values and group: means with 95 % intervals over airs."""
@@ -176,7 +162,7 @@ class Results:
         self._require("refinement")
         axis = refine.axis_of(self.plan.about)
         if axis is None:
-            raise RunFolderError(f"{self.folder}: the study has no axis on {refine.KEY}")
+            raise RunFolderError(f"{self.folder}: the study has no axis on {refine.SPACING}")
         return pandas.DataFrame(
             [{**row, "words": refine.words(row)} for row in refine.orders(self.by_points, axis)]
         )
@@ -210,8 +196,16 @@ def frame(table: pa.Table) -> "pandas.DataFrame":
     return made
 
 
-def _reason(error: BaseException) -> str:
-    return plain(" ".join(f"{error}".split())) or type(error).__name__
+@contextmanager
+def _damage(path: Path) -> Iterator[None]:
+    """Raise errors of damaged files in the block as a RunFolderError of one line."""
+    try:
+        yield
+    except (RunFolderError, StoreError) as error:
+        raise RunFolderError(str(error)) from None
+    except FAULTS as error:
+        reason = plain(" ".join(f"{error}".split())) or type(error).__name__
+        raise RunFolderError(f"{path}: is damaged: {reason}") from None
 
 
 def cost_words(costs: pa.Table) -> list[tuple[str, str]]:
@@ -230,17 +224,18 @@ def cost_words(costs: pa.Table) -> list[tuple[str, str]]:
     each, beyond = table["total_s"].mean(), (table["total_s"] - table["simulation_s"]).mean()
     count = len(stretches)
     pauses_left_out = f", in {count} stretches, pauses between them left out" if count > 1 else ""
-    runs = f"{len(table):,}; {_time(each)} each, of which {_time(beyond)} beyond the simulation itself"
+    runs = f"{len(table):,}; {duration(each)} each, of which {duration(beyond)} beyond the simulation itself"
     workers = stays.groupby("stretch").size().max()
     return [
-        ("wall time", _time(wall) + pauses_left_out),
+        ("wall time", duration(wall) + pauses_left_out),
         ("runs", runs),
         ("workers", f"{workers:,}; at work {100 * busy:.0f} % of the time"),
         ("kernels compiled", f"{table['compiled'].sum():,}"),
     ]
 
 
-def _time(seconds: float) -> str:
+def duration(seconds: float) -> str:
+    """Return a duration with a suitable unit and three digits."""
     if seconds < 1:
         return f"{1000 * seconds:.3g} ms"
     if seconds < 120:

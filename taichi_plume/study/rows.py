@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 from taichi_plume.grid.geodesic import shortest_ways
 from taichi_plume.scoring import trials as scores
 from taichi_plume.simulation import Simulation
-from taichi_plume.study.messages import Request, Row
+from taichi_plume.study.messages import Outcomes, Row
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -22,8 +22,8 @@ STEP = re.compile(r"[^.\[\]]+")  # of a path
 PROBES = "probes."  # prefix of outcomes that are means of a probe
 
 
-def trial_rows(sim: Simulation, request: Request) -> list[Row]:
-    """Return a row for each trial of each group of a finished run.
+def trial_rows(sim: Simulation) -> list[Row]:
+    """Return a row for each trial of each group of a finished run, with the columns of `trials_table.TRIAL`.
 
     searched: whether the group searched for a source; if not, success and outcome are None. time_with_failures_s: time,
     or the full time of the group after a failure. shares_arena: whether other groups are in the same arena. shortest_m:
@@ -32,15 +32,13 @@ def trial_rows(sim: Simulation, request: Request) -> list[Row]:
     if not sim.swarm.count:
         return []
     now, sources = sim.swarm.snapshot(), scores.source_places(sim)
-    who = {"run": request.run, "point": request.point, "air": request.air, "air_seed": request.air_seed}
-    who |= {"seed": request.seed, **request.values}
     rows = []
     for group in sim.swarm.groups:
         trials = scores.trial_outcomes(group, now, sources)
         trials["shortest_m"] = _shortest(sim, group, now, sources).tolist()
         searched = scores.no_search(sim, group, trials["success"]) is None
         end = scores.end(sim, group)
-        common = who | {"group": group.name, "algorithm": group.model.algorithm.kind}
+        common = {"group": group.name, "algorithm": group.model.algorithm.kind}
         common["shares_arena"] = len(sim.swarm.groups) > 1 and not sim.scenario.rivals
         for k in range(group.trials):
             row = {name: _number(values[k]) for name, values in trials.items()}
@@ -79,8 +77,8 @@ def probed(outcomes: Mapping[str, str]) -> bool:
 
 
 def outcomes_of(
-    outcomes: Mapping[str, str], content: Mapping[str, Any], probes: Path | None
-) -> dict[str, float | None]:
+    outcomes: Mapping[str, str], content: Mapping[str, Any], probes: Path | None = None
+) -> Outcomes:
     """Return the numbers at the paths `outcomes` of a run's result or table of probes; None if there is none."""
     table = pq.read_table(probes) if probes is not None and probes.exists() else None
     return {

@@ -115,13 +115,13 @@ def opened(path: Path) -> AirFilm:
     return _films[key]
 
 
-def film_of(scenario: Scenario, film: AirFilm) -> TickFilm:
+def player_of(scenario: Scenario, path: Path) -> TickFilm:
     """Return the player of a film for a simulation of a scenario. Raises ValueError if the film does not fit."""
     player = TickFilm(*filmed(scenario))
-    put(player, film, scenario)
+    put(player, path, scenario)
     return player
 
 
-def put(player: TickFilm, film: AirFilm, scenario: Scenario) -> None:
+def put(player: TickFilm, path: Path, scenario: Scenario) -> None:
     """Let a player play a film from the next start of a run. Raises ValueError if the film does not fit."""
-    player.put(film, scenario.domain.shape, scenario.tick, scenario.last_tick)
+    player.put(opened(path), scenario.domain.shape, scenario.tick, scenario.last_tick)

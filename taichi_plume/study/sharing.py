@@ -36,25 +36,21 @@ def shared_airs(plan: "Plan", requests: Sequence[Request]) -> set[str]:
     if study.share_air == "never":
         return set()
     always = study.share_air == "always"
-    first = {
-        (request.air, request.structure): request
-        for request in (plan.requests if always else requests)
-        if counts[request.air] > (0 if always else 1)
-    }
-    sharable: dict[str, list[bool]] = {}  # by structure, which decides alone: as wanted, and exactly
-    airs: dict[str, list[list[bool]]] = {}
-    for (air, structure), request in first.items():
-        if structure not in sharable:
-            scenario = scenario_of(plan.base, request.changes)
-            ways = (study.share_air, "exact")
-            sharable[structure] = [
-                why_not(scenario, dict(study.outcomes), way, study.keep) is None for way in ways
-            ]
-        airs.setdefault(air, []).append(sharable[structure])
+    structures: dict[str, set[str]] = {}  # by air
+    runs: dict[str, Request] = {}  # by structure; one decides for all
+    for request in plan.requests if always else requests:
+        if counts[request.air] > (0 if always else 1):
+            structures.setdefault(request.air, set()).add(request.structure)
+            runs.setdefault(request.structure, request)
+    scenarios = {structure: scenario_of(plan.base, run.changes) for structure, run in runs.items()}
+    sharable, exact = (
+        {name for name, each in scenarios.items() if why_not(each, study.outcomes, way, study.keep) is None}
+        for way in (study.share_air, "exact")
+    )
     return {
         air
-        for air, pairs in airs.items()
-        if all(shared for shared, _ in pairs) and (counts[air] > 1 or not all(exact for _, exact in pairs))
+        for air, of_air in structures.items()
+        if of_air <= sharable and (counts[air] > 1 or not of_air <= exact)
     }
 
 

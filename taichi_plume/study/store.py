@@ -8,9 +8,10 @@ process at a time writes to the folder; other processes may read.
 import json
 import re
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING, Self
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -18,16 +19,15 @@ import pyarrow.parquet as pq
 from taichi_plume.files import disk, own_folder, run_folder
 from taichi_plume.files.tables import plain
 from taichi_plume.guard.opening import read_regular, unopenable
-from taichi_plume.study import columns
-from taichi_plume.study.messages import AirRecord, Cost, Record, Request, Row, Task
+from taichi_plume.scenario.loading import ScenarioError, scenario_of
+from taichi_plume.study import columns, tables
+from taichi_plume.study.messages import AirRecord, Cost, Record, Request, Task
 
 if TYPE_CHECKING:
-    from taichi_plume.scenario.scenario import Scenario
     from taichi_plume.study.plan import Plan
 
 KIND = "study"  # study.json marks the folder of a study
 PARTS, AIRS, KEPT_FOLDER, FAILED = "parts", "airs", "kept", "failed"
-PLAN = "plan.parquet"
 FORMAT = "taichi_plume study 1"
 LARGEST_TEXT = 1 << 24  # most bytes of a copied file
 DONE = ("completed", "stopped")
@@ -40,26 +40,16 @@ _SCHEMA = pa.schema(
         ("run", pa.string()),
         ("status", pa.string()),
         ("message", pa.string()),
-        ("told", pa.string()),  # JSON: values that all trials of the run share, such as those of the axes
         ("trials", pa.list_(_SCORES)),
         ("outcomes", pa.map_(pa.string(), pa.float64())),
         ("cost", _COST),
     ],
     {"format": FORMAT},
 )
-_NAMES = frozenset(field.name for field in _SCORES)
 
 
 class StoreError(ValueError):
     """Error of a study's folder; the message is one line and begins with the path."""
-
-
-class Latest(NamedTuple):
-    """The valid record of a run: file (part), row in the file, and status."""
-
-    part: Path
-    row: int
-    status: str
 
 
 class Store:
@@ -105,8 +95,6 @@ class Store:
                 ("base.yaml", plan.file.parent / plan.study.base),
             ):
                 self._copy(source, name)
-            from taichi_plume.study import tables
-
             tables.write_plan(self.folder, plan)
             self._next = 1 + max((int(file.stem) for file in self._files()), default=-1)
         except BaseException:
@@ -128,15 +116,9 @@ class Store:
             raise StoreError(f"{self.folder}: cannot be written to: {reason}") from None
 
     def _require_ours(self) -> None:
-        """Raise StoreError if the folder holds links or files that do not belong to a study."""
-        other = own_folder.other_in(self.folder, KIND)
-        if other is not None:
-            raise StoreError(
-                f"{self.folder}: is not empty, and holds no study ({other}); choose another --out"
-            )
-        link = own_folder.link_in(self.folder)
-        if link is not None:
-            raise StoreError(f"{self.folder / link}: is a link, which a study does not write to; remove it")
+        refusal = own_folder.refusal(self.folder, KIND)
+        if refusal:
+            raise StoreError(refusal)
 
     def _drop_others(self, planned: set[str], force: bool) -> None:
         """Raise StoreError if the folder holds runs that are not planned; with `force` remove these runs."""
@@ -155,8 +137,7 @@ class Store:
             if len(rest) == len(table):
                 continue
             if len(rest):
-                with disk.written_whole(part) as fresh:
-                    pq.write_table(rest, fresh, compression="zstd", write_page_checksum=True)
+                tables.write(part, rest)
             else:
                 part.unlink()
         for run in others:
@@ -191,12 +172,7 @@ class Store:
         """Write the records of a task as a new part. Raises OSError."""
         if not records:
             return
-        rows = [_row(record) for record in records]
-        table = pa.Table.from_pylist(rows, schema=_SCHEMA)
-        part = self.parts / f"{self._next:06d}.parquet"
-        disk.require_room(part, table.nbytes)
-        with disk.written_whole(part) as fresh:
-            pq.write_table(table, fresh, compression="zstd", write_page_checksum=True)
+        tables.write(self.parts / f"{self._next:06d}.parquet", table_of(records))
         self._next += 1
 
     def add_air(self, record: AirRecord) -> None:
@@ -210,28 +186,31 @@ class Store:
 
     # ------------------------------------------------------------ reading
 
-    def latest(self) -> dict[str, Latest]:
-        """Return the valid record of each run: the last finished one, else the last failed one."""
-        rows: dict[str, Latest] = {}
-        for part in self._files():
-            table = _read(part, ["run", "status"])
-            pairs = zip(table["run"].to_pylist(), table["status"].to_pylist(), strict=True)
-            for n, (run, status) in enumerate(pairs):
-                if run not in rows or status in DONE or rows[run].status not in DONE:
-                    rows[run] = Latest(part, n, status)
-        return rows
+    def table(self, names: Sequence[str] = _SCHEMA.names) -> pa.Table:
+        """Return the valid record of each run: the last finished one, else the last failed one. Raises StoreError.
+
+        names: columns to read, at least `run` and `status`.
+        """
+        parts = [_read(part, names) for part in self._files()]
+        table = pa.concat_tables([_SCHEMA.empty_table().select(names), *parts])
+        runs, statuses = table["run"].to_pylist(), table["status"].to_pylist()
+        rows: dict[str, int] = {}
+        for row, (run, status) in enumerate(zip(runs, statuses, strict=True)):
+            if run not in rows or status in DONE or statuses[rows[run]] not in DONE:
+                rows[run] = row
+        return table.take(pa.array(sorted(rows.values()), pa.int64()))
 
     def statuses(self) -> dict[str, str]:
         """Return the status of each recorded run: completed, stopped or failed. Raises StoreError."""
-        return {run: row.status for run, row in self.latest().items()}
+        table = self.table(("run", "status"))
+        return dict(zip(table["run"].to_pylist(), table["status"].to_pylist(), strict=True))
 
-    def records(self) -> Iterator[Record]:
-        """Yield the valid record of each recorded run. Raises StoreError."""
-        rows = self.latest()
-        for part in self._files():
-            for n, row in enumerate(_read(part).to_pylist()):
-                if row["run"] in rows and rows[row["run"]][:2] == (part, n):
-                    yield _record(part, row)
+    def records(self) -> list[Record]:
+        """Return the valid record of each run. Raises StoreError."""
+        return [
+            Record(**row | {"outcomes": dict(row["outcomes"]), "cost": Cost(**row["cost"])})
+            for row in self.table().to_pylist()
+        ]
 
     def air_records(self) -> list[AirRecord]:
         """Return the records of the filmed airs, sorted by id. Raises StoreError."""
@@ -255,16 +234,17 @@ class Store:
         return files
 
 
-def _read(part: Path, columns: list[str] | None = None) -> pa.Table:
+def _read(part: Path, names: Sequence[str] = _SCHEMA.names) -> pa.Table:
     """Read the rows of a part. Raises StoreError."""
     fault = unopenable(part)
     if fault:
         raise StoreError(f"{part}: {fault}")
     try:
         with pq.ParquetFile(part, page_checksum_verification=True) as file:
-            if not file.schema_arrow.equals(_SCHEMA):
+            known = [field for field in file.schema_arrow if field.name in _SCHEMA.names]
+            if not pa.schema(known).equals(_SCHEMA):
                 raise StoreError(f"{part}: was not written by a study of this version; remove it")
-            return file.read(columns)
+            return file.read(names)
     except (pa.ArrowException, OSError, ValueError, LookupError) as error:
         if isinstance(error, StoreError):
             raise
@@ -274,41 +254,24 @@ def _read(part: Path, columns: list[str] | None = None) -> pa.Table:
         ) from None
 
 
-def _row(record: Record) -> Row:
-    common = {name: value for row in record.trials[:1] for name, value in row.items() if name not in _NAMES}
-    for row in record.trials:
-        if (
-            any(row.get(name) != value for name, value in common.items())
-            or row.keys() - common.keys() - _NAMES
-        ):
-            raise ValueError(f"run {record.run}: its trials differ in more than scores")
-    trials = [{name: row.get(name) for name in _NAMES} for row in record.trials]
-    return record._asdict() | {
-        "told": json.dumps(common),
-        "trials": trials,
-        "outcomes": list(record.outcomes.items()),
-        "cost": record.cost._asdict(),
-    }
-
-
-def _record(part: Path, row: Row) -> Record:
-    try:
-        common = json.loads(row["told"])
-        trials = [common | scores for scores in row["trials"]]
-        cost = Cost(**row["cost"])
-        return Record(row["run"], row["status"], row["message"], trials, dict(row["outcomes"]), cost)
-    except (ValueError, TypeError, LookupError, RecursionError):
-        raise StoreError(f"{part}: is damaged; remove it, then its runs are executed again") from None
+def table_of(records: Iterable[Record]) -> pa.Table:
+    """Return a table of records, as in a part."""
+    rows = [
+        record._asdict() | {"outcomes": list(record.outcomes.items()), "cost": record.cost._asdict()}
+        for record in records
+    ]
+    return pa.Table.from_pylist(rows, _SCHEMA)
 
 
 # ---------------------------------------------------------------- failed runs; without Taichi
 
 
-def leave_failed(task: Task, request: Request, scenario: "Scenario | None", message: str) -> None:
-    """Write the scenario and the message of a failed run, so that users can repeat the run. Raises OSError."""
+def leave_failed(task: Task, request: Request, message: str) -> None:
+    """Write the scenario, if valid, and the message of a failed run, so that users can repeat it. Raises OSError."""
     folder = task.options.out / FAILED / request.run
     folder.mkdir(parents=True, exist_ok=True)
-    if scenario is not None:
+    with suppress(ScenarioError):
+        scenario = scenario_of(task.base, request.changes)
         run_folder.write_scenario(folder, scenario, task.folder.resolve(), "cpu")
     with disk.written_whole(folder / "message.txt") as fresh:
         fresh.write_text(message + "\n", encoding="utf-8")

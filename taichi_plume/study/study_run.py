@@ -10,6 +10,7 @@ from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, show, visible
 from taichi_plume.running.signals import SignalRequests, handling_signals, reader_may_leave
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
+from taichi_plume.study.messages import Options
 from taichi_plume.study.outcomes import not_left
 from taichi_plume.study.store import DONE, FAILED, KEPT_FOLDER, Store, StoreError
 
@@ -70,45 +71,26 @@ def _work(plan: "Plan", store: Store, wishes: Wishes, signals: SignalRequests) -
         say(visible(f"{total:,} runs{made}; writing to {wishes.out}"), error=True)
     if not missing:
         return 0
-    from taichi_plume.study.workers import DaskWorkers, LocalWorkers, WorkersError, cores
+    from taichi_plume.study.campaign import Campaign
+    from taichi_plume.study.progress import Display
+    from taichi_plume.study.workers import WorkersError
 
+    study = plan.study
+    paths = {path: path for path in study.outcomes.values()}  # names of columns may change later
+    options = Options(wishes.out.resolve(), tuple(study.keep), paths, wishes.allow_code, wishes.allow_outside)
     try:
-        if wishes.scheduler:
-            workers: Workers = DaskWorkers(wishes.scheduler, plan, wishes.out, signals)
-            if wishes.dashboard:
-                say(visible(f"Dask's dashboard: {workers.client.dashboard_link}"), error=True)
-        else:
-            signals.running = True
-            workers = LocalWorkers(min(wishes.workers or cores(), len(missing)), wishes.out)
-        with closing(workers):
-            return _campaign(plan, store, workers, wishes, signals, missing)
+        with (
+            closing(_workers(plan, wishes, signals, len(missing))) as workers,
+            Display(total, before, wishes.quiet) as display,
+        ):
+            signals.hasty = True  # a first signal ends the campaign in order, a second one at once
+            campaign = Campaign(plan, store, workers, options, missing, display, signals)
+            campaign.run()
     except WorkersError as error:
         say(visible(error), error=True)
         if error.code == 1:
             say(visible(f"finished runs are kept in {wishes.out}; {GOES_ON}"), error=True)
         return error.code
-
-
-def _campaign(
-    plan: "Plan",
-    store: Store,
-    workers: "Workers",
-    wishes: Wishes,
-    signals: SignalRequests,
-    missing: "list[Request]",
-) -> int:
-    from taichi_plume.study.campaign import Campaign, options_of
-    from taichi_plume.study.progress import Display
-    from taichi_plume.study.sharing import shared_airs
-
-    shared = shared_airs(plan, missing)
-    options = options_of(plan, wishes.out, wishes.allow_code, wishes.allow_outside)
-    total = len(plan.requests)
-    signals.hasty = True  # a first signal ends the campaign in order, a second one at once
-    try:
-        with Display(total, total - len(missing), wishes.quiet) as display:
-            campaign = Campaign(plan, store, workers, options, missing, shared, display, signals)
-            campaign.run()
     except OSError as error:
         if wishes.debug:
             say(*traceback.format_exc().splitlines(), error=True)
@@ -118,6 +100,19 @@ def _campaign(
     if not wishes.quiet:
         say(campaign.totals.line(), error=True)
     return 0
+
+
+def _workers(plan: "Plan", wishes: Wishes, signals: SignalRequests, most: int) -> "Workers":
+    """Return the workers that the command line asks for, on this machine at most `most`. Raises WorkersError."""
+    from taichi_plume.study.workers import DaskWorkers, LocalWorkers, cores
+
+    if not wishes.scheduler:
+        signals.running = True
+        return LocalWorkers(min(wishes.workers or cores(), most), wishes.out)
+    workers = DaskWorkers(wishes.scheduler, plan, wishes.out, signals)
+    if wishes.dashboard:
+        say(visible(f"Dask's dashboard: {workers.client.dashboard_link}"), error=True)
+    return workers
 
 
 def _conclude(plan: "Plan", store: Store, wishes: Wishes, code: int) -> int:
@@ -145,10 +140,10 @@ def publish(folder: Path, page: bool = True, quiet: bool = False) -> int:
     """
     from taichi_plume.study import tables
 
-    if not (folder / "plan.parquet").is_file():
+    if not (folder / tables.PLAN).is_file():
         raise RunFolderError(f"{folder}: is not the folder of a study")
     try:
-        tables.publish(folder, Store(folder).records())
+        tables.publish(folder, Store(folder).table)
         if not page:
             return 0
         from taichi_plume.study import page as pages
@@ -162,7 +157,8 @@ def publish(folder: Path, page: bool = True, quiet: bool = False) -> int:
 
 
 def _report_failed(store: Store, failed: int) -> None:
-    messages = sorted((record.run, record.message) for record in store.records() if record.status == "failed")
+    table = store.table(("run", "status", "message")).sort_by("run").to_pylist()
+    messages = [(row["run"], row["message"]) for row in table if row["status"] == "failed"]
     runs = "1 run has failed" if failed == 1 else f"{failed:,} runs have failed"
     where = store.folder / FAILED
     listed = f"all are listed in runs.parquet and lie in {where}; --retry executes them again"

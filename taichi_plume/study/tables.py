@@ -9,10 +9,9 @@ all tables, from which readers see whether the tables are up to date (`study/res
 import hashlib
 import json
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
-from math import isfinite
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import quote
 
 import pyarrow as pa
@@ -22,14 +21,13 @@ import pyarrow.parquet as pq
 from taichi_plume import __version__
 from taichi_plume.files import disk
 from taichi_plume.study import columns
-from taichi_plume.study.messages import Axis, Data, Record, Row
+from taichi_plume.study.messages import Axis, Data, Row
 
 if TYPE_CHECKING:
     from taichi_plume.study.plan import Plan
 
 PLAN, RUNS, TRIALS, COSTS, PARTS = "plan.parquet", "runs.parquet", "trials", "costs.parquet", "parts"
 MADE_OF, HELD = b"made_of", b"trials"
-MOST_FOLDERS = 1000
 ROW_GROUP = 50_000
 
 
@@ -72,10 +70,9 @@ class Planned(NamedTuple):
 def planned(plan: "Plan") -> Planned:
     """Return the table of a plan, a row for each run."""
     requests = sorted(plan.requests, key=lambda request: request.number)
-    kinds = {}
-    for axis in plan.axes:
-        values = (request.values[axis.name] for request in requests)
-        kinds[axis.name] = columns.kind_of({type(value): value for value in values}.values())
+    kinds = {
+        axis.name: columns.kind_of(request.values[axis.name] for request in requests) for axis in plan.axes
+    }
     study = plan.study.model_dump(mode="json")
     about = {
         "name": study["name"],
@@ -97,55 +94,41 @@ def planned(plan: "Plan") -> Planned:
     return Planned(_table(made, schema), about)
 
 
-def make_tables(plan: Planned, records: Iterable[Record], made_of: str = "") -> Tables:
-    """Return the tables of a plan and of records in any order, at most one record per run.
+def make_tables(plan: Planned, records: pa.Table, made_of: str = "") -> Tables:
+    """Return the tables of a plan and of a table of records (`Store.table`) in any order.
 
     Records of runs that are not in the plan are left out.
     """
-    place = {run: n for n, run in enumerate(plan.table["run"].to_pylist())}
-    latest = {record.run: record for record in records if record.run in place}
-    came = [latest[run] for run in sorted(latest, key=place.__getitem__)]
-    trials = _trials(plan, came, place)
-    return Tables(_runs(plan, latest), trials, _costs(came, columns.costs_schema(made_of, len(trials))))
+    place = pc.index_in(records["run"], value_set=plan.table["run"].combine_chunks())
+    records = (
+        records.append_column("place", place).filter(pc.is_valid(place)).sort_by("place").combine_chunks()
+    )
+    trials = _trials(plan, records)
+    return Tables(_runs(plan, records), trials, _costs(records, made_of, len(trials)))
 
 
-def _runs(plan: Planned, latest: Mapping[str, Record]) -> pa.Table:
-    schema = columns.runs_schema(plan.fields, plan.outcomes)
-    records = [latest.get(run) for run in plan.table["run"].to_pylist()]
-    made: Row = {name: plan.table[name] for name in plan.table.column_names}
-    made["status"] = [record.status if record else "missing" for record in records]
-    made["message"] = [record.message if record else "" for record in records]
-    for name, path in plan.outcomes.items():
-        made[name] = [_number(record.outcomes.get(path)) if record else None for record in records]
-    return _table(made, schema)
+def _runs(plan: Planned, records: pa.Table) -> pa.Table:
+    row = pc.index_in(plan.table["run"], value_set=records["run"].combine_chunks())
+    of_plan = records.take(row)  # a row of nulls for a missing run
+    made = {name: plan.table[name] for name in plan.table.column_names}
+    made["status"] = pc.fill_null(of_plan["status"], "missing")
+    made["message"] = pc.fill_null(of_plan["message"], "")
+    made |= {name: pc.map_lookup(of_plan["outcomes"], path, "first") for name, path in plan.outcomes.items()}
+    return _table(made, columns.runs_schema(plan.fields, plan.outcomes))
 
 
-def _trials(plan: Planned, came: list[Record], place: dict[str, int]) -> pa.Table:
-    schema = columns.trials_schema(plan.fields)
-    fields = {field.name: field for field in columns.of_trials(plan.fields)}
-    made: dict[str, list[Any]] = {name: [] for name in fields}
-    rows = []
-    for record in came:
-        for trial in record.trials:
-            rows.append(place[record.run])
-            for name, field in fields.items():
-                value = trial.get(name)
-                made[name].append(value if field.type in (pa.string(), pa.bool_()) else _number(value))
-    for name in (field.name for field in fields.values() if field.type == pa.int64()):
-        made[name] = [None if value is None else round(value) for value in made[name]]
-    pairs = zip(made["success"], made["searched"], strict=True)
-    made["success"] = [success if searched else None for success, searched in pairs]
-    of_run = plan.table.take(pa.array(rows, pa.int64()))
-    return _table({name: of_run[name] for name in of_run.column_names} | made, schema)
+def _trials(plan: Planned, records: pa.Table) -> pa.Table:
+    trials = pc.list_flatten(records["trials"])
+    of_plan = plan.table.take(records["place"].take(pc.list_parent_indices(records["trials"])))
+    made = {name: of_plan[name] for name in of_plan.column_names}
+    made |= {field.name: pc.struct_field(trials, field.name) for field in columns.of_trials(plan.fields)}
+    return _table(made, columns.trials_schema(plan.fields))
 
 
-def _costs(came: list[Record], schema: pa.Schema) -> pa.Table:
-    return pa.Table.from_pylist([{"run": record.run, **record.cost._asdict()} for record in came], schema)
-
-
-def _number(value: object) -> float | int | None:
-    """Return a finite number unchanged, any other value as None."""
-    return value if isinstance(value, int | float) and isfinite(value) else None
+def _costs(records: pa.Table, made_of: str, trials: int) -> pa.Table:
+    schema = columns.costs_schema(made_of, trials)
+    made = {name: pc.struct_field(records["cost"], name) for name in schema.names[1:]}
+    return _table({"run": records["run"]} | made, schema)
 
 
 def _table(made: Mapping[str, Sequence[object] | pa.ChunkedArray], schema: pa.Schema) -> pa.Table:
@@ -166,7 +149,7 @@ def _table(made: Mapping[str, Sequence[object] | pa.ChunkedArray], schema: pa.Sc
 
 def write_plan(folder: Path, plan: "Plan") -> None:
     """Write `plan.parquet`: a row for each run of a plan. Raises OSError."""
-    _write(folder / PLAN, planned(plan).table)
+    write(folder / PLAN, planned(plan).table)
 
 
 def read_plan(folder: Path) -> Planned:
@@ -175,8 +158,8 @@ def read_plan(folder: Path) -> Planned:
     return Planned(table, json.loads(table.schema.metadata[b"study"]))
 
 
-def publish(folder: Path, records: Iterable[Record]) -> None:
-    """Write the tables of a folder's plan and of records in any order, unless the tables are up to date.
+def publish(folder: Path, records: Callable[[], pa.Table]) -> None:
+    """Write the tables of a folder's plan and of the records, unless the tables are up to date.
 
     Raises OSError.
     """
@@ -184,11 +167,11 @@ def publish(folder: Path, records: Iterable[Record]) -> None:
     if held(folder, made_of) is not None:
         return
     plan = read_plan(folder)
-    made = make_tables(plan, records, made_of)
+    made = make_tables(plan, records(), made_of)
     (folder / COSTS).unlink(missing_ok=True)  # readers ignore tables without costs
-    _write(folder / RUNS, made.runs)
-    _write_trials(folder, _folder_axes(plan), made.trials)
-    _write(folder / COSTS, made.costs)
+    write(folder / RUNS, made.runs)
+    _write_trials(folder, [axis.name for axis in plan.axes if axis.partition], made.trials)
+    write(folder / COSTS, made.costs)
 
 
 def state(folder: Path) -> str:
@@ -209,19 +192,7 @@ def held(folder: Path, made_of: str) -> int | None:
     return int(metadata[HELD]) if there and metadata.get(MADE_OF) == made_of.encode() else None
 
 
-def _folder_axes(plan: Planned) -> tuple[str, ...]:
-    """Return the axes that partition the trials, as many as give at most MOST_FOLDERS folders."""
-    chosen: tuple[str, ...] = ()
-    fields = {field.name for field in plan.fields}
-    for axis in plan.axes:
-        more = (*chosen, axis.name)
-        splits = axis.partition and axis.name in fields
-        if splits and len(plan.table.group_by(more).aggregate([])) <= MOST_FOLDERS:
-            chosen = more
-    return chosen
-
-
-def _write_trials(folder: Path, names: tuple[str, ...], trials: pa.Table) -> None:
+def _write_trials(folder: Path, names: Sequence[str], trials: pa.Table) -> None:
     """Write the trials in folders by these axes, first to a temporary folder, which is then renamed."""
     fresh, old = folder / f"{TRIALS}.new", folder / f"{TRIALS}.old"
     for left in (fresh, old):
@@ -230,7 +201,7 @@ def _write_trials(folder: Path, names: tuple[str, ...], trials: pa.Table) -> Non
         keys = [f"by_{quote(name, safe='')}={_key(value)}" for name, value in values.items()]
         place = fresh.joinpath(*keys)
         place.mkdir(parents=True)
-        _write(place / "part-0.parquet", table)
+        write(place / "part-0.parquet", table)
     if (folder / TRIALS).exists():
         (folder / TRIALS).rename(old)
     fresh.rename(folder / TRIALS)
@@ -257,7 +228,8 @@ def _key(value: object) -> str:
     return quote(str(value), safe=" ") or "__HIVE_DEFAULT_PARTITION__"
 
 
-def _write(path: Path, table: pa.Table) -> None:
+def write(path: Path, table: pa.Table) -> None:
+    """Write a table to a file, atomically. Raises OSError."""
     disk.require_room(path, table.nbytes)
     options = {"compression": "zstd", "write_page_checksum": True}
     with disk.written_whole(path) as fresh, pq.ParquetWriter(fresh, table.schema, **options) as writer:

@@ -20,7 +20,6 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from math import ceil
 from multiprocessing import resource_tracker
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -29,10 +28,9 @@ from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.running.signals import SignalRequests, ignoring_signals
 
 if TYPE_CHECKING:
-    from taichi_plume.study.messages import AirRecord, Record, Task
+    from taichi_plume.study.messages import Result, Task
     from taichi_plume.study.plan import Plan
 
-    Result: TypeAlias = list[Record] | AirRecord
     Work: TypeAlias = Callable[[Task], Result]
 
 LOG = "workers.log"  # output of workers and, with --scheduler, of Dask
@@ -85,7 +83,6 @@ class LocalWorkers:
         self._log = out.resolve() / LOG
         self._names = [str(n) for n in range(count)]
         self._executors: dict[str, ProcessPoolExecutor] = {}
-        self._processes: set[BaseProcess] = set()
 
     def workers(self) -> list[str]:
         """Return the names of the workers. The next task of a dead worker starts a new process."""
@@ -96,18 +93,16 @@ class LocalWorkers:
         with suppress(KeyError, BrokenProcessPool):
             return self._executors[worker].submit(function, task)
         context = multiprocessing.get_context("spawn")
-        before = set(multiprocessing.active_children())
         with _blocked_signals(), _environment():
             executor = ProcessPoolExecutor(1, context, _begin_process, (self._log,))
             future = executor.submit(function, task)
-        self._processes |= set(multiprocessing.active_children()) - before
         self._executors[worker] = executor
         return future
 
     def close(self) -> None:
         """End all processes at once, even in the middle of a run."""
         with ignoring_signals():
-            for process in self._processes:
+            for process in multiprocessing.active_children():  # only workers: the command starts no others
                 process.kill()
             for executor in self._executors.values():
                 executor.shutdown(cancel_futures=True)

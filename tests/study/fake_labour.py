@@ -12,7 +12,14 @@ from taichi_plume.study.messages import AirRecord, Cost, Record, Request, Task
 
 
 def work(task: Task) -> list[Record] | AirRecord:
-    return solve_air(task) if task.solve else [run(task, request) for request in task.requests]
+    if task.solve:
+        return solve_air(task)
+    begun, records = time.monotonic(), []
+    for request in task.requests:
+        records.append(run(task, request))
+        if time.monotonic() - begun > task.limit_s:
+            break
+    return records
 
 
 def run(task: Task, request: Request) -> Record:
@@ -35,14 +42,8 @@ def run(task: Task, request: Request) -> Record:
     cost = Cost(begun, time.perf_counter() - clock, simulated, 0, str(os.getpid()))
     if told.get("fail"):
         return Record(request.run, "failed", told["fail"], [], {}, cost)
-    who = {"run": request.run, "point": request.point, "air": request.air, "air_seed": request.air_seed}
-    row = who | request.values | {"seed": request.seed, "group": "robots", "algorithm": "casting", "trial": 0}
-    row |= {
-        "searched": True,
-        "success": request.number % 3 > 0,
-        "found": 1,
-        "time_s": 1 / (1 + request.number),
-    }
+    row = {"group": "robots", "algorithm": "casting", "trial": 0, "searched": True}
+    row |= {"success": request.number % 3 > 0, "found": 1, "time_s": 1 / (1 + request.number)}
     return Record(request.run, "completed", "", [row], {"number": request.number / 7}, cost)
 
 

@@ -13,7 +13,7 @@ from taichi_plume import study
 from taichi_plume.study import tables
 from taichi_plume.study.messages import Axis, Cost, Record, Request
 from taichi_plume.study.results import Results
-from taichi_plume.study.store import Store
+from taichi_plume.study.store import Store, table_of
 
 AXES = {
     "speed": Axis("speed", "m/s", True),
@@ -73,7 +73,7 @@ def trial(n: int = 0, success: bool | None = True, time: float = 10.0, **more: A
     """A row as a worker makes it."""
     found = bool(success)
     return {
-        "group": "robots", "algorithm": "casting", "trial": n, "searched": success is not None, "success": found,
+        "group": "robots", "algorithm": "casting", "trial": n, "searched": success is not None, "success": success,
         "found": int(found), "time_s": time if found else None, "path_m": 2 * time if found else None,
         "overhead": 2.0 if found else None, "team_path_m": 2 * time, "acquisitions": 3, "hits": 2, "bumps": 0,
         "final_distance_m": 0.1, "time_with_failures_s": time if found else (60.0 if success is False else None),
@@ -111,7 +111,7 @@ def add(folder: Path, records: list[Record]) -> None:
 def published(folder: Path, plan: Any, records: list[Record]) -> Results:
     """The results of a study whose plan and tables are written to a folder."""
     tables.write_plan(folder, plan)
-    tables.publish(folder, records)
+    tables.publish(folder, lambda: table_of(records))
     return study.open(folder)
 
 

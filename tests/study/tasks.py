@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from taichi_plume import __version__
 from taichi_plume.study.messages import Options, Request, Task
 
 
@@ -28,6 +27,6 @@ def task(
     **options: Any,
 ) -> Task:
     """Runs of a structure in the folder `out`."""
-    given = {"keep": (), "outcomes": {}, "allow_code": False, "allow_outside": False, "version": __version__}
+    given = {"keep": (), "outcomes": {}, "allow_code": False, "allow_outside": False}
     requests = tuple(request(n, one, structure) for n, one in enumerate(changes))
     return Task(dict(base), out, requests, Options(out=out, **(given | options)), film)

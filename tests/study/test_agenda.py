@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from taichi_plume.study.agenda import DEATHS, MOST_RUNS, TARGET_S, Agenda, Job
+from taichi_plume.study.agenda import DEATHS, MOST_RUNS, Agenda, Job
 from taichi_plume.study.messages import Request
 
 
@@ -32,11 +32,9 @@ def test_each_run_is_done_once_whatever_happens(seed):
     given: list[Job] = []
     removed = []
 
-    def finish(one: Request):
-        over[one.run] += 1
-        gone = agenda.done(one)
-        if gone:
-            removed.append(gone)
+    def finish(job: Job, count: int):
+        over.update(one.run for one in job.requests[:count])
+        removed.extend(agenda.executed(job, count))
 
     for _ in range(5000):
         job = agenda.next(chance.choice(["s0", "s1"]), 4)
@@ -51,18 +49,13 @@ def test_each_run_is_done_once_whatever_happens(seed):
             blamed = agenda.died(job)
             assert not blamed or job.solve or len(job.requests) == 1
             if blamed and job.solve:
-                for one in agenda.without(job.air):
-                    finish(one)
+                over.update(one.run for one in agenda.without(job.air))
             elif blamed:
-                finish(job.requests[0])
+                finish(job, 1)
         elif job.solve:
             agenda.solved(job.air)
         else:
-            done = chance.randint(1, len(job.requests))
-            for one in job.requests[:done]:
-                agenda.took(one.structure, chance.random())
-                finish(one)
-            agenda.again(job, job.requests[done:])
+            finish(job, chance.randint(1, len(job.requests)))
     assert over == {one.run: 1 for one in asked}
     assert set(removed) <= shared
     assert not agenda.left
@@ -77,38 +70,32 @@ def test_a_worker_keeps_its_structure():
     while job := agenda.next(has[0], 2):
         changes += job.structure != has[0]
         has[0], has[1] = has[1], job.structure
-        agenda.took(job.structure, 1.0)
+        agenda.executed(job, 1)
     assert changes <= 4
 
 
-def test_tasks_take_their_time():
-    agenda = Agenda(requests(1, 1, 5000), set(), nowhere, 2)
-    first = agenda.next("", 2)
-    assert first
-    assert len(first.requests) == 1
-    agenda.took("s0", 0.02)
-    second = agenda.next("s0", 2)
-    assert second
-    assert len(second.requests) == round(TARGET_S / 0.02)
-    many = agenda.next("s0", 1000)  # who would wait for the scheduler with tasks of 4 s
-    assert many
-    assert len(many.requests) == 3  # but no worker gets so much that others have nothing
-    agenda.took("s0", 0.0)
-    agenda.took("s0", 0.0)
-    cheap = agenda.next("s0", 2)
-    assert cheap
-    assert len(cheap.requests) == MOST_RUNS
+def test_jobs_grow_as_far_as_workers_execute_them_in_time():
+    agenda = Agenda(requests(1, 1, 9000), set(), nowhere, 2)
+    sizes = []
+    for _ in range(12):
+        job = agenda.next("s0", 2)
+        assert job
+        sizes.append(len(job.requests))
+        agenda.executed(job, len(job.requests))
+    assert sizes == [1, 2, 4, 8, 16, 32, 64, 128, 256, 512, *2 * [MOST_RUNS]]
+    job = agenda.next("s0", 2)
+    agenda.executed(job, 5)  # the time was over
+    assert len(agenda.next("s0", 2).requests) == 10
 
 
 def test_all_end_at_the_same_time():
-    agenda = Agenda(requests(1, 1, 101), set(), nowhere, 2)
-    agenda.next("", 2)
-    agenda.took("s0", 0.02)
+    agenda = Agenda(requests(1, 1, 100), set(), nowhere, 2)
     sizes = []
     while job := agenda.next("s0", 2):
         sizes.append(len(job.requests))
+        agenda.executed(job, len(job.requests))
     assert sum(sizes) == 100
-    assert sizes[0] == 25
+    assert max(sizes) < 25
     assert sizes[-1] == 1
 
 
@@ -124,9 +111,7 @@ def test_airs_come_before_runs_that_need_none(tmp_path):
         (False, "air1"), (False, "air1"), (True, "air0"), (False, "air3"), (False, "air3"),
     ]  # fmt: skip
     assert kinds[5] is None  # two films at a time: air2 waits
-    for one in requests(4, 1, 2)[2:4]:
-        gone = agenda.done(one)
-    assert gone == "air1"
+    assert agenda.executed(Job(tuple(requests(4, 1, 2)[2:4]), tmp_path / "air1.zarr"), 2) == ["air1"]
     job = agenda.next("", 2)
     assert job
     assert (job.solve, job.air) == (True, "air2")
@@ -142,8 +127,10 @@ def test_a_full_disk_keeps_airs_waiting():
 
 def test_a_run_that_kills_alone_has_failed():
     """A task of four, whose third run kills its worker: the others of the task are done."""
-    agenda = Agenda(requests(1, 1, 8), set(), nowhere, 2)
-    agenda.took("s0", 0.01)
+    agenda = Agenda(requests(1, 1, 11), set(), nowhere, 2)
+    for size in (1, 2):
+        job = agenda.next("s0", 1)
+        agenda.executed(job, size)
     job = agenda.next("s0", 1)
     assert job
     assert len(job.requests) == 4

@@ -9,7 +9,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -296,19 +296,24 @@ def dask(kind: str, folder: Path, *options: str, path: Sequence[str] = PATHS):
 
 
 @contextmanager
-def cluster(
-    folder: Path, count: int = 2, *options: str, path: Sequence[str] = PATHS, both: Sequence[str] = ()
-):
-    """A scheduler and workers; yields its address and all processes, the scheduler first."""
-    address = folder / "scheduler.json"
-    with ExitStack() as stack:
-        file = ("--port", "0", "--scheduler-file", str(address))
-        processes = [stack.enter_context(dask("scheduler", folder, *both, *file, path=path))]
-        until(address.exists, "the scheduler")
-        where = until(lambda: read(address), "its address")["address"]
-        worker = (where, *both, "--nthreads", "1", *options)
-        processes += [stack.enter_context(dask("worker", folder, *worker, path=path)) for _ in range(count)]
-        yield where, processes
+def scheduler(folder: Path, *options: str):
+    """A scheduler; yields its process and its address."""
+    file = folder / "scheduler.json"
+    with dask("scheduler", folder, *options, "--port", "0", "--scheduler-file", str(file)) as process:
+        until(file.exists, "the scheduler")
+        yield process, until(lambda: read(file), "its address")["address"]
+
+
+def worker(folder: Path, address: str, *options: str, path: Sequence[str] = PATHS):
+    """A worker of a scheduler."""
+    return dask("worker", folder, address, "--nthreads", "1", *options, path=path)
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory) -> Iterator[str]:
+    """Where a scheduler without workers runs."""
+    with scheduler(tmp_path_factory.mktemp("scheduler")) as (_, address):
+        yield address
 
 
 def read(path: Path) -> dict:
@@ -318,13 +323,13 @@ def read(path: Path) -> dict:
         return {}
 
 
-def test_a_scheduler_started_by_hand(tmp_path, unbroken):
+def test_a_scheduler_started_by_hand(tmp_path, unbroken, address):
     out = tmp_path / "out"
-    with cluster(tmp_path) as (address, processes):
+    with worker(tmp_path, address) as first, worker(tmp_path, address) as second:
         code, said = study(out, {"runs": 60, "base": {"sleep": 0.05}}, f"--scheduler={address}")
         assert code == 0, said
         assert "by 2 workers" in said
-        assert all(one.poll() is None for one in processes)  # they are not ours to end
+        assert first.poll() is second.poll() is None  # they are not ours to end
         other = {
             "runs": 5,
             "changes": {"2": {"fail": "of the second study"}},
@@ -335,18 +340,16 @@ def test_a_scheduler_started_by_hand(tmp_path, unbroken):
     assert table(out) == unbroken
 
 
-def test_its_workers_come_late_and_die(tmp_path, unbroken):
+def test_its_workers_come_late_and_die(tmp_path, unbroken, address):
     """Where Dask's own rule has it that a run is begun again elsewhere, up to four times."""
     out = tmp_path / "out"
     told = {"runs": 60, "base": {"sleep": 0.02}, "changes": {"33": {"kills": 1}, "5": {"kills": 1}}}
-    with cluster(tmp_path, 0) as (address, _):
-        process = start(out, told, f"--scheduler={address}")
-        until(lambda: (out / "plan.parquet").exists())
-        time.sleep(3)
-        assert parts(out) == 0
-        worker = (tmp_path, address, "--nthreads", "1")
-        with dask("worker", *worker), dask("worker", *worker):
-            code, said = finish(process)
+    process = start(out, told, f"--scheduler={address}")
+    until(lambda: (out / "plan.parquet").exists())
+    time.sleep(3)
+    assert parts(out) == 0
+    with worker(tmp_path, address), worker(tmp_path, address):
+        code, said = finish(process)
     assert "no workers there; start one by: dask worker tcp://127.0.0.1" in said
     assert code == 0
     assert table(out) == unbroken
@@ -355,10 +358,10 @@ def test_its_workers_come_late_and_die(tmp_path, unbroken):
 def test_the_scheduler_dies(tmp_path, unbroken):
     out = tmp_path / "out"
     told = {"runs": 60, "base": {"sleep": 0.2}}
-    with cluster(tmp_path) as (address, processes):
+    with scheduler(tmp_path) as (dying, address), worker(tmp_path, address), worker(tmp_path, address):
         process = start(out, told, f"--scheduler={address}")
         until(lambda: parts(out) >= 3)
-        processes[0].kill()
+        dying.kill()
         code, said = finish(process)
     assert code == 1
     assert "the scheduler is gone" in said
@@ -368,12 +371,12 @@ def test_the_scheduler_dies(tmp_path, unbroken):
     assert table(out) == unbroken
 
 
-def test_workers_of_no_use(tmp_path):
+def test_workers_of_no_use(tmp_path, address):
     """They have no taichi_plume that knows studies."""
     other = tmp_path / "other" / "taichi_plume"
     other.mkdir(parents=True)
     (other / "__init__.py").touch()
-    with cluster(tmp_path, 1, path=[str(other.parent)]) as (address, _):
+    with worker(tmp_path, address, path=[str(other.parent)]):
         code, said = study(tmp_path / "out", {"runs": 3}, f"--scheduler={address}")
     assert code == 2
     assert "has no taichi_plume" in said
@@ -391,9 +394,9 @@ def test_workers_that_do_not_see_the_folder(tmp_path):
     )
 
 
-def test_workers_with_several_threads(tmp_path):
+def test_workers_with_several_threads(tmp_path, address):
     """Taichi is used by one at a time: they take turns, and the user is told."""
-    with cluster(tmp_path, 1, "--nthreads", "4") as (address, _):
+    with worker(tmp_path, address, "--nthreads", "4"):
         code, said = study(tmp_path / "out", {"runs": 12, "base": {"sleep": 0.05}}, f"--scheduler={address}")
     assert code == 0
     assert "start them with --nthreads 1" in said
@@ -415,7 +418,7 @@ def test_a_scheduler_with_tls(tmp_path, unbroken):
         f"{prefix}CLIENT__CERT": str(tmp_path / "cert.pem"),
         f"{prefix}CLIENT__KEY": str(tmp_path / "key.pem"),
     }
-    with cluster(tmp_path, 1, both=tls) as (address, _):
+    with scheduler(tmp_path, *tls) as (_, address), worker(tmp_path, address, *tls):
         assert address.startswith("tls://")
         code, said = study(tmp_path / "without", {"runs": 3}, f"--scheduler={address}")
         assert (code, "no Dask scheduler there" in said) == (2, True), said
@@ -425,20 +428,20 @@ def test_a_scheduler_with_tls(tmp_path, unbroken):
     assert table(tmp_path / "out") == unbroken
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense", "tcp://", "foo://127.0.0.1:1"])
-def test_no_scheduler_there(address):
-    with pytest.raises(WorkersError, match=f"--scheduler {address}: no Dask scheduler there") as caught:
-        _require_scheduler(address)
+@pytest.mark.parametrize("wrong", ["tcp://127.0.0.1:9", "nonsense", "tcp://", "foo://127.0.0.1:1"])
+def test_no_scheduler_there(wrong):
+    with pytest.raises(WorkersError, match=f"--scheduler {wrong}: no Dask scheduler there") as caught:
+        _require_scheduler(wrong)
     assert caught.value.code == 2
 
 
-def test_something_else_there(tmp_path):
+def test_something_else_there(tmp_path, address):
     """A server of another protocol, and a worker of Dask's."""
     server = ["-u", "-m", "http.server", "0", "--bind", "127.0.0.1"]
-    with cluster(tmp_path, 1) as (_, processes), background(server, stdout=subprocess.PIPE) as http:
+    with worker(tmp_path, address) as process, background(server, stdout=subprocess.PIPE) as http:
         assert http.stdout
         other = http.stdout.readline().split("port ")[1].split()[0]
-        found = psutil.Process(processes[1].pid)
+        found = psutil.Process(process.pid)
         ports = until(
             lambda: [
                 one.laddr.port

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import tasks
@@ -17,7 +16,7 @@ from taichi_plume.results.run import open_run
 from taichi_plume.study.perform import perform
 from taichi_plume.study.rows import found
 from taichi_plume.study.simulation_cache import WARM
-from taichi_plume.study.store import _SCHEMA, _row
+from taichi_plume.study.store import table_of
 
 PROBES = {"points": [{"kind": "line", "name": "a.b", "start": [0.5, 0.6], "end": [1.5, 0.6], "count": 3}]}
 BAD_CODE = """
@@ -67,7 +66,7 @@ def test_rows_and_outcomes_are_those_of_the_result_of_the_run_alone(tmp_path):
         assert {name: row[name] for name in columns} == {name: values[k] for name, values in columns.items()}
         assert row["searched"]
         assert row["time_with_failures_s"] == (row["time_s"] if row["success"] else 2.0)
-        assert (row["group"], row["algorithm"], row["run"]) == ("casters", "casting", record.run)
+        assert (row["group"], row["algorithm"]) == ("casters", "casting")
     group, one = told["groups"][0], told["maps"][0]
     assert record.outcomes == {
         "rate": group["success_rate"],
@@ -84,7 +83,7 @@ def test_the_tables_hold_what_trials_with_moving_obstacles_count(tmp_path):
     walkers = [{"kind": "cylinder", "center": [0.9, 1.1], "radius": 0.3, "motion": motion}]
     (record,) = perform(tasks.task(changed(ROOM, obstacles=walkers), [{}], tmp_path, structure="walkers"))
     assert record.status == "completed", record.message
-    (row,) = pa.Table.from_pylist([_row(record)], _SCHEMA).to_pylist()
+    (row,) = table_of([record]).to_pylist()
     for name in ("pushes", "pinned_s"):
         assert [one[name] for one in row["trials"]] == [one[name] for one in record.trials]
     assert max(one["pushes"] for one in record.trials) > 0

@@ -17,11 +17,12 @@ from small_study import ROOM, SPEED, write
 from taichi_plume.scenario.changes import changed
 from taichi_plume.scenario.loading import scenario_of
 from taichi_plume.scenario.reset import differences
+from taichi_plume.study.axes import Level, Levels, points
 from taichi_plume.study.ids import Digests
 from taichi_plume.study.indices import numbers
 from taichi_plume.study.model import canonical
-from taichi_plume.study.plan import SEARCH_STEP, load_plan
-from taichi_plume.study.resolving import value_at
+from taichi_plume.study.plan import SEARCH_STEP, columns, load_plan, read_study
+from taichi_plume.study.resolving import resolve
 from taichi_plume.study.sharing import shared_airs
 
 SEARCH = {
@@ -87,17 +88,18 @@ def test_a_sensitivity_study_has_the_matrices_of_saltelli(tmp_path):
     speed = {"key": "wind.openings.0.speed", "low": 0.1, "high": 0.3}
     depth = {"key": "domain.depth", "low": 0.5, "high": 1.5}
     axes = {"height": {**HEIGHT, "high": 0.25}, "speed": speed, "depth": depth}
-    plan = load_plan(write(tmp_path, kind="sensitivity", samples=512, axes=axes, airs=1))
-    assert len(plan.requests) == 512 * 5
-    y = np.empty(len(plan.requests))
-    for one in plan.requests:
-        y[one.point] = np.dot([1, 2, 0.1], list(one.values.values()))  # type: ignore[arg-type]
+    study = read_study(write(tmp_path, kind="sensitivity", samples=512, axes=axes, airs=1))
+    y = np.array(
+        [np.dot([1, 2, 0.1], list(one.values.values())) for one in points(study, resolve(study, ROOM, ""))]
+    )
+    assert len(y) == 512 * 5
     a, b, ab = (y[points] for points in numbers(512, 3))
-    f = {"f_A": a[None], "f_B": b[None], "f_AB": ab[:, None]}
-    indices = sobol_indices(func=f, n=512)
+    indices = sobol_indices(func={"f_A": a[None], "f_B": b[None], "f_AB": ab[:, None]}, n=512)
     variances = np.array([0.2, 2 * 0.2, 0.1]) ** 2
     assert indices.first_order.ravel() == pytest.approx(variances / variances.sum(), abs=0.02)
     assert indices.total_order.ravel() == pytest.approx(variances / variances.sum(), abs=0.02)
+    few = load_plan(write(tmp_path, kind="sensitivity", samples=4, axes=axes, airs=1))
+    assert [one.point for one in few.requests] == list(range(4 * 5))
 
 
 def test_keys_share_a_value_and_values_may_be_lists_and_sections(tmp_path):
@@ -115,21 +117,18 @@ def test_keys_share_a_value_and_values_may_be_lists_and_sections(tmp_path):
         assert json.dumps(scenario.sources[0][1].position) == one.values["place"]
 
 
-def test_folders_are_made_of_axes_with_few_short_values(tmp_path):
-    def axis(key: str, count: int) -> dict[str, Any]:
-        return {"key": key, "low": 0.1, "high": 0.3, "count": count}
-
-    many = {"speed": axis("wind.openings.0.speed", 65), "reach": axis("robots.0.reach", 2)}
-    more = many | {"reach": axis("robots.0.reach", 40), "height": axis("robots.0.sensors.gas.height", 26)}
-    plan = load_plan(write(tmp_path, axes=many, airs=1))
-    assert [one.partition for one in plan.axes] == [False, True]
-    more["speed"] = axis("wind.openings.0.speed", 2)
-    more["n"] = {"key": "robots.0.name", "values": ["b" * 101]}
-    more["one"] = {"key": "robots.0.count", "values": [1]}
-    plan = load_plan(write(tmp_path, axes=more, airs=1))
-    assert [one.partition for one in plan.axes] == [True, True, False, False, False]
-    alike = {"n": {"key": "robots.0.name", "values": ["a", "A"]}}  # one folder on macOS and Windows
-    assert not load_plan(write(tmp_path, axes=alike, airs=1)).axes[0].partition
+@pytest.mark.parametrize(
+    ("values", "folders"),
+    [
+        ([range(65), range(2)], [False, True]),
+        ([range(2), range(40), range(26)], [True, True, False]),  # 2,080 folders would be too many
+        ([["b" * 101, "c"], [1]], [False, False]),
+        ([["a", "A"]], [False]),  # a single folder on macOS and Windows
+    ],
+)
+def test_folders_are_made_of_axes_with_few_short_values(values, folders):
+    axes = [Levels(f"axis{n}", "", [Level(value, {}) for value in each]) for n, each in enumerate(values)]
+    assert [axis.partition for axis in columns(axes)] == folders
 
 
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -314,17 +313,6 @@ assert not {{"taichi", "pandas", "distributed", "matplotlib", "zarr"}} & set(sys
 
 
 # ---------------------------------------------------------------- changes
-
-
-def test_changes_may_be_numbers_sections_and_lists():
-    spiral = {"kind": "spiral"}
-    changes = {"wind.openings.0.speed": "20 cm/s", "robots[0].algorithm": spiral, "domain.size": [3, 1]}
-    scenario = scenario_of(ROOM, changes)
-    assert value_at(scenario, "wind.openings.0.speed") == (pytest.approx(0.2), "m/s")
-    assert scenario.robots[0].algorithm.kind == "spiral"
-    assert scenario.domain.extent == (3.0, 1.0)
-    assert ROOM["wind"]["openings"][0]["speed"] == 0.5
-    assert scenario_of(ROOM, {}) == scenario_of(ROOM, {"seed": 3})
 
 
 def test_what_aliases_share_changes_in_one_place_alone():

@@ -14,6 +14,7 @@ from taichi_plume.study import page, tables
 from taichi_plume.study.messages import Axis
 from taichi_plume.study.plan import load_plan
 from taichi_plume.study.results import cost_words
+from taichi_plume.study.store import table_of
 from taichi_plume.study.tables import make_tables, planned
 
 WICKED = "<script>alert(1)</script>\x1b[31m & {{ name }}"
@@ -56,7 +57,7 @@ def rate(values, rng):
 def sweep():
     axes = {"speed": Axis("speed", "m/s", True), "algorithm": Axis("algorithm", "", True)}
     told = {
-        "speed": {"key": "wind.openings.0.speed"},
+        "speed": {"keys": ["wind.openings.0.speed", "robots.0.body.max_speed"]},
         "algorithm": {"variants": {"a": {"robots.0.algorithm": {}}}},
     }
     points = [(speed, name) for speed in (0.2, 0.6, 1.0) for name in ("casting", WICKED)]
@@ -69,7 +70,7 @@ def test_a_page_says_what_was_varied_and_what_came_of_it(write, sweep, tmp_path)
     read = write(sweep, records[:-2])
     assert "69 of 72 runs" in read.text
     assert "1 failed, 2 missing" in read.text
-    assert "wind.openings.0.speed" in read.text
+    assert "wind.openings.0.speed, robots.0.body.max_speed" in read.text
     assert re.search(r"\d+ % of 138 searches, 95 % interval \d+-\d+ % over 6 airs", read.text)
     assert "6 points, each in 6 airs with 2 runs in each: 72 runs. The base is arena.yaml." in read.text
     assert f"failed/{records[3].run}/scenario.yaml" in read.text
@@ -196,7 +197,7 @@ def test_costs_leave_out_pauses(sweep):
         records.append(
             record._replace(cost=record.cost._replace(begun=begun, worker=f"w{later}{turn % 2}", compiled=1))
         )
-    told = dict(cost_words(make_tables(planned(sweep), records).costs))
+    told = dict(cost_words(make_tables(planned(sweep), table_of(records)).costs))
     assert told["wall time"] == "89 s, in 2 stretches, pauses between them left out"
     assert told["runs"] == "72; 2 s each, of which 500 ms beyond the simulation itself"
     assert told["workers"] == "2; at work 81 % of the time"  # 36 s of 44.5 s
@@ -209,7 +210,7 @@ def test_the_command_to_go_on_finds_the_study(tmp_path, monkeypatch):
     case.mkdir()
     (out / "parts").mkdir(parents=True)
     tables.write_plan(out, load_plan(small_study.write(case)))
-    tables.publish(out, [])
+    tables.publish(out, lambda: table_of([]))
     text = Read(page.write(out).read_text(encoding="utf-8")).text
     command = re.search(r"python -m taichi_plume.study (study.yaml --out .*?) python", text)
     assert command

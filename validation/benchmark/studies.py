@@ -22,7 +22,6 @@ from typing import Any
 
 import psutil
 
-from taichi_plume import __version__
 from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.guard.terminal import Parser, say
 from taichi_plume.study.messages import Options, Record, Request, Task
@@ -57,7 +56,7 @@ def main(arguments: Sequence[str]) -> int:
 
 def _task(base: Keys, file: Path, out: Path, runs: int, film: Path | None = None) -> Task:
     """Return a task of searches with different seeds in one flow."""
-    options = Options(out, (), {}, False, True, __version__)
+    options = Options(out, (), {}, False, True)
     seed = base.get("air_seed", base["seed"])
     requests = tuple(
         Request(f"{n:016x}", n, 0, {}, n, seed, "air", True, {"seed": n, "air_seed": seed}, "one")
