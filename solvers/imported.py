@@ -93,7 +93,7 @@ class Projection:
 
 
 class ImportedFilm:
-    """Frames of an imported wind in memory, with the interface of `WindFrames`.
+    """Frames of an imported wind in memory, with the interface of a `Film`.
 
     correction: largest change of a frame by the projection, root mean square over that of the velocity;
     max_divergence: the remaining divergence, over the largest |u|/dx; max_speed: the largest through a face [m/s].

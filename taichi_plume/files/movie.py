@@ -8,7 +8,7 @@ import itertools
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from taichi_plume.files.zarr_groups import FAULTS, LARGEST_CHUNK, MOST_CHUNKS, G
 from taichi_plume.guard.opening import open_regular, unopenable
 from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario.played import MovieGas
+
+if TYPE_CHECKING:
+    from taichi_plume.grid.grid import Grid
 
 Pixels = Any
 """An array of zarr, h5py or NumPy over (time, y, x)."""
@@ -81,6 +84,10 @@ class Movie:
             raise FilmError(f"{self.path}: frame {n}: holds {wrong:g}; must be within 0 and {LARGEST:g}")
         return (picture[::-1] if self.down else picture).T
 
+    def on(self, grid: "Grid") -> "MovieFrames":
+        """Return the pictures on a grid."""
+        return MovieFrames(self, grid)
+
     def _positive(self, known: Mapping[str, Any], name: str, key: str) -> float:
         """Return a positive number of the attributes; several values have to be equal."""
         if name not in known:
@@ -107,6 +114,49 @@ class Movie:
                 f"{self.path}: its attribute 'origin' is {visible(origin, 60)}, not y and x; give origin"
             )
         return x, y
+
+
+class MovieFrames:
+    """Pictures of a movie on a grid, in the file's unit: the mean over the area of each cell.
+
+    Pixels are squares of constant value, 0 beyond the picture. The sum over cells thus equals the sum over the part of
+    the picture in the domain, whether cells or pixels are larger.
+    """
+
+    def __init__(self, movie: Movie, grid: "Grid"):
+        self.movie, self.grid = movie, grid
+        self.times = movie.times
+        self.edges = [
+            (np.arange(n + 1) * grid.dx - low) / movie.pixel
+            for n, low in zip(grid.shape[:2], movie.origin, strict=True)
+        ]
+
+    def gas_of(self, species: object) -> str:
+        return "concentration"
+
+    def still(self, name: str) -> np.ndarray:
+        """Return ones: there are no obstacles in pictures."""
+        return np.ones(self.grid.shape)
+
+    def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
+        """Return values of frame n, axes (x, y, z), the same at every height. Raises FilmError for damaged frames."""
+        values = self.movie.frame(n)
+        for axis, edges in enumerate(self.edges):
+            values = means(values, edges, axis)
+        if self.grid.dim == 3:
+            values = np.repeat(values[:, :, None], self.grid.shape[2], axis=2)
+        return dict.fromkeys(names, values)
+
+
+def means(values: np.ndarray, edges: np.ndarray, axis: int) -> np.ndarray:
+    """Return means along an axis between edges [in its steps]; values outside count as zero."""
+    values = np.moveaxis(values, axis, 0)
+    total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+    at = np.clip(edges, 0, len(values))
+    whole = np.minimum(at.astype(int), len(values) - 1)
+    upto = total[whole] + (at - whole)[:, None] * values[whole]
+    mean = np.diff(upto, axis=0) / np.diff(edges)[:, None]
+    return np.moveaxis(np.maximum(mean, 0.0), 0, axis)  # rounding
 
 
 Opened = tuple[Pixels, dict[str, Any], tuple[int, ...]]

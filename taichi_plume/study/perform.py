@@ -62,13 +62,13 @@ class _Run:
         film = None if task.film is None else shared_air.opened(task.film)
         known = WARM.find(self.key)
         if film is not None and known is not None and known.player is not None:
-            shared_air.put(known.player, film, scenario)
+            shared_air.put(film, scenario, known.player)
         known = WARM.reset(self.key, scenario)
         if known is not None:
             return known
         prepared = checked(scenario, task.folder, task.options.allow_outside)
         execute(prepared, task.options.allow_code)
-        player = None if film is None else shared_air.film_of(prepared.scenario, film)
+        player = None if film is None else shared_air.put(film, prepared.scenario)
         return WARM.add(self.key, prepared, player)
 
     def _simulate(self, cached: CachedSimulation) -> tuple[End, dict[str, float | None]]:

@@ -133,7 +133,7 @@ def test_nothing_is_executed_and_no_other_file_read(tmp_path):
     hdf5_of(tmp_path / "own", PICTURES)
     with h5py.File(tmp_path / "linked", "w") as file:
         file["plume"] = h5py.ExternalLink("own", "plume")
-    with pytest.raises(FilmError, match="'concentration'.*no variable"):
+    with pytest.raises(FilmError, match=r"'concentration'.*no variable"):
         movie(tmp_path / "linked", frame_rate=1, pixel=1)
 
 

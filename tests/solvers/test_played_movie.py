@@ -5,8 +5,8 @@ import pytest
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import ScenarioError, load
+from taichi_plume.files.movie import means
 from taichi_plume.grid.fields import ppm_at
-from taichi_plume.solvers.playback import means
 
 pytestmark = pytest.mark.usefixtures("taichi")
 PICTURES = np.random.default_rng(5).random((3, 8, 10))  # of 10 cm: 1 x 0.8 m
