@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Carrier, Gas
+from taichi_plume.grid.fields import Gas
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.gases import EulerianGas
@@ -59,8 +59,8 @@ def march(which: int | tuple[int, int], dt: float, *parts: Any) -> None:
             part.advance(n * dt, dt)
 
 
-def through_faces(wind: Carrier) -> list[np.ndarray]:
-    """Velocity [m/s] through every face of the domain times its fraction that is air, axes d: n + 1 along d."""
+def through_faces(wind: Any) -> list[np.ndarray]:
+    """Velocity [m/s] through every face of the domain of a wind on the grid, times the open fraction of the face."""
     grid, result = wind.grid, []
     for d, u in enumerate(wind.u):
         inner = tuple(slice(1, n + 1 + (a == d)) for a, n in enumerate(grid.shape))
@@ -69,14 +69,14 @@ def through_faces(wind: Carrier) -> list[np.ndarray]:
     return result
 
 
-def divergence(wind: Carrier) -> float:
+def divergence(wind: Any) -> float:
     """Largest net flow out of a cell over the largest flow through a face."""
     u = through_faces(wind)
     net = sum(np.diff(v, axis=d) for d, v in enumerate(u))
     return float(np.abs(net).max() / max(np.abs(v).max() for v in u))
 
 
-def largest_outflow(wind: Carrier) -> float:
+def largest_outflow(wind: Any) -> float:
     """Largest flow out of a cell over its volume [1/s]."""
     out = sum(
         np.maximum(np.delete(u, 0, axis=d), 0.0) - np.minimum(np.delete(u, -1, axis=d), 0.0)

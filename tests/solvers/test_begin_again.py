@@ -1,4 +1,4 @@
-"""Every wind and gas that is given, not solved for, begins again with other numbers, and goes on from a saved state."""
+"""Winds and gases begin again with other numbers, and go on from a saved state."""
 
 from collections.abc import Sequence
 
@@ -70,6 +70,11 @@ film: &film
   gas: {kind: playback, file: fields.zarr, start: 0.1}
 - [wind.rate=1.7, wind.start=0.15, gas.rate=1.7, gas.start=0.15]
 film in a loop: *film
+gas on the grid:
+- gas: {kind: eulerian, sources: [{position: [1, 1], rate: 3.0e-5, radius: 0.1}, {position: [2, 3], rate: 1.0e-5,
+        puffing: {pulse: 0.3, pause: 0.4}}]}
+- [seed=3, 'gas.sources.0.position=[1.5, 2]', gas.sources.0.rate=1e-5,
+   gas.sources.1.puffing.pulse=0.1]
 movie:
 - gas: {kind: movie, file: m.npy, frame_rate: 1, pixel: 0.5}
 - [gas.rate=1.7, gas.start=0.15, gas.ppm_per_unit=30]
