@@ -24,7 +24,7 @@ from taichi_plume.scenario.played import MovieGas, PlaybackWind, Played
 
 if TYPE_CHECKING:
     from taichi_plume.files.film import Film
-    from taichi_plume.files.movie import MovieFrames
+    from taichi_plume.files.movie import Movie
     from taichi_plume.files.shared_film import AirFilm
     from taichi_plume.solvers.imported import ImportedFilm
 
@@ -34,7 +34,8 @@ TICKS = Played()  # way to play a shared film: a frame per tick
 
 Maxima = tuple[float, ...] | None
 """Maxima of a frame; empty for a gas."""
-Prepared = tuple[dict[str, np.ndarray], Maxima]
+FrameValues = tuple[dict[str, np.ndarray], Maxima]
+"""Values of a frame by variable, and their maxima."""
 
 
 class Frames(Protocol):
@@ -66,7 +67,7 @@ class FramePlayer:
         grid: Grid,
         names: list[str],
         margin: int,
-        prepare: Callable[[dict[str, np.ndarray]], Prepared] | None = None,
+        prepare: Callable[[dict[str, np.ndarray]], FrameValues] | None = None,
     ):
         """`begin` shows the first frame."""
         self.film, self.grid, self.names, self.margin = film, grid, names, margin
@@ -128,7 +129,7 @@ class FramePlayer:
             return n + 1
         return 0 if self.model.loop else n
 
-    def _read(self, n: int) -> Prepared:
+    def _read(self, n: int) -> FrameValues:
         assert self.prepare is not None
         return self.prepare(self.film.frame(n, self.names))
 
@@ -173,7 +174,7 @@ class PlayedWind(Carrier):
         self.film.begin(model, t)
         self._set_maxima()
 
-    def _prepare(self, frame: dict[str, np.ndarray]) -> Prepared:
+    def _prepare(self, frame: dict[str, np.ndarray]) -> FrameValues:
         """Return values with a ghost layer, and maxima: flow out of a cell over its volume [1/s], viscosity, speed."""
         values, faces = dict(frame), []
         for d, name in enumerate(self.speed_names):
@@ -204,7 +205,7 @@ class PlayedGas(GridGas):
 
     STATE = ("film",)
 
-    def __init__(self, gas: PlaybackGas | MovieGas, film: "Film | MovieFrames", grid: Grid, t: float = 0.0):
+    def __init__(self, gas: PlaybackGas | MovieGas, film: "Film | Movie", grid: Grid, t: float = 0.0):
         self.grid = grid
         self.dim = grid.dim
         name = film.gas_of(gas.species)
@@ -218,7 +219,7 @@ class PlayedGas(GridGas):
         self.species, self.density = model.vapour, model.density_per_unit
         self.film.begin(model, t)
 
-    def _prepare(self, frame: dict[str, np.ndarray]) -> Prepared:
+    def _prepare(self, frame: dict[str, np.ndarray]) -> FrameValues:
         """Return values [kg/m³] with all ghost layers."""
         return {name: self.grid.pad(self.density * values) for name, values in frame.items()}, None
 

@@ -131,7 +131,7 @@ GASES: dict[str, Callable[[Any, str, Context, Wind], Gas]] = {
         model, ctx.resources.films[path], ctx.grid, ctx.begin[0]
     ),
     "movie": lambda model, path, ctx, wind: _of("playback", "PlayedGas")(
-        model, ctx.resources.movies[path].on(ctx.grid), ctx.grid, ctx.begin[0]
+        model, ctx.resources.movies[path], ctx.grid, ctx.begin[0]
     ),
 }
 """Constructors of gases, from their sections, their paths in the scenario, and the wind that carries them."""

@@ -8,7 +8,7 @@ import itertools
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -17,10 +17,8 @@ from taichi_plume.files.film import FilmError
 from taichi_plume.files.zarr_groups import FAULTS, LARGEST_CHUNK, MOST_CHUNKS, Group, GroupError, errors_as
 from taichi_plume.guard.opening import open_regular, unopenable
 from taichi_plume.guard.terminal import visible
+from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.played import MovieGas
-
-if TYPE_CHECKING:
-    from taichi_plume.grid.grid import Grid
 
 Pixels = Any
 """An array of zarr, h5py or NumPy over (time, y, x)."""
@@ -43,11 +41,13 @@ CODECS = frozenset(
 class Movie:
     """A movie on disk: times [s] of the frames, origin (x, y) [m], pixel [m], size (x, y) [m].
 
-    Raises FilmError, in a line, if the file is no movie or lacks a number that the scenario leaves out.
+    Pixels are squares of constant value, 0 beyond the picture. A cell of the domain has the mean over its area: the sum
+    over cells equals the sum over the part of the picture in the domain, whether cells or pixels are larger. Raises
+    FilmError, in a line, if the file is no movie or lacks a number that the scenario leaves out.
     """
 
-    def __init__(self, path: Path, model: MovieGas):
-        self.path = path
+    def __init__(self, path: Path, model: MovieGas, domain: Domain):
+        self.path, self.cells = path, domain.shape
         with errors_as(FilmError, path, "cannot be read as a movie"):
             self.array, known, chunks = _opened(path, model.variable)
             shape, kind = tuple(self.array.shape), np.dtype(self.array.dtype)
@@ -70,9 +70,29 @@ class Movie:
         self.size = (shape[2] * self.pixel, shape[1] * self.pixel)
         self.times = np.arange(shape[0]) / rate
         self.down = model.rows == "down"
+        self.edges = [
+            (np.arange(n + 1) * domain.spacing - low) / self.pixel
+            for n, low in zip(self.cells[:2], self.origin, strict=True)
+        ]
 
-    def frame(self, n: int) -> np.ndarray:
-        """Return frame n, axes (x, y), y upwards, in the file's unit. Raises FilmError if damaged."""
+    def gas_of(self, species: object) -> str:
+        return "concentration"
+
+    def still(self, name: str) -> np.ndarray:
+        """Return ones: there are no obstacles in pictures."""
+        return np.ones(self.cells)
+
+    def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
+        """Return values of the cells in frame n, in the file's unit, axes (x, y, z), the same at every height."""
+        values = self.picture(n)
+        for axis, edges in enumerate(self.edges):
+            values = means(values, edges, axis)
+        if len(self.cells) == 3:
+            values = np.repeat(values[:, :, None], self.cells[2], axis=2)
+        return dict.fromkeys(names, values)
+
+    def picture(self, n: int) -> np.ndarray:
+        """Return the pixels of frame n, axes (x, y), y upwards, in the file's unit. Raises FilmError if damaged."""
         with errors_as(FilmError, self.path, f"frame {n} cannot be read"):
             _require_declared_size(self.array, n)
             picture = np.asarray(self.array[n], dtype=np.float64)
@@ -83,10 +103,6 @@ class Movie:
             wrong = low if low < 0 else high
             raise FilmError(f"{self.path}: frame {n}: holds {wrong:g}; must be within 0 and {LARGEST:g}")
         return (picture[::-1] if self.down else picture).T
-
-    def on(self, grid: "Grid") -> "MovieFrames":
-        """Return the pictures on a grid."""
-        return MovieFrames(self, grid)
 
     def _positive(self, known: Mapping[str, Any], name: str, key: str) -> float:
         """Return a positive number of the attributes; several values have to be equal."""
@@ -114,38 +130,6 @@ class Movie:
                 f"{self.path}: its attribute 'origin' is {visible(origin, 60)}, not y and x; give origin"
             )
         return x, y
-
-
-class MovieFrames:
-    """Pictures of a movie on a grid, in the file's unit: the mean over the area of each cell.
-
-    Pixels are squares of constant value, 0 beyond the picture. The sum over cells thus equals the sum over the part of
-    the picture in the domain, whether cells or pixels are larger.
-    """
-
-    def __init__(self, movie: Movie, grid: "Grid"):
-        self.movie, self.grid = movie, grid
-        self.times = movie.times
-        self.edges = [
-            (np.arange(n + 1) * grid.dx - low) / movie.pixel
-            for n, low in zip(grid.shape[:2], movie.origin, strict=True)
-        ]
-
-    def gas_of(self, species: object) -> str:
-        return "concentration"
-
-    def still(self, name: str) -> np.ndarray:
-        """Return ones: there are no obstacles in pictures."""
-        return np.ones(self.grid.shape)
-
-    def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
-        """Return values of frame n, axes (x, y, z), the same at every height. Raises FilmError for damaged frames."""
-        values = self.movie.frame(n)
-        for axis, edges in enumerate(self.edges):
-            values = means(values, edges, axis)
-        if self.grid.dim == 3:
-            values = np.repeat(values[:, :, None], self.grid.shape[2], axis=2)
-        return dict.fromkeys(names, values)
 
 
 def means(values: np.ndarray, edges: np.ndarray, axis: int) -> np.ndarray:
