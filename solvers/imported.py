@@ -93,10 +93,10 @@ class Projection:
 
 
 class ImportedFilm:
-    """Frames of an imported wind in memory, with the interface of `WindFrames`.
+    """Frames of an imported wind in memory, with the interface of a `Film`.
 
-    correction: largest change of a frame by the projection, root mean square over that of the velocity;
-    max_divergence: the remaining divergence, over the largest |u|/dx; max_speed: the largest through a face [m/s].
+    diagnostics: maxima over all frames: change by the projection, root mean square over that of the velocity; remaining
+    divergence over the largest |u|/dx; speed through a face [m/s].
     """
 
     def __init__(self, site: Site, grid: Grid, air: Air):
@@ -106,15 +106,9 @@ class ImportedFilm:
         self.times = np.array([time for time, _ in site.files])
         self.begin(wind)
         self._project = Projection(grid, air, wind.walls)
-        self._frames: list[dict[str, np.ndarray]] = []
-        self.correction = self.max_divergence = self.max_speed = 0.0
+        self.diagnostics = {"correction": 0.0, "max_divergence": 0.0, "max_speed": 0.0}
         self._place = np.empty(0)
-        for _, path in site.files:
-            frame, correction, left, speed = self._frame(site.read(path))
-            self._frames.append(frame)
-            self.correction = max(self.correction, correction)
-            self.max_divergence = max(self.max_divergence, left)
-            self.max_speed = max(self.max_speed, speed)
+        self._frames = [self._frame(site.read(path)) for _, path in site.files]
         self.wind = list(self._frames[0])
 
     def begin(self, wind: ImportedWind) -> None:
@@ -132,16 +126,15 @@ class ImportedFilm:
 
     def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
         """Variables of frame n, axes (x, y, z)."""
-        frame = self._frames[n]
-        return {name: self._viscosity(frame[name]) if name == "viscosity" else frame[name] for name in names}
+        frame = {name: self._frames[n][name] for name in names}
+        if "viscosity" in frame:
+            eddies, given = frame["viscosity"], self._wind.eddy_viscosity
+            eddies = eddies if given is None else np.full_like(eddies, given)
+            frame["viscosity"] = np.asarray(self._wind.viscosity + eddies, np.float32)
+        return frame
 
-    def _viscosity(self, eddies: np.ndarray) -> np.ndarray:
-        """Return the viscosity [m²/s] of the air, given the eddy viscosity of the files."""
-        molecular, given = self._wind.viscosity, self._wind.eddy_viscosity
-        return np.asarray(molecular + (eddies if given is None else np.full_like(eddies, given)), np.float32)
-
-    def _frame(self, points: Points) -> tuple[dict[str, np.ndarray], float, float, float]:
-        """Return the variables, the correction, the remaining divergence, and the largest face velocity [m/s]."""
+    def _frame(self, points: Points) -> dict[str, np.ndarray]:
+        """Return the variables; `viscosity` is that of the eddies alone."""
         dim, wind = self.grid.dim, self._site.wind
         if not np.array_equal(points.place, self._place):
             self._place, known = points.place, Interpolation(points.place)
@@ -158,9 +151,14 @@ class ImportedFilm:
         }
         if wind.eddy_viscosity is not None:
             frame["viscosity"] = np.zeros([n + 2 for n in self.grid.shape])
-        elif points.eddy_viscosity is not None:  # of the eddies alone
+        elif points.eddy_viscosity is not None:
             frame["viscosity"] = np.maximum(self._onto(self._to_cells, points.eddy_viscosity), 0.0)
-        return frame, correction, left, max(float(np.abs(u).max()) for u in faces)
+        found = (correction, left, max(float(np.abs(u).max()) for u in faces))
+        self.diagnostics = {
+            name: max(largest, value)
+            for (name, largest), value in zip(self.diagnostics.items(), found, strict=True)
+        }
+        return frame
 
     def _onto(self, interpolate: Callable, values: np.ndarray) -> np.ndarray:
         """Values at the points on the grid, without the axis across the plane of a 2-D run."""
@@ -179,11 +177,4 @@ class ImportedFlow(PlayedWind):
         super().begin(model, t, seed)
 
     def diagnostics(self) -> dict[str, float]:
-        """Return the maxima over all frames: change by the projection, rms over that of the velocity; remaining
-        divergence over the largest |u|/dx; speed [m/s].
-        """
-        return {
-            "correction": self.frames.correction,
-            "max_divergence": self.frames.max_divergence,
-            "max_speed": self.frames.max_speed,
-        }
+        return self.frames.diagnostics

@@ -1,141 +1,136 @@
-"""Playback of recorded wind and gas (films), linear in time between frames.
+"""Playback of recorded wind and gas (films): linear in time between frames, or held from frame to frame.
 
 A mean of two divergence-free fields is divergence-free, so gas can be dispersed on a played flow as on a computed flow.
-Two frames are on the device, while a thread reads the next frame from the disk.
+Two frames are on the device, while a thread reads the next frame from the disk. The shared flow of a study has a frame
+per tick, which is replayed bit for bit.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from math import inf
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import taichi as ti
 
-from taichi_plume.files.film import VELOCITIES
-from taichi_plume.files.movie import Movie
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Carrier, GridGas
+from taichi_plume.grid.fields import Carrier, GridGas, Wind, sample_faces
 from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
-from taichi_plume.scenario.gases import PlaybackGas
+from taichi_plume.scenario.gases import PlaybackGas, PureGas
 from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.played import MovieGas, PlaybackWind, Played
 
+if TYPE_CHECKING:
+    from taichi_plume.files.film import Film
+    from taichi_plume.files.movie import Movie
+    from taichi_plume.files.shared_film import AirFilm
+    from taichi_plume.solvers.imported import ImportedFilm
+
+VELOCITIES = ("u", "v", "w")  # in a shared film
 CLOSE = 1e-12  # relative difference up to which times are equal
+TICKS = Played()  # way to play a shared film: a frame per tick
 
 Maxima = tuple[float, ...] | None
 """Maxima of a frame; empty for a gas."""
+FrameValues = tuple[dict[str, np.ndarray], Maxima]
+"""Values of a frame by variable, and their maxima."""
 
 
 class Frames(Protocol):
-    """Protocol of frames that can be played: a `Film`, or frames in memory."""
+    """Protocol of frames that can be played: a film, a movie, an imported wind."""
 
-    times: np.ndarray
-    """Times of the frames, ascending [s]."""
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the frames, ascending [s]."""
+        ...
 
     def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
         """Return variables of frame n, axes (x, y, z)."""
         ...
 
-    def still(self, name: str) -> np.ndarray:
-        """Return a variable that does not change, axes (x, y, z)."""
-        ...
-
-
-class WindFrames(Frames, Protocol):
-    """Protocol of the frames of a wind."""
-
-    @property
-    def attributes(self) -> Mapping[str, float]:
-        """Attributes such as viscosity [m²/s] and schmidt."""
-        ...
-
-    @property
-    def wind(self) -> list[str]:
-        """Names of the wind's variables."""
-        ...
-
-    def air(self) -> Air:
-        """Return the air that the wind blows through."""
-        ...
-
-
-class GasFrames(Frames, Protocol):
-    """Protocol of the frames of a gas."""
-
-    def gas_of(self, species: object) -> str:
-        """Return the variable to play for a species."""
-        ...
-
 
 class FramePlayer:
-    """Player of a film: sets fields to the film's values at the simulated time.
+    """Player of frames: sets fields to the recorded values at the simulated time.
 
-    names: the film's variables; prepare: function that the reading thread applies to a frame, (values with `margin`
-    ghost layers per name, maxima). now: fields by name; known: maxima of the two enclosing frames.
+    names: variables to play; margin: ghost layers of their values. prepare: function that the reading thread applies to
+    a frame, (values per name, maxima); without it, each frame is read when due and holds until the next frame.
+    now: fields by name; known: maxima of the two enclosing frames.
     """
 
     STATE = ("now", "_goal", "known", "_reached", "_end")
 
-    def __init__(self, film: Frames, grid: Grid, names: list[str], margin: int, prepare: Callable):
+    def __init__(
+        self,
+        film: Frames,
+        grid: Grid,
+        names: list[str],
+        margin: int,
+        prepare: Callable[[dict[str, np.ndarray]], FrameValues] | None = None,
+    ):
         """`begin` shows the first frame."""
         self.film, self.grid, self.names, self.margin = film, grid, names, margin
         self.prepare = prepare
-        self.first = film.times[0]
-        steps = np.diff(film.times)
-        self.period = film.times[-1] - self.first + (np.median(steps) if len(steps) else np.inf)
         self.now = {name: grid.field() for name in names}
-        self._goal = {name: grid.field() for name in names}
-        self._approach = grid.blending(list(self.now.values()), list(self._goal.values()))
-        self._pool = ThreadPoolExecutor(1, "film")
-        self.known: tuple[Maxima, Maxima] = (None, None)
+        self._goal = {name: grid.field() for name in names if prepare}
+        self.known: tuple[Maxima, ...] = (None, None)
+        if prepare:
+            self._approach = grid.blending(list(self.now.values()), list(self._goal.values()))
+            self._pool = ThreadPoolExecutor(1, "film")
 
     def begin(self, model: Played, t: float) -> None:
         """Start at simulated time t [s], with the rate and start time of the model."""
-        self.model = model
-        self.ends = np.append(self.film.times[1:], self.first + self.period if model.loop else np.inf)
+        self.model, self.times = model, self.film.times
+        steps = np.diff(self.times)
+        self.period = self.times[-1] - self.times[0] + (np.median(steps) if len(steps) else np.inf)
+        self.ends = np.append(self.times[1:], self.times[0] + self.period if model.loop else np.inf)
         self._frames: dict[int, Future] = {}  # a cache, not part of the state
         self._reached = self._end = -np.inf
         self.show(t)
 
     def show(self, t: float) -> None:
         """Set the fields to those of simulated time t [s]."""
+        first = self.times[0]
         time = self.model.start + self.model.rate * t
         if self.model.loop and np.isfinite(self.period):
-            time = self.first + (time - self.first) % self.period
-        time = self._snapped(max(time, self.first))
+            time = first + (time - first) % self.period
+        time = self._snapped(max(time, first))
         if not self._reached <= time < self._end:
-            self._change(int(np.searchsorted(self.film.times, time, side="right")) - 1)
+            self._change(int(np.searchsorted(self.times, time, side="right")) - 1)
         share = (time - self._reached) / (self._end - self._reached)
-        if share > 0.0:
+        if share > 0.0 and self.prepare:
             self._approach(share)
         self._reached = time
 
     def _snapped(self, time: float) -> float:
         """Return the time of the frame that equals `time` up to the rounding of sums of ticks, otherwise `time`."""
         near = CLOSE * max(1.0, abs(time))
-        n = int(np.searchsorted(self.film.times, time - near))
-        equal = n < len(self.film.times) and self.film.times[n] <= time + near
-        return float(self.film.times[n]) if equal else time
+        n = int(np.searchsorted(self.times, time - near))
+        equal = n < len(self.times) and self.times[n] <= time + near
+        return float(self.times[n]) if equal else time
 
     def _change(self, n: int) -> None:
-        """Put frames n and n + 1 on the device, and start to read frame n + 2."""
-        numbers = (n, self._next(n), self._next(self._next(n)))
-        self._frames = {k: self._frames.get(k) or self._pool.submit(self._read, k) for k in numbers}
-        frames = [self._frames[k].result() for k in numbers[:2]]
-        for fields, (values, _) in zip((self.now, self._goal), frames, strict=True):
+        """Put frame n on the device and, for interpolation, frame n + 1; start to read frame n + 2."""
+        if self.prepare:
+            numbers = (n, self._next(n), self._next(self._next(n)))
+            self._frames = {k: self._frames.get(k) or self._pool.submit(self._read, k) for k in numbers}
+            frames = [self._frames[k].result() for k in numbers[:2]]
+            self.known = tuple(maxima for _, maxima in frames)
+        else:
+            frames = [(self.film.frame(n, self.names), None)]
+        for fields, (values, _) in zip((self.now, self._goal), frames, strict=False):
             for name, field in fields.items():
                 self.grid.write(field, values[name], self.margin)
-        self.known = (frames[0][1], frames[1][1])
-        self._reached, self._end = self.film.times[n], self.ends[n]
+        self._reached, self._end = self.times[n], self.ends[n]
 
     def _next(self, n: int) -> int:
-        if n + 1 < len(self.film.times):
+        if n + 1 < len(self.times):
             return n + 1
         return 0 if self.model.loop else n
 
-    def _read(self, n: int) -> tuple[dict[str, np.ndarray], Maxima]:
+    def _read(self, n: int) -> FrameValues:
+        assert self.prepare is not None
         return self.prepare(self.film.frame(n, self.names))
 
 
@@ -150,7 +145,7 @@ class PlayedWind(Carrier):
     def __init__(
         self,
         wind: PlaybackWind | ImportedWind,
-        film: WindFrames,
+        film: "Film | ImportedFilm",
         grid: Grid,
         t: float = 0.0,
         seed: int = 0,
@@ -159,7 +154,7 @@ class PlayedWind(Carrier):
         self.dim = grid.dim
         self.frames = film
         self.film = FramePlayer(film, grid, film.wind, 1, self._prepare)
-        self.speed_names = VELOCITIES[: grid.dim]
+        self.speed_names = film.wind[: grid.dim]
         self.u = tuple(self.film.now[name] for name in self.speed_names)
         self.nu = self.film.now.get("viscosity")
         air = film.air()
@@ -179,7 +174,7 @@ class PlayedWind(Carrier):
         self.film.begin(model, t)
         self._set_maxima()
 
-    def _prepare(self, frame: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], tuple[float, ...]]:
+    def _prepare(self, frame: dict[str, np.ndarray]) -> FrameValues:
         """Return values with a ghost layer, and maxima: flow out of a cell over its volume [1/s], viscosity, speed."""
         values, faces = dict(frame), []
         for d, name in enumerate(self.speed_names):
@@ -210,7 +205,7 @@ class PlayedGas(GridGas):
 
     STATE = ("film",)
 
-    def __init__(self, gas: PlaybackGas | MovieGas, film: GasFrames, grid: Grid, t: float = 0.0):
+    def __init__(self, gas: PlaybackGas | MovieGas, film: "Film | Movie", grid: Grid, t: float = 0.0):
         self.grid = grid
         self.dim = grid.dim
         name = film.gas_of(gas.species)
@@ -221,71 +216,78 @@ class PlayedGas(GridGas):
         self.begin(gas, t, 0)
 
     def begin(self, model: PlaybackGas | MovieGas, t: float, seed: int) -> None:
-        self.species = model.vapour
+        self.species, self.density = model.vapour, model.density_per_unit
         self.film.begin(model, t)
 
-    def _prepare(self, frame: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], None]:
-        """Values with all ghost layers."""
-        return {name: self.grid.pad(values) for name, values in frame.items()}, None
+    def _prepare(self, frame: dict[str, np.ndarray]) -> FrameValues:
+        """Return values [kg/m³] with all ghost layers."""
+        return {name: self.grid.pad(self.density * values) for name, values in frame.items()}, None
 
     def advance(self, t: float, dt: float) -> None:
         self.film.show(t + dt)
 
 
-class MovieFrames:
-    """Pictures of a movie on a grid, in the file's unit: the mean over the area of each cell.
+def variable(n: int) -> str:
+    """Return the name of the n-th gas in a shared film."""
+    return f"gas_{n}"
 
-    Pixels are squares of constant value, 0 beyond the picture. The sum over cells thus equals the sum over the part of
-    the picture in the domain, whether cells or pixels are larger.
+
+class TickFilm:
+    """Holder of a shared film; between two runs the film may be replaced by a film of equal shape and variables.
+
+    wind: whether the film holds the wind; gases: paths of the gases in the film.
     """
 
-    def __init__(self, movie: Movie, grid: Grid):
-        self.movie, self.grid = movie, grid
-        self.times = movie.times
-        self.edges = [
-            (np.arange(n + 1) * grid.dx - low) / movie.pixel
-            for n, low in zip(grid.shape[:2], movie.origin, strict=True)
-        ]
+    film: "AirFilm"
 
-    def gas_of(self, species: object) -> str:
-        return "concentration"
+    def __init__(self, wind: bool, gases: tuple[str, ...]):
+        self.wind, self.gases = wind, gases
 
-    def still(self, name: str) -> np.ndarray:
-        """Return ones: there are no obstacles in pictures."""
-        return np.ones(self.grid.shape)
+    @property
+    def times(self) -> np.ndarray:
+        return self.film.times
 
     def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
-        """Return values of frame n, axes (x, y, z), the same at every height. Raises FilmError for damaged frames."""
-        values = self.movie.frame(n)
-        for axis, edges in enumerate(self.edges):
-            values = means(values, edges, axis)
-        if self.grid.dim == 3:
-            values = np.repeat(values[:, :, None], self.grid.shape[2], axis=2)
-        return dict.fromkeys(names, values)
-
-
-def means(values: np.ndarray, edges: np.ndarray, axis: int) -> np.ndarray:
-    """Return means along an axis between edges [in its steps]; values outside count as zero."""
-    values = np.moveaxis(values, axis, 0)
-    total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
-    at = np.clip(edges, 0, len(values))
-    whole = np.minimum(at.astype(int), len(values) - 1)
-    upto = total[whole] + (at - whole)[:, None] * values[whole]
-    mean = np.diff(upto, axis=0) / np.diff(edges)[:, None]
-    return np.moveaxis(np.maximum(mean, 0.0), 0, axis)  # rounding
+        return self.film.frame(n)
 
 
 @ti.data_oriented
-class PlayedMovie(PlayedGas):
-    """Recorded gas whose frames are pictures."""
+class TickWind(Wind):
+    """Wind of a shared film. No gas is dispersed in this wind: the film holds the gas too."""
 
-    def __init__(self, gas: MovieGas, movie: Movie, grid: Grid, t: float = 0.0):
-        super().__init__(gas, MovieFrames(movie, grid), grid, t)
+    STATE = ("film",)
 
-    def begin(self, model: MovieGas, t: float, seed: int) -> None:
-        self.density = model.ppm_per_unit / model.vapour.ppm_per_density
-        super().begin(model, t, seed)
+    def __init__(self, film: TickFilm, grid: Grid, t: float):
+        self.grid, self.dim = grid, grid.dim
+        self.film = FramePlayer(film, grid, list(VELOCITIES[: grid.dim]), 1)
+        self.u = tuple(self.film.now.values())
+        self.begin(None, t, 0)
 
-    def _prepare(self, frame: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], None]:
-        """Values [kg/m³] with all ghost layers."""
-        return {name: self.grid.pad(self.density * values) for name, values in frame.items()}, None
+    def begin(self, model: object, t: float, seed: int) -> None:
+        self.film.begin(TICKS, t)
+
+    def advance(self, t: float, dt: float) -> None:
+        self.film.show(t + dt)
+
+    @ti.func
+    def velocity(self, x: Template, t: float):
+        return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)
+
+
+@ti.data_oriented
+class TickGas(PlayedGas):
+    """Gas of a shared film."""
+
+    def __init__(self, film: TickFilm, number: int, model: PureGas, grid: Grid, air: Air, t: float):
+        """number: index of the gas in the film."""
+        self.grid, self.dim = grid, grid.dim
+        # in trees of their own, as a solver's fields: otherwise LLVM sums in another order, and the last bit may differ
+        self.air = grid.field()
+        uploader(self.air)(grid.pad(~air.solid))
+        self.film = FramePlayer(film, grid, [variable(number)], 1)
+        (self.c,) = self.film.now.values()
+        self.begin(model, t, 0)
+
+    def begin(self, model: PureGas, t: float, seed: int) -> None:
+        self.species = model.vapour
+        self.film.begin(TICKS, t)

@@ -35,14 +35,15 @@ def periods(time: float, period: float) -> int:
     return floor(min(max(time / period, -MOST_PERIODS), MOST_PERIODS) + 1e-6)
 
 
+@ti.data_oriented
 class PointFilm:
     """Player of frames of points: sets a point cloud to the frame at the simulated time."""
 
     STATE = ("cloud", "shown")
 
-    def __init__(self, frames: PointFrames, extent: tuple[float, ...], values: int):
+    def __init__(self, model: PointPlayback, frames: PointFrames, extent: tuple[float, ...], values: int):
         """values: number of values per point. `begin` shows the first frame."""
-        self.frames = frames
+        self.frames, self.interpolates = frames, model.interpolate
         self.cloud = PointCloud(extent, frames.cell, values, int(np.diff(frames.begin).max()))
 
     def begin(self, model: PointPlayback, t: float, value: np.ndarray) -> None:
@@ -65,6 +66,11 @@ class PointFilm:
         n = periods(self.model.start + self.model.rate * t, self.frames.period)
         return n % len(self.frames) if self.model.loop else min(max(n, 0), len(self.frames) - 1)
 
+    @ti.func
+    def at(self, x: Template):
+        """Return the values at point x [m]."""
+        return self.cloud.between(x) if ti.static(self.interpolates) else self.cloud.nearest(x)
+
 
 @ti.data_oriented
 class PointGas(Gas):
@@ -75,8 +81,7 @@ class PointGas(Gas):
     def __init__(
         self, gas: PlumeSimGas | FluentGas, frames: PointFrames, extent: tuple[float, ...], t: float = 0.0
     ):
-        self.film = PointFilm(frames, extent, 1)
-        self.cloud, self.interpolate = self.film.cloud, gas.interpolate
+        self.film = PointFilm(gas, frames, extent, 1)
         self.begin(gas, t, 0)
 
     def begin(self, model: PlumeSimGas | FluentGas, t: float, seed: int) -> None:
@@ -88,12 +93,7 @@ class PointGas(Gas):
 
     @ti.func
     def concentration(self, x: Template, t: float):
-        c = 0.0
-        if ti.static(self.interpolate):
-            c = self.cloud.between(x)[0]
-        else:
-            c = self.cloud.nearest(x)[0]
-        return c
+        return self.film.at(x)[0]
 
 
 @ti.data_oriented
@@ -111,8 +111,7 @@ class PointWind(Wind):
         seed: int = 0,
     ):
         self.dim = len(extent)
-        self.film = PointFilm(frames, extent, 2)
-        self.cloud, self.interpolate = self.film.cloud, wind.interpolate
+        self.film = PointFilm(wind, frames, extent, 2)
         self.begin(wind, t, seed)
 
     def begin(self, model: PlumeSimWind, t: float, seed: int) -> None:
@@ -123,11 +122,7 @@ class PointWind(Wind):
 
     @ti.func
     def velocity(self, x: Template, t: float):
-        flat = ti.Vector.zero(ti.f32, 2)
-        if ti.static(self.interpolate):
-            flat = self.cloud.between(x)
-        else:
-            flat = self.cloud.nearest(x)
+        flat = self.film.at(x)
         u = ti.Vector.zero(ti.f32, self.dim)
         u[0], u[1] = flat[0], flat[1]
         return u

@@ -163,7 +163,11 @@ class SyntheticSolver(Carrier):
         phases = self._rng.uniform(0.0, 2 * np.pi, (DRAWS, model.modes))
         squares = [self._mean_square(self._waves.at(phase)) for phase in phases]
         self._strength = as_fast(model.speed, float(np.mean(squares)))
-        self._begin_eddies(model.schmidt, np.tanh(self._distance / layer))
+        self.schmidt = model.schmidt
+        inner = np.tanh(self._distance / layer)[(slice(1, -1),) * self.dim]
+        nu = np.maximum(self._strength * self._waves.eddies * inner, self.viscosity)
+        self.max_viscosity = float(nu.max())
+        self._put_eddies(self.grid.pad(nu))
         self._largest = {m: self._roll(m, model.circulation / np.sqrt(len(axes))) for m in axes}
         self._rolls = {m: largest * self._waves_of_roll(m) for m, largest in self._largest.items()}
         self._turn = dict(zip(axes, self._rng.standard_normal(len(axes)), strict=True))
@@ -175,14 +179,6 @@ class SyntheticSolver(Carrier):
         self._next_frame()
         self._next_frame()
         self.advance(t, 0.0)
-
-    def _begin_eddies(self, schmidt: float, ramp: np.ndarray) -> None:
-        """ramp: ramp of the cells and one layer beyond."""
-        self.schmidt = schmidt
-        inner = ramp[(slice(1, -1),) * self.dim]
-        nu = np.maximum(self._strength * self._waves.eddies * inner, self.viscosity)
-        self.max_viscosity = float(nu.max())
-        self._put_eddies(self.grid.pad(nu))
 
     @ti.kernel
     def _shift_frames(self):

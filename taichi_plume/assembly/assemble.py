@@ -39,11 +39,11 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.bodies import MovingObstacle, Wake
 from taichi_plume.solvers.downwash import Downwash
-from taichi_plume.solvers.filmed import FilmedGas, FilmedWind, TickFilm
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import Forces
 from taichi_plume.solvers.momentum import BuoyantScalar
 from taichi_plume.solvers.openings import opening_cells, periodic_axes
+from taichi_plume.solvers.playback import TickFilm, TickGas, TickWind
 from taichi_plume.solvers.screens import Resistance
 from taichi_plume.solvers.transport import Scalar
 
@@ -235,7 +235,7 @@ def _around(scenario: Scenario, grid: Grid, air: Air) -> Surroundings:
 def _wind(context: Context, film: TickFilm | None) -> Wind:
     model = context.scenario.wind
     if film is not None and film.wind:
-        return FilmedWind(film, context.grid, context.start)
+        return TickWind(film, context.grid, context.start)
     try:
         return make_wind(model, context)
     except WindFileError as error:
@@ -249,7 +249,7 @@ def _wind(context: Context, film: TickFilm | None) -> Wind:
 def _gas(context: Context, path: str, wind: Wind, film: TickFilm | None) -> Gas:
     model = dict(context.scenario.gases)[path]
     if film is not None and path in film.gases:
-        return FilmedGas(film, film.gases.index(path), model, context.grid, context.air, context.start)
+        return TickGas(film, film.gases.index(path), model, context.grid, context.air, context.start)
     try:
         return make_gas(model, path, context, wind)
     except ValueError as error:

@@ -71,7 +71,7 @@ GASES: dict[str, Solver] = {
     "plumesim_log": ("plumesim", "PointGas", "frames extent t"),
     "fluent": ("plumesim", "PointGas", "frames extent t"),
     "playback": ("playback", "PlayedGas", "film grid t"),
-    "movie": ("playback", "PlayedMovie", "movie grid t"),
+    "movie": ("playback", "PlayedGas", "movie grid t"),
 }
 
 

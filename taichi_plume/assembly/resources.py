@@ -176,9 +176,9 @@ def _movie(resources: Resources, path: str, model: MovieGas, folder: Path) -> No
     from taichi_plume.files.movie import Movie
 
     with _reported(resources, f"{path}.file", FilmError):
-        movie = Movie(folder / model.file, model)
+        movie = Movie(folder / model.file, model, resources.scenario.domain)
         for n in {0, len(movie.times) - 1}:
-            movie.frame(n)
+            movie.picture(n)
         resources.movies[path] = movie
 
 

@@ -21,7 +21,6 @@ from taichi_plume.assembly.prepare import checked
 from taichi_plume.envs.task import require_parted
 from taichi_plume.grid.fields import concentration_at, velocity_at
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario.gases import PlaybackGas
 from taichi_plume.scenario.played import PlaybackWind
 from taichi_plume.scenario.scenario import Scenario
@@ -97,7 +96,7 @@ def require_bank(path: Path) -> None:
     others = {file.name for file in path.iterdir()} - {"zarr.json", *ARRAYS}
     if others or path.is_symlink():
         what = f"holds {min(others)}, which is not a part of a bank" if others else "is a link"
-        raise InputError(f"{visible(path)}: {visible(what)}; choose another --out")
+        raise InputError(f"{path}: {what}; choose another --out")
 
 
 def read(path: Path) -> Bank:
@@ -109,12 +108,12 @@ def read(path: Path) -> Bank:
         group = zarr_groups.Group(path)
         about = group.attributes
     except zarr_groups.GroupError as error:
-        raise InputError(visible(error)) from None
+        raise InputError(error) from None
     except zarr_groups.FAULTS:
-        raise InputError(f"{visible(path)}: is not a zarr group; {makes}") from None
+        raise InputError(f"{path}: is not a zarr group; {makes}") from None
     if about.get("format") != FORMAT:
-        raise InputError(f"{visible(path)}: is not a bank of this version; {makes}")
-    try:
+        raise InputError(f"{path}: is not a bank of this version; {makes}")
+    with zarr_groups.errors_as(InputError, path):
         arrays = {name: group[name] for name in ARRAYS}
         zarr_groups.require_memory(arrays)
         values, scale, air = (arrays[name][...] for name in ARRAYS)
@@ -132,10 +131,6 @@ def read(path: Path) -> Bank:
         fits &= len(bank.sources) == films and all(len(film) == gases for film in bank.sources)
         if not (fits and np.isfinite(bank.values).all() and np.isfinite(bank.scale).all()):
             raise ValueError("the arrays do not fit each other")
-    except zarr_groups.GroupError as error:
-        raise InputError(visible(error)) from None
-    except zarr_groups.FAULTS as error:
-        raise InputError(f"{visible(path)}: is damaged: {visible(zarr_groups.reason(error))}") from None
     return bank
 
 
@@ -206,8 +201,8 @@ def bank_of(
     if bank is None:
         return record(scenario, folder, allow_outside)
     if not isinstance(bank, Bank | str | Path):
-        raise InputError(f"bank: got {visible(type(bank).__name__)}; give a Bank or the path of a bank")
-    name = "the bank" if isinstance(bank, Bank) else visible(bank)
+        raise InputError(f"bank: got {type(bank).__name__}; give a Bank or the path of a bank")
+    name = "the bank" if isinstance(bank, Bank) else str(bank)
     bank = bank if isinstance(bank, Bank) else read(Path(bank))
     if bank.key != key_of(scenario, folder):
         raise InputError(

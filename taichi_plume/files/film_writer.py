@@ -15,19 +15,19 @@ if TYPE_CHECKING:
     from taichi_plume.grid.fields import Species
 
 Known = Mapping[str, tuple[str, str, str | None]]
-"""Units, meaning and standard name of the variables of gases."""
+"""Units, meaning and standard name of variables."""
 TIMES = 4096  # per chunk
 WIND_NAMES = {"u": "x_wind", "v": "y_wind", "w": "upward_air_velocity"}
 NAMED = {  # standard names of CF, version 93
     "ethanol": ("mass_concentration_of_ethanol_in_air", "mole_fraction_of_ethanol_in_air"),
     "acetone": (None, "mole_fraction_of_acetone_in_air"),
 }
-MEANING = {
-    "time": ("s", "simulated time since the robots start"),
-    "viscosity": ("m2 s-1", "molecular and eddy viscosity of the air"),
-    "temperature": ("K", "temperature of the air"),
-    "air": ("1", "volume fraction of the cell that holds gas, 0 in obstacles"),
-    "volume": ("1", "volume fraction of the cell that is air"),
+MEANING: Known = {
+    "time": ("s", "simulated time since the robots start", "time"),
+    "viscosity": ("m2 s-1", "molecular and eddy viscosity of the air", None),
+    "temperature": ("K", "temperature of the air", "air_temperature"),
+    "air": ("1", "volume fraction of the cell that holds gas, 0 in obstacles", None),
+    "volume": ("1", "volume fraction of the cell that is air", None),
 }
 PLACES = {
     "": "the cell centres",
@@ -75,7 +75,7 @@ class NewFilm:
         }  # for NetCDF
         self.group = zarr_groups.create(path, facts)
         self.frames = 0
-        known: dict[str, tuple[str, str, str | None]] = {}
+        known = dict(MEANING)
         for gas in species:
             mass, share = NAMED.get(gas.name, (None, None))
             known[f"{GAS}{gas.name}"] = ("kg m-3", f"concentration of {gas.name}", mass)
@@ -144,7 +144,7 @@ class NewFilm:
 
 def _facts(name: str, known: Known) -> dict[str, str]:
     """Return the attributes of an array."""
-    standard = more = None
+    standard, more = None, {"axis": "T"} if name == "time" else {}
     component, _, at = name.partition("_")
     if name in known:
         units, meaning, standard = known[name]
@@ -152,23 +152,15 @@ def _facts(name: str, known: Known) -> dict[str, str]:
         along = "xyz"[VELOCITIES.index(f"{component}_face")]
         units, meaning = "m s-1", f"velocity of the air along {along}, at {PLACES[at]}"
         standard = None if at else WIND_NAMES[name]
-    elif name in MEANING:
-        units, meaning = MEANING[name]
-        standard = "air_temperature" if name == "temperature" else None
-        more = {"axis": "T", "standard_name": "time"} if name == "time" else None
     elif name.startswith(STILL):
         solved = "1 where the velocity was solved for, 0 on walls"
-        units, meaning = (
-            "1",
-            f"of the faces of {at}: {solved if component == 'open' else 'area fraction that is air'}",
-        )
+        what = solved if component == "open" else "area fraction that is air"
+        units, meaning = "1", f"of the faces of {at}: {what}"
     else:
-        axis, _, at = name.partition("_")
-        units, meaning = "m", f"{axis} of {PLACES[at]}"
-        more = None if at else {"axis": axis.upper()} | ({"positive": "up"} if axis == "z" else {})
+        units, meaning = "m", f"{component} of {PLACES[at]}"
+        more = {} if at else {"axis": component.upper()} | ({"positive": "up"} if name == "z" else {})
         standard = "height" if name == "z" else None
-    facts = {"units": units, "long_name": meaning} | (more or {})
-    return facts | ({"standard_name": standard} if standard else {})
+    return {"units": units, "long_name": meaning, **more, **({"standard_name": standard} if standard else {})}
 
 
 def tidy(path: Path) -> None:

@@ -17,6 +17,7 @@ from taichi_plume.files.film import FilmError
 from taichi_plume.files.zarr_groups import FAULTS, LARGEST_CHUNK, MOST_CHUNKS, Group, GroupError, errors_as
 from taichi_plume.guard.opening import open_regular, unopenable
 from taichi_plume.guard.terminal import visible
+from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.played import MovieGas
 
 Pixels = Any
@@ -40,11 +41,13 @@ CODECS = frozenset(
 class Movie:
     """A movie on disk: times [s] of the frames, origin (x, y) [m], pixel [m], size (x, y) [m].
 
-    Raises FilmError, in a line, if the file is no movie or lacks a number that the scenario leaves out.
+    Pixels are squares of constant value, 0 beyond the picture. A cell of the domain has the mean over its area: the sum
+    over cells equals the sum over the part of the picture in the domain, whether cells or pixels are larger. Raises
+    FilmError, in a line, if the file is no movie or lacks a number that the scenario leaves out.
     """
 
-    def __init__(self, path: Path, model: MovieGas):
-        self.path = path
+    def __init__(self, path: Path, model: MovieGas, domain: Domain):
+        self.path, self.cells = path, domain.shape
         with errors_as(FilmError, path, "cannot be read as a movie"):
             self.array, known, chunks = _opened(path, model.variable)
             shape, kind = tuple(self.array.shape), np.dtype(self.array.dtype)
@@ -67,9 +70,29 @@ class Movie:
         self.size = (shape[2] * self.pixel, shape[1] * self.pixel)
         self.times = np.arange(shape[0]) / rate
         self.down = model.rows == "down"
+        self.edges = [
+            (np.arange(n + 1) * domain.spacing - low) / self.pixel
+            for n, low in zip(self.cells[:2], self.origin, strict=True)
+        ]
 
-    def frame(self, n: int) -> np.ndarray:
-        """Return frame n, axes (x, y), y upwards, in the file's unit. Raises FilmError if damaged."""
+    def gas_of(self, species: object) -> str:
+        return "concentration"
+
+    def still(self, name: str) -> np.ndarray:
+        """Return ones: there are no obstacles in pictures."""
+        return np.ones(self.cells)
+
+    def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
+        """Return values of the cells in frame n, in the file's unit, axes (x, y, z), the same at every height."""
+        values = self.picture(n)
+        for axis, edges in enumerate(self.edges):
+            values = means(values, edges, axis)
+        if len(self.cells) == 3:
+            values = np.repeat(values[:, :, None], self.cells[2], axis=2)
+        return dict.fromkeys(names, values)
+
+    def picture(self, n: int) -> np.ndarray:
+        """Return the pixels of frame n, axes (x, y), y upwards, in the file's unit. Raises FilmError if damaged."""
         with errors_as(FilmError, self.path, f"frame {n} cannot be read"):
             _require_declared_size(self.array, n)
             picture = np.asarray(self.array[n], dtype=np.float64)
@@ -107,6 +130,17 @@ class Movie:
                 f"{self.path}: its attribute 'origin' is {visible(origin, 60)}, not y and x; give origin"
             )
         return x, y
+
+
+def means(values: np.ndarray, edges: np.ndarray, axis: int) -> np.ndarray:
+    """Return means along an axis between edges [in its steps]; values outside count as zero."""
+    values = np.moveaxis(values, axis, 0)
+    total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+    at = np.clip(edges, 0, len(values))
+    whole = np.minimum(at.astype(int), len(values) - 1)
+    upto = total[whole] + (at - whole)[:, None] * values[whole]
+    mean = np.diff(upto, axis=0) / np.diff(edges)[:, None]
+    return np.moveaxis(np.maximum(mean, 0.0), 0, axis)  # rounding
 
 
 Opened = tuple[Pixels, dict[str, Any], tuple[int, ...]]

@@ -29,8 +29,8 @@ class AirFilmError(ValueError):
 class AirFilm:
     """A shared film. Frames that were read stay in memory, up to `room` bytes.
 
-    shape: of the grid without ghost cells; names: of the variables; tick [s]; frames: their number; held: bytes in
-    memory. Raises AirFilmError.
+    shape: of the grid without ghost cells; names: of the variables; tick [s]; frames: their number; times: of the
+    frames [s]; held: bytes in memory. Raises AirFilmError.
     """
 
     def __init__(self, path: Path, room: int = 0):
@@ -41,6 +41,7 @@ class AirFilm:
             if known.get("format") != FORMAT:
                 raise AirFilmError(f"{path}: is no shared film of this version")
             self.tick, self.frames = float(known["tick"]), int(known["frames"])
+            self.times = self.tick * np.arange(self.frames)
             self.shape: tuple[int, ...] = tuple(int(n) for n in known["shape"])
             self.names: tuple[str, ...] = tuple(map(str, known["names"]))
             self._arrays = {name: group[name] for name in self.names}

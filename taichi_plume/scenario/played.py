@@ -39,6 +39,9 @@ class Playback(Played):
     file: FileName
     """Path of a fields.zarr that an earlier run wrote, relative to the scenario's folder."""
 
+    density_per_unit: ClassVar[float] = 1.0
+    """Concentration [kg/m³] of the value 1 in the file."""
+
     def unusable(self, where: str, context: Context) -> Iterator[str]:
         film = context.resources.films[where]
         recorded = [name for name, variables in (("wind", film.wind), ("gas", film.gas)) if variables]
@@ -166,6 +169,11 @@ class MovieGas(OneGas, Played):
     """Concentration in ppm of the value 1 in the file."""
     sources: tuple[Target, ...] = ()
     """Places that robots search for, as a movie has no sources; they emit nothing, the plume is given."""
+
+    @property
+    def density_per_unit(self) -> float:
+        """Concentration [kg/m³] of the value 1 in the file."""
+        return self.ppm_per_unit / self.vapour.ppm_per_density
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:
         movie, extent = context.resources.movies[where], context.domain.extent

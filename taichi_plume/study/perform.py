@@ -68,15 +68,16 @@ class _Run:
     def _ready(self, scenario: Scenario) -> CachedSimulation:
         """Return a simulation at the start of the run: a cached simulation after a reset, or a new one."""
         task = self.task
+        film = None if task.film is None else shared_air.opened(task.film)
         known = WARM.find(self.key)
-        if known is not None and known.player is not None and task.film is not None:
-            shared_air.put(known.player, task.film, scenario)
+        if film is not None and known is not None and known.player is not None:
+            shared_air.put(film, scenario, known.player)
         known = WARM.reset(self.key, scenario)
         if known is not None:
             return known
         prepared = checked(scenario, task.folder, task.options.allow_outside)
         execute(prepared, task.options.allow_code)
-        player = None if task.film is None else shared_air.player_of(prepared.scenario, task.film)
+        player = None if film is None else shared_air.put(film, prepared.scenario)
         return WARM.add(self.key, prepared, player)
 
     def _simulate(self, cached: CachedSimulation) -> tuple[End, Outcomes]:

@@ -15,7 +15,7 @@ from taichi_plume.running.job import explain
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation
-from taichi_plume.solvers.filmed import VELOCITIES, TickFilm, variable
+from taichi_plume.solvers.playback import VELOCITIES, TickFilm, variable
 from taichi_plume.study.messages import AirRecord, Task
 from taichi_plume.study.sharing import filmed
 from taichi_plume.study.simulation_cache import WARM
@@ -48,9 +48,7 @@ def _solve(task: Task, key: tuple[str, ...]) -> tuple[int, int]:
         known = WARM.add(key, checked(scenario, task.folder, task.options.allow_outside))
     sim = known.sim
     wind, gases = filmed(sim.scenario)
-    names = VELOCITIES[: sim.grid.dim] if wind else ()
-    names = (*names, *map(variable, range(len(gases))))
-    film = NewAirFilm(task.film, sim.grid.shape, names, sim.dt, sim.last_tick + 1)
+    film = NewAirFilm(task.film, sim.grid.shape, _variables(sim.scenario), sim.dt, sim.last_tick + 1)
     shown = [n for n, (path, _) in enumerate(sim.scenario.gases) if path in gases]
     try:
         sim.observers.append(Every(sim.dt, lambda sim: film.append(_frame(sim, wind, shown))))
@@ -115,13 +113,22 @@ def opened(path: Path) -> AirFilm:
     return _films[key]
 
 
-def player_of(scenario: Scenario, path: Path) -> TickFilm:
-    """Return the player of a film for a simulation of a scenario. Raises ValueError if the film does not fit."""
-    player = TickFilm(*filmed(scenario))
-    put(player, path, scenario)
+def put(film: AirFilm, scenario: Scenario, player: TickFilm | None = None) -> TickFilm:
+    """Return a player, or a new one, that plays a film from the next start of a run.
+
+    Raises ValueError if the film does not fit.
+    """
+    fits = film.shape == scenario.domain.shape and film.tick == scenario.tick
+    if not fits or set(film.names) != set(_variables(scenario)):
+        raise ValueError("the film of the air is of another grid, tick, wind or gas")
+    if film.frames <= scenario.last_tick:
+        raise ValueError(f"the film of the air ends at t = {film.times[-1]:g} s, before the run does")
+    player = player or TickFilm(*filmed(scenario))
+    player.film = film
     return player
 
 
-def put(player: TickFilm, path: Path, scenario: Scenario) -> None:
-    """Let a player play a film from the next start of a run. Raises ValueError if the film does not fit."""
-    player.put(opened(path), scenario.domain.shape, scenario.tick, scenario.last_tick)
+def _variables(scenario: Scenario) -> tuple[str, ...]:
+    """Return the names of the variables of a scenario's film."""
+    wind, gases = filmed(scenario)
+    return *VELOCITIES[: scenario.domain.dim if wind else 0], *map(variable, range(len(gases)))

@@ -19,7 +19,7 @@ from taichi_plume.assembly.prepare import Prepared, StructureError
 from taichi_plume.grid import kernels
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
-from taichi_plume.solvers.filmed import TickFilm
+from taichi_plume.solvers.playback import TickFilm
 
 PLACES = 480  # SNode trees in use, of 512; Taichi crashes beyond 512
 USUAL = 40  # assumed number of trees of the first simulation; usually 16

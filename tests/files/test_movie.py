@@ -13,6 +13,7 @@ from refusals import refused
 
 from taichi_plume.files.film import FilmError
 from taichi_plume.files.movie import Movie
+from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.played import MovieGas
 
 PICTURES = np.random.default_rng(3).random((4, 5, 7)).astype("f2")
@@ -39,7 +40,8 @@ def hdf5_of(path: Path, values: np.ndarray, name: str = "plume", **attributes) -
 
 
 def movie(path: Path, **keys) -> Movie:
-    return Movie(path, MovieGas.model_validate({"kind": "movie", "file": path.name, **keys}))
+    model = MovieGas.model_validate({"kind": "movie", "file": path.name, **keys})
+    return Movie(path, model, Domain(size=(1, 1), spacing=0.1))
 
 
 @pytest.mark.parametrize(
@@ -53,8 +55,8 @@ def test_layouts(tmp_path, make, name):
     assert up.size == pytest.approx((0.35, 0.25))
     assert up.origin == (0.0, 0.0)
     for n in range(4):
-        np.testing.assert_array_equal(up.frame(n)[2, 1], PICTURES[n, 1, 2])
-        np.testing.assert_array_equal(down.frame(n)[2, 1], PICTURES[n, -2, 2])
+        np.testing.assert_array_equal(up.picture(n)[2, 1], PICTURES[n, 1, 2])
+        np.testing.assert_array_equal(down.picture(n)[2, 1], PICTURES[n, -2, 2])
 
 
 @pytest.mark.parametrize("make", [zarr_of, hdf5_of])
@@ -70,7 +72,7 @@ def test_other_names(tmp_path):
     path = hdf5_of(tmp_path / "two", PICTURES, "a", **TOLD)
     with h5py.File(path, "a") as file:
         file["b"] = 2 * PICTURES
-    assert movie(path, variable="b").frame(0)[1, 2] == 2 * PICTURES[0, 2, 1]
+    assert movie(path, variable="b").picture(0)[1, 2] == 2 * PICTURES[0, 2, 1]
     for keys, said in [({}, "neither .* a, b"), ({"variable": "c"}, "no 'c'.* a, b")]:
         with pytest.raises(FilmError, match=said):
             movie(path, **keys)
@@ -81,9 +83,9 @@ def test_frames_that_are_no_concentrations(tmp_path, value, said):
     values = PICTURES.astype("f4")
     values[2, 1, 1] = value
     one = movie(npy_of(tmp_path / "m.npy", values), frame_rate=1, pixel=1)
-    one.frame(1)
+    one.picture(1)
     with pytest.raises(FilmError, match=f"frame 2: {said}"):
-        one.frame(2)
+        one.picture(2)
 
 
 def test_files_that_are_no_movies(tmp_path):
@@ -133,7 +135,7 @@ def test_nothing_is_executed_and_no_other_file_read(tmp_path):
     hdf5_of(tmp_path / "own", PICTURES)
     with h5py.File(tmp_path / "linked", "w") as file:
         file["plume"] = h5py.ExternalLink("own", "plume")
-    with pytest.raises(FilmError, match="'concentration'.*no variable"):
+    with pytest.raises(FilmError, match=r"'concentration'.*no variable"):
         movie(tmp_path / "linked", frame_rate=1, pixel=1)
 
 
@@ -144,9 +146,9 @@ def test_no_chunk_of_hdf5_decodes_to_more_than_is_declared(tmp_path):
             kept = {"shape": (1, 16, 8), "chunks": (1, 8, 8), "dtype": "f4", "compression": "gzip"}
             array = file.create_dataset("plume", **kept)
             array.id.write_direct_chunk((0, 8, 0), packed)  # the other chunk is not stored
-    assert movie(tmp_path / "sound", **told).frame(0).shape == (8, 16)
+    assert movie(tmp_path / "sound", **told).picture(0).shape == (8, 16)
     with pytest.raises(FilmError, match=r"frame 0 .*decodes to more than"):
-        movie(tmp_path / "bomb", **told).frame(0)
+        movie(tmp_path / "bomb", **told).picture(0)
     for name, packing in (("lzf", {"compression": "lzf"}), ("so", {"scaleoffset": 2})):
         with h5py.File(tmp_path / name, "w") as file:
             file.create_dataset("plume", data=PICTURES.astype("f4"), chunks=(1, 5, 7), **packing)
@@ -154,4 +156,4 @@ def test_no_chunk_of_hdf5_decodes_to_more_than_is_declared(tmp_path):
             movie(tmp_path / name, **told)
     with h5py.File(tmp_path / "fine", "w") as file:
         file.create_dataset("plume", data=PICTURES, compression="gzip", shuffle=True, fletcher32=True)
-    np.testing.assert_array_equal(movie(tmp_path / "fine", **told).frame(1), PICTURES[1, ::1].T)
+    np.testing.assert_array_equal(movie(tmp_path / "fine", **told).picture(1), PICTURES[1, ::1].T)

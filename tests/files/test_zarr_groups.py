@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 import zarr
 from refusals import refused
+from test_movie import movie
 
 import taichi_plume
 from taichi_plume.files import film_writer, maps_file, shared_film
 from taichi_plume.files.film import Film, FilmError
-from taichi_plume.files.movie import Movie
 from taichi_plume.files.zarr_groups import (
     Group,
     GroupError,
@@ -31,7 +31,6 @@ from taichi_plume.files.zarr_groups import (
     stored_chunks,
 )
 from taichi_plume.results.run import open_run
-from taichi_plume.scenario.played import MovieGas
 
 FORMATS = {
     "film": {
@@ -59,6 +58,7 @@ FORMATS = {
     },
     "movie": {"fps": 1, "pixel_to_grid": 1},
 }
+GIVEN = {"frame_rate": 1, "pixel": 1}  # of a movie without attributes
 
 
 class Trap:
@@ -89,7 +89,7 @@ def read_by(kind: str, path: Path) -> None:
         "film": (Film, film_writer.complete),
         "air": (lambda file: shared_film.AirFilm(file).frame(0),),
         "maps": (maps_file.read,),
-        "movie": (lambda file: Movie(file, MovieGas(kind="movie", file=file.name)).frame(0),),
+        "movie": (lambda file: movie(file).picture(0),),
     }
     if kind == "bank":  # brings Taichi
         from taichi_plume.envs import bank
@@ -254,15 +254,14 @@ def bomb(path: Path, kind: str, size: int) -> None:
     ["3-zstd", "3-gzip", "3-blosc", "shard-zstd", "shard-blosc", "2-zstd", "2-zlib", "2-lz4", "2-blosc"],
 )
 def test_no_chunk_decodes_to_more_than_is_declared(tmp_path, kind):
-    model = MovieGas(kind="movie", file="a", frame_rate=1, pixel=1)
     bomb(tmp_path / "sound", kind, 256)
-    np.testing.assert_array_equal(Movie(tmp_path / "sound", model).frame(0), np.zeros((8, 8)))
+    np.testing.assert_array_equal(movie(tmp_path / "sound", **GIVEN).picture(0), np.zeros((8, 8)))
     bomb(tmp_path / "bomb", kind, 1 << 26)
-    movie = Movie(tmp_path / "bomb", model)
+    packed = movie(tmp_path / "bomb", **GIVEN)
     tracemalloc.start()
     try:
         with pytest.raises(FilmError, match=r"frame 0 .*decodes to more than"):
-            movie.frame(0)
+            packed.picture(0)
         assert tracemalloc.get_traced_memory()[1] < 1 << 24
     finally:
         tracemalloc.stop()
@@ -272,7 +271,7 @@ def test_the_number_of_chunks_of_a_frame_is_bounded(tmp_path):
     group = zarr.open_group(tmp_path / "a", mode="w")
     group.create_array("concentration", shape=(1, 8000, 8000), chunks=(1, 1, 1), dtype="f4")
     with pytest.raises(FilmError, match="64000000 chunks"):
-        Movie(tmp_path / "a", MovieGas(kind="movie", file="a", frame_rate=1, pixel=1))
+        movie(tmp_path / "a", **GIVEN)
 
 
 def test_xarray_reads_within_the_same_bounds(tmp_path):

@@ -59,6 +59,32 @@ def march(which: int | tuple[int, int], dt: float, *parts: Any) -> None:
             part.advance(n * dt, dt)
 
 
+def through_faces(wind: Any) -> list[np.ndarray]:
+    """Velocity [m/s] through every face of the domain of a wind on the grid, times the open fraction of the face."""
+    grid, result = wind.grid, []
+    for d, u in enumerate(wind.u):
+        inner = tuple(slice(1, n + 1 + (a == d)) for a, n in enumerate(grid.shape))
+        share = 1.0 if wind.area is None else grid.read(wind.area[d], 1)[inner]
+        result.append(grid.read(u, 1)[inner].astype(float) * share)
+    return result
+
+
+def divergence(wind: Any) -> float:
+    """Largest net flow out of a cell over the largest flow through a face."""
+    u = through_faces(wind)
+    net = sum(np.diff(v, axis=d) for d, v in enumerate(u))
+    return float(np.abs(net).max() / max(np.abs(v).max() for v in u))
+
+
+def largest_outflow(wind: Any) -> float:
+    """Largest flow out of a cell over its volume [1/s]."""
+    out = sum(
+        np.maximum(np.delete(u, 0, axis=d), 0.0) - np.minimum(np.delete(u, -1, axis=d), 0.0)
+        for d, u in enumerate(through_faces(wind))
+    )
+    return np.max(out) / wind.grid.dx
+
+
 def missing(gas: Gas) -> float:
     """Mass that is neither in the domain nor gone through its faces, over that emitted."""
     budget = gas.budget()

@@ -5,7 +5,6 @@ from rooms import TUNNEL, afresh, blocks, cfd, eulerian, march, missing
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.sources import Source
@@ -112,33 +111,6 @@ def test_no_mass_is_lost_in_thousands_of_steps(roll):
     assert budget["outflow_kg"] == pytest.approx(0.0, abs=1e-20)
     assert budget["in_domain_kg"] == pytest.approx(2.1e-4, rel=2e-8)
     assert gas.least() >= 0.0
-
-
-def test_a_gas_that_begins_anew_is_a_new_one_and_goes_on_from_where_it_was_saved(roll):
-    """Two sources elsewhere, one in pulses, of another vapour and seed."""
-    gas, state = roll
-    pulses = {"puffing": {"pulse": 0.1, "pause": 0.1}}
-    sources = [PLACED | {"position": (0.5, 0.2)}, PLACED | {"position": (0.6, 0.7)} | pulses]
-    model = in_a_roll(sources, species="acetone")
-    state.clear()
-    before = compiled()
-    gas.begin(model, 0.0, 3)
-    assert compiled() == before
-    fresh = EulerianSolver(model, gas.grid, gas.transport.wind, Air.everywhere(ROLL), 0.0, 3)
-    for n in range(10):
-        for one in (gas, fresh):
-            one.advance(0.1 * n, 0.1)
-    np.testing.assert_array_equal(gas.cells(1.0), fresh.cells(1.0))
-    assert gas.budget() == pytest.approx(fresh.budget(), rel=1e-14)  # a GPU adds up in any order
-    assert gas.species == SPECIES["acetone"]
-    saved = state.save()
-    gas.advance(1.0, 0.5)
-    once, budget = gas.cells(1.5), gas.budget()
-    gas.advance(1.5, 0.5)
-    state.restore(saved)
-    gas.advance(1.0, 0.5)
-    np.testing.assert_array_equal(gas.cells(1.5), once)
-    assert gas.budget() == pytest.approx(budget, rel=1e-14)
 
 
 def test_a_gas_does_not_begin_where_no_air_is(arena):

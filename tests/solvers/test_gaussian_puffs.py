@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from begun import Kept, assert_begins_anew
-from rooms import air_in, eulerian, march
+from begun import Kept
+from rooms import air_in, eulerian
 from scipy import integrate
 from scipy.special import erfc, exp1, k0e
 
@@ -23,11 +23,13 @@ pytestmark = pytest.mark.usefixtures("taichi")
 Q, D, POINT = 2e-5, 0.01, 1e-5  # kg/s, m²/s, m: a radius that is as good as none
 
 
-def calm(velocity, shape=None, **wind):
-    dim = len(velocity)
-    grid = Grid(shape or (40, 30, 20)[:dim], 0.1, depth=0.5)
-    model = UniformWind.model_validate({"kind": "uniform", "velocity": velocity} | wind)
-    return grid, UniformSolver(model, grid, 0.0, 5)
+def wind_of(velocity, **keys):
+    return UniformWind.model_validate({"kind": "uniform", "velocity": velocity} | keys)
+
+
+def calm(velocity, shape=None, **keys):
+    grid = Grid(shape or (40, 30, 20)[: len(velocity)], 0.1, depth=0.5)
+    return grid, UniformSolver(wind_of(velocity, **keys), grid, 0.0, 5)
 
 
 def model_of(kind, diffusivity: Any = D, walls=(), **keys):
@@ -36,27 +38,21 @@ def model_of(kind, diffusivity: Any = D, walls=(), **keys):
     return models[kind].model_validate(data)
 
 
-def new(velocity, gas, **wind):
-    """A wind, and a gas in it."""
-    grid, wind = calm(velocity, **wind)
-    kind = ContinuousPuffs if gas.kind == "continuous" else GaussianPuffs
-    return SimpleNamespace(STATE=("wind", "gas"), wind=wind, gas=kind(gas, grid, wind))
-
-
-def begin(air, velocity, gas, **wind):
-    model = UniformWind.model_validate({"kind": "uniform", "velocity": velocity} | wind)
-    air.wind.begin(model, 0.0, 5)
-    air.gas.begin(gas, 0.0, 0)
-
-
 @pytest.fixture(scope="module")
 def air_with(taichi):
     """A wind and a gas in it; one for all that compile alike."""
-    kept = Kept()
+    kept, kinds = Kept(), {"continuous": ContinuousPuffs, "gaussian_puff": GaussianPuffs}
 
-    def make(velocity, gas, **wind):
-        key = gas.kind, len(velocity), gas.walls, tuple(wind)
-        return kept(key, lambda: new(velocity, gas, **wind), lambda air: begin(air, velocity, gas, **wind))
+    def make(velocity, gas, **keys):
+        def new():
+            grid, wind = calm(velocity, **keys)
+            return SimpleNamespace(STATE=("wind", "gas"), wind=wind, gas=kinds[gas.kind](gas, grid, wind))
+
+        def begin(air):
+            air.wind.begin(wind_of(velocity, **keys), 0.0, 5)
+            air.gas.begin(gas, 0.0, 0)
+
+        return kept((gas.kind, len(velocity), gas.walls, tuple(keys)), new, begin)
 
     return make
 
@@ -240,34 +236,3 @@ def test_gas_on_the_grid_goes_with_the_same_gusts():
 def test_nothing_before_the_release(puffs):
     _, gas = puffs([{"position": (1.0, 1.0), "mass": 1e-6, "time": 2.0}], t=1.0)
     assert not concentration_at(gas, points(2), 0.0).any()
-
-
-RELEASES = [{"position": (1.0, 1.5), "mass": 1e-6, "time": t, "radius": 0.1} for t in (0.0, 1.5)]
-MOVED = [one | {"position": (2.0, 1.0), "mass": 3e-6, "time": 0.5} for one in RELEASES]
-SOURCE = {"position": (1.0, 1.5), "rate": Q, "radius": 0.1, "start": 0.5, "stop": 2.5}
-ANOTHER = {"position": (2.0, 2.0), "rate": 2 * Q, "radius": 0.2, "start": 0.1, "stop": 3.5}
-
-
-@pytest.mark.parametrize(
-    ("one", "other"),
-    [
-        (
-            ((0.3, 0.0), model_of("continuous", walls=["y-"], sources=[SOURCE])),
-            ((-0.2, 0.0), model_of("continuous", [0.02, 0.01], walls=["y-"], sources=[ANOTHER])),
-        ),
-        (
-            ((0.3, 0.0), model_of("gaussian_puff", releases=RELEASES)),
-            ((0.1, 0.2), model_of("gaussian_puff", [0.02, 0.01], releases=MOVED)),
-        ),
-    ],
-    ids=["continuous", "puffs"],
-)
-def test_a_gas_begins_anew(one, other):
-    gusts = {"gusts": {"intensity": 0.3, "time": 1.0}} if one[1].kind == "gaussian_puff" else {}
-    air = new(*one, **gusts)
-
-    def play(first, last):
-        march((first, last), 0.5, air.wind, air.gas)
-        return [concentration_at(air.gas, points(2), 0.0)]
-
-    assert_begins_anew(air, lambda numbers: begin(air, *numbers, **gusts), one, other, play)

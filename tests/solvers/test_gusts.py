@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from begun import Kept, assert_begins_anew
+from begun import Kept
 from scipy.linalg import expm
 
 from taichi_plume.grid.fields import velocity_at
@@ -99,25 +99,6 @@ def test_a_seed_decides_the_gusts(windy):
     a, b, c = (windy(seed=seed).displacement(-2.0) for seed in (1, 1, 2))
     np.testing.assert_array_equal(a, b)
     assert np.all(a[1] != c[1])
-
-
-@pytest.mark.parametrize("gusts", [None, {"time": 0.4}], ids=["steady", "gusty"])
-def test_a_wind_begins_anew(gusts):
-    """Slower and turned, with other gusts."""
-    others = UniformWind.model_validate(
-        {"kind": "uniform", "velocity": (-0.1, 0.2), "gusts": gusts and {"time": 0.2, "intensity": 0.4}}
-    )
-    model = UniformWind.model_validate({"kind": "uniform", "velocity": (0.5, 0.0), "gusts": gusts})
-    wind = UniformSolver(model, Grid((20, 10), 0.1), -2.0, 3)
-
-    def play(first, last):
-        seen = []
-        for n in range(first, last):
-            wind.advance(0.7 * n - 2.0, 0.7)
-            seen += [velocity_at(wind, np.array([[0.3, 0.2]]), 0.0), *(wind.grid.read(u) for u in wind.u)]
-        return [*seen, wind.displacement(0.7 * last - 2.0), np.array(wind.outflow_rate)]
-
-    assert_begins_anew(wind, lambda one: wind.begin(one, -2.0, 3), model, others, play)
 
 
 def test_more_of_the_past_than_there_is_room_for_is_refused(windy):

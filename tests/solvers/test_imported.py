@@ -7,8 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from begun import assert_begins_anew
-from rooms import blocks, march
+from rooms import blocks, divergence, through_faces
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import load_scenario
@@ -96,24 +95,6 @@ def imported(folder: Path, *overrides: str) -> SimpleNamespace:
     return SimpleNamespace(model=scenario.wind, grid=grid, air=air, wind=wind)
 
 
-def flux(sim: Simulation | SimpleNamespace) -> list[np.ndarray]:
-    """Velocity through every face, times the share of it that is air."""
-    wind, grid = sim.wind, sim.grid
-    result = []
-    for d, field in enumerate(wind.u):
-        inner = tuple(slice(1, n + 1 + (a == d)) for a, n in enumerate(grid.shape))
-        result.append(grid.read(field, 1)[inner].astype(float) * sim.air.area[d])
-    return result
-
-
-def divergence(sim: Simulation | SimpleNamespace) -> float:
-    """Largest net flow out of a cell over the largest one through a face."""
-    u = flux(sim)
-    return float(
-        np.abs(sum(np.diff(v, axis=d) for d, v in enumerate(u))).max() / max(np.abs(v).max() for v in u)
-    )
-
-
 @pytest.mark.slow
 def test_well_mixed_gas_stays_well_mixed(tmp_path):
     write(tmp_path / "wind_0.csv", swirl)
@@ -127,7 +108,7 @@ def test_well_mixed_gas_stays_well_mixed(tmp_path):
     gas = sim.gas.gases[0]
     gas.start_from(lambda x: np.ones(x.shape[:-1]))
     sim.run()
-    assert divergence(sim) < 1e-5
+    assert divergence(sim.wind) < 1e-5
     c = sim.grid.read(gas.c)[~sim.air.solid]
     np.testing.assert_allclose(c, 1.0, rtol=1e-5)
     assert sim.wind.diagnostics()["max_speed"] > 0.2
@@ -162,7 +143,7 @@ def test_occupied_cubes_are_in_the_way(tmp_path):
     cells = tuple(slice(2 * s.start, 2 * s.stop) for s in BLOCK)
     assert sim.air.solid[cells].all()
     assert sim.air.solid.sum() == 8 * np.prod([s.stop - s.start for s in BLOCK])
-    u = flux(sim)
+    u = through_faces(sim.wind)
     for d, v in enumerate(u):
         around = tuple(slice(s.start, s.stop + (a == d)) for a, s in enumerate(cells))
         assert np.abs(v[around]).max() == 0.0
@@ -171,7 +152,7 @@ def test_occupied_cubes_are_in_the_way(tmp_path):
     # the mean of what came in and what went out
     y = (np.arange(12) + 0.5) / 12
     assert through[0] == pytest.approx(0.3 * 7 / 6 * 4 * np.sin(np.pi * y).sum(), rel=0.01)
-    assert divergence(sim) < 1e-5
+    assert divergence(sim.wind) < 1e-5
     assert np.abs(u[1]).max() > 0.02, "around the block"
     assert np.abs(u[2][:, :, [0, -1]]).max() == 0.0
 
@@ -183,7 +164,7 @@ def test_a_section_of_three_dimensions(tmp_path):
         sim = imported(tmp_path, *FLAT, f"wind.height={height}")
         wanted = swirl(np.column_stack([x + np.array([0.2, 0.1]), np.full(50, z)]))
         np.testing.assert_allclose(velocity_at(sim.wind, x, 0.0), wanted[:, :2], atol=0.01)  # dx²/8 |u''|
-        assert divergence(sim) < 1e-5
+        assert divergence(sim.wind) < 1e-5
 
 
 def test_a_section_meets_the_cubes_at_its_height(tmp_path):
@@ -206,21 +187,6 @@ def test_eddies_spread_the_gas(tmp_path):
     assert sim.wind.max_viscosity == pytest.approx(5.156e-4)
 
 
-def test_an_imported_wind_begins_anew(tmp_path):
-    """With other viscosities and at another rate; the files are not read again."""
-    for n, scale in enumerate([1.0, 2.0, 0.5]):
-        write(tmp_path / f"wind_{n}.csv", swirl, scale=scale, extra=lambda x: 1e-3 * (1 + x[:, 0]))
-    air = imported(tmp_path)
-    other = air.model.model_copy(update={"viscosity": 3e-5, "schmidt": 0.9, "rate": 1.4, "start": 0.1})
-
-    def play(first: int, last: int) -> list[np.ndarray]:
-        march((first, last), 0.3, air.wind)
-        known = [air.wind.max_viscosity, air.wind.outflow_rate, air.wind.schmidt]
-        return [*(air.grid.read(u) for u in (*air.wind.u, air.wind.nu)), np.array(known)]
-
-    assert_begins_anew(air.wind, lambda one: air.wind.begin(one, 0.0, 0), air.model, other, play)
-
-
 def test_air_goes_on_through_outlets_in_the_walls(tmp_path):
     """Walls one cube thick around the points, with an opening at either end."""
     write(tmp_path / "wind_0.csv", lambda x: np.tile([0.3, 0.0, 0.0], (len(x), 1)))
@@ -230,7 +196,7 @@ def test_air_goes_on_through_outlets_in_the_walls(tmp_path):
     header = "#env_min(m) -5.2 1.8 0.5\n#env_max(m) -3.2 3.4 0.9\n#num_cells 10 8 2\n#cell_size(m) 0.2\n"
     write_cubes(tmp_path / "o.csv", cubes, header)
     sim = imported(tmp_path, "wind.occupancy=o.csv", "domain.size=[2.0, 1.6, 0.4]", "wind.walls=[z-, z+]")
-    u = flux(sim)
+    u = through_faces(sim.wind)
     np.testing.assert_allclose(u[0].sum(axis=(1, 2)), 0.3 * 4 * 4, rtol=1e-6)
     for end in (0, -1):
         np.testing.assert_allclose(u[0][end, 4:8], 0.3, rtol=1e-6)
@@ -327,6 +293,6 @@ def test_films_of_imported_air_can_be_played(case):
     wind = "wind={kind: playback, file: first/fields.zarr}"
     scenario = load_scenario("room.yaml", [wind])
     sim = assemble(scenario, case)
-    assert divergence(sim) < 1e-5
+    assert divergence(sim.wind) < 1e-5
     film = ImportedFilm(Site(ImportedWind(kind="imported", files="wind_0.csv"), 3, case), sim.grid, sim.air)
     np.testing.assert_array_equal(sim.grid.read(sim.wind.u[0], 1)[1:], film.frame(0, ["u_face"])["u_face"])

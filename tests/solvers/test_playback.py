@@ -4,7 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from begun import Kept, assert_begins_anew
+from begun import Kept
+from rooms import divergence, largest_outflow
 from test_film import DX, SHAPE, new_film
 
 from taichi_plume.assembly.assemble import assemble
@@ -71,16 +72,6 @@ def live(tmp_path_factory):
     """Of a computed flow."""
     kernels.start("cpu")
     return filmed(tmp_path_factory.mktemp("live"), LIVE)
-
-
-def divergence(wind: PlayedWind) -> float:
-    """Largest net flow out of a cell over the largest face velocity."""
-    assert wind.area is not None
-    u = [field.to_numpy().astype(float) * a.to_numpy() for field, a in zip(wind.u, wind.area, strict=True)]
-    g = wind.grid.ghost
-    inner = tuple(slice(g, g + n) for n in wind.grid.shape)
-    net = sum((np.roll(v, -1, axis=d) - v)[inner] for d, v in enumerate(u))
-    return float(np.abs(net).max() / max(np.abs(v[inner]).max() for v in u))
 
 
 def played(live, *overrides: str) -> Simulation:
@@ -203,15 +194,9 @@ def test_maxima_hold_between_frames(noise):
     wind = noise.wind(0.0)
     for t in (0.0, 0.1, 0.3, 0.45, 0.8):
         wind.advance(t, 0.02)
-        u = [noise.grid.read(field, 1).astype(float) for field in wind.u]
-        flow = np.zeros(SHAPE)
-        for d, v in enumerate(u):
-            for side, sign in ((1, -1.0), (2, 1.0)):
-                index = [slice(1, -1)] * 3
-                index[d] = slice(side, side + SHAPE[d])
-                flow += np.maximum(sign * v[tuple(index)], 0.0)
-        assert flow.max() / DX <= wind.outflow_rate * (1 + 1e-6)
-        assert wind.outflow_rate < 1.5 * flow.max() / DX
+        flow = largest_outflow(wind)
+        assert flow <= wind.outflow_rate * (1 + 1e-6)
+        assert wind.outflow_rate < 1.5 * flow
 
 
 def test_gas_between_cells_and_frames(noise):
@@ -222,24 +207,3 @@ def test_gas_between_cells_and_frames(noise):
     found = concentration_at(gas, np.array([[0.15, 0.25, 0.15], [0.2, 0.25, 0.15], [0.01, 0.01, 0.01]]), 0.0)
     np.testing.assert_allclose(found, [c[1, 2, 1], 0.5 * (c[1, 2, 1] + c[2, 2, 1]), c[0, 0, 0]], rtol=2e-5)
     assert gas.species.ppm_per_density == pytest.approx(1e6 * 24.4654e-3 / 58.08e-3, rel=1e-5)
-
-
-@pytest.mark.parametrize("keys", [{}, {"loop": True}], ids=["once", "loop"])
-def test_a_film_begins_anew(noise, keys):
-    """Wind and gas, at another rate from another time on."""
-    wind = PlayedWind(model_of(**keys), noise.film, noise.grid, -0.2)
-    gas = PlayedGas(gas_of(**keys), noise.film, noise.grid, -0.2)
-    both = SimpleNamespace(STATE=("wind", "gas"), wind=wind, gas=gas)
-
-    def begin(numbers):
-        wind.begin(model_of(**keys, **numbers), -0.2, 0)
-        gas.begin(gas_of(**keys, **numbers), -0.2, 0)
-
-    def play(first, last):
-        for n in range(first, last):
-            wind.advance(0.15 * n - 0.2, 0.15)
-            gas.advance(0.15 * n - 0.2, 0.15)
-        known = [wind.outflow_rate, wind.max_viscosity]
-        return u_of(wind), gas.cells(0.0), np.array(known)
-
-    assert_begins_anew(both, begin, {}, {"rate": 1.7, "start": 0.15}, play)

@@ -5,8 +5,8 @@ import pytest
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import ScenarioError, load
+from taichi_plume.files.movie import means
 from taichi_plume.grid.fields import ppm_at
-from taichi_plume.solvers.playback import means
 
 pytestmark = pytest.mark.usefixtures("taichi")
 PICTURES = np.random.default_rng(5).random((3, 8, 10))  # of 10 cm: 1 x 0.8 m
@@ -56,21 +56,6 @@ def test_nothing_is_lost_on_any_grid(size):
     assert coarse.sum() * size**2 == pytest.approx(PICTURES[0].sum() * 0.01, rel=1e-9)
     assert coarse.min() >= 0
     assert coarse.max() <= PICTURES[0].max() * (1 + 1e-9)
-
-
-def test_time_between_frames_and_the_loop(simulation):
-    gas, model = simulation.gas.gases[0], simulation.scenario.gas
-    gas.begin(model, 0.0, 0)
-    shown = []
-    for t in (0.0, 0.5, 1.0):
-        gas.advance(t, 0.0)
-        shown.append(gas.cells(t))
-    gas.advance(0.0, 0.2)
-    np.testing.assert_allclose(gas.cells(0.2), 0.6 * shown[0] + 0.4 * shown[1], rtol=1e-5)
-    gas.advance(0.0, 9.0)
-    np.testing.assert_allclose(gas.cells(9.0), shown[2], rtol=1e-5)
-    gas.begin(model.model_copy(update={"loop": True, "ppm_per_unit": 80.0}), 1.75, 0)
-    np.testing.assert_allclose(gas.cells(1.75), shown[0] + shown[1], rtol=1e-5)
 
 
 @pytest.mark.parametrize(

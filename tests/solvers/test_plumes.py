@@ -4,8 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from begun import Kept, assert_begins_anew
-from rooms import march
+from begun import Kept
 
 from taichi_plume.grid.fields import concentration_at, velocity_at
 from taichi_plume.grid.grid import Grid
@@ -18,28 +17,7 @@ pytestmark = pytest.mark.usefixtures("taichi")
 
 Q = 3e-5  # kg/s
 GUSTS = {"intensity": 0.2, "time": 1.5}
-
-
 MODELS = {"gaussian_plume": GaussianPlumeGas, "meandering": MeanderingGas}
-
-
-def models(velocity, position, kind="gaussian_plume", radius=0.05, gusts=None, rate=Q, **keys):
-    """Of a wind and of a plume in it."""
-    wind = UniformWind.model_validate({"kind": "uniform", "velocity": velocity, "gusts": gusts})
-    data = {"kind": kind, "sources": [{"position": position, "rate": rate, "radius": radius}]} | keys
-    return wind, MODELS[kind].model_validate(data)
-
-
-def begin(air, one, t=0.0):
-    air.wind.begin(one[0], t, 4)
-    air.gas.begin(one[1], t, 4)
-
-
-def new(one, t=0.0):
-    dim = len(one[0].velocity)
-    grid = Grid((60, 40, 20)[:dim], 0.1, depth=0.5)
-    wind = UniformSolver(one[0], grid, t, 4)
-    return SimpleNamespace(STATE=("wind", "gas"), wind=wind, gas=Plumes(one[1], grid, wind, t, 4))
 
 
 @pytest.fixture(scope="module")
@@ -47,10 +25,21 @@ def plume(taichi):
     """A wind and a plume in it; one for all that compile alike."""
     kept = Kept()
 
-    def make(velocity, position, t=0.0, **keys):
-        one = models(velocity, position, **keys)
-        key = len(velocity), one[1].kind, one[1].walls, one[0].gusts is None
-        air = kept(key, lambda: new(one, t), lambda air: begin(air, one, t))
+    def make(velocity, position, t=0.0, kind="gaussian_plume", gusts=None, **keys):
+        wind = UniformWind.model_validate({"kind": "uniform", "velocity": velocity, "gusts": gusts})
+        sources = [{"position": position, "rate": Q, "radius": 0.05}]
+        gas = MODELS[kind].model_validate({"kind": kind, "sources": sources} | keys)
+
+        def new():
+            grid = Grid((60, 40, 20)[: len(velocity)], 0.1, depth=0.5)
+            flow = UniformSolver(wind, grid, t, 4)
+            return SimpleNamespace(STATE=("wind", "gas"), wind=flow, gas=Plumes(gas, grid, flow, t, 4))
+
+        def begin(air):
+            air.wind.begin(wind, t, 4)
+            air.gas.begin(gas, t, 4)
+
+        air = kept((len(velocity), gas.kind, gas.walls, wind.gusts is None), new, begin)
         return air.wind, air.gas
 
     return make
@@ -186,30 +175,3 @@ def test_the_width_fluctuates_and_the_flux_does_not(plume):
     # of a hundred independent ones
     assert np.std(widths) == pytest.approx(0.3, rel=4 / np.sqrt(200))
     assert np.mean(widths) == pytest.approx(-(0.3**2) / 2, abs=4 * 0.3 / 10)
-
-
-ACROSS = {"walls": ["y-", "y+"], "diffusivity": 0.1}
-OTHERS = {
-    "ground": (
-        models((0.6, 0.0, 0.0), (2.0, 2.0, 0.2), intensity=0.15),
-        models((-0.1, -0.4, 0.0), (4.0, 3.0, 0.5), intensity=[0.1, 0.2], radius=0.1, rate=2 * Q),
-    ),
-    "channel": (models((0.5, 0.0), (1.0, 1.0), **ACROSS), models((-0.3, 0.0), (5.0, 3.0), **ACROSS)),
-    "meandering": (
-        models((0.5, 0.0), (1.0, 2.0), kind="meandering", gusts=GUSTS),
-        models((0.3, 0.2), (1.0, 1.0), kind="meandering", gusts={"time": 0.7}, width_fluctuation=0.3),
-    ),
-}
-
-
-@pytest.mark.parametrize("case", OTHERS)
-def test_a_plume_begins_anew(case):
-    one, other = OTHERS[case]
-    air = new(one)
-    x = np.random.default_rng(2).uniform(0.0, air.gas.grid.extent, (300, air.gas.dim))
-
-    def play(first, last):
-        march((first, last), 0.5, air.wind, air.gas)
-        return [concentration_at(air.gas, x, 0.0), velocity_at(air.wind, x, 0.0)]
-
-    assert_begins_anew(air, lambda numbers: begin(air, numbers), one, other, play)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from begun import Kept, assert_begins_anew
+from begun import Kept
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
@@ -140,8 +140,9 @@ def test_between_scattered_points_nothing_jumps_and_nothing_exceeds():
 )
 def test_frames_hold_until_the_next_one(keys, t, frame):
     known = frames((5, 6, 7, 8))
-    film = PointFilm(known, EXTENT, 1)
-    film.begin(gas_of(**keys), 0.0, known.percent[:, None])
+    model = gas_of(**keys)
+    film = PointFilm(model, known, EXTENT, 1)
+    film.begin(model, 0.0, known.percent[:, None])
     assert film.frame_at(t) == frame
 
 
@@ -305,48 +306,3 @@ def test_exports_of_fluent_are_played_by_a_run_and_by_its_resolved_scenario(tmp_
     np.testing.assert_allclose(ppm_at(sim.gas, at, 0.0)[:, 0], [150, 75, 0], rtol=1e-6)
     sim.run()
     np.testing.assert_allclose(ppm_at(sim.gas, at, sim.t)[:, 0], [300, 75, 0], rtol=1e-6)
-
-
-# ---------------------------------------------------------------- begin anew
-
-
-def puff_of(**keys: Any) -> PlumeSimPuff:
-    return PlumeSimPuff.model_validate(
-        {"kind": "plumesim_gaussian", "release_point": [0.33, 0.41], "period": 0.5, **keys}
-    )
-
-
-CASES: dict[str, tuple] = {
-    "points": (
-        lambda one: PointGas(one, frames(), EXTENT),
-        gas_of(),
-        gas_of(rate=1.6, start=0.4, offset=[0.1, 0.0], full_scale_ppm=300),
-    ),
-    "wind": (lambda one: PointWind(one, frames(), EXTENT), wind_of(), wind_of(rate=1.6, offset=[0.1, 0.0])),
-    "puff": (
-        lambda one: ProgramPuff(one, EXTENT),
-        puff_of(),
-        puff_of(release_point=[0.5, 0.3], diffusion=[0.1, 0.02], amount=50, cell=0.05, start=1.0),
-    ),
-    "meander": (
-        lambda one: ProgramMeander(one, EXTENT),
-        meander_of(),
-        meander_of(release_point=[0.3, 0.4], dispersion=0.02, full_scale_ppm=50),
-    ),
-}
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_plumes_and_winds_begin_anew(case):
-    make, one, other = CASES[case]
-    part = make(one)
-    at = velocity_at if case == "wind" else concentration_at
-
-    def play(first: int, last: int) -> list[np.ndarray]:
-        seen = []
-        for n in range(first, last):
-            part.advance(0.3 * n, 0.3)
-            seen.append(at(part, POINTS, 0.0))
-        return seen
-
-    assert_begins_anew(part, lambda numbers: part.begin(numbers, 0.0, 0), one, other, play)
