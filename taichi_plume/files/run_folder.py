@@ -40,8 +40,8 @@ FILES = (
 )
 LISTED = tuple(name for name in FILES if name != "report.html")  # in the manifest; a report may be rewritten
 BESIDE = (
-    "robots.parts",
-    "probes.parts",
+    "robots.arrows",
+    "probes.arrows",
     "maps.part",
     "recording.old.rrd",
     "recording.part.rrd",

@@ -51,8 +51,8 @@ LARGEST_CSV = 1 << 30  # bytes
 FILES = {
     "fields": ("fields.zarr",),
     "pictures": ("recording.rrd",),
-    "robots": ("robots.parquet", "robots.parts"),
-    "probes": ("probes.parquet", "probes.parts"),
+    "robots": ("robots.parquet", "robots.arrows"),
+    "probes": ("probes.parquet", "probes.arrows"),
     "forces": ("forces.csv",),
     "maps": ("maps.zarr",),
 }
@@ -309,20 +309,20 @@ def _film(path: Path) -> "xarray.Dataset":
 
 def _table(path: Path) -> "pandas.DataFrame":
     """Return a table of the run as a DataFrame with units and meanings."""
-    from taichi_plume.files import table_parts
+    from taichi_plume.files import run_tables
 
-    table = table_parts.read(path)
+    table = run_tables.read(path)
     with _damage(path):
         return _frame(table)
 
 
 def _frame(table: "pyarrow.Table") -> "pandas.DataFrame":
     """Return a table of pyarrow as a DataFrame with units and meanings."""
-    from taichi_plume.files import table_parts
+    from taichi_plume.files import run_tables
 
     frame = table.to_pandas()
-    frame.attrs["units"] = table_parts.units(table.schema)
-    frame.attrs["meanings"] = table_parts.meanings(table.schema)
+    frame.attrs["units"] = run_tables.units(table.schema)
+    frame.attrs["meanings"] = run_tables.meanings(table.schema)
     return frame
 
 

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from taichi_plume.files import disk, run_folder, table_parts
+from taichi_plume.files import disk, run_folder, run_tables
 from taichi_plume.running import result, robots_table
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring import trials as scores
@@ -134,7 +134,7 @@ def test_groups_of_one_team_have_its_states(tmp_path):
 
 
 def test_table_is_readable_after_a_failure(tmp_path, monkeypatch):
-    monkeypatch.setattr(table_parts, "ROW_GROUP", 80)
+    monkeypatch.setattr(run_tables, "ROW_GROUP", 80)
     sim, table = run_with_table(tmp_path, duration=10)
 
     def break_down(sim: Simulation) -> None:
@@ -158,13 +158,12 @@ def test_rows_are_on_the_disk_before_the_end(tmp_path):
     table.flush()
     sim.observe()
     table.flush()
-    parts = [pq.read_table(file) for file in table_parts.part_files(tmp_path / "robots.parts")]
-    assert [len(part) for part in parts] == [3 * 8, 8]
+    assert [len(batch) for batch in run_tables.batches(table.path)] == [0, 3 * 8, 8]
     assert not (tmp_path / "robots.parquet").exists()
 
 
 def test_bytes_do_not_depend_on_when_rows_came_to_the_disk(tmp_path, monkeypatch):
-    monkeypatch.setattr(table_parts, "ROW_GROUP", 80)
+    monkeypatch.setattr(run_tables, "ROW_GROUP", 80)
     contents = []
     for name, period in (("seldom", 100), ("often", 7)):
         (tmp_path / name).mkdir()
@@ -196,11 +195,11 @@ def test_a_table_goes_on_where_it_was_saved(tmp_path):
     sim.run()
     again.close()
     assert (tmp_path / "robots.parquet").read_bytes() == whole
-    assert not (tmp_path / "robots.parts").exists()
+    assert not table.stream.exists()
 
 
 def test_full_disk_is_noticed_before_it_is_full(tmp_path, monkeypatch):
-    monkeypatch.setattr(table_parts, "ROW_GROUP", 80)
+    monkeypatch.setattr(run_tables, "ROW_GROUP", 80)
     sim, table = run_with_table(tmp_path, duration=10)
     usage = SimpleNamespace(free=10 * disk.RESERVE)
     monkeypatch.setattr(disk.shutil, "disk_usage", lambda _: usage)
