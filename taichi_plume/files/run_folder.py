@@ -233,7 +233,7 @@ def is_run(folder: Path) -> bool:
 def read_json(file: Path) -> dict[str, Any]:
     """Return the content of a JSON file; {} if the file cannot be read."""
     try:
-        content = json.loads(read_regular(file, LARGEST_JSON) or b"")
+        content = json.loads(read_regular(file, LARGEST_JSON))
     except (OSError, ValueError, RecursionError):
         return {}
     return content if isinstance(content, dict) else {}
