@@ -6,6 +6,7 @@ import made_run
 import numpy as np
 import pytest
 from PIL import Image
+from refusals import unfinished
 
 from taichi_plume.cli import picture
 from taichi_plume.files import manifest
@@ -161,10 +162,9 @@ def test_a_time_or_view_outside_the_run_is_one_line(folder, told, option, value,
 
 
 def test_a_run_that_goes_on_is_shown_as_far_as_it_is(tmp_path, told):
-    """Its robots are in parts, its result says little."""
+    """The rows of robots are in a stream, and result.json says little."""
     folder = made_run.made(tmp_path / "run", told={"name": "made", "status": "running", "seed": 0})
-    (folder / "robots.parts").mkdir()
-    (folder / "robots.parquet").rename(folder / "robots.parts" / f"{0:012d}.parquet")
+    unfinished(folder / "robots.parquet")
     assert len(Run(folder, lenient=True).tracks) == 2
     code, said = told(folder, "--out", tmp_path / "x.png", "--width", 300)
     assert code == 0

@@ -5,12 +5,13 @@ from pathlib import Path
 import fake_run
 import pyarrow.parquet as pq
 import pytest
+from refusals import flipped, unfinished
 from scripts import read_result
 
 from taichi_plume.assembly import assemble
 from taichi_plume.cli import repair, run
 from taichi_plume.cli import report as report
-from taichi_plume.files import checkpoint, manifest, table_parts
+from taichi_plume.files import checkpoint, manifest
 from taichi_plume.running import result
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -31,21 +32,16 @@ def finished(tmp_path, monkeypatch) -> Path:
     return tmp_path / "out"
 
 
-def cut_off(folder: Path, status: str = "running", rows: int = 40) -> None:
-    """Make it one whose process was killed while the parts of its table were joined."""
-    table = pq.read_table(folder / "robots.parquet")
-    parts = folder / "robots.parts"
-    parts.mkdir()
-    for begin in range(0, len(table), rows):
-        pq.write_table(table.slice(begin, rows), parts / table_parts.part_name(begin))
-    (folder / "robots.parquet").unlink()
+def cut_off(folder: Path, status: str = "running") -> None:
+    """Make it one whose process was killed before its table was finished."""
+    unfinished(folder / "robots.parquet")
     (folder / manifest.NAME).unlink()
     result.write_result(folder, read_result(folder) | {"status": status})
 
 
 @pytest.mark.parametrize("status", ["running", "disk_full", "interrupted"])
-def test_rows_in_parts_become_a_table_however_the_run_ended(finished, capsys, status):
-    """The disk may have been full when they were to be joined."""
+def test_a_stream_becomes_a_table_however_the_run_ended(finished, capsys, status):
+    """The disk may have been full when the table was to be written."""
     rows = pq.read_table(finished / "robots.parquet")
     cut_off(finished, status)
     assert repair.main([str(finished)]) == 0
@@ -79,7 +75,7 @@ def test_a_result_that_says_nothing_is_of_a_killed_run(finished, content):
 
 def test_what_is_damaged_does_not_keep_the_rest_from_being_completed(finished, capsys):
     cut_off(finished)
-    (finished / "robots.parts" / table_parts.part_name(0)).write_bytes(b"PAR1")
+    flipped("robots.arrows", (finished / "robots.arrows").stat().st_size // 2)(finished)
     (finished / "plume.pslog").write_bytes(b"")
     (finished / "forces.csv").write_text("t_s,obstacle,x_N,y_N\n0,0,1,2\n1,0,3")
     assert repair.main([str(finished)]) == 1
@@ -87,7 +83,7 @@ def test_what_is_damaged_does_not_keep_the_rest_from_being_completed(finished, c
     assert "robots.parquet: could not be completed:" in said
     assert "plume.pslog: could not be completed:" in said
     assert (finished / "forces.csv").read_text() == "t_s,obstacle,x_N,y_N\n0,0,1,2\n"
-    assert (finished / "robots.parts").is_dir(), "what can still be read stays"
+    assert (finished / "robots.arrows").exists(), "what can still be read stays"
 
 
 def test_a_run_that_was_killed_at_its_very_end_is_over(finished):

@@ -11,7 +11,7 @@ import taichi as ti
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import checked
-from taichi_plume.files.table_parts import read
+from taichi_plume.files.run_tables import read
 from taichi_plume.grid import kernels
 from taichi_plume.results.run import Run
 from taichi_plume.running.probes_table import ProbeTable

@@ -13,7 +13,7 @@ import numpy as np
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.tables import LONGEST_TEXT, listed, plain
 from taichi_plume.guard.confined import MIB, ConfinedError, ConfinedProcess, Limits
-from taichi_plume.guard.opening import irregular, read_regular, unopenable
+from taichi_plume.guard.opening import content_of, irregular, unopenable
 from taichi_plume.guard.yaml_text import LineError, decode, parse
 
 if TYPE_CHECKING:
@@ -181,15 +181,11 @@ def check(path: Path) -> None:
         files = sorted(file.name for file in path.iterdir() if file.suffix in (*FILES, ".parquet"))
         hint = f"; name a file in it, such as {files[0][:LONGEST_TEXT]}" if files else ""
         raise BagError(f"{path}: is a folder without metadata.yaml, and so no bag{hint}")
+    content = content_of(metadata, LARGEST_METADATA, BagError)
     try:
-        content = read_regular(metadata, LARGEST_METADATA)
-        if content is None:
-            raise BagError(f"{metadata}: is too large; {LARGEST_METADATA >> 20} MiB are read")
         # rosbags reads the file again, with a YAML reader that has no limits
         text = decode(content)
         parse(text, "the metadata of a bag", dates=True, aliases=False, longest_text=LONGEST_METADATA)
-    except OSError as error:
-        raise BagError(f"{metadata}: cannot be read: {error.strerror or error}") from None
     except LineError as fault:
         raise BagError(f"{metadata}: {fault}") from None
 

@@ -23,12 +23,6 @@ def require_room(file: Path, coming: int = 0) -> None:
         raise OSError(errno.EFBIG, "the file would exceed the limit on file sizes (ulimit -f)", str(file))
 
 
-def sync(file: Path) -> None:
-    """Flush a file to the disk, so that it survives a power failure. Raises OSError."""
-    with file.open("rb+") as opened:
-        os.fsync(opened.fileno())
-
-
 def new_beside(path: Path) -> Path:
     """Create an empty file beside `path`, to be written and renamed to `path`.
 
@@ -51,12 +45,13 @@ def left_in(folder: Path) -> list[Path]:
 def written_whole(path: Path) -> Iterator[Path]:
     """Yield a new file to write, which then replaces `path`: a complete file is there at any time.
 
-    A link at `path` is replaced, not followed. Raises OSError.
+    A link at `path` is replaced, not followed. The file survives a power failure. Raises OSError.
     """
     fresh = new_beside(path)
     try:
         yield fresh
-        sync(fresh)
+        with fresh.open("rb+") as file:
+            os.fsync(file.fileno())
         os.replace(fresh, path)
     finally:
         with suppress(OSError):

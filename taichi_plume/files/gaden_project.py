@@ -24,18 +24,14 @@ from scipy import ndimage
 
 from taichi_plume.files import gaden, gaden_models
 from taichi_plume.files.gaden_models import OLD, configuration
+from taichi_plume.files.gaden_results import GASES
 from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.guard.opening import require_inside, unopenable
 from taichi_plume.scenario.loading import ScenarioError, read_mapping
 from taichi_plume.scenario.species import SPECIES
 
 CONFIGS, SIMULATIONS, OCCUPANCY = "environment_configurations", "simulations", "OccupancyGrid3D.csv"
-GASES = (
-    "ethanol", "methane", "hydrogen", "propanol", "chlorine", "fluorine", "acetone", "neon", "helium", "biogas",
-    "butane", "carbon dioxide", "carbon monoxide", "smoke",
-)  # fmt: skip
 FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
-OURS = {"propanol": "1-propanol"}
 KEYS = {  # of GADEN 3, its first versions and GADEN 2; the default
     "step": (("deltaTime", "time_step"), 0.1),
     "wind_step": (("windIterationDeltaTime", "wind_time_step"), 1.0),
@@ -264,7 +260,9 @@ def _gas(project: _Project, low: np.ndarray) -> dict[str, Any]:
     sigma, rate, step = project.number("sigma") / 100.0, project.number("rate"), project.number("step")
     if not sigma or not rate or not step:
         raise project.wrong("its filaments need a size, a rate and a time step above 0")
-    species, molar_mass = _species(project, GASES[kind])
+    species = GASES[kind]
+    if species not in SPECIES:
+        raise project.wrong(f"its gas is {species}, which has no molar mass; choose another gasType")
     moles = project.number("ppm") * 1e-6 * project.number("pressure") * ATM
     moles *= (2.0 * pi) ** 1.5 * sigma**3 / (GAS_CONSTANT * max(project.number("temperature"), 1.0))
     # diffusivity of the filament's random steps: see docs/coming-from/gaden.md
@@ -274,7 +272,7 @@ def _gas(project: _Project, low: np.ndarray) -> dict[str, Any]:
     return {
         "kind": "puffs",
         "species": species,
-        "sources": [where | {"rate": rate * moles * molar_mass}],
+        "sources": [where | {"rate": rate * moles * SPECIES[species].molar_mass}],
         "release_rate": rate,
         "initial_size": sigma,
         "growth": {"kind": "diffusive", "rate": project.number("growth") * 1e-4},
@@ -283,11 +281,3 @@ def _gas(project: _Project, low: np.ndarray) -> dict[str, Any]:
         "handover": False,
         "buoyancy": True,
     }
-
-
-def _species(project: _Project, name: str) -> tuple[str, float]:
-    """Return the name of a gas in a scenario, and its molar mass [kg/mol]."""
-    ours = OURS.get(name, name.replace(" ", "_"))
-    if ours not in SPECIES:
-        raise project.wrong(f"its gas is {name}, which has no molar mass; choose another gasType")
-    return ours, SPECIES[ours].molar_mass

@@ -34,9 +34,11 @@ PPM = "_ppm"  # end of the names of concentrations
 MOST_BYTES = 5_000_000  # of a result before it is packed: the players' buffer
 ROOM = 1000  # bytes of the buffer for the header
 AIR = 101325.0 / (8.314462618 * 298.15) * 1e-6  # mol/cm3, at 25 degC and 1 atm, as ppm are here
-NUMBERS = {"ethanol": 0, "methane": 1, "hydrogen": 2, "propanol": 3, "chlorine": 4, "fluorine": 5, "acetone": 6,
-           "neon": 7, "helium": 8, "biogas": 9, "butane": 10, "carbon_dioxide": 11, "carbon_monoxide": 12,
-           "smoke": 13}  # fmt: skip
+GASES = (
+    "ethanol", "methane", "hydrogen", "1-propanol", "chlorine", "fluorine", "acetone", "neon", "helium", "biogas",
+    "butane", "carbon_dioxide", "carbon_monoxide", "smoke",
+)  # fmt: skip
+"""Species in the order of GADEN's numbers."""
 OTHER = 0  # unknown species are shown as ethanol
 
 
@@ -91,7 +93,7 @@ def _place(name: str, sources: Sequence[tuple[str, Sequence[float]]]) -> tuple[i
     """Return the number of a gas, and the position of its first source [m]."""
     species = name.removesuffix(PPM)
     places = [list(place) for source, place in sources if source == species] or [[0.0, 0.0, 0.0]]
-    return NUMBERS.get(species, OTHER), [*places[0], 0.0][:3]
+    return GASES.index(species) if species in GASES else OTHER, [*places[0], 0.0][:3]
 
 
 def _occupancy(air: np.ndarray, shape: Sequence[int], edge: float) -> bytes:

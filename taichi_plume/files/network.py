@@ -14,8 +14,9 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from taichi_plume.files.own_class import OwnAlgorithmError, content_of
+from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.guard.confined import MIB, ConfinedError, ConfinedProcess, Limits
+from taichi_plume.guard.opening import content_of
 from taichi_plume.guard.terminal import visible
 
 LARGEST = 1 << 28  # bytes
@@ -44,7 +45,7 @@ class Network:
     @classmethod
     def read(cls, path: Path) -> "Network":
         """Read a network. Raises OwnAlgorithmError, in a line, if the file is none or has other inputs."""
-        content = content_of(path, LARGEST, f"{LARGEST >> 20} MB; is it a network?")
+        content = content_of(path, LARGEST, OwnAlgorithmError)
         evaluator, inputs, outputs = _evaluator(path, content)
         if len(inputs) != 1 or not outputs:
             raise NetworkError(

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from taichi_plume.files.wind_points import WindFileError
-from taichi_plume.guard.opening import read_regular
+from taichi_plume.guard.opening import content_of
 
 LARGEST_FILE = 1 << 30  # bytes, also once unpacked
 UNPACKED = 1 << 26  # bytes that a packed file of any size may have once unpacked
@@ -170,20 +170,16 @@ def real_path(path: Path) -> Path:
 def open_foam(path: Path) -> FoamFile:
     """Open a file, also if only the gzipped file exists."""
     path = real_path(path) if exists(path) else path
-    try:
-        content = read_regular(path, LARGEST_FILE)
-        if content is not None and content[:2] == b"\x1f\x8b":
-            unpacked = zlib.decompressobj(31)
-            content = unpacked.decompress(content, min(LARGEST_FILE, max(UNPACKED, TIGHTEST * len(content))))
-            content = content if unpacked.eof else None
-    except OSError as error:
-        raise WindFileError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except zlib.error:
-        raise WindFileError(f"{path}: is damaged: it cannot be unpacked") from None
-    if content is None:
-        raise WindFileError(
-            f"{path}: is cut, or has more than {LARGEST_FILE >> 20} MiB, or of a small packed file {UNPACKED >> 20} MiB"
-        )
+    content = content_of(path, LARGEST_FILE, WindFileError)
+    if content[:2] == b"\x1f\x8b":
+        unpacked = zlib.decompressobj(31)
+        most = min(LARGEST_FILE, max(UNPACKED, TIGHTEST * len(content)))
+        try:
+            content = unpacked.decompress(content, most)
+        except zlib.error:
+            raise WindFileError(f"{path}: is damaged: it cannot be unpacked") from None
+        if not unpacked.eof:
+            raise WindFileError(f"{path}: is cut, or has more than {most >> 20} MiB once unpacked")
     header = HEADER.match(content, _after_comments(content, 0))
     if header is None:
         raise WindFileError(f"{path}: is no file of OpenFOAM: it does not begin with FoamFile")

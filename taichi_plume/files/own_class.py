@@ -13,7 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Protocol, runtime_checkable
 
-from taichi_plume.guard.opening import read_regular
+from taichi_plume.guard.opening import content_of
 from taichi_plume.guard.terminal import visible
 
 LARGEST_FILE = 1 << 16  # bytes: Python takes minutes to parse some texts of half a megabyte
@@ -33,22 +33,6 @@ class OwnAlgorithmError(RuntimeError):
     """The user's algorithm failed; the message names file and line."""
 
 
-def content_of(path: Path, most: int, largest: str) -> bytes:
-    """Return the content of a user's file. most: limit in bytes; largest: limit in words, for the message.
-
-    Raises OwnAlgorithmError if the file cannot be read.
-    """
-    try:
-        content = read_regular(path, most)
-    except FileNotFoundError:
-        raise OwnAlgorithmError(f"{path}: does not exist") from None
-    except OSError as error:
-        raise OwnAlgorithmError(f"{path}: cannot be read: {error.strerror or error}") from None
-    if content is None:
-        raise OwnAlgorithmError(f"{path}: is larger than {largest}")
-    return content
-
-
 @dataclass(frozen=True)
 class OwnFile:
     """Content of a Python file that holds an algorithm. name: of the class, None for the only one.
@@ -65,8 +49,7 @@ class OwnFile:
         """Read and parse the file without executing it."""
         if path.suffix != ".py":
             raise OwnAlgorithmError(f"{path}: is no Python file; its name must end in .py")
-        largest = f"{LARGEST_FILE >> 10} KiB; is it an algorithm?"
-        file = cls(path, name, content_of(path, LARGEST_FILE, largest))
+        file = cls(path, name, content_of(path, LARGEST_FILE, OwnAlgorithmError))
         file._look()
         return file
 

@@ -74,7 +74,7 @@ def mark(folder: Path, kind: str) -> None:
 def is_marked(folder: Path, kind: str) -> bool:
     """Return whether a folder holds the mark of that kind."""
     try:
-        content = json.loads(read_regular(folder / f"{kind}.json", LARGEST_MARK) or b"")
+        content = json.loads(read_regular(folder / f"{kind}.json", LARGEST_MARK))
     except (OSError, ValueError, RecursionError):
         return False
     return isinstance(content, dict) and content.get("format") == format_of(kind)

@@ -40,8 +40,8 @@ FILES = (
 )
 LISTED = tuple(name for name in FILES if name != "report.html")  # in the manifest; a report may be rewritten
 BESIDE = (
-    "robots.parts",
-    "probes.parts",
+    "robots.arrows",
+    "probes.arrows",
     "maps.part",
     "recording.old.rrd",
     "recording.part.rrd",
@@ -233,7 +233,7 @@ def is_run(folder: Path) -> bool:
 def read_json(file: Path) -> dict[str, Any]:
     """Return the content of a JSON file; {} if the file cannot be read."""
     try:
-        content = json.loads(read_regular(file, LARGEST_JSON) or b"")
+        content = json.loads(read_regular(file, LARGEST_JSON))
     except (OSError, ValueError, RecursionError):
         return {}
     return content if isinstance(content, dict) else {}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from taichi_plume.files import manifest
-from taichi_plume.guard.opening import read_regular
+from taichi_plume.guard.opening import content_of
 
 LARGEST_FILE = 1 << 29  # bytes
 LONGEST_HEADER = 1 << 16  # characters
@@ -28,13 +28,8 @@ class TextFile:
 
     def __init__(self, path: Path, fault: type[ValueError]):
         self.path, self.fault = path, fault
-        try:
-            content = read_regular(path, LARGEST_FILE)
-        except OSError as error:
-            raise fault(f"{path}: cannot be read: {error.strerror or error}") from None
+        content = content_of(path, LARGEST_FILE, fault)
         manifest.require_unchanged(path, fault)
-        if content is None:
-            raise fault(f"{path}: is too large; {LARGEST_FILE >> 20} MiB are read")
         try:
             self.lines = content.decode("utf-8-sig").splitlines()
         except UnicodeDecodeError as error:

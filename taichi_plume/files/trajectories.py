@@ -78,10 +78,10 @@ def _of_bag(path: Path, options: BagOptions) -> list[Way]:
 
 def _of_run(path: Path) -> list[Way]:
     """Return the trajectories of the first trial of a run."""
-    from taichi_plume.files import table_parts
+    from taichi_plume.files import run_tables
 
     ways = []
-    for (group, number), columns in table_parts.robots_of(path, OF_RUN, 0)[0].items():
+    for (group, number), columns in run_tables.robots_of(path, OF_RUN, 0)[0].items():
         t, x, y, z, heading, ppm = (columns[name].astype(float) for name in (*OF_RUN[:3], "z", *OF_RUN[3:]))
         measured = t > 0.0
         place = np.stack([x, y, z], axis=-1)

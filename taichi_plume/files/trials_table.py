@@ -2,7 +2,7 @@
 
 import pyarrow as pa
 
-from taichi_plume.files.table_parts import column
+from taichi_plume.files.run_tables import column
 
 TRIAL = (
     column("group", pa.string(), "1", "name of the group of robots"),

@@ -8,7 +8,6 @@ between occupied from the middle of both thresholds on; unknown if transparent r
 from 50 on; unknown above 100
 """
 
-import os
 import re
 import warnings
 from collections.abc import Mapping
@@ -20,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichi_plume.grid.shapes import ShapeError
-from taichi_plume.guard.opening import read_regular
+from taichi_plume.guard.opening import content_of, inside
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.guard.yaml_text import LineError, decode, parse
 
@@ -102,7 +101,7 @@ def _meanings(shade: np.ndarray, known: Mapping[str, float], mode: str) -> np.nd
 
 
 def _yaml(path: Path) -> dict[str, object]:
-    content = _content(path, path, LONGEST_YAML)
+    content = content_of(path, LONGEST_YAML, MapError, path.name)
     try:
         data = parse(decode(content), "a map of ROS's map_server", dates=True)
     except LineError as fault:
@@ -118,11 +117,7 @@ def _image(path: Path, data: Mapping[str, object]) -> Path:
     if not isinstance(name, str) or not name:
         raise _wrong(path, f"image: must be the name of a picture, got {_shown(name)}")
     image = path.parent / name
-    try:
-        inside = Path(os.path.realpath(image)).is_relative_to(os.path.realpath(path.parent))
-    except ValueError:  # a zero byte, a lone surrogate
-        inside = True
-    if not inside:
+    if not inside(image, path.parent):
         raise _wrong(path, f"image: {_shown(name)} lies outside its folder; put the picture beside it")
     return image
 
@@ -131,7 +126,7 @@ def _picture(path: Path, image: Path) -> tuple[np.ndarray, int, np.ndarray | Non
     """Return the levels of the pixels, (rows, columns), the level of white, and a mask of the opaque pixels."""
     from PIL import Image, UnidentifiedImageError
 
-    content = _content(path, image, LARGEST_IMAGE)
+    content = content_of(image, LARGEST_IMAGE, MapError, f"{path.name}: {image.name}")
     if content[:2] in PLAIN:  # Pillow takes quadratic time for comments and blanks
         if content.count(b"#") > MOST_COMMENTS:
             raise _wrong(path, f"{image.name}: has more than {MOST_COMMENTS} comments; remove them")
@@ -172,19 +167,6 @@ def _brightness(picture: "Image") -> tuple[np.ndarray, int, np.ndarray]:
         levels[rows] = colours[..., :3].sum(axis=-1, dtype=np.uint16)
         opaque[rows] = colours[..., 3] == 255
     return levels, 3 * 255, opaque
-
-
-def _content(path: Path, file: Path, most: int) -> bytes:
-    what = "" if file == path else f"{file.name}: "
-    try:
-        content = read_regular(file, most)
-    except FileNotFoundError:
-        raise _wrong(path, f"{what}no such file in {file.parent}") from None
-    except OSError as error:
-        raise _wrong(path, f"{what}cannot be read: {error.strerror or error}") from None
-    if content is None:
-        raise _wrong(path, f"{what}is too large; {most >> 10} KiB are read")
-    return content
 
 
 def _number(path: Path, data: Mapping[str, object], key: str, least: float, most: float) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from taichi_plume.grid.ply_files import numbers, read_ply
 from taichi_plume.grid.polygons import DamagedError, triangulated
 from taichi_plume.grid.shapes import ShapeError
-from taichi_plume.guard.opening import read_regular
+from taichi_plume.guard.opening import content_of
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 
 LARGEST_FILE = 1 << 26  # bytes: a million triangles and more
@@ -32,16 +32,7 @@ class MeshError(ShapeError):
 
 def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Return the vertices (n, 3), as in the file, and triangles (m, 3), indices of vertices. Raises MeshError."""
-    try:
-        content = read_regular(path, LARGEST_FILE)
-    except IsADirectoryError:
-        raise MeshError(f"{path.name}: is a folder; give an STL, OBJ or PLY file in it") from None
-    except FileNotFoundError:
-        raise MeshError(f"{path.name}: no such file in {path.parent}") from None
-    except OSError as error:
-        raise MeshError(f"{path.name}: cannot be read: {error.strerror or error}") from None
-    if content is None:
-        raise MeshError(f"{path.name}: is too large; {LARGEST_FILE >> 20} MiB are read")
+    content = content_of(path, LARGEST_FILE, MeshError, path.name)
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise MeshError(f"{path.name}: its name must end in .stl, .obj or .ply")

@@ -1,15 +1,15 @@
 """Gate for files named in foreign input: path traversal, symbolic links, pipes and devices are refused.
 
-Readers open such files by `open_regular` and `read_regular`, or ask `unopenable` and `irregular` before a library opens
-them. All four accept regular files only: a pipe would wait, a device might never end. In the block of a `gate` they
-also accept only files in its folder, once links are followed, and list the files for the manifest. A reader that keeps
-content in a cache calls `admit` before the cache answers.
+Readers open such files by `open_regular`, `read_regular` and `content_of`, or ask `unopenable` and `irregular` before a
+library opens them. All of these accept regular files only: a pipe would wait, a device might never end. In the block of
+a `gate` they also accept only files in its folder, once links are followed, and list the files for the manifest. A
+reader that keeps content in a cache calls `admit` before the cache answers.
 """
 
 import errno
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
@@ -79,14 +79,29 @@ def open_regular(path: Path) -> BinaryIO:
         raise
 
 
-def read_regular(path: Path, most: int) -> bytes | None:
-    """Return the content of a regular file; None for a file of more than `most` bytes, which is not read.
-
-    Raises OSError as `open_regular`.
-    """
+def read_regular(path: Path, most: int) -> bytes:
+    """Return the content of a regular file. Raises OSError as `open_regular`, and for more than `most` bytes."""
     with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
-        return file.read(size) if size <= most else None  # read(most) would allocate as much
+        if size > most:
+            allowed = f"{most >> 20} MiB" if most >> 20 else f"{most >> 10} KiB"
+            raise OSError(errno.EFBIG, f"is larger than {allowed}", str(path))
+        return file.read(size)  # read(most) would allocate as much
+
+
+def content_of(path: Path, most: int, fault: Callable[[str], Exception], name: str | None = None) -> bytes:
+    """Return `read_regular`. Raises `fault` of a message for an OSError.
+
+    name: beginning of the message, by default the path; "" for none. With a name, the folder of a missing file follows.
+    """
+    try:
+        return read_regular(path, most)
+    except FileNotFoundError as error:
+        reason = f"no such file in {path.parent}" if name else f"cannot be read: {error.strerror}"
+    except OSError as error:
+        reason = f"{'' if error.errno == errno.EFBIG else 'cannot be read: '}{error.strerror or error}"
+    start = path if name is None else name
+    raise fault(f"{start}: {reason}" if start else reason)
 
 
 def unopenable(path: Path, folder: bool = False) -> str | None:

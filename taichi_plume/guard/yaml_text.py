@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from taichi_plume.guard.opening import read_regular
+from taichi_plume.guard.opening import content_of
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 
 LARGEST_FILE = 1 << 22  # bytes; a second and more per MiB
@@ -53,13 +53,7 @@ def weight(value: object) -> int:
 
 def read_text(path: Path) -> str:
     """Read the text of a scenario's file. Raises LineError."""
-    try:
-        content = read_regular(path, LARGEST_FILE)
-    except OSError as error:
-        raise LineError(f"cannot be read: {error.strerror or error}") from None
-    if content is None:
-        raise LineError(f"is larger than {LARGEST_FILE >> 20} MiB; is it a scenario?")
-    return decode(content)
+    return decode(content_of(path, LARGEST_FILE, LineError, ""))
 
 
 def decode(content: bytes) -> str:

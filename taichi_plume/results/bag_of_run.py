@@ -148,12 +148,12 @@ def _robots(run: Run, trial: int) -> list[Robot]:
     """Return the robots of a trial. Raises RunFolderError if the table has no such trial."""
     if not run.scenario.robots:
         return []
-    from taichi_plume.files import table_parts
+    from taichi_plume.files import run_tables
 
     path, groups = run.folder / "robots.parquet", run.scenario.robots
     slots = range(max(len(group.sensors.noses) for group in groups))
     sensed = [_column(k, unit) for k in slots for unit in ("ppm", "ohm")]
-    tables, trials = table_parts.robots_of(path, (*COLUMNS, *sensed), trial)
+    tables, trials = run_tables.robots_of(path, (*COLUMNS, *sensed), trial)
     if trial not in trials:
         hint = f"the last is {max(trials)}" if trials else "it has no row"
         raise RunFolderError(f"{path}: has no trial {trial}; {hint}")

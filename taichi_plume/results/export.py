@@ -97,7 +97,7 @@ def _tables(run: Run, out: Path, force: bool) -> list[Path]:
     import pyarrow as pa
     import pyarrow.csv
 
-    from taichi_plume.files import table_parts
+    from taichi_plume.files import run_tables
 
     there = [name for name in TABLES if any((run.folder / file).exists() for file in FILES[name])]
     if not there:
@@ -108,7 +108,7 @@ def _tables(run: Run, out: Path, force: bool) -> list[Path]:
     with _fresh(files, force) as parts:
         columns = []
         for name, part in zip(there, parts, strict=False):
-            rows = table_parts.batches(run.folder / f"{name}.parquet")
+            rows = run_tables.batches(run.folder / f"{name}.parquet")
             first = next(rows)
             kinds = {c.name: pa.string() if pa.types.is_dictionary(c.type) else c.type for c in first.schema}
             plain = pa.schema(list(kinds.items()))

@@ -34,7 +34,7 @@ from taichi_plume import __version__
 from taichi_plume.files import manifest
 from taichi_plume.files.run_folder import HEADER, KILLED, OURS, RunFolderError, is_run, read_json
 from taichi_plume.files.tables import LONGEST_TEXT, plain
-from taichi_plume.guard.opening import read_regular, unopenable
+from taichi_plume.guard.opening import content_of, unopenable
 from taichi_plume.guard.terminal import visible
 
 if TYPE_CHECKING:
@@ -51,8 +51,8 @@ LARGEST_CSV = 1 << 30  # bytes
 FILES = {
     "fields": ("fields.zarr",),
     "pictures": ("recording.rrd",),
-    "robots": ("robots.parquet", "robots.parts"),
-    "probes": ("probes.parquet", "probes.parts"),
+    "robots": ("robots.parquet", "robots.arrows"),
+    "probes": ("probes.parquet", "probes.arrows"),
     "forces": ("forces.csv",),
     "maps": ("maps.zarr",),
 }
@@ -309,20 +309,20 @@ def _film(path: Path) -> "xarray.Dataset":
 
 def _table(path: Path) -> "pandas.DataFrame":
     """Return a table of the run as a DataFrame with units and meanings."""
-    from taichi_plume.files import table_parts
+    from taichi_plume.files import run_tables
 
-    table = table_parts.read(path)
+    table = run_tables.read(path)
     with _damage(path):
         return _frame(table)
 
 
 def _frame(table: "pyarrow.Table") -> "pandas.DataFrame":
     """Return a table of pyarrow as a DataFrame with units and meanings."""
-    from taichi_plume.files import table_parts
+    from taichi_plume.files import run_tables
 
     frame = table.to_pandas()
-    frame.attrs["units"] = table_parts.units(table.schema)
-    frame.attrs["meanings"] = table_parts.meanings(table.schema)
+    frame.attrs["units"] = run_tables.units(table.schema)
+    frame.attrs["meanings"] = run_tables.meanings(table.schema)
     return frame
 
 
@@ -331,12 +331,7 @@ def _forces(path: Path) -> "pandas.DataFrame":
     import pandas
 
     manifest.require_unchanged(path, RunFolderError)
-    try:
-        content = read_regular(path, LARGEST_CSV)
-    except OSError as error:
-        raise RunFolderError(f"{path}: cannot be read: {error.strerror or error}") from None
-    if content is None:
-        raise RunFolderError(f"{path}: is too large; {LARGEST_CSV >> 20} MiB are read")
+    content = content_of(path, LARGEST_CSV, RunFolderError)
     with _damage(path):
         frame = pandas.read_csv(io.BytesIO(content[: content.rfind(b"\n") + 1]))
         frame = frame.astype({name: int if name == "obstacle" else float for name in frame.columns})

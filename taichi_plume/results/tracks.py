@@ -1,4 +1,4 @@
-"""Trajectories and readings of the robots of a run, from robots.parquet or, during the run, from its parts."""
+"""Trajectories and readings of the robots of a run, from robots.parquet or, during the run, from the stream of rows."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,12 +6,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.files.table_parts import part_files, parts_of
+from taichi_plume.files.run_tables import FAULTS, stream_of, unverified
 from taichi_plume.files.tables import plain
-from taichi_plume.guard.opening import unopenable
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.robots import Group
@@ -20,7 +18,6 @@ MOST_ROBOTS = 50
 COLUMNS = ("x", "y", "heading", "reading_ppm", "true_ppm", "believed_x", "believed_y", "found")
 MORE = {"declared_x": np.nan, "declared_y": np.nan, "declarations": 0, "false_declarations": 0, "z": 0.0}
 """Columns that a table may lack, and their values then: z of ground robots, declarations in older tables."""
-FAULTS = (OSError, ValueError, LookupError, TypeError, pa.ArrowException)
 
 
 class Track(NamedTuple):
@@ -59,7 +56,7 @@ def tracks(path: Path, groups: "Sequence[Group]") -> list[Track]:
     try:
         share = max(1, MOST_ROBOTS // max(1, len(groups)))
         table = _table(path, {group.name: group.first_trial for group in groups}, share)
-    except FAULTS as error:
+    except (*FAULTS, TypeError) as error:
         raise RunFolderError(f"{path}: is damaged: {plain(' '.join(str(error).split()))}") from None
     if table is None:
         return []
@@ -90,25 +87,10 @@ def _track(rows: pa.Table, name: str, number: int, group: "Group") -> Track:
 
 def _table(path: Path, first: dict[str, int], share: int) -> pa.Table | None:
     """Return the rows of the first `share` robots of each group's first trial, None without a table."""
-    if path.exists():
-        reason = unopenable(path)
-        if reason:
-            raise RunFolderError(f"{path}: {reason}")
-        files = [(0, path)]
-    else:
-        files = [(int(file.stem), file) for file in part_files(parts_of(path))]
-    tables, done = [], 0
-    for begin, file in files:
-        with pq.ParquetFile(file) as part:
-            columns = ["t", "group", "trial", "robot", "state", *COLUMNS]
-            columns += [key for key in MORE if key in part.schema_arrow.names]
-            for n in range(part.num_row_groups):
-                rows = part.read_row_group(n, columns=columns)
-                rows = rows.slice(max(0, done - begin))  # skip rows that an earlier part holds too
-                begin += part.metadata.row_group(n).num_rows
-                tables.append(_firsts(rows, first, share))
-            done = max(done, begin)
-    return pa.concat_tables(tables, promote_options="permissive") if tables else None
+    if not path.exists() and not stream_of(path).exists():
+        return None
+    batches = unverified(path, ["t", "group", "trial", "robot", "state", *COLUMNS], list(MORE))
+    return pa.concat_tables(_firsts(pa.Table.from_batches([batch]), first, share) for batch in batches)
 
 
 def _firsts(rows: pa.Table, first: dict[str, int], share: int) -> pa.Table:

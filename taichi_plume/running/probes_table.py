@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from taichi_plume.files.table_parts import NAMES, PartsTable, column
+from taichi_plume.files.run_tables import NAMES, GrowingTable, column
 from taichi_plume.grid.sampler import Sampler
 from taichi_plume.scenario.probes import Probes
 from taichi_plume.scenario.species import AIR_DENSITY
@@ -15,13 +15,13 @@ from taichi_plume.simulation import EveryStep, Simulation
 CLOSE = 1e-6  # of a period: as good as on time
 
 
-class ProbeTable(PartsTable):
+class ProbeTable(GrowingTable):
     """`probes.parquet` of a run.
 
     Points are sampled after every step of the air; rows at multiples of a period are linear in time between two steps.
     """
 
-    STATE = (*PartsTable.STATE, "next", "before", "values_before")
+    STATE = (*GrowingTable.STATE, "next", "before", "values_before")
 
     def __init__(self, sim: Simulation, path: Path, model: Probes):
         self.model, self.heat = model, sim.heat

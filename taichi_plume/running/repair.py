@@ -1,6 +1,6 @@
 """Repair of a killed run: see `complete`; `verify` reports which files have changed.
 
-Rows of robots that are in parts become robots.parquet, the recording gets its index, tables end with a whole row, and
+Streams of rows become robots.parquet and probes.parquet, the recording gets its index, tables end with a whole row, and
 result.json records how far the run came. All computed data are kept, and a run with a checkpoint can still be resumed.
 """
 
@@ -12,7 +12,7 @@ from pathlib import Path
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from taichi_plume.files import checkpoint, manifest, maps_file, plumesim_log, table_parts
+from taichi_plume.files import checkpoint, manifest, maps_file, plumesim_log, run_tables
 from taichi_plume.files.run_folder import KILLED, LISTED, RunFolder, RunFolderError, read_json, resuming
 from taichi_plume.guard.terminal import say
 from taichi_plume.running.job import report
@@ -20,7 +20,7 @@ from taichi_plume.running.outputs import OVER
 from taichi_plume.running.result import write_result
 from taichi_plume.scoring.declarations import Json
 
-PARTS = ("robots.parts", "probes.parts", "recording.old.rrd")
+UNFINISHED = ("robots.arrows", "probes.arrows", "recording.old.rrd")
 """Files that exist only until a file is finished."""
 
 
@@ -42,7 +42,7 @@ def complete(folder: RunFolder, reported: bool) -> int:
     """Complete every file of a killed run and return the exit code; reported: write the report as well."""
     path = folder.path
     content = _content(path)
-    status, whole = content["status"], not any((path / name).exists() for name in PARTS)
+    status, whole = content["status"], not any((path / name).exists() for name in UNFINISHED)
     if status != "running" and whole:
         if (path / checkpoint.NAME).exists() and not (path / manifest.NAME).exists():  # killed during its end
             if reported and not (path / "report.html").exists():
@@ -126,10 +126,10 @@ def _reached(table: Path, content: Json) -> Json:
 # ---------------------------------------------------------------- files
 
 
-def _parts(path: Path) -> str | None:
-    if not table_parts.parts_of(path).is_dir():
+def _table(path: Path) -> str | None:
+    if not run_tables.stream_of(path).exists():
         return None
-    table_parts.join(path)
+    run_tables.finish(path)
     return f"{pq.read_metadata(path).num_rows:,} rows" if path.exists() else "no rows"
 
 
@@ -177,8 +177,8 @@ def _maps(path: Path) -> None:
 
 
 COMPLETE: dict[str, Callable[[Path], str | None]] = {
-    "robots.parquet": _parts,
-    "probes.parquet": _parts,
+    "robots.parquet": _table,
+    "probes.parquet": _table,
     "forces.csv": _lines,
     "fields.zarr": _film,
     "plume.pslog": _log,

@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 
 from taichi_plume.agents.columns import Column
-from taichi_plume.files.table_parts import NAMES, PartsTable, column
+from taichi_plume.files.run_tables import NAMES, GrowingTable, column
 from taichi_plume.simulation import Every, Simulation
 
 MOST_ROWS = 2_000_000  # of robots.parquet: larger swarms are sampled less often
@@ -27,7 +27,7 @@ WHO = (
 )
 
 
-class RobotTable(PartsTable):
+class RobotTable(GrowingTable):
     """Writer of a run's `robots.parquet`: a row per robot and sample."""
 
     def __init__(self, sim: Simulation, path: Path):

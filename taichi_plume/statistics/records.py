@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import pyarrow as pa
 
-from taichi_plume.files import table_parts
+from taichi_plume.files import run_tables
 from taichi_plume.files.run_folder import RunFolderError
 
 FEWEST = 16
@@ -67,7 +67,7 @@ class ProbeRecord:
 
     def __init__(self, path: Path, start: float | None = None):
         self.path, self.start = path, start
-        schema = next(table_parts.batches(path)).schema
+        schema = next(run_tables.batches(path)).schema
         names = schema.names
         axes = [axis for axis in AXES if axis in names]
         if not {"t", "probe", "point", "x", "y"} <= set(names):
@@ -83,7 +83,7 @@ class ProbeRecord:
         """Return the probes in the first sample, and the number of points of all probes."""
         rows: list[pa.RecordBatch] = []
         first = None
-        for batch in table_parts.batches(self.path, ["t", "probe", "point", *axes]):
+        for batch in run_tables.batches(self.path, ["t", "probe", "point", *axes]):
             if not len(batch):
                 continue
             t = batch.column("t").to_numpy(zero_copy_only=False)
@@ -105,7 +105,7 @@ class ProbeRecord:
     def _samples(self, columns: Sequence[str]) -> Iterator[list[np.ndarray]]:
         """Yield complete samples of columns in chunks, each (samples, points)."""
         rest: list[np.ndarray] | None = None
-        for batch in table_parts.batches(self.path, columns):
+        for batch in run_tables.batches(self.path, columns):
             parts = [batch.column(n).to_numpy(zero_copy_only=False) for n in range(len(columns))]
             if rest is not None:
                 parts = [np.concatenate(pair) for pair in zip(rest, parts, strict=True)]

@@ -61,7 +61,7 @@ def of(
     if status == "running":
         raise RunFolderError(f"{path}: is still running, or was killed; wait, or {repair}")
     table, film = path / "probes.parquet", path / "fields.zarr"
-    if (path / "probes.parts").exists():
+    if (path / "probes.arrows").exists():
         raise RunFolderError(f"{path}: was killed; {repair} completes its files")
     if table.exists():
         every = [source for _, part in run.scenario.gases for source in part.sources]

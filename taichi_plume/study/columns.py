@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 
 import pyarrow as pa
 
-from taichi_plume.files.table_parts import column, schema_of
+from taichi_plume.files.run_tables import column, schema_of
 from taichi_plume.files.trials_table import TRIAL
 from taichi_plume.study.messages import Axis
 

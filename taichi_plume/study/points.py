@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from taichi_plume.files import table_parts
+from taichi_plume.files import run_tables
 from taichi_plume.scoring.declarations import DECLARED, REACHED
 from taichi_plume.study import intervals
 from taichi_plume.study.messages import Row
@@ -65,7 +65,7 @@ DECLARATIONS = (
 
 def outcomes(plan: Planned, tables: Tables) -> tuple[Quantity, ...]:
     """Quantities of whole runs."""
-    units = table_parts.units(tables.runs.schema)
+    units = run_tables.units(tables.runs.schema)
     return tuple(Quantity(name, name, units[name], what="runs") for name in plan.outcomes)
 
 
@@ -163,7 +163,7 @@ class Points:
         import pandas as pd
 
         made: Row = {name: self.table[name] for name in self.table.columns}
-        units = table_parts.units(self.plan.table.schema)
+        units = run_tables.units(self.plan.table.schema)
         for quantity in self.quantities:
             found = self.estimates[quantity.name]
             for place, end in enumerate(("", "_low", "_high")):

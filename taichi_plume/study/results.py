@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from taichi_plume import __version__
-from taichi_plume.files import table_parts
+from taichi_plume.files import run_tables
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import LONGEST_TEXT, plain
 from taichi_plume.guard.opening import unopenable
@@ -191,8 +191,8 @@ class Results:
 def frame(table: pa.Table) -> "pandas.DataFrame":
     """Return a table as a pandas.DataFrame with units and meanings in `attrs`; nulls stay nulls."""
     made = table.to_pandas()
-    made.attrs["units"] = table_parts.units(table.schema)
-    made.attrs["meanings"] = table_parts.meanings(table.schema)
+    made.attrs["units"] = run_tables.units(table.schema)
+    made.attrs["meanings"] = run_tables.meanings(table.schema)
     return made
 
 

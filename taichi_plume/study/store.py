@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 
 from taichi_plume.files import disk, own_folder, run_folder
 from taichi_plume.files.tables import plain
-from taichi_plume.guard.opening import read_regular, unopenable
+from taichi_plume.guard.opening import content_of, read_regular, unopenable
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.study import columns, tables
 from taichi_plume.study.messages import AirRecord, Cost, Record, Request, Task
@@ -153,12 +153,7 @@ class Store:
             shutil.rmtree(film, ignore_errors=True)
 
     def _copy(self, source: Path, name: str) -> None:
-        try:
-            content = read_regular(source, LARGEST_TEXT)
-        except OSError as error:
-            raise StoreError(f"{source}: cannot be read: {error.strerror or error}") from None
-        if content is None:
-            raise StoreError(f"{source}: is too large; at most {LARGEST_TEXT >> 20} MiB are allowed")
+        content = content_of(source, LARGEST_TEXT, StoreError)
         held = self.folder / name
         if held.is_file() and held.read_bytes() != content:
             for film in self.airs.glob("*.zarr"):  # the changed study's runs may last longer
@@ -217,7 +212,7 @@ class Store:
         records = []
         for file in sorted(self.airs.glob("*.json")):
             try:
-                records.append(AirRecord(**json.loads(read_regular(file, LARGEST_TEXT) or b"")))
+                records.append(AirRecord(**json.loads(read_regular(file, LARGEST_TEXT))))
             except (OSError, ValueError, TypeError, RecursionError):
                 raise StoreError(f"{file}: is damaged; remove it") from None
         return records

@@ -86,7 +86,7 @@ def test_a_class_can_be_handed_over_and_sees_the_odometers(path):
     [
         ("class A:\n  def act(self, robots)\n    pass", "upwind.py", "upwind.py, line 2: expected ':'"),
         ("x = 1", "upwind.py", "holds not exactly one class with a method act; there are: none"),
-        (UPWIND, "gone.py", "gone.py: does not exist"),
+        (UPWIND, "gone.py", "gone.py: cannot be read: No such file"),
     ],
 )
 def test_a_file_without_an_algorithm(path, wrong, file, told):

@@ -119,7 +119,7 @@ def test_it_goes_on_from_a_checkpoint(sim: Any) -> None:
         (lambda file: network(file, *upwind(), rows=1), {}, "any number of rows"),
         (lambda file: network(file, *upwind(), kind=11), {}, "32-bit floats"),
         (lambda file: file.write_bytes(b"no network"), {}, "is no network of ONNX"),
-        (lambda file: None, {}, "does not exist"),
+        (lambda file: None, {}, "No such file"),
     ],
 )
 def test_what_does_not_fit_is_told(tmp_path: Path, made: Any, keys: Any, told: str) -> None:

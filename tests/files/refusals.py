@@ -7,7 +7,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+
+from taichi_plume.files.run_tables import stream_of
 
 Damage = Callable[[Path], object]
 
@@ -64,6 +68,14 @@ def replaced(name: str, old: str, new: str) -> Damage:
         (folder / name).write_text(text.replace(old, new, 1))
 
     return damage
+
+
+def unfinished(path: Path, rows: int = 40) -> None:
+    """Replace a table of a run by its stream, of `rows` rows a batch, as if the run had not come to its end."""
+    table = pq.read_table(path)
+    with pa.ipc.new_stream(stream_of(path), table.schema) as stream:
+        stream.write_table(table, rows)
+    path.unlink()
 
 
 class Killed(BaseException):

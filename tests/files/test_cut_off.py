@@ -1,40 +1,42 @@
-"""Tables whose writing, joining or resumption is killed at any call on the disk: no row is lost, none counts twice."""
+"""Tables whose writing, finishing or resumption is killed anywhere: no row is lost, none counts twice."""
 
+import os
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
 import fake_run
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from refusals import cut_off
 
-from taichi_plume.files import run_folder, table_parts
+from taichi_plume.files import run_folder, run_tables
 from taichi_plume.running import robots_table
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
-def test_rows_count_once_wherever_the_joining_is_killed(tmp_path, monkeypatch):
-    """Joined again, the table is the same after any call on the disk was the last."""
+def test_rows_count_once_wherever_the_finishing_is_killed(tmp_path, monkeypatch):
+    """Finished again, the table is the same after any call on the disk was the last."""
     _, table, whole = half_written(tmp_path)
     for last in range(100):
-        copy = tmp_path / f"joined {last}"
-        shutil.copytree(table.parts, copy / "robots.parts")
-        killed = cut_off(monkeypatch, last, lambda: table_parts.join(copy / "robots.parquet"))
-        if (copy / "robots.parts").exists():
-            table_parts.join(copy / "robots.parquet")
-        assert pq.read_table(copy / "robots.parquet").equals(whole)
+        path = tmp_path / f"finished {last}" / "robots.parquet"
+        path.parent.mkdir()
+        shutil.copy(table.stream, path.parent)
+        killed = cut_off(monkeypatch, last, lambda path=path: run_tables.finish(path))
+        if run_tables.stream_of(path).exists():
+            run_tables.finish(path)
+        assert pq.read_table(path).equals(whole)
         if not killed:
             break
-    assert last > 5
+    assert last > 2
 
 
-@pytest.mark.parametrize("joined", [False, True])
-def test_rows_of_a_checkpoint_are_kept_wherever_the_resumption_is_killed(tmp_path, monkeypatch, joined):
+@pytest.mark.parametrize("finished", [False, True])
+def test_rows_of_a_checkpoint_are_kept_wherever_the_resumption_is_killed(tmp_path, monkeypatch, finished):
     sim, table, whole = half_written(tmp_path)
-    if joined:
-        table_parts.join(table.path)
+    if finished:
+        run_tables.finish(table.path)
     rows = 4 * sim.swarm.count
     for last in range(100):
         copy = tmp_path / f"resumed {last}"
@@ -47,13 +49,8 @@ def test_rows_of_a_checkpoint_are_kept_wherever_the_resumption_is_killed(tmp_pat
             return again
 
         killed = cut_off(monkeypatch, last, resumed)
-        repaired = copy.with_name("repaired")
-        shutil.copytree(copy, repaired)
-        if (repaired / "robots.parts").exists():
-            table_parts.join(repaired / "robots.parquet")
-        held = pq.read_table(repaired / "robots.parquet")
+        held = run_tables.read(copy / "robots.parquet")
         assert held.equals(whole.slice(0, len(held)))
-        shutil.rmtree(repaired)
         resumed().close()
         assert pq.read_table(copy / "robots.parquet").equals(whole.slice(0, rows))
         if not killed:
@@ -61,17 +58,40 @@ def test_rows_of_a_checkpoint_are_kept_wherever_the_resumption_is_killed(tmp_pat
     assert last > 2
 
 
-def test_a_table_whose_rows_have_gone_does_not_go_on(tmp_path):
-    sim, table, _ = half_written(tmp_path)
-    table_parts.part_files(table.parts)[0].unlink()
-    table.rows = 4 * sim.swarm.count
-    with pytest.raises(run_folder.RunFolderError, match="16 of its first 32 rows are left"):
+def test_a_stream_is_read_up_to_the_last_complete_batch(tmp_path):
+    """The end may be cut off anywhere; a run that needs more rows does not go on."""
+    _, table, whole = half_written(tmp_path)
+    content = table.stream.read_bytes()
+    counts = []
+    for size in range(len(content) - 1, -1, -7):
+        os.truncate(table.stream, size)
+        rows = whole.slice(0, 0)
+        with suppress(run_folder.RunFolderError):  # holds no row yet
+            rows = run_tables.read(table.path)
+        assert rows.equals(whole.slice(0, len(rows)))
+        counts.append(len(rows))
+    assert list(dict.fromkeys(counts)) == [32, 16, 0]
+    table.stream.write_bytes(content[:-1])
+    table.rows = 33
+    with pytest.raises(run_folder.RunFolderError, match="32 of its first 33 rows are left"):
         table.go_on()
-    assert len(table_parts.part_files(table.parts)) == 2, "nothing else went"
+    assert table.stream.read_bytes() == content[:-1], "the rows that are left stay"
+
+
+def test_rows_of_an_interrupted_write_count_once(tmp_path, monkeypatch):
+    sim, table, _ = half_written(tmp_path)
+    sim.observe()
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", lambda _: os.truncate(table.stream, table.size + 100) or 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            table.flush()
+    assert len(run_tables.read(table.path)) == 6 * sim.swarm.count
+    table.close()
+    assert len(pq.read_table(table.path)) == 7 * sim.swarm.count
 
 
 def half_written(tmp_path: Path):
-    """A simulation after six ticks, with its rows in three parts; and all of these."""
+    """A simulation after six ticks, with its rows in three batches; and all of these."""
     (tmp_path / "run").mkdir()
     sim = fake_run.simulation(fake_run.scenario(2, maps=[], duration=4))
     table = robots_table.RobotTable(sim, tmp_path / "run" / "robots.parquet")
@@ -82,8 +102,7 @@ def half_written(tmp_path: Path):
         sim.advance()
         if tick % 2:
             table.flush()
-    files = table_parts.part_files(table.parts)
-    return sim, table, pa.concat_tables(map(pq.read_table, files))
+    return sim, table, run_tables.read(table.path)
 
 
 @pytest.mark.parametrize("left", [None, 40])

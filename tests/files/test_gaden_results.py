@@ -16,7 +16,7 @@ from taichi_plume.files.run_folder import RunFolderError
 def film(shape=(4, 3, 2), seed: int = 0, **attrs: Any) -> xarray.Dataset:
     """Two frames of noise; shape: cells along x, y[, z]."""
     rng, axes = np.random.default_rng(seed), ("x", "y", "z")[: len(shape)][::-1]
-    names = [*"uvw"[: len(shape)], "ethanol_ppm", "acetone_ppm"]
+    names = [*"uvw"[: len(shape)], "ethanol_ppm", "1-propanol_ppm"]
     size = (2, *shape[::-1])
     data = {name: (("time", *axes), rng.random(size, np.float32)) for name in names}
     air = (rng.random(shape[::-1]) > 0.3).astype(np.float32)
@@ -29,7 +29,7 @@ def written(folder: Path, data: xarray.Dataset) -> list[Path]:
     def read(name: str, n: int) -> np.ndarray:
         return data[name].values[n] if "time" in data[name].dims else data[name].values
 
-    sources = [("ethanol", (0.3, 0.4, 0.1)), ("acetone", (0.6, 0.5))]
+    sources = [("ethanol", (0.3, 0.4, 0.1)), ("1-propanol", (0.6, 0.5))]
     return [path for _, path in gaden_results.write(folder, data, read, sources)]
 
 
@@ -53,9 +53,9 @@ def test_a_result_has_the_concentration_of_every_cell_in_its_place(tmp_path):
     files = written(tmp_path, data)
     assert {str(path.relative_to(tmp_path)) for path in files} == {
         "OccupancyGrid3D.csv", "wind/wind_iteration_0", "wind/wind_iteration_1",
-        *(f"simulations/{gas}/result/iteration_{n}" for gas in ("ethanol", "acetone") for n in (0, 1)),
+        *(f"simulations/{gas}/result/iteration_{n}" for gas in ("ethanol", "1-propanol") for n in (0, 1)),
     }  # fmt: skip
-    for gas, number, place in (("ethanol", 0, (0.3, 0.4, 0.1)), ("acetone", 6, (0.6, 0.5, 0.0))):
+    for gas, number, place in (("ethanol", 0, (0.3, 0.4, 0.1)), ("1-propanol", 3, (0.6, 0.5, 0.0))):
         for n in (0, 1):
             buffer = Buffer(tmp_path / f"simulations/{gas}/result/iteration_{n}")
             assert buffer.take("2i") == (3, 0)
@@ -99,7 +99,7 @@ def test_a_flat_film_is_a_layer(tmp_path):
 
 def test_what_players_do_not_take_is_told(tmp_path):
     with pytest.raises(RunFolderError, match="the film has no gas"):
-        written(tmp_path, film().drop_vars(["ethanol_ppm", "acetone_ppm"]))
+        written(tmp_path, film().drop_vars(["ethanol_ppm", "1-propanol_ppm"]))
     many = film((1300, 1000))
     with pytest.raises(RunFolderError, match="the film has 1,300,000 cells, GADEN's player takes 1,249,750"):
         written(tmp_path, many)

@@ -154,7 +154,7 @@ def contents(folder: Path) -> dict[str, str]:
 @pytest.mark.parametrize("opened", ["to go on", "to replace"])
 def test_a_replacement_that_is_killed_anywhere_leaves_one_whole_run(tmp_path, monkeypatch, fails, opened):
     """Old or new, whatever call on the disk was the last; the user's own files stay."""
-    new = {"scenario.yaml": run_folder.HEADER, "robots.parts/0.parquet": "new", "result.json": RESULT}
+    new = {"scenario.yaml": run_folder.HEADER, "fields.zarr/zarr.json": "new", "result.json": RESULT}
     old = {"result.json": RESULT, "robots.parquet": "old", "scenario.yaml": run_folder.HEADER + " old"}
     old |= {"checkpoint.npz": "old"}
 
@@ -179,7 +179,7 @@ def test_a_replacement_that_is_killed_anywhere_leaves_one_whole_run(tmp_path, mo
         if not killed:
             break
     assert len(left) > 10
-    whole = [{**old, "notes.txt": "mine"}, {**new, "notes.txt": "mine", "robots.parts": ""}]
+    whole = [{**old, "notes.txt": "mine"}, {**new, "notes.txt": "mine", "fields.zarr": ""}]
     assert all(content in whole for content in left)
     assert [left[0], left[-1]] == [whole[0], whole[not fails]]
 
@@ -199,7 +199,7 @@ def test_a_folder_goes_only_while_nobody_else_is_in_it(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("how", ["link", "hard link"])
 @pytest.mark.parametrize(
-    "name", ["forces.csv", "result.json", "robots.parts/first.new", "fields.zarr/zarr.json", ".lock"]
+    "name", ["forces.csv", "result.json", "robots.arrows", "fields.zarr/zarr.json", ".lock"]
 )
 def test_a_folder_whose_files_are_links_is_refused(tmp_path, name, how):
     """To be completed, resumed or replaced: the links' targets would be cut, or their content overwritten."""
@@ -223,7 +223,7 @@ def test_a_folder_whose_files_are_links_is_refused(tmp_path, name, how):
     assert {file: file.lstat().st_ino for file in folder.rglob("*")} == before
 
 
-@pytest.mark.parametrize("name", [".replacing", ".replaced", "robots.parts"])
+@pytest.mark.parametrize("name", [".replacing", ".replaced", "maps.part"])
 def test_links_to_folders_are_refused(earlier, tmp_path, name):
     """What lies in a linked folder would be moved or removed."""
     target = tmp_path / "mine"

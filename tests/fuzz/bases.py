@@ -239,7 +239,7 @@ def make(folder: Path, warm_up: float | None = None) -> dict[str, Path]:
 
 
 def _write_bags(folder: Path) -> None:
-    """bag.mcap and bag.db3, of two robots."""
+    """Write bag.mcap, bag.db3 and the folder bag, of two robots."""
     from tests.files import recorded_bag as bag
 
     messages: list[bag.Message] = []
@@ -251,12 +251,11 @@ def _write_bags(folder: Path) -> None:
         messages.append((t, "/r1/wind", bag.wind(t, 0.3, 0.1 * n)))
         messages.append((t, "/tf", bag.transforms(t, ("map", "r2/nose", 0.5 + 0.1 * n, 0.8, 0.0))))
     for storage, name in (("mcap", "bag.mcap"), ("sqlite3", "bag.db3")):
-        made = folder / "made"
+        made = folder / "bag"
         shutil.rmtree(made, ignore_errors=True)
         bag.write(made, messages, storage)
         (file,) = (one for one in made.iterdir() if one.suffix in (".mcap", ".db3"))
-        file.replace(folder / name)
-        shutil.rmtree(made)
+        shutil.copy(file, folder / name)
 
 
 def _write_wind(folder: Path) -> None:

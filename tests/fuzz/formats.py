@@ -12,6 +12,7 @@ import numpy as np
 
 from taichi_plume import __version__
 from taichi_plume.files import manifest
+from tests.files.refusals import unfinished
 from tests.fuzz import bases
 from tests.fuzz.watched import Outcome, tried
 
@@ -40,6 +41,7 @@ FORMATS = {
     "readings": Format("readings.csv"),
     "mcap": Format("bag.mcap", text=False),
     "sqlite_bag": Format("bag.db3", text=False),
+    "bag_metadata": Format("bag/metadata.yaml"),
     "film": Format("fields.zarr", "film", checked=True, text=False),
     "plumesim_log": Format("short.pslog", "log"),
     "fluent": Format("plume002.txt", "fluent"),
@@ -55,6 +57,7 @@ FORMATS = {
     "run_film": Format("fields.zarr", part="fields", checked=True, text=False),
     "run_maps": Format("maps.zarr", part="maps", checked=True, text=False),
     "run_robots": Format("robots.parquet", part="robots", checked=True, text=False),
+    "run_stream": Format("probes.arrows", part="probes", text=False),
     "run_forces": Format("forces.csv", part="forces"),
     "run_result": Format("result.json", part="result"),
     "yaml": Format("mixture.yaml", "mixture"),
@@ -91,6 +94,8 @@ def make(folder: Path) -> None:
     for kind in ("obj", "ply"):
         (folder / f"{kind}.yaml").write_text(bases.SCENARIOS["mesh"].replace("box.stl", f"box.{kind}"))
     _write_table(folder / "robots.parquet")
+    shutil.copy(folder / "robots.parquet", folder / "probes.parquet")
+    unfinished(folder / "probes.parquet", rows=1000)
     (folder / "forces.csv").write_text(
         "t_s,obstacle,x_N,y_N\n" + "".join(f"{n},0,{0.1 * n},-1e-3\n" for n in range(9))
     )
@@ -184,14 +189,15 @@ def _facts(value: Any) -> Any:
 
 
 def _readings(folder: Path, kind: Format) -> tuple[Callable[[], Any], tuple]:
-    from taichi_plume.files import bag_readings
+    from taichi_plume.files import bag_readings, bags
     from taichi_plume.files.readings import ReadingsError, read
 
     # in this process, which has limits as well: starting another for each bag takes a second
-    bag_readings.confined = lambda function, path, *args: function(path, *args)
+    bag_readings.confined = lambda function, path, *args: bags.check(path) or function(path, *args)
+    path = folder / kind.file
 
     def values() -> Any:
-        readings = read(folder / kind.file)
+        readings = read(path.parent if path.name == "metadata.yaml" else path)
         return [readings.t, readings.place, readings.reading, readings.wind, readings.row]
 
     return values, (ReadingsError,)

@@ -143,7 +143,7 @@ def test_damage_is_told(tmp_path, name, content, told):
 def test_what_is_no_file_is_told_at_once(tmp_path):
     os.mkfifo(tmp_path / "pipe.stl")
     (tmp_path / "folder.ply").mkdir()
-    names = {"pipe.stl": "is a pipe", "folder.ply": "is a folder", f"{'a' * 5000}.obj": "File name too long"}
+    names = {"pipe.stl": "is a pipe", "folder.ply": "Is a directory", f"{'a' * 5000}.obj": "File name too long"}
     for name, told in names.items():
         with pytest.raises(MeshError, match=told):
             read_mesh(tmp_path / name)

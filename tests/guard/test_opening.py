@@ -1,12 +1,21 @@
 """What is no regular file is refused at once."""
 
 import os
+import re
 import socket
 from pathlib import Path
 
 import pytest
 
-from taichi_plume.guard.opening import admit, gate, irregular, open_regular, read_regular, unopenable
+from taichi_plume.guard.opening import (
+    admit,
+    content_of,
+    gate,
+    irregular,
+    open_regular,
+    read_regular,
+    unopenable,
+)
 
 
 def refused(path: Path) -> str:
@@ -22,6 +31,14 @@ def test_a_file_is_read(tmp_path):
     with open_regular(tmp_path / "a") as file:
         assert file.read() == b"abc"
     assert unopenable(tmp_path / "a") is None
+    assert content_of(tmp_path / "a", 3, ValueError) == b"abc"
+    for name, most, start, fault in (
+        ("a", 2, None, f"{tmp_path / 'a'}: is larger than 0 KiB"),
+        ("b", 3, "my b", f"my b: no such file in {tmp_path}"),
+        ("b", 3, "", "cannot be read: No such file or directory"),
+    ):
+        with pytest.raises(ValueError, match=f"^{re.escape(fault)}$"):
+            content_of(tmp_path / name, most, ValueError, start)
 
 
 def test_what_would_wait_or_never_end_is_refused(tmp_path, monkeypatch):

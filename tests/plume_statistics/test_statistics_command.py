@@ -85,10 +85,10 @@ def test_numbers_of_points_are_those_of_the_table(folder, found):
 @pytest.mark.parametrize("chunk", [113, 1 << 20])
 def test_what_comes_before_a_time_is_left_out(folder, tmp_path, monkeypatch, chunk):
     """By pandas; the time lies in the first chunk or in a later one."""
-    from taichi_plume.files import table_parts
+    from taichi_plume.files import run_tables
 
     table = open_run(folder).probes
-    monkeypatch.setattr(table_parts, "ROW_GROUP", chunk)
+    monkeypatch.setattr(run_tables, "ROW_GROUP", chunk)
     told = statistics.of(folder, gas="ethanol", threshold=20.0, start=7.0)
     assert (told.begin, told.samples) == (pytest.approx(7.0), 101)
     rows = table[(table.probe == "one") & (table.t > 7.0 - 1e-6)]
@@ -108,10 +108,10 @@ def test_durations_are_listed(found):
 
 
 def test_a_table_in_small_chunks_says_the_same(folder, found, monkeypatch):
-    from taichi_plume.files import table_parts
+    from taichi_plume.files import run_tables
     from taichi_plume.statistics import analysis
 
-    monkeypatch.setattr(table_parts, "ROW_GROUP", 113)
+    monkeypatch.setattr(run_tables, "ROW_GROUP", 113)
     monkeypatch.setattr(analysis, "MOST_VALUES", 7 * found.samples)
     again = statistics.of(folder, gas="ethanol", threshold=20.0)
     pandas.testing.assert_frame_equal(again.points, found.points, rtol=1e-9)
@@ -263,7 +263,7 @@ def nowhere_film(copy):
     ("change", "words"),
     [
         (status("running"), "still running"),
-        (lambda copy: (copy / "probes.parts").mkdir(), "was killed"),
+        (lambda copy: (copy / "probes.arrows").touch(), "was killed"),
         (no_input, "neither probes.parquet nor fields.zarr"),
         (cut, "probes.parquet"),
         (rewritten(lambda table: table.slice(0, 0)), "holds no row"),

@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
+from refusals import unfinished
 
 from taichi_plume.agents import mapping, search
 from taichi_plume.assembly import kinds
@@ -153,8 +154,7 @@ def test_a_run_that_was_killed_is_shown_as_far_as_it_came(tmp_path, report):
     told = {"name": "made", "status": "running", "message": "t = 4.00 s", "seed": 0}
     folder = made_run.made(tmp_path / "run", told=told)
     (folder / "recording.rrd").write_bytes((folder / "recording.rrd").read_bytes()[:-1500])
-    (folder / "robots.parts").mkdir()
-    (folder / "robots.parquet").rename(folder / "robots.parts" / f"{0:012d}.parquet")
+    unfinished(folder / "robots.parquet")
     page = report(folder)
     assert "taichi_plume.repair" in page.text
     assert "recording.rrd: is cut off" in page.text

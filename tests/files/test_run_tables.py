@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from taichi_plume.files.table_parts import PartsTable, column
+from taichi_plume.files.run_tables import GrowingTable, column
 from taichi_plume.scenario.probes import BYTES_PER_NUMBER
 
 
@@ -14,7 +14,7 @@ def test_measured_values_take_as_many_bytes_as_scenarios_are_told(tmp_path):
     columns = [column("t", pa.float64(), "s", "time"), column("u", pa.float32(), "m/s", "velocity")]
     rng = np.random.default_rng(1)
     u = 0.5 + 0.05 * np.cumsum(rng.standard_normal((samples, points)), axis=0) / np.sqrt(samples)
-    table = PartsTable(tmp_path / "u.parquet", columns, {}, points)
+    table = GrowingTable(tmp_path / "u.parquet", columns, {}, points)
     table.start()
     for n in range(samples):
         table.values["t"][table.pending] = 0.035 * n

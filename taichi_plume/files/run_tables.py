@@ -1,0 +1,302 @@
+"""Parquet tables that grow during a run, with units and meanings of the columns as metadata.
+
+pandas finds the metadata in `attrs["units"]` and `attrs["meanings"]`, polars as JSON texts `units` and `meanings` of
+``polars.read_parquet_metadata``.
+
+During the run the rows are in an Arrow IPC stream beside the table, which is readable up to the last complete record
+batch; at the end the stream becomes the Parquet file.
+"""
+
+import io
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
+from pathlib import Path
+from zlib import crc32
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from taichi_plume.files import disk, manifest
+from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.files.tables import plain
+from taichi_plume.guard.opening import open_regular, unopenable
+
+ROW_GROUP = 50_000
+CHECKSUM = b"crc32"  # key of the metadata of each record batch of a stream
+NAMES = pa.dictionary(pa.int32(), pa.string())
+FAULTS = (pa.ArrowException, OSError, ValueError, LookupError, MemoryError)
+"""Errors of reading a damaged table."""
+
+
+def column(name: str, kind: pa.DataType, unit: str, meaning: str, **more: str) -> pa.Field:
+    """Return a column of a table; more: other metadata."""
+    return pa.field(name, kind, metadata={"unit": unit, "meaning": meaning, **more})
+
+
+def schema_of(columns: Sequence[pa.Field]) -> pa.Schema:
+    """Return the schema of a table, with metadata for pandas (`attributes` of its own files) and polars."""
+    facts = {"units": units(columns), "meanings": meanings(columns)}
+    pandas = {"index_columns": [], "column_indexes": [], "columns": [], "attributes": facts}
+    return pa.schema(columns, {key: json.dumps(value) for key, value in {"pandas": pandas, **facts}.items()})
+
+
+def units(columns: Iterable[pa.Field]) -> dict[str, str]:
+    """Return the unit of each column."""
+    return {column.name: (column.metadata or {}).get(b"unit", b"1").decode() for column in columns}
+
+
+def meanings(columns: Iterable[pa.Field]) -> dict[str, str]:
+    """Return the meaning of each column."""
+    return {column.name: (column.metadata or {}).get(b"meaning", b"").decode() for column in columns}
+
+
+def stream_of(path: Path) -> Path:
+    """Return the stream that holds the rows of a table during the run."""
+    return path.with_suffix(".arrows")
+
+
+class GrowingTable:
+    """A table of samples, each of `count` rows. `close()` writes the table, also after an error.
+
+    values: samples that are not yet in the stream, (samples, count) by column; names: dictionaries of the columns of
+    names, whose values are indices. `start()` creates the table, `go_on()` resumes that of a resumed run. Raises
+    OSError if the disk is full.
+    """
+
+    STATE = ("rows",)
+
+    def __init__(self, path: Path, columns: Sequence[pa.Field], names: Mapping[str, pa.Array], count: int):
+        self.path, self.stream = path, stream_of(path)
+        self.rows = 0  # in the stream
+        self.size = 0  # of the stream [bytes]
+        self.open = False
+        self.names = names
+        self.schema = schema_of(columns)
+        self.unsaved = io.BytesIO()  # end of the stream that is not on the disk yet
+        self.writer = pa.ipc.new_stream(
+            self.unsaved, self.schema, options=pa.ipc.IpcWriteOptions(compression="zstd")
+        )
+        self.pending = 0  # samples not yet in the stream
+        samples = max(1, ROW_GROUP // count)
+        kinds = {c.name: np.int32 if c.type == NAMES else c.type.to_pandas_dtype() for c in self.schema}
+        self.values = {name: np.empty((samples, count), kind) for name, kind in kinds.items()}
+
+    def start(self) -> None:
+        disk.require_room(self.path)
+        self.stream.open("xb").close()
+        self.open = True
+
+    def go_on(self) -> None:
+        """Copy the first `rows` rows to a new stream. Raises RunFolderError if fewer are left."""
+        disk.require_room(self.path)
+        rows, self.rows = self.rows, 0
+        with disk.written_whole(self.stream) as fresh:
+            for batch in batches(self.path) if rows else ():
+                self._put(batch.slice(0, rows - self.rows))
+                self._save(fresh)
+            if self.rows < rows:
+                raise RunFolderError(
+                    f"{self.path}: {self.rows:,} of its first {rows:,} rows are left, "
+                    "without which the run cannot go on"
+                )
+        self.path.unlink(missing_ok=True)
+        self.open = True
+
+    def took(self) -> None:
+        """Count the sample that was put into row `pending` of the values."""
+        self.pending += 1
+        if self.pending == len(next(iter(self.values.values()))):
+            self.flush()
+
+    def flush(self) -> None:
+        """Write the samples to the disk as a record batch."""
+        if self.pending:
+            arrays = []
+            for field in self.schema:
+                values = self.values[field.name][: self.pending].ravel()
+                if field.type == NAMES:
+                    arrays.append(pa.DictionaryArray.from_arrays(values, self.names[field.name]))
+                else:
+                    arrays.append(pa.array(values, field.type, from_pandas=True))
+            self._put(pa.record_batch(arrays, schema=self.schema))
+            self.pending = 0
+        self._save(self.stream)
+
+    def _put(self, batch: pa.RecordBatch) -> None:
+        if len(batch):
+            self.writer.write_batch(batch, {CHECKSUM: _checksum(batch)})
+            self.rows += len(batch)
+
+    def _save(self, stream: Path) -> None:
+        """Append the end of the stream to a file, instead of what an interrupted write has left there."""
+        content = self.unsaved.getvalue()
+        if not content:
+            return
+        disk.require_room(stream, len(content))
+        with stream.open("rb+") as file:
+            file.seek(self.size)
+            file.truncate()
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        self.size += len(content)
+        self.unsaved.seek(0)
+        self.unsaved.truncate()
+
+    def close(self) -> None:
+        """Write the table and remove the stream."""
+        if not self.open:
+            return
+        self.open = False
+        try:
+            self.flush()
+        finally:
+            finish(self.path)
+
+
+def finish(path: Path) -> None:
+    """Write the complete rows of a stream to the Parquet file `path`, and remove the stream. Raises OSError.
+
+    The bytes of the file depend on these rows only.
+    """
+    stream = stream_of(path)
+    rows = _of_stream(stream)
+    first = next(rows, None)
+    if first is not None:
+        disk.require_room(path, stream.stat().st_size)
+        with disk.written_whole(path) as fresh, _writer(fresh, first.schema) as writer:
+            for table in _in_groups(chain([first], rows)):
+                writer.write_table(table)
+    stream.unlink()
+
+
+def batches(
+    path: Path, columns: Sequence[str] | None = None, optional: Sequence[str] = ()
+) -> Iterator[pa.RecordBatch]:
+    """Yield an empty batch and the rows of a table; of an unfinished table from its stream.
+
+    columns: names to read, in this order, by default all; optional: names to read if the table has them. Manifest and
+    checksums of pages are checked. Raises RunFolderError, in a line.
+    """
+    if path.exists():
+        manifest.require_unchanged(path, RunFolderError)
+    try:
+        yield from unverified(path, columns, optional)
+    except FAULTS as error:
+        if isinstance(error, RunFolderError):
+            raise
+        raise RunFolderError(f"{path}: cannot be read: {plain(str(error) or type(error).__name__)}") from None
+
+
+def unverified(
+    path: Path, columns: Sequence[str] | None = None, optional: Sequence[str] = ()
+) -> Iterator[pa.RecordBatch]:
+    """Yield what `batches` yields, without a check of the manifest. Raises RunFolderError, also `FAULTS`."""
+    stream = stream_of(path)
+    rows = _of_stream(stream) if stream.exists() else _of_table(path, columns and [*columns, *optional])
+    first = next(rows, None)
+    if first is None:
+        raise RunFolderError(f"{path}: holds no row yet")
+    names = first.schema.names
+    if columns is not None:
+        names = [*columns, *(name for name in optional if name in names)]
+    for batch in chain([first.slice(0, 0), first], rows):
+        yield batch.select(names)
+
+
+def _of_table(path: Path, columns: Sequence[str] | None) -> Iterator[pa.RecordBatch]:
+    """Yield an empty batch and the rows of a finished table; columns: names to read, if the table has them."""
+    fault = unopenable(path)
+    if fault:
+        raise RunFolderError(f"{path}: {fault}")
+    with pq.ParquetFile(path, page_checksum_verification=True) as table:
+        yield pa.RecordBatch.from_pylist([], table.schema_arrow)
+        yield from table.iter_batches(ROW_GROUP, columns=columns)
+
+
+def _of_stream(stream: Path) -> Iterator[pa.RecordBatch]:
+    """Yield the complete batches of a stream. Raises `FAULTS` if the stream is damaged before the end."""
+    with open_regular(stream) as file:
+        size = os.fstat(file.fileno()).st_size
+        try:
+            for batch, facts in pa.ipc.open_stream(file).iter_batches_with_custom_metadata():
+                batch.validate(full=True)
+                if facts and facts[CHECKSUM] != _checksum(batch):
+                    raise ValueError("a record batch has another checksum")
+                yield batch
+        except FAULTS:
+            if file.tell() < size:
+                raise
+
+
+def _checksum(batch: pa.RecordBatch) -> bytes:
+    return str(crc32(batch.serialize())).encode()
+
+
+def read(path: Path) -> pa.Table:
+    """Return all rows of `batches`. Raises RunFolderError."""
+    first, *rest = batches(path)
+    return pa.Table.from_batches([first, *rest], first.schema).unify_dictionaries()
+
+
+def robots_of(
+    path: Path, columns: Sequence[str], trial: int
+) -> tuple[dict[tuple[str, int], dict[str, np.ndarray]], set[int]]:
+    """Return columns of robots.parquet in order of time by group and number of the robot, and the trials in the table.
+
+    The result also has z, 0 for ground robots. Raises RunFolderError.
+    """
+    trials: set[int] = set()
+    parts = []
+    for batch in batches(path, ("group", "trial", "robot", *columns), optional=("z",)):
+        trials.update(pc.unique(batch["trial"]).to_pylist())
+        parts.append(batch.filter(pc.equal(batch["trial"], trial)))
+    table = pa.Table.from_batches(parts).unify_dictionaries().sort_by("t")
+    groups, numbers = (
+        np.array(table["group"].cast(pa.string()).to_pylist(), object),
+        table["robot"].to_numpy(),
+    )
+    values = {name: table[name].to_numpy() for name in table.column_names[3:]}
+    values["z"] = np.nan_to_num(values.get("z", np.zeros(len(table))))
+    robots = {}
+    for group in dict.fromkeys(groups):
+        for number in np.unique(numbers[groups == group]).tolist():
+            rows = np.flatnonzero((groups == group) & (numbers == number))
+            robots[group, number] = {name: column[rows] for name, column in values.items()}
+    return robots, trials
+
+
+def _in_groups(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.Table]:
+    """Yield rows as tables of ROW_GROUP rows, and a table of the rest."""
+    waiting: list[pa.RecordBatch] = []
+    held = 0
+    for batch in batches:
+        waiting.append(batch)
+        held += len(batch)
+        if held >= ROW_GROUP:
+            table = pa.Table.from_batches(waiting)
+            yield table.slice(0, ROW_GROUP)
+            waiting, held = table.slice(ROW_GROUP).to_batches(), held - ROW_GROUP
+    if held:
+        yield pa.Table.from_batches(waiting)
+
+
+def _writer(path: Path, schema: pa.Schema) -> pq.ParquetWriter:
+    """Return a writer that splits float32 values into streams of bytes.
+
+    Measured values hardly repeat: tables are a third smaller than with dictionaries, written in a third of the time.
+    """
+    measured = [field.name for field in schema if field.type == pa.float32()]
+    others = [field.name for field in schema if field.type != pa.float32()]
+    return pq.ParquetWriter(
+        path,
+        schema,
+        compression="zstd",
+        write_page_checksum=True,
+        use_dictionary=others,  # type: ignore[arg-type]
+        use_byte_stream_split=measured,  # type: ignore[arg-type]
+    )
