@@ -20,6 +20,21 @@ LONGEST_TEXT = 40  # characters shown of what is wrong
 LONGEST_REASON = 300  # characters shown of what a library says
 
 
+def unchanged_content(path: Path, fault: type[ValueError], most: int = LARGEST_FILE) -> bytes:
+    """Return the content of a file of at most `most` bytes.
+
+    Raises a `fault` of one line, also if the file differs from the manifest beside it.
+    """
+    try:
+        content = read_regular(path, most)
+    except OSError as error:
+        raise fault(f"{path}: cannot be read: {error.strerror or error}") from None
+    manifest.require_unchanged(path, fault)
+    if content is None:
+        raise fault(f"{path}: is too large; {most >> 20} MiB are read")
+    return content
+
+
 class TextFile:
     """The lines of a text file, without empty lines at the end.
 
@@ -28,13 +43,7 @@ class TextFile:
 
     def __init__(self, path: Path, fault: type[ValueError]):
         self.path, self.fault = path, fault
-        try:
-            content = read_regular(path, LARGEST_FILE)
-        except OSError as error:
-            raise fault(f"{path}: cannot be read: {error.strerror or error}") from None
-        manifest.require_unchanged(path, fault)
-        if content is None:
-            raise fault(f"{path}: is too large; {LARGEST_FILE >> 20} MiB are read")
+        content = unchanged_content(path, fault)
         try:
             self.lines = content.decode("utf-8-sig").splitlines()
         except UnicodeDecodeError as error:

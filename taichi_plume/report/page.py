@@ -7,6 +7,7 @@ from typing import TypeVar
 
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import plain
+from taichi_plume.record.reading import Picture
 from taichi_plume.report import captions, facts, figures, html, maps, scene
 from taichi_plume.report.html import Image, Section, Table
 from taichi_plume.report.references import papers
@@ -130,7 +131,7 @@ class Parts:
         run = self.run
         section = Section("Gas and paths of the robots", "plume")
         spacing = max(run.scenario.duration + run.scenario.warm_up, 1e-3) / MOST_FRAMES
-        pictures = self._tried(lambda: run.planes.read(self._planes(), (0.0, inf), spacing), {})
+        pictures = self._tried(lambda: self._pictures(spacing), {})
         shown = [picture for picture in pictures.values() if len(picture.times)]
         shown.sort(key=lambda picture: (picture.axes != "xy", not picture.name.startswith("gas")))
         trails = self._trails()
@@ -153,10 +154,13 @@ class Parts:
                 section.images.append(Image(figures.only_tracks(run, self.tracks), "Tracks", trails))
         return section
 
-    def _planes(self) -> list[str]:
-        """Return the names of the first plane of each kind; the column instead of the slice if there are both."""
+    def _pictures(self, spacing: float) -> dict[str, Picture]:
+        """Return pictures of the first plane of each kind; of the column instead of the slice if there are both."""
+        if not (self.run.has("recording.rrd") or self.run.has("fields.zarr")):
+            return {}
         names = [name for name in self.run.planes.names() if name.count("_") == 1]
-        return [name for name in names if not (name == "gas_slice" and "gas_column" in names)]
+        names = [name for name in names if not (name == "gas_slice" and "gas_column" in names)]
+        return self.run.planes.read(names, (0.0, inf), spacing)
 
     def _trails(self) -> str:
         if not self.tracks:
