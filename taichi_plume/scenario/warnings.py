@@ -125,10 +125,8 @@ def _openings(context: Context) -> Iterator[str]:
 
 def _heaters(context: Context) -> Iterator[str]:
     """Yield warnings of heaters that span too few cells for the plume above them."""
-    buoyancy, spacing = context.scenario.buoyancy, context.domain.spacing
-    if context.scenario.wind.computed is None or buoyancy is None or buoyancy.heat is None:
-        return
-    for n, heater in enumerate(buoyancy.heat.heaters):
+    heat, spacing = context.scenario.heat, context.domain.spacing
+    for n, heater in enumerate(heat.heaters if heat else ()):
         width = 2.0 * heater.radius
         if width < FEWEST_ACROSS * spacing * (1 - 1e-6):
             yield (
