@@ -276,7 +276,7 @@ def test_what_comes_once_is_latched(bag):
 def test_rerun_opens_it(bag, tmp_path):
     """Its viewer draws what the bag is converted to: points, grids, frames, and all other topics as they are."""
     out = tmp_path / "a.rrd"
-    command = [Path(sys.executable).with_name("rerun"), "mcap", "convert", bag / "bag.mcap", "-o", out]
+    command = [sys.executable, "-m", "rerun_cli", "mcap", "convert", bag / "bag.mcap", "-o", out]
     subprocess.run(command, check=True, capture_output=True)
     found: dict[str, dict[str, int]] = {}
     for chunk in rr.chunk.RrdReader(str(out)).stream():

@@ -30,7 +30,7 @@ def begin_fields(scenario: Scenario, resources: Resources, wind: "Wind", gases: 
         solver.start_from(
             _filmed(start, "wind.initial", resources) if start.film else _formulas(start, extent)
         )
-    heat = scenario.buoyancy.heat if scenario.buoyancy is not None else None
+    heat = scenario.heat
     if heat is not None and heat.initial is not None:
         solver.heat.start_from(_formulas(heat.initial, extent))
     for (path, gas), part in zip(scenario.gases, gases, strict=True):

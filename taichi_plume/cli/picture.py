@@ -85,13 +85,13 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 def _still(run: "Run", args: argparse.Namespace) -> None:
     """Draw the moment --at."""
-    period, end = _period(run), _end(run)
+    period, end = max(1.0 / _rate(run, "rate"), run.scenario.tick), _end(run)
     at = end if args.at is None else args.at
     picture = _picture(run, args, (at - 1.5 * period, at))
     if not len(picture.times) or at > end + period:
         raise _outside(run, picture.name, at)
     figure, view = _figure(run, picture, args, args.width or PICTURE_WIDTH)
-    _show(view, picture, at, run.planes.arrows(_plane(picture), (at - 1.5 / _wind_rate(run), at)))
+    _show(view, picture, at, run.planes.arrows(_plane(picture), (at - 1.5 / _rate(run, "wind_rate"), at)))
     name = next((view for view, plane in VIEWS.items() if picture.view == plane), picture.view)
     out = args.out or Path(f"{run.folder.resolve().name}-{name}-{at:g}s.png")
     from taichi_plume.files.disk import written_whole
@@ -122,7 +122,7 @@ def _film(run: "Run", args: argparse.Namespace) -> None:
     if len(chosen) > count:
         chosen = np.linspace(0, len(chosen) - 1, count).round().astype(int).tolist()
     figure, view = _figure(run, picture, args, args.width or FILM_WIDTH)
-    between = (begin - 1.5 / _wind_rate(run), end)
+    between = (begin - 1.5 / _rate(run, "wind_rate"), end)
     arrows = run.planes.arrows(_plane(picture), between, (end - begin) / count)
 
     def show(n: int) -> None:
@@ -160,9 +160,6 @@ def _picture(
     run: "Run", args: argparse.Namespace, between: tuple[float, float], spacing: float = 0.0
 ) -> "Picture":
     """Read the pictures of the requested view. Raises InputError."""
-    if not (run.planes.has_recording or run.planes.has_film):
-        what = "has neither recording.rrd nor fields.zarr, from which pictures are made"
-        raise InputError(f"{run.folder}: {what}")
     views = [VIEWS.get(args.view, args.view)] if args.view else ["column", "slice"]
     names = [f"{args.of}_{view}" for view in views]
     pictures = run.planes.read(names, between, spacing)
@@ -172,16 +169,12 @@ def _picture(
     return pictures[next(name for name in names if name in pictures)]
 
 
-def _period(run: "Run") -> float:
-    """Simulated time between pictures [s]."""
+def _rate(run: "Run", key: str) -> float:
+    """Pictures per simulated second; key: `rate` of gas or `wind_rate`, of a recording."""
     fields = run.scenario.fields
-    rate = run.scenario.recording.rate if run.planes.has_recording or fields is None else fields.rate
-    return max(1.0 / rate, run.scenario.tick)
-
-
-def _wind_rate(run: "Run") -> float:
-    fields = run.scenario.fields
-    return run.scenario.recording.wind_rate if run.planes.has_recording or fields is None else fields.rate
+    if fields is None or run.has("recording.rrd"):
+        return vars(run.scenario.recording)[key]
+    return fields.rate
 
 
 def _plane(picture: "Picture") -> str:

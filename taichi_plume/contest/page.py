@@ -22,8 +22,7 @@ from taichi_plume.contest.standings import (
 )
 from taichi_plume.guard.terminal import show, visible
 from taichi_plume.report import html
-from taichi_plume.report.html import Image, Section, Table
-from taichi_plume.study.points import Quantity
+from taichi_plume.report.html import Section
 
 ON_PAGE = (DECLARED, REACHED, NEITHER)
 """Quantities that the terminal does not show."""
@@ -67,7 +66,7 @@ def _whole(contest: Contest, rows: Sequence[Row]) -> Section:
     searches = f"{contest.searches} searches in each of {contest.airs} airs"
     section = Section("Success", "success")
     section.lines.append(f"{len(contest.entrants)} algorithms in {len(names)} scenarios, {searches}.")
-    section.tables.append(Table(table, ("success [%]", *names, "mean"), captions.WHOLE))
+    section.table(table, ("success [%]", *names, "mean"), captions.WHOLE)
     return section
 
 
@@ -75,22 +74,19 @@ def _scenario(contest: Contest, scenario: Fixed, rows: Sequence[Row]) -> Section
     section = Section(scenario.name, scenario.name, lines=list(scenario.about))
     facts = ", ".join(f"{key} {value:g}" for key, value in scenario.facts.items())
     section.lines.append(f"{captions.FACTS} {facts}.")
-    image = plots.arena(scenario, plots.mean_plume(scenario, contest.out / SCENARIOS))
-    section.images.append(Image(image, f"{scenario.name} from above", captions.ARENA))
-    image = plots.compared(rows, scenario.scenario.duration)
-    section.images.append(Image(image, "Success and time", captions.COMPARED))
+    plume = plots.mean_plume(scenario, contest.out / SCENARIOS)
+    section.image(plots.arena(scenario, plume), f"{scenario.name} from above", captions.ARENA)
+    section.image(plots.compared(rows, scenario.scenario.duration), "Success and time", captions.COMPARED)
     declaring = [row for row in rows if row.estimates[ERROR.name]]
-    section.tables.append(_table(rows, [each for each in MEASURES if each not in WORDS], captions.TABLE))
-    if declaring:
-        section.tables.append(_table(declaring, WORDS, captions.WORDS))
+    for part, shown, caption in (
+        (rows, [each for each in MEASURES if each not in WORDS], captions.TABLE),
+        (declaring, WORDS, captions.WORDS),
+    ):
+        table = [(row.algorithm, *(q.cell(row.estimates[q.name]) for q in shown)) for row in part]
+        section.table(table, ("algorithm", *map(plots.title, shown)), caption)
     words = [(row.algorithm, SUCCESS.words(row.estimates[SUCCESS.name])) for row in rows]
-    section.tables.append(Table(words, ("success in words", "")))
+    section.table(words, ("success in words", ""))
     return section
-
-
-def _table(rows: Sequence[Row], shown: Sequence[Quantity], caption: str) -> Table:
-    table = [(row.algorithm, *(q.cell(row.estimates[q.name]) for q in shown)) for row in rows]
-    return Table(table, ("algorithm", *map(plots.title, shown)), caption)
 
 
 def _failures(rows: Sequence[Row]) -> Section:
@@ -100,8 +96,9 @@ def _failures(rows: Sequence[Row]) -> Section:
         for row in rows
         if row.failed
     ]
-    tables = [Table(failed, ("", "runs", "message"), captions.FAILED)] if failed else []
-    return Section("What failed", "failed", tables=tables)
+    section = Section("What failed", "failed")
+    section.table(failed, ("", "runs", "message"), captions.FAILED)
+    return section
 
 
 def show_table(rows: Sequence[Row]) -> None:

@@ -34,6 +34,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichi_plume.files import manifest
+from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.zarr_groups import (
     FAULTS,
     LARGEST_CHUNK,
@@ -43,7 +44,6 @@ from taichi_plume.files.zarr_groups import (
     require_memory,
     stored_chunks,
 )
-from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.opening import unopenable
 from taichi_plume.scenario.sources import OtherSpecies
 
@@ -60,7 +60,7 @@ Places = Callable[[np.ndarray], np.ndarray]
 """Values (...), or (..., dim) of a vector, at points (..., dim) [m]."""
 
 
-class FilmError(InputError):
+class FilmError(RunFolderError):
     """A film that cannot be read; the message begins with the path."""
 
 

@@ -134,11 +134,14 @@ Triangles = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 def robot_mesh(radius: float, height: float) -> Triangles:
     """Return the mesh of a disc with a pointed front along +x."""
-    nose = 1.7 * radius
-    side = np.arccos(radius / nose)  # angle at which the flanks of the point touch the disc
-    angle = np.linspace(side, 2 * pi - side, 24)
-    outline = radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return prism_mesh(np.vstack([[nose, 0.0], outline]), 0.0, height)
+    return prism_mesh(pointed_disc(radius, 1.7, 24), 0.0, height)
+
+
+def pointed_disc(radius: float, tip: float, corners: int) -> np.ndarray:
+    """Return the outline (corners + 1, 2) [m] of a disc with a point along +x, at `tip` radii from the middle."""
+    side = np.arccos(1.0 / tip)  # angle at which the flanks of the point touch the disc
+    angle = np.linspace(side, 2 * pi - side, corners)
+    return radius * np.vstack([[tip, 0.0], np.stack([np.cos(angle), np.sin(angle)], axis=-1)])
 
 
 def prism_mesh(outline: np.ndarray, base: float, top: float) -> Triangles:
@@ -176,27 +179,22 @@ def faceted(vertices: np.ndarray, triangles: np.ndarray) -> Triangles:
 # ---------------------------------------------------------------- openings
 
 
-def opening(region: Window, extent: Sequence[float], height: float) -> np.ndarray:
+def opening(region: Window, extent: tuple[float, ...], height: float) -> np.ndarray:
     """Return the outline (n, 3) [m] of an opening or a screen on its plane; height: of the walls [m], in 2-D too."""
     low, high = region_bounds(region, extent, height)
-    if region.diameter is not None and region.center is not None and len(region.center) == 2:
+    if region.is_disc(len(extent)):
+        center, half = map(np.array, region.rectangle(extent))
         angle = np.linspace(0, 2 * pi, 48, endpoint=False)
-        flat = np.array(region.center) + region.diameter / 2 * np.stack([np.cos(angle), np.sin(angle)], -1)
+        flat = center + half * np.stack([np.cos(angle), np.sin(angle)], -1)
     else:
         flat = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
     return on_plane(flat, region, (*extent[:2], height))
 
 
-def region_bounds(region: Window, extent: Sequence[float], height: float) -> tuple[np.ndarray, np.ndarray]:
+def region_bounds(region: Window, extent: tuple[float, ...], height: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the lower and upper corner [m] of a region in the two axes of its plane."""
-    axis = region.normal
-    sides = np.array([length for d, length in enumerate((*extent[:2], height)) if d != axis])
-    low, high = np.zeros(2), sides.copy()
-    if region.center is not None:
-        size = region.size or (region.diameter or 0.0,) * len(region.center)
-        for d, (middle, length) in enumerate(zip(region.center, size, strict=True)):
-            low[d], high[d] = max(0.0, middle - length / 2), min(sides[d], middle + length / 2)
-    return low, high
+    low, high = region.bounds(extent)
+    return np.append(low, 0.0)[:2], np.append(high, height)[:2]
 
 
 def on_plane(flat: np.ndarray, region: Window, size: tuple[float, ...]) -> np.ndarray:
@@ -204,7 +202,7 @@ def on_plane(flat: np.ndarray, region: Window, size: tuple[float, ...]) -> np.nd
     return np.insert(flat, region.normal, region.level(size), axis=-1)
 
 
-def comb(region: Window, extent: Sequence[float], height: float) -> list[np.ndarray]:
+def comb(region: Window, extent: tuple[float, ...], height: float) -> list[np.ndarray]:
     """Return the cells of a honeycomb as hexagons (7, 3) [m] within its region; in 2-D as short bars."""
     low, high = region_bounds(region, extent, height)
     size = (*extent[:2], height)

@@ -90,9 +90,8 @@ def cuts(scenario: Scenario, extent: Sequence[float]) -> list[tuple[int, float]]
 
 def _first(scenario: Scenario) -> tuple[list[tuple[float, ...]], list[tuple[float, ...]]]:
     """Return the positions of the first source and of the first heater, each as a list that may be empty."""
-    heat = scenario.buoyancy.heat if scenario.buoyancy is not None else None
     sources = [source.position for _, source in scenario.sources[:1]]
-    return sources, [heater.position for heater in heat.heaters[:1]] if heat is not None else []
+    return sources, [heater.position for heater in scenario.heat.heaters[:1]] if scenario.heat else []
 
 
 def _apart(levels: Sequence[float], distance: float) -> list[float]:

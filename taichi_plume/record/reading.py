@@ -4,7 +4,8 @@ A recording that cannot be read raises RunFolderError: a line that begins with t
 """
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -92,78 +93,168 @@ class Arrows(NamedTuple):
     ways: list[np.ndarray]
 
 
-def read(
-    path: Path,
-    names: Sequence[str] | None = None,
-    between: tuple[float, float] = ALL_TIMES,
-    spacing: float = 0.0,
-) -> dict[str, Picture]:
-    """Return the pictures of a recording by name, all or those of given names.
+class RecordedPictures:
+    """Pictures and wind arrows of a recording. Every method may raise RunFolderError.
 
-    between: first and last time [s]; spacing: least time from frame to frame [s]. Raises RunFolderError.
+    names: of pictures, such as "gas_slice", None for all; between: first and last time [s]; spacing: least time from
+    picture to picture [s].
     """
-    scales = _scales(path)
-    pictures = {}
-    for name in scales if names is None else [name for name in names if name in scales]:
-        entity, size, scale = scales[name]
-        times, parts = [np.zeros(0)], [np.zeros((0, *size), np.uint8)]
-        for t, selected, column in _rows(path, entity, [DATA], between, spacing):
-            pixels = column[0].flatten().flatten().to_numpy(zero_copy_only=False)
-            if pixels.size != len(t) * size[0] * size[1]:
-                raise RunFolderError(f"{path}: is damaged: pictures of {entity} have another size")
-            times.append(t[selected])
-            parts.append(pixels.reshape(len(t), *size)[selected, ::-1])
-        t = np.concatenate(times)
-        order = np.argsort(t, kind="stable")
-        pictures[name] = Picture(name, **scale, times=t[order], data=np.concatenate(parts)[order])
-    return pictures
+
+    def __init__(self, path: Path):
+        self.path = path
+
+    def names(self) -> list[str]:
+        """Return the names of the pictures."""
+        return list(self._blank)
+
+    def read(
+        self,
+        names: Sequence[str] | None = None,
+        between: tuple[float, float] = ALL_TIMES,
+        spacing: float = 0.0,
+    ) -> dict[str, Picture]:
+        """Return pictures by name."""
+        pictures = {}
+        for name in self._blank if names is None else [name for name in names if name in self._blank]:
+            entity, blank = self._blank[name]
+            size, times, parts = blank.data.shape[1:], [blank.times], [blank.data]
+            for t, selected, column in self._rows(entity, [DATA], between, spacing):
+                pixels = column[0].flatten().flatten().to_numpy(zero_copy_only=False)
+                if pixels.size != len(t) * size[0] * size[1]:
+                    raise RunFolderError(f"{self.path}: is damaged: pictures of {entity} have another size")
+                times.append(t[selected])
+                parts.append(pixels.reshape(len(t), *size)[selected, ::-1])
+            t = np.concatenate(times)
+            order = np.argsort(t, kind="stable")
+            pictures[name] = blank._replace(times=t[order], data=np.concatenate(parts)[order])
+        return pictures
+
+    def span(self, names: Sequence[str] | None = None) -> tuple[float, float] | None:
+        """Return the first and last time [s] of pictures, if any. No picture stays in memory."""
+        ends: list[float] = []
+        for name, (entity, _) in self._blank.items():
+            if names is None or name in names:
+                for t, _, _ in self._rows(entity, [DATA], ALL_TIMES, 0.0):
+                    ends += [float(t.min()), float(t.max())]
+        return (min(ends), max(ends)) if ends else None
+
+    def arrows(self, plane: str, between: tuple[float, float] = ALL_TIMES, spacing: float = 0.0) -> Arrows:
+        """Return the wind in a plane, such as "slice" or "section", or an empty wind."""
+        found: list[tuple[float, np.ndarray, np.ndarray]] = []
+        components = ["Arrows3D:origins", "Arrows3D:vectors"]
+        for t, selected, columns in self._rows(f"/wind/{plane}", components, between, spacing):
+            tails, ways = (_points(column) for column in columns)
+            found += [(float(t[k]), tails[k], ways[k]) for k in np.flatnonzero(selected)]
+        found.sort(key=lambda arrow: arrow[0])
+        times, all_tails, all_ways = zip(*found, strict=True) if found else ((), (), ())
+        return Arrows(np.array(times, float), list(all_tails), list(all_ways))
+
+    # ------------------------------------------------------------ rerun
+
+    @cached_property
+    def _blank(self) -> dict[str, tuple[str, Picture]]:
+        """Entity of each picture, and the picture without frames."""
+        static: dict[str, dict[str, Any]] = {}
+        for entity, batch in self._chunks(is_static=True, components=[*SCALE, FORMAT]):
+            for key in (*SCALE, FORMAT):
+                if key in batch.schema.names:
+                    static.setdefault(entity, {})[key] = batch.column(key)[0].as_py()
+        pictures = {entity: values for entity, values in static.items() if FORMAT in values}
+        if not pictures:
+            raise RunFolderError(
+                f"{self.path}: is no recording of a run of ours, or has been cut off at its begin"
+            )
+        scaled = {entity: values for entity, values in pictures.items() if {"low", "high"} <= values.keys()}
+        if not scaled:
+            raise RunFolderError(
+                f"{self.path}: was made by another version, which did not say what its pictures stand for; run it again"
+            )
+        try:
+            blank = [(entity, _blank(entity, values)) for entity, values in sorted(scaled.items())]
+        except FAULTS as error:
+            raise RunFolderError(f"{self.path}: is damaged: {plain(str(error))}") from None
+        return {picture.name: (entity, picture) for entity, picture in blank}
+
+    def _stream(self) -> "rr.chunk.LazyChunkStream":
+        """Return the chunks, by the index if present: the recording of a killed run has no index."""
+        reason = unopenable(self.path)
+        if reason:
+            raise RunFolderError(f"{self.path}: {reason}")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # errors of rerun without an index
+            reader = rr.chunk.RrdReader(str(self.path))
+            try:
+                return reader.store().stream()
+            except FAULTS:
+                return reader.stream()
+
+    def _chunks(self, **chosen: Any) -> Iterator[tuple[str, pa.RecordBatch]]:
+        """Yield entity and table of the chunks that pass a filter."""
+        try:
+            for chunk in self._stream().filter(**chosen):
+                yield chunk.entity_path, chunk.to_record_batch()
+        except RunFolderError:
+            raise
+        except FAULTS as error:
+            reason = plain(" ".join(str(error).split()))
+            reason = reason.replace(f"Failed to read RRD file at {self.path}: ", "")
+            raise RunFolderError(f"{self.path}: is cut off or no recording: {reason}") from None
+
+    def _rows(
+        self, entity: str, components: list[str], between: tuple[float, float], spacing: float
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, list[pa.Array]]]:
+        """Yield the times [s] of each chunk of an entity, a mask of the selected rows, and columns."""
+        latest = -np.inf
+        for _, batch in self._chunks(content=entity, components=components, is_static=False):
+            if TIME not in batch.schema.names or not set(components) <= set(batch.schema.names):
+                continue
+            t = batch.column(TIME).cast(pa.int64()).to_numpy() * 1e-9
+            selected = (t >= between[0] - 1e-9) & (t <= between[1] + 1e-9)
+            if spacing > 0:
+                for k in np.flatnonzero(selected):
+                    selected[k] = t[k] >= latest + spacing - 1e-6
+                    latest = t[k] if selected[k] else latest
+            if selected.any():
+                yield t, selected, [batch.column(name) for name in components]
 
 
-def names(path: Path) -> list[str]:
-    """Return the names of the pictures of a recording. Raises RunFolderError."""
-    return list(_scales(path))
+def _blank(entity: str, values: dict[str, Any]) -> Picture:
+    """Return a picture without frames, from lists as stored by rerun."""
+    (low,), (high,), (scale,), (form,) = (values[key][:1] for key in ("low", "high", "scale", FORMAT))
+    logarithmic = scale == "log"
+    if not np.isfinite([low, high]).all() or high <= low or (logarithmic and low <= 0):
+        raise ValueError(f"a scale from {low:g} to {high:g}")
+    cell, origin = [float(x) for x in values["cell"]], [float(x) for x in values.get("origin", (0.0, 0.0))]
+    name, view = entity.strip("/").replace("/", "_"), entity.rpartition("/")[2]
+    plane = (values.get("plane") or [""])[0]  # rerun stores no empty text
+    return Picture(
+        name, view, values["quantity"][0], values["unit"][0], float(low), float(high), logarithmic, plane,
+        values["axes"][0], (cell[0], cell[-1]), (origin[0], origin[1]), np.zeros(0),
+        np.zeros((0, form["height"], form["width"]), np.uint8),
+    )  # fmt: skip
 
 
-def span(path: Path, selection: Sequence[str] | None = None) -> tuple[float, float] | None:
-    """Return the first and last time [s] of the pictures of given names, or of all; None without pictures.
-
-    No picture stays in memory. Raises RunFolderError.
-    """
-    ends: list[float] = []
-    for name, (entity, _, _) in _scales(path).items():
-        if selection is None or name in selection:
-            for t, _, _ in _rows(path, entity, [DATA], ALL_TIMES, 0.0):
-                ends += [float(t.min()), float(t.max())]
-    return (min(ends), max(ends)) if ends else None
+def _points(column: pa.Array) -> list[np.ndarray]:
+    """Return the points (m, 3) of each row."""
+    counts = column.value_lengths().fill_null(0).to_numpy(zero_copy_only=False)
+    flat = column.flatten().flatten().to_numpy(zero_copy_only=False).reshape(-1, 3)
+    return np.split(flat, np.cumsum(counts)[:-1])
 
 
-def arrows(
-    path: Path, plane: str = "slice", between: tuple[float, float] = ALL_TIMES, spacing: float = 0.0
-) -> Arrows:
-    """Return the wind of a recording in a plane, "slice" or "section", or an empty wind. Raises RunFolderError."""
-    found: list[tuple[float, np.ndarray, np.ndarray]] = []
-    components = ["Arrows3D:origins", "Arrows3D:vectors"]
-    for t, selected, columns in _rows(path, f"/wind/{plane}", components, between, spacing):
-        tails, ways = (_points(column) for column in columns)
-        found += [(float(t[k]), tails[k], ways[k]) for k in np.flatnonzero(selected)]
-    found.sort(key=lambda arrow: arrow[0])
-    return Arrows(
-        np.array([t for t, _, _ in found]), [tail for _, tail, _ in found], [way for _, _, way in found]
-    )
+# ---------------------------------------------------------------- xarray
 
 
-def pictures(path: Path) -> "xr.Dataset":
-    """Return all pictures of a recording: `gas_slice` (time, y, x) and so on, float32 in ppm or K, with CF attributes.
+def dataset(pictures: Iterable[Picture]) -> "xr.Dataset":
+    """Return the pictures of a recording: `gas_slice` (time, y, x) and so on, float32 in ppm or K, with CF attributes.
 
-    If pixels or times of planes differ, the dimensions of the later plane get its name: `z_section`. Raises
-    RunFolderError.
+    If pixels or times of planes differ, the dimensions of the later plane get the plane's name: `z_section`.
     """
     import xarray as xr
 
     variables: dict[str, tuple] = {}
     coords: dict[str, tuple] = {}
-    for name, picture in read(path).items():
-        dims = []
+    for picture in pictures:
+        name, dims = picture.name, []
         vertical, horizontal = picture.coordinates(1), picture.coordinates(0)
         for axis, along in (
             ("time", picture.times),
@@ -191,98 +282,3 @@ def _attributes(axis: str) -> dict[str, str]:
     if axis == "time":
         return {"units": "s", "long_name": "simulated time", "axis": "T"}
     return {"units": "m", "long_name": f"middle of the pixels along {axis}", "axis": axis.upper()}
-
-
-# ---------------------------------------------------------------- rerun
-
-
-def _stream(path: Path) -> "rr.chunk.LazyChunkStream":
-    """Return the chunks of a recording, by its index if present: the recording of a killed run has no index."""
-    reason = unopenable(path)
-    if reason:
-        raise RunFolderError(f"{path}: {reason}")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # errors of rerun without an index
-        reader = rr.chunk.RrdReader(str(path))
-        try:
-            return reader.store().stream()
-        except FAULTS:
-            return reader.stream()
-
-
-def _chunks(path: Path, **chosen: Any) -> Iterator[tuple[str, pa.RecordBatch]]:
-    """Yield entity and table of the chunks that pass a filter."""
-    try:
-        for chunk in _stream(path).filter(**chosen):
-            yield chunk.entity_path, chunk.to_record_batch()
-    except RunFolderError:
-        raise
-    except FAULTS as error:
-        reason = plain(" ".join(str(error).split())).replace(f"Failed to read RRD file at {path}: ", "")
-        raise RunFolderError(f"{path}: is cut off or no recording: {reason}") from None
-
-
-def _scales(path: Path) -> dict[str, tuple[str, tuple[int, int], dict[str, Any]]]:
-    """Return for each picture its entity, its rows and columns, and the fields of `Picture` known without its data."""
-    static: dict[str, dict[str, Any]] = {}
-    for entity, batch in _chunks(path, is_static=True, components=[*SCALE, FORMAT]):
-        for key in (*SCALE, FORMAT):
-            if key in batch.schema.names:
-                static.setdefault(entity, {})[key] = batch.column(key)[0].as_py()
-    pictures = {entity: values for entity, values in static.items() if FORMAT in values}
-    if not pictures:
-        raise RunFolderError(f"{path}: is no recording of a run of ours, or has been cut off at its begin")
-    scaled = {entity: values for entity, values in pictures.items() if {"low", "high"} <= values.keys()}
-    if not scaled:
-        raise RunFolderError(
-            f"{path}: was made by another version, which did not say what its pictures stand for; run it again"
-        )
-    try:
-        return {
-            entity.strip("/").replace("/", "_"): (entity, *_scale(entity, values))
-            for entity, values in sorted(scaled.items())  # a file has them in any order
-        }
-    except FAULTS as error:
-        raise RunFolderError(f"{path}: is damaged: {plain(str(error))}") from None
-
-
-def _scale(entity: str, values: dict[str, Any]) -> tuple[tuple[int, int], dict[str, Any]]:
-    """Return rows and columns, and the fields of a picture, from lists as stored by rerun."""
-    quantity, unit, scale, axes = (values[key][0] for key in ("quantity", "unit", "scale", "axes"))
-    low, high, logarithmic = float(values["low"][0]), float(values["high"][0]), scale == "log"
-    if not np.isfinite([low, high]).all() or high <= low or (logarithmic and low <= 0):
-        raise ValueError(f"a scale from {low:g} to {high:g}")
-    cell, origin = [float(x) for x in values["cell"]], [float(x) for x in values.get("origin", (0.0, 0.0))]
-    form, plane = values[FORMAT][0], (values.get("plane") or [""])[0]  # rerun stores no empty text
-    fields = {"view": entity.rpartition("/")[2], "quantity": quantity, "unit": unit, "low": low, "high": high}
-    fields |= {"logarithmic": logarithmic, "plane": plane, "axes": axes}
-    fields |= {"cell": (cell[0], cell[-1]), "origin": (origin[0], origin[1])}
-    return (form["height"], form["width"]), fields
-
-
-def _rows(
-    path: Path, entity: str, components: list[str], between: tuple[float, float], spacing: float
-) -> Iterator[tuple[np.ndarray, np.ndarray, list[pa.Array]]]:
-    """Yield the times [s] of each chunk of an entity, a mask of the selected rows, and its columns.
-
-    Rows are selected if they are `between` two times, and `spacing` apart.
-    """
-    latest = -np.inf
-    for _, batch in _chunks(path, content=entity, components=components, is_static=False):
-        if TIME not in batch.schema.names or not set(components) <= set(batch.schema.names):
-            continue
-        t = batch.column(TIME).cast(pa.int64()).to_numpy() * 1e-9
-        selected = (t >= between[0] - 1e-9) & (t <= between[1] + 1e-9)
-        if spacing > 0:
-            for k in np.flatnonzero(selected):
-                selected[k] = t[k] >= latest + spacing - 1e-6
-                latest = t[k] if selected[k] else latest
-        if selected.any():
-            yield t, selected, [batch.column(name) for name in components]
-
-
-def _points(column: pa.Array) -> list[np.ndarray]:
-    """Return the points (m, 3) of each row."""
-    counts = column.value_lengths().fill_null(0).to_numpy(zero_copy_only=False)
-    flat = column.flatten().flatten().to_numpy(zero_copy_only=False).reshape(-1, 3)
-    return np.split(flat, np.cumsum(counts)[:-1])

@@ -56,9 +56,8 @@ def quantities(sim: Simulation) -> list[Quantity]:
         found.append(_gas("gas", several, scale, sim))
         if len(several) > 1:
             found += [_gas(f"gas/{n}", [n], scale, sim) for n in several]
-    buoyancy = sim.scenario.buoyancy
-    if sim.heat is not None and buoyancy is not None and buoyancy.heat is not None:
-        found.append(_temperature(sim, buoyancy.heat))
+    if sim.heat is not None and sim.scenario.heat is not None:
+        found.append(_temperature(sim, sim.scenario.heat))
     return found
 
 

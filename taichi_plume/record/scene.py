@@ -81,8 +81,8 @@ def arena(sim: Simulation, stage: Stage) -> Entities:
             yield from _window(f"world/openings/{n}", region, opening.color, opening.straight, name, stage)
     for n, screen in enumerate(sim.scenario.screens):
         yield from _window(f"world/screens/{n}", screen, screen.color, True, screen.kind, stage)
-    if sim.scenario.buoyancy is not None and sim.scenario.buoyancy.heat is not None:
-        yield from _warmth(sim.scenario.buoyancy.heat, stage)
+    if sim.scenario.heat is not None:
+        yield from _warmth(sim.scenario.heat, stage)
 
 
 def _walk(n: int, model: Any, stage: Stage) -> Entities:
@@ -293,7 +293,7 @@ def section(sim: Simulation, raster: Raster, stage: Stage) -> Entities:
 
 def beside(sim: Simulation, plane: Plane) -> list[str]:
     """Return the sources and heaters at or near a section."""
-    heat = sim.scenario.buoyancy.heat if sim.scenario.buoyancy is not None else None
+    heat = sim.scenario.heat
     there = [(f"sources/{n}", thing) for n, (_, thing) in enumerate(sim.scenario.sources)]
     there += [(f"heaters/{n}", heater) for n, heater in enumerate(heat.heaters if heat is not None else ())]
     normal, level = plane.normal or 0, plane.level or 0.0

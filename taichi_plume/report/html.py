@@ -53,6 +53,15 @@ class Section:
     tables: list[Table] = field(default_factory=list)
     code: bool = False
 
+    def image(self, png: bytes, title: str, caption: str) -> None:
+        """Add a figure."""
+        self.images.append(Image(png, title, caption))
+
+    def table(self, rows: Rows, heads: Sequence[str] = (), caption: str = "") -> None:
+        """Add a table, unless it has no rows."""
+        if rows:
+            self.tables.append(Table(rows, heads, caption))
+
     @property
     def empty(self) -> bool:
         """Whether the section has no contents."""

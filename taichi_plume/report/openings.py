@@ -52,19 +52,15 @@ def one_window(
 ) -> None:
     """Draw a window as a thick line if seen edge on, else by its outline; way: +1 inflow, -1 outflow."""
     extent, normal = scenario.domain.extent, window.normal
-    center, half = window.rectangle(extent)
-    along = window.along(len(extent))
     if normal not in plane:
-        place = dict(zip(along, zip(center, half, strict=True), strict=True))
-        (x, w), (y, h) = (place[d] for d in plane)
+        (x, y), (w, h) = window.rectangle(extent)
         round_ = window.is_disc(len(extent))
         patch = Circle((x, y), w) if round_ else Rectangle((x - w, y - h), 2 * w, 2 * h)
         patch.set(fill=False, edgecolor=color, linestyle="--", linewidth=1.2, zorder=5)
         axes.add_patch(patch)
         return
-    other = plane[1 - plane.index(normal)]
-    middle, reach = next((c, h) for d, c, h in zip(along, center, half, strict=True) if d == other)
-    low, high = max(0.0, middle - reach), min(extent[other], middle + reach)
+    n = window.along(len(extent)).index(plane[1 - plane.index(normal)])
+    low, high = (float(corner[n]) for corner in window.bounds(extent))
     level = window.level(extent)
     caps = {
         "linestyle": (0, (1.2, 0.7)) if combed else "-",

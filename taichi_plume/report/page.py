@@ -7,8 +7,9 @@ from typing import TypeVar
 
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import plain
+from taichi_plume.record.reading import Picture
 from taichi_plume.report import captions, facts, figures, html, maps, scene
-from taichi_plume.report.html import Image, Section, Table
+from taichi_plume.report.html import Section
 from taichi_plume.report.references import papers
 from taichi_plume.results.run import Run
 from taichi_plume.running import summary
@@ -83,7 +84,7 @@ class Parts:
         """Return the result as printed by the command."""
         section = Section("The result in words", "words")
         if self.result:
-            section.tables.append(Table(summary.summary(self.result)[1:]))
+            section.table(summary.summary(self.result)[1:])
             return section
         if self.run.unfinished:
             section.lines.append(captions.UNFINISHED.format(status=self.run.status, folder=self.run.folder))
@@ -100,8 +101,10 @@ class Parts:
         seen = "from above" if run.scenario.domain.dim == 2 else "from above and from the side"
         robots = "; coloured discs are the robots at their start" if run.scenario.robots else ""
         caption = captions.SCENE.format(seen=seen, robots=robots)
-        image = Image(scene.picture(run.scenario, run.shapes, figures.DPI), "The scene", caption)
-        return Section("Scenario", "setting", images=[image], tables=[Table(facts.key_facts(run))])
+        section = Section("Scenario", "setting")
+        section.image(scene.picture(run.scenario, run.shapes, figures.DPI), "The scene", caption)
+        section.table(facts.key_facts(run))
+        return section
 
     def trials(self) -> Section:
         """Return success and times with their intervals."""
@@ -111,7 +114,7 @@ class Parts:
         for group in searched:
             heads = (group["name"], "mean", "95 % interval", "over")
             caption = captions.TRIALS if group["trials"] > 1 else ""
-            section.tables.append(Table(facts.trials(group), heads, caption))
+            section.table(facts.trials(group), heads, caption)
         for group in groups:
             if group["no_search"]:
                 section.lines.append(f"{group['name']}: no source to be found, {group['no_search']}.")
@@ -122,7 +125,7 @@ class Parts:
         many = [group for group in searched if group["trials"] > 4 and group["trials_differ_by"] != "nothing"]
         if many:
             end = max(float(self.result["simulated_s"]) + self.run.begin, 1e-3)
-            section.images.append(Image(figures.success(many, end), "Success over time", captions.SUCCESS))
+            section.image(figures.success(many, end), "Success over time", captions.SUCCESS)
         return section
 
     def plume(self) -> Section:
@@ -130,7 +133,7 @@ class Parts:
         run = self.run
         section = Section("Gas and paths of the robots", "plume")
         spacing = max(run.scenario.duration + run.scenario.warm_up, 1e-3) / MOST_FRAMES
-        pictures = self._tried(lambda: run.planes.read(self._planes(), (0.0, inf), spacing), {})
+        pictures = self._tried(lambda: self._pictures(spacing), {})
         shown = [picture for picture in pictures.values() if len(picture.times)]
         shown.sort(key=lambda picture: (picture.axes != "xy", not picture.name.startswith("gas")))
         trails = self._trails()
@@ -145,18 +148,21 @@ class Parts:
                 kind=kind,
                 trails=trailing,
             )
-            image = figures.mean_plume(run, picture, self.tracks)
-            section.images.append(Image(image, f"Mean {picture.quantity}{where}", caption))
+            png = figures.mean_plume(run, picture, self.tracks)
+            section.image(png, f"Mean {picture.quantity}{where}", caption)
         if not shown:
             section.lines.append(captions.NO_PICTURES)
             if self.tracks:
-                section.images.append(Image(figures.only_tracks(run, self.tracks), "Tracks", trails))
+                section.image(figures.only_tracks(run, self.tracks), "Tracks", trails)
         return section
 
-    def _planes(self) -> list[str]:
-        """Return the names of the first plane of each kind; the column instead of the slice if there are both."""
+    def _pictures(self, spacing: float) -> dict[str, Picture]:
+        """Return pictures of the first plane of each kind; of the column instead of the slice if there are both."""
+        if not (self.run.has("recording.rrd") or self.run.has("fields.zarr")):
+            return {}
         names = [name for name in self.run.planes.names() if name.count("_") == 1]
-        return [name for name in names if not (name == "gas_slice" and "gas_column" in names)]
+        names = [name for name in names if not (name == "gas_slice" and "gas_column" in names)]
+        return self.run.planes.read(names, (0.0, inf), spacing)
 
     def _trails(self) -> str:
         if not self.tracks:
@@ -176,9 +182,8 @@ class Parts:
             part = ""
             if some < len(self.tracks):
                 part = f" The readings are of the first {some} robots, the lanes of the first {lanes}."
-            image = figures.smelt(self.run, self.tracks)
-            caption = captions.SMELT.format(part=part)
-            section.images.append(Image(image, "Readings and behaviour over time", caption))
+            png = figures.smelt(self.run, self.tracks)
+            section.image(png, "Readings and behaviour over time", captions.SMELT.format(part=part))
         return section
 
     def maps(self) -> Section:
@@ -191,7 +196,7 @@ class Parts:
         if made:
             part = f" Shown are the first {most} of {len(made)} maps." if len(made) > most else ""
             image = maps.beside_truth(self.run, made[:most])
-            section.images.append(Image(image, "Maps at the end", captions.MAPS.format(part=part)))
+            section.image(image, "Maps at the end", captions.MAPS.format(part=part))
         else:
             section.lines.append(captions.NO_MAPS)
         results = self.result.get("maps", [])
@@ -199,10 +204,10 @@ class Parts:
             names = facts.map_names(results)
             heads = ("map", "mean error [ppm]", "correlation", "cells known")
             heads += ("error against the mean gas [ppm]",)
-            section.tables.append(Table(facts.map_rows(results, names), heads, captions.MAP_SCORES))
+            section.table(facts.map_rows(results, names), heads, captions.MAP_SCORES)
             over_time = figures.scores(results[:most], names[:most])
             if over_time:
-                section.images.append(Image(over_time, "Scores over time", captions.OVER_TIME))
+                section.image(over_time, "Scores over time", captions.OVER_TIME)
         return section
 
     def beliefs(self) -> Section:
@@ -212,22 +217,18 @@ class Parts:
         made = self._tried(lambda: maps.beliefs_of(self.run.folder), []) if results else []
         if made:
             image = maps.beside_sources(self.run, made[: maps.MOST])
-            section.images.append(Image(image, "Beliefs at the end", captions.BELIEFS))
-        if results:
-            heads = ("group", "peak to source [m]", "mean to source [m]", "expected distance [m]")
-            heads += ("entropy [bit]", "probability within reach")
-            section.tables.append(Table(maps.belief_rows(results), heads, captions.BELIEF_SCORES))
+            section.image(image, "Beliefs at the end", captions.BELIEFS)
+        heads = ("group", "peak to source [m]", "mean to source [m]", "expected distance [m]")
+        heads += ("entropy [bit]", "probability within reach")
+        section.table(maps.belief_rows(results), heads, captions.BELIEF_SCORES)
         return section
 
     def balance(self) -> Section:
         """Return the gas budget, and the quality of the flow solution."""
         section = Section("Gas budget and numerics", "balance")
-        gas, flow = facts.budget(self.result), facts.flow(self.result)
-        if gas:
-            section.tables.append(Table(gas, ("gas", "mass"), captions.BUDGET))
-        if flow:
-            section.tables.append(Table(flow, ("air", "value", "meaning")))
-        if self.result and not (gas or flow):
+        section.table(facts.budget(self.result), ("gas", "mass"), captions.BUDGET)
+        section.table(facts.flow(self.result), ("air", "value", "meaning"))
+        if self.result and section.empty:
             section.lines.append("This kind of wind and gas keeps no budget.")
         return section
 
@@ -242,14 +243,12 @@ class Parts:
         version = self.run.result.get("version", "of unknown version")
         section = Section("How to cite", "citing")
         section.lines.append(captions.CITE.format(version=version))
-        rows = papers(self.run.scenario)
-        if rows:
-            section.tables.append(Table(rows, ("used here", "rests on")))
+        section.table(papers(self.run.scenario), ("used here", "rests on"))
         return section
 
     def again(self) -> Section:
         """Return command, versions, files."""
         section = Section("How to run it again", "again", code=True)
         section.lines += filter(None, self.run.header[:1])
-        section.tables.append(Table(facts.files(self.run), ("file", "size", "contents")))
+        section.table(facts.files(self.run), ("file", "size", "contents"))
         return section

@@ -4,7 +4,7 @@ The artists of moving parts are updated: a film draws walls, scales and letters 
 """
 
 from collections.abc import Sequence
-from math import pi
+from math import degrees
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,8 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.transforms import Affine2D
 
+from taichi_plume.grid.shapes import rotation
+from taichi_plume.record.drawing import pointed_disc
 from taichi_plume.record.reading import Arrows, Picture
 from taichi_plume.report import look, scene
 from taichi_plume.results.run import Run
@@ -111,11 +113,7 @@ class PlumeView:
             low, high = place[self.plane[0]] - radius, place[self.plane[0]] + radius
             top = z + max(track.group.body.height, radius)
             return np.array([[low, z], [high, z], [high, top], [low, top]])
-        side = np.arccos(1 / 1.8)  # angle at which the flanks of the point touch the disc
-        angle = heading + np.linspace(side, 2 * pi - side, ROUND)
-        ring = np.column_stack([np.cos(angle), np.sin(angle)])
-        nose = 1.8 * np.array([np.cos(heading), np.sin(heading)])
-        return np.array(place) + radius * np.vstack([nose, ring])
+        return np.array(place) + pointed_disc(radius, 1.8, ROUND) @ rotation(degrees(heading)).T
 
 
 def has_declared(track: Track) -> bool:
@@ -192,8 +190,7 @@ def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> No
     handles = []
     if run.scenario.sources:
         handles.append(mark("source", marker="*", color=look.SOURCE, markeredgecolor="white", markersize=12))
-    heat = run.scenario.buoyancy.heat if run.scenario.buoyancy else None
-    if heat and heat.heaters:
+    if run.scenario.heat and run.scenario.heat.heaters:
         handles.append(mark("heater", marker="o", color=look.HEATER, alpha=0.6, markersize=9))
     for track in view.tracks if len(view.tracks) <= MOST_NAMES else view.tracks[:1]:
         name = look.short(track.name) if len(view.tracks) <= MOST_NAMES else "robots and their trails"

@@ -158,7 +158,7 @@ def _sources(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool
         axes.plot(*place, "*", color=look.SOURCE, markeredgecolor="white", markersize=13, zorder=10)
         if named:
             look.note(axes, *place, _given_off(source), look.SOURCE, va="bottom", dy=8)
-    heat = scenario.buoyancy.heat if scenario.buoyancy else None
+    heat = scenario.heat
     for heater in heat.heaters if heat else ():
         place = _place(heater.position, plane)
         axes.add_patch(Circle(place, heater.radius, facecolor=look.HEATER, alpha=0.6, zorder=8))

@@ -82,9 +82,14 @@ def _mesh(shape: Solid, plane: tuple[int, int], style: Style) -> Patch:
     sides = corners[:, 1:] - corners[:, :1]
     clockwise = sides[:, 0, 0] * sides[:, 1, 1] < sides[:, 0, 1] * sides[:, 1, 0]
     corners[clockwise] = corners[clockwise][:, ::-1]
+    return _polygons(corners, style | {"edgecolor": look.SOLID, "linewidth": 0.3})
+
+
+def _polygons(corners: np.ndarray, style: Style) -> Patch:
+    """Return polygons (m, corners, 2) as a single path."""
+    codes = [Outline.MOVETO, *[Outline.LINETO] * (corners.shape[1] - 1), Outline.CLOSEPOLY]
     points = np.concatenate([corners, corners[:, :1]], axis=1).reshape(-1, 2)
-    codes = np.tile([Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY], len(corners))
-    return PathPatch(Outline(points, codes), **style | {"edgecolor": look.SOLID, "linewidth": 0.3})
+    return PathPatch(Outline(points, np.tile(codes, len(corners))), **style)
 
 
 def _section(shape: Solid, style: Style) -> Patch:
@@ -106,10 +111,8 @@ def _plan(shape: FloorPlan, plane: tuple[int, int], style: Style) -> Patch:
     walls = shape.rectangles(MOST_RECTANGLES)
     if not len(walls):
         return _bounds(shape, plane, style)
-    x, y = walls[:, [0, 2, 2, 0, 0]], walls[:, [1, 1, 3, 3, 1]]
-    codes = np.tile([Outline.MOVETO, *[Outline.LINETO] * 3, Outline.CLOSEPOLY], len(walls))
-    style = style | {"edgecolor": look.SOLID, "linewidth": 0.2}
-    return PathPatch(Outline(np.stack([x, y], axis=-1).reshape(-1, 2), codes), **style)
+    corners = walls[:, [[0, 1], [2, 1], [2, 3], [0, 3]]]
+    return _polygons(corners, style | {"edgecolor": look.SOLID, "linewidth": 0.2})
 
 
 OUTLINES: dict[type, Callable[[Any, tuple[int, int], Style], Patch]] = {

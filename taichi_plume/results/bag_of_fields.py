@@ -73,7 +73,7 @@ def clouds(run: Run, name: str, most: int, least: float) -> Iterator[Stamped]:
 
 def maps_of(run: Run, trial: int) -> Iterator[tuple[str, "xarray.Dataset", int]]:
     """Yield topic, map and row of the map for each map of a trial. Rival groups have maps of their own."""
-    for n, gas_map in enumerate(run.maps if (run.folder / "maps.zarr").exists() else ()):
+    for n, gas_map in enumerate(run.maps if run.has("maps.zarr") else ()):
         parts = gas_map.attrs["groups"]
         for k, part in enumerate(parts):
             if trial < part["trials"]:

@@ -70,7 +70,7 @@ def write(run: Run, out: Path, choice: Choice, force: bool = False) -> list[Path
     Raises RunFolderError if the run has nothing for a bag or the bag may not be written, and OSError.
     """
     robots = _robots(run, choice.trial)
-    names = map(str, run.fields.data_vars if (run.folder / "fields.zarr").exists() else ())
+    names = map(str, run.fields.data_vars if run.has("fields.zarr") else ())
     gases = [name for name in names if name.endswith("_ppm")]
     if not robots and not gases:
         raise RunFolderError(f"{run.folder}: has neither robots nor fields, so there is nothing for a bag")

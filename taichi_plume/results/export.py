@@ -42,7 +42,7 @@ def export(run: Run, to: str, out: Path, source: str | None = None, force: bool 
         run.require("recording.rrd")
         data = run.pictures
     else:
-        data = run.fields if (run.folder / "fields.zarr").exists() or to == "vtkhdf" else run.pictures
+        data = run.fields if run.has("fields.zarr") or to == "vtkhdf" else run.pictures
     _require_frames(run, data)
     from taichi_plume.files import netcdf, vtkhdf
 

@@ -17,7 +17,7 @@ or damaged parts raise RunFolderError with a message of one line.
 
 Reports, pictures and films also use
 
-    run.planes      results.planes.Planes: pictures and wind arrows in planes, of the recording or the fields
+    run.planes      pictures and wind arrows in planes, of the recording or else of the fields; see `RecordedPictures`
     run.tracks      list of results.tracks.Track: robots of the first trial of each group over time
     run.shapes      shapes of the obstacles that may be read; `run.lacks` names the others
 """
@@ -43,7 +43,8 @@ if TYPE_CHECKING:
     import xarray
 
     from taichi_plume.grid.shapes import Shape
-    from taichi_plume.results.planes import Planes
+    from taichi_plume.record.reading import RecordedPictures
+    from taichi_plume.results.film_pictures import FilmPictures
     from taichi_plume.results.tracks import Track
     from taichi_plume.scenario.scenario import Scenario
 
@@ -158,10 +159,10 @@ class Run:
         planes, such as `gas_slice` and `gas_column` (maximum over the height), and include the warm-up (t < 0).
         `fields` in the scenario records exact values.
         """
-        from taichi_plume.record.reading import pictures
+        from taichi_plume.record.reading import RecordedPictures, dataset
 
         self.require("recording.rrd")
-        return pictures(self.folder / "recording.rrd")
+        return dataset(RecordedPictures(self.folder / "recording.rrd").read().values())
 
     @cached_property
     def robots(self) -> "pandas.DataFrame":
@@ -216,11 +217,19 @@ class Run:
         return [text.removeprefix("Again:").strip() for text in texts]
 
     @cached_property
-    def planes(self) -> "Planes":
+    def planes(self) -> "RecordedPictures | FilmPictures":
         """Pictures and wind arrows in planes."""
-        from taichi_plume.results.planes import Planes
+        if self.has("recording.rrd"):
+            from taichi_plume.record.reading import RecordedPictures
 
-        return Planes(self.folder, self.scenario)
+            return RecordedPictures(self.folder / "recording.rrd")
+        if self.has("fields.zarr"):
+            from taichi_plume.results.film_pictures import FilmPictures
+
+            return FilmPictures(self.folder / "fields.zarr", self.scenario)
+        raise RunFolderError(
+            f"{self.folder}: has neither recording.rrd nor fields.zarr, from which pictures are made"
+        )
 
     @cached_property
     def tracks(self) -> "list[Track]":
@@ -248,16 +257,20 @@ class Run:
             return self._known_shapes, []
         return shapes_of(self.folder, self.scenario, self.allow_outside)
 
+    def has(self, name: str) -> bool:
+        """Return whether the run has a file."""
+        return (self.folder / name).exists()
+
     def require(self, name: str) -> None:
         """Raise RunFolderError if the run lacks the named file, fields.zarr or recording.rrd."""
-        if not (self.folder / name).exists():
+        if not self.has(name):
             how = "`fields: {rate: 2}` in the scenario" if name == "fields.zarr" else "a recording"
             raise RunFolderError(f"{self.folder}: has no {name}; run with {how}")
 
     def _path(self, part: str) -> Path:
         """Return the existing file of a part. Raises RunFolderError."""
         for name in FILES[part]:
-            if (self.folder / name).exists():
+            if self.has(name):
                 return self.folder / name
         raise RunFolderError(f"{self.folder}: has no {FILES[part][0]}; {REMEDIES[part]}")
 
@@ -268,7 +281,7 @@ class Run:
         if isinstance(content.get("simulated_s"), int | float):
             lines[0] += f", {content['simulated_s']:g} s"
         for part, files in FILES.items():
-            there = next((name for name in files if (self.folder / name).exists()), None)
+            there = next(filter(self.has, files), None)
             lines.append(f"  {part:<8} {there or f'none: {REMEDIES[part]}'}")
         return "\n".join(visible(line) for line in [*lines, "  result", "  trials", "  scenario"])
 
@@ -285,12 +298,9 @@ def _damage(path: Path) -> Iterator[None]:
 def _film(path: Path) -> "xarray.Dataset":
     """Return the variables of a film at the cell centres."""
     from taichi_plume.files import zarr_groups
-    from taichi_plume.files.film import Film, FilmError
+    from taichi_plume.files.film import Film
 
-    try:
-        film = Film(path)
-    except FilmError as error:
-        raise RunFolderError(str(error)) from None
+    film = Film(path)
     with zarr_groups.errors_as(RunFolderError, path):
         group = zarr_groups.Group(path, consolidated=True)  # the state of the last flush, which is complete
         for name in group.names:

@@ -149,6 +149,5 @@ class Vent(FaceOpening):
             yield f"{where}: obstacles cover a part of it, {100 * fraction:.0f} % of its area are open{flow}"
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        buoyancy = context.scenario.buoyancy
-        if self.warms and (buoyancy is None or buoyancy.heat is None):
+        if self.warms and context.scenario.heat is None:
             yield f"{where}.temperature: has no effect without wind.buoyancy.heat; add that or remove it"

@@ -112,8 +112,7 @@ class Fields(Model):
                 f"{where}.rate: {self.rate:g} frames per second are more than one per tick of {tick:g} s; "
                 f"use at most {1 / tick:g}, or lower tick"
             )
-        buoyancy = context.scenario.buoyancy
-        if set(self.quantities) == {"temperature"} and (buoyancy is None or buoyancy.heat is None):
+        if set(self.quantities) == {"temperature"} and context.scenario.heat is None:
             yield f"{where}.quantities: no temperature is computed; give wind.buoyancy.heat, or add wind or gas"
         yield from starts_late(where, self.start, context)
 

@@ -14,7 +14,7 @@ from pydantic import ConfigDict, Field, field_validator
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Arena, Context, Domain
 from taichi_plume.scenario.gases import AnySource, Gas, PureGas
-from taichi_plume.scenario.heat import Buoyancy
+from taichi_plume.scenario.heat import Buoyancy, Heat
 from taichi_plume.scenario.maps import Map
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.openings import Opening
@@ -163,6 +163,11 @@ class Scenario(Model):
     def buoyancy(self) -> Buoyancy | None:
         """Buoyancy of a computed flow."""
         return self.wind.computed.buoyancy if self.wind.computed else None
+
+    @property
+    def heat(self) -> Heat | None:
+        """Heat of a computed flow, with heaters and warm walls."""
+        return self.buoyancy.heat if self.buoyancy else None
 
     @property
     def sources(self) -> tuple[tuple[str, AnySource], ...]:

@@ -118,8 +118,7 @@ def _narrow(context: Context) -> Iterator[str]:
                     f"wind.openings[{n}]: is {width:g} m wide, {width / dx:.2g} cells, too few for its jet; use a "
                     f"domain.spacing of {width / 6:.2g} m or less"
                 )
-    heat = scenario.buoyancy.heat if scenario.buoyancy is not None else None
-    for n, heater in enumerate(heat.heaters if heat is not None else ()):
+    for n, heater in enumerate(scenario.heat.heaters if scenario.heat else ()):
         width = 2.0 * heater.radius
         if width < FEWEST_ACROSS * dx * (1 - 1e-6):
             yield (

@@ -65,6 +65,12 @@ class Window(Model):
         size = self.size if self.size is not None else (float(self.diameter or 0.0),) * len(whole)
         return self.center, tuple(w / 2 for w in size)
 
+    def bounds(self, extent: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the lower and upper corner [m] of the rectangle, cut at the ends of the domain."""
+        center, half = map(np.array, self.rectangle(extent))
+        sides = [extent[a] for a in self.along(len(extent))]
+        return np.maximum(center - half, 0.0), np.minimum(center + half, sides)
+
     def is_disc(self, dim: int) -> bool:
         """Return whether the window is round: in 2-D a disc is a slot."""
         return self.diameter is not None and dim == 3

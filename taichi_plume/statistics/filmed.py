@@ -13,14 +13,14 @@ from taichi_plume.files.film import Film, places
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.statistics.durations import stretches
 from taichi_plume.statistics.moments import weights
-from taichi_plume.statistics.records import AXES, FEWEST, Probe
+from taichi_plume.statistics.records import AXES, Probe, chosen_gas, skipped_before
 
 STATIONS = (0.1, 0.25, 0.5, 0.8)
 """Positions of lines across the plume, as fractions of the distance from the highest mean to the domain's end."""
 
 
 class FilmRecord:
-    """Record of one gas in the film at a path, from a time on. Raises FilmError and RunFolderError.
+    """Record of one gas in the film at a path, from a time on. Raises RunFolderError.
 
     mean, rms, maximum: of each cell over time [ppm], axes (x, y[, z]), NaN in obstacles. level: z index of the maps,
     where the mean is highest; None in 2-D.
@@ -33,15 +33,9 @@ class FilmRecord:
         self.gases = [name.removesuffix("_ppm") for name in self.film.arrays if name.endswith("_ppm")]
         if not self.gases:
             raise RunFolderError(f"{path}: holds no gas; film it with `fields: {{rate: 10}}`")
-        self.gas = self.gases[0] if gas is None else gas
-        if self.gas not in self.gases:
-            raise RunFolderError(f"{path}: holds no {self.gas}, only {', '.join(self.gases)}")
-        self.skipped = 0 if start is None else int(np.searchsorted(self.film.times, start - 1e-9))
+        self.gas = chosen_gas(path, self.gases, gas)
+        self.skipped = skipped_before(path, self.film.times, start, "frames")
         self.times = np.asarray(self.film.times[self.skipped :], float)
-        if len(self.times) < FEWEST:
-            after = f" from {start:g} s on" if start is not None else ""
-            count = f"{len(self.times)} frames{after}"
-            raise RunFolderError(f"{path}: holds {count}; at least {FEWEST} are needed")
         self.dim = len(self.film.shape)
         self.wind = [f"wind_{a}" for a, u in zip(AXES, "uvw", strict=True) if u in self.film.arrays]
         self.coordinates = [places(a, self.film.shape, self.film.dx) for a in AXES[: self.dim]]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.report import html
-from taichi_plume.report.html import Image, Section, Table
+from taichi_plume.report.html import Section
 from taichi_plume.statistics import captions, plots
 from taichi_plume.statistics.analysis import Kind, OfProbe, Profile
 from taichi_plume.statistics.durations import CELANI, DECADE, FEWEST
@@ -114,17 +114,16 @@ def _strength(found: Statistics) -> Section:
         "largest / mean", "integral time [s]",
     )  # fmt: skip
     more = f" {left_out:,} more points are in statistics.parquet." if left_out else ""
-    section.tables.append(Table(rows, heads, captions.STRENGTH + more))
+    section.table(rows, heads, captions.STRENGTH + more)
     winds = []
     for stats in found.probes:
         if "speed" in stats.points and np.isfinite(stats.points["turbulence_intensity"]).any():
             means = [f"{stats.points[f'mean_{u}'].mean():.3g}" for u in "uvw" if f"mean_{u}" in stats.points]
             intensity = _number(np.nanmean(stats.points["turbulence_intensity"]))
             winds.append((stats.probe.name, *means, intensity))
-    if winds:
-        axes = AXES[: len(winds[0]) - 2]
-        heads = ("probe", *(f"wind along {a} [m/s]" for a in axes), "turbulence intensity")
-        section.tables.append(Table(winds[:MOST_ROWS], heads, captions.WIND))
+    axes = AXES[: len(winds[0]) - 2] if winds else ""
+    heads = ("probe", *(f"wind along {a} [m/s]" for a in axes), "turbulence intensity")
+    section.table(winds[:MOST_ROWS], heads, captions.WIND)
     return section
 
 
@@ -140,8 +139,7 @@ def _maps(found: Statistics) -> Section:
             "rms / mean": _where_gas(data["intensity"].values, data["mean"].values),
             "intermittency": data["intermittency"].values,
         }
-        png = plots.maps(data.x.values, data.y.values, values)
-        section.images.append(Image(png, f"From the film{at}", captions.MAPS))
+        section.image(plots.maps(data.x.values, data.y.values, values), f"From the film{at}", captions.MAPS)
     for stats in found.probes[:MOST_PROBES]:
         if stats.probe.kind != "grid":
             continue
@@ -157,7 +155,7 @@ def _maps(found: Statistics) -> Section:
         values = {title: stats.points[key].reshape(stats.probe.counts)[cut] for title, key in names.items()}
         values["rms / mean"] = _where_gas(values["rms / mean"], mean[cut])
         png = plots.maps(x, y, values, "".join(AXES[d] for d in axes))
-        section.images.append(Image(png, f"Grid {stats.probe.name}", captions.MAPS))
+        section.image(png, f"Grid {stats.probe.name}", captions.MAPS)
     return section
 
 
@@ -171,16 +169,15 @@ def _spread(shown: list[OfProbe]) -> Section:
     section = Section("Profiles and lengths", "spread")
     for stats in shown:
         if stats.profiles:
-            png = plots.profiles(stats.profiles)
             caption = captions.PROFILES + _gaussian(stats.profiles)
-            section.images.append(Image(png, f"{stats.probe.name}: profiles", caption))
+            section.image(plots.profiles(stats.profiles), f"{stats.probe.name}: profiles", caption)
             along = next((a for a in AXES if stats.profiles[0].at.startswith(a)), "")
             wide = plots.widths(stats.profiles, along) if along else None
             if wide:
-                section.images.append(Image(wide, f"{stats.probe.name}: width and centre", captions.WIDTHS))
+                section.image(wide, f"{stats.probe.name}: width and centre", captions.WIDTHS)
         if stats.correlations:
-            png = plots.correlations(stats.correlations)
-            section.images.append(Image(png, f"{stats.probe.name}: correlation", captions.CORRELATION))
+            title = f"{stats.probe.name}: correlation"
+            section.image(plots.correlations(stats.correlations), title, captions.CORRELATION)
     return section
 
 
@@ -215,13 +212,11 @@ def _whiffs(found: Statistics, shown: list[OfProbe]) -> Section:
                  f"{mean:.3g}", f"{largest:.3g}", exponent, within)
             )  # fmt: skip
         if all(len(kind.all.lasted) > 1 for kind in stats.kinds):
-            png = plots.laws(stats, step)
-            section.images.append(Image(png, f"{stats.probe.name}: durations", captions.LAWS))
+            section.image(plots.laws(stats, step), f"{stats.probe.name}: durations", captions.LAWS)
     heads = (
         "of", "number", "cut", "median [s]", "mean [s]", "longest [s]", "exponent (95 %)", "range and number",
     )  # fmt: skip
-    if rows:
-        section.tables.append(Table(rows, heads, captions.RANGE))
+    section.table(rows, heads, captions.RANGE)
     return section
 
 
@@ -232,15 +227,15 @@ def _sensors(found: Statistics) -> Section:
     if smelt is None or not smelt.sensors[0].whiffs:
         return section
     section.lines.append(captions.RESOLVED.format(gas=found.gas))
-    section.images.append(Image(plots.sensors(smelt), "Share of whiffs kept", captions.BARS))
+    section.image(plots.sensors(smelt), "Share of whiffs kept", captions.BARS)
     png = plots.records(smelt, found.threshold, found.begin)
-    section.images.append(Image(png, "The air at a point, and the readings of two sensors", captions.RECORDS))
+    section.image(png, "The air at a point, and the readings of two sensors", captions.RECORDS)
     rows = [
         (k.nose.name, f"{k.share:.1%}", f"{k.seen:,} of {k.whiffs:,}", f"{k.rises:,}", f"{k.threshold:.3g}")
         for k in smelt.sensors
     ]
     heads = ("sensor", "kept", "whiffs", "rises in all", "threshold of readings [ppm]")
-    section.tables.append(Table(rows, heads, captions.RISES))
+    section.table(rows, heads, captions.RISES)
     return section
 
 
@@ -251,14 +246,14 @@ def _within(shown: list[OfProbe]) -> Section:
             gamma, lognormal = stats.fits
             deviation = f"lognormal: deviation of the logarithm {lognormal.shape:.3g}"
             caption = f"{captions.WITHIN} Gamma: shape {gamma.shape:.3g}; {deviation}."
-            section.images.append(Image(plots.within(stats), stats.probe.name, caption))
+            section.image(plots.within(stats), stats.probe.name, caption)
     return section
 
 
 def _time(shown: list[OfProbe]) -> Section:
     section = Section("Spectra of fluctuations", "time")
     if shown and any(stats.density.any() for stats in shown):
-        section.images.append(Image(plots.spectrum(shown), "Spectra", captions.SPECTRUM))
+        section.image(plots.spectrum(shown), "Spectra", captions.SPECTRUM)
     return section
 
 

@@ -59,6 +59,28 @@ class Record(Protocol):
         ...
 
 
+def chosen_gas(path: Path, gases: Sequence[str], gas: str | None) -> str:
+    """Return the gas of a name, by default the first. Raises RunFolderError if the file lacks the gas."""
+    if not gases:
+        raise RunFolderError(f"{path}: holds no gas")
+    if gas is not None and gas not in gases:
+        raise RunFolderError(f"{path}: holds no {gas}, only {', '.join(gases)}")
+    return gases[0] if gas is None else gas
+
+
+def skipped_before(path: Path, times: np.ndarray, start: float | None, unit: str) -> int:
+    """Return the number of samples before a time [s]; unit: plural of sample, for messages.
+
+    Raises RunFolderError if fewer than FEWEST samples are left.
+    """
+    skipped = 0 if start is None else int(np.searchsorted(times, start - 1e-9))
+    if len(times) - skipped < FEWEST:
+        after = f" from {start:g} s on" if start is not None else ""
+        count = f"{len(times) - skipped} {unit}{after}"
+        raise RunFolderError(f"{path}: holds {count}; at least {FEWEST} are needed")
+    return skipped
+
+
 class ProbeRecord:
     """Time series of a run's probes.parquet from a time on. Raises RunFolderError if the file cannot be read.
 
@@ -76,7 +98,6 @@ class ProbeRecord:
         self.gases = [name.removesuffix("_ppm") for name in names if name.endswith("_ppm")]
         self.wind = [f"wind_{axis}" for axis in axes if f"wind_{axis}" in names]
         self.probes, self.size = self._layout(axes)
-        self.skipped = 0
         self.times = self._times()
 
     def _layout(self, axes: Sequence[str]) -> tuple[list[Probe], int]:
@@ -123,11 +144,7 @@ class ProbeRecord:
         times = np.concatenate(found) if found else np.empty(0)
         if (np.diff(times) <= 0.0).any() or not np.isfinite(times).all():
             raise RunFolderError(f"{self.path}: is damaged: its times do not increase")
-        self.skipped = 0 if self.start is None else int(np.searchsorted(times, self.start - 1e-9))
-        if len(times) - self.skipped < FEWEST:
-            after = f" from {self.start:g} s on" if self.start is not None else ""
-            count = f"{len(times) - self.skipped} samples{after}"
-            raise RunFolderError(f"{self.path}: holds {count}; at least {FEWEST} are needed")
+        self.skipped = skipped_before(self.path, times, self.start, "samples")
         return times[self.skipped :]
 
     def _chunks(self, quantity: str) -> Iterator[tuple[int, np.ndarray]]:

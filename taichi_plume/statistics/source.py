@@ -15,7 +15,7 @@ from taichi_plume.scenario.sensors import GasSensor
 from taichi_plume.statistics import sensor_comparison, spectra
 from taichi_plume.statistics.analysis import OfProbe, Settings, of_probe
 from taichi_plume.statistics.filmed import FilmRecord
-from taichi_plume.statistics.records import Probe, ProbeRecord
+from taichi_plume.statistics.records import Probe, ProbeRecord, chosen_gas
 from taichi_plume.statistics.result import Statistics
 
 SHARE = 0.1
@@ -91,7 +91,7 @@ def _of_probes(
     table: Path, name: str, options: Options, sources: np.ndarray | None, sensors: Sequence[GasSensor]
 ) -> Statistics:
     record = ProbeRecord(table, options.start)
-    gas = _gas(table, record.gases, options.gas)
+    gas = chosen_gas(table, record.gases, options.gas)
     mean, largest = record.sums(f"{gas}_ppm")
     chosen = _chosen(table, record.probes, options.probe)
     inside = np.concatenate([probe.first + np.arange(len(probe.places)) for probe in chosen])
@@ -138,14 +138,6 @@ def _statistics(
     if others:
         found.notes.append(f"Other gases: {', '.join(others)}; --gas NAME chooses one.")
     return found
-
-
-def _gas(path: Path, there: Sequence[str], gas: str | None) -> str:
-    if not there:
-        raise RunFolderError(f"{path}: holds no gas")
-    if gas is not None and gas not in there:
-        raise RunFolderError(f"{path}: holds no {gas}, only {', '.join(there)}")
-    return there[0] if gas is None else gas
 
 
 def _chosen(path: Path, probes: Sequence[Probe], name: str | None) -> list[Probe]:

@@ -169,6 +169,6 @@ def _no_probe(path: str, scenario: Scenario) -> Iterator[str]:
         known = [f"wind_{axis}" for axis in "xyz"[: scenario.domain.dim]]
         known += dict.fromkeys(f"{gas.vapour.name}_ppm" for _, gas in scenario.gases)
         known += ["pressure"] if scenario.wind.computed else []
-        known += ["temperature"] if scenario.buoyancy is not None and scenario.buoyancy.heat else []
+        known += ["temperature"] if scenario.heat else []
         if quantity not in known:
             yield f"probes have no quantity '{quantity}'; they have {', '.join(known)}"

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from taichi_plume.report import html
-from taichi_plume.report.html import Image, Section, Table
+from taichi_plume.report.html import Section, Table
 from taichi_plume.study import captions, columns, indices, intervals, plots, refine
 from taichi_plume.study.messages import Value
 from taichi_plume.study.points import SUCCESS, TIME, Points, Quantity
@@ -75,7 +75,7 @@ class Page:
                 found = self.points.estimated(quantity, [axis])
                 values = [value for value in self._values(axis)[:MOST_SHOWN] if value in found]
                 rows += [(f"{axis}: {value}", quantity.words(found[value])) for value in values]
-            section.tables.append(Table(rows, (quantity.title, "")))
+            section.table(rows, (quantity.title, ""))
         section.tables += list(self._differences())
         if TIME in self.main:
             section.lines.append(captions.FAILURES)
@@ -118,8 +118,7 @@ class Page:
                 ends = f"{_plain(values[0])} to {_plain(values[-1])}"
                 text = f"{text} ..." if isinstance(values[0], str) else ends
             rows.append((axis.name, _keys(axes.get(axis.name)), text, axis.unit or "-", f"{len(values):,}"))
-        if rows:
-            section.tables.append(Table(rows, ("axis", "key of the scenario", "values", "unit", "how many")))
+        section.table(rows, ("axis", "key of the scenario", "values", "unit", "how many"))
         runs = self.points.runs
         airs = int(runs.groupby("point")["air"].nunique().max()) if len(runs) else 0
         points = int(runs["point"].nunique())
@@ -146,14 +145,12 @@ class Page:
             caption = captions.ALONG if axis in grid else captions.RUNNING
             for kind in kinds:
                 title = f"{' and '.join(quantity.name for quantity in kind)} over {axis}{lines}"
-                section.images.append(Image(plots.along(self.points, axis, self.by, kind), title, caption))
+                section.image(plots.along(self.points, axis, self.by, kind), title, caption)
         for axis in self.named[:MOST_ALONG]:
-            png = plots.between(self.points, axis, shown)
-            section.images.append(Image(png, f"By {axis}", captions.BETWEEN))
+            section.image(plots.between(self.points, axis, shown), f"By {axis}", captions.BETWEEN)
         for pair in list(pairwise(grid))[:3]:
             title = f"{shown[0].title} over {pair[0]} and {pair[1]}{lines}"
-            png = plots.heat(self.points, pair, self.by, shown[0])
-            section.images.append(Image(png, title, captions.HEAT))
+            section.image(plots.heat(self.points, pair, self.by, shown[0]), title, captions.HEAT)
         left = len(self.numeric) + len(self.named) - 2 * MOST_ALONG
         if left > 0:
             section.lines.append(f"{left} more axes are not drawn; results.points() has all.")
@@ -171,12 +168,12 @@ class Page:
             section.lines += [f"{title}: {line}." for line in indices.words(found)]
             if not found.indices:
                 continue
-            section.images.append(Image(plots.sensitivity(title, found.indices), title, captions.SOBOL))
+            section.image(plots.sensitivity(title, found.indices), title, captions.SOBOL)
             rows = [
                 (axis, f"{index[0]:.2f}", _ends(*index[1:3]), f"{index[3]:.2f}", _ends(*index[4:]))
                 for axis, index in found.indices.items()
             ]
-            section.tables.append(Table(rows, (title, "first order", "95 %", "total", "95 %")))
+            section.table(rows, (title, "first order", "95 %", "total", "95 %"))
         return section
 
     def _orders(self) -> Section:
@@ -194,12 +191,12 @@ class Page:
                 continue
             names = [", ".join(_plain(row[name]) for name in others if name in row) for row in mine]
             image = plots.refinement(mine, names, quantity.title, quantity.unit)
-            section.images.append(Image(image, f"{quantity.title} over the spacing", captions.SPACING))
+            section.image(image, f"{quantity.title} over the spacing", captions.SPACING)
             lines = [
                 (name or "all", ", ".join(f"{value:.4g}" for value in row["values"]), refine.words(row))
                 for row, name in list(zip(mine, names, strict=True))[:MOST_SHOWN]
             ]
-            section.tables.append(Table(lines, (quantity.title, "values, finest first", "order")))
+            section.table(lines, (quantity.title, "values, finest first", "order"))
         return section
 
     def table(self) -> Section:
@@ -226,7 +223,7 @@ class Page:
             rows.append((*(_plain(about[axis]) for axis in axes), *cells, runs))
         heads = [plots.label(self.points, axis) for axis in axes]
         heads += [q.title + (f" [{q.unit}]" if q.unit not in ("", "1") else "") for q in shown]
-        section.tables.append(Table(rows, (*heads, "runs"), caption))
+        section.table(rows, (*heads, "runs"), caption)
         return section
 
     def failures(self) -> Section:
@@ -239,11 +236,10 @@ class Page:
             scenario = self.folder / "failed" / str(part["run"].iloc[0]) / "scenario.yaml"
             command = shlex.join(["python", "-m", "taichi_plume.run", str(scenario)])
             rows.append((f"{len(part):,}", str(message) or "no message", command))
-        if rows:
-            left = len(rows) - MOST_FAULTS
-            more = f" {left:,} more messages are in results.runs()." if left > 0 else ""
-            heads = ("runs", "message", "to run one of them again")
-            section.tables.append(Table(rows[:MOST_FAULTS], heads, captions.FAILED + more))
+        left = len(rows) - MOST_FAULTS
+        more = f" {left:,} more messages are in results.runs()." if left > 0 else ""
+        heads = ("runs", "message", "to run one of them again")
+        section.table(rows[:MOST_FAULTS], heads, captions.FAILED + more)
         missing = int((runs["status"] == "missing").sum())
         if missing:
             section.lines.append(captions.MISSING.format(missing=missing, all=len(runs)))
@@ -251,8 +247,9 @@ class Page:
 
     def costs(self) -> Section:
         """Return time and workers of the runs."""
-        rows = cost_words(self.study.tables.costs)
-        return Section("Cost", "costs", tables=[Table(rows, (), captions.COSTS)] if rows else [])
+        section = Section("Cost", "costs")
+        section.table(cost_words(self.study.tables.costs), (), captions.COSTS)
+        return section
 
     def reading(self) -> Section:
         """Return commands that read the tables."""

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from taichi_plume import open_run
 from taichi_plume.cli import run
-from taichi_plume.record.reading import pictures
 
 CONFIG = Path(__file__).parents[2] / "configs/gaussian.yaml"
 SOURCE = (1.0, 3.2)
@@ -17,7 +17,7 @@ def recorded(tmp_path_factory):
     out = tmp_path_factory.mktemp("runs") / "run"
     sizes = ["--set", "domain.spacing=0.2", "--duration", "0.4 s", "--set", "robots=[]"]
     assert run.main([str(CONFIG), *sizes, "--out", str(out), "--quiet"]) == 0
-    return pictures(out / "recording.rrd")
+    return open_run(out).pictures
 
 
 def test_the_plume_of_points_begins_at_its_source_from_above(recorded):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.record import reading
+from taichi_plume.record.reading import RecordedPictures, dataset
 
 
 @pytest.fixture(scope="module")
@@ -26,12 +26,12 @@ def room(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def dataset(room):
-    return reading.pictures(room)
+def pictures(room):
+    return dataset(RecordedPictures(room).read().values())
 
 
-def test_bytes_become_concentrations_where_they_were(dataset):
-    gas = dataset["gas_slice"]
+def test_bytes_become_concentrations_where_they_were(pictures):
+    gas = pictures["gas_slice"]
     assert gas.dims == ("time", "y", "x")
     assert gas.dtype == np.float32
     assert gas.attrs["units"] == "ppm"
@@ -44,14 +44,14 @@ def test_bytes_become_concentrations_where_they_were(dataset):
     assert (float(peak.x[0]), float(peak.y[0])) == pytest.approx((2.35, 1.15))
 
 
-def test_times_and_axes_are_those_of_cf(dataset):
-    np.testing.assert_allclose(dataset.time, made_run.TIMES)
-    assert [dataset[name].attrs["axis"] for name in ("time", "x", "y", "z")] == ["T", "X", "Y", "Z"]
-    assert dataset["gas_section"].dims == ("time", "z", "x")
+def test_times_and_axes_are_those_of_cf(pictures):
+    np.testing.assert_allclose(pictures.time, made_run.TIMES)
+    assert [pictures[name].attrs["axis"] for name in ("time", "x", "y", "z")] == ["T", "X", "Y", "Z"]
+    assert pictures["gas_section"].dims == ("time", "z", "x")
 
 
-def test_planes_with_other_pixels_have_other_axes(dataset):
-    warm = dataset["temperature_slice"]
+def test_planes_with_other_pixels_have_other_axes(pictures):
+    warm = pictures["temperature_slice"]
     assert warm.dims == ("time", "y_slice", "x_slice")
     np.testing.assert_allclose(warm["x_slice"], 1.0 + 0.2 * (np.arange(20) + 0.5))
     np.testing.assert_allclose(warm["y_slice"], 2.0 + 0.4 * (np.arange(15) + 0.5))
@@ -60,15 +60,16 @@ def test_planes_with_other_pixels_have_other_axes(dataset):
 
 
 def test_a_part_of_the_frames_and_their_mean(room):
-    pictures = reading.read(room, ["gas_slice"], between=(2.0, 6.0), spacing=1.0)
+    recording = RecordedPictures(room)
+    pictures = recording.read(["gas_slice"], between=(2.0, 6.0), spacing=1.0)
     assert list(pictures) == ["gas_slice"]
     gas = pictures["gas_slice"]
     np.testing.assert_allclose(gas.times, [2, 3, 4, 5, 6])
     np.testing.assert_array_equal(gas.data[0], made_run.pixels(6).T)
     np.testing.assert_allclose(gas.mean(), gas.values().astype(float).mean(axis=0), rtol=1e-6)
     assert gas.extent == pytest.approx((0, 4, 0, 3))
-    assert reading.span(room) == reading.span(room, ["gas_slice"]) == (-1.0, 10.0)
-    assert reading.span(room, ["none"]) is None
+    assert recording.span() == recording.span(["gas_slice"]) == (-1.0, 10.0)
+    assert recording.span(["none"]) is None
 
 
 def test_a_species_has_the_planes_that_all_have(tmp_path):
@@ -76,15 +77,16 @@ def test_a_species_has_the_planes_that_all_have(tmp_path):
     side = {"axes": "xz", "shape": (40, 10)}
     planes = {"gas/slice": {}, "gas/0/slice": {}, "gas/0/section_2": side}
     made_run.record(tmp_path / "two.rrd", planes)
-    views = {name: one.view for name, one in reading.read(tmp_path / "two.rrd").items()}
+    read = RecordedPictures(tmp_path / "two.rrd").read()
+    views = {name: one.view for name, one in read.items()}
     assert views == {"gas_slice": "slice", "gas_0_slice": "slice", "gas_0_section_2": "section_2"}
-    told = reading.pictures(tmp_path / "two.rrd")
+    told = dataset(read.values())
     names = [told[name].attrs["long_name"] for name in ("gas_0_slice", "gas_slice")]
     assert names == ["ethanol, in a plane"] * 2
 
 
 def test_arrows_of_a_changing_number(room):
-    wind = reading.arrows(room)
+    wind = RecordedPictures(room).arrows("slice")
     np.testing.assert_allclose(wind.times, made_run.TIMES)
     assert [len(tails) for tails in wind.tails] == [2 + n % 3 for n in range(len(made_run.TIMES))]
     np.testing.assert_allclose(wind.ways[4], [[0.5, 0, 0]] * 3)
@@ -107,6 +109,6 @@ def test_what_is_no_recording_of_ours_is_told_in_a_line(room, tmp_path, monkeypa
     for name, fault in faults.items():
         path = tmp_path / f"{name}.rrd"
         with pytest.raises(RunFolderError, match=fault) as error:
-            reading.pictures(path)
+            RecordedPictures(path).read()
         assert str(error.value).startswith(f"{path}: ")
         assert "\n" not in str(error.value)

@@ -34,14 +34,6 @@ def saying(run: Run) -> list:
     return [first._replace(values=first.values | values), other]
 
 
-@pytest.fixture
-def drawn(monkeypatch) -> list:
-    """Figures that would have become pictures."""
-    made: list = []
-    monkeypatch.setattr(look, "png", lambda figure: made.append(figure) or b"")
-    return made
-
-
 def crosses(figure) -> list[tuple[list[float], str]]:
     """Places and rims of the crosses on a figure's first axes."""
     lines = [line for line in figure.axes[0].lines if line.get_marker() == "X" and len(line.get_xdata())]

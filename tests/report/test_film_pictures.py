@@ -7,7 +7,7 @@ import pytest
 
 from taichi_plume.cli import picture, run
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.results.film_pictures import arrows_of_film, of_film
+from taichi_plume.results.film_pictures import FilmPictures
 from taichi_plume.results.run import Run
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -35,7 +35,7 @@ def folder(tmp_path_factory) -> Path:
 def test_pictures_are_those_of_the_recording(folder):
     it = Run(folder, lenient=True)
     recorded = it.planes.read(None, (0.4, 2.0))
-    filmed = of_film(it.planes.film, it.scenario, None, (0.4, 2.0), 0.0)
+    filmed = FilmPictures(folder / "fields.zarr", it.scenario).read(None, (0.4, 2.0))
     assert filmed.keys() == recorded.keys()
     assert {"gas_slice", "gas_column", "gas_section"} <= filmed.keys()
     for name, one in filmed.items():
@@ -50,8 +50,7 @@ def test_pictures_are_those_of_the_recording(folder):
 def test_arrows_point_where_those_of_the_recording_do(folder, plane):
     it = Run(folder, lenient=True)
     recorded = it.planes.arrows(plane)
-    filmed = arrows_of_film(it.planes.film, it.scenario, plane, (2.0, 2.0), 0.0)
-    assert recorded is not None
+    filmed = FilmPictures(folder / "fields.zarr", it.scenario).arrows(plane, (2.0, 2.0))
     ways, tails = recorded.ways[-1], recorded.tails[-1]
     middles = filmed.tails[0] + filmed.ways[0] / 2
     axes = [0, 1] if plane == "slice" else [0, 2]
@@ -68,7 +67,7 @@ def test_fields_of_another_room_are_told_in_a_line(folder):
     domain = it.scenario.domain.model_copy(update={"size": (2.0, 1.25, 0.5)})
     other = it.scenario.model_copy(update={"domain": domain})
     with pytest.raises(RunFolderError, match="of another run") as error:
-        of_film(it.planes.film, other, None, (0.4, 2.0), 0.0)
+        FilmPictures(folder / "fields.zarr", other).read()
     assert str(error.value).startswith(f"{folder / 'fields.zarr'}: ")
 
 

@@ -172,13 +172,11 @@ def test_numbers_that_are_none(tmp_path, report):
 
 
 def test_bad_folders_are_one_line_each(tmp_path, capsys):
-    old = made_run.made(tmp_path / "old")
-    made_run.record(old / "recording.rrd", scales=False)
     other = made_run.made(tmp_path / "other")
     made_run.reworded(other, frobnicate=3)
     torn = made_run.made(tmp_path / "torn")
     (torn / "robots.parquet").write_bytes(b"PAR1 nothing")
-    for folder, words in ((old, "another version"), (other, "frobnicate"), (torn, "is damaged")):
+    for folder, words in ((other, "frobnicate"), (torn, "is damaged")):
         assert main([str(folder)]) == 2
         said = capsys.readouterr().err
         assert said.startswith(str(folder)), said
@@ -226,14 +224,6 @@ def test_thousands_of_trials_make_a_small_page(tmp_path, report):
     assert "Shown are 2 of 2,000 robots" in page.text
     assert "Success over time" in page.titles
     assert (tmp_path / "run" / NAME).stat().st_size < 1e6
-
-
-@pytest.fixture
-def drawn(monkeypatch) -> list:
-    """Return the list of figures that would have become pictures."""
-    made: list = []
-    monkeypatch.setattr(look, "png", lambda figure: made.append(figure) or b"")
-    return made
 
 
 def are_inside(boxes, whole) -> bool:
