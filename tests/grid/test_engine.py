@@ -28,7 +28,15 @@ def test_a_simulation_whose_engine_is_gone_refuses_every_use(taichi, restart):
     sim.advance()
     restart()
     gas = sim.gas.gases[0]
-    uses = (sim.advance, sim.run, sim.reset, sim.swarm.snapshot, gas.budget, gas.is_finite, lambda: gas.c[0, 0])
+    uses = (
+        sim.advance,
+        sim.run,
+        sim.reset,
+        sim.swarm.snapshot,
+        gas.budget,
+        gas.is_finite,
+        lambda: gas.c[0, 0],
+    )
     for use in uses:
         with pytest.raises(engine.EngineError, match="assemble"):
             use()
