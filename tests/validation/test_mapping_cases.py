@@ -117,8 +117,6 @@ def test_a_short_run_tells_everything(monkeypatch):
     for module in (mapping_scenario, mapping_cases):
         monkeypatch.setattr(module, "TEAMS", short)
     monkeypatch.setattr(mapping_scenario, "DURATION", 40.0)
-    coarse = {"domain": {"size": [4.0, 3.0, 0.5], "spacing": 0.125}}
-    monkeypatch.setattr(mapping_scenario, "arena", lambda *keys: arena(*keys) | coarse)
     monkeypatch.setattr(mapping_cases, "SPEEDS", (mapping_cases.PAPER[0],))
     monkeypatch.setattr(mapping_cases, "SENSORS", (mapping_cases.PAPER[1],))
     monkeypatch.setattr(mapping_whiffs, "CASES", mapping_whiffs.CASES[:1])
