@@ -87,20 +87,19 @@ def odor_mapping(result):
         ("fan_array", 0, 1e-5, None, None),
         ("dapso_arena", 0, None, None, dapso_arena),
         ("odor_mapping_dapso", 0, None, None, odor_mapping),
-        ("odor_mapping_lineup", 0, None, None, odor_mapping),
         ("frozen_room", 0, 1e-5, 1e-4, frozen_room),
     ],
 )
 def test_a_config_is_the_story_of_its_header(tmp_path, name, found, gas_error, divergence, story):
     """found: least number of robots that find a source; gas_error, divergence: largest ones."""
-    options = ["--no-recording"] if name == "frozen_room" else []
+    options = {"frozen_room": ["--no-recording"], "fan_array": ["--duration", "15"]}.get(name, [])
     result = result_of(name, tmp_path, *options)
     assert sum(result["groups"][0]["per_trial"]["found"]) >= found
     assert gas_error is None or abs(result["gas"]["relative_error"]) <= gas_error
     assert divergence is None or result["flow"]["max_divergence"] <= divergence
     if story is not None:
         story(result)
-    assert options or verified(tmp_path / "recording.rrd")
+    assert "--no-recording" in options or verified(tmp_path / "recording.rrd")
 
 
 @pytest.mark.slow
@@ -135,18 +134,4 @@ def test_quiet_room_is_the_story_of_its_header(tmp_path):
 def test_playback_is_the_story_of_its_header(tmp_path):
     result = result_of("playback", tmp_path)
     assert sum(result["groups"][0]["per_trial"]["found"]) >= 1
-    smooth = ("--set", "gas.interpolate=true", "--set", "wind.interpolate=true", "--no-recording")
-    more = result_of("playback", tmp_path / "smooth", *smooth)
-    assert sum(more["groups"][0]["per_trial"]["found"]) >= 1
     assert verified(tmp_path / "recording.rrd")
-
-
-@pytest.mark.slow
-def test_a_seed_decides_everything(tmp_path):
-    options = ("--no-recording", "--duration", "5", "--set", "warm_up=3")
-    tables = {}
-    for n, seed in enumerate(("4", "4", "5")):
-        result_of("casting_room", tmp_path / str(n), *options, "--seed", seed)
-        tables[n] = pq.read_table(tmp_path / str(n) / "robots.parquet")
-    assert tables[0].equals(tables[1])
-    assert not tables[0].equals(tables[2])

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import pytest
+from test_imports import tree
 
 from taichi_plume.agents.columns import COLUMNS
 from taichi_plume.scenario.algorithms import Algorithm
@@ -25,9 +26,25 @@ NAMESAKES = {
     "taichi_plume/files/network.py",  # a network's weights may be external
 }
 ROOMS = [ROOT / "taichi_plume", ROOT / "solvers", ROOT / "agents"]
-SOURCES = {
-    path.relative_to(ROOT): ast.parse(path.read_text()) for room in ROOMS for path in room.rglob("*.py")
-}
+
+
+def words(path: Path) -> set[str]:
+    """Names, attributes and whole texts, these in quotes, of a source file."""
+    found = set()
+    for node in ast.walk(tree(path)):
+        match node:
+            case ast.Constant(value=str(text)):
+                found.add(f"'{text}'")
+            case ast.Name(id=name) | ast.Attribute(attr=name):
+                found.add(name)
+    return found
+
+
+WORDS = {str(path.relative_to(ROOT)): words(path) for room in ROOMS for path in room.rglob("*.py")}
+
+
+def files_with(*several: str) -> set[str]:
+    return {path for path, found in WORDS.items() if not found.isdisjoint(several)}
 
 
 def members(union: Any) -> list[type]:
@@ -39,14 +56,7 @@ def members(union: Any) -> list[type]:
 def knowing(model: type) -> set[str]:
     """The source files that name a section of the vocabulary, or its kind as the whole of a text."""
     (kind,) = get_args(model.model_fields["kind"].annotation)  # type: ignore[attr-defined]
-    return {
-        str(path)
-        for path, tree in SOURCES.items()
-        for node in ast.walk(tree)
-        if (isinstance(node, ast.Constant) and node.value == kind)
-        or (isinstance(node, ast.Name) and node.id == model.__name__)
-        or (isinstance(node, ast.Attribute) and node.attr == model.__name__)
-    }
+    return files_with(f"'{kind}'", model.__name__)
 
 
 def cases(union: Any, but: tuple[str, ...] = ()) -> list[Any]:
@@ -79,15 +89,14 @@ def test_a_boundary_is_known_in_three_files():
 
 def test_a_metal_oxide_sensor_is_an_entry_in_one_file():
     for name in MOX_MODELS:
-        assert [
-            str(path)
-            for path, tree in SOURCES.items()
-            if any(isinstance(node, ast.Constant) and node.value == name for node in ast.walk(tree))
-        ] == ["taichi_plume/scenario/metal_oxides.py"]
+        assert files_with(f"'{name}'") == {"taichi_plume/scenario/metal_oxides.py"}
 
 
 NAMES_OF_MORE = ("x", "y", "heading", "found", "state", "declarations", "false_declarations")
 """Columns of which trials have namesakes, or that are words of other things."""
+
+
+LOOKS = ["record/", "report/", "results/", "map", "readings", "bag", "trajectories", "serve/", "client"]
 
 
 def test_a_column_is_declared_in_one_file_and_written_in_another():
@@ -95,21 +104,6 @@ def test_a_column_is_declared_in_one_file_and_written_in_another():
     for column in COLUMNS:
         for name in column.table:
             if name not in NAMES_OF_MORE:
-                files = {
-                    str(path)
-                    for path, tree in SOURCES.items()
-                    if any(isinstance(node, ast.Constant) and node.value == name for node in ast.walk(tree))
-                }
-                looks = (
-                    "record/",
-                    "report/",
-                    "results/",
-                    "map",
-                    "readings",
-                    "bag",
-                    "trajectories",
-                    "serve/",
-                    "client",
-                )
-                shown = {path for path in files if any(part in path for part in looks)}
+                files = files_with(f"'{name}'")
+                shown = {path for path in files if any(part in path for part in LOOKS)}
                 assert files - shown <= {"agents/columns.py"}, name

@@ -12,11 +12,15 @@ How blocks of a page are read, in README.md and docs/**/*.md:
 Scenarios of docs/coming-from are loaded by test_coming_from.py, which makes the foreign files that they read.
 """
 
+import contextlib
 import copy
 import doctest
 import importlib
+import io
+import json
 import os
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -29,6 +33,7 @@ import pytest
 import yaml
 
 from taichi_plume.assembly.prepare import load
+from taichi_plume.scenario.keys import all_keys
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.study.plan import load_plan
 
@@ -232,11 +237,14 @@ COMMANDS = [
 
 @cache
 def help_of(module: str) -> str:
-    """What a command says of itself."""
-    return subprocess.run(
-        [sys.executable, "-m", f"taichi_plume.{module}", "--help"],
-        cwd=ROOT, capture_output=True, text=True, check=True, env=os.environ | {"COLUMNS": "200"},
-    ).stdout  # fmt: skip
+    """Return the help of a command."""
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as shown:
+        patch.setenv("COLUMNS", "200")
+        patch.setattr(sys, "argv", [module, "--help"])
+        with pytest.raises(SystemExit) as ended:
+            runpy.run_module(f"taichi_plume.{module}", run_name="__main__")
+    assert not ended.value.code
+    return shown.getvalue()
 
 
 @pytest.mark.parametrize(("module", "options"), COMMANDS)
@@ -319,3 +327,13 @@ def test_the_site_is_built_without_a_warning_or_another_host(tmp_path):
     assert done.returncode == 0, (done.stdout + done.stderr)[-3000:]
     assert not foreign(built)
     assert len(list(built.rglob("*.html"))) > 20
+    script = (built / "searchindex.js").read_text(encoding="utf-8")
+    index = json.loads(script.removeprefix("Search.setIndex(").removesuffix(")"))
+    (kind,) = (number for number, (*_, title) in index["objnames"].items() if title == "scenario key")
+    keys = {
+        f"{path}.{name}".lstrip(".")
+        for path, several in index["objects"].items()
+        for _, number, *_, name in several
+        if str(number) == kind
+    }
+    assert len(keys) == len(list(all_keys()))  # each key can be searched for

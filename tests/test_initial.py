@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from taichi_plume.assembly.assemble import build
 from taichi_plume.assembly.prepare import checked
-from taichi_plume.grid.kernels import compiled
+from taichi_plume.grid.kernels import compiled, ensure_started
 from taichi_plume.grid.state import State
 from taichi_plume.running.filming import Filming
 from taichi_plume.scenario.initial import units_of
@@ -54,6 +54,7 @@ gas: {kind: eulerian, sources: [{position: [0.3, 0.6], rate: 0}], initial: {conc
 
 
 def assembled(model: dict, folder: Path = Path(), **changes: Any) -> Any:
+    ensure_started()
     return build(checked(Scenario.model_validate(model | changes), folder))
 
 
@@ -131,15 +132,17 @@ def test_a_film_goes_on_from_one_of_its_moments_on_any_grid(tmp_path):
     sim.run()
     film.shoot(sim)
     last = [*velocities(sim), sim.gas.gases[0].cells(1.0)]
+    del film, sim  # the next ones find their kernels in the cache
     begin = {"film": "fields.zarr", "at": 0.25}
     wind, gas = BOX["wind"] | {"initial": begin}, BOX["gas"] | {"initial": begin}
     again = assembled(BOX, tmp_path, wind=wind, gas=gas)
     for now, a, b in zip([*velocities(again), again.gas.gases[0].cells(0.0)], first, last, strict=True):
         np.testing.assert_allclose(now, 0.75 * a + 0.25 * b, atol=1e-4 * np.abs(a).max())
+    held, fastest = again.gas.gases[0].budget()["initial_kg"], np.abs(velocities(again)[0]).max()
+    del again
     finer = assembled(BOX, tmp_path, wind=wind, gas=gas, domain={"size": [2, 2], "spacing": 2 / 32})
-    budgets = [one.gas.gases[0].budget()["initial_kg"] for one in (again, finer)]
-    assert budgets[0] == pytest.approx(budgets[1], rel=1e-3)
-    assert np.abs(velocities(finer)[0]).max() == pytest.approx(np.abs(velocities(again)[0]).max(), rel=0.02)
+    assert held == pytest.approx(finer.gas.gases[0].budget()["initial_kg"], rel=1e-3)
+    assert np.abs(velocities(finer)[0]).max() == pytest.approx(fastest, rel=0.02)
     for change, told in [
         ({"film": "fields.zarr", "at": 7}, r"wind.initial.at: 7 s is not in .*, which shows 0 to 1 s"),
         ({"film": "none.zarr"}, r"wind.initial.film: .*none.zarr: does not exist"),
@@ -191,5 +194,5 @@ def test_a_concentration_may_be_given_in_ppm(concentration, ppm):
 def test_the_air_begins_with_the_ppm_of_its_gas():
     gas = BOX["gas"] | {"species": "methane", "initial": {"concentration": "2 ppm"}}
     gas["sources"] = [BOX["gas"]["sources"][0] | {"rate": 0}]
-    sim = build(checked(Scenario.model_validate(BOX | {"gas": gas}), Path()))
+    sim = assembled(BOX, gas=gas, wind={"kind": "uniform", "velocity": [0, 0]})
     assert scores.true_gas(sim, 0.5, (4, 4)) == pytest.approx(2.0, rel=1e-5)

@@ -4,21 +4,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 import zarr
 from scripts import read_result
 
-from taichi_plume.assembly.assemble import assemble
 from taichi_plume.cli.run import main
-from taichi_plume.grid.fields import ppm_at
-from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.scenario.species import SPECIES
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
 SCENARIO = """
-duration: 2.0
+duration: 20.0
+fields: {rate: 2.0}
 stop_early: false
 domain: {size: [1.6, 1.0], spacing: 0.05}
 wind: {kind: cfd, openings: [{kind: inlet, face: x-, speed: 0.2}, {kind: outlet, face: x+}]}
@@ -41,27 +37,9 @@ robots:
 
 
 @pytest.mark.slow
-def test_each_part_has_its_budget_and_its_ppm():
-    sim = assemble(Scenario.model_validate(yaml.safe_load(SCENARIO)))
-    assert [species.name for species in sim.gas.species] == ["ethanol", "acetone"]
-    sim.run()
-    budgets = [gas.budget() for gas in sim.gas.gases]
-    for budget, rate in zip(budgets, (3e-6, 4e-6), strict=True):
-        assert budget["emitted_kg"] == pytest.approx(2.0 * rate)
-        assert budget["in_domain_kg"] + budget["outflow_kg"] == pytest.approx(2.0 * rate, rel=1e-6)
-    ppm = ppm_at(sim.gas, sim.grid.centers(), sim.t)
-    for k, (species, budget) in enumerate(zip(sim.gas.species, budgets, strict=True)):
-        total = ppm[..., k].astype(float).sum() * sim.grid.cell_volume / SPECIES[species.name].ppm_per_density
-        assert total == pytest.approx(budget["in_domain_kg"], rel=1e-5)
-    lower, upper = ppm_at(sim.gas, np.array([[0.5, 0.25], [0.5, 0.75]]), sim.t)
-    assert lower[0] > 100.0 * lower[1]
-    assert upper[1] > 100.0 * upper[0]
-
-
-@pytest.mark.slow
 def test_a_run_tells_of_both(tmp_path):
     path, out = tmp_path / "both.yaml", tmp_path / "out"
-    path.write_text(SCENARIO.replace("duration: 2.0", "duration: 20.0\nfields: {rate: 2.0}"))
+    path.write_text(SCENARIO)
     assert main([str(path), "--out", str(out), "--arch", "cpu", "--quiet"]) == 0
     result = read_result(out)
     parts = result["gas"]["parts"]

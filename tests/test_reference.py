@@ -1,6 +1,5 @@
 """The reference of the documentation tells of every key, and what its examples say can be run."""
 
-import json
 import re
 import sys
 from importlib import import_module
@@ -96,21 +95,3 @@ def test_texts_are_escaped_and_every_section_has_a_page():
     assert reference.escaped("a ` b") == r"a \` b"
     pages = {"wind.gusts": "wind", "wind.openings[].curve": "openings", "something_new.part": "scenario"}
     assert {section: reference.page_of(section) for section in pages} == pages
-
-
-@pytest.mark.slow
-def test_sphinx_takes_the_pages_without_a_warning(tmp_path):
-    sphinx = pytest.importorskip("sphinx.application")
-    (tmp_path / "conf.py").write_text("extensions = ['scenario_reference']\nproject = 'a'\n")
-    (tmp_path / "index.rst").write_text("A\n=\n\n.. toctree::\n\n   reference/index\n\n:key:`wind.courant`\n")
-    built = sphinx.Sphinx(
-        *(tmp_path, tmp_path, tmp_path / "html", tmp_path / "trees", "html"), warningiserror=True, status=None
-    )
-    built.build()
-    assert built.statuscode == 0
-    script = (tmp_path / "html" / "searchindex.js").read_text()
-    index = json.loads(script.removeprefix("Search.setIndex(").removesuffix(")"))
-    assert index["objnames"]["0"] == ["std", "key", "scenario key"]
-    found = {f"{path}.{one[-1]}".lstrip(".") for path, several in index["objects"].items() for one in several}
-    assert found == {reference.title_of(key) for key in all_keys()}
-    assert 'id="key-wind.courant"' in (tmp_path / "html" / "reference" / "wind.html").read_text()

@@ -1,15 +1,13 @@
 import os
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import fake_run
 import pyarrow.parquet as pq
 import pytest
 import rerun as rr
-from scripts import python, read_result
+from scripts import read_result
 
 from taichi_plume.assembly import assemble
 from taichi_plume.cli import run
@@ -257,37 +255,3 @@ def test_broken_assembly_leaves_no_folder(scenario, monkeypatch, capsys):
     assert run.main([str(scenario)]) == 1
     assert "ZeroDivisionError" in capsys.readouterr().err
     assert not any(Path("runs").iterdir())
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_end_a_run_in_order(scenario, number):
-    options = ["--duration", "100000", "--set", "stop_early=false", "--out", "out"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "taichi_plume.run", str(scenario), *options],
-        stderr=subprocess.PIPE, text=True, cwd=scenario.parent,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's background jobs ignore it
-    )  # fmt: skip
-    try:
-        recording = scenario.parent / "out" / "recording.rrd"
-        while process.poll() is None and not recording.exists():
-            time.sleep(0.1)
-        time.sleep(1.0)
-        process.send_signal(number)
-        _, told = process.communicate(timeout=30)
-    finally:
-        process.kill()
-    assert process.returncode == 130, told
-    assert read_result(scenario.parent / "out")["status"] == "interrupted"
-    readable(scenario.parent / "out")
-
-
-def test_help_and_faults_are_fast_because_nothing_heavy_is_imported(scenario):
-    code = (
-        "import sys\nfrom taichi_plume.cli import run\n"
-        "assert run.main(['nowhere.yaml']) == 2\n"
-        "heavy = {'taichi', 'rerun', 'open3d', 'pyarrow'} & set(sys.modules)\nassert not heavy, heavy\n"
-    )
-    done = python(scenario.parent, "-c", code)
-    assert done.returncode == 0, done.stderr

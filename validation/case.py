@@ -71,7 +71,8 @@ Answer = Mapping[str, float | Curve]
 class Case:
     """A problem with a known answer. `solve` takes a resolution and returns errors by norm, and curves to plot.
 
-    Tests solve the case at the coarse resolutions, the command at the fine ones. A norm that is not in `expected` is
+    Tests solve the case at the coarse resolutions, the command at the fine ones. A case without coarse resolutions is
+    left to the command: a test or another case decides the same. A norm that is not in `expected` is
     reported but not judged.
     """
 

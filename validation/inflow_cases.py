@@ -104,7 +104,7 @@ def _turbulence(length: float) -> Case:
         f"intensity 10 % and length {100 * length:.0f} cm at the inlet and behind it",
         "as prescribed; decay behind grids, Comte-Bellot & Corrsin 1966, doi:10.1017/S0022112066000338",
         partial(inflow_turbulence, length=length),
-        coarse=(20,),
+        coarse=(20,) if length == 0.2 else (),
         fine=(25,),
         slow=True,
         # intensities over 40 s have a standard error of 1.5 %

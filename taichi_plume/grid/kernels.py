@@ -18,7 +18,7 @@ import taichi as ti
 from taichi.lang import impl
 
 from taichi_plume.grid import tracing  # noqa: F401  it makes the tracing of kernels quicker
-from taichi_plume.grid.engine import KERNELS, free_unused_trees, live_fields
+from taichi_plume.grid.engine import KERNELS, EngineError, free_unused_trees, live_fields
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, visible
 
@@ -257,6 +257,8 @@ def _launcher(kernel: Any) -> Callable[..., None]:
     def run(a: float = 0.0, b: float = 0.0) -> None:
         nonlocal program, compiled, traced
         if impl.get_runtime().prog is not program or program is None:
+            if not is_running():
+                raise EngineError
             with data_flow_by_llvm():
                 kernel(a, b)
                 program = impl.get_runtime().prog

@@ -134,28 +134,16 @@ def test_a_turned_map_has_few_edges_of_walls(tmp_path, monkeypatch):
     assert plan(tmp_path, walls, (2.0, 2.0)).solid.any()
 
 
-def test_damaged_pictures_are_told(tmp_path):
+def test_cut_pictures_are_told(tmp_path):
+    """Pictures with other damage are in tests/fuzz."""
     path = write(tmp_path, np.random.default_rng(0).random((40, 30)) < 0.2)
     good = (tmp_path / "plan.pgm").read_bytes()
     Image.open(tmp_path / "plan.pgm").save(tmp_path / "plan.png")
     png = (tmp_path / "plan.png").read_bytes()
-    rng, told = np.random.default_rng(1), 0
-    huge = b"P5 900000 900000 255\n"
-    for content in [b"", huge, *(one[:n] for one in (good, png) for n in (5, 30, 200))]:
+    for content in [b"", b"P5 900000 900000 255\n", *(one[:n] for one in (good, png) for n in (5, 30, 200))]:
         (tmp_path / "plan.pgm").write_bytes(content)
         with pytest.raises(MapError):
             read_map(path)
-    for content in (good, png):
-        for _ in range(100):
-            damaged = bytearray(content)
-            for _ in range(3):
-                damaged[rng.integers(len(damaged))] = rng.integers(256)
-            (tmp_path / "plan.pgm").write_bytes(damaged)
-            try:
-                read_map(path)
-            except MapError as error:
-                told += "\n" not in str(error)
-    assert told > 50  # of a PNG nearly all
 
 
 @pytest.mark.parametrize(

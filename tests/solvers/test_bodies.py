@@ -45,10 +45,10 @@ def moving(path: list, **outline) -> Callable[..., MovingObstacle]:
 @pytest.fixture(scope="module")
 def walked(taichi) -> Callable[..., FlowSolver]:
     """Still air with one body that moves along a path."""
-    flow = still_air(bodies=[moving([[1.0, 0.8, 1.0]])])
+    flow = still_air(bodies=[moving([[1.0, 0.8, 1.0]])], **LAMINAR)
 
     def begun(path: list, **outline) -> FlowSolver:
-        afresh(flow, cfd(ENDS))
+        afresh(flow, cfd(ENDS, **LAMINAR))
         flow.resistances[0].begin(walker(path, **outline))
         return flow
 

@@ -102,34 +102,6 @@ def test_weno5_decays_vortices_more_exactly():
 
 
 @pytest.fixture(scope="module")
-def drifting(taichi):
-    """Energy that short vortices keep while a wind carries them on by 16 cells, as it depends on the Courant number."""
-    flow = laminar_flow((32, 32), 2 * pi / 32, 1e-9, periodic("xy"), convection="weno5")
-    wind, waves = np.array([1.0, 0.7]), np.array([[4, 1], [-3, 5], [6, 2], [1, -6]])
-
-    def eddies(x: np.ndarray) -> np.ndarray:
-        along = np.stack([-waves[:, 1], waves[:, 0]]) / np.linalg.norm(waves, axis=1)  # free of divergence
-        return wind + 0.1 * np.sin(x @ waves.T + np.arange(4)) @ along.T
-
-    def energy() -> float:
-        return sum(float(((u - u.mean()) ** 2).mean()) for u in velocities(flow))
-
-    def kept(courant: float) -> float:
-        flow.start_from(eddies)
-        flow.courant = courant
-        before = energy()
-        advance(flow, pi)
-        return energy() / before
-
-    return flow.courant, kept
-
-
-def test_steps_as_in_runs_keep_the_energy_of_vortices_that_drift(drifting):
-    default, kept = drifting
-    assert kept(default) == pytest.approx(kept(0.2), rel=0.1)
-
-
-@pytest.fixture(scope="module")
 def carried(taichi):
     """Gas before and after a ride with air that turns as a solid body, 48² cells of 1 m / 48."""
     n = 48
@@ -139,18 +111,19 @@ def carried(taichi):
     models = {scheme: eulerian((0.5, 0.5), species=species, convection=scheme) for scheme in OF_GAS}
     gases = {scheme: EulerianSolver(model, grid, wind, air_in(grid)) for scheme, model in models.items()}
 
-    def ride(scheme: str, start, turns: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    def ride(scheme: str, start) -> tuple[np.ndarray, np.ndarray]:
         gas = gases[scheme]
         gas.start_from(start)
         before = grid.read(gas.c).astype(float)
         for step in range(20):
-            gas.advance(0.0, 2 * pi * turns / 20)
+            gas.advance(0.0, 2 * pi / 20)
             assert gas.least() >= 0.0, step
         return before, grid.read(gas.c).astype(float)
 
     return ride
 
 
+@pytest.mark.slow
 def test_weno5_keeps_a_turning_puff_better(carried):
     def puff(x: np.ndarray) -> np.ndarray:
         return np.exp(-((x[..., 0] - 0.7) ** 2 + (x[..., 1] - 0.5) ** 2) / (2 * 0.05**2))
@@ -164,13 +137,8 @@ def test_weno5_keeps_a_turning_puff_better(carried):
     assert abs(1.0 - peak["weno5"]) < abs(1.0 - peak["koren"])
 
 
-def test_a_cube_of_gas_stays_positive(carried):
-    """`carried` looks after every twentieth of a turn; the corners would undershoot if nothing held them."""
-    before, after = carried("weno5", lambda x: 1.0 * (np.abs(x - (0.7, 0.5)).max(axis=-1) < 0.1), turns=0.5)
-    assert after.max() <= 1.05 * before.max()
-
-
-@pytest.mark.parametrize("shape", [(40, 30), pytest.param((40, 30, 5), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("shape", [(40, 30), (40, 30, 5)])
+@pytest.mark.slow
 def test_a_room_with_weno5(shape):
     """Air and gas around a box, with outlets: finite, divergence-free, well-mixed, accounted for."""
     grid = Grid(shape, 0.1, depth=0.5)

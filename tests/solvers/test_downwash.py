@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import taichi as ti
-from rooms import afresh, cfd, flow_in
+from rooms import LAMINAR, afresh, cfd, flow_in
 
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.transfer import uploader
@@ -51,7 +51,7 @@ class Hover:
 
 @pytest.fixture(scope="module")
 def hover(taichi):
-    return Hover(cfd(periodic("xyz")), (True, True, True))
+    return Hover(cfd(periodic("xyz"), **LAMINAR), (True, True, True))
 
 
 @pytest.mark.parametrize(

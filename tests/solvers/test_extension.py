@@ -125,16 +125,13 @@ def curvature(shape: Shape, size: tuple[int, ...] = (40, 40)) -> tuple[np.ndarra
     return cells - grid.ghost + 0.5, curvatures(vectors, cells, normals)
 
 
-@pytest.mark.parametrize("radius", [4.0, 8.0, 16.0])
+@pytest.mark.parametrize("radius", [4.0, 8.0, 16.0, 32.0])
 def test_a_disc_has_the_curvature_of_its_circle(radius):
-    _, found = curvature(Ball(Sphere(kind="sphere", center=tuple(CENTRE), radius=radius), 2))
-    assert np.median(found) == pytest.approx(1.0 / radius, rel=0.25)
+    size = 40 if radius < 20.0 else 100
+    disc = Sphere(kind="sphere", center=(size / 2 + 0.2, size / 2 - 0.1), radius=radius)
+    found = curvature(Ball(disc, 2), (size, size))[1]
+    assert radius > 20.0 or np.median(found) == pytest.approx(1.0 / radius, rel=0.25)
     assert (found > CONVEX).all()
-
-
-def test_a_large_disc_is_convex():
-    disc = Ball(Sphere(kind="sphere", center=(50.2, 49.9), radius=32.0), 2)
-    assert (curvature(disc, (100, 100))[1] > CONVEX).all()
 
 
 def test_a_ball_has_twice_the_curvature():

@@ -37,12 +37,14 @@ def moments(gas: PuffSolver, spacing: float) -> tuple[float, np.ndarray, float]:
     return c.sum() * volume, centre, float((c * (x[..., 0] - centre[0]) ** 2).sum() / c.sum())
 
 
-def test_a_puff_reads_the_same_before_and_after():
-    grid = Grid((24, 20, 16), 0.05)
-    wind = UniformSolver(UniformWind(kind="uniform", velocity=(0.0, 0.0, 0.0)), grid)
-    place, size = np.array([[0.63, 0.51, 0.42]]), 0.06
-    puffs = PuffSolver(model(initial_size=size, handover=False, cutoff=5), grid, wind, Air.everywhere(grid))
-    taken = PuffSolver(model(initial_size=size, handover=True, cutoff=5), grid, wind, Air.everywhere(grid))
+@pytest.mark.parametrize("dim", [2, pytest.param(3, marks=pytest.mark.slow)])
+def test_a_puff_reads_the_same_before_and_after(dim):
+    grid = Grid((24, 20, 16)[:dim], 0.05)
+    wind = UniformSolver(UniformWind(kind="uniform", velocity=(0.0,) * dim), grid)
+    place, size = np.array([[0.63, 0.51, 0.42]])[:, :dim], 0.06
+    keys = {"dim": dim, "initial_size": size, "cutoff": 5}
+    puffs = PuffSolver(model(handover=False, **keys), grid, wind, Air.everywhere(grid))
+    taken = PuffSolver(model(handover=True, **keys), grid, wind, Air.everywhere(grid))
     for gas in (puffs, taken):
         gas.start_from(place, 1e-6)
         gas.advance(0.0, 1e-3)

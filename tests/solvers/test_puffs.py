@@ -95,24 +95,6 @@ def test_the_sum_is_that_of_gaussians_and_their_images(dim):
     np.testing.assert_allclose(computed, expected, rtol=2e-3, atol=1e-5 * expected.max())
 
 
-@pytest.mark.parametrize(("shape", "spacing"), [((40, 30), 0.0125), ((24, 16, 16), 0.025)])
-@pytest.mark.slow
-def test_sampled_gas_is_what_was_released(shape, spacing):
-    """A source close to a floor and to a box, and a time at which no puff has left."""
-    solid = blocks(shape, np.s_[10:14, 4:9])
-    gas = puffs_in(
-        shape, 0.2, solid, source={"position": (0.3, 0.1, 0.1)}, release_rate=100, initial_size=0.03
-    )
-    run(gas, 2.0, 0.1)
-    inside = gas.budget()["in_domain_kg"] - gas.portions[0].pending
-    c = concentration_at(gas, points(gas.grid.extent, spacing), 2.0)
-    volume = spacing**gas.dim * (0.5 if gas.dim == 2 else 1.0)
-    inside_blocks = np.kron(solid, np.ones((round(0.05 / spacing),) * gas.dim)) > 0
-    assert np.all(c >= 0.0)
-    assert c[~inside_blocks].sum() * volume == pytest.approx(inside, rel=5e-3)
-    assert c[inside_blocks].sum() * volume <= 5e-3 * inside
-
-
 @pytest.mark.slow
 def test_gas_does_not_leak_through_a_thin_wall():
     solid = blocks((40, 20), 20)
@@ -123,14 +105,14 @@ def test_gas_does_not_leak_through_a_thin_wall():
     assert c[42:].max() == 0.0
 
 
-@pytest.mark.parametrize("shape", [(40, 30), pytest.param((20, 15, 5), marks=pytest.mark.slow)])
 @pytest.mark.slow
-def test_mass_is_accounted_for_in_a_turbulent_arena(shape):
+def test_mass_is_accounted_for_in_a_turbulent_arena():
+    shape = (20, 15, 5)
     grid = Grid(shape, 4.0 / shape[0], depth=0.5)
     solid = blocks(shape, np.s_[shape[0] // 3 : shape[0] // 3 + 3, shape[1] // 3 : shape[1] // 2])
     air = Air.of(solid, grid)
     flow = FlowSolver(cfd(TUNNEL), grid, air)
-    source = {"position": (0.6, 1.3, 0.25)[: len(shape)], "rate": 2e-5}
+    source = {"position": (0.6, 1.3, 0.25), "rate": 2e-5}
     model = {"kind": "puffs", "sources": [source], "fluctuation": 0.1, "release_rate": 100}
     gas = PuffSolver(PuffGas.model_validate(model), grid, flow, air)
     t = 0.0

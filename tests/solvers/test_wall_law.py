@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from functools import cache
 from math import sqrt
 
 import numpy as np
@@ -10,7 +11,11 @@ from scipy.optimize import brentq
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.transfer import uploader
+from taichi_plume.scenario.heat import Heat
 from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.heat import HeatSolver
+from taichi_plume.solvers.prescribed import PrescribedWind
 from taichi_plume.solvers.wall_law import (
     law_of_the_wall,
     near_surface,
@@ -105,9 +110,14 @@ def resistance(y_plus: float, schmidt: float) -> float:
 # ---------------------------------------------------------------- in the flow
 
 
-def channel(kind: str, roughness: float | None = None, **more) -> FlowSolver:
-    wind = cfd(periodic("x"), viscosity=NU, turbulence={"kind": kind}, roughness=roughness, **more)
-    return flow_in(Grid((8, 8), 0.05, periodic=(True, False)), wind)
+@pytest.fixture(scope="module")
+def channel(taichi) -> Callable[..., FlowSolver]:
+    @cache
+    def made(kind: str, roughness: float | None = None) -> FlowSolver:
+        wind = cfd(periodic("x"), viscosity=NU, turbulence={"kind": kind}, roughness=roughness)
+        return flow_in(Grid((8, 8), 0.05, periodic=(True, False)), wind)
+
+    return made
 
 
 def lost(flow: FlowSolver, speed: float) -> float:
@@ -119,30 +129,36 @@ def lost(flow: FlowSolver, speed: float) -> float:
     return (before - after) / 1e-3 * 0.4 / 2
 
 
-@pytest.mark.parametrize("kind", ["smagorinsky", "vreman"])
-def test_walls_take_the_momentum_that_the_law_says(kind):
+@pytest.mark.parametrize("kind", ["vreman", pytest.param("smagorinsky", marks=pytest.mark.slow)])
+def test_walls_take_the_momentum_that_the_law_says(channel, kind):
     u_tau = root(lambda v: v * mean_of_the_law(0.025 * v / NU) - 1.0)
     assert lost(channel(kind), 1.0) == pytest.approx(u_tau**2, rel=5e-3)
 
 
-def test_rough_walls_take_more_and_slow_air_feels_viscosity_alone():
-    flow = channel("vreman")
-    smooth = lost(flow, 1.0)
-    slow = lost(flow, 1e-4)
-    rough = lost(channel("vreman", 0.003), 1.0)
-    assert 1.4 * smooth < rough < 2.0 * smooth
+@pytest.mark.slow
+def test_rough_walls_take_more_and_slow_air_feels_viscosity_alone(channel):
+    smooth = lost(channel("vreman"), 1.0)
+    assert 1.4 * smooth < lost(channel("vreman", 0.003), 1.0) < 2.0 * smooth
+    slow = lost(channel("vreman"), 1e-4)
     assert slow == pytest.approx(lost(channel("none"), 1e-4), rel=1e-3)
 
 
-@pytest.mark.parametrize(("kind", "rel"), [("vreman", 0.15), ("none", 1e-3)])
-def test_a_warm_wall_gives_what_the_wind_takes_along(kind, rel):
+@pytest.mark.parametrize(
+    ("kind", "rel"), [("vreman", 0.15), pytest.param("none", 1e-3, marks=pytest.mark.slow)]
+)
+def test_a_warm_wall_gives_what_the_wind_takes_along(taichi, kind, rel):
     """With a model of eddies by the law; without, by conduction across half a cell."""
     diffusivity, speed, y = 2e-5, 1.0, 0.025
-    heat = {"reference": 300.0, "diffusivity": diffusivity, "walls": [{"face": "y-", "temperature": 310.0}]}
-    flow = channel(kind, buoyancy={"gravity": (0.0, -9.81), "heat": heat})
-    flow.start_from(lambda x: np.stack([np.full(x.shape[:-1], speed), np.zeros(x.shape[:-1])], axis=-1))
-    flow.heat.advance(0.0, 1e-3)
-    k = flow.heat.budget()["surfaces_J"] / (1e-3 * 10.0 * 0.4 * 1191.0)  # of 0.4 m², a slab of 1 m
+    grid = Grid((8, 8), 0.05, periodic=(True, False))
+    wind = PrescribedWind(lambda x: np.broadcast_to((speed, 0.0), x.shape), grid)
+    wind.viscosity = NU
+    if kind == "vreman":
+        wind.nu = grid.field()
+        uploader(wind.nu)(NU)
+    model = {"reference": 300.0, "diffusivity": diffusivity, "walls": [{"face": "y-", "temperature": 310.0}]}
+    heat = HeatSolver(Heat.model_validate(model), grid, wind, (), Air.everywhere(grid))
+    heat.advance(0.0, 1e-3)
+    k = heat.budget()["surfaces_J"] / (1e-3 * 10.0 * 0.4 * 1191.0)  # of 0.4 m², a slab of 1 m
     u_tau = root(lambda v: v * mean_of_the_law(y * v / NU) - speed)
     by_law = u_tau / resistance(y * u_tau / NU, NU / diffusivity)
     assert k == pytest.approx(by_law if kind == "vreman" else diffusivity / y, rel=rel)

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from taichi_plume.validation.benchmark import envs, pressure, puffs, robots, start, trials
+from taichi_plume.validation.benchmark import envs, pressure, puffs, start
 from taichi_plume.validation.benchmark.__main__ import main
 from taichi_plume.validation.benchmark.pressure import cluttered, right_sides
 from tests.study.study_rooms import ROOM, UNIFORM, changed
@@ -46,24 +46,6 @@ def test_puffs_are_measured():
     assert 0 < rows[0].puffs <= 4000
     assert in_plume.seeing > anywhere.seeing
     assert all("puffs" in str(row) for row in rows)
-
-
-@pytest.mark.slow
-def test_robots_are_measured():
-    row = robots.ticks("robots", "cpu", "spiral", 300)
-    assert row.robots == 300
-    assert row.Mrobot_steps_per_s == pytest.approx(
-        0.3 / (row.measure_ms + row.act_ms + row.move_ms), rel=1e-6
-    )
-    assert "spiral" in str(row)
-
-
-@pytest.mark.slow
-def test_trials_in_a_recorded_room_are_measured():
-    (row,) = trials.spiral_trials("trials", "cpu", 40, recorded=4.0, limit=50.0)
-    assert row.trials == 40
-    assert row.robot_steps == pytest.approx(40 * 50 / 0.25, rel=0.3)  # hardly one has found it yet
-    assert "40 trials" in str(row)
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ def of_kind(kind):
     return [
         pytest.param(name, marks=pytest.mark.slow if case.slow else ())
         for name, case in CASES.items()
-        if isinstance(case, kind) and getattr(case, "test_trials", 1)
+        if isinstance(case, kind) and getattr(case, "coarse", getattr(case, "test_trials", 1))
     ]
 
 

@@ -85,15 +85,6 @@ def test_each_judgement_has_its_row_and_a_doi_is_a_short_link(extension):
     assert second.startswith("|  |  | q: ")
 
 
-def test_means_of_experiments_are_told_with_their_intervals(extension):
-    row = {"condition": "casting", "quantity": "time [s]", "mean": 40.0, "low": 35.0, "high": 45.0, "n": 20}
-    told = result(
-        "dapso_arena", rows=[row | {"published": "38 s", "expected": "<= 60", "met": True}], norms=[]
-    )
-    page = extension.page({"dapso_arena": extension.Known("teams", "a paper")}, {"dapso_arena": told})
-    assert row_of(page, "dapso_arena")[3] == "40 (35 to 45), n = 20; published: 38 s"
-
-
 def test_a_paper_is_told_of_at_length(extension):
     """Its paragraphs, what was published beside what was found, and the rest for who wants it."""
     row = {"condition": "casting", "quantity": "time", "mean": 40.0, "low": 35.0, "high": 45.0, "n": 20}
