@@ -45,13 +45,14 @@ OPTIONS = {"size": SIZE, "heading_deg": None}
 
 @pytest.fixture(scope="module")
 def begun(taichi):
-    """Three teams after 30 s, and their tracks; they differ in the robots' headings at the start."""
+    """Three teams after 30 s; they differ in the robots' headings at the start."""
     run = Run(MODEL, Script(AIR, 1.0), CORNER, 3, **OPTIONS)
-    return run, run.go(30)[1]
+    run.go(30)
+    return run
 
 
 def test_team_mates_go_to_different_places(begun):
-    run, _ = begun
+    run = begun
     for _ in range(8):
         run.go(5)
         goal = run.algorithm.goal.to_numpy().reshape(3, 4, 2)
@@ -60,7 +61,7 @@ def test_team_mates_go_to_different_places(begun):
 
 
 def test_the_next_way_point_is_of_the_least_known(begun, monkeypatch):
-    algorithm = begun[0].algorithm
+    algorithm = begun.algorithm
     monkeypatch.setattr(algorithm, "share", 0.2)
     weight = np.arange(len(algorithm.places), dtype=float)
     goal = np.zeros((1, 2))
@@ -69,16 +70,9 @@ def test_the_next_way_point_is_of_the_least_known(begun, monkeypatch):
     assert chosen[0] <= 0.2 * len(weight)
 
 
-def test_a_trial_alone_is_the_same_as_among_many(begun):
-    among = begun[1]
-    _, alone = Run(MODEL, Script(AIR, 1.0), CORNER, 1, first_trial=2, **OPTIONS).go(30)
-    assert_array_equal(alone[:, :4], among[:, 8:12])
-    assert (among[-1, :4] != among[-1, 8:12]).any()
-
-
 def test_it_goes_on_from_the_middle_of_a_snap(begun):
     """Its map too; in between it drives elsewhere, through other snaps."""
-    run, _ = begun
+    run = begun
     run.go(2.3)
     restore = run.saved()
     assert_plain(State(run).save())
@@ -102,7 +96,7 @@ def test_what_cannot_be_reached_is_left_alone():
 
 def test_each_trial_goes_by_its_own_map(begun, monkeypatch):
     """Among rivals a group's trials have other rows of the map than their numbers."""
-    run, _ = begun
+    run = begun
     algorithm = run.algorithm
     weights = np.ones((4, *algorithm.map.shape))
     weights[1, :4], weights[2, 12:] = 0.0, 0.0  # each knows one end of the floor less
@@ -115,9 +109,3 @@ def test_each_trial_goes_by_its_own_map(begun, monkeypatch):
     goal = algorithm.goal.to_numpy().reshape(3, 4, 2)
     assert (goal[0, :, 0] < 1.0).all()
     assert (goal[1, :, 0] > 3.0).all()
-
-
-@pytest.mark.parametrize("share", [0.0, 1.1])
-def test_shares_are_shares(share):
-    with pytest.raises(ValueError, match="share"):
-        LeastKnown(kind="least_known", share=share)
