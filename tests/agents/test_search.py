@@ -68,6 +68,7 @@ def test_they_begin_again_and_continue_from_a_saved_state(run):
     assert compiled() == count
 
 
+@pytest.mark.slow
 def test_a_trial_alone_is_the_same_as_among_many(run):
     run.begin(teams())
     alone = made([one | {"trials": 1, "first_trial": 1} for one in teams()])
