@@ -14,6 +14,7 @@ from taichi_plume.contest.entrants import shipped
 from taichi_plume.envs.task import require_task
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_robots import TRANSFORMS
+from taichi_plume.grid.fields import ppm_at
 from taichi_plume.grid.state import State
 from taichi_plume.running.signals import SignalRequests
 from taichi_plume.scenario.loading import ScenarioError
@@ -41,12 +42,13 @@ robots:
 """
 
 
-FLOOR = """
+POSED = """
   - name: floor
     count: 1
     start: {kind: positions, positions: [[3.4, 1.7]]}
-    algorithm: {kind: casting}
-    sensors: {gas: {kind: ideal, height: 1.5}, wind: {kind: ideal}}
+    algorithm: {kind: external, takes: pose}
+    sensors: {gas: {kind: ideal, height: 0.1}, wind: {kind: ideal}}
+    body: {kind: drone}
 """
 
 
@@ -54,6 +56,20 @@ FLOOR = """
 def path(tmp_path):
     (tmp_path / "flock.yaml").write_text(SCENARIO)
     return tmp_path / "flock.yaml"
+
+
+@pytest.fixture(scope="module")
+def flock(taichi, tmp_path_factory):
+    """Reset the simulation that tests share, with some keys changed."""
+    path = tmp_path_factory.mktemp("flock") / "flock.yaml"
+    path.write_text(SCENARIO)
+    sim = assemble(load_scenario(path), path.parent)
+
+    def reset(*keys):
+        sim.reset(load_scenario(path, keys))
+        return sim
+
+    return reset
 
 
 class Flock:
@@ -69,9 +85,9 @@ class Flock:
         self.altitudes.append(robots.altitude.copy())
 
 
-def test_casting_in_space_finds_a_source_above_where_it_starts(path):
+def test_casting_in_space_finds_a_source_above_where_it_starts(flock):
     """Both start 0.7 m lower than the source."""
-    sim = assemble(load_scenario(path), path.parent)
+    sim = flock()
     sim.run()
     now = sim.swarm.snapshot()
     assert now["found"].all()
@@ -80,10 +96,9 @@ def test_casting_in_space_finds_a_source_above_where_it_starts(path):
     assert sim.t < 60
 
 
-def test_casting_in_space_rises_whole_steps(path):
+def test_casting_in_space_rises_whole_steps(flock):
     """Without gas: after each wall by `find_rise`, or to the lowest or highest altitude."""
-    keys = ["robots.0.algorithm.threshold_ppm=1e6", "robots.0.count=1", "robots.0.start.positions=[[4, 1]]"]
-    sim = assemble(load_scenario(path, keys), path.parent)
+    sim = flock("robots.0.algorithm.threshold_ppm=1e6", "robots.0.start.positions=[[4, 1], [0.2, 2.8]]")
     model = sim.scenario.robots[0].algorithm
     seen = []
     while sim.t < 59.9:
@@ -99,18 +114,20 @@ def test_casting_in_space_rises_whole_steps(path):
         assert whole or high < model.lowest + 0.06 or high > model.highest - 0.06, (low, high)
 
 
-def test_scores_of_drones_are_in_space(path):
-    """From the middle of a body straight below the source."""
-    keys = [
-        "robots.0.count=1",
-        "robots.0.start.positions=[[0.8, 1.6]]",
-        "robots.0.algorithm.threshold_ppm=1e6",
-    ]
-    sim = assemble(load_scenario(path, keys), path.parent)
+def test_sensors_and_scores_of_drones_are_in_space(flock):
+    """Scores count from the middle of a body, here straight below the source; sensors are above its feet."""
+    sim = flock("robots.0.start.positions=[[0.8, 1.6], [3.4, 1.7]]")
     sim.observe()
     (group,) = sim.swarm.groups
     told = trial_outcomes(group, sim.swarm.snapshot(), source_places(sim))
     assert told["final_distance_m"][0] == pytest.approx(1.5 - 0.8 - group.model.body.height / 2, abs=1e-5)
+    keys = "robots.0.start.positions=[[3.4, 1.7], [3.8, 1.5]]", "gas.sources.0.position=[0.8, 1.6, 1.0]"
+    sim = flock(*keys)
+    sim.advance()
+    now = sim.swarm.snapshot()
+    noses = np.column_stack([now["position"], now["altitude"] + 0.2])
+    assert now["true_ppm"].min() > 1.0
+    assert now["true_ppm"] == pytest.approx(ppm_at(sim.gas, noses, sim.t)[:, 0], rel=1e-5)
 
 
 def test_an_own_algorithm_flies_drones(path):
@@ -132,31 +149,6 @@ def test_an_own_algorithm_flies_drones(path):
     assert np.abs(seen[79] - 1.3).max() < 5e-3
 
 
-def test_only_drones_go_to_places(path):
-    class Robot:
-        def act(self, robots):
-            assert not hasattr(robots, "left_speed")
-            robots.go_to(1, 1, 1)
-
-    keys = ["robots.0.algorithm={kind: own}", "robots.0.body={}", "robots.0.start.altitude=null"]
-    sim = assemble(load_scenario(path, keys), path.parent, {"flock": Robot})
-    with pytest.raises(Exception, match="go_to needs drones"):
-        sim.advance()
-
-
-def test_sensors_of_a_drone_are_above_its_feet(path):
-    """They smell and feel what those of a robot of the floor do at the same height."""
-    with path.open("a") as file:
-        file.write(FLOOR)
-    keys = ["rivals=true", "robots.0.count=1", "robots.0.start.positions=[[3.4, 1.7]]"]
-    keys += ["robots.0.start.altitude=1.3"]
-    sim = assemble(load_scenario(path, keys), path.parent)
-    sim.advance()
-    ppm = sim.swarm.snapshot()["true_ppm"]
-    assert ppm[0] > 1.0
-    assert ppm[0] == pytest.approx(ppm[1], rel=1e-6)
-
-
 WAKE = """
 name: wake
 duration: 1.5
@@ -176,9 +168,11 @@ robots:
 """
 
 
+@pytest.mark.slow
 def test_a_run_with_downwash_leaves_altitudes(tmp_path):
     (tmp_path / "wake.yaml").write_text(WAKE)
-    assert run.main([str(tmp_path / "wake.yaml"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    options = ["--out", str(tmp_path / "out"), "--quiet", "--no-recording"]
+    assert run.main([str(tmp_path / "wake.yaml"), *options]) == 0
     table = pq.read_table(tmp_path / "out/robots.parquet")
     assert table["z"].to_numpy() == pytest.approx(0.7, abs=1e-5)
     assert table.schema.field("z").metadata[b"unit"] == b"m"
@@ -213,25 +207,27 @@ def check_bag(folder):
 
 def check_replay(folder):
     """Of the run and of its bag: where it was, in space."""
-    for file in ("out/robots.parquet", "out/bag"):
-        keys = [f"robots.0.algorithm={{kind: replay, file: {file}}}", "robots.0.start.altitude=0.2"]
-        keys += ["robots.0.wake=false", "wind={kind: uniform, velocity: [0.2, 0, 0]}", "robots.0.reach=0"]
-        sim = assemble(load_scenario(folder / "wake.yaml", keys), folder)
-        for _ in range(5):
-            sim.advance()
-        now = sim.swarm.snapshot()
-        table = open_run(folder / "out").robots.set_index("t").loc[sim.t]
-        assert now["altitude"] == pytest.approx([0.7], abs=1e-5)
-        assert now["position"][0] == pytest.approx([table.x, table.y], abs=1e-4)
+    world, robots = WAKE.replace("    wake: true\n", "").replace("0.7, h", "0.2, h").split("  - name: flock")
+    robots = robots.replace("reach: 0.1", "reach: 0")
+    again = [
+        f"  - name: {name}" + robots.replace("kind: casting", f"kind: replay, file: out/{file}")
+        for name, file in (("run", "robots.parquet"), ("bag", "bag"))
+    ]
+    (folder / "again.yaml").write_text(world + "".join(again))
+    keys = ["wind={kind: uniform, velocity: [0.2, 0, 0]}", "rivals=true"]
+    sim = assemble(load_scenario(folder / "again.yaml", keys), folder)
+    for _ in range(5):
+        sim.advance()
+    now = sim.swarm.snapshot()
+    table = open_run(folder / "out").robots.set_index("t").loc[sim.t]
+    assert now["altitude"] == pytest.approx([0.7, 0.7], abs=1e-5)
+    assert now["position"] == pytest.approx(np.array([[table.x, table.y]] * 2), abs=1e-4)
 
 
 def test_drones_are_driven_from_outside(path):
     """One by velocities in three directions, one put to poses in space."""
     with path.open("a") as file:
-        floor = FLOOR.replace("kind: casting", "kind: external, takes: pose").replace(
-            "height: 1.5", "height: 0.1"
-        )
-        file.write(floor + "    body: {kind: drone}\n")
+        file.write(POSED)
     keys = ["rivals=true", "robots.0.algorithm={kind: external}", "robots.0.count=1"]
     keys += ["robots.0.start.positions=[[3.0, 1.0]]"]
     sim = assemble(load_scenario(path, keys), path.parent, driven=True)
@@ -278,9 +274,9 @@ class Link:
         pass
 
 
-def test_drones_fly_again_as_before(path):
-    """After a reset, and from a state that was saved in between; another altitude takes a run of its own."""
-    sim = assemble(load_scenario(path, ["duration=10"]), path.parent)
+def test_drones_fly_again_as_before(flock):
+    """After a reset, and from a state that was saved in between."""
+    sim = flock("duration=10")
     state = State(sim)
     while sim.t < 4.95:
         sim.advance()

@@ -38,6 +38,7 @@ def watched(folder: Path, *command: str, **environment: str) -> subprocess.Compl
     return python(folder, str(ROOT / "tests" / "no_sockets.py"), *command, environment=new | environment)
 
 
+@pytest.mark.slow
 def test_a_run_with_all_that_it_may_write(tmp_path):
     write_stl(tmp_path / "box.stl", box_triangles((0.5, 0.3, 0), (0.6, 0.4, 0.5)))
     (tmp_path / "s.yaml").write_text(SCENARIO)

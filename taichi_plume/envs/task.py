@@ -138,9 +138,10 @@ def open_episodes(
     else:
         bank = bank_of(found, folder, given)
     team = found.learners.count if robots is None else robots
-    made_of = repr((found, folder, int(count), team, bank.key, arrays, autoreset))
+    made_of = repr((found, folder, int(count), team, bank.key, arrays))
     episodes = _idle.pop(made_of, None)
     if episodes is not None and episodes.runs_in is _runtime():
+        episodes.autoreset = autoreset
         episodes.begin()
         return episodes
     episodes = Episodes(found, folder, int(count), team, bank, autoreset, arrays)

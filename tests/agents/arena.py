@@ -11,7 +11,7 @@ from robots import group
 from taichi_plume.agents.placement import place
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.agents.team import Team
+from taichi_plume.agents.team import teams
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import reader, uploader
@@ -54,7 +54,7 @@ class Run:
     with what differs from the other arguments: `algorithm`, `positions`, `trials`, `heading_deg`, other keys of groups.
     """
 
-    STATE = ("swarm", "sensors", "team")
+    STATE = ("swarm", "sensors", "teams")
 
     def __init__(
         self,
@@ -79,15 +79,15 @@ class Run:
         several = len(rivals) > 1
         self.swarm = Swarm(rivals, where, headings, self.arena, self.sources, seed, rivals=several)
         self.sensors = Sensors(self.swarm, 2, TICK, gas.species)
-        self.team = Team(self.swarm, range(len(rivals)), TICK)
+        self.teams = teams(self.swarm, TICK)
         self.gas, self.tick = gas, 0
         self._look = reader(self.swarm.state, self.swarm.position)
         self._state = State(self)
 
     @property
     def algorithm(self):
-        """What drives the robots."""
-        return self.team.algorithm
+        """Algorithm of the first group, and of all others of its kind."""
+        return self.teams[0].algorithm
 
     def _placed(self, algorithm):
         """The groups, with positions and headings of all robots."""
@@ -103,7 +103,8 @@ class Run:
         self._state.clear()
         self.swarm.begin(groups, where, headings, self.sources, self.seed)
         self.sensors.begin()
-        self.team.begin()
+        for team in self.teams:
+            team.begin()
         self.tick = 0
 
     def of(self, rival):
@@ -115,7 +116,8 @@ class Run:
         self.tick += 1
         t = self.tick * TICK
         self.sensors.measure(self.gas, self.gas, self.tick, t)
-        self.team.act(self.tick, t, TICK)
+        for team in self.teams:
+            team.act(self.tick, t, TICK)
         self.swarm.move(self.tick, t, TICK)
 
     def go(self, seconds):

@@ -260,14 +260,14 @@ def test_a_search_that_is_over_learns_no_more(empty):
     np.testing.assert_array_equal(empty.algorithm.beliefs(), belief)
 
 
-def test_where_no_cell_is_free_all_are_as_probable():
+def test_where_no_cell_is_free_all_are_as_probable(empty):
     """As where something stands in the middle of each; the robot waits, and believes what it did."""
-    run = Run(
-        MODEL.model_copy(update={"cell": 2.0}), Script([9.0], 1.0), size=(6.5, 3.9), positions=((1.0, 1.0),)
-    )
-    algorithm = run.algorithm
+    run, algorithm = empty.run, empty.algorithm
+    free = algorithm.gas.free.to_numpy()
     algorithm.gas.free.fill(0)
-    algorithm.begin()
+    run.gas.tell([9.0], 1.0)
+    run.begin(MODEL)
     run.go(1.5)
     np.testing.assert_allclose(algorithm.beliefs(), 1.0 / algorithm.beliefs()[0].size)
     assert run.swarm.snapshot()["path_length"] == 0.0
+    algorithm.gas.free.from_numpy(free)

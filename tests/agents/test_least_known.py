@@ -20,20 +20,17 @@ CORNER = ((3.4, 0.4), (3.7, 0.4), (3.4, 0.8), (3.7, 0.8))
 SIZE = (4.0, 3.0)
 
 
-def visited(algorithm, seconds):
-    """Share of the squares of 0.5 m in which a robot has been, in each of 4 trials, and their ages at the end [s]."""
-    _, tracks = Run(algorithm, Script(AIR, 1.0), CORNER, 4, SIZE).go(seconds)
-    i, j = np.moveaxis((tracks / 0.5).astype(int), -1, 0)
-    last = np.zeros((4, 8, 6))
-    for tick in range(len(tracks)):
-        last[np.repeat(np.arange(4), 4), i[tick], j[tick]] = (tick + 1) * TICK
-    return (last > 0).mean(axis=(1, 2)), seconds - last
-
-
 @pytest.mark.slow
 def test_the_floor_is_covered_better_than_by_a_random_walk():
-    shares, ages = visited(LeastKnown(kind="least_known"), 120)
-    walked, walked_ages = visited(RandomWalk(kind="random_walk"), 120)
+    """Share of the squares of 0.5 m in which a robot has been, in each of 4 trials, and their ages at the end [s]."""
+    rivals = [{"algorithm": LeastKnown(kind="least_known")}, {"algorithm": RandomWalk(kind="random_walk")}]
+    run = Run(rivals, Script(AIR, 1.0), CORNER, 4, SIZE)
+    tracks = run.go(120)[1]
+    i, j = np.moveaxis((tracks / 0.5).astype(int), -1, 0)
+    last = np.zeros((8, 8, 6))
+    for tick in range(len(tracks)):
+        last[np.repeat(np.arange(8), 4), i[tick], j[tick]] = (tick + 1) * TICK
+    (shares, walked), (ages, walked_ages) = np.split((last > 0).mean(axis=(1, 2)), 2), np.split(120 - last, 2)
     assert shares.min() > walked.max()
     assert shares.min() > 0.9
     assert ages.mean() < 0.8 * walked_ages.mean()
@@ -45,13 +42,14 @@ OPTIONS = {"size": SIZE, "heading_deg": None}
 
 @pytest.fixture(scope="module")
 def begun(taichi):
-    """Three teams after 30 s, and their tracks; they differ in the robots' headings at the start."""
+    """Three teams after 30 s; they differ in the robots' headings at the start."""
     run = Run(MODEL, Script(AIR, 1.0), CORNER, 3, **OPTIONS)
-    return run, run.go(30)[1]
+    run.go(30)
+    return run
 
 
 def test_team_mates_go_to_different_places(begun):
-    run, _ = begun
+    run = begun
     for _ in range(8):
         run.go(5)
         goal = run.algorithm.goal.to_numpy().reshape(3, 4, 2)
@@ -60,7 +58,7 @@ def test_team_mates_go_to_different_places(begun):
 
 
 def test_the_next_way_point_is_of_the_least_known(begun, monkeypatch):
-    algorithm = begun[0].algorithm
+    algorithm = begun.algorithm
     monkeypatch.setattr(algorithm, "share", 0.2)
     weight = np.arange(len(algorithm.places), dtype=float)
     goal = np.zeros((1, 2))
@@ -69,16 +67,9 @@ def test_the_next_way_point_is_of_the_least_known(begun, monkeypatch):
     assert chosen[0] <= 0.2 * len(weight)
 
 
-def test_a_trial_alone_is_the_same_as_among_many(begun):
-    among = begun[1]
-    _, alone = Run(MODEL, Script(AIR, 1.0), CORNER, 1, first_trial=2, **OPTIONS).go(30)
-    assert_array_equal(alone[:, :4], among[:, 8:12])
-    assert (among[-1, :4] != among[-1, 8:12]).any()
-
-
 def test_it_goes_on_from_the_middle_of_a_snap(begun):
     """Its map too; in between it drives elsewhere, through other snaps."""
-    run, _ = begun
+    run = begun
     run.go(2.3)
     restore = run.saved()
     assert_plain(State(run).save())
@@ -102,7 +93,7 @@ def test_what_cannot_be_reached_is_left_alone():
 
 def test_each_trial_goes_by_its_own_map(begun, monkeypatch):
     """Among rivals a group's trials have other rows of the map than their numbers."""
-    run, _ = begun
+    run = begun
     algorithm = run.algorithm
     weights = np.ones((4, *algorithm.map.shape))
     weights[1, :4], weights[2, 12:] = 0.0, 0.0  # each knows one end of the floor less
@@ -115,9 +106,3 @@ def test_each_trial_goes_by_its_own_map(begun, monkeypatch):
     goal = algorithm.goal.to_numpy().reshape(3, 4, 2)
     assert (goal[0, :, 0] < 1.0).all()
     assert (goal[1, :, 0] > 3.0).all()
-
-
-@pytest.mark.parametrize("share", [0.0, 1.1])
-def test_shares_are_shares(share):
-    with pytest.raises(ValueError, match="share"):
-        LeastKnown(kind="least_known", share=share)

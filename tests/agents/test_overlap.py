@@ -171,9 +171,9 @@ def scene(rng, groups, extent, low, high, folder, mesh):
     ("extent", "low", "mesh"),
     [
         ((2.4, 2.0), (0.0, 0.0), False),
-        ((2.6, 2.2, 0.6), (0.0, 0.0), True),
+        pytest.param((2.6, 2.2, 0.6), (0.0, 0.0), True, marks=pytest.mark.slow),
         # in a far corner, where rounding and the clearance map are coarse
-        ((60.0, 40.0), (57.0, 37.0), False),
+        pytest.param((60.0, 40.0), (57.0, 37.0), False, marks=pytest.mark.slow),
     ],
     ids=["2-D", "3-D", "large"],
 )

@@ -134,6 +134,14 @@ WRONG = [
     ("robots.tell([1, 2, 3])", "values has the shape (3,), not (6, 2) or (2,)"),
     ("robots.tell([1, 1e39])", "values[0, 1] is 1e+39, not a finite number"),
     ("robots.heard[:] = 0", "read-only"),
+    ("robots.speed = robots.reading[:3] * 0", "robots.speed has the shape (3,), not (6,)"),
+    ("robots.turn_rate[2] = float('nan')", "robots.turn_rate[2] is nan, not a finite number"),
+    ("robots.speed[1] = 1e39", "robots.speed[1] is 1e+39, not a finite number"),
+    ("robots.turnrate = 0.1", "Robots has no attribute 'turnrate'; did you mean 'turn_rate'?"),
+    ("robots.heading = 0.1", "Robots.heading can only be read; attributes to set: "),
+    ("robots.climb_rate = 0.1", "Robots has no attribute 'climb_rate'"),
+    ("robots.state[:] = 5", "robots.state must be whole numbers from 0 to 0"),
+    ("robots.go_to(1, 1, 1)", "go_to needs drones"),
 ]
 
 
@@ -182,4 +190,4 @@ def test_without_a_message_there_is_nothing_to_tell():
             robots.tell([1.0])
 
     with pytest.raises(OwnAlgorithmError, match="the class has no MESSAGE"):
-        advance(made(Mute), 1)
+        made(Mute).teams[0].act(1, 0.1, 0.1)

@@ -153,22 +153,6 @@ def test_filters_of_robots_are_their_own(run):
     assert (seen[0][0] != seen[0][2]).any()
 
 
-def test_a_run_goes_on_from_its_state(run):
-    """Beginning again, and going on from a saved state, give the same; what is in no STATE would tell."""
-    tracks, model = [], MODEL.model_copy(update={"roughening": 0.2, "converged": 3.0})
-    for _ in range(2):
-        run.gas.tell([0.0, 100.0, 0.0, 100.0], 1.0)
-        run.begin(model)
-        run.go(4)
-        restore = run.saved()
-        tracks.append(run.go(4)[1])
-    restore()
-    states, again = run.go(4)
-    np.testing.assert_array_equal(tracks[0], tracks[1])
-    np.testing.assert_array_equal(again, tracks[1])
-    assert (states == GO).any()
-
-
 def test_a_search_that_is_over_learns_no_more(run):
     """Every other robot has had its word; the others go on."""
     run.gas.tell([100.0], 1.0)

@@ -11,6 +11,7 @@ from robots import room, team
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import checked, load
 from taichi_plume.cli import run
+from taichi_plume.files.network import Network
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.loading import ScenarioError
@@ -132,10 +133,11 @@ def test_what_does_not_fit_is_told(tmp_path: Path, made: Any, keys: Any, told: s
     assert "x.onnx" in line
 
 
-def test_no_number_ends_the_run(tmp_path: Path) -> None:
+def test_no_number_ends_the_run(sim: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     weights, bias = upwind()
-    network(tmp_path / "x.onnx", weights, bias * np.nan)
-    sim = assemble(scenario(), tmp_path)
+    file = network(tmp_path / "x.onnx", weights, bias * np.nan)
+    sim.reset()
+    monkeypatch.setattr(sim.teams[0].algorithm, "network", Network.read(file))
     with pytest.raises(OwnAlgorithmError, match=r"x\.onnx: gives what is no number for robot 0"):
         sim.advance()
 

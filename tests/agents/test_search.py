@@ -1,4 +1,4 @@
-"""What every search algorithm does: it names its states, begins anew, goes on from a saved state, draws by trial."""
+"""Laws of every search algorithm: states, restarts, saved states, trials and parts of the floor."""
 
 import sys
 
@@ -14,18 +14,33 @@ pytestmark = pytest.mark.usefixtures("taichi")
 SHORT = {"acquisition": 0.5, "sample_period": 0.1, "settle": 0.0}
 QUICK = dict.fromkeys(("spiral", "ecoli", "infotaxis", "space_aware_infotaxis", "dapso", "hit_map"), SHORT)
 QUICK |= {"lineup": {"listen": 0.5}, "hit_map": {"acquisition": 0.5, "settle": 0.0}}
-NEEDY = {"least_known", "external", "casting_3d"}  # of a map, a driver, wings: see their own tests
-
-
-KINDS = sorted(set(ALGORITHMS) - NEEDY)
+KINDS = sorted(
+    set(ALGORITHMS) - {"external", "casting_3d"}
+)  # these need a driver and wings: see their own tests
 LEVELS = np.random.default_rng(1).uniform(0.0, 20.0, 300)
+LOW = (1.0, 0.5)  # of a part of the floor, exact in f32
+PLACES = ((1.5, 1.0), (1.0, 0.5))
 
 
-def rivals(kind, **keys):
-    """Teams of two robots, and where a class drives several groups lone ones too."""
-    algorithm = {"algorithm": {"kind": kind, **QUICK.get(kind, {}), **keys}}
-    mates = {"positions": ((1.5, 1.0), (1.0, 0.5)), "trials": 2, "communication": {"range": 2.0, "loss": 0.2}}
-    return [one | algorithm for one in ([mates] if ALGORITHMS[kind].PER_GROUP else [mates, {"trials": 3}])]
+def teams(**keys):
+    """Two trials of a team of two for each kind of algorithm; the teams neither see nor touch each other."""
+    mates = {"positions": PLACES, "trials": 2, "communication": {"range": 2.0, "loss": 0.2}}
+    return [mates | {"algorithm": {"kind": kind, **QUICK.get(kind, {}), **keys}} for kind in KINDS]
+
+
+def made(groups, low=(0.0, 0.0), heading_deg=None):
+    return Run(groups, Script(LEVELS, 0.3), low=low, heading_deg=heading_deg)
+
+
+@pytest.fixture(scope="module")
+def run(taichi):
+    return made(teams())
+
+
+def same(one, other):
+    """Whether the tracks (ticks, robots, 2) of each kind are equal."""
+    parts = zip(np.split(one, len(KINDS), axis=1), np.split(other, len(KINDS), axis=1), strict=True)
+    return {kind: bool((a == b).all()) for kind, (a, b) in zip(KINDS, parts, strict=True)}
 
 
 @pytest.mark.parametrize("kind", ALGORITHMS)
@@ -35,36 +50,44 @@ def test_states_have_their_names(kind):
         assert next((module[name] for module in modules if name in module), number) == number
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_it_begins_anew_and_goes_on(kind):
+def test_they_begin_again_and_continue_from_a_saved_state(run):
     """To the bit, and without compiling anything."""
-    run = Run(rivals(kind), Script(LEVELS, 0.3), heading_deg=None)
-    run.begin(rivals(kind))
+    run.begin(teams())
     _, tracks = run.go(8)
     restore = run.saved()
     _, rest = run.go(6)
     restore()
-    assert (run.go(6)[1] == rest).all()
+    assert same(run.go(6)[1], rest) == dict.fromkeys(KINDS, True)
     count = compiled()
-    run.begin(rivals(kind, speed=0.07))
+    run.begin(teams(speed=0.07))
     _, other = run.go(8)
     assert np.linalg.norm(np.diff(other, axis=0), axis=-1).max() < 0.0071
-    assert (other != tracks).any()
-    run.begin(rivals(kind))
-    assert (run.go(8)[1] == tracks).all()
+    assert same(other, tracks) == dict.fromkeys(KINDS, False)
+    run.begin(teams())
+    assert same(run.go(8)[1], tracks) == dict.fromkeys(KINDS, True)
     assert compiled() == count
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_trial_alone_is_the_same_as_among_many(kind):
-    several = rivals(kind)
-    many = Run(several, Script(LEVELS, 0.3), heading_deg=None)
-    alone = Run(
-        [one | {"trials": 1, "first_trial": 1} for one in several], Script(LEVELS, 0.3), heading_deg=None
-    )
-    (_, among), (_, single) = many.go(20), alone.go(20)
-    for n, one in enumerate(several):
-        count = len(one.get("positions", "1"))
-        assert (single[:, alone.of(n)] == among[:, many.of(n)][:, count : 2 * count]).all()
-    assert (among[:, 0] != among[:, len(several[0]["positions"])]).any()
+def test_a_trial_alone_is_the_same_as_among_many(run):
+    run.begin(teams())
+    alone = made([one | {"trials": 1, "first_trial": 1} for one in teams()])
+    among = run.go(20)[1].reshape(200, len(KINDS), 2, 2, 2)
+    second = among[:, :, 1].reshape(200, -1, 2)
+    assert same(alone.go(20)[1], second) == dict.fromkeys(KINDS, True)
+    assert (among[:, :, 0] != among[:, :, 1]).any()
+
+
+@pytest.mark.slow
+def test_a_part_of_the_floor_is_a_room_of_its_own(run):
+    """Robots search there as in a room of that size, and its edges stop them."""
+    moved = {"positions": [(x + LOW[0], y + LOW[1]) for x, y in PLACES]}
+    part = made([one | moved for one in teams()], LOW)
+    run.begin(teams())
+    within, room = part.go(20)[1] - LOW, run.go(20)[1]
+    assert np.abs(within - room).max() < 0.02  # positions are rounded differently
+    assert np.ptp(room, axis=0).max() > 0.5
+    later = part.go(40)[1] - LOW
+    assert (later >= 0.085).all()
+    assert (later <= np.array([3.0, 2.1]) - 0.085).all()
+    assert later.min() < 0.09

@@ -49,19 +49,21 @@ def test_bump_backs_off_turns_and_drives_the_rest(run):
     assert run.swarm.bumps.to_numpy()[0] == 1
 
 
-def turns_at_bumps(side):
-    """Of each bump in 90 s of 16 robots: way it turns to (+1 left), side of the best of the last 10 acquisitions."""
+@pytest.mark.slow
+def test_a_bump_turns_to_the_side_of_the_best_acquisition():
+    """At each bump in 90 s of 16 robots: side that a robot turns to, and that of the best of 10 acquisitions."""
     levels = np.random.default_rng(7).uniform(0.5, 5.0, 300)
-    model = Spiral(kind="spiral", minimum_ppm=1, arms=(0.7,) * 6, settle=0, acquisition=1.5, bump_side=side)
-    run = Run(model, Script(levels, 0.5), trials=16, heading_deg=None)
-    indices, places, bumps = ([[] for _ in range(16)] for _ in range(3))
-    seen = []
+    model = {"kind": "spiral", "minimum_ppm": 1, "arms": (0.7,) * 6, "settle": 0, "acquisition": 1.5}
+    rivals = [{"algorithm": model | {"bump_side": side}} for side in ("gradient", "spiral")]
+    run = Run(rivals, Script(levels, 0.5), trials=16, heading_deg=None)
+    indices, places, bumps = ([[] for _ in range(32)] for _ in range(3))
+    seen, turns = [], ([], [])
     before = run.swarm.snapshot()
     for tick in range(900):
         run.go(TICK)
         now = run.swarm.snapshot()
         heard = run.algorithm.index.to_numpy()
-        for n in range(16):
+        for n in range(32):
             if now["acquisitions"][n] > before["acquisitions"][n]:
                 indices[n].append(heard[n])
                 places[n].append(before["position"][n])
@@ -77,16 +79,12 @@ def turns_at_bumps(side):
         for when, n, heading, left in seen:
             turn = np.sin(now["heading"][n] - heading)
             if when == tick - 16 and bumps[n][-1] == when and abs(left) > 0.01 and abs(turn) > 0.9:
-                yield np.sign(turn), np.sign(left)
-
-
-@pytest.mark.slow
-def test_a_bump_turns_to_the_side_of_the_best_acquisition():
-    turned, better = np.array(list(turns_at_bumps("gradient"))).T
+                turns[n // 16].append((np.sign(turn), np.sign(left)))
+    turned, better = np.array(turns[0]).T
     assert len(turned) > 50
     assert {*better} == {1, -1}
     assert (turned == better).all()
-    turned, better = np.array(list(turns_at_bumps("spiral"))).T
+    turned, better = np.array(turns[1]).T
     assert (turned != better).any()
 
 

@@ -1,16 +1,15 @@
 """The environments as Gymnasium and PettingZoo see them; one engine is behind them all."""
 
 import warnings
-from copy import copy
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium import wrappers
-from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import AutoresetMode
-from pettingzoo.test import parallel_api_test, parallel_seed_test
+from pettingzoo.test import parallel_api_test
 from small_task import TASK, task
 
 import taichi_plume.envs
@@ -32,18 +31,21 @@ def act(observations: np.ndarray, size: int = 2) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def made():
-    """Environments that tests share, each made once."""
+    """Environments that tests share: a single one, and a vector, closed before one of another mode is made."""
     kernels.start("cpu")
-    kept: dict[str, Any] = {}
+    single = gymnasium.make(ID, scenario=TASK, render_mode="rgb_array", disable_env_checker=True)
+    vectors: list[Any] = []
 
     def make(kind: str) -> Any:
-        if kind not in kept:
-            kept[kind] = (
-                gymnasium.make(ID, scenario=TASK, render_mode="rgb_array", disable_env_checker=True)
-                if kind == "single"
-                else gymnasium.make_vec(ID, num_envs=COUNT, scenario=TASK, autoreset_mode=kind, copy=True)
-            )
-        return kept[kind]
+        if kind == "single":
+            return single
+        if vectors and vectors[0].autoreset_mode.name.lower() != kind:
+            vectors.pop().close()
+        if not vectors or vectors[0].closed:
+            vectors[:] = [
+                gymnasium.make_vec(ID, num_envs=COUNT, scenario=TASK, autoreset_mode=kind, copy=True)
+            ]
+        return vectors[0]
 
     return make
 
@@ -106,7 +108,7 @@ def test_single_environments_give_the_episodes_of_a_vector_in_every_autoreset_mo
 def test_gymnasiums_checker_has_nothing_to_say(made):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(gymnasium.make(ID, scenario=TASK).unwrapped)
+        check_env(made("single").unwrapped)
 
 
 def test_the_registry_makes_the_vector_by_itself(made):
@@ -152,7 +154,6 @@ def test_the_last_observation_stays_valid_for_a_step(made):
         (np.full((COUNT, 2), np.nan), "nan"),
         (np.full((COUNT, 2), 1.5), "1.5"),
         (np.zeros((COUNT, 3)), "shape"),
-        (np.zeros(COUNT), "shape"),
         (np.full((COUNT, 2), 1j), "an array of numbers: got complex128"),
         (np.full((COUNT, 2), "left"), "an array of numbers"),
         ([{}] * COUNT, "an array of numbers"),
@@ -218,13 +219,9 @@ WALKED = {
         ({"scenario": task(robots=[TASK["robots"][0] | {"found": "declared"}])}, "never declares"),
         ({"scenario": task(**WALKED)}, r"obstacles\[0\]: moves"),
         ({"scenario": 3}, "scenario: got int"),
-        ({"scenario": task(duration="soon")}, "duration"),
         ({"scenario": TASK, "render_mode": "ansi"}, "render_mode: got 'ansi'"),
         ({"scenario": TASK, "bank": "nowhere.zarr"}, "nowhere.zarr"),
-        ({"scenario": TASK, "bank": 3}, "bank: got int"),
         ({"scenario": TASK, "overrides": "task.airs=3"}, "overrides: got a text"),
-        ({"scenario": TASK, "overrides": [3]}, "overrides: .* list of texts"),
-        ({"scenario": TASK, "overrides": 3}, "overrides: .* list of texts"),
         ({"scenario": task(**HEAVY)}, "task.sources: one: .* use sources: all"),
         ({"scenario": TASK, "overrides": ["task.airs=3"]}, "overrides: apply only to a scenario file"),
     ],
@@ -300,8 +297,10 @@ def test_pettingzoos_tests_pass(made):
         team.reset(seed=1)
         with pytest.raises(ValueError, match="actions: missing for robot_1"):
             team.step({"robot_0": np.zeros(2, np.float32)})
-        two = iter([team, parallel_env(TASK)])
-        parallel_seed_test(lambda: next(two), num_cycles=20)
+    actions = {name: np.array([0.3, 0.1 * k], np.float32) for k, name in enumerate(team.possible_agents)}
+    first, again = ([team.reset(seed=4), team.step(actions), team.step(actions)] for _ in range(2))
+    assert data_equivalence(first, again)
+    team.close()
     with pytest.raises(ValueError, match="the environment is closed"):
         team.reset()
 
@@ -315,6 +314,8 @@ def test_stable_baselines3_steps_the_same_episodes(made):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_baselines(made("single").unwrapped)
+    wanted = at_once(made("same_step"), "same_step")
+    made("same_step").close()
     envs = sb3_env(TASK, COUNT)
     envs.seed(SEEDS[0])
     seen: Any = envs.reset()
@@ -333,18 +334,17 @@ def test_stable_baselines3_steps_the_same_episodes(made):
                 )
                 assert info["episode"]["l"] == length
         seen = after
-    for one, other in zip(steps, at_once(made("same_step"), "same_step"), strict=True):
+    for one, other in zip(steps, wanted, strict=True):
         assert_same(one, other)
     envs.close()
 
 
 def test_a_closed_environment_says_so_and_closes_twice(made):
-    envs = copy(made("disabled").unwrapped)
+    envs = made("disabled")
     envs.close()
     envs.close()
+    envs.render_mode = "rgb_array"
     for use in (envs.reset, lambda: envs.step(np.zeros((COUNT, 2), np.float32)), envs.render):
-        if use == envs.render:
-            envs.render_mode = "rgb_array"
         with pytest.raises(ValueError, match="the environment is closed; make another"):
             use()
 
@@ -366,7 +366,5 @@ def test_a_closed_engine_serves_the_next_of_its_task(made):
     assert np.array_equal(told, again)
     assert np.array_equal(shown, kept)
     assert kernels.compiled() == before
-    third = gymnasium.make(ID, scenario=TASK).unwrapped
-    assert third.episodes is not engine
+    assert made("single").unwrapped.episodes is not engine
     second.close()
-    third.close()
