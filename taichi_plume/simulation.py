@@ -108,7 +108,7 @@ class Every:
     _last_tick: int | None = field(default=None, repr=False)
 
     def call_if_due(self, sim: "Simulation", force: bool = False) -> None:
-        """Call the observer's function if a multiple of the period was reached, or by `force`; once per tick at most."""
+        """Call the function if a multiple of the period was reached, or by `force`; at most once per tick."""
         if (sim.tick < 0 and not self.warm_up) or sim.tick == self._last_tick:
             return
         index = (sim.t + 1e-9 * sim.dt) // self.period
