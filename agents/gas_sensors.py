@@ -125,7 +125,7 @@ class GasSensors:
 
     @ti.func
     def is_due(self, n, tick):
-        """Return whether sensor n takes a reading at this tick; between readings the last reading is held."""
+        """Return whether sensor n takes a reading in control period `tick`; otherwise the last reading is held."""
         return (tick - 1) % self.p.hold[n] == 0
 
     @ti.func

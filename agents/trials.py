@@ -78,7 +78,7 @@ class OwnClocks:
 
     @ti.func
     def takes_part(self, i):
-        """Return whether the trial of robot i takes part in this tick; other robots neither move nor sense."""
+        """Return whether the trial of robot i takes part in this time step; other robots neither move nor sense."""
         result = True
         if ti.static(self.apart):
             result = self.episodes.goes[self.episodes.of(i)] == 1

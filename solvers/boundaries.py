@@ -52,7 +52,7 @@ class Boundaries:
     )
 
     def __init__(self, openings: tuple[Opening, ...], grid: Grid, area: Sequence[np.ndarray], tables: Tables):
-        """area: area fractions of the faces per axis. Raises ValueError if no air is behind an opening."""
+        """Place the openings; area: area fractions of the faces. Raises ValueError for an opening without air."""
         self.grid = grid
         self.dim = grid.dim
         self._placed: list[tuple[int, Patch]] = []

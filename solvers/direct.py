@@ -75,7 +75,7 @@ class FastTransforms:
     """
 
     def __init__(self, kinds: Sequence[str], grid: Grid):
-        """kinds: closed, free, periodic, closed-free or free-closed per axis."""
+        """Prepare the transforms; kinds: closed, free, periodic, closed-free or free-closed per axis."""
         self.grid = grid
         self.iterations = 1
         self.kinds = tuple(kinds)
@@ -151,7 +151,7 @@ class Window:
     """
 
     def __init__(self, box: FastTransforms, cells: np.ndarray, sources: np.ndarray):
-        """cells, sources: indices of the cells to read and of the cells with sources, axis 0 fastest."""
+        """Prepare the matrices; cells: indices of cells to read; sources: of cells with sources, axis 0 fastest."""
         self.box, shape = box, box.grid.shape
         self.whole = bool(box.wrapped)
         self.cells, self.sources = cells, sources

@@ -20,7 +20,7 @@ class Emission:
     STATE = ("pulses", "rng", "_dish_rate", "_due")
 
     def __init__(self, name: str, wind: Wind | None = None):
-        """name: name of the random stream; wind: wind over a dish. The owner calls `begin`."""
+        """Prepare; name: of the random stream; wind: wind over a dish. The owner calls `begin`."""
         self.name, self.wind = name, wind
 
     def begin(self, source: Source, t: float, seed: int, species: Species | None = None) -> None:
@@ -77,7 +77,7 @@ class Portions:
     STATE = ("emission", "rng", "pending", "_next")
 
     def __init__(self, name: str, wind: Wind):
-        """name: name of the random streams; wind: wind over a dish. The owner calls `begin`."""
+        """Prepare; name: of the random streams; wind: wind over a dish. The owner calls `begin`."""
         self.name = name
         self.emission = Emission(name, wind)
 

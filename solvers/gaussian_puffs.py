@@ -43,7 +43,7 @@ class GaussianPuffs(Gas):
     STATE = ("mass", "centre", "variance", "_start")
 
     def __init__(self, gas: GaussianPuffGas, grid: Grid, wind: UniformSolver, t: float = 0.0):
-        """t: start of the run [s]; `wind.begin` must have been called."""
+        """Allocate and start the gas at t [s], the start of the run; `wind.begin` must have been called."""
         self.grid, self.dim = grid, grid.dim
         self.wind = wind
         self.count = len(gas.releases)
@@ -104,7 +104,7 @@ class ContinuousPuffs(Gas):
     STATE = ("youngest", "oldest")
 
     def __init__(self, gas: ContinuousGas, grid: Grid, wind: UniformSolver, t: float = 0.0):
-        """t: start of the run [s]; `wind.begin` must have been called."""
+        """Allocate and start the gas at t [s], the start of the run; `wind.begin` must have been called."""
         self.grid, self.dim = grid, grid.dim
         self.wind = wind
         self.count = len(gas.sources)

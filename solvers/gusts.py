@@ -59,7 +59,7 @@ class OrnsteinUhlenbeck:
         reach: float,
         rng: np.random.Generator,
     ):
-        """Arguments as for `begin`."""
+        """Allocate the ring buffer of knots and start the processes; arguments as for `begin`."""
         self.size = len(deviations)
         self.count = max(knots(time, reach), LEAST)
         self.path = ti.Vector.field(2 * self.size, ti.f32, self.count)

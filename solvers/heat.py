@@ -45,7 +45,7 @@ class HeatPuffs:
     STATE = ()
 
     def __init__(self, release: Release):
-        """release: release of the heaters. The owner calls `begin`."""
+        """Prepare puffs for the heaters of `release`. The owner calls `begin`."""
         self.release = release
         self._periods = np.where(release.grid.periodic, release.grid.shape, np.inf)
 

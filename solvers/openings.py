@@ -33,7 +33,7 @@ class Patch:
     """
 
     def __init__(self, region: Region, grid: Grid, area: Sequence[np.ndarray], kind: str = ""):
-        """area: area fractions of the faces per axis, see `Air`."""
+        """Find the covered faces; area: area fractions of the faces per axis, see `Air`."""
         self.grid = grid
         self.opening: Region = region
         self.kind = kind

@@ -52,7 +52,7 @@ class Plumes(Gas):
         seed: int = 0,
         name: str = "gas",
     ):
-        """name: name of the gas; t: start of the run [s]; `wind.begin` must have been called."""
+        """Allocate and start the gas `name` at t [s], the start of the run; `wind.begin` must have been called."""
         self.grid, self.dim, self.name = grid, grid.dim, name
         self.wind = wind
         self.count = len(gas.sources)

@@ -24,7 +24,7 @@ class PrescribedWind(Carrier):
     """Steady wind with a given velocity field, without eddies or obstacles."""
 
     def __init__(self, velocity: Velocities, grid: Grid):
-        """velocity: function that is evaluated at the centres of the faces, ghost layers included."""
+        """Allocate the wind and set its velocities; `velocity` is evaluated at the centres of all faces."""
         self.grid, self.dim = grid, grid.dim
         self.u = grid.faces_field()
         self.open = grid.faces_field()

@@ -46,7 +46,7 @@ class Growth:
     STATE = ()
 
     def __init__(self, gas: PuffGas, grid: Grid, wind: Wind):
-        """The owner calls `begin`."""
+        """Choose the growth law by the gas section and the wind. The owner calls `begin`."""
         self.grid, self.dim, self.wind = grid, grid.dim, wind
         carrier = wind.carrier
         self.eddies: Field = carrier.nu if carrier is not None else None

@@ -45,7 +45,7 @@ class PuffList:
     STATE = ("count", "now", "number", "cells", "_per_area", "_weight", "_plane", "_gone")
 
     def __init__(self, most: int, cutoff: float, grid: Grid, surfaces: LevelSet | None):
-        """cutoff: radius of a puff in standard deviations. The owner calls `begin`."""
+        """Allocate the list; cutoff: radius of a puff in standard deviations. The owner calls `begin`."""
         self.grid, self.dim, self.cutoff, self.surfaces = grid, grid.dim, cutoff, surfaces
         self.walled = surfaces is not None
         self.cells = PuffCells(most, cutoff, grid)

@@ -79,7 +79,7 @@ class Transport:
         surfaces: SurfaceExchange | None = None,
         has_inflow: bool = False,
     ):
-        """The owner calls `begin`."""
+        """Allocate the fields and compile the step. The owner calls `begin`."""
         self.grid = grid
         self.dim = grid.dim
         self.wind = wind

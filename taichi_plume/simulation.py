@@ -32,7 +32,7 @@ class Sensors(Protocol):
     """Protocol of the gas sensors and anemometers of all robots."""
 
     def measure(self, gas: Odour, wind: Wind, tick: int, t: float) -> None:
-        """Update the readings of all robots from gas and wind at time t [s] and this tick."""
+        """Update the readings of all robots from gas and wind at time t [s]; tick: number of the time step."""
         ...
 
 
@@ -241,7 +241,7 @@ class Simulation:
             observer.call_if_due(self, force)
 
     def advance(self) -> None:
-        """Advance the simulation by one tick: air, robots, sensors, maps and algorithms."""
+        """Advance the simulation by a time step (tick): air, robots, sensors, maps and algorithms."""
         self._advance_air(self.t, self.dt)
         self.tick += 1
         if self.tick <= 0:

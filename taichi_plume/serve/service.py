@@ -77,7 +77,7 @@ class Outside:
         return heard
 
     def readings(self, t: float, tick: int) -> list[topics.Message]:
-        """Return the messages with the robots' readings at time t [s] and this tick."""
+        """Return the messages with the robots' readings at time t [s]; tick: number of the time step."""
         readings, inbox = self.algorithm.sample(), self.inbox
         by_declaring = self.algorithm.members.groups[0].model.found == "declared"
         readings["over"] = self.over = readings["found"] | (by_declaring & (readings["declarations"] > 0))
@@ -171,7 +171,7 @@ class Service:
     # ------------------------------------------------------------ each tick
 
     def publish(self) -> None:
-        """Send the readings and poses of all robots at the present tick."""
+        """Send the present readings and poses of all robots."""
         sim = self.sim
         messages = [topics.clock(sim.t)]
         for group in self.groups:
@@ -220,7 +220,7 @@ class Service:
         self._began = self.clock()
 
     def _await_time(self, tick: int) -> None:
-        """Wait until tick `tick` is over by the clock; if it is already late, count it as missed."""
+        """Wait until time step `tick` is over by the clock; count the step as missed if that time has passed."""
         pace = self.sim.dt / self.pace.speed
         due = self._start + tick * pace
         late = self.clock() - due
@@ -233,7 +233,7 @@ class Service:
             self.sleep(min(left, LOOK_S))
 
     def _await_answers(self, tick: int) -> None:
-        """Wait until all connected robots that still search have answered the readings of tick `tick`."""
+        """Wait until all connected robots that still search have answered the readings of time step `tick`."""
         for group in self.groups:
             inbox = group.inbox
             with inbox.news:
