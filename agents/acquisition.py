@@ -9,15 +9,15 @@ from taichi_plume.scenario.search_algorithm import Listening
 
 
 def ticks_between(model: Listening, tick: float) -> int:
-    """Return the ticks from sample to sample; tick: control period [s]."""
+    """Return the number of control periods between two samples; tick: control period [s]."""
     return max(1, round(model.sample_period / tick))
 
 
 @ti.data_oriented
 class Acquisition:
-    """Acquisitions of robots, sampled in each tick of standing still; read `mean` once an acquisition is complete.
+    """Series of gas samples that robots take while standing still; read `mean` once an acquisition is complete.
 
-    parameters: include the `numbers` of acquisitions.
+    parameters: must include the entries of `Acquisition.numbers`.
     """
 
     STATE: tuple[str, ...] = ("since", "total")
@@ -25,23 +25,23 @@ class Acquisition:
     def __init__(self, members: Members, parameters: Parameters):
         self.swarm, self.robot, self.p = members.swarm, members.robot, parameters
         self.since = ti.field(ti.i32, members.size)  # ticks since standing still
-        self.total = ti.field(ti.f32, members.size)  # of the samples so far [ppm]
+        self.total = ti.field(ti.f32, members.size)  # sum of the samples so far [ppm]
 
     @staticmethod
     def numbers(model: Listening, tick: float, least: int = 1) -> Numbers:
-        """Return the numbers of a model; tick: control period [s]; least: smallest number of samples."""
+        """Return kernel parameters of acquisitions; tick: control period [s]; least: smallest number of samples."""
         between = ticks_between(model, tick)
         samples = max(least, round(model.acquisition / (between * tick)))
         return {
             "settle": max(0, round(model.settle / tick)),  # ticks
             "between": between,
             "samples": samples,
-            "share": float(np.float32(1) / np.float32(samples)),  # of a sample in the mean
+            "share": float(np.float32(1) / np.float32(samples)),  # weight of a sample in the mean
         }
 
     @ti.func
     def listen(self, n):
-        """Sample the reading of robot n for a tick; return whether the acquisition is complete."""
+        """Advance robot n's acquisition by a tick of standing still; return whether the acquisition is complete."""
         i = self.robot[n]
         if self.since[n] == 0:
             self.total[n] = 0.0
@@ -57,18 +57,18 @@ class Acquisition:
 
     @ti.func
     def _hear(self, n, k, ppm):
-        """Add sample k, from 0 on."""
+        """Add the reading `ppm` of robot n as sample k, from 0 on, to the acquisition."""
         self.total[n] += ppm
 
     @ti.func
     def mean(self, n):
-        """Return the mean of the samples of robot n [ppm]."""
+        """Return the mean of the samples of robot n's last acquisition [ppm]."""
         return self.total[n] * self.p.share[n]
 
 
 @ti.data_oriented
 class Recording(Acquisition):
-    """Acquisitions that keep every sample, `heard[n, k]` [ppm]; the number of samples decides the shape."""
+    """Acquisitions that keep every sample: `heard[n, k]` [ppm] is sample k of robot n."""
 
     STATE = (*Acquisition.STATE, "heard")
 

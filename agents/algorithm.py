@@ -14,46 +14,46 @@ from taichi_plume.grid.kernels import data_flow_by_llvm
 
 
 class Algorithm(Protocol):
-    """Drives the robots of the groups of one kind of algorithm, all trials at once."""
+    """Protocol of an object that drives the robots of the groups with one kind of search algorithm, in all trials."""
 
     PER_GROUP: bool
-    """True if each group has an algorithm of its own."""
+    """True if each group needs an object of its own."""
     STATE: tuple[str, ...]
-    """Names of the attributes that change in a run, see grid/state.py."""
+    """Names of the attributes that change during a run, for checkpoints (see grid/state.py)."""
     STATE_NAMES: tuple[str, ...]
-    """Names of the values of the swarm's `state`."""
+    """Names of the algorithm's states, indexed by the swarm's column `state`."""
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):
-        """Prepare the robots, and `begin`; tick: control period [s]."""
+        """Allocate the algorithm for the robots `members` and call `begin`; tick: control period [s]."""
         ...
 
     def begin(self) -> None:
-        """Set the numbers to the present ones of `members.groups`, and the state to the start of a run."""
+        """Load the current parameters of `members.groups` and reset the algorithm to the start of a run."""
         ...
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        """Turn the readings at time t [s] into commands for the next dt [s]."""
+        """Convert the robots' readings at time t [s] to commands for the next dt [s]; tick: index of the period."""
         ...
 
 
 @ti.data_oriented
 class KernelAlgorithm:
-    """Search algorithm in Taichi. tick: control period [s].
+    """Base class of search algorithms in Taichi kernels. tick: control period [s].
 
     A subclass defines `numbers`, allocates its fields and parts in `_allocate`, and overrides `_step`, a tick of a
-    robot, and `_start`, the initial state of a robot if it is not zero. In these, robot n of the algorithm is robot i =
-    `robot[n]` of the swarm, and `p.threshold[n]` the number "threshold" of its group.
+    robot, and `_start`, the initial state of a robot if it is not zero. In these methods robot n of the algorithm is
+    robot i = `robot[n]` of the swarm, and `p.threshold[n]` is the parameter "threshold" of its group.
     """
 
     PER_GROUP: bool = False
     STATE: tuple[str, ...]
     STATE_NAMES: tuple[str, ...]
     STREAM: ClassVar[str] = ""
-    """Name of the random stream whose key is `p.stream`; none if empty."""
+    """Name of the random stream whose key is `p.stream`; empty for algorithms without random numbers."""
     TALKS: ClassVar[bool] = False
-    """True if robots send messages: `p.radio` is then the key of the random stream of their losses."""
+    """True if robots send radio messages: `p.radio` is then the key of the random stream for lost messages."""
     WORK: ClassVar[int] = 1
-    """Work of a robot, as a multiple of that of a simple algorithm, see `serial`."""
+    """Computing work per robot, as a multiple of that of a simple algorithm, see `serial`."""
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):
         self.swarm, self.members, self.tick = swarm, members, tick
@@ -70,15 +70,15 @@ class KernelAlgorithm:
 
     @property
     def model(self) -> Any:
-        """Section of the first group, with the numbers of the present run."""
+        """Scenario section of the first group's algorithm, with the parameters of the present run."""
         return self.members.groups[0].model.algorithm
 
     def numbers(self, group: GroupRange, model: Any) -> Numbers:
-        """Return the numbers of a group that kernels read. model: section of the scenario."""
+        """Return the parameters of a group that kernels read. model: the algorithm's section of the scenario."""
         raise NotImplementedError
 
     def _allocate(self) -> None:
-        """Make fields and parts."""
+        """Allocate the algorithm's fields and components."""
 
     def begin(self) -> None:
         self.p.begin()
@@ -103,8 +103,8 @@ class KernelAlgorithm:
 
     @ti.func
     def _start(self, n):
-        """Set the state of robot n at the start of a run."""
+        """Set the algorithm's state of robot n at the start of a run."""
 
     @ti.func
     def _step(self, n, tick, t, dt):
-        """Turn the readings of robot n at time t [s] into commands for the next dt [s]."""
+        """Convert the readings of robot n at time t [s] into its commands for the next dt [s]."""

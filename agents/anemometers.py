@@ -14,8 +14,8 @@ from taichi_plume.grid.rng import normal4
 
 @ti.data_oriented
 class Anemometers:
-    """Anemometers of several groups; they write `wind` and `wind_known`. dim: dimension of the wind; in 3-D the
-    anemometers sit at their heights. tick: control period [s].
+    """Anemometers of several groups, one per robot, which write `wind` and `wind_known`. dim: dimension of the wind; in
+    3-D the anemometers sit at their heights. tick: control period [s].
     """
 
     STATE = ("felt",)
@@ -31,7 +31,7 @@ class Anemometers:
 
     @ti.func
     def draw(self, n, tick):
-        """Draw normal noise of anemometer n along both axes."""
+        """Return normal deviates (2,) for the noise of anemometer n along both axes."""
         key, number, now = self.swarm.counter(self.members.robot[n], self.members.number[n], tick)
         g = normal4(key, self.p.stream[n], number, now, 0)
         return ti.Vector([g[0], g[1]])
@@ -43,7 +43,7 @@ class Anemometers:
 
     @ti.func
     def measure(self, wind: Template, n, i, tick, t, g: Template):
-        """Measure with anemometer n, of robot i; g: noise from `draw`."""
+        """Measure the wind with anemometer n, on robot i, at time t [s]; g (2,): normal deviates from `draw`."""
         x = sensor_place(self.swarm, self.dim, i, self.p.height[n])
         u = ti.Vector.zero(ti.f32, self.dim)
         if ti.static(not self.swarm.apart):
@@ -69,7 +69,7 @@ class Anemometers:
 
 
 def _sensor_numbers(tick: float, group: GroupRange) -> Numbers:
-    """Return the numbers of the anemometers of a group."""
+    """Return the parameters of a group's anemometers for kernels: height, threshold, lag and noise."""
     sensor = group.model.sensors.wind
     noise, noise_relative = sensor.scatter
     return {

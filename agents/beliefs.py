@@ -1,7 +1,7 @@
 """Beliefs: posterior probability of the source's position for each robot, and the rule for declaring the source.
 
-Beliefs of any algorithm that offers `Believer` are recorded, written and scored. Algorithms with a belief on a grid
-of cells keep it in `Beliefs`; all of them declare by `Declaring`.
+Beliefs of any algorithm with the protocol `Believer` are recorded, written and scored. Algorithms with a belief on a
+grid of cells keep it in `Beliefs`. All algorithms with beliefs declare by `Declaring`.
 """
 
 from typing import Protocol, runtime_checkable
@@ -14,32 +14,32 @@ from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.scenario.belief_algorithms import Declares
 
-LEAST = 1e-12  # probability that counts as none
-APART = 2.0  # in spreads of a sure belief: least distance of two distinct positions
+LEAST = 1e-12  # total probability that counts as zero
+APART = 2.0  # least distance of two distinct positions, as a multiple of `declare_spread`
 
 
 @runtime_checkable
 class Believer(Protocol):
-    """Protocol of algorithms whose robots have beliefs of the source's position."""
+    """Protocol of search algorithms whose robots keep a belief (posterior) of the source's position."""
 
     members: Members
     """Robots of the algorithm, see `Members`."""
     belief_cell: float
-    """Edge of the maps' cells [m]."""
+    """Edge length of the belief maps' cells [m]."""
     belief_low: np.ndarray
-    """Lower corner of the first cell (2,) [m]."""
+    """Lower corner (2,) [m] of the belief maps."""
 
     def beliefs(self) -> np.ndarray:
-        """Return probabilities of the source's position, (robots, nx, ny), in the order of `members`; each map sums
-        to 1.
+        """Return each robot's probability of the source in each cell, (robots, nx, ny), in the order of `members`; sum
+        1.
         """
         ...
 
 
 @ti.data_oriented
 class Beliefs:
-    """Beliefs of robots: probabilities `p[n, a, b]` of the cells of the search area, uniform at first. cell: edge of
-    the square cells [m]. low: lower corner of the search area; extent: size of the search area [m].
+    """Grid beliefs: `p[n, a, b]` is the probability of the source in cell (a, b) by robot n, uniform at first. cell:
+    edge of the square cells [m]. low, extent: lower corner and size of the search area [m].
     """
 
     STATE: tuple[str, ...] = ("p",)
@@ -54,25 +54,25 @@ class Beliefs:
 
     @ti.func
     def middle(self, a, b):
-        """Return the centre of cell (a, b), relative to the lower corner of the search area [m]."""
+        """Return the centre of cell (a, b) relative to the lower corner of the search area, (2,) [m]."""
         return self.cell * (ti.Vector([a, b]) + 0.5)
 
     @ti.func
     def is_within(self, r, reach):
-        """Return whether the whole cell is within `reach` [m]; r: vector to its centre [m]."""
+        """Return whether a whole cell lies within `reach` [m] of the origin; r: centre of the cell (2,) [m]."""
         half = 0.5 * self.cell
         return (ti.abs(r[0]) + half) ** 2 + (ti.abs(r[1]) + half) ** 2 <= reach**2
 
     @ti.func
     def normalize(self, n, total):
-        """Divide the probabilities of robot n by their sum `total`; if nothing is left, make them uniform."""
+        """Divide the probabilities of robot n by their sum `total`; make them uniform if the sum is almost zero."""
         for a in range(self.cells[0]):
             for b in range(self.cells[1]):
                 self.p[n, a, b] = ti.select(total > LEAST, self.p[n, a, b] / ti.max(total, LEAST), self.even)
 
     @ti.func
     def mean(self, n):
-        """Return the expected position of the source, relative to the lower corner of the search area [m]."""
+        """Return the expected source position by robot n, from the lower corner of the search area (2,) [m]."""
         mean = ti.Vector([0.0, 0.0])
         for a in range(self.cells[0]):
             for b in range(self.cells[1]):
@@ -81,7 +81,7 @@ class Beliefs:
 
     @ti.func
     def spread(self, n, mean):
-        """Return the root mean square distance of the source from `mean` [m], with each cell evenly filled."""
+        """Return the root mean square distance of the source from `mean` [m] by robot n's belief."""
         square = self.cell**2 / 6.0
         for a in range(self.cells[0]):
             for b in range(self.cells[1]):
@@ -91,15 +91,14 @@ class Beliefs:
 
 @ti.data_oriented
 class Declaring:
-    """Declaration of the source when the spread of a belief, the root of its variance, is below `declare_spread`.
+    """Rule that lets a robot declare the source when the spread (standard deviation) of its belief is small.
 
-    The declared position is the mean of the belief. Of all positions the mean has the least mean square error, and it
-    does not depend on the cells; a small spread excludes a distant second peak, while the most probable cell would jump
-    in a flat belief. A robot that continues its search does not learn whether its declaration was right: it declares
-    again only when its belief is sure of another position, `APART` spreads from the last position.
-
-    The rule is that of Ojeda, Monroy & Gonzalez-Jimenez (2023, doi:10.48550/arXiv.2304.08879), a bound on the
-    variance. parameters: with the `numbers` of these models.
+    The limit is `declare_spread`, the declared position the mean of the belief. The mean has the least mean square
+    error and does not depend on the cells; a small spread excludes a distant second peak, while the most probable cell
+    would jump in a flat belief. A robot that continues its search does not learn whether its declaration was right: it
+    declares again only when its belief is sure of another position, `APART` times the limit from the last one. The rule
+    is that of Ojeda, Monroy & Gonzalez-Jimenez (2023, doi:10.48550/arXiv.2304.08879), a bound on the variance.
+    parameters: must include the entries of `Declaring.numbers`.
     """
 
     STATE: tuple[str, ...] = ("said", "spoke")
@@ -111,8 +110,8 @@ class Declaring:
 
     @staticmethod
     def numbers(model: Declares, group: GroupRange) -> Numbers:
-        """Return the numbers of a group. `ends_at`: distance at which a robot would have found the source, so that a
-        continued search rules out the positions around the robot; 0 where searches end by declaring.
+        """Return a group's limit `declare_spread` [m] and `ends_at` [m]: distance at which a robot would have found the
+        source, so that a continued search rules out the positions around it; 0 where searches end by declaring.
         """
         return {
             "declare_spread": float(model.declare_spread or 0.0),
@@ -121,7 +120,7 @@ class Declaring:
 
     @ti.func
     def consider(self, n, place, spread, t):
-        """Declare `place` [m] at time t [s] if the belief of robot n, of that spread [m], is sure enough."""
+        """Declare a source at `place` [m], time t [s], if `spread` [m], that of robot n's belief, is small enough."""
         sure = self.p.declare_spread[n]
         if spread < sure and (self.spoke[n] == 0 or (place - self.said[n]).norm() > APART * sure):
             self.said[n], self.spoke[n] = place, 1

@@ -26,7 +26,7 @@ CASTS = 4  # failed sweeps before the search restarts
 
 @ti.data_oriented
 class Casting(PlumeTracker):
-    """Casting algorithm. tick: control period [s]."""
+    """Search algorithm: obliquely upwind in the plume, crosswind casts out of it. tick: control period [s]."""
 
     STREAM = "casting"
     STATE: tuple[str, ...] = (*PlumeTracker.STATE, "cast", "failed")
@@ -41,8 +41,8 @@ class Casting(PlumeTracker):
         angle = radians(model.upwind_angle_deg)
         return {
             **super().numbers(group, model),
-            "along": cos(angle),  # of the course in the plume, on U
-            "across": sin(angle),  # on s V
+            "along": cos(angle),  # component of the course in the plume along U
+            "across": sin(angle),  # component along s V
             "cast_distance": model.cast_distance,  # m
         }
 

@@ -30,7 +30,7 @@ SURGE, CAST, RISE = range(2, 5)
 
 @ti.data_oriented
 class Casting3D(PlumeTracker):
-    """Casting algorithm in space. tick: control period [s]."""
+    """Search algorithm for drones that casts horizontally and vertically. tick: control period [s]."""
 
     STREAM = "casting_3d"
     STATE: tuple[str, ...] = (*PlumeTracker.STATE, "leg", "rise")
@@ -38,7 +38,7 @@ class Casting3D(PlumeTracker):
 
     def _allocate(self) -> None:
         super()._allocate()
-        self.leg = ti.field(ti.i32, self.size)  # of the cast, from 0 on
+        self.leg = ti.field(ti.i32, self.size)  # number of the path segment in the cast, from 0 on
         self.rise = ti.field(ti.f32, self.size)  # r; 0 before the first rise, which is upward
 
     def numbers(self, group: GroupRange, model: algorithms.Casting3D) -> Numbers:
@@ -54,12 +54,12 @@ class Casting3D(PlumeTracker):
 
     @ti.func
     def _upward(self, n):
-        """Return r."""
+        """Return the sense r of vertical motion of drone n: 1 upward, -1 downward."""
         return ti.select(self.rise[n] < 0.0, -1.0, 1.0)
 
     @ti.func
     def _way(self, n):
-        """Return the unit vector of drone n's intended flight."""
+        """Return the unit vector (3,) along which drone n intends to fly in its present state."""
         U = self.upwind[n]
         across = self.side[n] * ti.Vector([-U[1], U[0]])
         along, up = across, 0.0  # FIND
@@ -80,12 +80,12 @@ class Casting3D(PlumeTracker):
 
     @ti.func
     def _feel_bumper(self, n, dt):
-        """Note contact, and the limits of altitude."""
+        """Update the collision flag of drone n; reaching the lowest or highest altitude counts as a collision."""
         i = self.robot[n]
         up, z = self._way(n)[2], self.swarm.altitude[i]
         ends = (up > 0.0 and z >= self.p.highest[n]) or (up < 0.0 and z <= self.p.lowest[n])
         self.stuck[n] = ti.select(self.swarm.blocked[i] == 1, self.stuck[n] + dt, 0.0)
-        # the first contact of a leg may be with the obstacle of the previous leg
+        # a first collision on a path segment may be with the obstacle that ended the previous segment
         self.bump[n] = ti.cast(self.stuck[n] > 1.5 * dt or ends, ti.i32)
 
     @ti.func
@@ -119,7 +119,7 @@ class Casting3D(PlumeTracker):
 
     @ti.func
     def _steer(self, n, dt):
-        """Fly along the intended direction at constant heading."""
+        """Set the velocity commands of drone n along its intended direction; the heading stays constant."""
         i = self.robot[n]
         way, e = self.p.speed[n] * self._way(n), cos_sin(self.swarm.believed_heading[i])
         self.swarm.speed_command[i] = way[0] * e[0] + way[1] * e[1]

@@ -1,15 +1,15 @@
-"""Collision detection and response: free path of a robot to walls, obstacles, robots of its trial and walkers.
+"""Collision detection and response: free path of a robot to walls, obstacles, robots of its trial and moving obstacles.
 
-Among drones all bodies are upright cylinders from their `altitude` up by their `height`. Cylinders collide only with
-bodies at their height, and with floor, ceiling and obstacles above or below.
+Moving obstacles are called walkers. Among drones all bodies are upright cylinders from their `altitude` up by their
+`height`. Cylinders collide only with bodies at their height, and with floor, ceiling and obstacles above or below.
 """
 
 import taichi as ti
 
 from taichi_plume.agents.columns import Columns
 
-SKIN = 1e-3  # m, gap kept around a body: far more than the rounding of its position
-TOUCH = 1e-4  # m, steps shorter than this are contact
+SKIN = 1e-3  # m, gap around a body: far more than the rounding of its position
+TOUCH = 1e-4  # m, shorter free steps count as contact
 OPEN = 1.5  # gap over the length of a free path: a bilinear clearance map is no steeper than √2
 PROBES = 256  # looks ahead per move; sliding along a wall takes one per 2 mm
 GRAZE = 1e-3  # sine of the angle below which a body passes a disc without contact
@@ -22,7 +22,7 @@ class Contact:
     """Collision detection and response for the robots of a swarm.
 
     The ti.funcs ``distance(p)`` and ``normal(p)`` of the swarm's clearance give a lower bound of the distance [m] from
-    p to the next wall or obstacle, and the unit vector away from it; among drones the clearance has `layers`.
+    p to the next wall or obstacle, and the unit vector away from the obstacle; with drones the clearance has `layers`.
     """
 
     def __init__(self, swarm: Columns):
@@ -36,9 +36,9 @@ class Contact:
 
     @ti.func
     def slide(self, i, k, begin, displacement):
-        """Move robot i from `begin` by the vector `displacement` [m], stopped by contact and slid along the surface.
+        """Move robot i of trial k from `begin` by `displacement` [m], stopped by contact and slid along surfaces.
 
-        Return the new position, the length of the path [m] and whether the robot touched anything.
+        Return the new position (2,), the length of the path [m] and whether the robot touched anything.
         """
         p = begin
         rest = displacement
@@ -63,7 +63,7 @@ class Contact:
 
     @ti.func
     def trace(self, i, k, p, e, length):
-        """Return how far [m] robot i gets from p along e, up to `length`; the normal there; whether it touches."""
+        """Return robot i's free length [m] from p along e, at most `length`; the contact normal; whether it touches."""
         free, normal, contact = self._free_of_discs(i, k, p, e, length)
         s, wall, met = self._free_of_walls(i, p, e, free)
         if met == 1:
@@ -72,9 +72,9 @@ class Contact:
 
     @ti.func
     def _free_of_walls(self, i, p, e, free):
-        """Find the collision of robot i on its path from p along e with walls and standing obstacles.
+        """Find the first collision of robot i with walls and standing obstacles on its path from p along e.
 
-        Return the free length [m], up to `free`; the normal at its end; whether the robot touches there.
+        Return the free length [m], at most `free`; the surface normal at its end; whether the robot touches there.
         """
         normal = ti.Vector([0.0, 0.0])
         contact = 0
@@ -105,7 +105,7 @@ class Contact:
 
     @ti.func
     def _layer(self, i):
-        """Return the layer of the clearance in which robot i flies; -1 on the floor."""
+        """Return the index of the clearance layer in which drone i flies; -1 for ground robots."""
         layer = -1
         if ti.static(self.flying):
             if self.wings[i] == 1.0:
@@ -138,7 +138,7 @@ class Contact:
 
     @ti.func
     def _span(self, k, m):
-        """Return the lowest and highest point [m] of body m of trial k; bodies are its robots, then the walkers."""
+        """Return the lowest and highest point [m] of body m of trial k; bodies are the robots, then the walkers."""
         span = ti.Vector([0.0, 0.0])
         if m < self.team_size[k]:
             j = self.members[k, m]
@@ -149,7 +149,7 @@ class Contact:
 
     @ti.func
     def _is_beside(self, i, k, m):
-        """Return whether body m of trial k is at the height of robot i."""
+        """Return whether body m of trial k overlaps robot i in height; always True without drones."""
         result = True
         if ti.static(self.flying):
             span = self._span(k, m)
@@ -159,7 +159,7 @@ class Contact:
 
     @ti.func
     def rise(self, i, k, p, way):
-        """Return how far [m] drone i at p rises, or sinks if negative, up to `way`, and whether it touches anything."""
+        """Return the free vertical move [m] of drone i at p, at most `way` (negative: down), and whether it touches."""
         z, h = self.altitude[i], self.height[i]
         low, high = 0.0, ti.max(self.layers.ceiling - h, 0.0)  # of its altitude
         team = self.team_size[k]
@@ -188,11 +188,11 @@ class Contact:
 
     @ti.func
     def escape(self, i, k, p):
-        """Collision response to walkers: move robot i out of the walker that overlaps it most.
+        """Move robot i of trial k at p out of the moving obstacle that overlaps it most.
 
-        The shortest way out comes first, then ways to both sides, each to the rim of the walker. The way must be free
-        of walls and its end of other bodies. A drone without such a way may rise or sink. Returns the position, the
-        change of altitude [m], CLEAR, PUSHED or PINNED, and the air [m] between robot and walker before.
+        The shortest way out comes first, then ways to both sides, each to the rim of the obstacle. The way must be free
+        of walls and its end of other bodies. A drone without such a way may rise or sink. Return the position, the
+        change of altitude [m], CLEAR, PUSHED or PINNED, and the gap [m] between robot and obstacle before the move.
         """
         team = self.team_size[k]
         gap, deepest = 1e6, 0
@@ -231,7 +231,7 @@ class Contact:
 
     @ti.func
     def _is_clear(self, i, k, p):
-        """Return whether robot i at p overlaps neither another robot of its trial nor a walker."""
+        """Return whether robot i at p overlaps neither another robot of its trial nor a moving obstacle."""
         result = True
         for m in range(self.team_size[k] + self.walkers):
             j, apart, reach = self._other(i, k, m, p)
@@ -241,8 +241,8 @@ class Contact:
 
     @ti.func
     def _other(self, i, k, m, p):
-        """Return the robot index of body m of trial k (-1: walker), the vector from the body to p, and the smallest
-        distance [m] between the body and robot i.
+        """Return for body m of trial k: its robot index (-1: moving obstacle), the vector from the body to p, and the
+        smallest distance [m] allowed between the centres of the body and robot i.
         """
         j = -1
         apart = ti.Vector([0.0, 0.0])
@@ -259,9 +259,9 @@ class Contact:
 
     @ti.func
     def _free_of_discs(self, i, k, p, e, length):
-        """Find the collision of robot i on its path with the other robots of its trial and with walkers.
+        """Find the first collision of robot i with other robots of its trial and moving obstacles on its path.
 
-        Arguments and results as of `_free_of_walls`.
+        Arguments and results as for `_free_of_walls`.
         """
         free = length
         normal = ti.Vector([0.0, 0.0])

@@ -51,16 +51,16 @@ class Column:
 
     @property
     def table(self) -> tuple[str, ...]:
-        """Names of the columns of `robots.parquet`, one per component."""
+        """Names of the columns in `robots.parquet`, one per component of the quantity."""
         return self.components or ((self.key,) if self.tabled else ())
 
     def field(self, n: int) -> Field:
-        """Return a field for n robots."""
+        """Return a new Taichi field of this quantity for n robots."""
         dtype = ti.f32 if self.dtype is np.float32 else ti.i32
         return ti.field(dtype, n) if self.width == 1 else ti.Vector.field(self.width, dtype, n)
 
     def zeros(self, n: int) -> np.ndarray:
-        """Return an array of zeros, as in snapshots of n robots."""
+        """Return an array of zeros with this quantity's shape for n robots."""
         return np.zeros(n if self.width == 1 else (n, self.width), self.dtype)
 
 
@@ -157,7 +157,7 @@ class Columns:
     goal_heading = Column("rad", "commanded heading on the way; NaN: by turn rate", key="", flies=True)
 
     def _allocate(self, n: int, errs: bool) -> None:
-        """Make the fields of n robots; errs: whether any robot has odometry errors."""
+        """Allocate the fields of n robots; errs: whether any robot has odometry errors."""
         for column in self.columns:
             shared = bool(column.truth) and not errs
             setattr(self, column.name, getattr(self, column.truth) if shared else column.field(n))
@@ -165,7 +165,7 @@ class Columns:
 
 ALL: tuple[Column, ...] = tuple(column for column in vars(Columns).values() if isinstance(column, Column))
 COLUMNS = tuple(column for column in ALL if not column.flies and not column.pushed)
-"""Columns of every swarm."""
+"""Columns of every swarm, without those for drones or moving obstacles."""
 
 
 def columns_of(flies: bool, pushed: bool = False) -> tuple[Column, ...]:
@@ -174,13 +174,13 @@ def columns_of(flies: bool, pushed: bool = False) -> tuple[Column, ...]:
 
 
 OF_A_GAS_SENSOR = ("reading", "resistance", "true_ppm")
-"""Columns that each gas sensor writes."""
+"""Names of the columns that each gas sensor writes."""
 
 
 def further_gas_sensors(most: int) -> tuple[Column, ...]:
-    """Return the columns of all gas sensors but the first, three each; most: largest number of gas sensors of a robot.
+    """Return three columns for each gas sensor but the first; most: largest number of gas sensors of a robot.
 
-    They are the first sensor's columns with the sensor's number in their names; NaN for robots with fewer sensors.
+    The columns are the first sensor's with the sensor's number in their names; NaN for robots with fewer sensors.
     """
     return tuple(
         replace(
@@ -197,7 +197,7 @@ def further_gas_sensors(most: int) -> tuple[Column, ...]:
 
 
 class Rows:
-    """Selected columns of `size` robots from number `start` on, read or written in a single launch."""
+    """Selected columns of `size` robots from index `start` on, read or written in a single kernel launch."""
 
     def __init__(self, robots: Columns, columns: Sequence[Column], start: int, size: int):
         self.columns, self.size = tuple(columns), size
@@ -230,7 +230,7 @@ class Rows:
 def _kernels(
     fields: tuple[Field, ...], columns: tuple[Column, ...], begins: tuple[int, ...], start: int, size: int
 ) -> tuple[Callable[[np.ndarray], None], Callable[[np.ndarray], None]]:
-    """Return kernels that copy the columns to and from a table of f32 (components, size), integers by their bits."""
+    """Return two kernels that copy the columns to and from an f32 table (components, size), integers by their bits."""
     parts = [
         (fields[c], begins[c] + d, d if column.width > 1 else -1, column.dtype is np.float32)
         for c, column in enumerate(columns)

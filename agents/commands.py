@@ -1,10 +1,10 @@
-"""Actions of a learnt policy: numbers from -1 to 1 for speed and turn rate, or for a way point.
+"""Actions of a learnt policy: values from -1 to 1 for speed and turn rate, or for a way point.
 
 drive     speed (1 + a0)/2 and turn rate a1, as fractions of the body's largest; a1 > 0 turns left
 waypoint  the point a0 ahead and a1 to the left, times `step`: turn to it, drive to it, wait there
-declare   one number more; above 0.5: a source is at the robot's position
+declare   an additional value; above 0.5 the robot declares a source at its position
 
-An action holds until the next decision. In a mirrored world left is right.
+An action holds until the next decision. In a mirrored world left and right are swapped.
 """
 
 from math import pi
@@ -20,13 +20,13 @@ from taichi_plume.grid.elementary import cos_sin
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.policy import Policy
 
-WORD = 0.5  # threshold of the third number; above, the robot declares
+WORD = 0.5  # threshold of the last component, above which the robot declares a source
 NEAR = 1e-3  # m, tolerance of way points
 
 
 @ti.data_oriented
 class Commands:
-    """Actuation of the policy of a group. tick: control period [s]. names: of the `size` numbers of an action."""
+    """Conversion of a policy's actions, of `size` components `names`, to motion commands. tick: control period [s]."""
 
     STATE: tuple[str, ...] = ("held", "goal")
 
@@ -36,7 +36,7 @@ class Commands:
         self.names = action_names(model)
         self.size, self.drives, self.declares = len(self.names), model.act == "drive", model.declares
         self.p = Parameters(members, lambda group: {"step": float(cast(Policy, group.model.algorithm).step)})
-        self.held = ti.Vector.field(2, ti.f32, members.size)  # shares of speed and turn rate
+        self.held = ti.Vector.field(2, ti.f32, members.size)  # speed and turn rate over their limits
         self.goal = ti.Vector.field(2, ti.f32, members.size)  # believed place of the way point [m]
         self.begin()
 
@@ -45,7 +45,7 @@ class Commands:
 
     @ti.func
     def clear(self, n):
-        """Reset robot n, which stands."""
+        """Reset the actions of robot n and let the robot stand."""
         i = self.robot[n]
         self.held[n] = ti.Vector([0.0, 0.0])
         self.goal[n] = self.swarm.believed_position[i]
@@ -53,7 +53,7 @@ class Commands:
 
     @ti.func
     def take(self, n, flip, row, table: Template, t):
-        """Take the action of robot n from a row of a table (rows, size) at time t [s]; flip: -1 in a mirror, else 1."""
+        """Store the action of robot n, row `row` of table (rows, size), at time t [s]; flip: -1 if mirrored, else 1."""
         i = self.robot[n]
         a, b = ti.math.clamp(table[row, 0], -1.0, 1.0), flip * ti.math.clamp(table[row, 1], -1.0, 1.0)
         if ti.static(self.drives):
@@ -68,7 +68,7 @@ class Commands:
 
     @ti.func
     def carry_out(self, n, dt):
-        """Command the next tick of dt [s]."""
+        """Write speed and turn rate commands of robot n for the next dt [s] by its last action."""
         i = self.robot[n]
         speed, turn = self.held[n][0] * self.swarm.max_speed[i], self.held[n][1] * self.swarm.max_turn_rate[i]
         if ti.static(not self.drives):

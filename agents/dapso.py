@@ -43,13 +43,13 @@ UNKNOWN = -1.0  # ppm, f(p) of a robot without a position p
 
 
 def constriction(phi: float, kappa: float = 1.0) -> float:
-    """Return chi = 2 kappa / |2 - phi - sqrt(phi² - 4 phi)|, which is kappa for phi <= 4."""
+    """Return the constriction factor chi = 2 kappa / |2 - phi - sqrt(phi² - 4 phi)|, which is kappa for phi <= 4."""
     return 2 * kappa / abs(2 - phi - cmath.sqrt(phi**2 - 4 * phi))
 
 
 @ti.data_oriented
 class Dapso(KernelAlgorithm):
-    """DAPSO algorithm. tick: control period [s]."""
+    """DAPSO search algorithm, in which each robot is a particle of a swarm optimisation. tick: control period [s]."""
 
     STREAM = "dapso"
     TALKS = True
@@ -124,7 +124,7 @@ class Dapso(KernelAlgorithm):
 
     @ti.func
     def _is_there(self, n, dt):
-        """Return whether the next measurement is due."""
+        """Return whether robot n has to measure: at its way point, after a timeout, stuck, or at gas in EXPLORE."""
         i = self.robot[n]
         there = self.potential.is_over(n, self.way_point[n], self.p.tolerance[n])
         if self.swarm.state[i] == DRIVE:
@@ -135,7 +135,7 @@ class Dapso(KernelAlgorithm):
 
     @ti.func
     def _learn(self, n, t):
-        """Update p and f(p) by the measurement."""
+        """Fade robot n's best reading f(p), and replace p and f(p) if its new measurement is at least as high."""
         i = self.robot[n]
         f = self.acquisition.mean(n)
         self.best[n] *= ti.exp(-self.p.fading[n] * (t - self.best_time[n]))
@@ -146,7 +146,7 @@ class Dapso(KernelAlgorithm):
 
     @ti.func
     def _choose(self, n, tick, t):
-        """Choose the next way point w, and the state to drive there."""
+        """Choose robot n's next way point w and its state, and send p and f(p) to its team."""
         i = self.robot[n]
         x, p = self.swarm.believed_position[i], self.best_place[n]
         most, g = self._best_known(n, tick, t)
@@ -176,13 +176,13 @@ class Dapso(KernelAlgorithm):
 
     @ti.func
     def _inside(self, n, u):
-        """Return the point at the fractions u of the area of way points."""
+        """Return the point (2,) [m] at the fractions u (2,), 0 to 1, of robot n's area of way points."""
         low = self.potential.low(n)
         return low + u * (self.potential.high(n) - low)
 
     @ti.func
     def _best_known(self, n, tick, t):
-        """Return the best reading that robot n and its neighbours know, and its position g."""
+        """Return the best reading [ppm] that robot n and its neighbours know, and its position g [m]."""
         best, g = self.best[n], self.best_place[n]
         for m in range(self.p.count[n]):
             if self.radio.has_heard(n, m) and self._is_neighbour(n, m, tick, t):
@@ -193,12 +193,12 @@ class Dapso(KernelAlgorithm):
 
     @ti.func
     def _faded(self, n, m, t):
-        """Return the faded value [ppm] of the last message from robot m of the team to robot n."""
+        """Return the value [ppm], faded with age, of the last message that robot n received from teammate m."""
         return self.radio.value[n, m] * ti.exp(-self.p.fading[n] * (t - self.radio.time[n, m]))
 
     @ti.func
     def _is_neighbour(self, n, m, tick, t):
-        """Return whether robot m of the team, known by a message, is now a neighbour of robot n."""
+        """Return 1 if teammate m, who has sent a message, is a neighbour of robot n at this tick, else 0."""
         result = 0
         if self.p.neighbours[n] == SEARCH_SPACE:
             apart = self.radio.sender[n, m] - self.swarm.believed_position[self.robot[n]]

@@ -25,7 +25,7 @@ ACQUIRE, RUN, TUMBLE = range(3)
 
 @ti.data_oriented
 class EColi(KernelAlgorithm):
-    """E. coli algorithm. tick: control period [s]."""
+    """E. coli (run and tumble) search algorithm. tick: control period [s]."""
 
     STREAM = "e. coli"
     STATE: tuple[str, ...] = ("legs", "acquisition", "before")

@@ -1,7 +1,8 @@
 """Robots that clients drive through `taichi_plume.serve` (hybrid experiments): readings and orders.
 
-AWAITED   no order has arrived for the robot yet: the robot stands DRIVEN    the robot carries out the last order LOST
-no order has arrived for too long: the robot stands
+AWAITED   no order has arrived for the robot yet: the robot stands
+DRIVEN    the robot carries out the last order
+LOST      no order has arrived for too long: the robot stands
 
 Only the service knows which client drives which robot; the service sets the orders after every tick.
 """
@@ -22,7 +23,7 @@ READ = (
     Columns.believed_position, Columns.believed_heading, Columns.wind, Columns.wind_known, Columns.blocked,
     Columns.found, Columns.declarations, Columns.reading, Columns.resistance,
 )  # fmt: skip
-SENSED = ("reading", "resistance")  # per gas sensor
+SENSED = ("reading", "resistance")  # columns of each gas sensor
 ORDERED = (
     Columns.state, Columns.speed_command, Columns.turn_rate_command, Columns.ordered_position,
     Columns.ordered_heading,
@@ -32,11 +33,11 @@ FLOWN = (Columns.left_command, Columns.climb_command, Columns.ordered_altitude)
 
 @dataclass
 class Orders:
-    """Orders for the robots of a group, trial by trial, for the next tick.
+    """Commands of clients to the robots of a group, trial by trial, for the next tick.
 
     state (size,): AWAITED, DRIVEN or LOST; speed [m/s] and turn_rate [rad/s] (size,). For placed robots: position
-    (size, 2) [m], NaN: stays, and heading (size,) [rad]. declared (size, 2) [m], NaN: no declaration. For drones also
-    left and climb (size,) [m/s], or altitude (size,) [m] of placed drones, NaN: stays.
+    (size, 2) [m], NaN: stays, and heading (size,) [rad]. declared (size, 2) [m]: source positions, NaN: none. For
+    drones also left and climb (size,) [m/s], or altitude (size,) [m] of placed drones, NaN: stays.
     """
 
     state: np.ndarray
@@ -51,7 +52,7 @@ class Orders:
 
     @classmethod
     def none(cls, size: int) -> "Orders":
-        """Return orders to wait."""
+        """Return orders that let `size` robots wait."""
         state, (speed, turn_rate, heading, left, climb) = np.zeros(size, int), np.zeros((5, size))
         position, declared = np.full((2, size, 2), np.nan)
         altitude = np.full(size, np.nan)
@@ -59,7 +60,7 @@ class Orders:
 
 
 class ExternalAlgorithm:
-    """Robots of a group that clients drive from outside."""
+    """Adapter for a group of robots that clients drive from outside."""
 
     PER_GROUP: bool = True
     STATE: tuple[str, ...] = ()
@@ -79,18 +80,18 @@ class ExternalAlgorithm:
 
     @property
     def model(self) -> External:
-        """Section of the group."""
+        """Scenario section of the group's algorithm."""
         return cast(External, self.members.groups[0].model.algorithm)
 
     def begin(self) -> None:
-        """Do nothing: all robots wait for orders."""
+        """Do nothing: at the start of a run all robots wait for orders."""
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        """Do nothing: orders hold until the next."""
+        """Do nothing: the last orders hold until the next ones."""
 
     def sample(self) -> dict[str, np.ndarray]:
-        """Return the readings of each robot by column: (size,), (size, 2), or (size, sensors) of gas sensors. Altitude:
-        0 on the floor.
+        """Return the robots' readings by column name: (size,), (size, 2), or (size, sensors) for gas sensors. Altitude
+        is 0 for robots on the floor.
         """
         names = (column.name for column in self._read.columns)
         read = dict(zip(names, self._read.read(), strict=True))
@@ -100,7 +101,7 @@ class ExternalAlgorithm:
         return {"altitude": np.zeros(self.size, np.float32)} | read
 
     def order(self, orders: Orders, t: float) -> None:
-        """Set the orders for the next tick; t: present time [s]."""
+        """Write the clients' orders for the next tick to the robots; t: present time [s]."""
         ordered = [orders.state, orders.speed, orders.turn_rate, orders.position, orders.heading]
         if self.flies:
             ordered += [orders.left, orders.climb, orders.altitude]

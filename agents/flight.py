@@ -30,14 +30,14 @@ WINGS: dict[str, Callable[[Group], float]] = {
     "max_climb": lambda group: group.body.max_climb or 0.0,
     "max_descent": lambda group: group.body.max_descent or 0.0,
 }
-"""Numbers of the bodies of a group, by the names of fields that only swarms with drones have."""
+"""Functions from a group to each body parameter of drones, by the names of fields that only swarms with drones have."""
 
 
 class Flying(Columns):
-    """Part of a swarm for drones."""
+    """Mixin of the swarm for the flight of drones."""
 
     def _allocate_flight(self, robots: int) -> None:
-        """Make the fields that only swarms with drones have."""
+        """Allocate the fields that only swarms with drones have."""
         for name in ("first_altitude", *WINGS):
             setattr(self, name, ti.field(ti.f32, robots))
         self.source_height = ti.field(ti.f32, max(1, self.source_count))
@@ -46,7 +46,7 @@ class Flying(Columns):
         )  # lowest, highest point of walkers [m]
 
     def _flight_fields(self) -> list[Field]:
-        """Return the fields that `_flight_numbers` fills, in that order."""
+        """Return the fields that `_flight_numbers` fills, in the same order."""
         never = [self.ordered_altitude, self.goal, self.goal_heading]
         bodies = [getattr(self, name) for name in WINGS]
         return [self.altitude, self.first_altitude, self.source_height, self.spans, *never, *bodies]
@@ -54,7 +54,7 @@ class Flying(Columns):
     def _flight_numbers(
         self, each: Callable[..., np.ndarray], sources: np.ndarray, walkers: Sequence[Obstacle]
     ) -> list[object]:
-        """Return the numbers at the start of a run; each: function that expands to robots; sources: (m, 3) [m]."""
+        """Return the start values of `_flight_fields`; each: expands group functions to robots; sources (m, 3) [m]."""
         altitude = each(lambda group: group.start_altitude)
         spans = [walker.span for walker in walkers] or 0
         heights = sources[:, 2] if len(sources) else 0
@@ -69,14 +69,14 @@ class Flying(Columns):
 
     @ti.func
     def _restart_flight(self, i):
-        """Put drone i to its altitude at the start of a run; all its columns are zero."""
+        """Reset drone i to its altitude at the start of a run; its other columns have to be zero already."""
         nan = ti.math.nan
         self.altitude[i], self.ordered_altitude[i] = self.first_altitude[i], nan
         self.goal[i], self.goal_heading[i] = ti.Vector([nan, nan, nan]), nan
 
     @ti.func
     def middle_over(self, i, s):
-        """Return the height [m] of the middle of drone i above source s; 0 for robots on the floor."""
+        """Return the height [m] of the middle of drone i above source s; 0 for ground robots."""
         above = 0.0
         if self.wings[i] == 1.0:
             above = self.altitude[i] + 0.5 * self.height[i] - self.source_height[s]
@@ -84,7 +84,7 @@ class Flying(Columns):
 
     @ti.func
     def _fly(self, i, k, dt):
-        """Move drone i of trial k for dt [s]; return whether contact cut the move short, turn [rad] and way [m]."""
+        """Move drone i of trial k for dt [s]. Return whether contact blocked it, its turn [rad] and path length [m]."""
         before = self.flight[i]
         heading_rate = self.turn_rate_command[i]
         if not ti.math.isnan(self.goal_heading[i]):
@@ -119,7 +119,7 @@ class Flying(Columns):
 
     @ti.func
     def _wanted_velocity(self, i, course, dt):
-        """Return the commanded velocity [m/s] of drone i with heading `course` [rad], within the limits."""
+        """Return the commanded velocity (3,) [m/s] of drone i with heading `course` [rad], within its speed limits."""
         e = cos_sin(course)
         ahead, left = self.speed_command[i], self.left_command[i]
         v = ti.Vector([ahead * e[0] - left * e[1], ahead * e[1] + left * e[0], self.climb_command[i]])

@@ -24,14 +24,14 @@ from taichi_plume.scenario.sensors import IdealGasSensor, MoxSensor, PidSensor, 
 
 LN10 = float(np.log(10.0))
 SPREAD_OF_B = 0.08  # standard deviation from unit to unit: our choice
-UNITS = 256  # units in the box, of which each episode takes one
-DIFFER = ("b", "air", "k0", "k1", "k2", "k3", "x_low")  # numbers in which units differ
-INJECTED = np.geomspace(5.0, 1000.0, 14)  # ppm, of a calibration
+UNITS = 256  # sensor units prepared for environments; each episode takes one
+DIFFER = ("b", "air", "k0", "k1", "k2", "k3", "x_low")  # parameters in which units differ
+INJECTED = np.geomspace(5.0, 1000.0, 14)  # ppm, concentrations injected in a calibration
 
 
 class Law(Protocol):
-    """Law of all sensors of a kind; its ti.funcs take the number of a robot among the members. slot: number of the
-    sensor on each robot.
+    """Static law of all gas sensors of a kind, from concentration to signal y and back. The ti.funcs take the index n
+    of a robot among the members. slot: number of the gas sensor on each robot.
     """
 
     HAS_RESISTANCE: bool
@@ -41,26 +41,26 @@ class Law(Protocol):
     def begin(self) -> None: ...
 
     def renew(self, n, unit):
-        """ti.func: replace the unit, given by a number from 0 to 1, if each trial restarts on its own."""
+        """ti.func: exchange the sensor unit of robot n at the start of an episode; unit: random, from 0 to 1."""
         ...
 
     def response(self, n, ppm):
-        """ti.func: return the steady y at a concentration, weighted by the sensitivity to each species."""
+        """ti.func: return the steady signal y at a concentration [ppm] weighted by the sensitivity to each species."""
         ...
 
     def resistance(self, n, y):
-        """ti.func: return the measured quantity; a resistance [ohm], if the sensor has one."""
+        """ti.func: return the measured quantity for the signal y: a resistance [ohm] if the sensor has one, else y."""
         ...
 
     def ppm(self, n, r):
-        """ti.func: return the reading, by the calibration."""
+        """ti.func: return the calibrated reading [ppm] for the measured quantity r."""
         ...
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """log10 c = k0 + k1 x + k2 x² + k3 x³ with x = log10(R/R_air), c in ppm; x_low: x of the least injected c. Ferri
-    et al., Robotics and Autonomous Systems 57 (2009) 393-402, eq 1-2.
+    """Calibration curve log10 c = k0 + k1 x + k2 x² + k3 x³ with x = log10(R/R_air), c in ppm; x_low: x of the smallest
+    injected c. Ferri et al., Robotics and Autonomous Systems 57 (2009) 393-402, eq 1-2.
     """
 
     k: np.ndarray
@@ -68,14 +68,14 @@ class Calibration:
 
     @staticmethod
     def of(c0: float, b: float) -> "Calibration":
-        """Fit the resistances of a unit at the injected concentrations by least squares."""
+        """Return the least-squares fit to R/R_air = (1 + c/c0)^-b at the injected concentrations."""
         x = -b * np.log10(1.0 + INJECTED / c0)
         return Calibration(np.polynomial.polynomial.polyfit(x, np.log10(INJECTED), 3), float(x[0]))
 
 
 @ti.data_oriented
 class MoxLaw:
-    """y = ln(R_air/R) = b ln(1 + c/c0): finite in clean air, a power law far above c0. Units differ in b and R_air."""
+    """Metal-oxide law y = ln(R_air/R) = b ln(1 + c/c0), a power law far above c0. Units differ in b and R_air."""
 
     HAS_RESISTANCE: bool = True
 
@@ -84,7 +84,7 @@ class MoxLaw:
         self.cubic = any(_mox(group, slot).calibration == "cubic" for group in members.groups)
         self.swarm = members.swarm
         self.p = Parameters(members, partial(_units, members.swarm, slot))
-        self.box = ti.field(ti.f32, (UNITS, len(DIFFER)))  # units of which each episode takes one
+        self.box = ti.field(ti.f32, (UNITS, len(DIFFER)))  # parameters of the prepared units
         self.different = tuple(getattr(self.p, name) for name in DIFFER)
         self._fill = uploader(self.box)
 
@@ -108,7 +108,7 @@ class MoxLaw:
 
     @ti.func
     def resistance(self, n, y):
-        """Return the resistance [ohm] of unit n as the converter sees it."""
+        """Return robot n's sensor resistance [ohm] at the signal y, as rounded by the converter to digits."""
         r = self.p.air[n] * exp(-y)
         if self.p.steps[n] > 0.0:  # of the voltage over the load, as a share of the supply
             load, step = self.p.load[n], self.p.per_step[n]
@@ -118,8 +118,8 @@ class MoxLaw:
 
     @ti.func
     def ppm(self, n, r):
-        """Return the concentration of the calibration gas for resistance r [ohm] of unit n; R_air: resistance in clean
-        air.
+        """Return the concentration [ppm] of the calibration gas at the resistance r [ohm] of the sensor of robot n, at
+        least 0.
         """
         x = log(ti.max(r, 1e-3) / self.p.air[n])
         c = self.p.c1[n] * exp(-x * self.p.per_b[n]) - self.p.c1[n]
@@ -130,14 +130,14 @@ class MoxLaw:
                 inside = ti.min(x, low)
                 k2 = self.p.k2[n] + inside * self.p.k3[n]
                 c = exp(LN10 * (self.p.k0[n] + inside * (self.p.k1[n] + inside * k2)))
-                # a cubic of logarithms has no zero: a line into clean air
+                # a cubic of logarithms never reaches 0 ppm: continue by a line into clean air
                 c *= ti.select(x > low, x / low, 1.0)
         return ti.max(c, 0.0)
 
 
 @ti.data_oriented
 class LinearLaw:
-    """Law y = c of an ideal sensor, or of a photo-ionisation detector in ppm of its calibration gas."""
+    """Law y = c of an ideal gas sensor, or of a photo-ionisation detector in ppm of its calibration gas."""
 
     HAS_RESISTANCE: bool = False
 
@@ -149,7 +149,7 @@ class LinearLaw:
 
     @ti.func
     def renew(self, n, unit):
-        """Do nothing: units do not differ."""
+        """Do nothing: all units of a linear sensor are alike."""
 
     @ti.func
     def response(self, n, ppm):
@@ -157,7 +157,7 @@ class LinearLaw:
 
     @ti.func
     def resistance(self, n, y):
-        """Return y: there is no resistance."""
+        """Return the signal y unchanged, as a linear sensor has no resistance."""
         return y
 
     @ti.func
@@ -167,7 +167,7 @@ class LinearLaw:
 
 @ti.data_oriented
 class LineLaw(LinearLaw):
-    """Law of a laser: y is the integral along the beam of the gas to which the laser is tuned [ppm m]."""
+    """Law of a laser gas sensor: y is the integral along the beam of the gas to which the laser is tuned [ppm m]."""
 
     def __init__(self, members: Members, slot: int = 0):
         def numbers(group: GroupRange) -> Numbers:
@@ -178,34 +178,34 @@ class LineLaw(LinearLaw):
 
     @ti.func
     def ppm(self, n, r):
-        """Return the integral, limited to the range of the laser [ppm m]."""
+        """Return the measured integral [ppm m], zero below the detection limit and at most the range of the laser."""
         return ti.select(r >= self.p.limit[n], ti.math.clamp(r, 0.0, self.p.largest[n]), 0.0)
 
 
 LAWS: dict[str, type[Law]] = {"mox": MoxLaw, "linear": LinearLaw, "line": LineLaw}
-"""Laws by the `law` of a sensor."""
+"""Classes of static laws, by the value `law` of a gas sensor."""
 
 
 def numbered(name: str, slot: int) -> str:
-    """Return the name of a random stream of a robot's first or a further sensor."""
+    """Return the name of a sensor's random stream: `name`, with the number `slot` appended unless slot is 0."""
     return f"{name} {slot}" if slot else name
 
 
 def _units(swarm: Swarm, slot: int, group: GroupRange) -> Numbers:
-    """Return the numbers of the metal oxides of a group, whose units differ."""
-    if swarm.episodes is not None:  # each takes a unit of the box
+    """Return the parameters of a group's metal-oxide sensors, with random deviations from unit to unit."""
+    if swarm.episodes is not None:  # each episode takes one of the prepared units
         return _of_units(_mox(group, slot), np.zeros((group.size, 2)))
     draws = group.generators(swarm.seed, numbered("units", slot))
     return _of_units(_mox(group, slot), np.concatenate([_drawn(rng, group.count) for rng in draws]))
 
 
 def _drawn(rng: np.random.Generator, count: int) -> np.ndarray:
-    """Draw the deviations of units in b and in R_air, (count, 2), from -1 to 1."""
+    """Return random deviations of `count` sensor units in b and in R_air, (count, 2), uniform from -1 to 1."""
     return rng.uniform(-1.0, 1.0, (count, 2))
 
 
 def _of_units(sensor: MoxSensor, units: np.ndarray) -> Numbers:
-    """Return the numbers of metal oxides with these deviations of their units."""
+    """Return the kernel parameters of metal-oxide sensors; units: deviations of each unit in b and R_air, (n, 2)."""
     model, (c1, b1) = MOX_MODELS[sensor.model], sensor.reading_curve
     b = model.b * np.exp(SPREAD_OF_B * sensor.spread * sqrt(3.0) * units[:, 0])
     low, high = np.log(model.air)
@@ -216,8 +216,8 @@ def _of_units(sensor: MoxSensor, units: np.ndarray) -> Numbers:
     return {
         "per_c0": 1.0 / model.c0,
         "b": b,
-        "c1": c1,  # of the calibration gas
-        "per_b": 1.0 / b1,  # of the model, all that is known to a calibration without fit
+        "c1": c1,  # c0 of the calibration gas
+        "per_b": 1.0 / b1,  # of the sensor model: a calibration without fit does not know the unit
         "air": np.exp(middle + half * min(sensor.spread, 1.0) * units[:, 1]),
         "load": sensor.load or model.load,
         "steps": steps,  # of the converter, 0 without rounding
@@ -228,7 +228,7 @@ def _of_units(sensor: MoxSensor, units: np.ndarray) -> Numbers:
 
 
 def _fits(c0: float, b: np.ndarray) -> np.ndarray:
-    """Return coefficients and x_low of each unit's calibration, (units, 5)."""
+    """Return the calibration coefficients k0 to k3 and x_low of each unit with exponent b, (units, 5)."""
     different, which = np.unique(b, return_inverse=True)
     fits = [Calibration.of(c0, exponent) for exponent in different]
     return np.array([[*fit.k, fit.x_low] for fit in fits])[which]

@@ -18,9 +18,9 @@ from taichi_plume.grid.series import Series
 
 
 class Readers(Protocol):
-    """Protocol of the robots' fields that maps read: numbers per robot, and the robots of each trial.
+    """Protocol of the robots' fields that gas maps read.
 
-    members[trial, :team_size[trial]]: numbers of its robots. Only maps that follow the wind use wind and wind_known.
+    members[trial, :team_size[trial]]: indices of its robots. Only maps that follow the wind use wind and wind_known.
     """
 
     members: Field
@@ -32,16 +32,16 @@ class Readers(Protocol):
 
 
 def nowhere(points: np.ndarray) -> np.ndarray:
-    """Return the distance [m] of points (..., 2) to the next obstacle on a floor without obstacles."""
+    """Return infinite obstacle distances (...) for points (..., 2), as on a floor without obstacles."""
     return np.full(np.shape(points)[:-1], np.inf)
 
 
 @dataclass(frozen=True)
 class Floor:
-    """Mapped floor, and sampling of the readings.
+    """Floor that a gas map covers, and sampling of the readings.
 
-    extent: from the origin on [m]; robots: largest number in a trial; tick: from one reading to the next [s];
-    obstacle_distance: of points (..., 2) [m], the distance [m] to the next obstacle, negative inside.
+    extent: size of the floor, from the origin on [m]; robots: largest number in a trial; tick: time between readings
+    [s]; obstacle_distance: function from points (..., 2) [m] to distances [m] to the next obstacle, negative inside.
     """
 
     extent: tuple[float, float]
@@ -52,10 +52,10 @@ class Floor:
 
 
 class GasMap:
-    """Base class of a map of all trials, completed by each kind to a `Mapper`.
+    """Base class of gas maps over all trials; each kind of map completes it to a `Mapper`.
 
-    cell: edge of the cells [m]; shape: cells along x and y; window: length of the snapshots that the map forecasts [s],
-    None without forecasts.
+    cell: edge of the cells [m]; shape: number of cells along x and y; window: length of the time windows whose gas the
+    map forecasts [s], None without forecasts.
     """
 
     STATE: ClassVar[tuple[str, ...]] = ("errors",)
@@ -70,15 +70,15 @@ class GasMap:
 
     @classmethod
     def reserve(cls, model: object, floor: Floor, shared: dict) -> None:
-        """Add this map's needs to the parts that the maps of a run share, before any map is made; default: none."""
+        """Add the map's needs to `shared`, the data that a run's maps share, before any map is made; default: none."""
 
     @classmethod
     def made(cls, model: Any, floor: Floor, shared: dict) -> Self:
-        """Return the map of a model; shared: parts of the other maps of the run."""
+        """Return a new map for the scenario section `model`; shared: data that the maps of the run share."""
         return cls(model, floor)
 
     def begin(self, model: object) -> None:
-        """Start a run with the numbers of a model of the same structure (see `state`)."""
+        """Reset the map for a run with the parameters of `model`, which must have the same structure (see `state`)."""
         self.errors = Series(self.trials)
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
@@ -91,44 +91,44 @@ class GasMap:
         raise NotImplementedError
 
     def remembered(self, t: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:
-        """Return the remaining fraction (n,) of the initial weight of readings of times (n,) [s] at points (n, 2) [m]
-        on the map; 0 if forgotten, NaN if undefined for a kind of map. dt: see `update`.
+        """Return the fraction (n,) of their initial weight that readings at times t (n,) [s] and points `place` (n, 2)
+        [m] still have in the map; 0 if forgotten, NaN if undefined for this kind of map. dt: see `update`.
         """
         return np.full(len(t), np.nan)
 
 
 def shape(extent: tuple[float, float], cell: float) -> tuple[int, int]:
-    """Return the cells along x and y that cover a floor of an extent [m]; the last cells may reach over its edge."""
+    """Return the number of cells along x and y that cover a floor of this extent [m], rounded up."""
     return ceil(extent[0] / cell - 1e-6), ceil(extent[1] / cell - 1e-6)
 
 
 def ratio(numerator: np.ndarray, denominator: np.ndarray) -> np.ndarray:
-    """Return numerator / denominator, NaN where the denominator is zero."""
+    """Return numerator / denominator elementwise, NaN where the denominator is zero."""
     known = denominator > 0
     return np.where(known, numerator / np.where(known, denominator, 1), np.nan)
 
 
 def window_of(t: np.ndarray | float, window: float, dt: float) -> np.ndarray:
-    """Return the number, from 0 on, of the window [s] of readings at times t [s]; a reading at the end of a window
-    belongs to that window. dt: ticks [s].
+    """Return the index, from 0 on, of the time window of length `window` [s] that contains each time t [s]; the end of
+    a window belongs to that window. dt: control period [s].
     """
     return np.maximum(np.ceil((np.asarray(t) - 1e-6 * dt) / window), 1.0).astype(int) - 1
 
 
 def windows(t: float, window: float, dt: float) -> tuple[int, int]:
-    """Return the number of windows [s] that ended before, and with, the readings at time t [s]; dt: ticks [s]."""
+    """Return how many time windows [s] had ended before the readings at time t [s], and with them; dt: tick [s]."""
     slack = 1e-6 * dt  # t has rounding errors
     return int(window_of(t, window, dt)), floor((t + slack) / window)
 
 
 @ti.func
 def counts(reading, p, extent):
-    """Return whether a reading at p [m] lies on a map of an extent [m]."""
+    """Return whether a reading is finite and its position p [m] lies on a map of this extent [m]."""
     inside = (p >= 0.0).all() and (p <= extent).all()
     return inside and not (ti.math.isnan(reading) or ti.math.isinf(reading))
 
 
 @ti.func
 def cell_of(p, cell, shape: Template):
-    """Return the cell with the point p [m] on the map; shape: (nx, ny)."""
+    """Return the indices of the map cell that contains the point p [m]; cell: edge [m]; shape: (nx, ny)."""
     return ti.min(ti.floor(p / cell, ti.i32), ti.Vector(shape) - 1)

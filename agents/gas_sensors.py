@@ -28,10 +28,10 @@ HOUR = 3600.0
 
 @ti.data_oriented
 class GasSensors:
-    """Gas sensors of several groups, one per robot, all of the same law; written: `true_ppm`, `reading`, `resistance`.
+    """Gas sensors of several groups, one per robot, all of the same law. Written: `true_ppm`, `reading`, `resistance`.
 
-    slot: number of the sensor on each robot, from 0 on; further sensors write columns with their number. dim: dimension
-    of the gas; in 3-D the sensors sit at their heights. tick: control period [s]. species: of the gas.
+    slot: number of the sensor on each robot, from 0 on, which ends the column names of further sensors. dim: dimension
+    of the gas grid; in 3-D the sensors sit at their heights. tick: control period [s]. species: of the gas.
     """
 
     STATE = ("signal", "slow", "sum", "baseline")
@@ -58,8 +58,8 @@ class GasSensors:
         self.reading, self.resistance, self.true_ppm = (
             getattr(members.swarm, f"{name}_{slot}" if slot else name) for name in OF_A_GAS_SENSOR
         )
-        self.signal = ti.field(ti.f32, n)  # y of each robot, clean air at the start
-        self.slow = ti.field(ti.f32, n)  # the same for its slow part
+        self.signal = ti.field(ti.f32, n)  # signal y, in clean air at the start
+        self.slow = ti.field(ti.f32, n)  # signal of the slowly decaying part
         self.sum = ti.field(ti.f32, n)  # sum of the tick means since the last reading
         self.baseline = ti.field(ti.f32, n)  # drift of y
 
@@ -69,7 +69,7 @@ class GasSensors:
 
     @ti.func
     def _follow(self, signal: Template, n, goal, decay, decay_rest):
-        """Advance the lag of a signal towards its goal by a tick; return its value and its mean over the tick."""
+        """Advance the lag of sensor n's signal towards `goal` by a tick; return the signal and its mean in the tick."""
         rises = goal > signal[n]
         way = signal[n] - goal
         signal[n] = goal + way * (1.0 - ti.select(rises, self.p.rise[n], decay))
@@ -77,14 +77,14 @@ class GasSensors:
 
     @ti.func
     def draw(self, n, tick):
-        """Draw normal noise of samples, drift and reading of sensor n; the same for a trial alone and among others."""
+        """Return normal deviates of sensor n: for noise of samples, drift, and noise of readings."""
         key, number, now = self.swarm.counter(self.members.robot[n], self.members.number[n], tick)
         g = normal4(key, self.p.stream[n], number, now, 0)
         return g[0], g[1], g[2]
 
     @ti.func
     def place(self, n, i):
-        """Return the position of sensor n, of robot i [m]."""
+        """Return the position [m] of sensor n, mounted on robot i, a vector with the dimension of the grid."""
         x = sensor_place(self.swarm, self.dim, i, self.p.height[n])
         if ti.static(self.ahead):
             heading = self.swarm.heading[i]
@@ -100,7 +100,7 @@ class GasSensors:
 
     @ti.func
     def exposure(self, gas: Template, n, i, t):
-        """Return the input of sensor n, of robot i: the concentrations there, weighted by its sensitivities."""
+        """Return the gas [ppm] at sensor n of robot i at time t [s], summed with its sensitivity to each species."""
         x = self.place(n, i)
         ppm = ti.Vector.zero(ti.f32, self.species)
         if ti.static(not self.swarm.apart):
@@ -119,20 +119,20 @@ class GasSensors:
 
     @ti.func
     def renew(self, n, unit):
-        """Reset sensor n to the start of a run; unit: number from 0 to 1 that selects another unit."""
+        """Reset sensor n to the start of a run; unit: random number from 0 to 1 that selects another sensor unit."""
         self.signal[n], self.slow[n], self.sum[n], self.baseline[n] = 0.0, 0.0, 0.0, 0.0
         self.law.renew(n, unit)
 
     @ti.func
     def is_due(self, n, tick):
-        """Return whether sensor n gives a reading at this tick."""
+        """Return whether sensor n takes a reading in control period `tick`; otherwise the last reading is held."""
         return (tick - 1) % self.p.hold[n] == 0
 
     @ti.func
     def lag(self, n, tick, cold, goal, noise, drift, reading_noise):
-        """Return the signal of sensor n after a tick of lag, with drift and noise.
+        """Return the signal of sensor n after a tick of sensor lag towards `goal`, with drift and noise.
 
-        cold: remaining effect of a cold start; noise, drift, reading_noise: from `draw`.
+        cold: remaining fraction of the heater warm-up; noise, drift, reading_noise: normal deviates from `draw`.
         """
         y, mean = self._follow(self.signal, n, goal, self.p.decay[n], self.p.decay_rest[n])
         share = self.p.slow_share[n]
@@ -146,8 +146,8 @@ class GasSensors:
 
     @ti.func
     def with_noise(self, n, tick, cold, y, mean, noise, drift, reading_noise):
-        """Return the signal of sensor n with drift, noise, climate and warm-up; y: signal after the lag; mean: over the
-        tick; see `lag`.
+        """Return the signal of sensor n with drift, noise, room climate and warm-up added. y: signal after the lag;
+        mean: mean of the signal over the tick; other arguments: see `lag`.
         """
         if self.p.drift[n] > 0.0:
             self.baseline[n] = self.baseline[n] + self.p.drift[n] * drift
@@ -163,7 +163,7 @@ class GasSensors:
 
     @ti.func
     def read(self, n, i, tick, r, ppm):
-        """Write the reading of robot i, from its sensor n."""
+        """Write gas [ppm] and resistance r [ohm] to robot i's columns if its sensor n is due at this tick."""
         if self.is_due(n, tick):
             self.reading[i] = ppm
             if ti.static(self.law.HAS_RESISTANCE):
@@ -171,7 +171,7 @@ class GasSensors:
 
 
 def _sensor_numbers(tick: float, species: Sequence[Species], slot: int, group: GroupRange) -> Numbers:
-    """Return the numbers of the sensors of a group."""
+    """Return the parameters of a group's gas sensors for kernels: mounting, sampling, noise, lag and sensitivities."""
     sensor = group.model.sensors.noses[slot]
     signal = sensor.signal
     bends = [sensor.bend(kind.name) or (1.0, 1.0) for kind in species]

@@ -31,14 +31,14 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario import maps as models
 
-LOOKS = 16  # parts of the path between two centres; their ends are checked for obstacles
+LOOKS = 16  # parts of the line between two centres; the ends of the parts are checked for obstacles
 
 Window = list[Any]
-"""End [s] of a window, and of the cells with readings in it: flat indices, numbers of readings, their sums [ppm]."""
+"""End [s] of a time window, and of the cells with readings: flat indices, numbers of readings, their sums [ppm]."""
 
 
 class MarkovMap(GasMap):
-    """Mean and variance of the gas in each cell, solved for on request."""
+    """Gas map with mean and variance in each cell by a Gaussian Markov random field, solved on request."""
 
     STATE = ("errors", "count", "total", "ended", "past", "_solved")
 
@@ -60,13 +60,13 @@ class MarkovMap(GasMap):
     def begin(self, model: models.MarkovMap) -> None:
         super().begin(model)
         self.model = model
-        self.noise = 1.0 / model.lambda_observation  # ppm², of a reading
-        self.ended = 0  # windows
+        self.noise = 1.0 / model.lambda_observation  # variance of a reading [ppm²]
+        self.ended = 0  # number of ended windows
         self.past: list[Window] = []
         self._solved: list[np.ndarray] | None = None
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
-        """Add the readings at time t [s]; the tick that reaches a multiple of the window ends the window."""
+        """Add the robots' readings at time t [s]; the tick that reaches a multiple of the window ends the window."""
         before, now = windows(t, self.model.window, dt)
         self._end_windows(before)  # no readings since the windows ended
         _collect(swarm.members, swarm.team_size, swarm.believed_position, swarm.reading, self.extent, self.cell,
@@ -74,22 +74,22 @@ class MarkovMap(GasMap):
         self._end_windows(now)
 
     def estimate(self) -> np.ndarray:
-        """Return the mean at the end of the last window [ppm], (trials, nx, ny); NaN beyond all readings."""
+        """Return the mean gas map at the end of the last window [ppm], (trials, nx, ny); NaN in unknown cells."""
         return self._solution()[0]
 
     def variance(self) -> np.ndarray:
-        """Return the variance of the mean [ppm²], (trials, nx, ny); NaN beyond all readings."""
+        """Return the variance of the mean gas map [ppm²], (trials, nx, ny); NaN in unknown cells."""
         return self._solution()[1]
 
     def remembered(self, t: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:
         return np.minimum(self._share((window_of(t, self.model.window, dt) + 1.0) * self.model.window), 1.0)
 
     def weight(self) -> np.ndarray:
-        """Return 1 / variance [1/ppm²], (trials, nx, ny)."""
+        """Return the confidence of the map, 1 / variance [1/ppm²], (trials, nx, ny); 0 in unknown cells."""
         return np.nan_to_num(1.0 / self.variance(), nan=0.0)
 
     def _end_windows(self, number: int) -> None:
-        """End windows until `number` have ended, the running one first."""
+        """Close time windows until `number` have ended: store the readings of the running one, and drop faded ones."""
         if number <= self.ended:
             return
         time = (self.ended + 1) * self.model.window
@@ -106,20 +106,20 @@ class MarkovMap(GasMap):
             self.past = [window for window in self.past if self._share(window[0]) > 0.0]
 
     def _moved(self, values: np.ndarray) -> np.ndarray:
-        """Return flat sums (trials, nx, ny); sums of blocked cells are moved to the nearest free cells."""
+        """Return flat cell sums of `values` (trials, nx, ny), blocked cells added to the nearest free cells."""
         trials, cells = len(values), self.counted_in.size
         into = np.arange(trials)[:, None] * cells + self.counted_in.ravel()
         return np.bincount(into.ravel(), values.ravel(), minlength=trials * cells)
 
     def _merge(self) -> None:
-        """Merge all windows into one: none fades."""
+        """Merge the readings of all past windows into one window, as readings without `memory` do not fade."""
         if len(self.past) > 1:
             count, total = self._information()
             cells = np.flatnonzero(count)
             self.past = [[self.past[-1][0], cells, count.ravel()[cells], total.ravel()[cells]]]
 
     def _share(self, time: float | np.ndarray) -> np.ndarray:
-        """Return the remaining weight, from 1 to 0, of readings whose window ended at a time [s]."""
+        """Return the remaining weight, from 1 to 0, of readings whose window ended at `time` [s]."""
         if self.model.memory is None:
             return np.ones_like(time)
         return np.maximum(1.0 - (self.ended * self.model.window - time) / self.model.memory, 0.0)
@@ -134,7 +134,7 @@ class MarkovMap(GasMap):
         return count, total
 
     def _solution(self) -> list[np.ndarray]:
-        """Return mean and variance of the gas in each cell, by trial; NaN in unknown cells."""
+        """Return the mean and the variance of the gas map, (trials, nx, ny) each; NaN in unknown cells."""
         if self._solved is None:
             count, total = self._information()
             trials = len(count)
@@ -151,7 +151,7 @@ class MarkovMap(GasMap):
 def _links(
     cells: tuple[int, int], cell: float, obstacle_distance: Callable[[np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return whether the paths between neighbour cells along x (nx - 1, ny), and along y (nx, ny - 1), are free."""
+    """Return whether the line between neighbour cells is free of obstacles, along x (nx - 1, ny) and y (nx, ny - 1)."""
     place = centers(cells, cell)
     share = np.linspace(0.0, 1.0, LOOKS + 1)[:, None, None, None]
     along_x = (1 - share) * place[:-1] + share * place[1:]
@@ -160,7 +160,7 @@ def _links(
 
 
 def _regions(links: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Return numbers (nx, ny), equal for cells joined by a chain of links."""
+    """Return a region number for each cell, (nx, ny), equal for cells that a chain of links joins."""
     nx, ny = links[1].shape[0], links[0].shape[1]
     cell = np.arange(nx * ny).reshape(nx, ny)
     ends = [
@@ -174,8 +174,8 @@ def _regions(links: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
 def _solve(
     precision: np.ndarray, g: np.ndarray, links: tuple[np.ndarray, np.ndarray], lambda_prior: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return H⁻¹ g and the diagonal of H⁻¹, (trials, nx, ny); H: matrix of the links plus `precision` on the
-    diagonal.
+    """Return H⁻¹ g and the diagonal of H⁻¹, (trials, nx, ny) each. H: matrix of the links, each with weight
+    `lambda_prior`, plus `precision` on the diagonal.
     """
     trials, nx, ny = precision.shape
     if ny > nx:  # the blocks are as large as a column
@@ -210,7 +210,7 @@ def _solve(
 
 
 def _times(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Multiply (trials, n, n) by (trials, n)."""
+    """Return the matrix-vector product of each trial: (trials, n, n) times (trials, n)."""
     return (matrix @ vector[..., None])[..., 0]
 
 
@@ -219,7 +219,7 @@ def _collect(
     members: Template, team_size: Template, position: Template, reading: Template, extent: ti.math.vec2, cell: float,
     shape: Template, count: Template, total: Template,
 ):  # fmt: skip
-    """Add the readings of each trial's robots to their cells."""
+    """Add each trial's valid readings to the number and the sum of readings in their cells."""
     ti.loop_config(serialize=ti.static(runs_serially(team_size.shape[0])))
     for k in team_size:
         for m in range(team_size[k]):

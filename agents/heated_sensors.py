@@ -25,13 +25,13 @@ from taichi_plume.grid.fields import Species
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.metal_oxides import MoxSensor
 
-PARTS = 65536  # fractions of a cycle, in which ticks are counted: exact in 32 bits for any number
-FASTEST = 1e-6  # s, of a time constant
+PARTS = 65536  # parts of a cycle in which ticks are counted: exact in 32 bits for any count
+FASTEST = 1e-6  # s, smallest time constant
 
 
 @ti.data_oriented
 class HeatedSensors(GasSensors):
-    """Metal oxides with heater cycles of several groups; other arguments: see `GasSensors`."""
+    """Metal-oxide gas sensors with heater cycles, of several groups; arguments as for `GasSensors`."""
 
     STATE = (*GasSensors.STATE, "held", "slow_held")
 
@@ -61,7 +61,7 @@ class HeatedSensors(GasSensors):
 
     @ti.func
     def phase(self, n, tick):
-        """Return the phase of the cycle of sensor n after a number of ticks, from 0 to 1."""
+        """Return the phase (0 to 1) of the heater cycle of sensor n after `tick` control periods."""
         parts = (tick * self.cycle.parts[n]) & (PARTS - 1)
         rest = tick * self.cycle.rest[n]
         at = ti.cast(parts, ti.f32) / PARTS + rest - ti.floor(rest)
@@ -78,7 +78,7 @@ class HeatedSensors(GasSensors):
 
     @ti.func
     def _go(self, signal: Template, held: Template, n, tick, goal, per_decay):
-        """Advance a signal towards its goal by a tick; return its value at the end of the last hot part."""
+        """Advance the lag of sensor n's signal by a tick; return its value at the end of the last hot part."""
         begin = self.phase(n, tick - 1)
         end = begin + self.cycle.turn[n]
         per = ti.select(goal > signal[n], self.cycle.per_rise[n], per_decay)
@@ -100,7 +100,7 @@ class HeatedSensors(GasSensors):
 
 
 def _cycle(tick: float, slot: int, group: GroupRange) -> Numbers:
-    """Return the heater cycle of a group: period, hot share, reaction rates and time constants."""
+    """Return a group's heater parameters for kernels: period, hot fraction, reaction rates, time constants."""
     sensor = cast(MoxSensor, group.model.sensors.noses[slot])
     heater, signal = sensor.heater, sensor.signal
     assert heater is not None

@@ -48,7 +48,7 @@ ON_THE_WAY = 0.5  # cells: distance from a corner of the path that counts as arr
 
 @ti.data_oriented
 class HitMap(KernelAlgorithm):
-    """Hit map search: each robot infers the source from hits, misses and wind. tick: control period [s]."""
+    """Search algorithm that infers the source from hits, misses and wind. tick: control period [s]."""
 
     PER_GROUP: bool = True  # has a single map of paths
     WORK = 4
@@ -60,11 +60,11 @@ class HitMap(KernelAlgorithm):
         self.acquisition = Acquisition(self.members, self.p)
         self.declaring = Declaring(self.members, self.p)
         self.belief = Beliefs(self.members, self.model.cell)
-        self.gas = Ways(self.swarm.clearance, self.model.cell, 0.0)  # for air
-        self.roads = Ways(self.swarm.clearance, self.model.cell, self._room)  # for robots
+        self.gas = Ways(self.swarm.clearance, self.model.cell, 0.0)  # paths of air
+        self.roads = Ways(self.swarm.clearance, self.model.cell, self._room)  # paths of robots
         self.count, self.columns, self.cell = self.gas.count, self.gas.shape[1], self.gas.cell
         self.felt = ti.Vector.field(2, ti.f32, self.size)  # sum of the wind during an acquisition [m/s]
-        self.home = ti.field(ti.i32, self.size)  # cell of the start
+        self.home = ti.field(ti.i32, self.size)  # cell of the start position
         self.goal = ti.field(ti.i32, self.size)  # cell to measure in
         self.next = ti.field(ti.i32, self.size)  # cell on the way there
         self.belief_cell, self.belief_low = self.cell, np.array(self.gas.low)
@@ -72,7 +72,7 @@ class HitMap(KernelAlgorithm):
 
     @property
     def _room(self) -> float:
-        """Distance of robots from obstacles [m]."""
+        """Smallest distance of a robot's centre from obstacles [m]."""
         return self.members.groups[0].model.body.radius + self.model.avoidance
 
     def numbers(self, group: GroupRange, model: Model) -> Numbers:
@@ -127,7 +127,7 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _forget(self, n):
-        """Make all cells with a path equally probable, or all cells if none is free."""
+        """Reset robot n's belief: equal in all cells with a path to its start; in all cells if there are none."""
         total = 0
         for b in range(self.count):
             total += self._is_reached(n, b)
@@ -137,12 +137,12 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _is_reached(self, n, b):
-        """Return 1 if gas from cell b can reach the start of robot n, else 0."""
+        """Return 1 if a path leads from cell b to the start of robot n, so that gas can reach it, else 0."""
         return ti.cast(self.home[n] >= 0 and self.gas.length[ti.max(self.home[n], 0), b] < FAR, ti.i32)
 
     @ti.func
     def _chance(self, n, c, b, wind):
-        """Return the probability of a hit in cell c from a source in cell b."""
+        """Return the likelihood of a hit of robot n in cell c for a source in cell b; wind (2,): measured [m/s]."""
         way, share = self.gas.length[c, b], 0.0
         if way < FAR:
             share = exp(-self.p.near[n] * way * way)
@@ -156,7 +156,7 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _learn(self, n, here, hit, wind):
-        """Update the posterior by Bayes' rule; a search that would have ended near the source rules out near cells."""
+        """Update robot n's belief by a hit or miss in cell `here`, and by not having found the source nearby."""
         total = 0.0
         x = self.swarm.believed_position[self.robot[n]]
         for b in range(self.count):
@@ -174,7 +174,7 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _information(self, n, c, wind):
-        """Return the expected information (mutual information) of a measurement in cell c on the source [nat]."""
+        """Return the expected information [nat] about the source from a measurement of robot n in cell c."""
         hit, doubt = 0.0, 0.0
         for b in range(self.count):
             now = self.belief.p[n, b // self.columns, b % self.columns]
@@ -186,13 +186,13 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _entropy(self, chance):
-        """Return the entropy of an event with that probability [nat]."""
+        """Return the entropy [nat] of an event with this probability."""
         yes = ti.math.clamp(chance, LEAST, 1.0 - 1e-6)
         return -yes * log(yes) - (1.0 - yes) * log(1.0 - yes)
 
     @ti.func
     def _go_on(self, n, wind, t):
-        """Declare the source if the belief is sure; then go to the expected position or the most informative cell."""
+        """Declare if robot n's belief is sure; then set out for its mean or the most informative cell."""
         i = self.robot[n]
         mean = self.belief.mean(n)
         spread = self.belief.spread(n, mean)
@@ -213,7 +213,7 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _nearest_to(self, start, place):
-        """Return the cell nearest to a point [m] among those that a robot in cell `start` can reach."""
+        """Return the cell nearest to the point `place` [m] among those that a robot in cell `start` can reach."""
         best, nearest = start, FAR
         for c in range(self.count):
             distance = (self.gas.center(c) - place).norm()
@@ -223,7 +223,7 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _most_telling(self, n, start, wind):
-        """Return the other cell within range with the largest expected information per time; -1 if there is none."""
+        """Return the other cell in range with the most expected information per time; -1 if there is none."""
         best, most = -1, -1.0
         for c in range(self.count):
             way = self.roads.length[start, c]
@@ -238,7 +238,7 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _follow(self, n, dt):
-        """Drive to the next cell of the path; measure at its end, or if blocked."""
+        """Drive robot n to the next cell of its path; at the end of the path, or if blocked, let it measure."""
         i = self.robot[n]
         last = self.next[n] == self.goal[n]
         place = self.roads.center(self.next[n])

@@ -36,14 +36,14 @@ from taichi_plume.scenario import belief_algorithms
 ACQUIRE, MOVE = range(2)
 
 STAY = 4  # number of the move "stay"; moves 0 to 3 are each 90° further left
-FINER = 2  # nodes of the table per cell
+FINER = 2  # nodes of the likelihood table per cell
 NEAR = 1e-3  # steps, the smallest D + 2^(H - 1) - 1/2 of space-aware infotaxis
 
 
 def detection_rate(
     model: belief_algorithms.AnyInfotaxis, along: np.ndarray, across: np.ndarray
 ) -> np.ndarray:
-    """Return R [1/s] of a source at (along, across) [m] from the robot, `along` to where the wind blows."""
+    """Return the rate R [1/s] of detections from a source at (along, across) [m] from the robot, `along` downwind."""
     D, V, reach = model.diffusivity, model.wind_speed, model.reach
     r = np.maximum(np.hypot(along, across), model.size)
     return model.rate / log(reach / model.size) * np.exp(-V * along / (2.0 * D) - r / reach) * k0e(r / reach)
@@ -51,9 +51,9 @@ def detection_rate(
 
 @ti.data_oriented
 class AnyInfotaxis(KernelAlgorithm):
-    """Common part of all kinds of infotaxis, for the robots of a group, each with its own belief.
+    """Base class of infotaxis algorithms for the robots of a group, each with its own belief.
 
-    A kind defines the `_cost` of an acquisition. tick: control period [s].
+    A subclass defines the `_cost` of an acquisition at a position. tick: control period [s].
     """
 
     PER_GROUP: bool = True  # has a single table of probabilities and size of cells
@@ -89,7 +89,7 @@ class AnyInfotaxis(KernelAlgorithm):
         self._upload(self._chances(), self.belief.even)
 
     def _chances(self) -> np.ndarray:
-        """Return the likelihood of a detection over displacements of the source, along and across the wind."""
+        """Return a table of detection likelihoods over the source's displacement, along and across the wind."""
         places = (np.arange(2 * self.half + 1) - self.half) * self.spacing
         rate = detection_rate(self.model, *np.meshgrid(places, places, indexing="ij"))
         return -np.expm1(-rate * self.model.acquisition)
@@ -104,7 +104,7 @@ class AnyInfotaxis(KernelAlgorithm):
 
     @ti.func
     def _search(self, n, tick, t, dt):
-        """Execute a tick of robot n."""
+        """Execute a tick of robot n's search: sample gas, update the belief, choose a move, or drive."""
         i = self.robot[n]
         if self.swarm.wind_known[i] == 1:
             self.downwind[n] += self.swarm.wind[i]
@@ -122,7 +122,7 @@ class AnyInfotaxis(KernelAlgorithm):
 
     @ti.func
     def _wind_axis(self, n):
-        """Return the unit vector downwind; along x until wind is measured."""
+        """Return the unit vector downwind by robot n's measurements; along x until wind is measured."""
         v = self.downwind[n]
         length = v.norm()
         e = ti.Vector([1.0, 0.0])
@@ -132,12 +132,12 @@ class AnyInfotaxis(KernelAlgorithm):
 
     @ti.func
     def _place(self, n):
-        """Return the position of robot n, relative to the lower corner of the search area [m]."""
+        """Return the believed position of robot n relative to the lower corner of the search area (2,) [m]."""
         return self.swarm.believed_position[self.robot[n]] - ti.Vector(self.belief.low)
 
     @ti.func
     def _chance_at(self, r, e):
-        """Return the likelihood of a detection of a source at a displacement r [m], the wind along e."""
+        """Return the likelihood of detecting a source at a displacement r [m] from the robot, with the wind along e."""
         along = (r[0] * e[0] + r[1] * e[1]) / self.spacing + self.half
         across = (r[1] * e[0] - r[0] * e[1]) / self.spacing + self.half
         k = ti.math.clamp(ti.cast(along + 0.5, ti.i32), 0, 2 * self.half)
@@ -146,7 +146,7 @@ class AnyInfotaxis(KernelAlgorithm):
 
     @ti.func
     def _learn(self, n, detected):
-        """Update the posterior by Bayes' rule, for a detection or none, and for not having found the source."""
+        """Update robot n's belief by Bayes' rule, for a detection or none, and for not having found the source."""
         p, e = self._place(n), self._wind_axis(n)
         total = 0.0
         for a in range(self.belief.cells[0]):
@@ -162,11 +162,11 @@ class AnyInfotaxis(KernelAlgorithm):
 
     @ti.func
     def _outcomes(self, n, p):
-        """Return the possible outcomes of an acquisition at p: rows for a detection and for none.
+        """Return sums over the two possible outcomes (rows: detection, no detection) of an acquisition of robot n at p.
 
         Each row has the probability w of the outcome, the sum of q ln q over the cells and the sum of q times the
-        distance to the cell along the axes [m]; q: joint probability of the outcome and the cell. The rest, 1 - w -
-        w, is the probability to find the source.
+        distance to the cell along the axes [m]; q: joint probability of the outcome and the cell. The remaining
+        probability, one minus both w, is that of finding the source.
         """
         e = self._wind_axis(n)
         sums = ti.Matrix.zero(ti.f32, 2, 3)
@@ -189,7 +189,7 @@ class AnyInfotaxis(KernelAlgorithm):
 
     @ti.func
     def _best(self, n, tick):
-        """Return the move of least cost; a random move among equal ones."""
+        """Return robot n's move with the least cost (0 to 3, or STAY); among equal costs a random one."""
         i = self.robot[n]
         here = self._place(n)
         turn = ti.floor(self._draw(n, tick)[0] * 4.0)
@@ -211,7 +211,7 @@ class AnyInfotaxis(KernelAlgorithm):
 
     @ti.func
     def _choose(self, n, tick):
-        """Set out for the next position, unless the best move is to stay."""
+        """Start robot n's best move, unless the best move is to stay."""
         i, best = self.robot[n], self._best(n, tick)
         if best != STAY:
             turn_by = wrap(0.5 * pi * best - self.swarm.believed_heading[i])
@@ -222,11 +222,11 @@ class AnyInfotaxis(KernelAlgorithm):
 
 @ti.data_oriented
 class Infotaxis(AnyInfotaxis):
-    """Infotaxis algorithm for the robots of a group, each with its own belief."""
+    """Infotaxis search algorithm for the robots of a group, each with its own belief."""
 
     @ti.func
     def _cost(self, n, p):
-        """Return the expected entropy [nat] of the belief after an acquisition at p; 0 if the source is found there."""
+        """Return the expected entropy [nat] of robot n's belief after an acquisition at p; 0 for finding the source."""
         outcome = self._outcomes(n, p)
         cost = 0.0
         for k in ti.static(range(2)):
@@ -250,7 +250,7 @@ class SpaceAwareInfotaxis(AnyInfotaxis):
 
     @ti.func
     def _cost(self, n, p):
-        """Return the mean of J after an acquisition at p."""
+        """Return the mean of J over the outcomes of an acquisition of robot n at p (2,) [m]."""
         outcome = self._outcomes(n, p)
         step = self.p.step[n]
         cost = 0.0

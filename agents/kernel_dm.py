@@ -32,12 +32,12 @@ from taichi_plume.grid.kernels import STRIP, Field, Template, double_field
 from taichi_plume.grid.transfer import Numbers, reader
 from taichi_plume.scenario import maps as models
 
-CUT_OFF = 4.0  # in widths of the kernel
+CUT_OFF = 4.0  # reach of a kernel, as a multiple of its width
 
 
 @ti.dataclass
 class Sample:
-    """Reading [ppm], its position [m], and the axes of its kernel, each over its width [1/m]."""
+    """Gas reading [ppm], its position [m] and time [s], and the axes of its kernel, each divided by its width [1/m]."""
 
     place: ti.math.vec2
     along: ti.math.vec2
@@ -46,26 +46,26 @@ class Sample:
     time: ti.f32
 
 
-NUMBERS = 8  # of a sample
+NUMBERS = 8  # entries of a sample
 
 
 @ti.func
 def _row(sample):
-    """Return a sample as a row of numbers."""
+    """Return the entries of a Sample as a vector of NUMBERS floats, the inverse of `_sample`."""
     p, a, b = sample.place, sample.along, sample.across
     return ti.Vector([p[0], p[1], a[0], a[1], b[0], b[1], sample.reading, sample.time])
 
 
 @ti.func
 def _sample(row):
-    """Return a row of numbers as a sample."""
+    """Return the Sample stored in a vector of NUMBERS floats, the inverse of `_row`."""
     place, along = ti.Vector([row[0], row[1]]), ti.Vector([row[2], row[3]])
     return Sample(place, along, ti.Vector([row[4], row[5]]), row[6], row[7])
 
 
 @ti.data_oriented
 class KernelMap(GasMap):
-    """Mean and variance of the gas in each cell.
+    """Gas map with mean and variance in each cell by Gaussian kernels (Kernel DM+V).
 
     Reading n of a trial, from 0 on, has slot n % exact in `kept` while among the latest; `left` holds the reading
     replaced by reading n.
@@ -78,12 +78,12 @@ class KernelMap(GasMap):
     def __init__(self, model: models.KernelMap, floor: Floor):
         super().__init__(model.cell, floor)
         self.exact, trials = model.exact, floor.trials
-        self.parts = -(-self.shape[1] // STRIP)  # of a column of cells
+        self.parts = -(-self.shape[1] // STRIP)  # strips of a column of cells
         # sums that grow with the run are in f64, or their rounding would
         self.weights = double_field((trials, *self.shape))  # Ω
         self.weighted = double_field((trials, *self.shape))  # Σ K r [ppm]
         self.old = double_field((trials, *self.shape))  # Σ K q of readings without a slot [ppm²]
-        self.squares = ti.field(ti.f32, (trials, *self.shape))  # Σ K q of all of them
+        self.squares = ti.field(ti.f32, (trials, *self.shape))  # Σ K q of all readings [ppm²]
         # Σ of the weights of age, times 1, r, and q of the readings without a slot
         self.totals = double_field((trials, 3))
         self.kept = ti.Vector.field(NUMBERS, ti.f32, (trials, self.exact))
@@ -99,7 +99,7 @@ class KernelMap(GasMap):
     def begin(self, model: models.KernelMap) -> None:
         super().begin(model)
         self.fading = 0.0 if model.memory is None else 1.0 / model.memory  # 1/s
-        self.time = 0.0  # of the last update [s]
+        self.time = 0.0  # time of the last update [s]
         self.n.set(
             sigma=model.sigma,
             sigma2=model.sigma**2,
@@ -117,13 +117,13 @@ class KernelMap(GasMap):
             self._take_in(swarm, first, t, fade if first == 0 else 1.0)
 
     def estimate(self) -> np.ndarray:
-        """Return the mean [ppm], (trials, nx, ny); NaN beyond the reach of every reading."""
+        """Return the mean gas map [ppm], (trials, nx, ny); NaN in cells beyond the reach of every reading."""
         totals, weights, weighted = self._sums()
         return self._blend(weights, weighted, ratio(totals[:, 1], totals[:, 0]))
 
     def variance(self) -> np.ndarray:
-        """Return the variance of readings about the mean [ppm²], (trials, nx, ny); NaN beyond the reach of every
-        reading.
+        """Return the variance of readings about the mean gas map [ppm²], (trials, nx, ny); NaN in cells beyond the
+        reach of every reading.
         """
         self._judge(self.time)
         totals, weights, squares, deviation = self._squares()
@@ -134,20 +134,20 @@ class KernelMap(GasMap):
         return np.exp(-self.fading * (self.time - t))
 
     def weight(self) -> np.ndarray:
-        """Return the confidence α, from 0 to 1, (trials, nx, ny)."""
+        """Return the confidence α of each cell's mean, from 0 to 1, (trials, nx, ny)."""
         return self._trust(self._sums()[1])
 
     def _trust(self, weights: np.ndarray) -> np.ndarray:
         return -np.expm1(-((weights / self.n["sigma_omega"]) ** 2))
 
     def _blend(self, weights: np.ndarray, sums: np.ndarray, prior: np.ndarray) -> np.ndarray:
-        """Blend the local mean of `sums` with the mean `prior` of all readings, (trials,), by the confidence."""
+        """Return local means sums / weights, blended by confidence with `prior` (trials,), the mean of all readings."""
         trust = self._trust(weights)
         return trust * ratio(sums, weights) + (1.0 - trust) * prior[:, None, None]
 
     @ti.kernel
     def _take_in(self, swarm: Template, first: int, t: float, fade: ti.f64):
-        """Fade all weights and add readings of each trial's robots from number `first` on, one per slot."""
+        """Fade all weights by the factor `fade`, and add the readings of each trial's robots from index `first` on."""
         ti.loop_config(serialize=ti.static(runs_serially(self.fresh.shape[0])))
         for k in self.fresh:
             for m in ti.static(range(3)):
@@ -197,7 +197,7 @@ class KernelMap(GasMap):
 
     @ti.kernel
     def _judge(self, t: float):
-        """Recompute the deviations of the readings in slots, and their sum in each cell."""
+        """Recompute the squared deviations q of the readings in slots, and Σ K q in each cell; t: present time [s]."""
         for k, slot in self.deviation:
             self.deviation[k, slot] = 0.0
             if slot < self.end[k]:
@@ -216,7 +216,7 @@ class KernelMap(GasMap):
 
     @ti.func
     def _taken(self, swarm: Template, i, t):
-        """Return the reading of robot i as a sample."""
+        """Return the reading of robot i at time t [s] as a Sample, its kernel stretched along the wind."""
         along = ti.Vector([1.0, 0.0])
         width = self.n.sigma[None]
         if self.n.wind_stretch[None] > 0.0:
@@ -230,7 +230,7 @@ class KernelMap(GasMap):
 
     @ti.func
     def _kernel(self, sample, x, y):
-        """Return K of a fresh reading in cell (x, y)."""
+        """Return the kernel weight K of a sample of age 0 in cell (x, y)."""
         d = (ti.Vector([x, y]) + 0.5) * self.cell - sample.place
         r2 = d.dot(sample.along) ** 2 + d.dot(sample.across) ** 2
         # exp(-r2 / 2) as the 16th power of a Taylor series, which unlike exp fits into vector registers: within 2e-6
@@ -248,7 +248,7 @@ class KernelMap(GasMap):
 
     @ti.func
     def _deviation(self, k, sample):
-        """Return the squared deviation q of the reading from the mean of its cell [ppm²]."""
+        """Return the squared deviation q [ppm²] of a sample of trial k from the mean of its cell."""
         I = cell_of(sample.place, self.cell, self.shape)
         weight = self.weights[k, I[0], I[1]]
         prior = self.totals[k, 1] / self.totals[k, 0]

@@ -4,10 +4,10 @@ from math import expm1
 
 
 class Lag:
-    """First-order lag with a time constant [s], solved exactly over ticks of dt [s] with a constant goal.
+    """First-order lag with a time constant [s], solved exactly over time steps dt [s] with a constant target.
 
-    share: fraction of the distance to the goal covered in a tick; rest: mean over the tick of the remaining distance,
-    as a fraction of the whole.
+    share: fraction of the distance to the target covered in a step; rest: mean over the step of the remaining distance,
+    as a fraction of the distance at the start of the step.
     """
 
     def __init__(self, time_constant: float, dt: float):

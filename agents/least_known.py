@@ -31,7 +31,7 @@ TIE = 1e-6  # fraction of the largest weight: cells that count as equally known
 
 @ti.data_oriented
 class LeastKnown(KernelAlgorithm):
-    """Map-driven paths of the robots of a group, each trial separately. tick: control period [s]."""
+    """Search algorithm that drives a group to the least known parts of its map. tick: control period [s]."""
 
     PER_GROUP: bool = True  # has a single map
     STATE: tuple[str, ...] = ("potential", "map", "goal")
@@ -52,7 +52,7 @@ class LeastKnown(KernelAlgorithm):
         return Potential.numbers(self.swarm, group, model.speed, model.avoidance)
 
     def begin(self) -> None:
-        """Set the numbers; the first way points are the start positions, so that all robots ask for new ones."""
+        """Load the parameters; the first way points are the start positions, so that all robots ask for new ones."""
         super().begin()
         self.map.begin(self.model.map)
         group, clearance = self.members.groups[0], self.swarm.clearance
@@ -80,7 +80,7 @@ class LeastKnown(KernelAlgorithm):
         self._drive(dt)
 
     def _regions(self, points: np.ndarray) -> np.ndarray:
-        """Return region numbers (n,) of points (n, 2) [m]: equal if robots can get from one point to the other."""
+        """Return region indices (n,) of points (n, 2) [m], equal for points between which robots can drive."""
         clearance, step = self.swarm.clearance, self.room / 2
         nodes = [np.arange(a, b, step) for a, b in zip(clearance.low, clearance.high, strict=True)]
         free = clearance.distance_at(np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1))
@@ -96,10 +96,10 @@ class LeastKnown(KernelAlgorithm):
     def _choose(
         self, weight: np.ndarray, place: np.ndarray, goal: np.ndarray, asks: np.ndarray, region: np.ndarray
     ) -> None:
-        """Set another way point in `goal`, (count, 2) [m], for the robots of a trial that ask for one, (count,).
+        """Write new way points to `goal` (count, 2) [m] for those robots of a trial that ask for one.
 
-        weight: (cells,). place: believed positions of the robots, (count, 2) [m]; region: their reachable regions,
-        (count,).
+        weight: map weight of each free cell (cells,). place: believed positions of the robots (count, 2) [m]. asks:
+        whether each robot needs a way point (count,). region: region that each robot can reach (count,).
         """
         for robot in np.flatnonzero(asks):
             there = np.flatnonzero(self.region == region[robot])

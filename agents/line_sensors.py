@@ -29,9 +29,9 @@ MOST_POINTS = 20_000
 
 
 class Surroundings:
-    """Surfaces that stop beams. level: its ti.func ``distance(x)`` gives the distance to the next obstacle [m],
-    negative inside; None without obstacles. extent: of the domain, [m] per axis. step: default distance of points
-    along a beam [m]; cell: [m].
+    """Surfaces that stop laser beams. level: object whose ti.func ``distance(x)`` returns the distance to the next
+    obstacle [m], negative inside; None without obstacles. extent: size of the domain per axis [m]. step: default
+    distance of points along a beam [m]; cell: edge of the grid cells [m].
     """
 
     def __init__(self, level: object, extent: Sequence[float], step: float, cell: float):
@@ -41,9 +41,9 @@ class Surroundings:
 
 @ti.data_oriented
 class LineSensors(GasSensors):
-    """Lasers of several groups: `reading` in ppm m, or in ppm, and the mean along the beam as `true_ppm`.
+    """Laser gas sensors of several groups: `reading` is the beam's integral [ppm m] or mean [ppm], `true_ppm` the mean.
 
-    around: surfaces that stop their beams.
+    around: surfaces that stop the beams.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class LineSensors(GasSensors):
 
     @ti.func
     def direction(self, n, i, t):
-        """Return the unit vector of the beam at time t [s]."""
+        """Return the unit vector of the beam of sensor n, on robot i, at time t [s]."""
         swept = self.beam.per_span[n] * t
         swept -= 2.0 * ti.floor(0.5 * swept)
         swept = ti.min(swept, 2.0 - swept) - 0.5  # from -1/2 to 1/2 and back
@@ -81,7 +81,7 @@ class LineSensors(GasSensors):
 
     @ti.func
     def reach(self, n, x, e):
-        """Return the length of a beam from x along e [m]."""
+        """Return the length [m] of sensor n's beam from x along e, to the first surface or to its range."""
         end = self.beam.range[n]
         for d in ti.static(range(self.dim)):
             if e[d] > 0.0:
@@ -95,7 +95,7 @@ class LineSensors(GasSensors):
 
     @ti.func
     def _of_walkers(self, x, e, end):
-        """Shorten a beam of length `end` to the first walker."""
+        """Return the length [m] of a beam from x along e, at most `end`, up to the first moving obstacle."""
         level = ti.Vector([e[0], e[1]])
         cosine = ti.max(level.norm(), 1e-6)
         for k in range(self.swarm.walker_count):
@@ -108,7 +108,7 @@ class LineSensors(GasSensors):
 
     @ti.func
     def _of_obstacles(self, x, e, end):
-        """Shorten a beam of length `end` to the first surface."""
+        """Return the length [m] of a beam from x along e, at most `end`, up to the first obstacle."""
         free, s, strides = 0.0, 0.0, 0
         least = ti.static(0.1 * self.around.cell)
         while s < end and strides < STRIDES:
@@ -129,7 +129,7 @@ class LineSensors(GasSensors):
 
     @ti.func
     def exposure(self, gas: Template, n, i, t):
-        """Return the integral along the beam of sensor n, of robot i [ppm m]."""
+        """Return the gas integral along the beam of sensor n, on robot i, at time t [s], by species weights [ppm m]."""
         x, e = self.place(n, i), self.direction(n, i, t)
         end = self.reach(n, x, e)
         count = ti.math.clamp(ti.cast(ti.ceil(end * self.beam.per_step[n]), ti.i32), 1, MOST_POINTS)
@@ -152,7 +152,7 @@ class LineSensors(GasSensors):
 
 
 def _beam(slot: int, step: float, group: GroupRange) -> Numbers:
-    """Return the numbers of the beams of a group."""
+    """Return the beam parameters of a group's laser sensors for kernels."""
     sensor = cast(TdlasSensor, group.model.sensors.noses[slot])
     span = np.radians(sensor.sweep_deg)
     return {

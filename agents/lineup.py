@@ -40,7 +40,7 @@ FAR = 1e9  # m
 
 @ti.data_oriented
 class LineUp(KernelAlgorithm):
-    """Line-up, a line per team. tick: control period [s]."""
+    """Line-up search algorithm, with one line of robots per team. tick: control period [s]."""
 
     STATE: tuple[str, ...] = (
         *("potential", "mode", "wind", "slant", "gap", "a", "b", "tilt", "way", "step"),
@@ -56,18 +56,18 @@ class LineUp(KernelAlgorithm):
         self.lines = len(counts)
         tables = Tables()
         self.first = tables.listed(np.cumsum(counts) - counts)  # first robot of a line; the others follow
-        self.line = tables.listed(np.repeat(np.arange(self.lines), counts))  # of a robot
+        self.line = tables.listed(np.repeat(np.arange(self.lines), counts))  # number of each robot's line
         tables.upload()
         n = self.lines
         self.mode = ti.field(ti.i32, n)
         self.wind = ti.Vector.field(2, ti.f32, n)  # sum of the measured wind, then its direction
         self.slant = ti.field(ti.f32, n)  # b from robot to robot [m]
         self.gap = ti.field(ti.f32, n)  # a from robot to robot [m]
-        self.a = ti.field(ti.f32, n)  # of the line's middle [m]
+        self.a = ti.field(ti.f32, n)  # position of the line's middle along the wind [m]
         self.b = ti.field(ti.f32, n)
         self.tilt = ti.field(ti.f32, n)
         self.way = ti.field(ti.f32, n)  # +1: b grows, -1: it shrinks
-        self.step = ti.field(ti.f32, n)  # of a lone robot, along the wind [m]
+        self.step = ti.field(ti.f32, n)  # step of a lone robot along the wind [m]
         self.rank = ti.field(ti.i32, self.size)  # i
         self.least = ti.field(
             ti.f32, self.size
@@ -87,9 +87,9 @@ class LineUp(KernelAlgorithm):
             "stagger": model.stagger,  # m
             "tolerance": model.tolerance,  # m
             "patience": model.patience,  # s
-            "middle": tuple((low + high) / 2),  # of where the line may be [m]
-            "half": tuple((high - low) / 2 - model.margin),  # of its edges [m]
-            "feeling": group.waits(self.tick) + max(1, round(model.listen / self.tick)),  # last tick of it
+            "middle": tuple((low + high) / 2),  # centre of the area of the line [m]
+            "half": tuple((high - low) / 2 - model.margin),  # half its edges [m]
+            "feeling": group.waits(self.tick) + max(1, round(model.listen / self.tick)),  # last tick of FEEL
             "given": model.wind_direction_deg is not None,
             "direction": (cos(angle), sin(angle)),
         }
@@ -112,7 +112,7 @@ class LineUp(KernelAlgorithm):
 
     @ti.func
     def place(self, n):
-        """Return the position of robot n in its line [m]."""
+        """Return the position (2,) [m] that robot n has to take in its line."""
         k = self.line[n]
         w = self.wind[k]
         behind = self.rank[n] - 0.5 * (self.p.count[n] - 1)
@@ -123,7 +123,7 @@ class LineUp(KernelAlgorithm):
 
     @ti.func
     def _middle(self, n):
-        """Return the middle of the floor [m]."""
+        """Return the centre (2,) [m] of the floor area in which the line of robot n may move."""
         return ti.Vector([self.p.middle[n, 0], self.p.middle[n, 1]])
 
     @ti.func
@@ -142,20 +142,20 @@ class LineUp(KernelAlgorithm):
 
     @ti.func
     def _extent(self, k, axis):
-        """Return half the extent of the area of line k along a unit vector [m]."""
+        """Return half the extent of the floor area of line k along the unit vector `axis` [m]."""
         first = self.first[k]
         return ti.abs(axis[0]) * self.p.half[first, 0] + ti.abs(axis[1]) * self.p.half[first, 1]
 
     @ti.func
     def _across(self, k):
-        """Return the bound of b: half the extent of the floor across the wind less half that of the line [m]."""
+        """Return the largest |b| [m] of line k: half the floor's extent across the wind less half the line's."""
         w = self.wind[k]
         gaps = self.p.count[self.first[k]] - 1
         return self._extent(k, ti.Vector([-w[1], w[0]])) - 0.5 * self.slant[k] * gaps
 
     @ti.func
     def _form_first(self, k):
-        """Set the measures, the order and the first side of the line."""
+        """Set spacing, slant, order of the robots and first side of line k, by the measured wind."""
         w = self.wind[k]
         along, across = self._extent(k, w), self._extent(k, ti.Vector([-w[1], w[0]]))
         first = self.first[k]
@@ -190,7 +190,7 @@ class LineUp(KernelAlgorithm):
 
     @ti.func
     def _advance(self, k, dt):
-        """Move the line on, unless it waits for stragglers."""
+        """Move line k across the wind for a tick of dt [s]. The line stands while it waits for stragglers."""
         waits = 0
         first = self.first[k]
         for n in range(first, first + self.p.count[first]):
@@ -221,7 +221,7 @@ class LineUp(KernelAlgorithm):
 
     @ti.func
     def _is_awaited(self, n, dt):
-        """Return whether robot n is off its position, but may still reach it."""
+        """Return 1 if robot n is off its position in the line but may still reach the position, else 0."""
         i = self.robot[n]
         off = (self.place(n) - self.swarm.believed_position[i]).norm()
         comes = off <= self.p.tolerance[n] or off < self.least[n] - PROGRESS

@@ -15,11 +15,11 @@ KINDS: dict[str, type[GasMap]] = {
     "kernel_dmv": KernelMap,
     "gmrf": MarkovMap,
 }
-"""Map classes by their kind in the scenario. Add a kind of map here."""
+"""Gas map classes by their `kind` in the scenario. Add a kind of map here."""
 
 
 def mappers(models: Sequence[Map], floor: Floor) -> list[GasMap]:
-    """Return the online maps of the models; those with equal snapshots share them."""
+    """Return the online gas maps for the map sections `models`; maps with equal snapshots share the snapshots."""
     shared: dict = {}
     for model in models:
         KINDS[model.kind].reserve(model, floor, shared)

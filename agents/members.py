@@ -1,4 +1,4 @@
-"""Members: robots that an algorithm drives, or that have a kind of sensor, numbered from 0 on."""
+"""Members: the robots that an algorithm drives, or that have a kind of sensor, with indices from 0 on."""
 
 from collections.abc import Sequence
 
@@ -14,10 +14,10 @@ from taichi_plume.grid.transfer import uploader
 
 
 class OfGroup:
-    """Number, or row of numbers, shared by the robots of a group: in kernels ``x[n]`` or ``x[n, k]``, like a field over
-    the robots n, but from a table with a row per group, which stays in the cache.
+    """View in kernels of a table with one row per group, indexed like a field over robots: ``x[n]`` or ``x[n, k]``.
 
-    group: field of the row of each robot; None with a single group.
+    All robots of a group share a row, so the table stays in the cache. group: field with each robot's row; None if
+    single.
     """
 
     def __init__(self, table: Field, group: Field):
@@ -30,7 +30,7 @@ class OfGroup:
 
 
 def group_rows(sizes: Sequence[int]) -> Field:
-    """Return a field of the group number of each robot, for groups of these sizes; None with a single group."""
+    """Return a field with the group index of each robot, for groups of these sizes; None with fewer than two groups."""
     if len(sizes) < 2:
         return None
     rows = np.repeat(np.arange(len(sizes)), sizes)
@@ -41,11 +41,10 @@ def group_rows(sizes: Sequence[int]) -> Field:
 
 @ti.data_oriented
 class Members:
-    """Robots of several groups of a swarm, all trials: member n is robot `robot[n]` of the swarm.
+    """Robots of several groups of a swarm, in all trials: member n is robot `robot[n]` of the swarm.
 
-    numbers: numbers of the groups, by their position in the scenario. number[n]: number of the robot among all robots
-    of all possible trials of its group. Random streams count by this number, so that a trial draws the same alone and
-    among others.
+    numbers: indices of the groups in the scenario. number[n]: index of robot n among all robots of all possible trials
+    of its group. Random streams count by this index, so that a trial draws the same alone and among others.
     """
 
     def __init__(self, swarm: Swarm, numbers: Sequence[int]):
@@ -61,19 +60,19 @@ class Members:
 
     @property
     def groups(self) -> list[GroupRange]:
-        """The groups with their present numbers, which a reset may change."""
+        """Ranges of the groups, with their current parameters, which a reset may change."""
         return [self.swarm.groups[number] for number in self.numbers]
 
     def streams(self, name: str) -> np.ndarray:
-        """Return the keys of the random stream `name` of each group, u32."""
+        """Return the key (u32) of each group's random stream called `name`."""
         return np.array([stream_id(f"group {number}/{name}") for number in self.numbers], np.uint32)
 
 
 @ti.func
 def sensor_place(swarm: Template, dim: Template, i, height):
-    """Return the position of a sensor above the middle of robot i, a point of the grid's dimension.
+    """Return the position [m] of a sensor on the axis of robot i, a vector with the dimension `dim` of the grid.
 
-    height [m]: over the lower end of the body, which for robots on the floor is over the floor.
+    height [m]: above the lower end of the body, which is the floor for ground robots and `altitude` for drones.
     """
     p = swarm.position[i]
     x = ti.Vector.zero(ti.f32, dim)

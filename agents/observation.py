@@ -1,8 +1,8 @@
-"""Observations of a policy: numbers from -1 to 1 made of sensor readings, in each robot's own frame.
+"""Observations of a policy: values from -1 to 1 made of sensor readings, in each robot's own frame.
 
 Observations never contain the truth: readings have sensor lag and noise, winds are measured, poses are believed. The
-axes point ahead along the believed heading, and to the left. In a mirrored world left is right. An observation is a
-row: the entries that the policy observes, in its order, then those of previous decisions (`history`).
+axes point ahead along the believed heading, and to the left. In a mirrored world left and right are swapped. An
+observation is a row: the entries that the policy observes, in its order, then those of previous decisions (`history`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,14 +31,14 @@ OF_A_MATE = ("there", "ahead", "left", "gas")
 
 
 def action_names(model: Policy) -> tuple[str, ...]:
-    """Return the names of an action's numbers."""
+    """Return the names of the components of an action."""
     names = ("speed", "turn") if model.act == "drive" else ("ahead", "left")
     return (*names, "declare") if model.declares else names
 
 
 def entries(model: Policy, mates: int, sensors: int = 1) -> Iterator[tuple[str, str, float]]:
-    """Yield the kind, the name and the least value of each entry of a decision; the largest is 1. sensors: number of
-    gas sensors of each robot.
+    """Yield kind, name and lower bound of each entry that a policy observes; the upper bound is 1. mates: number of
+    teammates; sensors: number of gas sensors of each robot.
     """
     pairs: dict[str, Sequence[tuple[str, float]]] = {
         "gas": [("gas", 0.0)],
@@ -65,10 +65,10 @@ def entries(model: Policy, mates: int, sensors: int = 1) -> Iterator[tuple[str, 
 
 @ti.data_oriented
 class Observation:
-    """Observations of the policy of a group. tick: control period [s].
+    """Observations of a group's learnt policy. tick: control period [s].
 
-    names, low, high: of the `size` numbers of an observation. Call `follow` once a tick, after the sensors; `write`
-    at each decision, and `remember` its action; `clear` when a robot restarts.
+    names, low, high: names and bounds of the `size` components of an observation. Call `follow` once a tick, after the
+    sensors; `write` at each decision, and `remember` its action; `clear` when a robot restarts.
     """
 
     STATE: tuple[str, ...] = ("averages", "before", "past", "action")
@@ -95,10 +95,10 @@ class Observation:
         }
         self.times, self.actions = len(self.model.memory), len(action_names(self.model))
         n = members.size
-        self.averages = ti.field(ti.f32, (n, max(1, self.times)))  # of the gas entry
+        self.averages = ti.field(ti.f32, (n, max(1, self.times)))  # running averages of the gas entry
         self.before = ti.field(ti.f32, n)  # gas entry at the last decision
         self.past = ti.field(ti.f32, (n, max(1, self.size - self.width)))  # earlier observations
-        self.action = ti.field(ti.f32, (n, self.actions))  # number of the last observation
+        self.action = ti.field(ti.f32, (n, self.actions))  # last action
         self.low_corner, high = swarm.clearance.low, swarm.clearance.high
         self.extent = tuple(high[d] - self.low_corner[d] for d in range(2))
         self.diagonal = hypot(*self.extent)
@@ -107,7 +107,7 @@ class Observation:
 
     @property
     def model(self) -> Policy:
-        """Section of the group, with its present numbers."""
+        """Scenario section of the group's policy, with its current parameters."""
         return cast(Policy, self.members.groups[0].model.algorithm)
 
     def _numbers(self, group: GroupRange) -> Numbers:
@@ -120,12 +120,12 @@ class Observation:
 
     @ti.func
     def gas(self, n):
-        """Return the gas entry of robot n."""
+        """Return robot n's gas reading on the logarithmic scale of observations, from 0 to 1."""
         return _of_gas(self.swarm.reading[self.robot[n]])
 
     @ti.func
     def clear(self, n):
-        """Reset the memory of robot n."""
+        """Reset averages, past observations and last action of robot n."""
         self.before[n] = 0.0
         for k in range(self.times):
             self.averages[n, k] = 0.0
@@ -136,13 +136,13 @@ class Observation:
 
     @ti.func
     def remember(self, n, row, table: Template):
-        """Store the action of robot n from a row of a table (rows, actions)."""
+        """Store the last action of robot n, from row `row` of table (rows, actions)."""
         for k in range(self.actions):
             self.action[n, k] = ti.math.clamp(table[row, k], -1.0, 1.0)
 
     @ti.func
     def follow(self, n, dt):
-        """Update the averages by the reading of a tick."""
+        """Update the running averages of robot n's gas entry by the reading of a tick."""
         if ti.static("memory" in self.kinds):
             gas = self.gas(n)
             for k in ti.static(range(self.times)):
@@ -166,7 +166,7 @@ class Observation:
 
     @ti.func
     def _show(self, n, flip, row, table: Template, elapsed):
-        """Write the entries of this decision, in the policy's order."""
+        """Write the present entries of robot n's observation to row `row` of table; arguments as for `write`."""
         i = self.robot[n]
         gas, heading = self.gas(n), self.swarm.believed_heading[i]
         for kind in ti.static(self.kinds):
@@ -205,7 +205,7 @@ class Observation:
 
     @ti.func
     def _show_wind(self, wind, heading, flip, row, table: Template, at: Template):
-        """Write the unit vector upwind and the speed; zeros where no wind is measured."""
+        """Write the upwind direction in the robot's frame and the scaled speed from column `at`; zeros if unknown."""
         speed = wind.norm()
         from_there = _in_frame(-wind, heading, flip) / ti.max(speed, 1e-9)
         table[row, at] = ti.math.clamp(from_there[0], -1.0, 1.0)
@@ -214,8 +214,9 @@ class Observation:
 
     @ti.func
     def _show_mates(self, n, heading, flip, row, table: Template, at: Template):
-        """Write for each mate, from the next robot on, whether the mate is in range, its relative position and gas
-        entry."""
+        """Write for each teammate from the next robot on, from column `at`: whether the mate is in range, its relative
+        position and gas entry.
+        """
         i = self.robot[n]
         number = n % self.count
         for m in ti.static(range(self.count - 1)):
@@ -235,19 +236,19 @@ class Observation:
 
 @ti.func
 def _in_frame(v, heading, flip):
-    """Return a vector ahead and to the left of a robot; flip: -1 in a mirror."""
+    """Return the components of vector v ahead and to the left of a robot; flip: -1 in a mirrored world, else 1."""
     e = cos_sin(heading)
     return ti.Vector([v[0] * e[0] + v[1] * e[1], flip * (v[1] * e[0] - v[0] * e[1])])
 
 
 @ti.func
 def _of_gas(reading):
-    """Return a reading [ppm] on a logarithmic scale."""
+    """Return a gas reading [ppm] on a logarithmic scale from 0 to 1."""
     return ti.math.clamp(log(1.0 + ti.max(reading, 0.0)) * (PER_LN10 / DECADES), 0.0, 1.0)
 
 
 @ti.func
 def _resistance(ohm):
-    """Return the resistance of a metal oxide on a logarithmic scale; 0 if there is none."""
+    """Return a metal oxide's resistance [ohm] on a logarithmic scale from 0 to 1; 0 without such a sensor."""
     scaled = ti.math.clamp(log(ti.max(ohm, KILO_OHM) / KILO_OHM) * (PER_LN10 / DECADES_OF_OHM), 0.0, 1.0)
     return scaled if ohm > 0.0 else 0.0

@@ -28,7 +28,7 @@ from taichi_plume.scenario.robots import Odometry as Model
 
 @ti.data_oriented
 class Odometry:
-    """Odometers of `count` robots; only groups with `odometry` have errors. counter: see `Swarm.counter`."""
+    """Odometers of `count` robots; only groups with `odometry` have errors. counter: function as `Swarm.counter`."""
 
     def __init__(self, count: int, counter: Callable):
         self.counter = counter
@@ -43,7 +43,7 @@ class Odometry:
         )
 
     def begin(self, groups: Sequence[GroupRange], seed: int) -> None:
-        """Draw the systematic errors of each robot; groups: all groups of the swarm."""
+        """Draw the systematic odometry errors of each robot; groups: all groups of the swarm."""
         count = self.errs.shape[0]
         errors, variances, deviations = np.zeros((count, 3)), np.zeros((count, 4)), np.zeros((count, 3))
         errs, numbers, streams = np.zeros(count), np.zeros(count), np.zeros(count, np.uint32)
@@ -60,7 +60,7 @@ class Odometry:
 
     @ti.func
     def measured(self, i, tick, w, s):
-        """Return the measured turn w' [rad] of robot i, 1 + a, and the random part of the distance s' [m]."""
+        """Return robot i's measured turn w' [rad], factor 1 + a and random error of s' [m]; w, s: true values."""
         key, number, now = self.counter(i, self.number[i], tick)
         g = normal4(key, self.stream[i], number, now, 0)
         errors, k = self.kept[i], self.variances[i]
@@ -69,26 +69,26 @@ class Odometry:
 
     @ti.func
     def renew(self, i):
-        """Draw new systematic errors of robot i, at the start of an episode."""
+        """Draw new systematic errors of robot i at the start of an episode."""
         key, number, now = self.counter(i, self.number[i], 0)
         g = normal4(key, self.stream[i], number, now, 0)
         self.kept[i] = self.deviations[i] * ti.Vector([g[0], g[1], g[2]])
 
 
 def _drawn(model: Model, group: GroupRange, seed: int) -> np.ndarray:
-    """Draw a, b and c [rad/m] of each robot of the group, (size, 3)."""
+    """Return random systematic errors a, b and c [rad/m] of each robot of the group, (size, 3)."""
     return np.concatenate(
         [rng.normal(0.0, _deviations(model), (group.count, 3)) for rng in group.generators(seed, "wheels")]
     )
 
 
 def _deviations(model: Model) -> tuple[float, float, float]:
-    """Return the standard deviations of a, b and c."""
+    """Return the standard deviations of the systematic errors a, b and c [rad/m] over the robots."""
     return model.distance_scale, model.turn_scale, np.radians(model.veer_deg)
 
 
 def _variances(model: Model) -> tuple[float, float, float, float]:
-    """Return k1 to k4."""
+    """Return the coefficients k1 to k4 of the odometry variances."""
     circle = 2.0 * np.pi
     return (
         np.radians(model.turn_noise_deg) ** 2 / circle,
@@ -99,11 +99,11 @@ def _variances(model: Model) -> tuple[float, float, float, float]:
 
 
 class Reckoning(Columns):
-    """Part of a swarm for believed poses: by odometry, or the true poses of robots without errors."""
+    """Mixin of the swarm for believed poses: from odometry, or the true poses of robots without odometry errors."""
 
     @ti.func
     def _reckon(self, i, tick, turn, way, moved):
-        """Update the believed pose of robot i after a turn [rad] and a move by `moved`; way: < 0 backwards [m]."""
+        """Update robot i's believed pose after a true turn [rad] and displacement `moved`; way: path [m], < 0 back."""
         if self.odometry.errs[i] == 1:
             measured, scale, stray = self.odometry.measured(i, tick, turn, way)
             heading = self.believed_heading[i]
@@ -120,7 +120,7 @@ class Reckoning(Columns):
 
     @ti.func
     def as_believed(self, i, v):
-        """Return a sensed vector v as it appears on the map of robot i: turned by the error of the robot's heading."""
+        """Return a sensed vector v (2,) in the map of robot i, rotated by the error of its believed heading."""
         result = v
         if ti.static(self.reckons):
             result = turned(v, self.believed_heading[i] - self.heading[i])

@@ -30,18 +30,18 @@ from taichi_plume.files.own_class import OwnAlgorithmError, failures_told
 from taichi_plume.grid.state import saves_itself
 from taichi_plume.grid.transfer import reader, uploader
 
-MOST_NUMBERS = 16  # of a message
-MOST_HEARD = 20_000_000  # limit of the numbers that all robots of a group store of each other
+MOST_NUMBERS = 16  # largest count of numbers in a message
+MOST_HEARD = 20_000_000  # limit of the numbers in the messages that all robots of a group store
 
 
 class UserState:
-    """State of a user's algorithm, by its own state() and restore(). Raises OwnAlgorithmError if these fail."""
+    """State of a user's algorithm by its methods state() and restore(). Raises OwnAlgorithmError if these fail."""
 
     def __init__(self, path: Path, algorithm: object):
         self.path, self.algorithm = path, algorithm
 
     def state(self) -> object:
-        """Return the state as plain data."""
+        """Return the state of the user's algorithm as plain data (numbers, texts, arrays, lists, dicts)."""
         with failures_told(self.path):
             state = self.algorithm.state()
             checkpoint.require_plain(state, "state()")
@@ -53,10 +53,10 @@ class UserState:
 
 
 class Messages:
-    """Messages of several numbers between the robots of each team; the radio decides which robots receive them.
+    """Radio messages of several numbers between the robots of each team; the radio decides which robots receive them.
 
-    words: numbers of a message. heard (size, count, words), NaN if none: the last message from each mate; heard_at
-    (size, count): its time [s].
+    words: count of numbers in a message. heard (size, count, words): last message from each teammate, NaN if none;
+    heard_at (size, count): time of that message [s].
     """
 
     STATE = ("radio", "heard", "heard_at")
@@ -67,17 +67,17 @@ class Messages:
         self._put_times, self._put_speakers = uploader(self.radio.time), uploader(self.radio.speaks)
         self._times = reader(self.radio.time)
         count = self.radio.time.shape[1]
-        self.first = np.arange(members.size) // count * count  # of each robot's team
+        self.first = np.arange(members.size) // count * count  # first robot of each robot's team
 
     def begin(self) -> None:
-        """Forget all messages."""
+        """Delete all received messages, at the start of a run."""
         self.p.begin()
         self._put_times(NEVER)
         shape = self.radio.time.shape
         self.heard, self.heard_at = np.full((*shape, self.words), np.nan), np.full(shape, np.nan)
 
     def deliver(self, outputs: Outputs, tick: int, t: float) -> None:
-        """Deliver the messages of this tick to the robots that receive them."""
+        """Deliver the messages that robots sent in this tick, at time t [s], to the teammates that receive them."""
         if not outputs.speaks.any():
             return
         self._put_speakers(outputs.speaks)
@@ -91,7 +91,7 @@ class Messages:
 
 
 class OwnAlgorithm:
-    """Runner of a user's class, `own`, for a group. Raises OwnAlgorithmError if the class fails."""
+    """Adapter that runs a user's algorithm class `own` for a group. Raises OwnAlgorithmError if the class fails."""
 
     PER_GROUP = True
     STATE = ("kept", "robots", "messages")
@@ -114,7 +114,7 @@ class OwnAlgorithm:
         self.begin()
 
     def _words(self, count: int) -> int:
-        """Return the class's count of numbers in a message, for teams of `count` robots."""
+        """Return MESSAGE, the class's count of numbers in a message. Raises OwnAlgorithmError if not allowed."""
         words, where = getattr(self.own, "MESSAGE", 0), f"{self.path}, MESSAGE of {self.own.__name__}"
         if not isinstance(words, int) or not 0 <= words <= MOST_NUMBERS:
             raise OwnAlgorithmError(f"{where} is {words!r}, not a whole number from 0 to {MOST_NUMBERS}")
@@ -140,7 +140,7 @@ class OwnAlgorithm:
 
     @property
     def can_be_saved(self) -> bool:
-        """Whether the user's class can save its state."""
+        """True if the user's class has methods that save and restore its state."""
         return saves_itself(self.algorithm)
 
     def act(self, tick: int, t: float, dt: float) -> None:
@@ -164,16 +164,16 @@ class OwnAlgorithm:
             self.messages.deliver(outputs, tick, t)
 
     def _heard(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the messages that the robots received, and their times, as read-only views."""
+        """Return the last messages that the robots received, and their times [s], as read-only views."""
         if not self.messages:
             return np.zeros((self.size, 0, 0)), np.zeros((self.size, 0))
-        shown = self.messages.heard.view(), self.messages.heard_at.view()
-        for array in shown:
+        views = self.messages.heard.view(), self.messages.heard_at.view()
+        for array in views:
             array.flags.writeable = False
-        return shown
+        return views
 
     def _checked(self, name: str) -> np.ndarray:
-        """Return the commands of a name. Raises OwnAlgorithmError unless every robot has a finite number."""
+        """Return the commands (size,) in the robots' attribute `name`. Raises OwnAlgorithmError if invalid."""
         where = f"{self.path}, act of {type(self.algorithm).__name__}: robots.{name}"
         try:
             values = np.broadcast_to(np.asarray(getattr(self.robots, name), float), self.size)

@@ -1,4 +1,4 @@
-"""Interface of a user's own algorithm to its robots: readings, commands, declarations and messages."""
+"""Interface of a user's own algorithm to its robots: readings, commands, source declarations and radio messages."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -10,22 +10,22 @@ from taichi_plume.agents.columns import Column, Columns, columns_of
 from taichi_plume.guard.attributes import KnownAttributes
 
 GOALS = (Columns.goal, Columns.goal_heading)
-"""Further columns written for drones, see `Robots.go_to`."""
+"""Additional columns that an own algorithm commands for drones, see `Robots.go_to`."""
 
 
 def readable_columns(flies: bool) -> tuple[Column, ...]:
-    """Return the columns that own algorithms read; flies: of a swarm with drones."""
+    """Return the columns (quantities of robots) that own algorithms may read. flies: whether the swarm has drones."""
     return tuple(column for column in columns_of(flies) if column.read_as)
 
 
 def writable_columns(flies: bool) -> tuple[Column, ...]:
-    """Return the columns that own algorithms write."""
+    """Return the columns (quantities of robots) that own algorithms may set. flies: whether the swarm has drones."""
     return tuple(column for column in columns_of(flies) if column.written_as)
 
 
 class Outputs:
-    """Declarations, messages and goals of n robots in a tick: declared positions, NaN if none; senders and their
-    messages; goals of drones (n, 3) [m] and headings there [rad], NaN for drones that fly by their speeds.
+    """Declarations, messages of `words` numbers and flight goals of n robots in a tick: `places` (n, 2) [m], NaN if
+    none; `speaks` and `message`; `goals` (n, 3) [m] and `goal_headings` [rad], NaN for drones that fly by their speeds.
     """
 
     def __init__(self, n: int, words: int):
@@ -77,7 +77,7 @@ class Robots(KnownAttributes):
 
     @contextmanager
     def sealed(self) -> Generator[None]:
-        """Allow only commands to be set while the user's code runs."""
+        """Context in which a user's code may set only the command attributes; others raise AttributeError."""
         self._seal(*(column.written_as for column in writable_columns(self.flies)))
         try:
             yield
@@ -85,7 +85,7 @@ class Robots(KnownAttributes):
             self._open()
 
     def turn_to(self, course: ArrayLike) -> None:
-        """Command the turn rate that brings each heading to `course` [rad] in a tick, or as soon as the body can."""
+        """Set turn rates that bring the headings to `course` [rad] within a tick, or as soon as the bodies can."""
         off = np.asarray(course) - self.heading
         self.turn_rate = (off - 2 * np.pi * np.round(off / (2 * np.pi))) / self.dt
 
@@ -97,67 +97,68 @@ class Robots(KnownAttributes):
         heading: ArrayLike | None = None,
         which: ArrayLike | None = None,
     ) -> None:
-        """Fly all drones, or those of `which`, towards a position in this tick, straight and as fast as they can stop.
+        """Command drones to fly straight to a position in this tick, as fast as they can stop there.
 
         x, y, z [m], z of the lower end of the body, and heading [rad], by default controlled by `turn_rate`: a number
-        for all drones or one each. which: as for `declare`. Raises ValueError.
+        for all drones or one each. which: as for `declare`, by default all. Raises ValueError.
         """
         if not self.flies:
             raise ValueError("go_to needs drones: give body.kind: drone")
-        some = np.arange(len(self.trial)) if which is None else self._numbers(which)
+        indices = np.arange(len(self.trial)) if which is None else self._numbers(which)
         try:
             goals = np.stack(
-                [np.broadcast_to(np.asarray(values, float), len(some)) for values in (x, y, z)], axis=1
+                [np.broadcast_to(np.asarray(values, float), len(indices)) for values in (x, y, z)], axis=1
             )
-            to = np.broadcast_to(np.asarray(np.nan if heading is None else heading, float), len(some))
+            to = np.broadcast_to(np.asarray(np.nan if heading is None else heading, float), len(indices))
         except (TypeError, ValueError):
-            raise ValueError(f"x, y, z and heading are numbers, one for all or {len(some)} each") from None
+            raise ValueError(f"x, y, z and heading are numbers, one for all or {len(indices)} each") from None
         _require_finite(goals, "place")
         if heading is not None:
             _require_finite(to[:, None], "heading")
-        self.said.goals[some], self.said.goal_headings[some] = goals, to
+        self.said.goals[indices], self.said.goal_headings[indices] = goals, to
 
     def declare(self, which: ArrayLike, place: ArrayLike | None = None) -> None:
-        """Declare that a source is at `place`, by default at the believed positions of the robots.
+        """Declare that a source is at `place`, by default at the believed positions of the declaring robots.
 
-        which: a boolean mask over the robots, or a list of robot indices; place: (2,) for all declaring robots or
-        (their number, 2) [m]. Raises ValueError.
+        which: a boolean mask over the robots, or a list of robot indices; place: (2,) for all declaring robots or one
+        row per declaring robot (k, 2) [m]. Raises ValueError.
         """
-        some = self._numbers(which)
-        places = self.position[some] if place is None else _numbers(place, "place", (len(some), 2))
+        indices = self._numbers(which)
+        places = self.position[indices] if place is None else _numbers(place, "place", (len(indices), 2))
         _require_finite(places, "place")
-        self.said.places[some] = places
+        self.said.places[indices] = places
 
     def tell(self, values: ArrayLike, which: ArrayLike | None = None) -> None:
-        """Send a message from all robots, or those of `which`, to their teams; mates in range receive it a tick later.
+        """Send a message to the senders' teams; teammates within range receive the message a tick later.
 
-        values: (MESSAGE,) for all senders or (their number, MESSAGE). which: as for `declare`. Raises ValueError.
+        values: (MESSAGE,) or a row per sender (k, MESSAGE). which: senders as for `declare`, by default all. Raises
+        ValueError.
         """
         words = self.said.message.shape[1]
         if not words:
             raise ValueError("the class has no MESSAGE: add MESSAGE, the count of numbers in a message")
-        some = np.arange(len(self.trial)) if which is None else self._numbers(which)
-        message = _numbers(values, "values", (len(some), words))
+        indices = np.arange(len(self.trial)) if which is None else self._numbers(which)
+        message = _numbers(values, "values", (len(indices), words))
         _require_finite(message, "values")
-        self.said.speaks[some], self.said.message[some] = True, message
+        self.said.speaks[indices], self.said.message[indices] = True, message
 
     def _numbers(self, which: ArrayLike) -> np.ndarray:
-        """Return the robots that `which` selects. Raises ValueError."""
-        n, some = len(self.trial), np.asarray(which)
-        if some.dtype == bool and some.shape in ((n,), ()):
-            return np.flatnonzero(np.broadcast_to(some, n))
-        if some.size == 0 and some.ndim <= 1:
+        """Return the indices of the robots that the mask or index list `which` selects. Raises ValueError."""
+        n, indices = len(self.trial), np.asarray(which)
+        if indices.dtype == bool and indices.shape in ((n,), ()):
+            return np.flatnonzero(np.broadcast_to(indices, n))
+        if indices.size == 0 and indices.ndim <= 1:
             return np.zeros(0, int)
-        whole = np.issubdtype(some.dtype, np.integer) and some.ndim <= 1
-        if not whole or some.min() < 0 or some.max() >= n:
+        whole = np.issubdtype(indices.dtype, np.integer) and indices.ndim <= 1
+        if not whole or indices.min() < 0 or indices.max() >= n:
             raise ValueError(
                 f"which must be a boolean mask of length {n} or a list of robot indices from 0 to {n - 1}"
             )
-        return some.ravel()
+        return indices.ravel()
 
 
 def _numbers(values: ArrayLike, name: str, shape: tuple[int, int]) -> np.ndarray:
-    """Return values of a shape; a single row is repeated. Raises ValueError."""
+    """Return `values` as an array of this shape, repeating a single row. Raises ValueError that names the argument."""
     try:
         array = np.asarray(values, float)
         if array.ndim == 0 and shape[1] != 1:
@@ -168,7 +169,7 @@ def _numbers(values: ArrayLike, name: str, shape: tuple[int, int]) -> np.ndarray
 
 
 def _require_finite(values: np.ndarray, name: str) -> None:
-    """Raise ValueError for values that are not finite in f32, in which robots compute."""
+    """Raise ValueError, with the argument's name, if a value is not finite in f32, the robots' precision."""
     with np.errstate(over="ignore"):
         bad = np.argwhere(~np.isfinite(values.astype(np.float32)))
     if len(bad):

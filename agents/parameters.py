@@ -11,16 +11,16 @@ from taichi_plume.grid.kernels import Field
 from taichi_plume.grid.transfer import uploader
 
 Numbers = Mapping[str, float | tuple[float, ...] | np.ndarray]
-"""Numbers of a group by name: a number for all robots, several for all (a tuple), or an array over the robots."""
+"""Kernel parameters of a group by name: a scalar or a tuple shared by all robots, or an array over the robots."""
 
 
 class Parameters:
-    """Numbers of each robot, in kernels: ``p = Parameters(members, numbers)``, ``p.threshold[n]``.
+    """Parameters of each robot in kernels: after ``p = Parameters(members, numbers)`` kernels read ``p.threshold[n]``.
 
-    numbers: function that returns the numbers of a group, computed in f64 and rounded once, to f32; integers and flags
-    are i32. Of several the k-th is ``p.arms[n, k]``; groups with fewer are padded by zeros. An array differs from robot
-    to robot; all else is stored once per group. streams: names of the random streams of each group, their keys under
-    the keywords. `begin` sets all numbers to the present ones of the groups, in a single launch.
+    numbers: function that returns the parameters of a group, computed in f64 and rounded once to f32; integers and
+    flags become i32. The k-th entry of a tuple is ``p.arms[n, k]``; shorter tuples are padded by zeros. An array has a
+    value per robot; all other parameters are stored once per group. streams: names of random streams; the key of each
+    stream is a parameter named by the keyword. `begin` uploads the current values of all groups in a single launch.
     """
 
     def __init__(self, members: Members, numbers: Callable[[GroupRange], Numbers], **streams: str):
@@ -46,11 +46,11 @@ class Parameters:
         raise AttributeError(name)
 
     def largest(self, name: str) -> float:
-        """Return the largest value of all groups, for shapes that depend on it."""
+        """Return the largest value of the parameter `name` over all groups, for shapes that depend on it."""
         return max(float(np.max(self._numbers(group)[name])) for group in self._members.groups)
 
     def begin(self) -> None:
-        """Set the numbers to the present ones of the groups."""
+        """Upload the current parameters of all groups."""
         groups = [(group, self._numbers(group)) for group in self._members.groups]
         tables = []
         for name, width in self._widths.items():
@@ -63,13 +63,13 @@ class Parameters:
 
 
 def _width(values: Iterable[object]) -> int | None:
-    """Return the largest number of values of a group, None for scalars."""
+    """Return the length of the longest tuple among the groups' values of a parameter; None for scalars."""
     lengths = [len(value) if isinstance(value, tuple) else None for value in values]
     return None if lengths[0] is None else max(length or 0 for length in lengths)
 
 
 def _rows(value: float | tuple[float, ...] | np.ndarray, size: int, width: int | None) -> np.ndarray:
-    """Return a value of a group as rows: (size,) or (size, width)."""
+    """Return a group's value of a parameter repeated for `size` rows: (size,), or (size, width) padded by zeros."""
     if width is None:
         return np.broadcast_to(np.asarray(value, float), (size,))
     row = np.zeros(width)

@@ -35,16 +35,16 @@ from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario.belief_algorithms import ParticleFilter as Model
 
 GO = 5  # after the states of casting
-ENOUGH = 0.5  # of the particles; a lower effective number triggers resampling
+ENOUGH = 0.5  # fraction of the particles; a lower effective number triggers resampling
 EVENLY = 0.5  # fraction of the particles drawn uniformly over the floor
 DOUBTS = 5  # unexplained detections in a row
 APART = 2.0  # times `converged`: particles that spread so far have not converged
-LEAST = 1e-30  # sum of weights that counts as none
+LEAST = 1e-30  # sum of weights that counts as zero
 
 
 @ti.data_oriented
 class ParticleFilter(Casting):
-    """Particle filter of the robots of a group, each with its own particles. tick: control period [s]."""
+    """Search algorithm with a particle filter of the source position per robot. tick: control period [s]."""
 
     PER_GROUP: bool = True  # the numbers of particles and periods are shapes
     STREAM = "particle_filter"
@@ -64,8 +64,8 @@ class ParticleFilter(Casting):
         self.spare = ti.Vector.field(2, ti.f32, (n, self.count))
         self.weight = ti.field(ti.f32, (n, self.count))
         self.known = ti.field(ti.i32, n)  # whether there are particles
-        self.smelt = ti.field(ti.i32, n)  # whether there is gas
-        self.mean = ti.Vector.field(2, ti.f32, n)  # of the particles: the estimate [m]
+        self.smelt = ti.field(ti.i32, n)  # whether the robot detects gas
+        self.mean = ti.Vector.field(2, ti.f32, n)  # mean of the particles: the estimate [m]
         self.spread = ti.field(ti.f32, n)  # root mean square distance of the particles from it [m]
         self.estimate = ti.Vector.field(2, ti.f32, (n, self.kept))  # last estimates, a ring buffer [m]
         self.estimated = ti.field(ti.i32, n)  # number of estimates so far
@@ -93,7 +93,7 @@ class ParticleFilter(Casting):
         }
 
     def beliefs(self) -> np.ndarray:
-        """Return the weight of the particles in each cell, (size, nx, ny); uniform before the first detection."""
+        """Return each robot's particle weight per cell, (size, nx, ny), sum 1; uniform before the first detection."""
         low, high = np.array(self.floor)
         cells = np.maximum(1, np.round((high - low) / self.belief_cell).astype(int))
         particle, weight, known = self._read()
@@ -117,7 +117,7 @@ class ParticleFilter(Casting):
 
     @ti.kernel
     def _sense(self, due: bool, dt: float):
-        """Process wind, gas and contact; at an update, process the past wind."""
+        """Update wind, gas detection and plume tracing of all robots; if `due`, also the drift of past releases."""
         ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             i = self.robot[n]
@@ -142,7 +142,7 @@ class ParticleFilter(Casting):
 
     @ti.kernel
     def _weigh(self, tick: int):
-        """Draw the particles of robots at their first detection, and update the weights of all by the likelihood."""
+        """Multiply all particle weights by the likelihood; robots with a first detection draw their particles."""
         ti.loop_config(serialize=ti.static(runs_serially(10 * self.size * self.count)))
         for n, m in self.weight:
             if not self.swarm.searches(self.robot[n]):
@@ -160,7 +160,7 @@ class ParticleFilter(Casting):
 
     @ti.func
     def _draw(self, n, m, tick):
-        """Draw particle m of robot n, with its weight; particles off the floor have weight 0."""
+        """Draw particle m of robot n and its weight by importance sampling; particles off the floor have weight 0."""
         low, high = ti.Vector(self.floor[0]), ti.Vector(self.floor[1])
         x = self.swarm.believed_position[self.robot[n]]
         u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 1 + 2 * m)
@@ -184,7 +184,7 @@ class ParticleFilter(Casting):
 
     @ti.kernel
     def _conclude(self, tick: int):
-        """Normalise, estimate, and resample degenerate weights."""
+        """Normalise the particle weights of all robots, estimate the source, and resample degenerate weights."""
         ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             i = self.robot[n]
@@ -211,7 +211,7 @@ class ParticleFilter(Casting):
 
     @ti.func
     def _normalise(self, n):
-        """Divide the weights by their sum, and return the sum."""
+        """Divide the particle weights of robot n by their sum, and return the sum."""
         total = 0.0
         for m in range(self.count):
             total += self.weight[n, m]
@@ -221,7 +221,7 @@ class ParticleFilter(Casting):
 
     @ti.func
     def _estimate(self, n):
-        """Set mean and spread of the particles."""
+        """Compute the mean and the spread of robot n's particles, and append the mean to its estimates."""
         mean, spread = ti.Vector([0.0, 0.0]), 0.0
         for m in range(self.count):
             mean += self.weight[n, m] * self.particle[n, m]
@@ -234,7 +234,7 @@ class ParticleFilter(Casting):
 
     @ti.func
     def _effective(self, n):
-        """Return the effective number of particles."""
+        """Return the effective number of robot n's particles, 1 / Σ weight²."""
         squares = 0.0
         for m in range(self.count):
             squares += self.weight[n, m] ** 2
@@ -242,7 +242,7 @@ class ParticleFilter(Casting):
 
     @ti.func
     def _resample(self, n, tick):
-        """Resample systematically, then roughen: move particles by a fraction of the extent of all along each axis."""
+        """Resample robot n's particles systematically, then add noise in proportion to their extent."""
         u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 0)
         low, high = ti.Vector(self.floor[1]), ti.Vector(self.floor[0])
         taken, total = 0, self.weight[n, 0]
@@ -261,7 +261,7 @@ class ParticleFilter(Casting):
 
     @ti.func
     def _forget(self, n):
-        """Restart the filter at the next detection."""
+        """Discard robot n's particles; the filter restarts at the next detection."""
         self.known[n], self.visited[n], self.doubts[n] = 0, 0, 0
         if self.swarm.state[self.robot[n]] == GO:
             self._trace(n)
@@ -269,14 +269,14 @@ class ParticleFilter(Casting):
 
     @ti.func
     def _trace(self, n):
-        """Resume tracing the plume from here, and collect estimates from the start."""
+        """Let robot n trace the plume from its position again; its list of estimates is cleared."""
         self.estimated[n] = 0
         self.cast[n], self.failed[n] = self.p.cast_distance[n], 0
         self._enter(n, ti.select(self.smelt[n] == 1, IN_PLUME, LOST))
 
     @ti.func
     def _has_converged(self, n):
-        """Return whether the last estimates and the particles lie together."""
+        """Return whether robot n's last estimates, and its particles, lie within `converged` of their means."""
         mean, square = ti.Vector([0.0, 0.0]), 0.0
         for k in range(self.kept):
             mean += self.estimate[n, k] / self.kept
@@ -288,7 +288,7 @@ class ParticleFilter(Casting):
 
     @ti.kernel
     def _drive(self, t: float, dt: float):
-        """Set out for the estimate, declare on arrival, and command the next dt [s]."""
+        """Command all robots for dt [s]: trace the plume, or go to a converged estimate and declare there."""
         ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             i = self.robot[n]

@@ -1,7 +1,7 @@
 """Path segments ("legs"): turn on the spot, drive a length; after a collision back off, turn aside, drive the rest.
 
-Used by SPIRAL, E. coli, infotaxis and the random walk. The reaction to a collision is that of Ferri et al., Robotics
-and Autonomous Systems 57 (2009) 393-402: back, rotate by 90°, go the remaining distance.
+Used by SPIRAL, E. coli, infotaxis and the random walk. The reaction to a collision follows Ferri et al., Robotics and
+Autonomous Systems 57 (2009) 393-402: back off, rotate by 90°, drive the remaining distance.
 """
 
 from math import pi
@@ -16,16 +16,16 @@ from taichi_plume.agents.swarm import wrap
 REST, TURN, DRIVE, BACK = range(4)
 
 BACK_OFF = 0.1  # m
-MOST_BUMPS = 6  # collisions of a leg, which then ends
-NEAR = 1e-4  # m, and rad: tolerance of the end
-NEAR_BY_WHEELS = 2e-3  # rad, of robots with odometry noise
+MOST_BUMPS = 6  # collisions on a path segment; one more ends the segment
+NEAR = 1e-4  # m and rad: tolerance at the end of a segment
+NEAR_BY_WHEELS = 2e-3  # rad, tolerance of robots with odometry errors
 
 
 @ti.data_oriented
 class Legs:
     """Path segments of robots: call `set_out` once, then `advance` each tick until it returns False.
 
-    parameters: include the `numbers` of legs; robots turn as fast as their bodies can.
+    parameters: must include the entries of `Legs.numbers`; robots turn as fast as their bodies can.
     """
 
     STATE = ("phase", "course", "length", "mark", "aside", "bumps")
@@ -35,20 +35,20 @@ class Legs:
         n = members.size
         self.phase = ti.field(ti.i32, n)
         self.course = ti.field(ti.f32, n)  # heading to turn to [rad]
-        self.length = ti.field(ti.f32, n)  # to drive [m]
+        self.length = ti.field(ti.f32, n)  # distance to drive [m]
         self.mark = ti.field(ti.f32, n)  # odometer at the start of the phase [m]
         self.aside = ti.field(ti.f32, n)  # +1: to the left after a collision, -1: to the right
-        self.bumps = ti.field(ti.i32, n)  # of this leg
+        self.bumps = ti.field(ti.i32, n)  # collisions on this path segment
 
     @staticmethod
     def numbers(group: GroupRange, speed: float | None) -> Numbers:
-        """Return the numbers of a group; speed [m/s]: by default the body's largest."""
+        """Return a group's parameters of path segments; speed: driving speed [m/s], by default the body's largest."""
         return {"speed": group.speed(speed), "near": NEAR_BY_WHEELS if group.model.odometry else NEAR}
 
     @ti.func
     def set_out(self, n, turn, length, aside):
-        """Let robot n turn by `turn` [rad] and drive `length` [m]; aside: +1 to the left after a collision, -1 to the
-        right.
+        """Start a path segment of robot n: turn by `turn` [rad], drive `length` [m]. aside: side to which the robot
+        turns after a collision, +1 left, -1 right.
         """
         self.course[n] = wrap(self.swarm.believed_heading[self.robot[n]] + turn)
         self.length[n], self.aside[n] = length, aside
@@ -57,7 +57,7 @@ class Legs:
 
     @ti.func
     def advance(self, n, dt: float):
-        """Command the next tick of dt [s]; return whether the segment goes on."""
+        """Write robot n's commands for the next tick of dt [s]; return False when the path segment is completed."""
         i = self.robot[n]
         driven = self.swarm.odometer[i] - self.mark[n]
         bump = self.swarm.blocked[i] == 1

@@ -14,7 +14,7 @@ ROUNDING = 1e-9  # m
 
 @dataclass(frozen=True)
 class Placed:
-    """Placed robots of a group: positions (n, 2) [m]; radius [m]; trial (n,): their trials."""
+    """Robots of a group after placement: positions (n, 2) [m]; radius [m]; trial (n,): trial of each robot."""
 
     positions: np.ndarray
     radius: float
@@ -27,10 +27,10 @@ def place(
     distance: Callable[[np.ndarray], np.ndarray],
     occupied: Sequence[Placed] = (),
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions (trials·count, 2) [m] and headings [rad], trial after trial.
+    """Return start positions (trials·count, 2) [m] and headings [rad] of a group, trial after trial.
 
-    draws: random numbers of each trial, by its number. distance: of points (n, 2) to the next wall or obstacle, (n,)
-    [m]. occupied: groups placed before. Raises ValueError if robots do not fit.
+    draws: function that returns the random generator of a trial. distance: function from points (n, 2) [m] to distances
+    (n,) [m] to the next wall or obstacle. occupied: groups placed before. Raises ValueError if robots do not fit.
     """
     start = group.start
     positions = np.empty((group.trials, group.count, 2))
@@ -50,12 +50,12 @@ def place(
 
 
 def placed(group: Group, positions: np.ndarray) -> Placed:
-    """Return the robots of a group placed by `place`, as obstacles of later groups."""
+    """Return the robots of a group placed by `place`, so that later groups avoid them."""
     return Placed(positions, group.body.radius, np.repeat(np.arange(group.trials), group.count))
 
 
 def _given(group: Group) -> np.ndarray:
-    """Return the positions, (count, 2), that the scenario gives."""
+    """Return the start positions (count, 2) [m] that the scenario lists. Raises ValueError if their number is wrong."""
     places = group.start.places(group.count)
     if places is None:
         raise ValueError(f"{group.count} robots need as many positions, got {len(group.start.listed)}")
@@ -63,7 +63,7 @@ def _given(group: Group) -> np.ndarray:
 
 
 def _gaps(points: np.ndarray, radius: float, others: list[tuple[np.ndarray, float]]) -> np.ndarray:
-    """Return the gaps [m] between discs at `points` and the nearest of the other discs."""
+    """Return the gap [m] between each disc of this radius at `points` and the nearest of the other discs."""
     gaps = np.full(len(points), np.inf)
     for positions, other_radius in others:
         if len(positions):
@@ -78,7 +78,7 @@ def _check(
     distance: Callable[[np.ndarray], np.ndarray],
     others: list[tuple[np.ndarray, float]],
 ) -> None:
-    """Raise ValueError for the first robot that touches a wall, an obstacle or another robot."""
+    """Raise ValueError for the first robot at `points` that touches a wall, an obstacle or another robot."""
     radius = group.body.radius
     clearance = distance(points)
     for i, (x, y) in enumerate(points):
@@ -96,7 +96,7 @@ def _scatter(
     distance: Callable[[np.ndarray], np.ndarray],
     others: list[tuple[np.ndarray, float]],
 ) -> np.ndarray:
-    """Return random free positions, (count, 2), drawn one after the other."""
+    """Return random free start positions (count, 2) [m] in an area. Raises ValueError if the area is too full."""
     radius = group.body.radius
     placed = np.empty((0, 2))
     batch = max(64, 4 * group.count)

@@ -19,7 +19,7 @@ from taichi_plume.scenario.policy import Policy
 
 @ti.data_oriented
 class PolicyAlgorithm:
-    """Policy of a group. tick: control period [s]. Raises NetworkError if the network does not fit."""
+    """Learnt policy that drives a group. tick: control period [s]. Raises NetworkError if the network does not fit."""
 
     PER_GROUP: bool = True
     STATE: tuple[str, ...] = ("observation", "commands")

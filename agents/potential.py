@@ -1,11 +1,11 @@
-"""Obstacle avoidance by artificial potential fields: driving to a way point among team mates, walls and obstacles.
+"""Obstacle avoidance by artificial potential fields: driving to a way point among teammates, walls and obstacles.
 
 Khatib, "Real-time obstacle avoidance for manipulators and mobile robots", Int. J. Robotics Research 5 (1986) 90-98,
 doi:10.1177/027836498600500106, with an attraction of bounded strength; scales are our choice. At x, on the way to w,
 
     F = (w - x) / max(|w - x|, SOFT) + Σ k (1/d - 1/d0) / d² n,      k = d0³ / 4
 
-summed over the robots of the trial, the moving obstacles and the next surface that are closer than d0; d: gap to the
+summed over the robots of the trial, the moving obstacles and the nearest surface, if closer than d0; d: gap to the
 robot [m], n: unit vector away. With this k the repulsion at d0/2 balances the full attraction. The robot turns to F;
 its speed grows with its alignment to F.
 
@@ -30,14 +30,14 @@ PATIENCE = 3.0  # s without progress
 WAY = 0.1  # of the distance that the robot could drive in PATIENCE; less is no progress
 ESCAPE = 2.0  # s of the first escape
 TRIES = 2  # escapes; if these fail, a way point counts as out of reach
-PUSHES = 4  # out of obstacles, of a way point
+PUSHES = 4  # corrections that move a way point out of obstacles
 
 
 @ti.data_oriented
 class Potential:
     """Potential-field commands for robots: call `set_out` with each new way point, then `drive` each tick.
 
-    parameters: include the `numbers` of potentials. Robots that never `set_out` start with `mark` inf.
+    parameters: must include the entries of `Potential.numbers`. Robots that never `set_out` start with `mark` inf.
     """
 
     STATE = ("mark", "idle", "tries", "escape")
@@ -52,7 +52,7 @@ class Potential:
 
     @staticmethod
     def numbers(swarm: Swarm, group: GroupRange, speed: float | None, avoidance: float) -> Numbers:
-        """Return the numbers of a group; speed [m/s]: by default the body's largest; avoidance: d0 [m].
+        """Return a group's kernel parameters; speed [m/s]: by default the body's largest; avoidance: distance d0 [m].
 
         Way points should be `room` [m] away from obstacles, or the repulsion would keep the robot from them; low, high:
         corners of this part of the floor [m].
@@ -71,34 +71,34 @@ class Potential:
 
     @ti.func
     def set_out(self, n):
-        """Start towards a new way point."""
+        """Reset robot n's progress and escapes, at the start towards a new way point."""
         self.mark[n] = self.swarm.believed_position[self.robot[n]]
         self.idle[n], self.escape[n], self.tries[n] = 0.0, 0.0, 0
 
     @ti.func
     def is_over(self, n, goal, tolerance):
-        """Return whether robot n is within `tolerance` [m] of its way point, or has given up."""
+        """Return whether robot n is within `tolerance` [m] of its way point `goal`, or has given the way point up."""
         apart = self.swarm.believed_position[self.robot[n]] - goal
         return apart.norm() <= tolerance or self.is_stuck(n)
 
     @ti.func
     def is_stuck(self, n):
-        """Return whether robot n has given up its way point."""
+        """Return whether robot n has given up its way point after too many escapes."""
         return self.tries[n] > TRIES
 
     @ti.func
     def low(self, n):
-        """Return the lower corner of the area of way points of robot n [m]."""
+        """Return the lower corner (2,) [m] of the area in which robot n's way points may lie."""
         return ti.Vector([self.p.low[n, 0], self.p.low[n, 1]])
 
     @ti.func
     def high(self, n):
-        """Return the upper corner [m]."""
+        """Return the upper corner (2,) [m] of the area in which robot n's way points may lie."""
         return ti.Vector([self.p.high[n, 0], self.p.high[n, 1]])
 
     @ti.func
     def clear(self, n, place):
-        """Return the way point `place` [m], moved into the area of way points of robot n."""
+        """Return the way point `place` [m] moved away from walls and obstacles, into robot n's area of way points."""
         low, high = self.low(n), self.high(n)
         w = ti.math.clamp(place, low, high)
         for _ in range(PUSHES):
@@ -109,7 +109,7 @@ class Potential:
 
     @ti.func
     def drive(self, n, goal, dt: float):
-        """Command the next tick of dt [s] towards `goal` [m]."""
+        """Write the commands of robot n for the next tick of dt [s] towards the way point `goal` [m]."""
         i = self.robot[n]
         way = goal - self.swarm.believed_position[i]
         distance = way.norm()
@@ -127,13 +127,13 @@ class Potential:
 
     @ti.func
     def stand(self, n):
-        """Command a stop."""
+        """Command robot n to stop."""
         self.swarm.speed_command[self.robot[n]] = 0.0
         self.swarm.turn_rate_command[self.robot[n]] = 0.0
 
     @ti.func
     def _watch(self, n, distance, dt):
-        """Detect local minima."""
+        """Detect whether robot n is in a local minimum (no progress for PATIENCE), and then start an escape."""
         x = self.swarm.believed_position[self.robot[n]]
         self.escape[n] = self.escape[n] - dt
         self.idle[n] = self.idle[n] + dt
@@ -147,7 +147,7 @@ class Potential:
 
     @ti.func
     def _repulsion(self, n, i):
-        """Return the sum of the repulsive forces on robot n, robot i of the swarm."""
+        """Return the sum (2,) of the repulsive forces on robot n of the algorithm, robot i of the swarm."""
         k = self.p.row[n]
         x, radius = self.swarm.position[i], self.swarm.radius[i]
         repulsion = self._strength(

@@ -19,11 +19,11 @@ UNLIMITED = 1e9  # m
 
 @ti.data_oriented
 class Radio:
-    """Messages between the robots of each team.
+    """Radio messages between the robots of each team.
 
-    `value`, `place`, `sender` [m] and `time` [s] of [n, m]: the last message to robot n from robot m of its team; check
-    `has_heard` before. parameters: include the `numbers` of radios, and the stream `radio`. Call `forget` for all
-    robots at the start of a run.
+    `value`, `place`, `sender` [m] and `time` [s] of [n, m] are the last message that robot n received from robot m of
+    its team; they are valid if `has_heard(n, m)`. parameters: must include the entries of `Radio.numbers` and the
+    random stream `radio`. At the start of a run call `forget` for all robots.
     """
 
     STATE = ("value", "place", "sender", "time")
@@ -42,7 +42,7 @@ class Radio:
 
     @staticmethod
     def numbers(group: GroupRange) -> Numbers:
-        """Return the numbers of a group: its teams, range and loss of messages."""
+        """Return a group's kernel parameters: team size, robot numbers in teams, range [m], loss probability."""
         model = group.model.communication
         return {
             "count": group.count,  # robots of a team
@@ -53,12 +53,12 @@ class Radio:
 
     @ti.func
     def say(self, n, value, place):
-        """Send a message from robot n to its team, with the next `deliver`."""
+        """Queue a message (value, position [m]) from robot n to its team; the next `deliver` transmits the message."""
         self.speaks[n], self.said_value[n], self.said_place[n] = 1, value, place
 
     @ti.func
     def has_heard(self, n, m):
-        """Return whether robot n has a message from robot m of its team."""
+        """Return whether robot n has received a message from robot m of its team."""
         return self.time[n, m] >= 0.0
 
     @ti.func
@@ -68,7 +68,7 @@ class Radio:
             self.time[n, m] = NEVER
 
     def deliver(self, tick: int, t: float) -> None:
-        """Deliver the messages of this tick, at time t [s], to the mates in range."""
+        """Deliver the messages queued in this tick, at time t [s], to teammates in range; some are lost at random."""
         self._deliver(tick, t)
 
     @ti.kernel

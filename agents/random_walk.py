@@ -1,7 +1,7 @@
-"""Random walk: straight legs in random directions, without readings: the baseline of search algorithms.
+"""Random walk: straight path segments in random directions, without readings: the baseline of search algorithms.
 
-WALK  turn by a random angle and drive a leg
-BUMP  after a collision: another random angle, and a new leg
+WALK  turn by a random angle and drive a path segment
+BUMP  after a collision: another random angle and a new segment
 """
 
 from math import pi, radians
@@ -20,7 +20,7 @@ WALK, BUMP = range(2)
 
 @ti.data_oriented
 class RandomWalk(KernelAlgorithm):
-    """Random walk. tick: control period [s]."""
+    """Random-walk search algorithm, which ignores gas and wind. tick: control period [s]."""
 
     STREAM = "random walk"
     STATE: tuple[str, ...] = ("legs",)

@@ -8,7 +8,7 @@ from taichi_plume.grid.transfer import uploader
 
 @ti.data_oriented
 class RecordedTeam:
-    """Team of at most `most` robots with changing members: the fields of `gas_map.Readers`."""
+    """Stand-in for a swarm: feeds recorded readings of at most `most` robots to a gas map (see `gas_map.Readers`)."""
 
     def __init__(self, most: int):
         self.believed_position = ti.Vector.field(2, ti.f32, most)
@@ -20,7 +20,7 @@ class RecordedTeam:
         uploader(self.members)(np.arange(most)[None])
 
     def show(self, place: np.ndarray, wind: np.ndarray, reading: np.ndarray) -> None:
-        """Set positions (n, 2) [m], winds (n, 2) [m/s], zero if unknown, and readings (n,) [ppm] of n robots."""
+        """Set the n robots' positions (n, 2) [m], winds (n, 2) [m/s], zero if unknown, and readings (n,) [ppm]."""
         rows = np.zeros((max(1, len(reading)), 5), np.float32)  # Taichi accepts no empty arrays
         rows[: len(reading)] = np.column_stack([place, wind, reading])
         self._show(rows, len(reading))

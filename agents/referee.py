@@ -12,11 +12,11 @@ from taichi_plume.grid.kernels import Template
 
 
 class Referee(Columns):
-    """Part of a swarm that judges searches: it knows the sources, which the robots do not."""
+    """Mixin of the swarm that judges searches: it knows the sources, which the robots do not."""
 
     @ti.func
     def searches(self, i):
-        """Return whether robot i still searches: no source found and, with `found: declared`, none declared."""
+        """Return whether robot i still searches: no source found and, if declaring ends searches, none declared."""
         return self.found[i] == 0 and (self.by_declaring[i] == 0.0 or self.declarations[i] == 0)
 
     @ti.func
@@ -26,7 +26,7 @@ class Referee(Columns):
 
     @ti.func
     def _is_source(self, i, place, in_space: Template):
-        """Return whether `place` [m] on the floor is within robot i's reach of a source; in_space: also in height."""
+        """Return whether a source is within robot i's reach of `place` (2,) [m]; in_space: also in height."""
         near = 0
         for s in range(self.source_count):
             apart = place - self.source(i, s)
@@ -46,7 +46,7 @@ class Referee(Columns):
 
     @ti.func
     def source(self, i, s):
-        """Return the position [m] of source s of the trial of robot i."""
+        """Return the position (2,) [m] of source s in the trial of robot i."""
         place = self.sources[s]
         if ti.static(self.apart):
             place = self.episodes.sources[self.episodes.of(i), s]
@@ -54,7 +54,7 @@ class Referee(Columns):
 
     @ti.func
     def declare(self, i, place, t):
-        """Judge the declaration of robot i at time t [s] that a source is at `place` [m], on the floor for drones too.
+        """Judge robot i's declaration at time t [s] of a source at `place` (2,) [m], on the floor for drones too.
 
         With `found: declared` the declaration ends the search, right or wrong. Otherwise the search continues, and the
         first right declaration is stored, or else the last.
@@ -72,7 +72,7 @@ class Referee(Columns):
                 self.found_time[i] = t
 
     def declare_all(self, start: int, places: np.ndarray, t: float) -> None:
-        """Judge the declarations at time t [s] of the robots from number `start` on: (robots, 2) [m], NaN for none."""
+        """Judge declarations at time t [s] of the robots from index `start` on: (robots, 2) [m], NaN for none."""
         if np.isfinite(places).any():
             self._declare_all(start, places.astype(np.float32), t)
 

@@ -23,9 +23,9 @@ from taichi_plume.scenario.belief_algorithms import ParticleFilter as Model
 
 @ti.data_oriented
 class Releases:
-    """Releases of the last `most` periods, estimated from the wind that the robots of a group measure.
+    """Gas patches released in the last `most` periods, tracked by the wind that each robot of a group measures.
 
-    period: between releases [s]. parameters: include the `numbers` of this class.
+    period: time between releases [s]. parameters: must include the entries of `Releases.numbers`.
     """
 
     STATE: tuple[str, ...] = ("wind_way", "drift", "periods")
@@ -38,12 +38,12 @@ class Releases:
         n = members.size
         self.wind_way = ti.Vector.field(2, ti.f32, (n, most))  # Σ u Δt of each period, a ring buffer [m]
         self.drift = ti.Vector.field(2, ti.f32, n)  # Σ u Δt of the present period so far [m]
-        self.periods = ti.field(ti.i32, n)  # so far
-        self.back = ti.Vector.field(2, ti.f32, (n, most + 1))  # way since each release, newest first [m]
+        self.periods = ti.field(ti.i32, n)  # number of periods so far
+        self.back = ti.Vector.field(2, ti.f32, (n, most + 1))  # drift since each release, newest first [m]
 
     @staticmethod
     def numbers(model: Model) -> Numbers:
-        """Return the numbers of a group."""
+        """Return the kernel parameters of the plume model: patch variance and growth, detection probabilities."""
         return {
             "first": model.patch**2,  # variance at the release [m²]
             "growth": 2.0 * model.diffusivity,  # m²/s
@@ -54,14 +54,14 @@ class Releases:
 
     @ti.func
     def drifts(self, n, dt):
-        """Use the wind at robot n, if known, for the whole floor in the next dt [s]."""
+        """Add robot n's measured wind, if known, times dt [s] to the displacement of the air in this period."""
         i = self.robot[n]
         if self.swarm.wind_known[i] == 1:
             self.drift[n] += dt * self.swarm.wind[i]
 
     @ti.func
     def look_back(self, n):
-        """Set the displacement of the air since each release, by the wind of the periods since."""
+        """End a period for robot n: update the displacements `back` of the air since each release."""
         self.wind_way[n, self.periods[n] % self.most] = self.drift[n]
         self.periods[n] += 1
         self.drift[n] = ti.Vector([0.0, 0.0])
@@ -73,24 +73,24 @@ class Releases:
 
     @ti.func
     def released(self, n):
-        """Return the number of releases considered; the newest has the age 0."""
+        """Return the number of releases that robot n considers; the newest has the age 0."""
         return ti.min(self.periods[n], self.most) + 1
 
     @ti.func
     def variance(self, n, age):
-        """Return the variance along each axis of a patch of an age in periods [m²]."""
+        """Return the variance [m²] along each axis of a gas patch released `age` periods ago."""
         return self.p.first[n] + self.p.growth[n] * self.period * age
 
     @ti.func
     def patch(self, n, place, age):
-        """Return the density at robot n of a patch from a source at `place` [m] of an age in periods [1/m²]."""
+        """Return the density [1/m²], at robot n, of a gas patch released at `place` [m] `age` periods ago."""
         variance = self.variance(n, age)
         apart = self.swarm.believed_position[self.robot[n]] - place - self.back[n, age]
         return exp(-0.5 * apart.dot(apart) / variance) / (2.0 * pi * variance)
 
     @ti.func
     def likelihood(self, n, place):
-        """Return the likelihood of a detection by robot n of a source at `place` [m]."""
+        """Return the likelihood that robot n detects gas from a source at `place` [m]."""
         none = 1.0
         for age in range(self.released(n)):
             none *= 1.0 - ti.min(1.0, self.p.notice[n] * self.patch(n, place, age))
@@ -98,17 +98,17 @@ class Releases:
 
     @ti.func
     def is_on_floor(self, place):
-        """Return whether a point [m] is on the floor."""
+        """Return whether the point `place` [m] lies on the floor."""
         return (place >= ti.Vector(self.floor[0])).all() and (place <= ti.Vector(self.floor[1])).all()
 
     @ti.func
     def _probability(self, n, there):
-        """Return the probability of a detection for a probability that patches are present."""
+        """Return the probability that robot n's sensor detects gas if patches are present with probability `there`."""
         return self.p.false_alarm[n] + (1.0 - self.p.false_alarm[n]) * self.p.detection[n] * there
 
     @ti.func
     def likelihood_anywhere(self, n):
-        """Return the likelihood of a detection by robot n of a source anywhere on the floor, by its releases there."""
+        """Return the likelihood that robot n detects gas from a source with a uniform distribution over the floor."""
         x = self.swarm.believed_position[self.robot[n]]
         low, high = ti.Vector(self.floor[0]), ti.Vector(self.floor[1])
         on_floor = 0

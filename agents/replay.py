@@ -1,7 +1,8 @@
 """Replay: robots that repeat recorded paths, and measure the simulated plume there.
 
-WAITING    the recording has not started: the robot stays at its first pose REPLAYED   the robot is at its recorded
-pose, interpolated linearly ENDED      the recording is over: the robot stays at its last pose
+WAITING    the recording has not started: the robot stays at its first pose
+REPLAYED   the robot is at its recorded pose, interpolated linearly
+ENDED      the recording is over: the robot stays at its last pose
 
 Obstacles do not stop these robots. Each recorded reading is compared with the simulated one of its tick.
 """
@@ -22,7 +23,7 @@ SUMS = ("n", "a", "b", "aa", "bb", "ab", "apart")  # sums of recorded readings a
 
 
 class ReplayAlgorithm:
-    """Replay of a group along the recorded poses `ways`. tick: control period [s]."""
+    """Algorithm that moves the robots of a group along recorded paths, `ways`. tick: control period [s]."""
 
     PER_GROUP: bool = True
     STATE: tuple[str, ...] = ("sums",)
@@ -38,7 +39,7 @@ class ReplayAlgorithm:
         self.begin()
 
     def begin(self) -> None:
-        """Move the robots to their poses at the end of the first tick."""
+        """Restart the replay: choose paths, clear the comparison, order the poses at the end of the first tick."""
         (group,) = self.members.groups
         model = cast(Replay, group.model.algorithm)
         self.chosen = model.chosen(self.ways, group.count)
@@ -51,7 +52,7 @@ class ReplayAlgorithm:
         self._order(t, dt)
 
     def _order(self, t: float, dt: float) -> None:
-        """Set the states of the robots at t [s], and their poses a tick of dt [s] later."""
+        """Write the robots' states at time t [s], and order their recorded poses at t + dt [s]."""
         (group,) = self.members.groups
         now = self.zero + t
         late = now - 1e-6 * dt
@@ -65,23 +66,22 @@ class ReplayAlgorithm:
         self._ordered.write([np.tile(state, group.trials), place, heading, *flown])
 
     def _compare(self, t: float, dt: float) -> None:
-        """Add up the readings that were recorded in the tick of dt [s] that ends at t [s]."""
+        """Add to `sums` the readings recorded from t - dt to t [s] and the simulated readings at t."""
         edges = self.zero + np.array([t - dt, t]) + 1e-6 * dt
-        found = [slice(*np.searchsorted(way.read_at, edges)) for way in self.chosen]
-        if not any(rows.stop > rows.start for rows in found):
+        recorded_rows = [slice(*np.searchsorted(way.read_at, edges)) for way in self.chosen]
+        if not any(rows.stop > rows.start for rows in recorded_rows):
             return
         (group,) = self.members.groups
         (readings,) = self._told.read()
         for n, b in enumerate(readings.astype(float)):
-            a = self.chosen[n % group.count].ppm[found[n % group.count]]
+            a = self.chosen[n % group.count].ppm[recorded_rows[n % group.count]]
             squares = (a * a).sum(), b * b * len(a), b * a.sum()
             self.sums[n] += (len(a), a.sum(), b * len(a), *squares, np.abs(b - a).sum())
 
     def recorded(self) -> dict[str, int | list[float]] | None:
-        """Return the comparison with the recorded readings, per trial; None if none was recorded.
+        """Return lists over trials that compare simulated with recorded readings; None without recorded readings.
 
-        readings: number of readings; correlation; mae_ppm: mean absolute error; bias_ppm: mean error of the simulated
-        readings.
+        readings: number of readings; correlation; mae_ppm: mean absolute error; bias_ppm: mean error of the simulation.
         """
         (group,) = self.members.groups
         n, a, b, aa, bb, ab, apart = self.sums.reshape(group.trials, group.count, -1).sum(axis=1).T

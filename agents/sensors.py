@@ -18,16 +18,16 @@ from taichi_plume.grid.fields import Odour, Species, Wind
 from taichi_plume.grid.kernels import Template, on_cpu
 
 STRIP = 16  # sensors computed together on a CPU: LLVM vectorises loops without global stores
-WARMING = 900.0  # s, time constant after a cold start: our choice
+WARMING = 900.0  # s, time constant of the heater warm-up after a cold start: our choice
 
 
 @ti.data_oriented
 class Sensors:
-    """Sensors of all robots, measured in a launch for each law.
+    """Gas sensors and anemometers of all robots, measured in one launch per sensor law.
 
-    The first gas sensors are measured in a launch with the anemometers (`vanes`), each further gas sensor (`others`) in
-    its own launch. dim: of gas and wind; in 3-D the sensors sit at their heights. tick: control period [s]. species: of
-    the gas. around: returns the surfaces that stop the beams of lasers, if there are lasers.
+    The first gas sensors are measured with the anemometers (`vanes`), each further gas sensor (`others`) in its own
+    launch. dim: dimension of gas and wind; in 3-D the sensors sit at their heights. tick: control period [s]. species:
+    of the gas. around: returns the surfaces that stop laser beams; called only if there are lasers.
     """
 
     STATE: tuple[str, ...] = ("noses", "vanes")
@@ -63,12 +63,12 @@ class Sensors:
         self.begin()
 
     def begin(self) -> None:
-        """Set the numbers of the groups; sensors start in clean and still air."""
+        """Load the sensor parameters of the groups, and reset all sensors to clean and still air."""
         for part in (*self.noses, *self.vanes, *self.others):
             part.begin()
 
     def measure(self, gas: Odour, wind: Wind, tick: int, t: float) -> None:
-        """Update all readings at tick `tick` (from 1 on), time t [s]."""
+        """Update all readings from gas and wind at time t [s]; tick: number of the control period, from 1 on."""
         if self.count:
             for sensor, anemometer in zip(self.noses, self.vanes, strict=True):
                 self._sense(sensor, anemometer, gas, wind, tick, t, exp(-t / WARMING))
@@ -92,7 +92,7 @@ class Sensors:
 
     @ti.func
     def renew(self, i, unit):
-        """Reset the sensors of robot i of the only group to the start of a run; unit: choice of unit, from 0 to 1."""
+        """Reset the sensors of robot i to the start of a run; unit: random, 0 to 1, selects the sensor units."""
         self.noses[0].renew(i, unit)
         self.vanes[0].renew(i)
         for sensor in ti.static(self.others):
@@ -102,7 +102,7 @@ class Sensors:
     def sense_strip(
         self, sensor: Template, anemometer: Template, gas: Template, wind: Template, first, tick, t, cold
     ):
-        """Measure with a strip of gas sensors and anemometers, if any, from number `first` on, in active trials."""
+        """Measure with a strip of gas sensors and anemometers, if any, from index `first` on, in active trials."""
         last = sensor.members.size - 1
         count = ti.min(self.strip, last + 1 - first)
         noise, drift = ti.Vector([0.0] * self.strip), ti.Vector([0.0] * self.strip)

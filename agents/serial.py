@@ -6,5 +6,5 @@ SERIAL = 2000  # robots; waking a thread takes 0.1 ms, the time for 1,500 to 4,0
 
 
 def runs_serially(robots: int) -> bool:
-    """Return whether a single thread finishes a loop over this number of robots sooner than several."""
+    """Return whether a loop over this number of robots finishes sooner on one CPU thread than on several."""
     return on_cpu() and robots <= SERIAL

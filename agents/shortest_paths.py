@@ -3,20 +3,20 @@
 import numpy as np
 import taichi as ti
 
-FAR = 1e9  # m: no way
-MOST_SWEEPS = 1000  # passes over all cells, four ways each; paths around n corners take about n
+FAR = 1e9  # m: no path
+MOST_SWEEPS = 1000  # each four passes over all cells; paths around n corners take about n sweeps
 ROOT_OF_TWO = 2**0.5
 CLOSER = 1e-5  # m by which a path must be shorter than the previous one
 
 
 @ti.data_oriented
 class Ways:
-    """Shortest paths between the centres of all cells, at least `room` [m] from all obstacles.
+    """Shortest paths between the centres of all floor cells, at least `room` [m] from all obstacles.
 
-    Straight if the line of sight is free, else from cell to cell (of eight neighbours) after the last cell in sight;
-    a segment is free if the clearance all along is above `room`, so that walls thinner than a cell count. `free[a]`:
-    whether cell a has that clearance. `length[a, b]` [m], FAR if there is no path. `via[a, b]`: the last cell in
-    sight of a on the path to b, -1 if there is none. Cells are numbered with the last axis fastest.
+    A path is straight if the line of sight is free. Otherwise it goes from cell to cell (of eight neighbours) after the
+    last cell in sight. A segment is free if the clearance all along is above `room`, so walls thinner than a cell
+    count. `free[a]`: whether cell a has that clearance. `length[a, b]`: path length [m], FAR without a path. `via[a,
+    b]`: last cell in sight of a on the path to b, -1 without a path. Cells are numbered with the last axis fastest.
     """
 
     def __init__(self, clearance: object, cell: float, room: float):
@@ -35,7 +35,7 @@ class Ways:
         self.begin(room)
 
     def begin(self, room: float) -> None:
-        """Find the paths for another `room` [m]; obstacles never change."""
+        """Recompute the paths if the required clearance `room` [m] has changed; obstacles never change."""
         if room != self.room:
             self.room = room
             self._look(room)
@@ -43,19 +43,19 @@ class Ways:
 
     @ti.func
     def center(self, a):
-        """Return the centre of cell a [m]."""
+        """Return the centre (2,) [m] of the cell with index a."""
         return ti.Vector(self.low) + self.cell * (ti.Vector([a // self.shape[1], a % self.shape[1]]) + 0.5)
 
     @ti.func
     def cell_of(self, p):
-        """Return the cell nearest to the point p [m]."""
+        """Return the index of the cell nearest to the point p [m]."""
         at = ti.cast(ti.floor((p - ti.Vector(self.low)) / self.cell), ti.i32)
         at = ti.math.clamp(at, 0, ti.Vector(self.shape) - 1)
         return at[0] * self.shape[1] + at[1]
 
     @ti.func
     def free_cell_of(self, p):
-        """Return the free cell nearest to the point p [m]; -1 if none is free."""
+        """Return the index of the free cell nearest to the point p [m]; -1 if no cell is free."""
         best, nearest = self.cell_of(p), 0.0
         if self.free[best] == 0:
             best, nearest = -1, FAR
@@ -67,7 +67,7 @@ class Ways:
 
     @ti.func
     def _sees(self, p, q, room):
-        """Return whether the straight line from p to q [m] is free."""
+        """Return whether the straight line from p to q [m] keeps a clearance above `room` [m] from all obstacles."""
         whole = (q - p).norm()
         e = (q - p) / ti.max(whole, CLOSER)
         s, free = 0.0, self.clearance.distance(q) > room
@@ -79,7 +79,7 @@ class Ways:
 
     @ti.func
     def _neighbour(self, a, k):
-        """Return the k-th of eight neighbours of cell a, -1 off the floor."""
+        """Return the index of the k-th of the eight neighbours of cell a, -1 if the neighbour is off the floor."""
         j = k + ti.cast(k >= 4, ti.i32)  # cells of nine, without the middle
         x, y = a // self.shape[1] + j // 3 - 1, a % self.shape[1] + j % 3 - 1
         inside = x >= 0 and x < self.shape[0] and y >= 0 and y < self.shape[1]
@@ -117,7 +117,7 @@ class Ways:
 
     @ti.func
     def _shorten(self, a, b):
-        """Shorten the path from cell a to cell b by a neighbour, if possible; return whether the path got shorter."""
+        """Shorten the path from cell a to b through a neighbour of b if possible; return whether it got shorter."""
         shorter = False
         if self.free[b] == 1 and self.via[a, b] != b:
             for k in range(8):

@@ -27,38 +27,38 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario import maps as models
 
-WIDEST = 64  # cells computed together; more no longer fit into registers
+WIDEST = 64  # cells computed together; more cells do not fit into registers
 
 
 @dataclass
 class Needs:
-    """Needs of maps that share snapshots: number of snapshots stored with samples (`sampled`) and with cells (`depth`),
-    and cells around the map.
+    """Storage that maps with shared snapshots need: number of snapshots with samples (`sampled`) and with cells
+    (`depth`), and number of additional cells on each side of the map (`margin`).
     """
 
     sampled: int = 1
     depth: int = 1
     margin: int = 0
     snapshots: "Snapshots | None" = None
-    """The snapshots, once a map uses them."""
+    """The shared `Snapshots`, once a map uses them."""
 
     def add(self, other: "Needs") -> None:
-        """Extend to the needs of another map."""
+        """Extend the storage to that which another map needs too."""
         self.sampled, self.depth = max(self.sampled, other.sampled), max(self.depth, other.depth)
         self.margin = max(self.margin, other.margin)
 
 
 def alike(model: models.SnapshotMap) -> tuple:
-    """Return a key that is equal for models with equal snapshots."""
+    """Return a key that is equal for map sections whose snapshots are equal, so that their maps can share snapshots."""
     return "snaps", model.cell, model.window, model.power, model.min_distance
 
 
 class Snapshots:
-    """Samples of the latest snapshots and their interpolation to the cells.
+    """Samples of the latest snapshots (time windows) and their interpolation to the cells.
 
     `ended` counts the ended snapshots. Snapshot n, from 0 on, has its samples (x [m], y [m], C [ppm]) at
-    ``samples[trial, n % kept]``, `taken` of them, and ``weighted[trial, n % depth]`` and `weights` hold A [ppm /
-    m^power] and B [1 / m^power], (nx, ny) with `margin` cells of zeros on every side: no cells, no weight.
+    ``samples[trial, n % kept]``, `taken` of them. ``weighted[trial, n % depth]`` and `weights` hold its A [ppm /
+    m^power] and B [1 / m^power], (nx, ny) with `margin` cells of zeros on every side.
     """
 
     STATE = ("samples", "taken", "weighted", "weights", "ended", "time")
@@ -70,7 +70,7 @@ class Snapshots:
         self.shape = shape(floor.extent, model.cell)
         self.strip = min(WIDEST, 8 * ceil(self.shape[1] / 8))  # whole registers
         self.kept, self.depth, self.margin = needs.sampled, needs.depth, needs.margin
-        self.maps: list[SnapMap] = []  # closed at the end of a snapshot
+        self.maps: list[SnapMap] = []  # maps to update at the end of a snapshot
         trials, most = floor.trials, floor.robots * (ceil(model.window / floor.tick) + 1)
         self.samples = ti.Vector.field(3, ti.f32, (trials, self.kept, most))
         self.taken = ti.field(ti.i32, (trials, self.kept))
@@ -82,11 +82,11 @@ class Snapshots:
 
     def begin(self) -> None:
         self.ended = 0
-        self.time = -inf  # of the last update [s]
+        self.time = -inf  # time of the last update [s]
 
     @property
     def last(self) -> int:
-        """Slot of A and B for the last snapshot."""
+        """Index of the last ended snapshot in the ring buffers of A and B."""
         return (self.ended - 1) % self.depth
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
@@ -105,7 +105,7 @@ class Snapshots:
             self._close()
 
     def _close(self) -> None:
-        """End the running snapshot."""
+        """End the running snapshot: interpolate its samples to the cells, and update the maps."""
         _interpolate(
             self.strip, int(self.power == 2.0), self.samples, self.taken, self.ended % self.kept, self.cell,
             self.min_distance**2, 0.5 * self.power, self.shape, self.margin, self.ended % self.depth, self.weighted,
@@ -118,13 +118,12 @@ class Snapshots:
 
 
 class SnapMap(GasMap):
-    """Forecast of the running snapshot, and its error.
+    """Base class of gas maps that forecast the running snapshot, and measure the error of the forecast.
 
-    A subclass writes both sums of S for the snapshot after the last in `_forecast()`, and returns `remembered` for
-    readings of `lag` snapshots ago, the last being 1, in `remembered_of(lag, place)`.
-
-    snapshots: those of other maps, to share. `errors` holds the MAE of each snapshot but the first, over the forecast
-    cells; NaN without forecast or samples.
+    A subclass writes both sums of S for the next snapshot in `_forecast()`, and returns `remembered` for readings of
+    `lag` snapshots ago, 1 for the last one, in `remembered_of(lag, place)`. snapshots: snapshots to share with other
+    maps. `errors` holds the MAE of each snapshot but the first, over the forecast cells; NaN without forecast or
+    samples.
     """
 
     STATE = ("errors", "snaps", "numerator", "denominator")
@@ -136,13 +135,13 @@ class SnapMap(GasMap):
         self.window = model.window
         self.numerator = ti.field(ti.f32, (floor.trials, *self.shape))  # sums of S for the running snapshot
         self.denominator = ti.field(ti.f32, (floor.trials, *self.shape))
-        self.mae = ti.field(ti.f32, floor.trials)  # of the last forecast [ppm]
+        self.mae = ti.field(ti.f32, floor.trials)  # error of the last forecast [ppm]
         self._sums, self._error = reader(self.numerator, self.denominator), reader(self.mae)
         self.begin(model)
 
     @classmethod
     def needs(cls, model: models.SnapshotMap, floor: Floor) -> Needs:
-        """Return the needs of a model: by default the last snapshot."""
+        """Return the storage that the map of `model` needs: by default the last snapshot only."""
         return Needs()
 
     @classmethod
@@ -156,29 +155,29 @@ class SnapMap(GasMap):
         return cls(model, floor, needs.snapshots)
 
     def begin(self, model: models.SnapshotMap) -> None:
-        """Start a run; the numbers of the model must not change, as maps share snapshots by these numbers."""
+        """Reset the map for a run; the parameters of `model` must not change, as maps share snapshots by them."""
         super().begin(model)
         self.window = model.window
         self.snaps.begin()
 
     def estimate(self) -> np.ndarray:
-        """Return S for the running snapshot [ppm], (trials, nx, ny); NaN where unknown."""
+        """Return the forecast S of the running snapshot [ppm], (trials, nx, ny); NaN in unknown cells."""
         return ratio(*self._sums())
 
     def weight(self) -> np.ndarray:
-        """Return the sum of weights behind `estimate`, (trials, nx, ny)."""
+        """Return the sum of weights of the readings behind `estimate`, (trials, nx, ny)."""
         return self._sums()[1]
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
         self.snaps.update(swarm, t, dt)
 
     def remembered(self, t: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:
-        """See `GasMap`; readings of the running snapshot count as those of the last."""
+        """Return the result of `GasMap.remembered`; readings of the running snapshot count as those of the last one."""
         lag = np.maximum(self.snaps.ended - window_of(t, self.snaps.window, dt), 1)
         return self.remembered_of(lag, place)
 
     def close(self) -> None:
-        """Judge the forecast of the snapshot that has ended, then make the next."""
+        """Record the error of the forecast for the snapshot that has just ended, then compute the next forecast."""
         snapshots = self.snaps
         if snapshots.ended > 1:
             _judge(
@@ -190,7 +189,7 @@ class SnapMap(GasMap):
 
 
 class InverseDistanceMap(SnapMap):
-    """Inverse distance weighting of the last snapshot alone, S(t) = C(t - 1): the baseline of the time series."""
+    """Gas map by inverse distance weighting of the last snapshot alone, S(t) = C(t - 1), a baseline."""
 
     def remembered_of(self, lag: np.ndarray, place: np.ndarray) -> np.ndarray:
         return np.where(lag == 1, 1.0, 0.0)
@@ -212,7 +211,7 @@ def _gather(
     samples: Template, taken: Template, slot: int, members: Template, team_size: Template, position: Template,
     reading: Template, extent: ti.math.vec2,
 ):  # fmt: skip
-    """Add a sample of every robot to its trial's running snapshot."""
+    """Append a sample of every robot with a valid reading to the running snapshot of its trial."""
     ti.loop_config(serialize=ti.static(runs_serially(team_size.shape[0])))
     for k in team_size:
         n = taken[k, slot]
@@ -237,8 +236,8 @@ def _interpolate(
     strip: Template, squared: Template, samples: Template, taken: Template, slot: int, cell: float, least: float,
     half_power: float, shape: Template, margin: Template, place: int, weighted: Template, weights: Template,
 ):  # fmt: skip
-    """Write the sums A and B of a snapshot to a slot, along y in strips that fit into registers; least: shortest
-    distance² [m²].
+    """Compute A and B of a snapshot from its samples, along y in strips that fit into registers; slot, place: its
+    indices in the ring buffers of samples and cells; least: lower bound of squared distances [m²].
     """
     nx, ny = ti.static(shape[0], shape[1])
     for k, i, part in ti.ndrange(weights.shape[0], nx, (ny + strip - 1) // strip):
@@ -269,7 +268,7 @@ def _judge(
     numerator: Template, denominator: Template, weighted: Template, weights: Template, slot: int, margin: Template,
     mae: Template,
 ):  # fmt: skip
-    """Evaluate eq 8 for each trial, over the cells known to forecast and snapshot; NaN without such cells."""
+    """Compute the MAE of eq 8 for each trial, over cells known to forecast and snapshot; NaN without such cells."""
     for k in mae:
         total = 0.0
         cells = 0

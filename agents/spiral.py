@@ -37,17 +37,17 @@ from taichi_plume.scenario import algorithms
 
 ARM, ACQUIRE, ESCAPE = range(3)
 
-MISSES = 5  # in a row, that lower the threshold
-LOW_MISSES = 3  # in a row and below LOW of the threshold, that lower it too
+MISSES = 5  # misses in a row that lower the threshold
+LOW_MISSES = 3  # misses in a row, below LOW times the threshold, that lower the threshold too
 LOW = 0.5
 TURNS = 8  # directions of an escape
-REMEMBERED = 10  # acquisitions
+REMEMBERED = 10  # number of remembered acquisitions
 FLAT = 2.0  # weight of the mean of a record without a peak
 
 
 @ti.data_oriented
 class Spiral(KernelAlgorithm):
-    """SPIRAL algorithm. tick: control period [s]."""
+    """SPIRAL search algorithm. tick: control period [s]."""
 
     STREAM = "spiral"
     STATE: tuple[str, ...] = (
@@ -60,14 +60,14 @@ class Spiral(KernelAlgorithm):
         self.legs = Legs(self.members, self.p)
         self.acquisition = Recording(self.members, self.p)
         self.heard = self.acquisition.heard
-        self.indices = ti.field(ti.f32, (n, REMEMBERED))  # of the last acquisitions [ppm]
-        self.places = ti.Vector.field(2, ti.f32, (n, REMEMBERED))  # where they were [m]
-        self.arm = ti.field(ti.i32, n)  # of the present spiral, from 0 on
+        self.indices = ti.field(ti.f32, (n, REMEMBERED))  # PI of the last acquisitions [ppm]
+        self.places = ti.Vector.field(2, ti.f32, (n, REMEMBERED))  # positions of these acquisitions [m]
+        self.arm = ti.field(ti.i32, n)  # number of the arm in the present spiral, from 0 on
         self.sense = ti.field(ti.f32, n)  # +1: turns left, -1: right
         self.threshold = ti.field(ti.f32, n)  # T_PI [ppm]
         self.index = ti.field(ti.f32, n)  # last PI [ppm]
-        self.misses = ti.field(ti.i32, n)  # in a row
-        self.low = ti.field(ti.i32, n)  # of them below half of the threshold, in a row
+        self.misses = ti.field(ti.i32, n)  # misses in a row
+        self.low = ti.field(ti.i32, n)  # misses in a row below half of the threshold
 
     def numbers(self, group: GroupRange, model: algorithms.Spiral) -> Numbers:
         between = ticks_between(model, self.tick)
@@ -116,14 +116,14 @@ class Spiral(KernelAlgorithm):
 
     @ti.func
     def _set_out(self, n):
-        """Start a spiral straight on."""
+        """Start a new spiral of robot n with an arm straight ahead."""
         self.arm[n] = 0
         self.swarm.state[self.robot[n]] = ARM
         self.legs.set_out(n, 0.0, self.p.arms[n, 0], self.sense[n])
 
     @ti.func
     def _better_side(self, n):
-        """Return +1 if the highest index was measured to the left of the robot's line of travel, -1 if to the right."""
+        """Return +1 if robot n measured its highest remembered proximity index to its left, -1 if to its right."""
         i = self.robot[n]
         best, place = 0.0, self.swarm.believed_position[i]
         for k in range(REMEMBERED):
@@ -136,7 +136,7 @@ class Spiral(KernelAlgorithm):
 
     @ti.func
     def _is_peak(self, n, k, mean):
-        """Return whether sample k is a local maximum above the mean; of a plateau only the first sample is."""
+        """Return whether sample k of robot n is a local maximum above `mean`; of a plateau only the first sample is."""
         after = k + 1
         last = self.p.samples[n] - 1  # `and` evaluates both sides
         while after <= last and self.heard[n, ti.min(after, last)] == self.heard[n, k]:
@@ -148,24 +148,24 @@ class Spiral(KernelAlgorithm):
 
     @ti.func
     def _proximity_index(self, n):
-        """Return the proximity index PI of the acquisition [ppm]."""
+        """Return the proximity index PI [ppm] of robot n's last acquisition."""
         mean = self.acquisition.mean(n)
-        peaks, found = 0.0, 0
+        peaks, has_peak = 0.0, 0
         samples, window = self.p.samples[n], self.p.window[n]
         for w in range((samples + window - 1) // window):
             largest = 0.0
             for k in range(w * window, ti.min((w + 1) * window, samples)):
                 if self._is_peak(n, k, mean):
-                    found = 1
+                    has_peak = 1
                     largest = ti.max(
                         largest, self.heard[n, k] - ti.select(self.p.above_mean[n] == 1, mean, 0.0)
                     )
             peaks += largest
-        return ti.select(found == 1, self.p.k_mean[n] * mean + self.p.k_peak[n] * peaks, FLAT * mean)
+        return ti.select(has_peak == 1, self.p.k_mean[n] * mean + self.p.k_peak[n] * peaks, FLAT * mean)
 
     @ti.func
     def _judge(self, n, tick):
-        """Judge the acquisition: HIT or MISS."""
+        """Rate the acquisition of robot n as HIT or MISS by its proximity index, and choose the next action."""
         i = self.robot[n]
         index = self._proximity_index(n)
         if self.p.random[n] == 1:

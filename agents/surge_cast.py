@@ -17,12 +17,12 @@ from taichi_plume.scenario import algorithms
 
 SURGE, CAST = range(2, 4)
 
-PAIRS = 3  # of legs without gas before the search restarts
+PAIRS = 3  # pairs of path segments without gas before the search restarts
 
 
 @ti.data_oriented
 class SurgeCast(PlumeTracker):
-    """Surge-cast algorithm. tick: control period [s]."""
+    """Search algorithm that surges upwind in the plume and casts with growing width. tick: control period [s]."""
 
     STREAM = "surge_cast"
     STATE: tuple[str, ...] = (*PlumeTracker.STATE, "leg", "length")
@@ -30,8 +30,8 @@ class SurgeCast(PlumeTracker):
 
     def _allocate(self) -> None:
         super()._allocate()
-        self.leg = ti.field(ti.i32, self.size)  # of the cast, from 0 on
-        self.length = ti.field(ti.f32, self.size)  # of the leg [m]
+        self.leg = ti.field(ti.i32, self.size)  # number of the path segment in the cast, from 0 on
+        self.length = ti.field(ti.f32, self.size)  # length of the path segment [m]
 
     def numbers(self, group: GroupRange, model: algorithms.SurgeCast) -> Numbers:
         return {**super().numbers(group, model), "cast_distance": model.cast_distance}  # m

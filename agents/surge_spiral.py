@@ -21,7 +21,7 @@ SURGE, SPIRAL = range(2, 4)
 
 @ti.data_oriented
 class SurgeSpiral(PlumeTracker):
-    """Surge-spiral algorithm. tick: control period [s]."""
+    """Search algorithm that surges upwind in the plume and spirals after losing it. tick: control period [s]."""
 
     STREAM = "surge_spiral"
     STATE: tuple[str, ...] = (*PlumeTracker.STATE, "phi", "began")
@@ -29,7 +29,7 @@ class SurgeSpiral(PlumeTracker):
 
     def _allocate(self) -> None:
         super()._allocate()
-        self.phi = ti.field(ti.f32, self.size)  # angle gone round [rad]
+        self.phi = ti.field(ti.f32, self.size)  # angle covered on the spiral [rad]
         self.began = ti.field(ti.f32, self.size)  # heading at the middle of the spiral [rad]
 
     def numbers(self, group: GroupRange, model: algorithms.SurgeSpiral) -> Numbers:

@@ -37,7 +37,7 @@ BODY: dict[str, Callable[[Group], float]] = {
     "max_acceleration": lambda group: group.body.max_acceleration or np.inf,
     "placed": lambda group: float(group.algorithm.placed),  # 1: put to `ordered_position` from outside
 }
-"""Numbers of the bodies of a group, by the names of the swarm's fields (f32)."""
+"""Functions from a group to each body parameter (f32), by the names of the swarm's fields."""
 
 
 @ti.data_oriented
@@ -105,7 +105,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         self.begin(groups, positions, headings, sources, seed, walkers)
 
     def _numbers(self) -> list[Field]:
-        """Return the fields that `begin` sets."""
+        """Return the fields that `begin` uploads."""
         never = [self.found_time, self.reached_time, self.declared_position, self.declared_time]
         poses = [self.position, self.heading, *never, self.ordered_position, self.resistance, *self._further]
         beliefs = [self.believed_position, self.believed_heading] if self.reckons else []
@@ -114,7 +114,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         return [self.key, self.sources, self.disc_radius, *poses, *beliefs, *bodies, *flight]
 
     def _list_members(self) -> None:
-        """Set members[k, :team_size[k]] to the robots of trial k, of all groups that take part in it."""
+        """Fill members[k, :team_size[k]] with the indices of the robots of trial k, from all groups in that trial."""
         teams = [
             [
                 g.start + (k - g.row) * g.count + i
@@ -141,7 +141,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         seed: int,
         walkers: Sequence[Obstacle] = (),
     ) -> None:
-        """Put the robots of these groups, as many as before, to their start; arguments as for the constructor."""
+        """Reset the robots of these groups, as many as before, to the start of a run; arguments: see constructor."""
         self.groups, self.seed = ranges(groups, self.rivals), seed
         self.start = np.array(positions, np.float32).reshape(-1, 2)  # positions at the start [m]
         self.walkers = [(walker.motion, walker.center) for walker in walkers]
@@ -170,19 +170,19 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         self._walk(0.0)
 
     def _each(self, value: Callable[[Group], float]) -> np.ndarray:
-        """Return a number per robot, from one number per group."""
+        """Return an array over the robots of the body parameter that `value` computes for each robot's group."""
         values = [np.full(group.size, value(group.model)) for group in self.groups]
         return np.concatenate(values) if self.count else np.zeros(1)
 
     def _walk(self, t: float) -> None:
-        """Move the walkers to their positions at time t [s]."""
+        """Move the moving obstacles (walkers) to their positions at time t [s]."""
         if self.walkers:
             self._put_discs([motion.place(center, t) for motion, center in self.walkers])
 
     def _push(self, t: float, dt: float) -> None:
-        """Push robots aside that walkers run into during the tick of dt [s] that ends at t [s].
+        """Push robots aside that moving obstacles run into during the tick of dt [s] that ends at t [s].
 
-        A walker that is fast for its size moves in substeps of at most half its radius.
+        An obstacle that is fast for its size moves in substeps of at most half its radius.
         """
         parts = max(1, ceil(2.0 * self.strides * dt - 1e-9))
         for n in range(1, parts + 1):
@@ -191,7 +191,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
             self._give_way(1.0 / dt, dt if n == parts else 0.0)
 
     def move(self, tick: int, t: float, dt: float) -> None:
-        """Carry out the commands for one tick of dt [s] that ends at t [s]; robots whose search is over stay."""
+        """Move all robots by their commands for a tick of dt [s] that ends at t [s], unless their search is over."""
         if self.count:
             self._walk(t)
             self._move(tick, t, dt)
@@ -199,13 +199,13 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
                 self._push(t, dt)
 
     def all_over(self) -> bool:
-        """Return whether the searches of all robots in all trials are over."""
+        """Return whether all robots' searches have ended, by finding a source or by declaring one."""
         found, declarations = (values[: self.count] for values in self._ended())
         by_declaring = self._each(BODY["by_declaring"])[: self.count]
         return bool(((found > 0) | ((by_declaring > 0) & (declarations > 0))).all())
 
     def snapshot(self) -> dict[str, np.ndarray]:
-        """Return the columns with a key, as arrays over the robots, and the robots' first positions, `start` [m]."""
+        """Return arrays over the robots of all recorded columns, by key, and the robots' start positions [m]."""
         keys = (column.key for column in self._kept.columns)
         return {"start": self.start, **dict(zip(keys, self._kept.read(), strict=True))}
 
@@ -218,7 +218,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     @ti.kernel
     def _give_way(self, rate: float, dt: float):
-        """Push robots out of walkers; rate: 1 over the tick [1/s]; dt [s]: added to the time of those pinned."""
+        """Push robots out of moving obstacles. rate: 1/tick [1/s]; dt: added to `pinned_time` of robots stuck [s]."""
         ti.loop_config(serialize=ti.static(runs_serially(self.count)))
         for k in range(self.trials):
             for m in range(self.team_size[k]):
@@ -244,7 +244,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     @ti.func
     def go(self, i, k, tick, t, dt):
-        """Carry out the commands of robot i of trial k for the tick of dt [s] that ends at t [s]."""
+        """Move robot i of trial k for a tick dt [s] that ends at t [s], and note whether it finds a source."""
         before = self.blocked[i]
         self.blocked[i] = 0
         self.velocity[i] = ti.Vector([0.0, 0.0])
@@ -269,7 +269,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     @ti.func
     def _go_on(self, i, k, tick, dt):
-        """Move robot i of trial k by its kinematics: drive or fly."""
+        """Move robot i of trial k through a tick of dt [s] by its kinematics: drive or fly."""
         if ti.static(self.flies):
             if self.wings[i] == 1.0:
                 begin = self.position[i]
@@ -286,7 +286,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     @ti.func
     def renew(self, i, place, heading):
-        """Put robot i to a position [m], as at the start of a run."""
+        """Reset all quantities of robot i to the start of a run at a position [m] and heading [rad]."""
         for field in ti.static(self._fields):
             field[i] = ti.zero(field[i])
         never = ti.Vector([ti.math.nan, ti.math.nan])
@@ -304,7 +304,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     @ti.func
     def _put(self, i, dt):
-        """Put robot i to its ordered position without collision checks: the robot is a real one."""
+        """Set robot i to its ordered pose without collision checks: the pose is that of a real robot."""
         place = self.ordered_position[i]
         if not ti.math.isnan(place[0]):
             moved = place - self.position[i]
@@ -325,7 +325,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     @ti.func
     def _drive(self, i, k, tick, dt):
-        """Move robot i of trial k: unicycle motion over dt, cut short by collisions and slid along obstacles."""
+        """Move robot i of trial k as a unicycle for dt [s], cut short by collisions and slid along obstacles."""
         speed, turn_rate = self._limited(i, dt)
         arc, turn = speed * dt, turn_rate * dt
         chord = arc
@@ -347,7 +347,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     @ti.func
     def _limited(self, i, dt):
-        """Return the speed [m/s] and turn rate [rad/s] of robot i: its commands within the limits of its body."""
+        """Return speed [m/s] and turn rate [rad/s] of robot i: its commands within the limits of its body."""
         limit, turn_limit = self.max_speed[i], self.max_turn_rate[i]
         speed = ti.math.clamp(self.speed_command[i], -limit, limit)
         turn_rate = ti.math.clamp(self.turn_rate_command[i], -turn_limit, turn_limit)

@@ -29,7 +29,7 @@ AHEAD = 0.3  # m along the lane from the robot to its present goal
 
 @ti.data_oriented
 class Sweep(KernelAlgorithm):
-    """Sweep, each team separately. tick: control period [s]."""
+    """Sweep (coverage) search algorithm, for each team separately. tick: control period [s]."""
 
     STATE: tuple[str, ...] = ("potential", "next", "order")
     STATE_NAMES: tuple[str, ...] = ("TRANSIT", "SWEEP", "DONE")
@@ -56,7 +56,7 @@ class Sweep(KernelAlgorithm):
         self._upload(table, [len(way) for way in ways], 1, np.inf)
 
     def _ways(self) -> list[np.ndarray]:
-        """Return the way points (k, 2) [m] of every robot."""
+        """Return the way points (k, 2) [m] of every robot, along its lanes."""
         low, high = np.array(self.swarm.clearance.low), np.array(self.swarm.clearance.high)
         ways = []
         for group in self.members.groups:
@@ -80,7 +80,7 @@ class Sweep(KernelAlgorithm):
 
     @ti.func
     def _goal(self, n):
-        """Return the way point; on a lane, at most AHEAD from the robot."""
+        """Return the point to which robot n drives: its way point or, on a lane, at most AHEAD along the lane."""
         goal = self.way[n, self.next[n]]
         if self.swarm.state[self.robot[n]] == SWEEP:
             begin = self.way[n, self.next[n] - self.order[n]]
@@ -92,7 +92,7 @@ class Sweep(KernelAlgorithm):
 
     @ti.func
     def _proceed(self, n):
-        """Proceed to the next way point, or turn back."""
+        """Switch robot n to its next way point; at the last one the robot stops or sweeps back."""
         following = self.next[n] + self.order[n]
         state = SWEEP
         if following < 0 or following == self.length[n]:
@@ -105,10 +105,10 @@ class Sweep(KernelAlgorithm):
 
 
 def lanes(team: np.ndarray, size: np.ndarray, axis: int, number: int, room: float) -> list[np.ndarray]:
-    """Return the way points (k, 2) [m] of each robot of a team that stands at `team` (robots, 2) [m].
+    """Return the way points (k, 2) [m] of each robot of a team that starts at `team` (robots, 2) [m].
 
-    size: of the floor, from the origin on [m]. axis, number: direction and number of the lanes. room: from a lane's
-    ends to the walls [m].
+    size: extent of the floor, from the origin on [m]. axis, number: direction and number of the lanes. room: distance
+    from a lane's ends to the walls [m].
     """
     across = (np.arange(number) + 0.5) * size[1 - axis] / number
     ends = np.array([room, size[axis] - room])

@@ -1,4 +1,4 @@
-"""Team: robots of the groups that a search algorithm drives."""
+"""Team: the robots that one search algorithm drives, and their wait before the search starts."""
 
 from collections.abc import Mapping, Sequence
 
@@ -21,7 +21,7 @@ BEFORE = "BEFORE_BEGIN"  # state of robots that have not set off, used by no alg
 
 @ti.data_oriented
 class Team:
-    """Team of the robots of the groups `numbers`, whose algorithms are of the same kind, all trials at once.
+    """Robots of the groups with indices `numbers`, which one algorithm drives in all trials.
 
     Until the groups set off, at their `begin`, the robots get no command; their state is BEFORE, and the algorithm's
     first state is stored. tick: control period [s]. own: class of a user's algorithm. network: of a policy. ways:
@@ -75,13 +75,13 @@ class Team:
         self.algorithm.act(tick, t, dt)
 
     def _hold(self) -> None:
-        """Let the robots wait, if they set off later."""
+        """Put the robots into the waiting state if their groups set off later than at the start."""
         if self.waits:
             self._swap(len(self.algorithm.STATE_NAMES))
 
     @ti.kernel
     def _swap(self, wait: int):
-        """Store the states and let the robots wait, in a state > 0; or with 0 restore them."""
+        """Store the robots' states and set them to `wait` if wait > 0, else restore the stored states."""
         ti.loop_config(serialize=ti.static(runs_serially(self.members.size)))
         for n in range(self.members.size):
             i = self.members.robot[n]
@@ -99,9 +99,9 @@ def teams(
     networks: Mapping[str, Network] | None = None,
     ways: Mapping[str, Sequence[Way]] | None = None,
 ) -> list[Team]:
-    """Return a team for each kind of algorithm and time to set off, or for each group if the class is `PER_GROUP`.
+    """Return a team for each kind of algorithm and starting time, or for each group if the class is `PER_GROUP`.
 
-    own: users' classes, networks of policies, and recorded paths (ways), by the names of their groups.
+    own: users' classes, networks: networks of policies, ways: recorded paths, by the names of their groups.
     """
     alike: dict[tuple[str, int, float], list[int]] = {}
     for group in swarm.groups:

@@ -27,7 +27,7 @@ Stencil = list[tuple[int, int, int, float]]
 
 
 class TimeSeriesMap(SnapMap):
-    """Forecast from the neighbourhood in space and time."""
+    """Gas map that forecasts each cell from earlier snapshots in its neighbourhood in space and time."""
 
     def __init__(self, model: models.TimeSeriesMap, floor: Floor, snapshots: Snapshots | None = None):
         self.model = model
@@ -51,7 +51,7 @@ class TimeSeriesMap(SnapMap):
 
     @classmethod
     def needs(cls, model: models.TimeSeriesMap, floor: Floor) -> Needs:
-        """Return the needs, in time and space, of the neighbourhood."""
+        """Return the number of past snapshots and the margin of cells that the map of `model` needs to store."""
         neighbours = neighbourhood(model, max(shape(floor.extent, model.cell)) - 1)
         depth = max(lag for lag, *_ in neighbours)
         if model.raw_samples:
@@ -59,7 +59,7 @@ class TimeSeriesMap(SnapMap):
         return Needs(depth=depth, margin=max(max(abs(x), abs(y)) for _, x, y, _ in neighbours))
 
     def remembered_of(self, lag: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """Return Σ U over the neighbourhood; with samples for cells, U in the cell that is nearest to the reading."""
+        """Return the forecast weight of readings at `place` [m], `lag` snapshots old, relative to those of lag 1."""
         if not self.model.raw_samples:
             return np.where(lag <= self.depth, self.total[np.minimum(lag, self.depth)] / self.total[1], 0.0)
         cell = np.minimum(place // self.cell, np.array(self.shape) - 1)
@@ -87,7 +87,7 @@ class TimeSeriesMap(SnapMap):
 
 
 def neighbourhood(model: models.TimeSeriesMap, farthest: int) -> Stencil:
-    """Evaluate eq 4, 5 and 7 for every lag and offset inside; farthest: largest useful offset on this map [cells]."""
+    """Return the stencil of eq 4, 5, 7: lag, offset and weight U per neighbour; farthest: largest offset [cells]."""
     reach = min(farthest, int(model.beta / model.alpha / model.cell) + 1)
     result: Stencil = []
     lag = 1
@@ -106,7 +106,7 @@ def _from_cells(
     strip: Template, weighted: Template, weights: Template, snap: int, offsets: Template, closeness: Template,
     margin: int, numerator: Template, denominator: Template,
 ):  # fmt: skip
-    """Write both sums of eq 6 for snapshot `snap`, along y in strips that fit into registers."""
+    """Compute both sums of eq 6 for snapshot `snap` from cells, along y in strips that fit into registers."""
     nx, ny = ti.static(numerator.shape[1], numerator.shape[2])
     for k, i, part in ti.ndrange(numerator.shape[0], nx, (ny + strip - 1) // strip):
         first = part * strip
@@ -142,7 +142,7 @@ def _from_samples(
     samples: Template, taken: Template, snap: int, depth: int, cell: float, alpha: float, beta: float, lag_age: float,
     numerator: Template, denominator: Template,
 ):  # fmt: skip
-    """Write the same sums from the samples themselves, of `depth` snapshots."""
+    """Compute both sums of eq 6 for snapshot `snap` from the samples of the last `depth` snapshots."""
     for k, i, j in numerator:
         center = (ti.Vector([i, j]) + 0.5) * cell
         a = 0.0

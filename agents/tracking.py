@@ -23,19 +23,19 @@ from taichi_plume.scenario.plume_tracking import PlumeTracking
 
 FIND, UPWIND = range(2)
 
-LEAVE = 0.7  # of the threshold
-RISE = 1.15  # of the trough
-PATIENCE = 1.0  # s blocked before giving way
+LEAVE = 0.7  # fraction of the threshold below which a robot is out of the plume
+RISE = 1.15  # multiple of the smallest reading since the loss, required to enter the plume
+PATIENCE = 1.0  # s blocked before the robot gives way
 STEER = 0.25  # s in which the robot tries to turn to its course
 ON_COURSE = 0.98  # cosine of the heading error; below, the robot turns away from the contact
 
 
 @ti.data_oriented
 class PlumeTracker(KernelAlgorithm):
-    """Base class of plume tracking algorithms. tick: control period [s].
+    """Base class of plume-tracking algorithms. tick: control period [s].
 
     A subclass adds its own states and `numbers`, and overrides `_decide`, which changes the state, and `_course`, the
-    direction in each state.
+    driving direction in each state.
     """
 
     STATE: tuple[str, ...] = ("wind", "upwind", "side", "step_sign", "peak", "trough", "mark", "stuck")
@@ -47,10 +47,10 @@ class PlumeTracker(KernelAlgorithm):
         self.side = ti.field(ti.f32, n)  # s
         self.step_sign = ti.field(ti.f32, n)  # +1: find upwind, -1: downwind
         self.peak = ti.field(ti.f32, n)  # largest reading since entering the plume [ppm]
-        self.trough = ti.field(ti.f32, n)  # smallest reading since losing it [ppm]
-        self.mark = ti.field(ti.f32, n)  # odometer [m] at the start of the leg; in the plume, at the last gas
+        self.trough = ti.field(ti.f32, n)  # smallest reading since losing the plume [ppm]
+        self.mark = ti.field(ti.f32, n)  # odometer at the start of the state, or at the last gas [m]
         self.stuck = ti.field(ti.f32, n)  # time blocked in a row [s]
-        self.bump = ti.field(ti.i32, n)  # whether an obstacle is ahead on its course
+        self.bump = ti.field(ti.i32, n)  # whether an obstacle is ahead on the robot's course
 
     def numbers(self, group: GroupRange, model: PlumeTracking) -> Numbers:
         return {
@@ -82,17 +82,17 @@ class PlumeTracker(KernelAlgorithm):
 
     @ti.func
     def _decide(self, n, dt):
-        """Change the state of robot n by its readings."""
+        """Change the state of robot n, if necessary, by its gas reading, bumper and distance driven."""
         self._find(n)
 
     @ti.func
     def _course(self, n):
-        """Return the unit vector of robot n's intended drive."""
+        """Return the unit vector (2,) along which robot n intends to drive."""
         return self._finding_course(n)
 
     @ti.func
     def _finding_course(self, n):
-        """Return the course in FIND and UPWIND, and in any sweep along s V."""
+        """Return robot n's driving direction (2,): along the wind in UPWIND, across the wind in all other states."""
         U = self.upwind[n]
         V = ti.Vector([-U[1], U[0]])
         course = self.side[n] * V
@@ -123,12 +123,12 @@ class PlumeTracker(KernelAlgorithm):
 
     @ti.func
     def _driven(self, n):
-        """Return the way [m] since the start of the leg; in the plume, since the last gas."""
+        """Return the distance [m] that robot n drove since it entered its state, or since the last gas in the plume."""
         return self.swarm.odometer[self.robot[n]] - self.mark[n]
 
     @ti.func
     def _still_smells(self, n):
-        """Return whether robot n, in the plume, still detects gas; store the position of detections."""
+        """Return whether robot n, which was in the plume, still detects gas; if so, mark its odometer."""
         c = self.swarm.reading[self.robot[n]]
         self.peak[n] = ti.max(self.peak[n], c)
         self.trough[n] = c
@@ -139,13 +139,13 @@ class PlumeTracker(KernelAlgorithm):
 
     @ti.func
     def _is_strong(self, n):
-        """Return whether the reading is that of the plume, relative to threshold and peak."""
+        """Return whether robot n's reading is high enough, relative to threshold and peak, to be in the plume."""
         c = self.swarm.reading[self.robot[n]]
         return c >= self.p.leave[n] and c >= self.p.peak_fraction[n] * self.peak[n]
 
     @ti.func
     def _comes_upon_plume(self, n):
-        """Return whether robot n, out of the plume, has entered it."""
+        """Return whether robot n, which was out of the plume, has entered the plume by its reading."""
         c = self.swarm.reading[self.robot[n]]
         self.trough[n] = ti.min(self.trough[n], c)
         enters = c >= self.p.threshold[n] and (self.p.peak_fraction[n] == 0.0 or c >= RISE * self.trough[n])
@@ -156,7 +156,7 @@ class PlumeTracker(KernelAlgorithm):
 
     @ti.func
     def _find(self, n):
-        """Alternate FIND and UPWIND."""
+        """Search for the plume with robot n: alternate crosswind sweeps (FIND) and steps along the wind (UPWIND)."""
         bump = self.bump[n] == 1
         if self.swarm.state[self.robot[n]] == FIND:
             if bump:
@@ -175,7 +175,7 @@ class PlumeTracker(KernelAlgorithm):
 
     @ti.func
     def _steer(self, n, dt):
-        """Turn towards the course; the speed falls with the heading error."""
+        """Write robot n's commands: turn towards its course, more slowly ahead the larger the heading error."""
         i = self.robot[n]
         course = self._course(n)
         error = wrap(direction(course.y, course.x) - self.swarm.believed_heading[i])

@@ -14,11 +14,11 @@ EPISODE = 0x45504953  # separates the draws for an episode from the draws in it
 
 @ti.data_oriented
 class Trials:
-    """Clocks and seeds of `count` trials of `team` consecutive robots each, with up to `sources` sources; tick: [s].
+    """Clocks, seeds and sources of `count` trials that restart independently, each with `team` consecutive robots.
 
-    age: ticks since the start of the episode. goes: whether the trial takes part in this tick; others neither move nor
-    sense. seed: two words of the whole trial; its episodes follow from them, numbered by `episode`. key, salt: key and
-    offset of the random streams of the episode. side: -1 where the world is mirrored, else 1.
+    age: ticks of `tick` [s] since the start of the episode. goes: whether the trial takes part in this tick; other
+    robots neither move nor sense. seed: two words of the trial; its episodes follow from them, numbered by `episode`.
+    key, salt: key and offset of the episode's random streams. side: -1 where the world is mirrored, else 1.
     """
 
     STATE = ("age", "goes", "seed", "episode", "key", "salt", "sources", "side")
@@ -34,42 +34,42 @@ class Trials:
 
     @ti.func
     def of(self, i):
-        """Return the trial of robot i."""
+        """Return the index of the trial of robot i."""
         return i if ti.static(self.team == 1) else i // self.team
 
     @ti.func
     def mate(self, i):
-        """Return the number of robot i in its team."""
+        """Return the index of robot i within its team."""
         return 0 if ti.static(self.team == 1) else i % self.team
 
     @ti.func
     def draw(self, e, episode, index, draw):
-        """Draw four random words for an episode of trial e; see `rng.philox`."""
+        """Return four random words for an episode of trial e; index, draw: counters of `rng.philox`."""
         seed = self.seed[e]
         return philox(seed[0], seed[1] ^ ti.u32(EPISODE), episode, index, draw)
 
     @ti.func
     def renew(self, e):
-        """Start the next episode of trial e."""
+        """Start the next episode of trial e: reset its age, and draw the key of its random streams."""
         self.age[e] = 0
         words = self.draw(e, self.episode[e], 0, 0)
         self.key[e], self.salt[e] = words[0], words[1]
 
     @ti.func
     def counter(self, i):
-        """Return the key of the random streams of robot i, and the number and tick that count them."""
+        """Return the key of robot i's random streams, and the robot number and tick that count random numbers."""
         e = self.of(i)
         return self.key[e], ti.cast(self.salt[e], ti.i32) ^ self.mate(i), self.age[e]
 
 
 class OwnClocks:
-    """Part of a swarm for trials that each restart on their own: if the swarm is `apart`, with `episodes`."""
+    """Mixin of the swarm for clocks and random counters, per trial if trials restart on their own (`apart`)."""
 
     @ti.func
     def counter(self, i, number, tick):
-        """Return the key of the random streams of robot i, and the number and tick that count them.
+        """Return the key of robot i's random streams, and the robot number and tick that count random numbers.
 
-        number: number of the robot among all possible trials, unless each trial restarts on its own.
+        number: index of the robot among all possible trials, used unless each trial restarts on its own.
         """
         key, counted, now = self.key[None], number, tick
         if ti.static(self.apart):
@@ -78,7 +78,7 @@ class OwnClocks:
 
     @ti.func
     def takes_part(self, i):
-        """Return whether the trial of robot i takes part in this tick."""
+        """Return whether the trial of robot i takes part in this time step; other robots neither move nor sense."""
         result = True
         if ti.static(self.apart):
             result = self.episodes.goes[self.episodes.of(i)] == 1
@@ -86,7 +86,7 @@ class OwnClocks:
 
     @ti.func
     def clock(self, i, tick, t):
-        """Return tick and time [s] of the trial of robot i; tick, t: those of the run."""
+        """Return the tick and the time [s] in the trial of robot i; tick, t: those of the run."""
         now, at = tick, t
         if ti.static(self.apart):
             now = self.episodes.age[self.episodes.of(i)]

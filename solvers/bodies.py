@@ -44,7 +44,7 @@ class Outline:
 
 @ti.data_oriented
 class Bodies:
-    """Bodies of one outline; satisfies `screens.Resistance` once `advance` is defined.
+    """Moving bodies of one outline in the air; satisfies `screens.Resistance` once a subclass defines `advance`.
 
     open: face fields, 1 where the velocity is solved for. place [m] and velocity [m/s]: fields of 2-vectors that the
     caller updates; the bodies are entries first to first + count. ball: see `Outline`; permeable: whether air passes
@@ -72,7 +72,7 @@ class Bodies:
         self.reach: Field = ti.Vector.field(grid.dim, ti.f32, ())
         """Half sizes of the box around a body [m]."""
         self.block: Field = ti.Vector.field(grid.dim, ti.i32, ())
-        """Return the number of faces per axis of a box half a cell wider than `half_box`."""
+        """Number of faces per axis in the box around a body, half a cell wider on either side."""
         self._put = uploader(self.half, self.turn, self.reach, self.block)
 
     def shape(self, outline: Outline, drag: float = 0.0) -> None:
@@ -96,7 +96,7 @@ class Bodies:
 
     @ti.func
     def distance(self, x: Template, b):
-        """Distance [m] of point x [m] to the surface of body b, negative inside; above and below, a bound."""
+        """Return the distance [m] of x [m] from the surface of body b, negative inside; a bound above and below."""
         p = ti.Vector([x[0], x[1]]) - self.place[b]
         turn, radius = self.turn[None], self.n.radius[None]
         q = (
@@ -115,12 +115,12 @@ class Bodies:
 
     @ti.func
     def share(self, x: Template, b):
-        """Volume fraction of body b in the cube dx³ around x."""
+        """Return the volume fraction, at most SOLID, of body b in a cube of edge dx around x."""
         return ti.math.clamp(0.5 - self.distance(x, b) / self.grid.dx, 0.0, SOLID)
 
     @ti.func
     def has_largest_share(self, x: Template, b, share):
-        """Return 1 if body b has the largest share at x, so that no face is written twice; else 0."""
+        """Return 1 if body b has the largest fraction at x, so that no face is written twice, else 0."""
         result = 1
         for other in range(self.first, self.first + self.count):
             if other != b:
@@ -131,7 +131,7 @@ class Bodies:
 
     @ti.func
     def apply(self, u: Template, dt):
-        """Drag the air in and around the bodies for dt [s]."""
+        """Move the air in and around the bodies with them (ti.func): update the velocities u for a step of dt [s]."""
         for d in ti.static(range(self.dim)):
             block = self.block[None]
             if ti.static(self.dim == 3):
@@ -143,7 +143,7 @@ class Bodies:
 
     @ti.func
     def _hold(self, u: Template, d: Template, K: Template, dt):
-        """Drag face component d at place K[1:] of the block of body K[0]."""
+        """Update the velocity on the face of axis d at place K[1:] of the block of body K[0], for a step of dt [s]."""
         b = self.first + K[0]
         x = ti.Vector.zero(ti.f32, self.dim)
         I = ti.Vector.zero(ti.i32, self.dim)
@@ -180,7 +180,7 @@ class Bodies:
 
     @ti.func
     def _slip(self, u: Template, d: Template, I, b):
-        """Speed [m/s] of the air at d-face I relative to body b, along the ground."""
+        """Return the horizontal speed [m/s] of the air at face I of axis d relative to body b."""
         squared = 0.0
         D = ti.Vector.unit(self.dim, d, ti.i32)
         for e in ti.static(range(2)):
@@ -193,7 +193,7 @@ class Bodies:
 
 
 class MovingObstacle(Bodies):
-    """A cylinder, sphere or box of prescribed motion. The position is exact at the end of each step."""
+    """Cylinder, sphere or box that moves as prescribed. Its position is exact at the end of each step."""
 
     def __init__(self, model: Obstacle, grid: Grid, open: Faces):
         place: Field = ti.Vector.field(2, ti.f32, 1)
@@ -203,7 +203,7 @@ class MovingObstacle(Bodies):
         self.begin(model)
 
     def begin(self, model: Obstacle) -> None:
-        """Set the outline and the motion."""
+        """Set the outline and the motion of the obstacle."""
         self.shape(outline(model, self.dim))
         motion = model.motion
         assert motion is not None
@@ -216,7 +216,7 @@ class MovingObstacle(Bodies):
         self.n.set(pace=1.0 / dt)
 
     def fastest(self, t: float) -> float:
-        """Return the largest speed [m/s] from t to t + HORIZON; on a loop the largest of all path segments."""
+        """Return the largest speed [m/s] from t to t + HORIZON [s]; on a loop that of all path segments."""
         legs = self.motion.legs(self.center)
         return max(
             (speed for a, b, speed in legs if self.motion.loop or (a < t + HORIZON and t <= b)), default=0.0
@@ -224,11 +224,10 @@ class MovingObstacle(Bodies):
 
 
 class Wake(Bodies):
-    """Robots as upright discs of a body's radius and height, put there at t = 0.
+    """Robots of a group in the air, as upright discs of the body's radius and height, from t = 0 on.
 
-    In 3-D they are solid, in 2-D they have a drag.
-
-    place and velocity: fields of the swarm; the robots are entries first to first + count.
+    Discs are solid in 3-D and have a drag in 2-D. place and velocity: fields of the swarm; the robots are entries first
+    to first + count.
     """
 
     def __init__(
@@ -238,7 +237,7 @@ class Wake(Bodies):
         self.begin(body)
 
     def begin(self, body: Body) -> None:
-        """Set the size and the speed."""
+        """Set the size, the drag and the largest speed of the robots."""
         drag = 0.0
         if self.permeable:  # C_d/2 times frontal area over the volume of the disc through the whole slab
             drag = DRAG * min(body.height / self.grid.depth, 1.0) / (np.pi * body.radius)
@@ -246,7 +245,7 @@ class Wake(Bodies):
         self.max_speed = body.max_speed
 
     def advance(self, t: float, dt: float) -> None:
-        """Set the rate of the step; the swarm moves the robots, which are absent before t = 0."""
+        """Set the penalisation rate of a step of dt [s]; the swarm moves the robots, which are absent before t = 0."""
         self.n.set(pace=1.0 / dt if t > -1e-9 else 0.0)
 
     def fastest(self, t: float) -> float:
@@ -254,7 +253,7 @@ class Wake(Bodies):
 
 
 def outline(model: Obstacle, dim: int) -> Outline:
-    """Return the outline of an obstacle that can move."""
+    """Return the outline of an obstacle that can move. Raises ValueError for other kinds of obstacles."""
     match model.kind:
         case "box":
             low, high = 0.0, inf
@@ -271,4 +270,4 @@ def outline(model: Obstacle, dim: int) -> Outline:
             top = inf if model.height is None else model.base + model.height
             return Outline(radius=model.radius, low=model.base, high=top)
         case _:
-            raise ValueError(f"obstacles of kind {model.kind} stand still")
+            raise ValueError(f"obstacles of kind {model.kind} cannot move")

@@ -22,22 +22,22 @@ from taichi_plume.solvers.inflow import Fluctuations
 from taichi_plume.solvers.openings import VENTS, JetPatch, Patch, patch_of
 
 AIR_DENSITY = 1.184  # kg/m³ at 25 °C
-HORIZON = 1.0  # s: a step is never longer
+HORIZON = 1.0  # s, largest time step
 MIRRORS = {"wall": -1.0, "slip": 1.0, "outlet": 1.0, "honeycomb": 0.0}
-"""Mirror factors by the kind of an opening that does not blow; openings that blow have the factor 0."""
+"""Mirror factors of openings that do not blow, by kind; openings that blow have the factor 0."""
 
 
 def curve_of(opening: Opening) -> FanCurve | None:
-    """Return the curve of a fan, None for other openings."""
+    """Return the pressure-flow curve of a fan; None for other openings and fans without a curve."""
     return opening.curve if opening.kind == "fan" else None
 
 
 @ti.data_oriented
 class Boundaries:
-    """Targets, mirror factors and ambient pressure of all boundary faces.
+    """Boundary conditions of the flow: targets, mirror factors and ambient pressure of all boundary faces.
 
-    patches: openings on the grid, with their present parameters; jets: the patches that blow.
-    `begin` needs `tables` to be uploaded.
+    patches: openings on the grid, with their present parameters; jets: the patches that blow. Upload `tables` before
+    `begin`.
     """
 
     STATE = (
@@ -52,7 +52,7 @@ class Boundaries:
     )
 
     def __init__(self, openings: tuple[Opening, ...], grid: Grid, area: Sequence[np.ndarray], tables: Tables):
-        """area: per axis the area fractions of the faces. Raises ValueError if no air is behind an opening."""
+        """Place the openings; area: area fractions of the faces. Raises ValueError for an opening without air."""
         self.grid = grid
         self.dim = grid.dim
         self._placed: list[tuple[int, Patch]] = []
@@ -74,7 +74,7 @@ class Boundaries:
         self.target, self.mirror = (tuple(grid.vector_field(shape) for shape in self.sides) for _ in range(2))
         self.free = tuple(grid.field(shape, ti.i32) for shape in self.sides)
         self.loss, self.ambient = (tuple(grid.field(shape) for shape in self.sides) for _ in range(2))
-        """Kinematic pressure at the face [m²/s²]."""
+        """Loss coefficient [1] of the opening, and kinematic pressure at the face [m²/s²]."""
         self.is_free = self._kinds(tables)
         self.has_loss = any(p.kind == "honeycomb" and p not in self.jets for p in self.patches)
         self._put = uploader(*self.target, *self.loss)
@@ -88,11 +88,11 @@ class Boundaries:
 
     @staticmethod
     def _face(array: np.ndarray, patch: Patch) -> np.ndarray:
-        """Return the view of a boundary array on a patch's face."""
+        """Return the view of a boundary array (2 along the patch's axis) on the side of the domain with the patch."""
         return np.moveaxis(array, patch.axis, 0)[patch.side]
 
     def _spread_indices(self, d: int) -> np.ndarray:
-        """Return the flat index of the inner face that each face of axis d (and other axes' ghost layers) repeats."""
+        """Return the flat index of the inner boundary face that each face of axis d, ghosts included, repeats."""
         result = np.arange(prod(self._inner[d])).reshape(self._inner[d])
         for a in range(self.dim):
             if a != d:
@@ -101,13 +101,13 @@ class Boundaries:
         return result
 
     def spread(self, array: np.ndarray, d: int) -> np.ndarray:
-        """Return a boundary array of axis d, extended to the ghost layers of the other axes."""
+        """Return a boundary array of axis d extended to the ghost layers of the other axes."""
         return array.reshape(-1, *array.shape[self.dim :])[self._repeats[d]]
 
     def _kinds(self, tables: Tables) -> list[np.ndarray]:
         """Set the mirror factors and the free faces by the kinds of the openings.
 
-        Returns the free faces per axis, ghost layers included.
+        Return a mask of the free faces per axis, ghost layers included.
         """
         mirror = [np.full((*shape, self.dim), -1.0, np.float32) for shape in self._inner]
         free = [np.zeros(shape, np.int32) for shape in self._inner]
@@ -125,8 +125,8 @@ class Boundaries:
         return spread
 
     def begin(self, openings: tuple[Opening, ...], seed: int) -> None:
-        """Set the boundary conditions before the first step."""
-        self._openings: list[Fan | Inlet | Honeycomb] = []  # of the jets
+        """Set the boundary conditions before the first step; seed: for turbulent inflow."""
+        self._openings: list[Fan | Inlet | Honeycomb] = []  # parameters of the jets
         self._swirl: list[dict[int, np.ndarray]] = []
         self._sliding: list[tuple[MovingWall, Patch]] = []
         self._wall_velocities = [np.zeros((*shape, self.dim), np.float32) for shape in self._inner]
@@ -168,34 +168,34 @@ class Boundaries:
         self.update(-np.inf, 0.0)
 
     def _peak(self, n: int) -> float:
-        """Ratio of a jet's largest velocity component to its mean speed."""
+        """Return the ratio of jet n's largest velocity component, with swirl and turbulence, to its mean speed."""
         swirl = max((float(np.abs(v).max()) for v in self._swirl[n].values()), default=0.0)
         return float(self.jets[n].profile.max()) + swirl + 3.0 * self._openings[n].turbulence_intensity
 
     def speeds(self, t: float) -> list[float]:
-        """Mean speed [m/s] of each jet at time t; fans with a curve have a state of their own."""
+        """Return the mean speed [m/s] of each jet at time t [s]; fans with a curve have their present speed."""
         return [
             self.curved[n].speed if n in self.curved else opening.speed_at(t)
             for n, opening in enumerate(self._openings)
         ]
 
     def advance(self, p: Field, t: float, dt: float) -> None:
-        """Advance from t to t + dt [s]. p: pressure field, which sets the operating point of fans with a curve."""
+        """Advance the boundary conditions from t to t + dt [s]. p: pressure field, operating point of fan curves."""
         for fan in self.curved.values():
             fan.advance(p, dt)
         self.update(t + dt, dt)
 
     def update(self, t: float, dt: float) -> None:
-        """Set the targets for time t; inflow turbulence advances by dt, walls have their mean velocity over dt.
+        """Set the targets for time t [s], at the end of a step of dt [s]; inflow turbulence advances by dt.
 
-        Normal velocities change linearly within a step, tangential velocities are constant.
+        Normal velocities change linearly within a step. Tangential velocities are the walls' means over the step.
         """
         slid = self._set_wall_velocities(t - dt, t)
         if self._set_targets(self.speeds(t), dt, slid):
             self.upload_targets()
 
     def _set_wall_velocities(self, begin: float, end: float) -> bool:
-        """Set the mean velocities of walls between two times [s]. Return whether any has changed."""
+        """Set the moving walls' mean velocities from `begin` to `end` [s]. Return whether any has changed."""
         changed = False
         for wall, p in self._sliding:
             face = self._face(self._wall_velocities[p.axis], p)
@@ -207,7 +207,7 @@ class Boundaries:
         return changed
 
     def _along_walls(self, d: int) -> np.ndarray:
-        """Return the targets of the walls alone on the faces of axis d. A tangential target is the mean of the
+        """Return the targets on the faces across axis d by moving walls alone. A tangential target is the mean of the
         velocities of the two boundary faces around it.
         """
         target = self._wall_velocities[d].copy()
@@ -217,7 +217,7 @@ class Boundaries:
         return target
 
     def _below(self, values: np.ndarray, axis: int) -> np.ndarray:
-        """Return the values of the boundary faces one below along an axis; for the first face the last, or its own."""
+        """Return each boundary face's lower neighbour along an axis; the first takes the last (periodic) or itself."""
         first = -1 if self.grid.periodic[axis] else 0
         return np.concatenate([np.take(values, [first], axis), np.delete(values, -1, axis)], axis)
 
@@ -234,7 +234,7 @@ class Boundaries:
             self.update(-np.inf, 0.0)
 
     def _set_targets(self, speeds: list[float], dt: float, slid: bool = False) -> bool:
-        """Set the targets of jets with these mean speeds. Return whether the targets may have changed.
+        """Set the targets of jets with these mean speeds [m/s]. Return whether the targets may have changed.
 
         slid: whether the velocity of a wall has changed.
         """
@@ -256,12 +256,12 @@ class Boundaries:
         return True
 
     def upload_targets(self) -> None:
-        """Upload the targets of the axes along which openings blow or walls slide."""
+        """Upload the targets of axes with openings that blow or walls that move."""
         for d, put in self._put_targets.items():
             put(self.spread(self._targets[d], d))
 
     def fastest(self, t: float) -> float:
-        """Return the largest velocity component [m/s] that a schedule prescribes from t to HORIZON later."""
+        """Return the largest velocity component [m/s] that schedules prescribe between t and t + HORIZON [s]."""
         result = 0.0
         for n, fan in self.curved.items():
             soon = max(fan.speed, min(fan.free_speed, fan.speed + 0.2 * fan.acceleration))
@@ -273,9 +273,9 @@ class Boundaries:
         return result
 
     def trapped(self, regions: np.ndarray) -> list[int]:
-        """Return the numbers of the openings that blow into a region without an outlet or a balancing opening.
+        """Return the indices of openings that blow into a region without an outlet or a balancing opening.
 
-        regions: array of grid.shape with equal numbers where the air is connected.
+        regions: array of grid.shape with equal numbers in cells that air connects.
         """
         jets = [(n, p) for n, p in self._placed if p in self.jets]
         exits = [p for p in self.patches if p.kind in VENTS and p not in self.jets]

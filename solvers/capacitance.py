@@ -22,17 +22,17 @@ from taichi_plume.grid.kernels import Field
 from taichi_plume.solvers.direct import Balance, FastTransforms, Window, angles
 from taichi_plume.solvers.poisson import OpenFractions
 
-ENTRIES = 1 << 25  # of the Green's function at a time
+ENTRIES = 1 << 25  # entries of the Green's function that are computed at a time
 
 
 @dataclass(frozen=True)
 class Changes:
-    """Empty box that is closest to given open fractions, and the difference of the equations in the air.
+    """Empty box that is closest to given open fractions, and the difference C = A - B of the equations in the air.
 
     kinds: closed, free, periodic, closed-free or free-closed per axis of the grid. near: numbers (axis 0 fastest) of
     the K cells whose equations differ; reach: numbers of the cells in these equations; matrix: C, (K, len(reach)). air:
     cells that are not closed off; part: number of the connected part of the air per such cell; floating: parts that no
-    free face of the domain touches. There phi is added to one cell's equation: A would be singular.
+    free face of the domain touches. There phi is added to one cell's equation, or A would be singular.
     """
 
     kinds: tuple[str, ...]
@@ -45,7 +45,7 @@ class Changes:
 
     @staticmethod
     def of(fractions: OpenFractions, grid: Grid) -> "Changes":
-        """Return the changes from the box whose sides are like most of the air at each side of the domain."""
+        """Return the changes from a box each of whose sides is free or closed like most of its faces with air."""
         faces = [_faces(fractions, d) for d in range(grid.dim)]
         total = int(np.prod(fractions.shape))
         air = np.zeros(total + 1, bool)  # the last entry stands for the outside
@@ -84,7 +84,7 @@ class Changes:
 
 
 def _faces(fractions: OpenFractions, d: int) -> tuple[np.ndarray, np.ndarray]:
-    """Open fraction of all d-faces, and the numbers of the cells above and below, (n, 2), -1 outside."""
+    """Return the open fraction of all faces across axis d (n,), and their upper and lower cells (n, 2), -1 outside."""
     number = np.arange(int(np.prod(fractions.shape)), dtype=np.int32).reshape(fractions.shape, order="F")
     inner = [slice(1, 1 + n) for n in fractions.shape]
     if fractions.periodic[d]:
@@ -97,9 +97,9 @@ def _faces(fractions: OpenFractions, d: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _parts(ends: np.ndarray, air: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the number of the connected part of each cell of air, and per part whether no free face touches it.
+    """Return the connected part to which each cell of `air` belongs, and whether each part touches no free face.
 
-    ends: cells above and below the open faces.
+    ends: cells above and below each open face, (n, 2), -1 outside.
     """
     inside = (ends >= 0).all(axis=1)
     links = ends[inside]
@@ -112,9 +112,9 @@ def _parts(ends: np.ndarray, air: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class GreensFunction:
-    """Solutions of the empty box for unit sources.
+    """Green's function: solutions of the Poisson equation in the empty box for unit sources in single cells.
 
-    Along each axis the solutions depend on the distance and, as ends mirror, on the distance from the mirror image.
+    Along each axis a solution depends on the distance and, as ends mirror, on the distance from the mirror image.
     """
 
     def __init__(self, box: FastTransforms):
@@ -135,7 +135,7 @@ class GreensFunction:
         self.lines = np.ascontiguousarray(table).reshape(-1, self.height)
 
     def __call__(self, cells: np.ndarray, sources: np.ndarray) -> np.ndarray:
-        """Return the solutions in cells (P, dim) for unit sources in cells (Q, dim): (P, Q)."""
+        """Return the solutions in `cells` (P, dim) for unit sources in cells `sources` (Q, dim): (P, Q)."""
         (i, row, p), (j, column, q) = (_in_lines(x[:, self.order]) for x in (cells, sources))
         steps = [_images(kind, i[:, d], j[:, d]) for d, kind in enumerate(self.kinds[:2])]
         between = np.asarray(
@@ -145,32 +145,32 @@ class GreensFunction:
         return np.asarray(sum(s * between.reshape(-1)[first + m] for s, m in _images(self.kinds[2], p, q)))
 
     def apply(self, matrix: sp.csr_array, cells: np.ndarray, sources: np.ndarray) -> np.ndarray:
-        """Return matrix times Green's function in cells (P, dim), sources in cells (Q, dim); Q: rows of the matrix."""
+        """Return matrix (Q, P) times Green's function from `sources` (Q, dim) to `cells` (P, dim): (Q, Q)."""
         result = np.empty((len(sources), len(sources)))
         by_line = np.lexsort(sources[:, self.order[::-1]].T)
         blocks = -(-len(sources) * len(cells) * self.height // ENTRIES)
         for rows in np.array_split(by_line, blocks):
-            some = matrix[rows]
-            columns = np.unique(some.indices)
-            result[rows] = some[:, columns] @ self(cells[columns], sources)
+            block = matrix[rows]
+            columns = np.unique(block.indices)
+            result[rows] = block[:, columns] @ self(cells[columns], sources)
         return result
 
 
 def _in_lines(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the lines along the third axis that hold cells (n, 2), and each cell's line number and index in it."""
+    """Return the lines along the third axis that hold cells (n, 2), and each cell's line and position in its line."""
     cells = cells.astype(np.int32)
     lines, line = np.unique(cells[:, :2], axis=0, return_inverse=True)
     return lines, line.astype(np.int32), cells[:, 2] if cells.shape[1] > 2 else np.zeros_like(cells[:, 0])
 
 
 def _images(kind: str, i: np.ndarray, j: np.ndarray) -> list[tuple[int, np.ndarray]]:
-    """Return (sign, steps) from positions i to j and to the mirror image of j, each (len(i), len(j))."""
+    """Return (sign, distances (len(i), len(j))) from i to j and, unless periodic, to the mirror image of j."""
     direct = [(1, np.abs(i[:, None] - j))]
     return direct if kind == "periodic" else [*direct, (-1 if kind[0] == "f" else 1, i[:, None] + j + 1)]
 
 
 class Capacitance:
-    """Pressure solver: two fast transforms of the empty box, and a dense capacitance matrix between them."""
+    """Poisson solver of the pressure: fast transforms of the empty box, capacitance matrix for obstacles."""
 
     def __init__(self, changes: Changes, grid: Grid):
         self.grid = grid
@@ -197,7 +197,7 @@ class Capacitance:
         self.inverse = scipy.linalg.inv(matrix.astype(np.float32), overwrite_a=True, check_finite=False)
 
     def solve(self, b: Field, phi: Field, tolerance: float) -> None:
-        """Set the inner cells of field phi to the solution for field b; exact to rounding for any tolerance."""
+        """Solve the Poisson equation for the right side b into the inner cells of phi, exactly for any tolerance."""
         del tolerance
         right = self.grid.read(b).T
         right *= self.air

@@ -26,18 +26,18 @@ def net_inflow(m: Template, I):
 
 @ti.func
 def corrected(m: Template, phi: Template, I, d: Template):
-    """Return u_d [m/s] at face I less the gradient of phi, in proportion to the open fraction of the face."""
+    """Return u_d [m/s] at face I minus the gradient of phi, in proportion to the open fraction of the face."""
     return m.u[d][I] - m.open[d][I] * (phi[I] - phi[I - ti.Vector.unit(m.dim, d, ti.i32)])
 
 
 @ti.func
 def increased(m: Template, phi: Template, I, dt: float):
-    """Return p [m²/s²] of cell I, increased by the projection over a time dt [s]."""
+    """Return the pressure p [m²/s²] of cell I after a projection with phi over a time dt [s]."""
     return m.p[I] + (m.dx / dt) * phi[I]
 
 
 def correction(m: Momentum, phi: Field, d: int):
-    """Return `corrected` as the formula of a sweep over the d-faces."""
+    """Return the correction of u_d by the gradient of phi as the formula of a sweep over the faces of axis d."""
 
     @ti.func
     def formula(I, dt, k):

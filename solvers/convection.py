@@ -23,13 +23,13 @@ def lesser(a, b):
 
 @ti.func
 def greater(a, b):
-    """Return the larger of two numbers."""
+    """Return the larger of two numbers; faster than Taichi's maximum, which checks for NaN."""
     return ti.select(a > b, a, b)
 
 
 @ti.func
 def koren(a, b):
-    """Limited half-difference from the upwind cell to its face, for slopes a (upwind) and b (downwind).
+    """Return the limited difference from the upwind cell's value to its face, for slopes a (upwind) and b (downwind).
 
     Koren 1993, "A robust upwind discretization method for advection, diffusion and source terms".
     """
@@ -39,7 +39,7 @@ def koren(a, b):
 
 @ti.func
 def koren_value(q: Template, I, e, v):
-    """Return q on the lower face of cell I along unit vector e, where the air moves with v [m/s] along e."""
+    """Return q on the lower face of cell I along unit vector e by Koren's scheme; v: velocity along e [m/s]."""
     m2, m1, p0, p1 = q[I - 2 * e], q[I - e], q[I], q[I + e]
     forward = v > 0.0
     center = ti.select(forward, m1, p0)
@@ -50,8 +50,8 @@ def koren_value(q: Template, I, e, v):
 
 @ti.func
 def weno5_value(q: Template, I, e, v, far):
-    """Return q at the face by the fifth-order WENO scheme (weighted essentially non-oscillatory); see `koren_value`.
-    far: the second cell after I, or the last cell.
+    """Return q on the lower face of cell I along e by the fifth-order WENO scheme (weighted essentially
+    non-oscillatory); v: velocity along e; far: the second cell after I, or the last cell.
 
     Jiang & Shu 1996, doi:10.1006/jcph.1996.0130, for cell averages (Shu 1998, doi:10.1007/BFb0096355). Smoothness is
     measured against the squares of the values, so that the weights do not depend on the unit. Differences from the
@@ -93,13 +93,13 @@ def from_upwind(q: Template, I, e, v, far):
 
 @ti.func
 def fifth_order(a2, a1, b1, b2):
-    """Return the fifth-order face value less the upwind cell's, from the differences of `from_upwind`."""
+    """Return the fifth-order face value less the upwind cell's value, from the differences of `from_upwind`."""
     return (2.0 * a2 - 13.0 * a1 + 27.0 * b1 - 3.0 * b2) * (1.0 / 60.0)
 
 
 @ti.func
 def upwind5_value(q: Template, I, e, v, far):
-    """Return q at the face by the linear fifth-order upwind scheme (Wicker & Skamarock 2002,
+    """Return q on the lower face of cell I along e by the linear fifth-order upwind scheme (Wicker & Skamarock 2002,
     doi:10.1175/1520-0493(2002)130<2088:TSMFEM>2.0.CO;2), limited only where q is not smooth.
 
     Without bounds, short waves grow behind the edges of obstacles. The bounds keep q between the two cells at the face
@@ -119,7 +119,7 @@ def upwind5_value(q: Template, I, e, v, far):
 
 @ti.func
 def koren_between(q: Template, I, e, v, far):
-    """Return `koren_value`; same signature as the wider schemes."""
+    """Return `koren_value`, with the signature of the wider schemes; `far` is ignored."""
     return koren_value(q, I, e, v)
 
 
@@ -130,10 +130,10 @@ STEEPEST = 3.0
 
 
 class Limited(NamedTuple):
-    """Limited (bounded) scheme: no cell loses more than its content.
+    """Limited (bounded) convection scheme, with which no cell loses more than its content.
 
     value: ti.func of the field, a cell, a unit vector and the velocity along it, as `koren_value`; steepest: largest
-    value over that of the upwind cell.
+    face value over the value of the upwind cell.
     """
 
     value: Callable
@@ -149,7 +149,7 @@ def minmod(a, b, c, d):
 
 @ti.func
 def fifth_order_value(q: Template, I, e, v):
-    """Return q on the lower face of cell I along unit vector e, with the air's velocity v [m/s] along e; q >= 0."""
+    """Return q >= 0 on the lower face of cell I along e by a bounded fifth-order scheme; v: velocity along e [m/s]."""
     center, a2, a1, b1, b2 = from_upwind(q, I, e, v, I + 2 * e)
     change = fifth_order(a2, a1, b1, b2)
     curved, before, beyond = a1 + b1, a2 - 2.0 * a1, b2 - 2.0 * b1

@@ -19,9 +19,9 @@ DENSE = 100  # cells of an axis up to which a product with a matrix takes less t
 
 
 class Balance:
-    """Mean of the right side in each closed part of the air: without a net source the equations are solvable.
+    """Compatibility of the right side: subtracts its mean in each closed part of the air, so that a solution exists.
 
-    part: number of each cell's part of the air; floating: whether phi = 0 nowhere touches the part.
+    part: number of the connected part of the air for each cell; floating: whether phi = 0 nowhere touches a part.
     """
 
     def __init__(self, part: np.ndarray, floating: np.ndarray):
@@ -30,13 +30,13 @@ class Balance:
         self.size = np.maximum(np.bincount(part, minlength=len(floating)), 1)
 
     def excess(self, right: np.ndarray) -> np.ndarray:
-        """Return the part to subtract from the right side (cells,)."""
+        """Return the mean to subtract from the right side in each cell (cells,): 0 in parts that are not floating."""
         mean = np.bincount(self.part, right, len(self.floating)) / self.size
         return np.where(self.floating, mean, 0.0)[self.part]
 
 
 class SparseFactors:
-    """Sparse LU factors of the equations, made once (SuperLU, Li 2005, doi:10.1145/1089014.1089017)."""
+    """Poisson solver by sparse LU factors, computed once (SuperLU, Li 2005, doi:10.1145/1089014.1089017)."""
 
     def __init__(self, fractions: OpenFractions, grid: Grid):
         self.grid = grid
@@ -56,7 +56,7 @@ class SparseFactors:
         self.iterations = 1
 
     def solve(self, b: Field, phi: Field, tolerance: float) -> None:
-        """Set the inner cells of field phi to the solution for field b; exact for any tolerance."""
+        """Solve the Poisson equation for the right side b into the inner cells of phi, exactly for any tolerance."""
         del tolerance
         right = self.grid.read(b).ravel(order="F")[self.air].astype(np.float64)
         if self.balance.any:
@@ -67,7 +67,7 @@ class SparseFactors:
 
 
 class FastTransforms:
-    """Cosine, sine and Fourier transforms that diagonalise the equations of a box without obstacles.
+    """Poisson solver of a box without obstacles: cosine, sine and Fourier transforms diagonalise the equations.
 
     Each face of the domain must be closed, free or periodic as a whole. Closed ends are even, free ends odd about the
     domain's face, which is half a cell from the first centre: types II and IV (Strang 1999,
@@ -75,7 +75,7 @@ class FastTransforms:
     """
 
     def __init__(self, kinds: Sequence[str], grid: Grid):
-        """kinds: closed, free, periodic, closed-free or free-closed per axis."""
+        """Prepare the transforms; kinds: closed, free, periodic, closed-free or free-closed per axis."""
         self.grid = grid
         self.iterations = 1
         self.kinds = tuple(kinds)
@@ -105,13 +105,13 @@ class FastTransforms:
         self.blas = ThreadpoolController().select(user_api="blas")
 
     def matrices(self, d: int) -> list[np.ndarray]:
-        """Return the transform along axis d, which is not periodic, and the inverse transform."""
+        """Return the matrices of the transform and its inverse along axis d, which must not be periodic."""
         odd, kind = _type(self.kinds[d])
         make = (scipy.fft.dst, scipy.fft.idst) if odd else (scipy.fft.dct, scipy.fft.idct)
         return [transform(np.eye(self.grid.shape[d]), kind, axis=0).astype(np.float32) for transform in make]
 
     def forward(self, x: np.ndarray) -> np.ndarray:
-        """Return the amplitudes of the modes in x, f32 of the grid's shape reversed; x may be overwritten."""
+        """Return the modes' amplitudes in x, an f32 array of the grid's shape reversed; x may be overwritten."""
         for d, (there, _) in self.dense.items():
             x = along(there, x, d)
         for (odd, kind), axes in self.transforms.items():
@@ -119,7 +119,7 @@ class FastTransforms:
         return np.asarray(scipy.fft.rfftn(x, None, self.wrapped, workers=self.workers)) if self.wrapped else x
 
     def backward(self, x: np.ndarray) -> np.ndarray:
-        """Return the inverse of `forward`; x may be overwritten."""
+        """Return the values for amplitudes x of the modes, the inverse of `forward`; x may be overwritten."""
         if self.wrapped:
             shape = [self.grid.shape[::-1][d] for d in self.wrapped]
             x = np.asarray(scipy.fft.irfftn(x, shape, self.wrapped, **self.options))
@@ -130,7 +130,7 @@ class FastTransforms:
         return x
 
     def solve(self, b: Field, phi: Field, tolerance: float) -> None:
-        """Set the inner cells of field phi to the solution for field b; exact to rounding for any tolerance."""
+        """Solve the Poisson equation for the right side b into the inner cells of phi, exactly for any tolerance."""
         del tolerance
         with self.blas.limit(limits=1):
             waves = self.forward(self.grid.read(b).T)
@@ -139,19 +139,19 @@ class FastTransforms:
 
 
 def _type(kind: str) -> tuple[bool, int]:
-    """Return whether the modes are odd at the lower end of an axis, and the type of their transform."""
+    """Return whether the modes of an axis of this kind are odd at its lower end, and the type of their transform."""
     return kind.startswith("free"), 4 if "-" in kind else 2
 
 
 class Window:
-    """Transforms between the modes of a box and selected cells.
+    """Transforms between the modes of a box and selected cells only.
 
-    By dense matrices over only the rows, columns and layers with selected cells; with a periodic axis, by transforms of
-    the whole box.
+    Dense matrices over only the rows, columns and layers with selected cells; with a periodic axis, transforms of the
+    whole box.
     """
 
     def __init__(self, box: FastTransforms, cells: np.ndarray, sources: np.ndarray):
-        """cells, sources: numbers of cells, axis 0 fastest."""
+        """Prepare the matrices; cells: indices of cells to read; sources: of cells with sources, axis 0 fastest."""
         self.box, shape = box, box.grid.shape
         self.whole = bool(box.wrapped)
         self.cells, self.sources = cells, sources
@@ -169,13 +169,13 @@ class Window:
 
     @staticmethod
     def _place(cells: np.ndarray, used: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
-        """Return the numbers of cells in the array of used rows, columns and layers."""
+        """Return the indices of cells in the array of the `used` rows, columns and layers."""
         where = np.unravel_index(cells, shape, order="F")
         inside = [np.searchsorted(u, w) for u, w in zip(used, where, strict=True)]
         return np.ravel_multi_index(inside, [len(u) for u in used], order="F")
 
     def values(self, waves: np.ndarray) -> np.ndarray:
-        """Return the values in the cells for these amplitudes of the modes."""
+        """Return the values in `cells` for these amplitudes of the modes."""
         if self.whole:
             return self.box.backward(waves.copy()).reshape(-1)[self.cells]
         for d, matrix in enumerate(self.back):
@@ -183,7 +183,7 @@ class Window:
         return waves.reshape(-1)[self.cells]
 
     def waves(self, sources: np.ndarray) -> np.ndarray:
-        """Return the amplitudes of the modes for these sources."""
+        """Return the amplitudes of the modes for these source strengths in the cells `sources`."""
         x = np.zeros(self.box.grid.shape[::-1] if self.whole else self.shape, np.float32)
         x.reshape(-1)[self.sources] = sources
         if self.whole:
@@ -194,7 +194,7 @@ class Window:
 
 
 def along(matrix: np.ndarray, x: np.ndarray, d: int) -> np.ndarray:
-    """Multiply x by a matrix along the grid's axis d; the axes of x are those of the grid in reversed order."""
+    """Return x multiplied by a matrix along the grid's axis d; x has the axes of the grid in reversed order."""
     if d == 0:
         return x @ matrix.T
     shape = x.shape
@@ -204,7 +204,7 @@ def along(matrix: np.ndarray, x: np.ndarray, d: int) -> np.ndarray:
 
 
 def angles(kind: str, n: int) -> np.ndarray:
-    """Phase per cell of the modes of a box's axis of n cells, in the order of its transform."""
+    """Return the phase per cell [rad] of each mode of an axis of n cells, in the order of its transform."""
     if kind == "periodic":
         return 2.0 * np.pi * np.fft.fftfreq(n)
     return np.pi * (np.arange(n) + {"closed": 0.0, "free": 1.0}.get(kind, 0.5)) / n

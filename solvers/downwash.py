@@ -23,14 +23,14 @@ from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.bodies import GRAVITY, Body
 from taichi_plume.scenario.species import AIR_DENSITY
 
-LEAST_RADIUS = 0.5  # least radius of a disc, over a cell
+LEAST_RADIUS = 0.5  # least radius of a disc [cells]
 LANDED = 2e-3  # m of altitude over the floor below which rotors stand still
-AHEAD_LEFT = 0.25 * pi  # of the first rotor
+AHEAD_LEFT = 0.25 * pi  # bearing of the first rotor
 
 
 @ti.data_oriented
 class Downwash:
-    """Rotors of the drones of a group, present from t = 0; satisfies `screens.Resistance`, in 3-D.
+    """Force of the rotors of a group's drones on the air, from t = 0 on; satisfies `screens.Resistance`, in 3-D.
 
     place (2,) [m], heading [rad], altitude [m], acceleration (3,) [m/s²]: fields that the caller updates; the drones
     are entries first to first + count. open: face fields, 1 where the velocity is solved for.
@@ -63,7 +63,7 @@ class Downwash:
         self.begin(body)
 
     def begin(self, body: Body) -> None:
-        """Set the mass and the dimensions."""
+        """Set the mass and the dimensions of the drones from `body`."""
         dx = self.grid.dx
         mass, arm = body.mass or 0.0, body.arm or 0.0
         radius = max(body.rotor_radius or 0.0, LEAST_RADIUS * dx)
@@ -76,16 +76,16 @@ class Downwash:
         self.n.set(mass=mass, radius=radius, arm=arm, height=body.height, runs=0.0)
         thrust = mass * (GRAVITY + (body.max_acceleration or 0.0))
         disc = pi * min(self.rotors * radius**2, (arm + radius) ** 2)
-        self.jet = sqrt(2.0 * thrust / (AIR_DENSITY * disc))  # m/s, of the far wake
+        self.jet = sqrt(2.0 * thrust / (AIR_DENSITY * disc))  # speed of the far wake [m/s]
 
     def advance(self, t: float, dt: float) -> None:
-        """Compute the forces on the faces around the rotors; before t = 0 the drones are absent."""
+        """Compute the rotors' forces on the faces around them; before t = 0 there are none."""
         self.n.set(runs=float(t > -1e-9))
         if t > -1e-9:
             self._compute_forces()
 
     def fastest(self, t: float) -> float:
-        """Return the speed of the far wake at the largest thrust [m/s]."""
+        """Return the air speed [m/s] of the far wake at the largest thrust; 0 before t = 0."""
         return self.jet if t > -1e-9 else 0.0
 
     @ti.kernel
@@ -113,7 +113,7 @@ class Downwash:
 
     @ti.func
     def _face(self, d: Template, K, middle):
-        """Return index and position [m] of d-face K of the block around a point, and whether it exists (1 or 0)."""
+        """Return index and position [m] of face K (axis d) in the block around a point, and 1 if it exists, else 0."""
         x = ti.Vector.zero(ti.f32, 3)
         I = ti.Vector.zero(ti.i32, 3)
         inside = 1
@@ -131,7 +131,7 @@ class Downwash:
 
     @ti.func
     def _apart(self, x, middle):
-        """Return the vector between two points [m], the short way where the box is periodic."""
+        """Return the vector from `middle` to x [m], the short way round along periodic axes."""
         apart = x - middle
         for e in ti.static(range(3)):
             if ti.static(self.grid.periodic[e]):
@@ -141,7 +141,7 @@ class Downwash:
 
     @ti.func
     def _weight(self, x, hub):
-        """Return the weight of a face at x in the disc around a hub, up to a factor common to all faces."""
+        """Return the weight of a face at x in the rotor disc around `hub`, up to a factor common to all faces."""
         apart = self._apart(x, hub)
         off = ti.sqrt(apart[0] * apart[0] + apart[1] * apart[1])
         covered = ti.math.clamp(0.5 + (self.n.radius[None] - off) / self.grid.dx, 0.0, 1.0)
@@ -156,13 +156,13 @@ class Downwash:
 
     @ti.func
     def _middle(self, b):
-        """Return the middle of the rotors of the b-th drone [m]."""
+        """Return the centre (3,) [m] of the rotors of the b-th drone."""
         p = self.place[self.first + b]
         return ti.Vector([p[0], p[1], self.altitude[self.first + b] + self.n.height[None]])
 
     @ti.func
     def _push_face(self, u: Template, d: Template, K: Template, dt):
-        """Apply the force of all drones to face component d at place K[1:] of the block of drone K[0]. Only the first
+        """Apply the force of all drones to the face of axis d at place K[1:] of the block of drone K[0]. Only the first
         drone whose block holds the face does so, so that no face is written twice.
         """
         I, x, inside = self._face(d, ti.Vector([K[1], K[2], K[3]]), self._middle(K[0]))

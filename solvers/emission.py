@@ -15,16 +15,16 @@ INTERVAL = 0.1  # s: interval at which a dish samples the wind
 
 
 class Emission:
-    """Emission rate of a source: start, stop, pulses of random length, and evaporation if the source is a dish."""
+    """Emission of a source over time: start, stop, pulses of random length, and evaporation if it is a dish."""
 
     STATE = ("pulses", "rng", "_dish_rate", "_due")
 
     def __init__(self, name: str, wind: Wind | None = None):
-        """name: name of the random stream; wind: wind over a dish. The owner calls `begin`."""
+        """Prepare; name: of the random stream; wind: wind over a dish. The owner calls `begin`."""
         self.name, self.wind = name, wind
 
     def begin(self, source: Source, t: float, seed: int, species: Species | None = None) -> None:
-        """t: start of the run [s]; species: the liquid in a dish."""
+        """Reset the emission for a run that starts at t [s]; species: the liquid in a dish."""
         self.source = source
         self.evaporation = None
         if source.dish is not None:
@@ -44,11 +44,11 @@ class Emission:
             self.pulses.append((begin, begin + puffing.pulse * spread[1]))
 
     def mass(self, t: float, dt: float) -> float:
-        """Mass emitted between t and t + dt [kg]."""
+        """Return the mass emitted between t and t + dt [kg]."""
         return float(self.masses(np.array([t, t + dt]))[0])
 
     def masses(self, times: np.ndarray) -> np.ndarray:
-        """Mass emitted between consecutive ascending times (n,): (n - 1,) [kg]."""
+        """Return the mass emitted between consecutive ascending times (n,) [s]: (n - 1,) [kg]."""
         self._draw_until(times[-1])
         while len(self.pulses) > 1 and self.pulses[0][1] < times[0]:
             self.pulses.pop(0)
@@ -58,7 +58,7 @@ class Emission:
         return self._rate(times[0]) * on if on.any() else on
 
     def _rate(self, t: float) -> float:
-        """Mass per time [kg/s] at time t [s]."""
+        """Return the emission rate [kg/s] at time t [s] while the source is on."""
         if self.evaporation is None or self.source.dish is None:
             return self.source.rate or 0.0
         if t >= self._due - 1e-9:
@@ -72,17 +72,17 @@ class Emission:
 
 
 class Portions:
-    """Puffs of a source: each holds the mass emitted since the previous puff."""
+    """Release of a source's emission in puffs: each puff holds the mass emitted since the previous one."""
 
     STATE = ("emission", "rng", "pending", "_next")
 
     def __init__(self, name: str, wind: Wind):
-        """name: name of the random streams; wind: wind over a dish. The owner calls `begin`."""
+        """Prepare; name: of the random streams; wind: wind over a dish. The owner calls `begin`."""
         self.name = name
         self.emission = Emission(name, wind)
 
     def begin(self, source: Source, gas: PuffGas, t: float, seed: int) -> None:
-        """t: start of the run [s]."""
+        """Reset the release for a run that starts at t [s]."""
         self.source = source
         self.rate, self.poisson = gas.release_rate, gas.poisson
         self.emission.begin(source, t, seed, gas.vapour)
@@ -94,7 +94,7 @@ class Portions:
         return self.rng.exponential(1.0 / self.rate, n) if self.poisson else np.full(n, 1.0 / self.rate)
 
     def _moments(self, end: float) -> np.ndarray:
-        """Return the times up to `end` [s] at which puffs are released."""
+        """Return the release times of puffs up to time `end` [s]."""
         moments = [np.empty(0)]
         while self._next <= end:
             intervals = self._intervals(ceil((end - self._next) * self.rate) + 1)
@@ -107,7 +107,7 @@ class Portions:
         return np.concatenate(moments)
 
     def puffs(self, t: float, dt: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return times [s] and masses [kg] of the puffs between t and t + dt, and the total emission [kg]."""
+        """Return release times [s] and masses [kg] of the puffs between t and t + dt, and the total emission [kg]."""
         moments = self._moments(t + dt)
         emitted = self.emission.masses(np.concatenate([[t], moments, [t + dt]]))
         masses = emitted[:-1].copy()
@@ -118,7 +118,7 @@ class Portions:
         return moments[masses > 0.0], masses[masses > 0.0], float(emitted.sum())
 
     def places(self, n: int, dim: int) -> np.ndarray:
-        """Draw random positions in the ball [m], (n, dim)."""
+        """Return n random positions in the source's ball [m], (n, dim)."""
         direction = self.rng.standard_normal((n, dim))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         radius = self.source.radius * self.rng.random((n, 1)) ** (1 / dim)

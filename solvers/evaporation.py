@@ -35,10 +35,7 @@ RADIATION = 5.5  # W/(m² K) between a wet surface and a room a few kelvin warme
 
 
 def speed_over(source: Source, wind: Wind, t: float) -> float:
-    """Speed [m/s] of the wind over a source's dish: beyond its boundary layer, half a diameter up.
-
-    In 2-D, the speed at the dish itself.
-    """
+    """Return the wind speed [m/s] over a source's dish at time t [s], half a diameter up, above its boundary layer."""
     assert source.dish is not None
     point = np.array([source.position])
     point[0, 2:] += 0.5 * source.dish.diameter
@@ -46,20 +43,20 @@ def speed_over(source: Source, wind: Wind, t: float) -> float:
 
 
 class Evaporation:
-    """Mass flux of vapour from a dish of liquid."""
+    """Evaporation rate of a dish of liquid, as a function of the wind speed."""
 
     def __init__(self, dish: Dish, species: Species):
         self.dish = dish
         self.species = species
 
     def _transfer(self, speed: float, diffusivity: float) -> float:
-        """Sherwood or Nusselt number of the dish in air of a speed [m/s]."""
+        """Return the Sherwood (or Nusselt) number of the dish at a wind speed [m/s] and a diffusivity [m²/s]."""
         reynolds = speed * self.dish.diameter / AIR_VISCOSITY
         forced = 0.664 * reynolds**0.5 * (AIR_VISCOSITY / diffusivity) ** (1 / 3)
         return (forced**3 + (8.0 / pi) ** 3) ** (1 / 3)
 
     def flux(self, speed: float, surface: float) -> float:
-        """Evaporation rate per area [kg/(m² s)] in air of a speed [m/s] from a surface of a temperature [K]."""
+        """Return the evaporation rate per area [kg/(m² s)] at a wind speed [m/s] and a surface temperature [K]."""
         film = 0.5 * (surface + self.dish.temperature)
         D = self.species.diffusivity * (film / TEMPERATURE) ** 1.75
         share = self.species.saturation(surface, self.dish.temperature) / PRESSURE
@@ -67,7 +64,7 @@ class Evaporation:
         return self._transfer(speed, D) * D / self.dish.diameter * pure * -log1p(-share)
 
     def surface(self, speed: float) -> float:
-        """Temperature [K] of the liquid's surface in air of a speed [m/s]."""
+        """Return the temperature [K] of the liquid's surface at a wind speed [m/s], by the heat balance."""
         from scipy.optimize import brentq  # for runs with liquids only
 
         warm = self.dish.temperature
@@ -81,9 +78,9 @@ class Evaporation:
         def surplus(surface: float) -> float:
             return (RADIATION + air) * (warm - surface) - latent * self.flux(speed, surface)
 
-        found: Any = brentq(surplus, 0.5 * warm, warm)
-        return found
+        kelvin: Any = brentq(surplus, 0.5 * warm, warm)
+        return kelvin
 
     def rate(self, speed: float) -> float:
-        """Evaporation rate [kg/s] in air of a speed [m/s]."""
+        """Return the evaporation rate of the dish [kg/s] at a wind speed [m/s]."""
         return self.flux(speed, self.surface(speed)) * 0.25 * pi * self.dish.diameter**2

@@ -20,16 +20,16 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Field, Pass
 from taichi_plume.grid.tables import Tables
 
-REACH = 3  # cells: as far as schemes look
+REACH = 3  # cells that the convection schemes reach
 PLANE = 0.994  # share of the sum of squares of the normals' components along one direction within REACH
 ALONG = 0.999  # share above which that direction counts as one of the axes
 FAR = 1000  # lower bound of a squared distance
 
 
 def oblique_planes(vectors: np.ndarray, cells: np.ndarray, grid: Grid) -> np.ndarray:
-    """Return for cells (n, dim), padded, whether all surface within REACH is plane and along no axis, bool (n,).
+    """Return whether all surface within REACH of each cell is plane and oblique to all axes, bool (n,).
 
-    vectors: areas of the surface, (*padded, dim). Opposite sides of a sheet count as one plane.
+    cells: padded indices (n, dim). vectors: area vectors, (*padded, dim). Opposite sides of a sheet count as one plane.
     """
     vectors = vectors.copy()
     for a, (begin, end) in enumerate(grid.cells):
@@ -49,12 +49,12 @@ def oblique_planes(vectors: np.ndarray, cells: np.ndarray, grid: Grid) -> np.nda
 @ti.data_oriented
 class Extension:
     """Extension of velocities to the closed faces near an oblique plane surface: the mean, by area, over the nearest
-    faces with a part of the surface. None where the viscous layer is resolved (see `Surfaces.slip`).
+    faces with a part of the surface. There is no extension where the viscous layer is resolved (see `Surfaces.slip`).
     """
 
     def __init__(self, surfaces: Any, convex: np.ndarray, area: list[np.ndarray], tables: Tables):
         """surfaces: `Surfaces`; convex: mask of the faces in `surfaces` beside a convex surface, bool (n,); area:
-        padded arrays of the field `area` of the flow.
+        padded area fractions of the faces.
         """
         self.surfaces, self.grid = surfaces, surfaces.grid
         self._count: list[int] = []  # closed faces of each axis
@@ -77,8 +77,8 @@ class Extension:
         self.cells = sum(self._count)
 
     def _sources(self, d: int, area: np.ndarray, slips: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Return the closed faces of axis d, (n, dim), ghost layers of periodic axes included; the ends (n) of their
-        parts of the other two arrays; numbers of the faces in `surfaces` that set their velocity; the weights of these.
+        """Return the closed faces of axis d (n, dim) to extend to, periodic ghost layers included; the end (n,) of each
+        face's part of the other two arrays; indices of its source faces in `surfaces`; and the weights of these.
 
         slips: mask of the faces in `surfaces` at which air slips, bool.
         """
@@ -113,7 +113,7 @@ class Extension:
         return face[has_source], np.cumsum(used[has_source].sum(axis=1)), number[places][used], weight[used]
 
     def setting(self) -> Pass:
-        """Return the pass that sets the velocities on closed faces from those on open faces, ghosts included."""
+        """Return the pass that sets the velocities on closed faces, ghosts included, from those on open faces."""
         return Pass(self._extend, sum(self._beside_count) + self.cells)
 
     def clearing(self) -> Pass:

@@ -16,7 +16,7 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.tables import Tables
 from taichi_plume.scenario.openings import FanCurve
 
-LEAST = 0.05  # of the free speed: below, the resistance is linear
+LEAST = 0.05  # fraction of the free speed below which the resistance is linear
 
 
 @ti.kernel
@@ -29,9 +29,9 @@ def _mean(p: Template, cells: Template, weights: Template, count: Template) -> t
 
 
 class CurvedFan:
-    """State of a fan. cells: (n, dim) behind the opening, on the padded grid; weights: weights of their pressures.
+    """Speed of a fan with a characteristic curve. area: of the opening [m²]; density: of the air [kg/m³].
 
-    area: area of the opening [m²]; density: density of the air [kg/m³].
+    cells: (n, dim) behind the opening, on the padded grid; weights: weights of their pressures.
     """
 
     STATE = ("speed", "acceleration")
@@ -43,20 +43,20 @@ class CurvedFan:
         self.weights = tables.listed(weights / weights.sum())
 
     def begin(self, curve: FanCurve, speed: float) -> None:
-        """Start with a speed [m/s]; the caller then sets the inertia of the air in front."""
+        """Reset the fan to a speed [m/s]; the caller then sets the inertia of the air in front."""
         self.speed = speed
         self.free_speed = curve.flow / self.area
         self.shut_off = curve.pressure / self.density  # kinematic [m²/s²]
-        self.inertia = 0.0  # m
-        self.blades = 2.0 * self.shut_off / self.free_speed * curve.response  # the same
-        self.acceleration = 0.0  # m/s², of the last step
+        self.inertia = 0.0  # m of the air in front [m]
+        self.blades = 2.0 * self.shut_off / self.free_speed * curve.response  # r [m]
+        self.acceleration = 0.0  # acceleration in the last step [m/s²]
 
     def mean(self, p) -> float:
-        """Mean of a cell field behind the opening."""
+        """Return the weighted mean of a cell field p behind the opening."""
         return float(_mean(p, self.cells, self.weights, self.count))
 
     def advance(self, p, dt: float) -> None:
-        """Advance the speed by dt [s] at the kinematic pressure p; the speed is never negative."""
+        """Advance the fan's speed by dt [s] at the kinematic pressure p; the speed is never negative."""
         against = self.mean(p) - self.inertia * self.acceleration
         beyond = self.shut_off * (1.0 - (self.speed / self.free_speed) ** 2) - against
         speed = max(self.speed, LEAST * self.free_speed)

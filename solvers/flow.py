@@ -39,7 +39,7 @@ from taichi_plume.solvers.walls import Walls, distances
 
 @ti.data_oriented
 class FlowSolver(Carrier):
-    """Air flow in a box with solid cells and openings; satisfies `fields.Carrier`.
+    """Solver of the incompressible Navier–Stokes equations in a box with solid cells and openings; a `fields.Carrier`.
 
     Fields besides the carrier's: p [m²/s²]. boundaries: boundary conditions; heat: temperature of the air, None if not
     computed; weighing: gases that change the density (buoyancy); resistances: screens, moving bodies.
@@ -106,7 +106,7 @@ class FlowSolver(Carrier):
     # ---------------------------------------------------------------- the step
 
     def _compile_step(self) -> None:
-        """Build the kernels of a step from passes over the cells and faces, in the order of the scheme."""
+        """Compile the kernels of a step from passes over the cells and faces, in the order of the scheme."""
         m, grid, phi = self.momentum, self.grid, self._phi
         ghosts, walls = Ghosts(self.boundaries, self.walls), self.walls
         u, u0, rate = self.u, self._start, self._rate
@@ -211,7 +211,7 @@ class FlowSolver(Carrier):
             self.heat.advance(t, dt)
 
     def _project(self, dt: float) -> None:
-        """Project u on divergence-free fields by the gradient of phi; dt [s] scales the increment of the pressure."""
+        """Project u on divergence-free fields by the gradient of phi; dt [s]: scale of the pressure increment."""
         self._diverge()
         self.solver.solve(self._divergence, self._phi, self.tolerance * max(self.max_speed, 1e-3))
         self._correct(dt)
@@ -219,17 +219,17 @@ class FlowSolver(Carrier):
     # ---------------------------------------------------------------- the start of a run
 
     def begin(self, model: CfdWind, t: float, seed: int) -> None:
-        """Start from the potential flow that the openings force."""
+        """Start a run at time t [s] from the potential flow that the openings force."""
         self._take_numbers(model)
         self.boundaries.begin(model.openings, seed)
-        pull = []
+        buoyancies = []
         if model.buoyancy is not None:
             gravity, heat = np.array(model.buoyancy.pull(self.dim)), model.buoyancy.heat
-            pull = [gravity * scalar.weight for scalar in self.weighing]
-            pull += [] if heat is None else [gravity * -heat.volume_expansion]
+            buoyancies = [gravity * scalar.weight for scalar in self.weighing]
+            buoyancies += [] if heat is None else [gravity * -heat.volume_expansion]
             if self.heat is not None and heat is not None:
                 self.heat.begin(heat, t, seed)
-        self.momentum.begin(model, np.array(pull))
+        self.momentum.begin(model, np.array(buoyancies))
         for resistance, screen in zip(self.screens, model.screens, strict=True):
             resistance.begin(screen, model.viscosity)
         self.max_speed, self.max_courant = 1.0, 0.0
@@ -243,7 +243,7 @@ class FlowSolver(Carrier):
         self.schmidt = 1.0 if model.turbulence.kind == "none" else model.turbulence.schmidt
 
     def start_from(self, velocity: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Set u from a function of points (..., dim) [m] to velocities [m/s], made divergence-free; p starts at 0."""
+        """Set u from a function of points (..., dim) [m] to velocities [m/s], made divergence-free; p becomes 0."""
         self._put_velocity(
             *(
                 np.where(area > 0.0, velocity(padded_faces(self.grid, d))[..., d], 0.0)
@@ -257,7 +257,7 @@ class FlowSolver(Carrier):
         return uploader(*self.u)
 
     def _settle(self) -> None:
-        """Make u divergence-free and set p to 0."""
+        """Make the present u divergence-free and set p to 0."""
         self._begin(1.0)
         self._prescribe(1.0)
         self._project(1.0)
@@ -267,7 +267,7 @@ class FlowSolver(Carrier):
         self._zero((self.p,))
 
     def _impulse(self) -> Field:
-        """Return the field phi that sets air at rest in motion, to the velocities prescribed at the boundaries."""
+        """Return the field phi whose gradient sets resting air in motion with the velocities at the boundaries."""
         self._zero(self.u)
         self._begin(1.0)
         self._prescribe(1.0)
@@ -288,10 +288,10 @@ class FlowSolver(Carrier):
         self.max_viscosity = max(viscosity, self.viscosity)
 
     def stable_dt(self, t: float = 0.0) -> float:
-        """Return the step [s] that keeps the Courant number at its limit (CFL) and diffusion stable; 0 if the flow is
-        not finite.
+        """Return the largest stable time step [s] at time t, by the Courant number (CFL) and diffusion; 0 if the flow
+        is not finite.
 
-        t: start of the step; speeds that a schedule prescribes soon after already count.
+        Speeds that a schedule prescribes soon after t already count.
         """
         if not self.speed_rate * self.grid.dx < HUGE:
             return 0.0
@@ -302,7 +302,7 @@ class FlowSolver(Carrier):
         return self.limits.longest_step(rate, self.courant, self.max_viscosity)
 
     def diagnostics(self) -> dict[str, float]:
-        """Return max_divergence (over the largest |u|/dx), max_courant (of all steps so far), max_speed [m/s]."""
+        """Return the largest divergence (over max_speed/dx), Courant number (of all steps) and speed [m/s], by name."""
         u = [values.astype(np.float64) for values in self._read_velocity()]
         if self.area is not None:
             u = [v * area for v, area in zip(u, self._area, strict=True)]
@@ -315,6 +315,6 @@ class FlowSolver(Carrier):
         }
 
     def momentum_loss(self) -> list[np.ndarray]:
-        """Return the friction of obstacles on the air, per axis on the lower faces of the cells [m/s²]."""
+        """Return the friction of obstacles on the air per axis, on the lower faces of the cells [m/s²]."""
         self._lose()
         return [self.grid.read(field) for field in self._rate]

@@ -8,11 +8,11 @@ from taichi_plume.solvers.flow import FlowSolver
 
 
 class Forces:
-    """Force [N] of the air on each of `count` obstacles, shape (count, dim), at the present time of the flow; in 2-D
-    over the slab's depth; nan for an obstacle that is not part of `air`.
+    """Callable that returns the force [N] of the air on each of `count` obstacles, (count, dim), at the flow's present
+    time.
 
-    The force is the pressure on the surfaces in the cells plus the momentum that friction takes from the air beside
-    them: the sum over the obstacles is the loss of the air.
+    In 2-D the force is that over the slab's depth; NaN for an obstacle that covers no cell of `air`. The force is the
+    pressure on the surfaces in the cells plus the momentum that friction takes from the air beside them.
     """
 
     def __init__(self, flow: FlowSolver, air: Air, count: int):
@@ -31,7 +31,7 @@ class Forces:
         self._none = np.bincount(self._bodies, minlength=count) == 0
 
     def __call__(self) -> np.ndarray:
-        """Return the present forces."""
+        """Return the present forces on the obstacles, (count, dim) [N]."""
         grid = self.flow.grid
         pressure = grid.read(self.flow.p)[self._cells]
         loss = self.flow.momentum_loss()

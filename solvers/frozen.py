@@ -9,10 +9,10 @@ from taichi_plume.solvers.flow import FlowSolver
 
 @ti.data_oriented
 class FrozenSolver(FlowSolver):
-    """Flow solver whose u and nu are replaced, at time `after`, by their means over the last `average` seconds.
+    """Flow solver that freezes: at time `after`, u and nu become their means over the last `average` seconds.
 
-    From then on the air costs nothing and schedules have no effect. The fluctuations are gone, and with them the
-    meandering and the intermittency of a plume: nu does not replace their mean mixing.
+    From then on the flow needs no computation and schedules have no effect. The fluctuations are gone, and with them
+    the meandering and the intermittency of a plume: nu does not replace their mean mixing.
     """
 
     STATE = (*FlowSolver.STATE, "means", "frozen", "_averaged")
@@ -31,10 +31,10 @@ class FrozenSolver(FlowSolver):
         self.until = t + model.after
         self.since = self.until - (0.5 * model.after if model.average is None else model.average)
         self.frozen = False
-        self._averaged = 0.0  # s
+        self._averaged = 0.0  # time averaged so far [s]
 
     def stable_dt(self, t: float = 0.0) -> float:
-        """Return the step of the flow solver; infinite once the air stands still."""
+        """Return the largest stable time step [s] of the flow at time t; infinite once the flow is frozen."""
         return float("inf") if self.frozen else super().stable_dt(t)
 
     def advance(self, t: float, dt: float) -> None:

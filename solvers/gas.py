@@ -22,7 +22,7 @@ from taichi_plume.solvers.transport import Scalar, Transport
 
 @ti.data_oriented
 class EulerianSolver(GridGas):
-    """Gas on the grid of a wind that has face velocities. Field c: concentration [kg/m³]."""
+    """Gas on the grid, carried by a wind that has face velocities. Field c: concentration [kg/m³]."""
 
     STATE = ("transport", "emissions", "emitted_kg", "initial_kg", "surfaces")
 
@@ -66,7 +66,7 @@ class EulerianSolver(GridGas):
         self.begin(gas, t, seed)
 
     def begin(self, model: EulerianGas, t: float = 0.0, seed: int = 0) -> None:
-        """Place the sources. Raises ValueError for a source without air."""
+        """Reset the gas for a run and place the sources. Raises ValueError for a source without air."""
         self.species = model.vapour
         self._inflow = model.inflow
         self.release.begin(model.sources)
@@ -84,18 +84,18 @@ class EulerianSolver(GridGas):
         self.emitted_kg = self.initial_kg = 0.0
 
     def _patches(self, gas: EulerianGas, openings: Sequence[Opening], air: Air) -> dict[int, Patch]:
-        """Return the patches of the openings by their numbers, if inflow or surfaces need them."""
+        """Return the boundary patches of the openings by index, empty unless inflow or surfaces need them."""
         if not gas.inflow and gas.surfaces is None:
             return {}
         patches = {n: patch_of(opening, self.grid, air.area) for n, opening in enumerate(openings)}
         return {n: patch for n, patch in patches.items() if patch is not None}
 
     def _density(self, ppm: float) -> float:
-        """Concentration [kg/m³] of a mole fraction [ppm]."""
+        """Return the concentration [kg/m³] of the gas at a mole fraction [ppm]."""
         return ppm / self.species.ppm_per_density
 
     def start_from(self, concentration: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Set c from a function of points (..., dim) [m] to concentrations [kg/m³]."""
+        """Set c from a function of points (..., dim) [m] to concentrations [kg/m³]; 0 in obstacles."""
         solid = self._solid
         self.transport.start_from(lambda points: np.where(solid, 0.0, concentration(points)))
         self.initial_kg = self.transport.inside()
@@ -103,7 +103,7 @@ class EulerianSolver(GridGas):
     # ---------------------------------------------------------------- the step
 
     def advance(self, t: float, dt: float) -> None:
-        """Emit and disperse from t to t + dt, in enough steps to keep the gas positive."""
+        """Emit and disperse gas from t to t + dt [s], in enough steps to keep the concentration positive."""
         steps = self.transport.steps(dt)
         h = dt / steps
         for n in range(steps):
@@ -112,7 +112,7 @@ class EulerianSolver(GridGas):
             self.transport.step(h)
 
     def _bring(self, t: float) -> None:
-        """Set the concentration of the inflow at time t [s]."""
+        """Set the concentration of the air that enters through openings at time t [s]."""
         carried = [self._density(inflow.at(t)) for inflow in self._inflow]
         if self.transport.inflow and carried != self._carried:
             patches = [self._vents[inflow.opening] for inflow in self._inflow]
@@ -127,8 +127,8 @@ class EulerianSolver(GridGas):
     # ---------------------------------------------------------------- budget
 
     def budget(self) -> dict[str, float]:
-        """Return the mass balance [kg]: initial, if any, emitted, in the domain and lost through its faces; if inflow
-        or surfaces exchange gas, also the mass that entered with air and the mass that surfaces took up.
+        """Return the mass balance [kg] by name: initial, if any, emitted, in the domain, outflow; if inflow or surfaces
+        exchange gas, also the mass that entered with air and the mass that surfaces took up.
         """
         budget = {
             **({"initial_kg": self.initial_kg} if self.initial_kg else {}),
@@ -147,5 +147,5 @@ class EulerianSolver(GridGas):
         return isfinite(self.transport.inside())
 
     def least(self) -> float:
-        """Smallest concentration [kg/m³]."""
+        """Return the smallest concentration [kg/m³] of all cells."""
         return self.transport.least()

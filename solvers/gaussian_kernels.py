@@ -14,9 +14,9 @@ FAR = 1e30  # m: position that stands for "no wall"
 
 
 def walls_along(faces: Sequence[Face], axes: np.ndarray, extent: tuple[float, ...]) -> np.ndarray:
-    """Return the lower and upper wall along each axis (a row of unit vectors) [m], (axes, 2); FAR without a wall.
+    """Return the lower and upper wall [m] along each axis (rows: unit vectors), (axes, 2); ±FAR where there is no wall.
 
-    faces: faces of the domain that are walls.
+    faces: faces of the domain that are walls; extent: of the domain [m].
     """
     limits = np.tile([-FAR, FAR], (len(axes), 1))
     for face in faces:
@@ -30,10 +30,10 @@ def walls_along(faces: Sequence[Face], axes: np.ndarray, extent: tuple[float, ..
 
 @ti.func
 def bell(q, centre, variance, low, high, most: Template):
-    """Return a Gaussian of unit area at q, reflected by at most `most` walls, at `low` and `high`.
+    """Return at q a Gaussian of unit area with this centre and variance, mirrored by walls at `low` and `high`.
 
-    Between two walls: images of a narrow Gaussian, a cosine series of a wide Gaussian (Poisson's formula); both to
-    1e-7.
+    most: largest number of walls, 0 to 2. Between two walls a narrow Gaussian is a sum of images, a wide one a cosine
+    series (Poisson's formula); both to 1e-7.
     """
     total = 0.0
     if ti.static(most == 0):
@@ -66,7 +66,7 @@ def _before_one(q, centre, variance, low, high):
 def _between_two(q, centre, variance, low, high):
     total, width = 0.0, high - low
     if variance < 0.25 * width**2:
-        near = centre - 2.0 * width * ti.round((centre - low) / (2.0 * width))  # of all images
+        near = centre - 2.0 * width * ti.round((centre - low) / (2.0 * width))  # the nearest image
         for m in range(-2, 3):
             image = near + 2.0 * m * width
             total += _free(q, image, variance) + _free(q, 2.0 * low - image, variance)

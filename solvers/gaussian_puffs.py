@@ -25,25 +25,25 @@ NODES = 32  # nodes of an integral over the logarithm of the age
 
 
 def diffusivities(gas: GaussianPuffGas | ContinuousGas, dim: int) -> np.ndarray:
-    """Return the diffusivity per axis [m²/s]."""
+    """Return the diffusivity of a gas along each axis, (dim,) [m²/s]: as given, or by default that of the vapour."""
     given = (gas.vapour.diffusivity,) if gas.diffusivity is None else gas.diffusivity
     return np.broadcast_to(np.array(given), dim).astype(float)
 
 
 def reflecting(gas: GaussianPuffGas | ContinuousGas, grid: Grid) -> tuple[tuple[float, float, int], ...]:
-    """Return the lower and upper wall [m] along each axis of the grid, and the number of walls."""
+    """Return (lower wall [m], upper wall [m], number of walls) per axis of the grid; ±FAR where there is no wall."""
     limits = walls_along(gas.reflecting(grid.dim), np.eye(grid.dim), grid.extent)
     return tuple((float(low), float(high), int(low > -FAR) + int(high < FAR)) for low, high in limits)
 
 
 @ti.data_oriented
 class GaussianPuffs(Gas):
-    """Gaussian puffs. Fields, one entry per release: mass, 0 before it, centre, variance."""
+    """Gas of instantaneous releases as Gaussian puffs. Fields per release: mass, 0 before it; centre; variance."""
 
     STATE = ("mass", "centre", "variance", "_start")
 
     def __init__(self, gas: GaussianPuffGas, grid: Grid, wind: UniformSolver, t: float = 0.0):
-        """t: start of the run [s]; the wind must have begun."""
+        """Allocate and start the gas at t [s], the start of the run; `wind.begin` must have been called."""
         self.grid, self.dim = grid, grid.dim
         self.wind = wind
         self.count = len(gas.releases)
@@ -90,7 +90,7 @@ class GaussianPuffs(Gas):
 
 @ti.data_oriented
 class ContinuousPuffs(Gas):
-    """Gas of steady sources in a wind without gusts: the integral of Gaussian puffs.
+    """Gas of steady sources in a wind without gusts: the time integral of Gaussian puffs.
 
     A finite source counts as a point source that spread earlier: s = a + radius²/(2 D), D the geometric mean of the
     diffusivities, so that its Gaussian is round if they are equal. With A/s + B s the exponent of a puff at x, up to a
@@ -104,7 +104,7 @@ class ContinuousPuffs(Gas):
     STATE = ("youngest", "oldest")
 
     def __init__(self, gas: ContinuousGas, grid: Grid, wind: UniformSolver, t: float = 0.0):
-        """t: start of the run [s]; the wind must have begun."""
+        """Allocate and start the gas at t [s], the start of the run; `wind.begin` must have been called."""
         self.grid, self.dim = grid, grid.dim
         self.wind = wind
         self.count = len(gas.sources)
@@ -164,7 +164,7 @@ class ContinuousPuffs(Gas):
 
     @ti.func
     def _ages(self, dx: Template, n: ti.i32):
-        """Return the first and last s at which a puff of source n counts at dx from it; last <= first if none does."""
+        """Return first and last s at which puffs of source n count at the offset dx [m]; last <= first if none does."""
         A = 0.0
         for d in ti.static(range(self.dim)):
             A += (dx[d] + self.U[None][d] * self.spread[n]) ** 2 / (4.0 * self.D[None][d])

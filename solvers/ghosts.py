@@ -26,7 +26,7 @@ class Ghosts:
         self.grid, self.dim = boundaries.grid, boundaries.dim
 
     def _visit(self, body: Callable[..., None], *given: Field | Faces | bool) -> Pass:
-        """Return the pass that calls ``body(*given, K, d, a)`` for all faces K of each axis d.
+        """Return the pass that calls ``body(*given, K, d, a)`` for all boundary faces K of each axis d.
 
         K[d] is 0 on the lower side of the domain and 1 on the upper one.
         """
@@ -41,12 +41,12 @@ class Ghosts:
         return visit([of_axis(d) for d in range(self.dim)], self.b.sides)
 
     def filling_velocity(self, u: Field) -> Pass:
-        """Return the pass that sets all ghost values of the face velocities u."""
+        """Return the pass that sets all ghost values of the face velocities u by the boundary conditions."""
         return self._visit(self._fill_velocity_at, u)
 
     def prescribing(self, u: Field, u0: Field) -> Pass:
-        """Return the pass that sets prescribed faces at a fraction `a` of the step, between u0 at its start and the
-        targets at its end, and the upper faces of periodic axes.
+        """Return the pass that sets prescribed velocities at a fraction `a` of the step, between u0 at its start and
+        the targets at its end, and the upper faces of periodic axes.
         """
         return self._visit(self._prescribe_at, u, u0)
 
@@ -55,7 +55,7 @@ class Ghosts:
         return self._visit(self._fill_pressure_at, p, with_ambient)
 
     def updating_losses(self, u: Field) -> Pass:
-        """Return the pass that sets the pressure on free faces from K/2 u|u|.
+        """Return the pass that sets the pressure on free faces from the loss K/2 u|u|.
 
         The pressure relaxes over dt (a) at the rate that is stable for any loss coefficient K.
         """
@@ -125,9 +125,9 @@ class Ghosts:
 
     @ti.func
     def _conditions(self, K: Template, d: Template, c: Template, outward):
-        """Return the shares of velocity component c at boundary face K of axis d that have a no-slip wall and that have
-        zero gradient (slip, outflow). The rest is prescribed (Dirichlet). Component c lies between two boundary faces,
-        and each counts half.
+        """Return the fractions of velocity component c at boundary face K of axis d with a no-slip wall and with zero
+        gradient (slip, outflow). The rest is prescribed (Dirichlet). Component c lies between two boundary faces, and
+        each counts half.
         """
         wall, drawn = 0.0, 0.0
         for step in ti.static(range(2)):

@@ -22,17 +22,17 @@ LEAST = 1 << 15  # capacity in knots: a reset may make the wind slower, or the g
 
 
 def knots(time: float, reach: float) -> int:
-    """Return the number of knots that cover the last `reach` seconds of a process of integral time `time` [s]."""
+    """Return the number of knots that store the last `reach` seconds of gusts of integral time `time` [s]."""
     return BLOCK * (ceil(reach / interval(time, reach) / BLOCK) + 2)
 
 
 def interval(time: float, reach: float) -> float:
-    """Time from one knot to the next [s]."""
+    """Return the time between knots [s] of gusts of integral time `time` [s] that are stored for `reach` seconds."""
     return min(time / KNOTS_PER_TIME, reach / KNOTS_PER_REACH)
 
 
 def cubic(w, h, y, v):
-    """Return Y, and h times the growth of v, at fraction w of an interval of length h, from y and v at both ends."""
+    """Return Y and h times the growth of v at the fraction w of an interval of length h; y, v: values at both ends."""
     rise = y[1] - y[0]
     bend, twist = 3 * rise - h * (2 * v[0] + v[1]), h * (v[0] + v[1]) - 2 * rise
     return y[0] + w * (h * v[0] + w * (bend + w * twist)), w * (2 * bend + 3 * w * twist)
@@ -43,10 +43,10 @@ _cubic: Callable = ti.func(cubic)
 
 @ti.data_oriented
 class OrnsteinUhlenbeck:
-    """Independent processes v of zero mean and their integrals Y, stored for the last `reach` seconds.
+    """Gusts: independent Ornstein-Uhlenbeck processes v and their integrals Y, stored for the last `reach` seconds.
 
-    Fields: path, a ring of knots with Y and v of each process; head, the knot before the present time; share, the
-    fraction of the interval to the next knot; now, the present Y of each process.
+    Fields: path, a ring buffer of knots with Y and v of each process; head, the knot before the present time; share,
+    the fraction of the interval to the next knot; now, the present Y of each process.
     """
 
     STATE = ("path", "head", "share", "now", "_rng", "_known", "_drawn", "_last")
@@ -59,7 +59,7 @@ class OrnsteinUhlenbeck:
         reach: float,
         rng: np.random.Generator,
     ):
-        """Parameters: see `begin`."""
+        """Allocate the ring buffer of knots and start the processes; arguments as for `begin`."""
         self.size = len(deviations)
         self.count = max(knots(time, reach), LEAST)
         self.path = ti.Vector.field(2 * self.size, ti.f32, self.count)
@@ -77,9 +77,9 @@ class OrnsteinUhlenbeck:
         reach: float,
         rng: np.random.Generator,
     ) -> None:
-        """deviations: standard deviation of each process; time: integral time [s]; t: first time requested [s].
+        """Reset the processes; deviations: standard deviations; time: integral time [s]; t: first time used [s].
 
-        Raises ValueError if the ring of knots is too short for these gusts.
+        Raises ValueError if the ring buffer of knots is too short for these gusts.
         """
         if knots(time, reach) > self.count:
             raise ValueError(
@@ -98,7 +98,7 @@ class OrnsteinUhlenbeck:
         self.advance(t)
 
     def _law(self) -> None:
-        """Set the memory of v over an interval, and the covariance factor of the increments of v and Y for s = 1."""
+        """Compute the memory of v over an interval, and the covariance factor of increments of v and Y if s = 1."""
         h, T = self.interval / self.time, self.time
         fresh = -expm1(-h)
         variance_v = fresh * (2.0 - fresh)
@@ -108,7 +108,7 @@ class OrnsteinUhlenbeck:
         self._factor = np.linalg.cholesky([[variance_v, covariance], [covariance, variance_y]])
 
     def _draw(self) -> None:
-        """Draw the next knots."""
+        """Draw the next BLOCK knots and store them."""
         from scipy.signal import lfilter  # takes 0.3 s: for runs with gusts only
 
         noise = self._rng.standard_normal((BLOCK, self.size, 2)) @ self._factor.T
@@ -124,7 +124,7 @@ class OrnsteinUhlenbeck:
         self._drawn += BLOCK
 
     def advance(self, t: float) -> None:
-        """Advance `now` to time t [s], which never decreases."""
+        """Advance the present time to t [s], which must not decrease."""
         while (t - self._origin) / self.interval >= self._drawn - 1:
             self._draw()
         self._set_now(*self._place(t), self.at(t)[0].astype(np.float32))
@@ -146,7 +146,7 @@ class OrnsteinUhlenbeck:
         return int(knot) % self.count, float(share)
 
     def at(self, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return Y and v of each process at a time between `reach` before the present time and the present time."""
+        """Return Y and v of each process at time t [s], at most `reach` before the present time."""
         knot, share = self._place(t)
         ends = self._known[[knot, (knot + 1) % self.count]]
         y, growth = cubic(share, self.interval, ends[:, 0], ends[:, 1])
@@ -154,7 +154,7 @@ class OrnsteinUhlenbeck:
 
     @ti.func
     def before(self, age: float):
-        """Return the growth of each Y in the last `age` seconds, and v at its start."""
+        """Return the growth of each Y over the last `age` seconds, and each v at the start of that time."""
         interval = self.n.interval[None]
         place = self.share[None] - ti.math.clamp(age, 0.0, self.n.reach[None]) / interval
         below = ti.floor(place)

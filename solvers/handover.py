@@ -1,9 +1,9 @@
 """Handover of puffs wider than a cell to gas on the grid, which the wind carries and mixes.
 
-A puff is handed over once its standard deviation is WIDTH cells. From then on eddies larger than a cell mix the gas,
-which the wind resolves; before, smaller eddies do, which it does not (see `puff_growth`). Means over cells add 1/12 dx²
-to the variance of the puff, interpolation between cells another 1/6 dx². A puff is deposited narrower by this variance,
-so that the concentration reads the same before and after.
+A puff is handed over once its standard deviation is WIDTH cells. From then on eddies larger than a cell, which the wind
+resolves, mix the gas; before, smaller eddies do, which `puff_growth` models. Means over cells add 1/12 dx² to the
+variance of the puff, interpolation between cells another 1/6 dx². A puff is deposited narrower by this variance, so
+that the concentration reads the same before and after.
 """
 
 from typing import Any
@@ -25,12 +25,12 @@ WIDENED = 1.0 / 12.0 + 1.0 / 6.0  # variance [cells²] added by means over cells
 
 @ti.data_oriented
 class Handover:
-    """Gas on the grid that came from puffs."""
+    """Gas on the grid that came from wide puffs."""
 
     STATE = ("transport",)
 
     def __init__(self, solver: Any, wind: Carrier, air: Air, convection: str):
-        """solver: `PuffSolver`, the owner of the puffs, which calls `begin`."""
+        """solver: `PuffSolver`, owner of the puffs, which calls `begin`; convection: key of the convection scheme."""
         self.solver, self.grid, self.wind = solver, solver.grid, wind
         self.limit = (WIDTH * self.grid.dx) ** 2
         self.air = self.grid.field()
@@ -39,11 +39,11 @@ class Handover:
         self._deposit = Deposit(solver, air, self.transport.q, self.transport.rest)
 
     def begin(self, diffusivity: float) -> None:
-        """diffusivity [m²/s]: diffusivity of all motion that the wind does not resolve."""
+        """Reset the gas; diffusivity [m²/s]: by molecules and all motion that the wind does not resolve."""
         self.transport.begin(diffusivity, self.wind.schmidt)
 
     def advance(self, t: float, dt: float) -> None:
-        """Take the mass of the wide puffs, and carry the gas from t to t + dt."""
+        """Move the mass of wide puffs to the grid, then advance the gas on the grid from t to t + dt [s]."""
         self._take(t)
         steps = self.transport.steps(dt)
         for _ in range(steps):
@@ -65,9 +65,9 @@ class Handover:
 
     @ti.func
     def concentration(self, x: Template):
-        """Concentration [kg/m³] at point x [m], linear between the centres of cells that hold air."""
+        """Return the concentration on the grid [kg/m³] at point x [m], linear between the centres of cells with air."""
         return sample_cells(self.transport.q, self.air, x, self.grid.dx, self.grid.ghost, self.grid.padded)
 
     def cells(self) -> np.ndarray:
-        """Concentration of every cell [kg/m³], of the grid's shape."""
+        """Return the concentration of every cell [kg/m³], an array of the grid's shape."""
         return self.grid.read(self.transport.q)

@@ -45,12 +45,12 @@ class HeatPuffs:
     STATE = ()
 
     def __init__(self, release: Release):
-        """The owner calls `begin`."""
+        """Prepare puffs for the heaters of `release`. The owner calls `begin`."""
         self.release = release
         self._periods = np.where(release.grid.periodic, release.grid.shape, np.inf)
 
     def begin(self, heat: Heat, seed: int) -> None:
-        """Take over the heaters, which `release` has placed."""
+        """Set the heaters, which `release` has placed, and the seed of the puffs."""
         self._share, self._seed = heat.unsteadiness, seed
         self._radii = [max(heater.radius, self.release.grid.dx) for heater in heat.heaters]
         self._rates = [
@@ -60,14 +60,14 @@ class HeatPuffs:
         self._numbers: list[int] = []  # numbers of the present puffs
 
     def advance(self, t: float) -> None:
-        """Release the puffs of time t [s]."""
+        """Set the shares of the heaters' cells by the puffs at time t [s]."""
         numbers = [floor(t * rate) for rate in self._rates]
         if self._share > 0.0 and numbers != self._numbers:
             self._numbers = numbers
             self.release.set_shares([self.shares(n, number) for n, number in enumerate(numbers)])
 
     def shares(self, n: int, number: int) -> np.ndarray:
-        """Shares of the power of heater n that its cells receive during puff `number`."""
+        """Return the share of heater n's power that each of its cells receives during puff `number`."""
         cells, even = self.release.balls[n]
         rng = generator(self._seed, f"heaters[{n}] puff {number}")
         apart = np.abs(cells - cells[rng.choice(len(even), p=even / even.sum())])
@@ -77,13 +77,13 @@ class HeatPuffs:
 
 
 def _temperature(vent: Patch) -> float | None:
-    """Return the temperature of the inflow through an opening [K], None if it is not given."""
+    """Return the temperature [K] of the air that flows in through an opening, None if it is not given."""
     return cast(Vent, vent.opening).temperature
 
 
 @ti.data_oriented
 class HeatSolver:
-    """Temperature on the grid of a flow. Field theta: T - reference [K]."""
+    """Temperature of the air on the grid of a flow. Field theta: T - reference [K]."""
 
     STATE = ("transport", "heaters_joule", "initial_joule", "surfaces")
 
@@ -96,7 +96,7 @@ class HeatSolver:
         air: Air,
         scalar: Scalar | None = None,
     ):
-        """patches: of the wind's openings; scalar: theta, if the flow has buoyancy. Raises ValueError for a heater or a
+        """patches: openings of the wind; scalar: theta, if the flow has buoyancy. Raises ValueError for a heater or a
         surface that touches no air.
         """
         self.grid, self.air = grid, air
@@ -118,7 +118,7 @@ class HeatSolver:
         self.begin(heat)
 
     def begin(self, model: Heat, t: float = 0.0, seed: int = 0) -> None:
-        """Place the heaters. Raises ValueError for a heater that touches no air."""
+        """Reset the temperature for a run and place the heaters. Raises ValueError for a heater that touches no air."""
         self.reference = model.reference
         self.capacity = model.capacity
         self.heaters = model.heaters
@@ -139,7 +139,7 @@ class HeatSolver:
             self.transport.set_inflow(inflow)
 
     def start_from(self, temperature: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Set theta from a function of points (..., dim) [m] to temperatures [K]."""
+        """Set theta from a function of points (..., dim) [m] to temperatures [K]; 0 in obstacles."""
         solid, reference = self.air.solid, self.reference
         self.transport.start_from(lambda points: np.where(solid, 0.0, temperature(points) - reference))
         self.initial_joule = self.transport.inside() * self.capacity
@@ -147,7 +147,7 @@ class HeatSolver:
     # ---------------------------------------------------------------- the step
 
     def advance(self, t: float, dt: float) -> None:
-        """Heat, carry and diffuse from t to t + dt, in enough steps to create no new extrema."""
+        """Heat, carry and diffuse from t to t + dt [s], in enough steps to create no new extrema."""
         steps = self.transport.steps(dt)
         h = dt / steps
         if self.puffs is not None:
@@ -161,8 +161,8 @@ class HeatSolver:
     # ---------------------------------------------------------------- budget and diagnostics
 
     def budget(self) -> dict[str, float]:
-        """Return the heat balance [J] above the reference: initial heat, if any, heat from heaters and from surfaces,
-        heat in the air and heat lost through the openings.
+        """Return the heat balance [J] above the reference by name: initial, if any, from heaters, from surfaces, in the
+        air, and lost through the openings.
         """
         return {
             **({"initial_J": self.initial_joule} if self.initial_joule else {}),
@@ -173,7 +173,7 @@ class HeatSolver:
         }
 
     def diagnostics(self) -> dict[str, float]:
-        """Coldest and warmest cell [K] and the budget of heat."""
+        """Return the temperature of the coldest and the warmest cell [K] and the heat balance [J], by name."""
         theta = self.grid.read(self.theta)[~self.air.solid]
         return {
             "coldest_K": self.reference + float(theta.min()),

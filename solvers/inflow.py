@@ -33,7 +33,7 @@ LENGTHS = 12.0  # integral lengths from one box of waves to the next: blending t
 
 
 class Waves:
-    """Waves of an opening: wave numbers and strengths.
+    """Random waves of inflow turbulence at an opening: wave numbers and amplitudes.
 
     k: per axis of the domain, as the differences of the grid see it [1/m], with a third that is zero in 2-D; along the
     wind first, then along the face's axes, the last of only one sign. amplitude: amplitude of each wave's potential;
@@ -42,7 +42,7 @@ class Waves:
     """
 
     def __init__(self, patch: JetPatch, counts: list[int], length: float):
-        """counts: cells along the axes of the face."""
+        """counts: number of cells along each axis of the face; length: integral length [m]."""
         dx, dim = patch.grid.dx, patch.grid.dim
         cut = 2.0 * pi / (SHORTEST * dx)
         self.spacing = SHORTEST * dx / PLANES  # spacing of the planes along the wind [m]
@@ -81,12 +81,12 @@ class Waves:
 
     @staticmethod
     def _fitting(n: int, dx: float, most: float) -> np.ndarray:
-        """Wave numbers up to `most` [1/m] with a period of n cells."""
+        """Return the wave numbers up to `most` [1/m] of waves with a period of n cells of size dx [m]."""
         k = 2.0 * pi * np.fft.fftfreq(n, dx)
         return k[np.abs(k) <= most]
 
     def curl(self, potential: np.ndarray) -> np.ndarray:
-        """Return k x potential, (3, ...), for a common potential (3) or for one per wave (3, ...)."""
+        """Return k x potential, (3, ...), for one potential (3,) or for a potential per wave (3, ...)."""
         a = potential.reshape(3, *(1,) * (self.k.ndim - potential.ndim), *potential.shape[1:])
         return np.stack([self.k[m] * a[n] - self.k[n] * a[m] for m, n in ((1, 2), (2, 0), (0, 1))])
 
@@ -94,7 +94,7 @@ class Waves:
         return self.weight / (scale**2 + self.square) ** self.exponent
 
     def _scale(self, length: float, strongest: float) -> float:
-        """Return the k_L [1/m] for the integral length `length` [m], or the nearest allowed value."""
+        """Return k_L [1/m] such that the waves have the integral length `length` [m], or the nearest possible value."""
         scales = np.geomspace(strongest, min(INTEGRAL / length, strongest), SCALES)
         powers = [self._spectrum(scale) * self.of_unit[self._through] for scale in scales]
         # half the power of the waves that are constant along the wind, over all power and the spacing of the wave
@@ -104,7 +104,7 @@ class Waves:
 
 
 def _share(x: float, dim: int) -> float:
-    """Return the share of the energy of a von Karman spectrum k^(dim + 1)/(1 + k²)^(5/6 + (dim + 1)/2) below k = x."""
+    """Return the energy fraction below k = x of a von Karman spectrum k^(dim + 1)/(1 + k²)^(5/6 + (dim + 1)/2)."""
     return float(betainc(1.0 + 0.5 * dim, 1.0 / 3.0, x**2 / (1.0 + x**2)))
 
 
@@ -118,7 +118,7 @@ class Fluctuations:
     STATE = ("travelled",)
 
     def __init__(self, patch: JetPatch, length: float, seed: int, name: str):
-        """length: integral length [m] along the wind."""
+        """length: integral length [m] along the wind; seed, name: of the random stream."""
         self.patch, self.dim = patch, patch.grid.dim
         self.travelled = 0.0
         self._seed, self._name = seed, name
@@ -144,7 +144,7 @@ class Fluctuations:
         self._boxes: dict[int, np.ndarray] = {}
 
     def _scales(self) -> np.ndarray:
-        """Return the factors that give each component its standard deviation, at its place on the staggered grid.
+        """Return the factors that give each velocity component its standard deviation on the staggered grid.
 
         The normal component counts without its mean, which obstacles or a round rim may leave.
         """
@@ -160,7 +160,7 @@ class Fluctuations:
         return self.waves.shift * np.reshape(scale, (-1, *(1,) * self.dim))
 
     def _box(self, number: int) -> np.ndarray:
-        """Return the waves along the face in each plane: (planes, dim, waves along each axis)."""
+        """Return the waves of box `number` in each plane across the wind: (planes, dim, waves along each axis)."""
         if number not in self._boxes:
             self._boxes = {n: box for n, box in self._boxes.items() if n == number - 1}
             waves, rng = self.waves, generator(self._seed, f"{self._name} box {number}")
@@ -175,7 +175,7 @@ class Fluctuations:
         return self._boxes[number]
 
     def advance(self, speed: float, dt: float) -> np.ndarray:
-        """Return the planes after dt [s] at `speed` [m/s], one per component; the normal component has no mean."""
+        """Return turbulent velocities over the face, (dim, *face), after dt [s] at `speed` [m/s]; no net flow."""
         self.travelled += abs(speed) * dt
         whole, f = divmod(self.travelled / self.waves.spacing, 1.0)
         overlap, size = self.waves.overlap, self.waves.planes

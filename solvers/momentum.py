@@ -23,7 +23,7 @@ from taichi_plume.solvers.turbulence import MODELS, mixing_lengths
 
 
 def _widest(area: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return the widest passage of the volume around each face: the volume that stores the momentum of the face.
+    """Return, per face, the widest passage of its volume, as a fraction of a cell: the volume that stores its momentum.
 
     A volume with little air thus does not shorten the step; steady flows do not depend on this choice.
     """
@@ -55,8 +55,8 @@ def opennesses(grid: Grid, area: Sequence[np.ndarray], is_free: Sequence[np.ndar
 
 @dataclass
 class BuoyantScalar:
-    """Cell field that changes the density of the air (buoyancy, Boussinesq), and the relative change of the density per
-    unit of the field, read by the flow in `begin`.
+    """Cell field that changes the air's density (buoyancy, Boussinesq). weight: relative change of the density per unit
+    of the field, which the flow reads in `begin`.
     """
 
     field: Field
@@ -64,11 +64,11 @@ class BuoyantScalar:
 
 
 class Momentum:
-    """Inputs of the terms: the fields of the flow (see `FlowSolver`) and the parameters of the scenario.
+    """Inputs of the momentum equation: the fields of the flow (see `FlowSolver`) and the parameters of the scenario.
 
     viscosity [m²/s]; constant: of the turbulence model; roughness: k_s of surfaces [m]; force: g dx [m²/s²] per axis;
     weighing: cell fields of buoyancy; pull: acceleration [m/s²] per unit of each field; half_pull: pull dx/2. distance,
-    mixing [m]: distance of cells to the next surface, and the mixing length that depends on the distance.
+    mixing [m]: distance of cells from the nearest surface, and the mixing length that depends on the distance.
 
     Where obstacles cut the grid, volumes in cells and areas in faces: spread[d], the inverse of the volume that stores
     the momentum of a face, 0 where no velocity is solved for; sheared[d][e], see `sheared_areas`.
@@ -134,7 +134,7 @@ class Momentum:
         )
 
     def begin(self, model: CfdWind, pull: np.ndarray) -> None:
-        """Set the parameters; pull: acceleration per unit of each weighing field, (count, dim) [m/s²]."""
+        """Set the parameters; pull: buoyant acceleration per unit of each weighing field, (count, dim) [m/s²]."""
         constant = 0.0 if model.turbulence.kind == "none" else model.turbulence.constant
         force = np.array(model.acceleration or (0.0,) * self.dim) * self.dx
         pull = pull if len(pull) else np.zeros((1, self.dim))
@@ -165,8 +165,8 @@ def sheared_areas(areas: Sequence[np.ndarray], d: int) -> list[np.ndarray]:
 def convective_flux(m: Template, I, d: Template, e: Template, last: Template):
     """Return the convective flux u_e u_d [m²/s²] through the lower e-side of the volume around face I of axis d.
 
-    `convection` returns u_d there. last: whether I may lie beyond the domain's upper face, where one face less is
-    stored.
+    last: whether I may lie beyond the domain's upper face, where one face less is stored. The convection scheme of m
+    returns u_d on the side.
     """
     D, E = ti.Vector.unit(m.dim, d, ti.i32), ti.Vector.unit(m.dim, e, ti.i32)
     v = 0.5 * (m.u[e][I] + m.u[e][I - D])
@@ -195,7 +195,7 @@ def viscosity_at(m: Template, I, d: Template, e: Template):
 def stress(m: Template, I, d: Template, e: Template):
     """Return the viscous stress nu (du_d/dx_e + du_e/dx_d) [m²/s²] on the lower e-side of the volume around face I.
 
-    The second part vanishes for a constant viscosity, as div u = 0. I: face of axis d.
+    I: face of axis d. The second part is left out for a constant viscosity, where it vanishes as div u = 0.
     """
     D, E = ti.Vector.unit(m.dim, d, ti.i32), ti.Vector.unit(m.dim, e, ti.i32)
     du_dx = (m.u[d][I] - m.u[d][I - E]) / m.dx
@@ -211,7 +211,7 @@ def stress(m: Template, I, d: Template, e: Template):
 
 @ti.func
 def flux(m: Template, I, d: Template, e: Template, last: Template):
-    """Return the flux of u_d [m²/s²] through the lower e-side of the volume around face I: convection less stress."""
+    """Return the flux of u_d [m²/s²], convection less stress, through the lower e-side of the volume around face I."""
     viscous = stress(m, I, d, e)
     return convective_flux(m, I, d, e, last) - viscous
 
@@ -221,19 +221,19 @@ def flux(m: Template, I, d: Template, e: Template, last: Template):
 
 @ti.func
 def pressure_force(m: Template, I, d: Template):
-    """Return the pressure gradient term -dp/dx_d, p the kinematic pressure."""
+    """Return the pressure gradient term -dp/dx_d at face I, times dx [m²/s²]; p: kinematic pressure."""
     return -(m.p[I] - m.p[I - ti.Vector.unit(m.dim, d, ti.i32)])
 
 
 @ti.func
 def body_force(m: Template, d: Template):
-    """Return g_d, the body force that drives all the air."""
+    """Return component d of the body force g that drives all the air, times dx [m²/s²]."""
     return m.force[None][d]
 
 
 @ti.func
 def buoyancy(m: Template, I, d: Template, n: Template):
-    """Return the buoyancy b_d of the n-th weighing field (Boussinesq approximation)."""
+    """Return component d of the buoyancy at face I by the n-th weighing field (Boussinesq), times dx [m²/s²]."""
     q = ti.static(m.weighing[n])
     return m.half_pull[n][d] * (q[I] + q[I - ti.Vector.unit(m.dim, d, ti.i32)])
 
@@ -259,19 +259,19 @@ def tendency(m: Template, I, d: Template, net):
 
 @ti.func
 def loss(m: Template, I, d: Template, net):
-    """Return the momentum [m/s² of a whole cell] that flows to faces closed by obstacles."""
+    """Return the momentum [m/s² of a whole cell] that flows to face I of axis d if obstacles close it, else 0."""
     return ti.select(m.open[d][I] > 0.0, 0.0, net / m.dx)
 
 
 @ti.func
 def eddy_viscosity(m: Template, I):
-    """Return nu [m²/s] of cell I, the molecular viscosity included."""
+    """Return the total viscosity of cell I [m²/s]: molecular viscosity plus eddy viscosity."""
     nu = m.viscosity[None]
     return nu + m.eddy_model(m, I)
 
 
 def through(m: Momentum, d: int, e: int, last: bool) -> Callable:
-    """Return `flux` as the formula of a sweep over the d-faces."""
+    """Return the flux of u_d through lower e-sides as the formula of a sweep over the faces of axis d."""
 
     @ti.func
     def formula(I):
@@ -281,7 +281,7 @@ def through(m: Momentum, d: int, e: int, last: bool) -> Callable:
 
 
 def of_axis(term: Callable, m: Momentum, d: int) -> Callable:
-    """Return a term (m, I, d, net) as the formula of a sweep over the d-faces."""
+    """Return a term of the momentum equation, (m, I, d, net), as the formula of a sweep over the faces of axis d."""
 
     @ti.func
     def formula(I, net, dt, k):

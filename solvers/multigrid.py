@@ -13,7 +13,7 @@ from taichi_plume.solvers.vcycle import VCycle
 
 @ti.data_oriented
 class Multigrid(VCycle):
-    """Conjugate gradients preconditioned by one V-cycle; satisfies `pressure.PressureSolver`."""
+    """Poisson solver by conjugate gradients with one V-cycle as preconditioner; a `pressure.PressureSolver`."""
 
     def __init__(self, fractions: OpenFractions, grid: Grid):
         tables = Tables()
@@ -31,7 +31,7 @@ class Multigrid(VCycle):
         tables.upload()
 
     def _list_grounded(self, matrix: sp.csr_array, shape: tuple[int, ...], tables: Tables) -> None:
-        """List the cells beside free faces of the domain, where phi = 0: indices, and coefficients of the faces."""
+        """Store the cells beside free faces of the domain, where phi = 0: indices and coefficients of the faces."""
         excess = np.where(matrix.diagonal() > 0, np.asarray(matrix.sum(axis=1)).ravel(), 0.0)
         cells = np.flatnonzero(excess > 1e-6)
         i, j, k = np.unravel_index(cells, shape, order="F")
@@ -51,7 +51,7 @@ class Multigrid(VCycle):
 
     @ti.func
     def _cell(self, row, i):
-        """Index of a fine cell on the padded grid."""
+        """Return the padded index of the i-th fine cell of a row."""
         g = ti.static(self.grid.ghost)
         n1 = self.layout[0, 2]
         I = ti.Vector([i, row % n1, row // n1])
@@ -59,7 +59,7 @@ class Multigrid(VCycle):
 
     @ti.kernel
     def _load(self, b: Template, rows: ti.i32):
-        """Start from phi = 0: set residual b, without closed-off cells and, if floating, without the mean."""
+        """Start from phi = 0: set the residual to b, without closed-off cells and, if floating, without the mean."""
         for row in range(rows):
             first, n0, _, _, _ = self._row(0, row)
             total = 0.0
@@ -82,9 +82,9 @@ class Multigrid(VCycle):
 
     @ti.kernel
     def _iterate(self, rows: ti.i32) -> ti.f32:
-        """Step along p = x + beta p, where x is the preconditioned residual b; return the largest residual.
+        """Step along p = x + beta p, x the preconditioned residual of b; return the largest residual.
 
-        t, no longer needed by the V-cycle, receives A p.
+        Afterwards t, which the V-cycle no longer needs, holds A p.
         """
         for row in range(rows):
             first, n0, _, _, _ = self._row(0, row)
@@ -149,7 +149,7 @@ class Multigrid(VCycle):
 
     @ti.kernel
     def _store(self, phi: Template, rows: ti.i32):
-        """Write the solution, shifted so that the flux through the free faces balances the sources exactly."""
+        """Write the solution to phi, shifted so that the flux through the free faces balances the sources exactly."""
         for _ in range(1):
             out = ti.cast(0.0, ti.f64)
             for n in range(self.grounded.shape[0]):
@@ -166,7 +166,7 @@ class Multigrid(VCycle):
                 phi[self._cell(row, i)] = ti.select(value != 0.0, value + self.alpha[None], 0.0)
 
     def solve(self, b: Field, phi: Field, tolerance: float, limit: int = 60) -> None:
-        """Set the inner cells of field phi to the solution for field b, to a largest residual below `tolerance`."""
+        """Solve for the right side b into phi, until the largest residual is below `tolerance` or `limit` steps."""
         rows = self.rows[0]
         self._load(b, rows)
         for self.iterations in range(1, limit + 1):

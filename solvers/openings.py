@@ -17,23 +17,23 @@ VENTS = (*JETS, "outlet")  # kinds through which air passes
 NO_AIR = "no air behind the opening, obstacles cover all of it on this grid; move one of them or lower domain.spacing"
 
 Places = list[np.ndarray]
-"""Positions per axis of the face, relative to an opening's centre, over its half size: [-1, 1] is inside."""
+"""Positions along each axis of a face relative to an opening's centre, over its half size: [-1, 1] is inside."""
 
 
 def periodic_axes(openings: tuple[Opening, ...], dim: int) -> tuple[bool, ...]:
-    """Return per axis whether it is periodic."""
+    """Return for each axis of the domain whether the openings make the axis periodic."""
     wrapped = {opening.axis for opening in openings if opening.kind == "periodic"}
     return tuple(axis in wrapped for axis in "xyz"[:dim])
 
 
 class Patch:
-    """Region of a face of the domain. covered: mask of the face's cells through which air passes.
+    """Region of a face of the domain, such as an opening. covered: mask of the face's cells through which air passes.
 
-    opening: present parameters of the region; kind: kind of the opening, empty if the region is none.
+    opening: present parameters of the region; kind: kind of the opening, empty if the region is no opening.
     """
 
     def __init__(self, region: Region, grid: Grid, area: Sequence[np.ndarray], kind: str = ""):
-        """area: per axis the area fractions of the faces, see `Air`."""
+        """Find the covered faces; area: area fractions of the faces per axis, see `Air`."""
         self.grid = grid
         self.opening: Region = region
         self.kind = kind
@@ -48,7 +48,7 @@ class Patch:
         self.covered = self.inside(self._places((0.0,) * len(self.along), 1)) & self.behind
 
     def _places(self, shift: tuple[float, ...], samples: int) -> Places:
-        """Return `samples` positions per axis of each boundary face; shift: offset of all positions, in cells."""
+        """Return `samples` positions per axis in each boundary face; shift: offset of all positions, in cells."""
         axes = []
         for k, a in enumerate(self.along):
             cells = np.arange(self.grid.shape[a])[:, None] + (np.arange(samples) + 0.5) / samples + shift[k]
@@ -56,27 +56,27 @@ class Patch:
         return list(np.meshgrid(*axes, indexing="ij"))
 
     def average(self, function: Callable[[Places], np.ndarray], shift: tuple[float, ...] = (0.0, 0.0)):
-        """Mean over each boundary face of a function of the relative position."""
+        """Return the mean over each boundary face of a function of the relative position; shift: as in `_places`."""
         return block_mean(function(self._places(shift, SAMPLES)), SAMPLES)
 
     def points(self, places: Places) -> list[np.ndarray]:
-        """Coordinates of positions along each axis of the domain [m]."""
-        found = [p * h + c for p, h, c in zip(places, self.half, self.center, strict=True)]
-        found.insert(self.axis, np.full_like(found[0], self.side * self.grid.extent[self.axis]))
-        return found
+        """Return the coordinates along each axis of the domain [m] of relative positions `places`."""
+        coordinates = [p * h + c for p, h, c in zip(places, self.half, self.center, strict=True)]
+        coordinates.insert(self.axis, np.full_like(coordinates[0], self.side * self.grid.extent[self.axis]))
+        return coordinates
 
     def radius(self, places: Places) -> np.ndarray:
-        """Distance from the centre over the half size: round for a disc, square for a rectangle."""
+        """Return the distance from the centre over the half size: round for a disc, square for a rectangle."""
         if self.disc:
             return np.sqrt(sum(p**2 for p in places))
         return np.max([np.abs(p) for p in places], axis=0)
 
     def inside(self, places: Places) -> np.ndarray:
-        """Return a mask of the positions that the region covers; rounding does not exclude the rim."""
+        """Return a mask of the relative positions that the region covers, rim included."""
         return self.radius(places) <= 1.0 + RIM_ROUNDING
 
     def cells(self) -> tuple[np.ndarray, ...]:
-        """Index of the cells behind the covered faces."""
+        """Return the indices, per axis, of the cells of air behind the covered faces."""
         index = list(np.nonzero(self.covered))
         index.insert(self.axis, np.full(len(index[0]), self.side * (self.grid.shape[self.axis] - 1)))
         return tuple(index)
@@ -104,11 +104,11 @@ def _even(patch: Patch, places: Places, opening: Jet) -> np.ndarray:
 
 
 PROFILES = {"fan": _top_hat, "inlet": _of_inlet, "honeycomb": _even}
-"""Profiles by kind: speed over mean speed at positions on the face, before the scaling to the exact flow rate."""
+"""Velocity profiles by kind: speed over mean speed at positions on the face, before scaling to the exact flow rate."""
 
 
 class JetPatch(Patch):
-    """An opening that prescribes the speed of the air. profile: speed over mean speed, over the face's cells."""
+    """Opening that prescribes the speed of the air. profile: speed over mean speed, for each cell of the face."""
 
     def __init__(self, opening: Jet, kind: str, grid: Grid, area: Sequence[np.ndarray]):
         """Raises ValueError if no air is behind the opening."""
@@ -121,7 +121,7 @@ class JetPatch(Patch):
         self.covered = self.profile > 0
 
     def swirl(self, ratio: float) -> dict[int, np.ndarray]:
-        """Return a fan's tangential velocity over its mean speed, per axis; ratio: rim speed over mean speed."""
+        """Return a fan's tangential velocity over its mean speed, by axis; ratio: swirl at the rim over mean speed."""
         if self.kind != "fan" or ratio == 0 or len(self.along) < 2:
             return {}
         turn = ratio if self.side == 0 else -ratio  # right-handed about the direction of the jet
@@ -147,9 +147,9 @@ def opening_cells(openings: tuple[Opening, ...], grid: Grid) -> np.ndarray:
 
 
 def patch_of(opening: Opening, grid: Grid, area: Sequence[np.ndarray]) -> Patch | None:
-    """Return the patch of an opening, a `JetPatch` if the opening blows; None for a whole axis.
+    """Return an opening on the grid: a `JetPatch` if it prescribes a speed, otherwise a `Patch`; None if periodic.
 
-    area: per axis the area fractions of the faces. Raises ValueError if a jet or an outlet has no open face.
+    area: area fractions of the faces per axis. Raises ValueError if a jet or an outlet has no open face.
     """
     match opening.kind:
         case "periodic":

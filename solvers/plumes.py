@@ -24,7 +24,7 @@ from taichi_plume.solvers.uniform import UniformSolver, memory
 
 
 def most_walls(faces: tuple[Face, ...], dim: int) -> tuple[int, ...]:
-    """Return the largest number of walls along each axis across the wind, for any direction of the wind along them.
+    """Return the largest number of mirror walls along each axis across the wind, for any wind along the walls.
 
     With a ground or a ceiling the wind is horizontal, and the second axis across the wind is vertical.
     """
@@ -34,11 +34,11 @@ def most_walls(faces: tuple[Face, ...], dim: int) -> tuple[int, ...]:
 
 @ti.data_oriented
 class Plumes(Gas):
-    """Gaussian plumes, mean or meandering.
+    """Gas as Gaussian plumes of steady sources, mean or meandering.
 
-    Variance of the Gaussians: radius² + (b radius + c) x + d x², with b, c, d per axis across the wind.
-    Fields: per source its place [m], radius [m] and flow [kg/m or kg/m²]; speed and axes of the wind, growth (b, c, d)
-    and walls along each axis across it; fluctuation, the variance of the logarithm of the width.
+    Variance of the Gaussians: radius² + (b radius + c) x + d x², with b, c, d per axis across the wind. Fields: per
+    source its place [m], radius [m] and flow [kg/m or kg/m²]; speed and axes of the wind, growth (b, c, d) and walls
+    along each axis across the wind; fluctuation, the variance of the logarithm of the width.
     """
 
     STATE = ("width",)
@@ -52,7 +52,7 @@ class Plumes(Gas):
         seed: int = 0,
         name: str = "gas",
     ):
-        """name: name of the gas; t: start of the run [s]; the wind must have begun."""
+        """Allocate and start the gas `name` at t [s], the start of the run; `wind.begin` must have been called."""
         self.grid, self.dim, self.name = grid, grid.dim, name
         self.wind = wind
         self.count = len(gas.sources)
@@ -116,7 +116,7 @@ class Plumes(Gas):
 
     @ti.func
     def _cross_section(self, x: Template, along: float, n: ti.i32):
-        """Concentration of the plume of source n at x, a distance `along` [m] downwind."""
+        """Return the concentration of source n's plume at x, at the distance `along` [m] downwind of the source."""
         age = along / self.speed[None]
         carried = ti.Vector.zero(ti.f32, self.dim - 1)
         widening = 1.0
@@ -136,5 +136,5 @@ class Plumes(Gas):
 
     @ti.func
     def _component(self, x: Template, k: Template):
-        """Return the component of x along an axis of the wind's frame [m]."""
+        """Return the component of the vector x along axis k of the wind's frame: 0 downwind, others across."""
         return self.axes[k].dot(x)

@@ -14,19 +14,19 @@ from taichi_plume.grid.grid import Grid
 
 @dataclass(frozen=True)
 class OpenFractions:
-    """Open fractions of faces, coefficients of the Poisson equation: per axis an array with a ghost layer."""
+    """Open fractions of the faces, the coefficients of the Poisson equation: per axis an array with a ghost layer."""
 
     a: tuple[np.ndarray, ...]
     periodic: tuple[bool, ...]
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of inner cells per axis."""
+        """Number of inner cells along each of three axes."""
         return tuple(m - 2 for m in self.a[0].shape)
 
     @staticmethod
     def of(fractions: tuple[np.ndarray, ...], grid: Grid) -> "OpenFractions":
-        """Convert face arrays on the padded grid, 1 where open; free domain faces become 2."""
+        """Return the coefficients for padded arrays of open fractions, one per axis; free domain faces become 2."""
         beyond = 3 - grid.dim  # axes missing in a 2-D grid
         n = (*grid.shape, *(1,) * beyond)
         result = [np.zeros(tuple(m + 2 for m in n), np.float32) for _ in range(3)]
@@ -43,9 +43,9 @@ class OpenFractions:
         return OpenFractions(tuple(result), (*grid.periodic, *(False,) * beyond))
 
     def coarser(self) -> "OpenFractions":
-        """Merge pairs of cells (multigrid coarsening); a coarse face is the mean of its fine faces.
-
-        An axis of a single cell stays: its faces weigh four times as much as those of axes whose spacing doubled.
+        """Return the open fractions of merged pairs of cells (multigrid coarsening); a coarse face is the mean of its
+        fine faces. An axis of a single cell stays: its faces weigh four times as much as those of axes whose spacing
+        doubled.
         """
         factor = [2 if n > 1 else 1 for n in self.shape]
         shape = [-(-n // f) for n, f in zip(self.shape, factor, strict=True)]
@@ -68,7 +68,7 @@ class OpenFractions:
         return OpenFractions(tuple(result), self.periodic)
 
     def matrix(self) -> sp.csr_array:
-        """Return the equations of all inner cells (axis 0 fastest); closed-off cells have an empty row."""
+        """Return the sparse matrix of the equations (axis 0 fastest); the rows of closed-off cells are empty."""
         shape = self.shape
         number = np.arange(np.prod(shape)).reshape(shape, order="F")
         total = len(number.ravel())

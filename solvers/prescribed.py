@@ -10,21 +10,21 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.transfer import uploader
 
 Velocities = Callable[[np.ndarray], np.ndarray]
-"""Velocity [m/s] at points (..., dim) [m]."""
+"""Function from points (..., dim) [m] to velocities (..., dim) [m/s]."""
 
 
 def padded_faces(grid: Grid, d: int) -> np.ndarray:
-    """Return the positions of the lower d-faces of all cells, ghost layers included, (*padded, dim) [m]."""
+    """Return the centres of the lower faces across axis d of all cells, ghost layers included, (*padded, dim) [m]."""
     index = np.stack(np.meshgrid(*map(np.arange, grid.padded), indexing="ij"), axis=-1)
     return (index - grid.ghost + np.where(np.arange(grid.dim) == d, 0.0, 0.5)) * grid.dx
 
 
 @ti.data_oriented
 class PrescribedWind(Carrier):
-    """Steady wind of given velocities, without eddies or obstacles."""
+    """Steady wind with a given velocity field, without eddies or obstacles."""
 
     def __init__(self, velocity: Velocities, grid: Grid):
-        """velocity: evaluated at the middles of the faces, ghost layers included."""
+        """Allocate the wind and set its velocities; `velocity` is evaluated at the centres of all faces."""
         self.grid, self.dim = grid, grid.dim
         self.u = grid.faces_field()
         self.open = grid.faces_field()
@@ -43,4 +43,4 @@ class PrescribedWind(Carrier):
         self.outflow_rate = grid.largest_outflow(inner)
 
     def advance(self, t: float, dt: float) -> None:
-        """Do nothing: the wind is steady."""
+        """Do nothing: a prescribed wind is steady."""

@@ -15,20 +15,20 @@ from taichi_plume.solvers.poisson import OpenFractions
 
 
 class PressureSolver(Protocol):
-    """Protocol of solvers of the equations of `poisson`, for repeated use with the same faces."""
+    """Protocol of solvers of the Poisson equation, for repeated use with the same open faces."""
 
     iterations: int
-    """Iterations of the last solve."""
+    """Number of iterations of the last call of `solve`."""
 
     def solve(self, b: Field, phi: Field, tolerance: float) -> None:
-        """Set the inner cells of field phi to the solution for field b, to a largest residual below `tolerance`."""
+        """Solve for the right side b into the inner cells of phi, to a largest residual below `tolerance`."""
         ...
 
 
 def pressure_solver(faces: tuple[np.ndarray, ...], grid: Grid) -> PressureSolver:
-    """Return the fastest solver for these faces (1 where open): fast transforms for an empty box, with a capacitance
-    matrix if few cells lie beside obstacles, otherwise sparse factors for one layer of cells or multigrid. On a GPU
-    always multigrid.
+    """Return the fastest Poisson solver for these faces (1 where open): fast transforms for an empty box, with a
+    capacitance matrix if few cells lie beside obstacles, otherwise sparse factors for one layer of cells or multigrid.
+    On a GPU always multigrid.
     """
     fractions = OpenFractions.of(faces, grid)
     if not on_cpu():

@@ -24,22 +24,22 @@ BLOCK = 256  # cells per task of the parallel running sum
 
 @ti.data_oriented
 class PuffCells:
-    """Lists of cells for up to `most` puffs. `start` holds for each cell, list by list, the number of puffs in all
-    cells before, and at its end the total. `order` holds the puffs by cells.
+    """Lists of cells for up to `most` puffs, one list per octave of size. `start` holds for each cell, list by list,
+    the number of puffs in all cells before, and at its end the total. `order` holds the puffs by cells.
     """
 
     STATE = ("start", "farthest")
 
     def __init__(self, most: int, cutoff: float, grid: Grid):
-        """Allocate the cells of the smallest puffs. The owner calls `begin`."""
+        """Allocate lists for puffs of any size; cutoff: reach in standard deviations. The owner calls `begin`."""
         self.grid, self.dim, self.cutoff = grid, grid.dim, cutoff
         sizes, shapes = self._lists_of(0.0)
         capacity = sum(map(prod, shapes))
-        self._size: Field = ti.field(ti.f32, len(sizes))  # of the largest puff in each list [m]
+        self._size: Field = ti.field(ti.f32, len(sizes))  # size of the largest puff in each list [m]
         self._shape: Field = ti.Vector.field(self.dim, ti.i32, len(sizes))
         self._first: Field = ti.field(ti.i32, len(sizes) + 1)
-        self.lists: Field = ti.field(ti.i32, ())  # how many there are
-        self._cells: Field = ti.field(ti.i32, ())  # of all lists
+        self.lists: Field = ti.field(ti.i32, ())  # number of lists
+        self._cells: Field = ti.field(ti.i32, ())  # number of cells of all lists
         self._largest: Field = ti.field(ti.f32, ())
         self._per_smallest: Field = ti.field(ti.f32, ())
         self._put_lists = uploader(
@@ -54,7 +54,7 @@ class PuffCells:
         self._rough_order: Field = None if on_cpu() else ti.field(ti.i32, most)
 
     def begin(self, smallest: float) -> None:
-        """smallest: size of a new puff [m]."""
+        """Set the lists for new puffs of standard deviation `smallest` [m]."""
         sizes, shapes = self._lists_of(smallest)
         more = self._size.shape[0] - len(sizes)
         ends = np.cumsum([0, *map(prod, shapes)])
@@ -69,7 +69,7 @@ class PuffCells:
         )
 
     def _lists_of(self, smallest: float) -> tuple[list[float], list[tuple[int, ...]]]:
-        """Largest size and shape of each list."""
+        """Return the largest puff size [m] and the shape of each list of cells; smallest: size of new puffs [m]."""
         extent = np.array(self.grid.extent)
         width = max(2.0 * WIDTH * self.cutoff * smallest, (np.prod(extent) / CELLS) ** (1 / self.dim))
         while np.prod(np.ceil(extent / width)) > CELLS:
@@ -83,12 +83,12 @@ class PuffCells:
 
     @ti.func
     def size(self, variance: float):
-        """Standard deviation with which a puff is shown [m]."""
+        """Return the standard deviation [m] with which a puff of this variance is shown, at most about the room."""
         return ti.min(ti.sqrt(variance), self._largest[None])
 
     @ti.func
     def put(self, k: ti.i32, x: Template, variance: float, stays):
-        """Store the cell of new puff k at x. stays: False drops the puff, which left the domain."""
+        """Store the cell of new puff k at x; stays: False drops the puff, which left the domain."""
         octaves = ti.log(self.size(variance) * self._per_smallest[None]) * ti.static(1 / np.log(STEP))
         which = ti.math.clamp(ti.cast(ti.ceil(octaves), ti.i32), 0, self.lists[None] - 1)
         width = WIDTH * self.cutoff * self._size[which]
@@ -105,22 +105,22 @@ class PuffCells:
 
     @ti.func
     def alive(self):
-        """Return the number of puffs."""
+        """Return the number of sorted puffs."""
         return self.start[self._cells[None]]
 
     @ti.func
     def empty(self, which: ti.i32):
-        """Return whether a list holds no puff."""
+        """Return whether list `which` holds no puff."""
         return self.start[self._first[which]] == self.start[self._first[which + 1]]
 
     @ti.func
     def reach(self, which: ti.i32):
-        """Return the distance that the puffs of a list reach [m]."""
+        """Return the largest distance [m] that the puffs of list `which` reach."""
         return self.cutoff * self._size[which]
 
     @ti.func
     def block(self, p: Template, which: ti.i32):
-        """Rows of a list's cells around a point [m]: first cell and count per axis from axis 1, number of rows."""
+        """Return the rows of a list's cells around p [m]: first cell and count per axis from 1 on, and row count."""
         reach, shape = self.reach(which), self._shape[which]
         width = WIDTH * reach
         low, rows = ti.Vector.zero(ti.i32, self.dim), ti.Vector.zero(ti.i32, self.dim)

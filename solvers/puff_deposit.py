@@ -17,13 +17,13 @@ from taichi_plume.grid.transfer import uploader
 from taichi_plume.solvers.puff_list import FREE
 from taichi_plume.solvers.transport import raised
 
-REACH = 4.0  # standard deviations to either side that are visited
+REACH = 4.0  # standard deviations to either side within which cells receive gas
 LEAST = 0.01  # air fraction of a cell below which the cell gets no gas of its own
 
 
 @ti.func
 def _below(z):
-    """Share of a Gaussian below z standard deviations (Abramowitz & Stegun 7.1.26, error below 1e-7)."""
+    """Return the fraction of a Gaussian below z standard deviations (Abramowitz & Stegun 7.1.26, error below 1e-7)."""
     x = ti.abs(z) * ti.static(sqrt(0.5))
     t = 1.0 / (1.0 + 0.3275911 * x)
     tail = t * (0.254829592 + t * (-0.284496736 + t * (1.421413741 + t * (-1.453152027 + t * 1.061405429))))
@@ -33,7 +33,7 @@ def _below(z):
 
 @ti.data_oriented
 class Deposit:
-    """Deposit of a solver's puffs in the cells of the grid. Field c: [kg/m³]."""
+    """Deposit of a solver's puffs in the cells of the grid. Field c: mean concentration of each cell [kg/m³]."""
 
     def __init__(self, solver: Any, air: Air, c: Field | None = None, rest: Field | None = None):
         """solver: `PuffSolver`, owner of the puffs; c: field to fill, by default new; rest: rounding errors of c."""
@@ -45,12 +45,12 @@ class Deposit:
         self._area: Field = (carrier.area if carrier is not None else None) or ()
         self.room: Field = self.grid.field()
         uploader(self.room)(self.grid.pad(np.where(air.solid | (air.room < LEAST), 0.0, air.room)))
-        # weights of the present puff per axis and cell; on a GPU of a batch of puffs
+        # fractions of the present puff per axis and cell; on a GPU of a batch of puffs
         self._lanes = 1 if on_cpu() else 4096
         self._share: Field = ti.field(ti.f32, (self._lanes, self.dim, max(self.grid.shape)))
 
     def cells(self, t: float) -> np.ndarray:
-        """Mean concentration of every cell [kg/m³] at the solver's time t [s]; shape of the grid."""
+        """Return the mean concentration of every cell [kg/m³], of the grid's shape, at the solver's time t [s]."""
         self._spread(t)
         return self.grid.read(self.c)
 
@@ -67,7 +67,7 @@ class Deposit:
 
     @ti.func
     def add(self, lane, q, deviation: float, t: float):
-        """Add puff q, of a standard deviation [m], to the cells; return the fraction of its mass in the cells."""
+        """Deposit puff q, with this standard deviation [m], in the cells; return the fraction that the domain holds."""
         puffs = self.solver.puffs
         x = puffs.place(q)
         s = puffs.cells.size(deviation**2)
@@ -107,7 +107,7 @@ class Deposit:
 
     @ti.func
     def _along(self, lane, d: ti.template(), x, s, first, size, below, above):  # type: ignore[valid-type]
-        """Set a puff's fractions in cells along an axis with closed (1) or open (0) ends; return the part inside."""
+        """Set a puff's fractions in cells along axis d, ends closed (1) or open (0); return its part in the domain."""
         L, dx = ti.static(self.grid.extent[d]), ti.static(self.grid.dx)
         for k in range(size):
             low, high = (first + k) * dx, (first + k + 1) * dx
@@ -126,7 +126,7 @@ class Deposit:
 
     @ti.func
     def _cell(self, first, size, m):
-        """Index of cell m of a puff's block."""
+        """Return the padded index of cell m in a puff's block of cells."""
         I, left = first, m
         for d in ti.static(range(self.dim)):
             I[d] = first[d] + left % size[d] + ti.static(self.grid.ghost)
@@ -135,7 +135,7 @@ class Deposit:
 
     @ti.func
     def _part(self, lane, q, x, first, size, m):
-        """Return the fraction of a puff in cell m of the puff's block, not yet normalised."""
+        """Return the fraction of puff q in cell m of its block, before normalisation; 0 for cells out of its reach."""
         part, left, before = 1.0, m, 0.0
         away = self.solver.puffs.plane_distance(q)
         for d in ti.static(range(self.dim)):
@@ -153,7 +153,7 @@ class Deposit:
 
     @ti.func
     def _leads_to(self, I, x):
-        """Return 1 if the straightest row of cells from I to x, and the faces between, are air; otherwise 0."""
+        """Return 1 if the straightest row of cells from cell I to x, and the faces between them, are air, else 0."""
         home, left = I, I
         for d in ti.static(range(self.dim)):
             n = ti.static(self.grid.shape[d])

@@ -28,12 +28,12 @@ GROWTH = 1e-4  # m²/s, default in a wind without eddies
 DISSIPATION = 1e-3  # m²/s³, default dissipation of inertial growth there
 RICHARDSON = 0.5  # Richardson's constant of the distance of two particles
 KOLMOGOROV = 2.1  # constant of the second-order structure function along the separation
-RESOLVED = 0.64  # W
-HALF = 2  # cells to either side
+RESOLVED = 0.64  # W, fraction of the difference by waves that the grid resolves
+HALF = 2  # cells to either side: half of r
 
 
 def rate_per_difference(dim: int) -> float:
-    """Return the growth rate of R^(2/3) [m^(2/3)/s] over the mean of |u(x + r) - u(x)| / r^(1/3), u Gaussian."""
+    """Return the growth rate of R^(2/3) [m^(2/3)/s] over the mean of |u(x + r) - u(x)| / r^(1/3), for Gaussian u."""
     mean_per_rms = sqrt(2.0 / dim) * gamma(0.5 * (dim + 1)) / gamma(0.5 * dim)
     square = KOLMOGOROV * RESOLVED * (1.0 + 4.0 / 3.0 * (dim - 1))
     return (RICHARDSON / 6.0) ** (1 / 3) / (mean_per_rms * sqrt(square))
@@ -41,12 +41,12 @@ def rate_per_difference(dim: int) -> float:
 
 @ti.data_oriented
 class Growth:
-    """Growth of the puffs in a wind."""
+    """Law by which puffs grow in a wind: molecular and eddy diffusion, and relative dispersion."""
 
     STATE = ()
 
     def __init__(self, gas: PuffGas, grid: Grid, wind: Wind):
-        """The owner calls `begin`."""
+        """Choose the growth law by the gas section and the wind. The owner calls `begin`."""
         self.grid, self.dim, self.wind = grid, grid.dim, wind
         carrier = wind.carrier
         self.eddies: Field = carrier.nu if carrier is not None else None
@@ -58,7 +58,7 @@ class Growth:
         self._n = Numbers("diffusivity", "rate", "widest", "viscosity", "per_schmidt", "uphill")
 
     def begin(self, gas: PuffGas, alone: bool) -> None:
-        """alone: whether the wind has no eddy viscosity."""
+        """Set the parameters for a run; alone: whether the wind has no eddy viscosity."""
         law, carrier = gas.growth, self.wind.carrier
         rate = (GROWTH if alone else 0.0) if law is None or law.kind != "diffusive" else law.rate
         if self.local:
@@ -76,12 +76,12 @@ class Growth:
 
     @property
     def diffusive(self) -> float:
-        """Diffusivity [m²/s] of a given growth law, besides molecules and the wind; 0 without such a law."""
+        """Diffusivity [m²/s] of a given diffusive growth law, without molecules and eddies; 0 for other laws."""
         return 0.0 if self.inertial else 0.5 * self._n["rate"]
 
     @ti.func
     def grown(self, variance: float, x: Template, K: float, dt: float):
-        """Variance [m²] of a puff at x [m] after dt [s], where the eddy diffusivity is K [m²/s]."""
+        """Return the variance [m²] after dt [s] of a puff at x [m]; K: eddy diffusivity there [m²/s]."""
         rate, after = self._n.rate[None], variance
         if ti.static(self.local):
             rate *= self._difference(x)
@@ -97,7 +97,7 @@ class Growth:
 
     @ti.func
     def _difference(self, x: Template):
-        """Mean over the axes of the velocity difference across r = 4 cells around x (fewer at faces), over r^(1/3)."""
+        """Return the velocity difference across r = 4 cells around x (fewer at faces) over r^(1/3), axis mean."""
         total = 0.0
         I = ti.Vector.zero(ti.i32, self.dim)
         for d in ti.static(range(self.dim)):
@@ -120,7 +120,7 @@ class Growth:
 
     @ti.func
     def eddy_diffusivity(self, x: Template):
-        """nu_t/Sc_t at x [m²/s] and its gradient [m/s]."""
+        """Return the eddy diffusivity nu_t/Sc_t [m²/s] at x and its gradient [m/s]."""
         K, uphill = 0.0, ti.Vector.zero(ti.f32, self.dim)
         if ti.static(self.eddying):
             shift = ti.Vector([0.5] * self.dim)

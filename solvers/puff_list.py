@@ -18,7 +18,7 @@ FREE = 1e3  # m: distance that stands for surfaces out of a puff's reach
 
 
 def exponential(largest: float) -> tuple[list[float], int]:
-    """Return (coefficients, k) such that exp(-y) is p(y) squared k times, 0 <= y <= `largest`; relative error 4e-5."""
+    """Return (coefficients, k): exp(-y) is p(y) squared k times for 0 <= y <= `largest`, with relative error 4e-5."""
     k = max(0, ceil(log2(largest / 0.8)))
     end = largest / 2**k
     fit = np.polynomial.Chebyshev.interpolate(lambda y: np.exp(-y), 4, [0.0, end])
@@ -26,7 +26,7 @@ def exponential(largest: float) -> tuple[list[float], int]:
 
 
 def share_within(cutoff: float, dim: int) -> float:
-    """Share of a Gaussian's mass within `cutoff` standard deviations."""
+    """Return the fraction of a Gaussian's mass within `cutoff` standard deviations, in `dim` dimensions."""
     tail = exp(-0.5 * cutoff**2)
     if dim == 2:
         return 1.0 - tail
@@ -35,16 +35,17 @@ def share_within(cutoff: float, dim: int) -> float:
 
 @ti.data_oriented
 class PuffList:
-    """Up to `most` puffs. Moved puffs are written to `new`; `sort` writes them in order to `now`.
+    """Storage of up to `most` puffs, sorted by cells. Moved puffs are written to `new`; `sort` writes them in order to
+    `now`.
 
-    Columns of both: x [m] and v [m/s] per axis, variance [m²], mass [kg]; and the puffs' numbers. count: number of
-    puffs.
+    Columns of both: position [m], turbulent velocity [m/s], variance [m²], mass [kg]; puffs' numbers. count: their
+    number.
     """
 
     STATE = ("count", "now", "number", "cells", "_per_area", "_weight", "_plane", "_gone")
 
     def __init__(self, most: int, cutoff: float, grid: Grid, surfaces: LevelSet | None):
-        """The owner calls `begin`."""
+        """Allocate the list; cutoff: radius of a puff in standard deviations. The owner calls `begin`."""
         self.grid, self.dim, self.cutoff, self.surfaces = grid, grid.dim, cutoff, surfaces
         self.walled = surfaces is not None
         self.cells = PuffCells(most, cutoff, grid)
@@ -57,14 +58,14 @@ class PuffList:
         self._per_area: Field = ti.field(ti.f32, most)  # 1/(2 s²)
         self._weight: Field = ti.field(ti.f32, most)  # concentration at the centre [kg/m³]
         self._plane: Field = tuple(ti.field(ti.f32, most) for _ in range(grid.dim + 1)) if surfaces else ()
-        self._gone = double_field()  # kg
+        self._gone = double_field()  # mass that left the domain [kg]
         self._powers, self._squarings = exponential(0.5 * cutoff**2)
         self._unit = sqrt(2.0 * pi) ** -grid.dim / share_within(cutoff, grid.dim)
         if grid.dim == 2:
             self._unit /= grid.depth
 
     def begin(self, smallest: float) -> None:
-        """Remove all puffs; smallest: size of a new puff [m]."""
+        """Remove all puffs; smallest: standard deviation of a new puff [m]."""
         self.cells.begin(smallest)
         self.count = 0
 
@@ -72,11 +73,11 @@ class PuffList:
 
     @property
     def gone(self) -> float:
-        """Mass of the puffs that left the domain [kg]."""
+        """Total mass of the puffs that have left the domain [kg]."""
         return self._gone[None]
 
     def rows(self) -> np.ndarray:
-        """All columns of the present puffs, (count, columns)."""
+        """Return all columns of the present puffs, (count, columns)."""
         values = np.empty((self.count, len(self.now)), np.float32)
         if self.count:
             self._read(values)
@@ -90,7 +91,7 @@ class PuffList:
 
     @ti.func
     def place(self, q: ti.i32):
-        """Centre of puff q [m]."""
+        """Return the centre (dim,) of puff q [m]."""
         x = ti.Vector.zero(ti.f32, self.dim)
         for d in ti.static(range(self.dim)):
             x[d] = self.now[d][q]
@@ -98,7 +99,7 @@ class PuffList:
 
     @ti.func
     def velocity(self, q: ti.i32):
-        """Velocity of puff q [m/s]."""
+        """Return the turbulent velocity (dim,) of puff q [m/s]."""
         v = ti.Vector.zero(ti.f32, self.dim)
         for d in ti.static(range(self.dim)):
             v[d] = self.now[self.dim + d][q]
@@ -106,7 +107,7 @@ class PuffList:
 
     @ti.func
     def plane_distance(self, q: ti.i32):
-        """Return the distance of puff q from the tangent plane of the next surface [m]; FREE without such a plane."""
+        """Return puff q's distance from the tangent plane of the nearest surface [m]; FREE if out of reach."""
         away = FREE
         if ti.static(self.walled):
             away = self._plane[ti.static(self.dim)][q]
@@ -114,7 +115,7 @@ class PuffList:
 
     @ti.func
     def plane_normal(self, q: ti.i32, d: Template):
-        """Component d of the plane's unit normal, away from the surface."""
+        """Return component d of the unit normal of puff q's tangent plane, away from the surface; 0 without one."""
         n = 0.0
         if ti.static(self.walled):
             n = self._plane[d][q]
@@ -122,7 +123,7 @@ class PuffList:
 
     @ti.func
     def in_front(self, q: ti.i32, p: Template):
-        """Distance of p from the plane of the surface next to puff q [m]; negative behind the plane."""
+        """Return the distance of point p from the tangent plane of the surface near puff q [m]; negative behind it."""
         result = self._plane[ti.static(self.dim)][q]
         for d in ti.static(range(self.dim)):
             result += self._plane[d][q] * (p[d] - self.now[d][q])
@@ -132,7 +133,7 @@ class PuffList:
 
     @ti.func
     def put(self, k: ti.i32, x: Template, v: Template, variance: float, mass: float, number: ti.i32, stays):
-        """Set new puff k, and whether the puff stays in the domain."""
+        """Write puff k to the new puffs, with position x, velocity v, variance, mass, number and whether it stays."""
         for d in ti.static(range(self.dim)):
             self.new[d][k] = x[d]
             self.new[self.dim + d][k] = v[d]
@@ -142,7 +143,7 @@ class PuffList:
         self.cells.put(k, x, variance, stays)
 
     def sort(self, count: int) -> None:
-        """Sort the first `count` new puffs into `now`, without those that left the domain."""
+        """Sort the first `count` new puffs by cells into `now`, without the puffs that left the domain."""
         self.count = self._sort(count)
 
     @ti.kernel
@@ -174,12 +175,12 @@ class PuffList:
 
     @ti.func
     def lose(self, mass: float):
-        """Count a mass [kg] that leaves the domain."""
+        """Add a mass [kg] to the total that left the domain."""
         self._gone[None] += ti.cast(mass, ti.f64)
 
     @ti.func
     def _prepare(self, q: ti.i32):
-        """Compute the weight, width and tangent plane of puff q for the sum."""
+        """Compute the weight, width and tangent plane of puff q that the sum of Gaussians needs."""
         s = self.cells.size(self.now[self.variance][q])
         self._per_area[q] = 0.5 / (s * s)
         self._weight[q] = self.now[self.mass][q] * self._unit / s**self.dim
@@ -198,7 +199,7 @@ class PuffList:
     # ---------------------------------------------------------------- merging
 
     def merge(self) -> None:
-        """Merge pairs of neighbours in the order that overlap and see each other.
+        """Merge pairs of puffs that are neighbours in memory, overlap, and are not separated by a surface.
 
         Mass, centre of mass, and the variance about this centre, summed over the axes, are conserved.
         """
@@ -239,7 +240,7 @@ class PuffList:
 
     @ti.func
     def gaussian(self, y):
-        """Return exp(-y) up to the cut-off, 0 beyond."""
+        """Return exp(-y) up to the cut-off of a puff, 0 beyond."""
         inside = ti.min(y, ti.static(0.5 * self.cutoff**2))
         e = ti.cast(self._powers[-1], ti.f32)
         z = inside * ti.static(1.0 / 2**self._squarings)
@@ -251,7 +252,7 @@ class PuffList:
 
     @ti.func
     def _concentration(self, q: ti.i32, p: Template):
-        """Concentration of puff q at p, with the mirrored puff; zero behind the plane of the next surface."""
+        """Return the concentration of puff q and its mirror image at p; 0 behind the tangent plane of a surface."""
         square = 0.0
         for d in ti.static(range(self.dim)):
             square += (p[d] - self.now[d][q]) ** 2
@@ -265,7 +266,7 @@ class PuffList:
 
     @ti.func
     def near(self, p: Template, which: ti.i32):
-        """Concentration [kg/m³] of the puffs of a list at a point [m], which may lie outside the domain."""
+        """Return the concentration [kg/m³] at p [m], also outside the domain, of the puffs in list `which`."""
         low, rows, count = self.cells.block(p, which)
         total = 0.0
         for r in range(count):

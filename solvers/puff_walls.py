@@ -12,7 +12,7 @@ STILL = 1e-4  # m/s: slower air does not go through a face
 
 @ti.data_oriented
 class PuffWalls:
-    """Faces of a grid's domain, closed where no air passes, and surfaces in the domain (None: no surfaces)."""
+    """Walls for puffs: faces of the domain, closed where no air passes, and surfaces in the domain (None: none)."""
 
     def __init__(self, grid: Grid, wind: Wind, surfaces: LevelSet | None):
         self.grid, self.dim, self.wind, self.surfaces = grid, grid.dim, wind, surfaces
@@ -20,7 +20,7 @@ class PuffWalls:
 
     @ti.func
     def inside(self, x: Template):
-        """Return x, wrapped round periodic axes and clipped to the domain along the others."""
+        """Return point x moved into the domain: wrapped around periodic axes, clipped along the others."""
         y = x
         for d in ti.static(range(self.dim)):
             L = ti.static(self.grid.extent[d])
@@ -31,7 +31,7 @@ class PuffWalls:
 
     @ti.func
     def air_goes_through(self, x: Template, face: ti.i32, t: float):
-        """Return whether air passes a face of the domain next to x; face: 2 d (lower end) or 2 d + 1 (upper)."""
+        """Return whether air passes through a face of the domain near x; face: 2 d (lower) or 2 d + 1 (upper)."""
         p = self.inside(x)
         for d in ti.static(range(self.dim)):
             p[d] = ti.select(face == 2 * d, 0.0, p[d])
@@ -44,7 +44,7 @@ class PuffWalls:
 
     @ti.func
     def travel(self, x: Template, way: Template, v: Template, t: float):
-        """Return the end of a displacement `way` from x, the velocity v there, and whether the end is in the domain."""
+        """Return the end of the path `way` from x and its velocity, both reflected, and whether it is in the domain."""
         end, speed, stays = x + way, v, True
         if ti.static(self.solid):
             end, speed = self.surfaces.bounce(x, way, v)
@@ -71,8 +71,8 @@ class PuffWalls:
 
     @ti.func
     def closed(self, x: Template, farthest: float, t: float):
-        """Return per lower and upper face 1 if closed next to x, or if no puff within `farthest` [m] reaches it; else
-        0.
+        """Return for each lower and each upper face 1 if it is closed near x, or farther from x than `farthest` [m],
+        the reach of all puffs; else 0.
         """
         below, above = ti.Vector.one(ti.i32, self.dim), ti.Vector.one(ti.i32, self.dim)
         for face in range(ti.static(2 * self.dim)):
@@ -89,7 +89,7 @@ class PuffWalls:
 
     @ti.func
     def images(self, x: Template, reach: float, below: Template, above: Template):
-        """Return the images of x that puffs reach: first image and number of images along each axis, and total number.
+        """Return the mirror images of x within `reach` of the domain: first image and number per axis, total number.
 
         Along an axis the images are x mirrored at closed faces, repeatedly, or shifted by the period.
         """
@@ -111,7 +111,7 @@ class PuffWalls:
 
     @ti.func
     def image(self, x: Template, first: Template, size: Template, n: ti.i32):
-        """Image n of x [m]."""
+        """Return the position [m] of mirror image n of x, by `first` and `size` of `images`."""
         p, left = x, n
         for d in ti.static(range(self.dim)):
             L = ti.static(self.grid.extent[d])

@@ -43,11 +43,11 @@ FLUCTUATION = 0.05  # m/s, default of s in a wind without eddies
 GRAVITY = 9.81  # m/s²
 FULL = 0.95  # fraction of the capacity above which puffs are merged
 DRAG = 1.0  # drag coefficient of a sinking puff
-TRIES = 1000  # attempts to find air in a source's ball
+TRIES = 1000  # rounds of random positions in a source's ball until enough lie in the air
 
 
 def joint_update(dt: np.ndarray, time: float, deviation: float) -> np.ndarray:
-    """Coefficients (n, 6) of an Ornstein-Uhlenbeck process u' and its integral X over steps dt [s].
+    """Return coefficients (n, 6) that advance an Ornstein-Uhlenbeck process u' and its integral X by steps dt [s].
 
     u' <- a u' + b g,  X = c u' + d g + e h with normal random numbers g and h; the last column is dt.
     """
@@ -64,10 +64,7 @@ def joint_update(dt: np.ndarray, time: float, deviation: float) -> np.ndarray:
 
 @ti.data_oriented
 class PuffSolver(Gas):
-    """Gas as puffs in any wind.
-
-    A wind with an eddy viscosity also provides nu, viscosity and schmidt, as for gas on the grid.
-    """
+    """Gas as Lagrangian puffs in any wind. A wind with an eddy viscosity also provides nu, viscosity and schmidt."""
 
     STATE = ("puffs", "portions", "handover", "emitted_kg", "_step", "_released")
     details = 2
@@ -104,7 +101,7 @@ class PuffSolver(Gas):
         self.begin(gas, t, seed)
 
     def begin(self, model: PuffGas, t: float = 0.0, seed: int = 0) -> None:
-        """Set the sources. Raises ValueError for a source without air."""
+        """Reset the puffs for a run and set the sources. Raises ValueError for a source without air."""
         self.seed = seed
         self.species = model.vapour
         default = FLUCTUATION if self.alone else 0.0
@@ -128,7 +125,7 @@ class PuffSolver(Gas):
         self._step = self._released = 0
 
     def start_from(self, x: np.ndarray, mass: float) -> None:
-        """Add puffs at positions (n, dim) [m] in the air, each of a mass [kg] that counts as emitted."""
+        """Add puffs at positions x (n, dim) [m] in the air, each with the mass `mass` [kg], which counts as emitted."""
         n = len(x)
         velocity = self.deviation * generator(self.seed, "first puffs").standard_normal((n, self.dim))
         rows = np.column_stack([x, velocity, np.full(n, self.initial_size**2), np.full(n, mass)])
@@ -146,7 +143,7 @@ class PuffSolver(Gas):
         self._put(first, t + dt - born, t + dt, dt)
 
     def _put(self, rows: np.ndarray, ages: np.ndarray, t: float, dt: float) -> None:
-        """Add new puffs of given ages [s], and move all puffs to time t: old puffs by dt, new puffs by their ages."""
+        """Add new puffs with these ages [s], and move all puffs to time t: old puffs by dt, new puffs by their ages."""
         count = self.puffs.count
         if len(rows):
             self._put_new(count, self._released, rows)
@@ -157,7 +154,7 @@ class PuffSolver(Gas):
         self._step += 1
 
     def _new_puffs(self, t: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        """Rows (x, u', variance, mass) of the new puffs, and their release times [s]."""
+        """Return the new puffs' columns (position, u', variance, mass), one row each, and their release times [s]."""
         rows, moments = [np.empty((0, 2 * self.dim + 2))], [np.empty(0)]
         free = self.most - self.puffs.count
         for portions in self.portions:
@@ -175,15 +172,15 @@ class PuffSolver(Gas):
         return np.concatenate(rows).astype(np.float32), np.concatenate(moments)
 
     def _places(self, portions: Portions, n: int) -> np.ndarray:
-        """Random positions [m] in the air of a source's ball, (n, dim); none without air."""
-        found = np.empty((0, self.dim))
+        """Return n random positions (n, dim) [m] in the air within a source's ball; fewer if there is hardly any."""
+        places = np.empty((0, self.dim))
         for _ in range(TRIES):
-            if len(found) >= n:
+            if len(places) >= n:
                 break
             x = portions.places(2 * n, self.dim)
             x = x[((x >= 0.0) & (x <= self.grid.extent)).all(axis=1)]
-            found = np.concatenate([found, x if self.surfaces is None else x[self.surfaces.in_air(x)]])
-        return found[:n]
+            places = np.concatenate([places, x if self.surfaces is None else x[self.surfaces.in_air(x)]])
+        return places[:n]
 
     @ti.kernel
     def _put_new(self, count: ti.i32, number: ti.i32, rows: ti.types.ndarray()):
@@ -232,7 +229,7 @@ class PuffSolver(Gas):
 
     @ti.func
     def _fall(self, x: Template, variance: float, t: float):
-        """Settling speed of a puff [m/s]: negative buoyancy of a ball of radius R = 2 s against its drag.
+        """Return the settling speed [m/s] of a puff at x: buoyancy of a ball of radius R = 2 s against its drag.
 
         g' 4/3 pi R³ = 1/2 C_d pi R² w², with the density excess of all gas at the ball's centre (our choice).
         """
@@ -249,7 +246,7 @@ class PuffSolver(Gas):
         return held if self.handover is None else held + self.handover.cells()
 
     def budget(self) -> dict[str, float]:
-        """Mass emitted, in the domain and lost through its faces [kg]."""
+        """Return the gas emitted, in the domain and lost through the domain's faces [kg], by name."""
         inside = self.puffs.rows()[:, self.puffs.mass].astype(float).sum()
         waiting, gone = sum(portions.pending for portions in self.portions), self.puffs.gone
         if self.handover is not None:
@@ -266,7 +263,7 @@ class PuffSolver(Gas):
 
     @ti.func
     def concentration(self, x: Template, t: float):
-        """Concentration [kg/m³] at point x [m]: sum over the puffs around x and around its images."""
+        """Return the concentration [kg/m³] at point x [m]: sum over the puffs near x and near its mirror images."""
         below, above = self.walls.closed(x, self.puffs.cells.farthest[None], t)
         total = 0.0
         for which in range(self.puffs.cells.lists[None]):

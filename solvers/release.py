@@ -23,11 +23,11 @@ from taichi_plume.scenario.sources import Source
 from taichi_plume.solvers.transport import Scalar
 
 VARIANCE = 5.0 / 6.0
-"""Sum of the variances [cells²] of the shares of a point and of the linear interpolation by which gas is read."""
+"""Sum of two variances [cells²]: that of the shares of a point and that of the linear interpolation of readings."""
 REACH = 2
-"""Cells on either side of the cell at or before the point; above there is another."""
+"""Number of cells on either side that a point release reaches, from the cell at or before the point; one more above."""
 SMOOTHED = 1.0 / 6.0
-"""Measured: for thinner plumes weno5, for wider plumes koren lags more behind a wind oblique to the grid."""
+"""Weight of smoothing to either side. Measured: with less weno5, with more koren lags in a wind oblique to the grid."""
 
 
 def shares(f: float) -> np.ndarray:
@@ -53,7 +53,7 @@ def shares(f: float) -> np.ndarray:
 
 
 def spread(values: np.ndarray, f: np.ndarray) -> np.ndarray:
-    """Spread each cell of an array from a point f (dim,) behind its centre: REACH cells before, REACH + 1 after."""
+    """Return an array whose values are spread by `shares` of f (dim,): REACH cells more before, REACH + 1 after."""
     for axis, place in enumerate(f):
         along = np.moveaxis(values, axis, 0)
         wider = np.zeros((len(along) + 2 * REACH + 1, *along.shape[1:]))
@@ -64,7 +64,7 @@ def spread(values: np.ndarray, f: np.ndarray) -> np.ndarray:
 
 
 def tilted(weights: np.ndarray, points: np.ndarray, centroid: np.ndarray) -> np.ndarray:
-    """Weights (n,) of points (n, dim) with a centroid and the least relative entropy to given weights.
+    """Return weights (n,) of points (n, dim) with this centroid and the least relative entropy to the given weights.
 
     If the points do not surround the centroid, the result comes near it. All lengths are in cells. The dual problem is
     convex with dim unknowns, solved by Newton's method: scipy.optimize takes half a second to import.
@@ -101,7 +101,7 @@ SAMPLES = 4  # samples per axis, to measure a ball's fraction of a cell
 
 @ti.data_oriented
 class Release:
-    """Balls on the grid. `set_amounts` sets the next release of each ball, `adding` adds the release to the cells.
+    """Release of vapour or heat from balls into cells. `set_amounts` sets the next release, `adding` returns its pass.
 
     balls: cells (n, dim) of each ball and the share of the release (n,) per cell. blurred: whether the kernel spreads
     balls of any radius, which lets the puffs of heaters (see `heat`) stir a cell's width around their ball.
@@ -118,7 +118,7 @@ class Release:
         room: np.ndarray,
         blurred: bool = False,
     ):
-        """name: of the balls in messages; room: air fraction of each cell, of grid.shape. The owner calls `begin`."""
+        """name: of the balls in messages; room: air fraction of each cell (grid.shape). The owner calls `begin`."""
         self.name, self.grid, self.room, self.blurred = name, grid, room, blurred
         self._area = air.area
         self._amounts: list[float] = []
@@ -137,7 +137,7 @@ class Release:
         self._put_amounts = uploader(self._amount)
 
     def begin(self, balls: Sequence[Source | Heater]) -> None:
-        """Place the balls, with their radii unchanged. Raises ValueError for a ball that covers no air."""
+        """Place the balls, whose radii must not change. Raises ValueError for a ball that covers no air."""
         cell, owner = (np.zeros((*self._cell.shape, n)) for n in (self.grid.dim, 1))
         self.balls: list[tuple[np.ndarray, np.ndarray]] = []
         count = 0
@@ -152,20 +152,20 @@ class Release:
         self.set_shares([part for _, part in self.balls])
 
     def set_shares(self, shares: Sequence[np.ndarray]) -> None:
-        """Set the shares of each ball's release that the cells of `balls` receive from now on."""
-        found, first = np.zeros(self._share.shape), 0
+        """Set the shares of each ball's release that its cells, in the order of `balls`, receive from now on."""
+        densities, first = np.zeros(self._share.shape), 0
         for (where, _), share in zip(self.balls, shares, strict=True):
             room = self.room[tuple(where.T)] * self.grid.cell_volume
-            found[first : first + len(where)] = share / room
+            densities[first : first + len(where)] = share / room
             first += len(where)
-        self._put_shares(found)
+        self._put_shares(densities)
 
     def _half(self, ball: Source | Heater) -> int:
-        """Number of cells on either side that a ball around a cell's centre touches, along an axis."""
+        """Return how many cells a ball around a cell's centre touches on either side along an axis."""
         return max(0, ceil(ball.radius / self.grid.dx - 0.5))
 
     def _cells_of(self, path: str, ball: Source | Heater) -> tuple[np.ndarray, np.ndarray]:
-        """Cells of a ball, shape (n, dim), and each cell's share of the release."""
+        """Return a ball's cells (n, dim) and their shares (n,) of the release. Raises ValueError without air."""
         radius, half = ball.radius / self.grid.dx, self._half(ball)  # here lengths are in cells
         place = np.array(ball.position) / self.grid.dx - 0.5  # from the centre of the first cell
         base = np.floor(place).astype(int)
@@ -207,20 +207,20 @@ class Release:
         whole = np.count_nonzero(share * reached * (room == 1.0)) == every
         share = share * room * reached
         where = np.argwhere(share > 0)
-        found = tuple(where.T)
-        share = share[found] / share.sum()
+        covered = tuple(where.T)
+        share = share[covered] / share.sum()
         middle = np.zeros(place.shape) if whole else _middle(radius, points, room * reached)
-        share = tilted(share, points[found], middle)
+        share = tilted(share, points[covered], middle)
         return np.stack([at[where[:, d]] for d, at in enumerate(axes)], axis=-1) % self.grid.shape, share
 
     def set_amounts(self, amounts: list[float]) -> None:
-        """Set the amount that each ball releases in the next `adding` pass."""
+        """Set the amount (kg or J per heat capacity) that each ball releases in the next `adding` pass."""
         if amounts != self._amounts:
             self._amounts = amounts
             self._put_amounts(amounts)
 
     def adding(self, scalar: Scalar) -> Pass:
-        """Return the pass that adds the release to a scalar, an amount per volume, in the balls' cells."""
+        """Return the pass that adds the release to a scalar (amount per volume) in the cells of the balls."""
 
         @ti.func
         def add(a, b):
@@ -240,7 +240,7 @@ class Release:
 
 
 def _even_ball(radii: np.ndarray, cells: Sequence[np.ndarray], middle: np.ndarray) -> np.ndarray:
-    """Fractions of an ellipsoid around a point in cells, given by their numbers per axis, without gaps.
+    """Return the fraction of an ellipsoid around `middle` in each cell of a block; cells: consecutive indices per axis.
 
     All lengths are in cells.
     """
@@ -254,8 +254,8 @@ def _even_ball(radii: np.ndarray, cells: Sequence[np.ndarray], middle: np.ndarra
 
 
 def _reached(start: np.ndarray, leads: Sequence[np.ndarray], within: np.ndarray) -> np.ndarray:
-    """Return a mask of the cells of a block that the air `within` connects to the cells `start`; leads: open lower
-    faces.
+    """Return a mask of the cells of a block that are connected to the cells `start` through cells `within` and open
+    faces; leads: per axis whether each lower face is open.
     """
     reached, before = start.copy(), 0
     while (count := np.count_nonzero(reached)) > before:
@@ -270,7 +270,7 @@ def _reached(start: np.ndarray, leads: Sequence[np.ndarray], within: np.ndarray)
 
 
 def _middle(radius: float, points: np.ndarray, room: np.ndarray) -> np.ndarray:
-    """Centroid of the part of a ball around 0 that is in cells with room; points: their centres, all in cells."""
+    """Return the centroid of a ball around 0, weighted by the air fraction `room` of cells at `points` [cells]."""
     axis = radius * (np.arange(2 * SAMPLES) + 0.5 - SAMPLES) / SAMPLES
     inner = np.stack(np.meshgrid(*[axis] * points.shape[-1], indexing="ij"), axis=-1)
     inner = inner[np.linalg.norm(inner, axis=-1) <= radius]

@@ -17,30 +17,31 @@ from math import pi
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-AIRS, EACH = 8, 64  # independent realisations, and particles in each
-STEP = 0.3  # of the turnover time of a particle
+AIRS, EACH = 8, 64  # independent realisations of the flow, and particles in each
+STEP = 0.3  # time step over the turnover time of a particle
 TURNS, MEMORIES = 60.0, 3.0  # least number of turnover times, and of the rolls' memory, to simulate
-MOST = 240  # steps
+MOST = 240  # largest number of steps
 LEAST = 0.3  # autocovariance of a cosine below which noise dominates
 
-PER_CHANGE, WITHOUT = 0.52, 0.31  # of V^(2/3) per hour, by air changes per hour
+PER_CHANGE, WITHOUT = 0.52, 0.31  # K over V^(2/3) per hour: per air change, and without air changes
 
 
 def air_changes(diffusivity: float, volume: float) -> float:
-    """Air changes per hour n from K = V^(2/3) (0.52 n + 0.31) per hour, V the `volume` [m³] of the room and K its
-    mixing [m²/s] (Cheng et al. 2011, doi:10.1021/es103080p, 11 measurements); negative below that of closed rooms.
+    """Return the air changes per hour n from K = V^(2/3) (0.52 n + 0.31) per hour (Cheng et al. 2011,
+    doi:10.1021/es103080p, 11 measurements), V the `volume` [m³] and K the eddy diffusivity [m²/s] of a room; negative
+    below that of closed rooms.
     """
     return (3600.0 * diffusivity / volume ** (2 / 3) - WITHOUT) / PER_CHANGE
 
 
 def diffusivity(volume: float, changes: float) -> float:
-    """K [m²/s] of a room of `volume` [m³] with given air changes per hour, by the law of `air_changes`."""
+    """Return the eddy diffusivity K [m²/s] of a room of `volume` [m³], by the law of `air_changes`."""
     return volume ** (2 / 3) * (PER_CHANGE * changes + WITHOUT) / 3600.0
 
 
 @dataclass(frozen=True)
 class RoomFlow:
-    """Synthetic flow at any point, for several realisations at once.
+    """Synthetic flow of a room that can be evaluated at any point, for several realisations at once.
 
     k (n, 3) [1/m], c (n, 3) [m²/s] and frequency (n,) [rad/s] of the waves; rolls: largest potential [m²/s] by axis;
     memory: of the rolls [s]; distance: of cell middles to the next surface [m], negative in solids, with a layer of
@@ -63,12 +64,12 @@ class RoomFlow:
 
     @property
     def dim(self) -> int:
-        """2 or 3."""
+        """Dimension of the room, 2 or 3."""
         return len(self.extent)
 
     @property
     def turning(self) -> float:
-        """Return the approximate rate [1/s] at which a particle crosses an eddy or the room."""
+        """Approximate rate [1/s] at which a particle crosses an eddy or the room."""
         across = pi / self.extent.min()
         k = np.linalg.norm(self.k, axis=1)
         waves = 0.5 * ((k * np.maximum(k, across)) ** 2 * (np.abs(self.c) ** 2).sum(axis=1)).sum()
@@ -84,7 +85,7 @@ class RoomFlow:
         return np.cross(self.k, self.c)
 
     def around(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Distance [m] to the next surface, the ramp f and its gradient [1/m] at points (n, dim) [m]."""
+        """Return the distance [m] from surfaces, the ramp f and its gradient [1/m] at points x (n, dim) [m]."""
         at = (x / self.dx + 0.5).T
         parts = (self.distance, *self._slopes)
         d, *slope = (map_coordinates(part, at, order=1, mode="nearest") for part in parts)
@@ -94,7 +95,7 @@ class RoomFlow:
         return d, f, gradient
 
     def velocity(self, x: np.ndarray, phase: np.ndarray, turn: dict[int, np.ndarray]) -> np.ndarray:
-        """u [m/s] at points (n, dim) [m]; phases (n, waves) [rad], turn (n,) by axis of the rolls."""
+        """Return u [m/s] at points x (n, dim) [m]; phase of the waves (n, waves) [rad]; turn (n,): rolls, by axis."""
         theta = x @ self.k[:, : self.dim].T + phase
         cos, sin = np.cos(theta), np.sin(theta)
         across = self._across
@@ -114,25 +115,25 @@ class RoomFlow:
         return (f[:, None] * curl + np.cross(gradient, A))[:, : self.dim]
 
     def spreading(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Diffusivity of the shorter eddies [m²/s] and its gradient [m/s] at points (n, dim) [m]."""
+        """Return the diffusivity by shorter eddies [m²/s] and its gradient [m/s] at points x (n, dim) [m]."""
         _, f, gradient = self.around(x)
         K = np.maximum(self.eddies * f - self.viscosity, 0.0) / self.schmidt
         uphill = np.where((K > 0.0)[:, None], self.eddies / self.schmidt * gradient, 0.0)
         return K, uphill[:, : self.dim]
 
     def inside(self, x: np.ndarray, before: np.ndarray) -> np.ndarray:
-        """Return points mirrored at the faces of the box; points that would enter an obstacle stay."""
+        """Return points x mirrored at the faces of the box; points in an obstacle are replaced by `before`."""
         x = self.extent - np.abs(self.extent - np.abs(x) % (2.0 * self.extent))
         cells = tuple(np.floor(x / self.dx).astype(int).T + 1)
         return np.where((self.distance[cells] > 0.0)[:, None], x, before)
 
     def starts(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Random points (n, dim) [m], uniform over the air."""
+        """Return n random points (n, dim) [m], uniform over the air."""
         air = np.argwhere(self.distance > 0.0) - 1
         return (air[rng.integers(len(air), size=n)] + rng.random((n, self.dim))) * self.dx
 
     def even(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return, for the cosines along each axis (dim,), means over the air and Rayleigh quotients [1/m²]."""
+        """Return the mean over the air and the Rayleigh quotient [1/m²] of the cosine along each axis, (dim,) each."""
         air = np.argwhere(self.distance > 0.0) - 1
         points = np.concatenate([air + 0.25, air + 0.75])  # a single cell has a variance too
         angle = pi * points * self.dx / self.extent
@@ -141,7 +142,7 @@ class RoomFlow:
 
 
 def particle_paths(flow: RoomFlow, rng: np.random.Generator, step: float, steps: int) -> np.ndarray:
-    """Positions [m] of particles at every step [s], (steps + 1, AIRS, EACH, dim)."""
+    """Return the positions [m] of particles carried by a flow, every `step` [s], (steps + 1, AIRS, EACH, dim)."""
     n = AIRS * EACH
     x = flow.starts(n, rng)
     phase = np.repeat(rng.uniform(0.0, 2.0 * pi, (AIRS, len(flow.k))), EACH, axis=0)
@@ -170,17 +171,17 @@ def _each(turns: dict[int, np.ndarray]) -> dict[int, np.ndarray]:
 def rates(
     places: np.ndarray, step: float, extent: np.ndarray, even: tuple[np.ndarray, np.ndarray]
 ) -> tuple[float, float]:
-    """K [m²/s] of particles at `places` (steps + 1, airs, each, dim) [m], the mean over the axes, and its standard
-    error over the realisations (jackknife); even: see `RoomFlow.even`.
+    """Return the eddy diffusivity K [m²/s], mean over the axes, of particles at `places` (steps + 1, airs, each, dim)
+    [m], and its standard error over the realisations (jackknife). step [s]; even: see `RoomFlow.even`.
     """
     mean, quotient = even
     cosines = np.cos(pi * places / extent) - mean
     all_airs = np.arange(cosines.shape[1])
     airs = len(all_airs)
-    found = [_rate(cosines, step, quotient, all_airs[all_airs != out]) for out in (-1, *all_airs)]
-    without = np.array(found[1:])
+    estimates = [_rate(cosines, step, quotient, all_airs[all_airs != out]) for out in (-1, *all_airs)]
+    without = np.array(estimates[1:])
     error = np.sqrt((airs - 1) / airs * ((without - without.mean()) ** 2).sum())
-    return float(found[0]), float(error)
+    return float(estimates[0]), float(error)
 
 
 def _rate(cosines: np.ndarray, step: float, quotient: np.ndarray, airs: np.ndarray) -> float:
@@ -199,12 +200,12 @@ def _rate(cosines: np.ndarray, step: float, quotient: np.ndarray, airs: np.ndarr
 
 
 def _autocovariance(series: np.ndarray, lag: int) -> float:
-    """Return the autocovariance of a cosine at a lag in steps."""
+    """Return the autocovariance of cosines (steps, ...) at a lag in steps."""
     return float((series[: len(series) - lag] * series[lag:]).mean())
 
 
 def measured_diffusivity(flow: RoomFlow, rng: np.random.Generator) -> tuple[float, float]:
-    """K of a flow [m²/s] and its standard error."""
+    """Return the eddy diffusivity K of a flow [m²/s] and its standard error, from simulated particles."""
     turning = flow.turning
     if not turning:
         return 0.0, 0.0

@@ -20,13 +20,13 @@ from taichi_plume.scenario.screens import Screen
 
 
 class Resistance(Protocol):
-    """Force on the air inside the domain: screens, moving obstacles, robots. Implementations are `ti.data_oriented`."""
+    """Protocol of forces on the air in the domain by screens, moving obstacles, robots; `ti.data_oriented` classes."""
 
     cells: int
     """Approximate number of faces that `apply` visits."""
 
     def advance(self, t: float, dt: float) -> None:
-        """Prepare the step from time t [s] to t + dt."""
+        """Prepare the force for the step from time t to t + dt [s]."""
         ...
 
     def fastest(self, t: float) -> float:
@@ -40,17 +40,17 @@ class Resistance(Protocol):
 
 @ti.func
 def slowed(u, linear, square):
-    """Return the solution v of v + (linear + square |v|) v = u, without cancellation."""
+    """Return the solution v of v + (linear + square |v|) v = u, computed without cancellation."""
     b = 1.0 + linear
     return 2.0 * u / (b + ti.sqrt(b * b + 4.0 * square * ti.abs(u)))
 
 
 @ti.data_oriented
 class ScreenResistance:
-    """Resistance of a screen; satisfies `Resistance`.
+    """Flow resistance of a screen (porous slab); satisfies `Resistance`.
 
-    fractions: per axis 1 on faces whose velocity is solved for, on the padded grid. `begin` needs `tables` to be
-    uploaded.
+    fractions: per axis, positive on faces whose velocity is solved for, on the padded grid. Upload `tables` before
+    `begin`.
     """
 
     def __init__(self, screen: Screen, grid: Grid, fractions: Sequence[np.ndarray], tables: Tables):
@@ -73,13 +73,13 @@ class ScreenResistance:
         self.n = Numbers("a", "b", "transverse")
 
     def begin(self, screen: Screen, viscosity: float) -> None:
-        """Set the resistance; viscosity: kinematic [m²/s]."""
+        """Set the loss coefficients of the screen; viscosity: kinematic [m²/s]."""
         a, b = screen.losses(viscosity)
         self.n.set(a=a, b=b, transverse=screen.transverse)
 
     @staticmethod
     def _cells(screen: Screen, grid: Grid, first: int, layers: int) -> np.ndarray:
-        """The cells of the slab on the padded grid."""
+        """Return a mask on the padded grid of the slab's cells: `layers` layers from `first` on."""
         center, half = map(np.array, screen.rectangle(grid.extent))
         places = np.delete(grid.centers(), screen.normal, axis=-1) - center
         if screen.is_disc(grid.dim):
@@ -92,7 +92,7 @@ class ScreenResistance:
         return np.pad(covered, grid.ghost)
 
     def advance(self, t: float, dt: float) -> None:
-        """Do nothing: a screen does not change."""
+        """Do nothing: the resistance of a screen is constant."""
 
     def fastest(self, t: float) -> float:
         return 0.0

@@ -24,16 +24,16 @@ from taichi_plume.solvers.openings import Patch
 from taichi_plume.solvers.wall_law import transfer_velocity
 
 Touched = tuple[tuple[np.ndarray, ...] | np.ndarray, float | np.ndarray]
-"""Cells that a surface touches (indices or a mask), and its area in each cell over the area of a face."""
+"""Cells that a surface touches (indices or a mask), and the surface's area in each cell over the area of a face."""
 
 FIRST, BETWEEN, LAST = 0.0, 1.0, 2.0
-"""Stage of a step."""
+"""Position of a stage within a Runge–Kutta step."""
 
 
 @ti.data_oriented
 class Tally:
-    """Total of a flux in f64. Each stage of a step sets the total to its value before the step plus the step's length
-    times the sum of the rates of all stages so far.
+    """Time integral of a flux, in f64. Each stage of a step sets the total to its value before the step plus the step's
+    length times the sum of the rates of all stages so far.
     """
 
     STATE = ("_total",)
@@ -43,37 +43,37 @@ class Tally:
 
     @ti.func
     def begin(self, stage):
-        """Start a stage."""
+        """Start a stage (FIRST, BETWEEN or LAST); the first stage of a step clears the rate."""
         if stage == FIRST:
             self._before[None] = self._total[None]
             self._rate[None] = 0.0
 
     @ti.func
     def add(self, rate):
-        """Add the flux through one face or cell [1/s]."""
+        """Add the flux through one face or cell [1/s] to the rate of the step."""
         self._rate[None] += ti.cast(rate, ti.f64)
 
     @ti.func
     def end(self, h):
-        """Finish a stage; h: length [s] of which each stage contributes a part, see `transport`."""
+        """Finish a stage: set the total; h: length [s] by which the sum of rates counts, see `transport`."""
         self._total[None] = self._before[None] + ti.cast(h, ti.f64) * self._rate[None]
 
     def read(self) -> float:
-        """Return the total."""
+        """Return the total flux since the start of the run."""
         return cast(float, self._total[None])
 
 
 def in_series(first: float, second: float) -> float:
-    """Transfer velocity of two layers in series."""
+    """Return the transfer velocity [m/s] of two layers in series with transfer velocities `first` and `second`."""
     return 0.0 if 0.0 in (first, second) else 1.0 / (1.0 / first + 1.0 / second)
 
 
 @ti.data_oriented
 class SurfaceExchange:
-    """Walls and obstacles that exchange heat or gas, and the cells that touch them.
+    """Exchange of heat or gas between the air and walls or obstacles, in the cells that touch them.
 
-    fastest [1/s]: largest rate of exchange, without the part by the law of the wall, which is implicit. For a cell at
-    several surfaces without a given film, these count as one surface.
+    fastest [1/s]: largest rate of exchange, without the part by the law of the wall, which is implicit. Several
+    surfaces without a given film that touch the same cell count as one surface.
     """
 
     STATE = ("_given",)
@@ -87,7 +87,7 @@ class SurfaceExchange:
         obstacles: Sequence[int],
         vents: Sequence[Patch],
     ):
-        """obstacles: numbers of the obstacles; vents: openings, where there is no wall. The owner calls `begin`. Raises
+        """obstacles: indices of the obstacles; vents: openings, where there is no wall. The owner calls `begin`. Raises
         ValueError for a surface that touches no air.
         """
         self.grid, self.wind, self.room = grid, wind, air.room
@@ -161,7 +161,7 @@ class SurfaceExchange:
         self._set(*(part[self._where] for part in (*known, film[0], film[1], sticky)))
 
     def into(self, rate: Template, q: Template) -> Pass:
-        """Return the pass that adds the flux from the surfaces to the rate [1/s] of q, and counts it."""
+        """Return the pass that adds the flux from the surfaces to the rate of change of q, and to the total."""
 
         @ti.func
         def exchange(h, stage):
@@ -183,12 +183,12 @@ class SurfaceExchange:
 
     @ti.func
     def _through(self, film, n):
-        """v [m/s] across the film of cell n and into its surfaces."""
+        """Return the transfer velocity [m/s] across a film of velocity `film` and into the surfaces of cell n."""
         return film / (1.0 + film * self._sticky[n])
 
     @ti.func
     def _film_velocity(self, I):
-        """v [m/s] across the film in cell I, by the law of the wall."""
+        """Return the transfer velocity [m/s] across the air film in cell I by the law of the wall."""
         square = 0.0
         for d in ti.static(range(self.grid.dim)):
             D = ti.Vector.unit(self.grid.dim, d, ti.i32)
@@ -197,5 +197,5 @@ class SurfaceExchange:
         return transfer_velocity(ti.sqrt(square), y, nu, self.n.diffusivity[None])
 
     def given(self) -> float:
-        """Return the total that the surfaces have released so far, q times a volume."""
+        """Return the total that the surfaces have released into the air so far (q times volume)."""
         return self._given.read() * self.grid.cell_volume

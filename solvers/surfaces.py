@@ -27,12 +27,11 @@ CONVEX = 0.02
 
 
 def curvatures(vectors: np.ndarray, cells: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Return the sum of the principal curvatures of the surface around the cells (n, dim), padded: (n,) [1/cells].
+    """Return the sum of the principal curvatures of the surface around each cell, (n,) [1/cells], positive if convex.
 
-    The sum is positive where the obstacle is convex. The normals of a surface of curvature k turn by k s over a length
-    s, so that the integral of n' s over all surface within REACH is -k times the integral of s².
-
-    vectors: areas of the surface, (*padded, dim); normals: of the surface at each cell, (n, dim); both out of the air.
+    The normals of a surface of curvature k turn by k s over a length s, so that the integral of n' s over all surface
+    within REACH is -k times the integral of s². vectors: area vectors of the surface, (*padded, dim); cells: padded
+    indices (n, dim); normals: of the surface at each cell, (n, dim); both out of the air.
     """
     dim, where = vectors.shape[-1], tuple(cells.T)
     steps = np.arange(-REACH, REACH + 1.0)
@@ -59,9 +58,9 @@ MIXING = 0.13  # cells: mixing length C of a layer that separates, as Smagorinsk
 
 @ti.data_oriented
 class Surfaces:
-    """Wall stress nu_w u_t/s of the tangential velocity u_t at a distance s from a surface, nu_w by the law of the wall
-    if there is a turbulence model; on convex surfaces in an adverse pressure gradient that of a layer that can
-    separate.
+    """Wall stress nu_w u_t/s on obstacles, u_t the tangential velocity at a distance s from a surface. nu_w follows
+    from the law of the wall if there is a turbulence model; on convex surfaces in an adverse pressure gradient from a
+    layer that can separate.
 
     area, fractions: padded arrays of the fields `area` and `open` of the flow. vectors: area vector of the surface in
     each cell, padded; faces: indices of the faces, (n, dim) of each axis; cells: number of cells.
@@ -117,14 +116,14 @@ class Surfaces:
             self._extension = Extension(self, convex, area, tables)
 
     def slipping(self, convection: Pass) -> list[Pass]:
-        """Return the passes with velocities extended to closed faces by `extension`; these are 0 before and after."""
+        """Return `convection` between passes that extend velocities to closed faces and reset them to 0."""
         if self._extension is None or self._extension.cells == 0:
             return [convection]
         return [self._extension.setting(), convection, self._extension.clearing()]
 
     @ti.func
     def _along(self, d: Template, k):
-        """Velocity along the surface [m/s] at the k-th face of axis d."""
+        """Return the tangential velocity (dim,) [m/s] at the k-th surface face of axis d."""
         I, n = self._cell[d][k], self._normal[d][k]
         D = ti.Vector.unit(self.dim, d, ti.i32)
         u = ti.Vector.zero(ti.f32, self.dim)
@@ -143,7 +142,7 @@ class Surfaces:
 
     @ti.func
     def _is_adverse(self, d: Template, k, along):
-        """Return whether the pressure gradient at the k-th face of axis d slows the air along the surface."""
+        """Return whether the pressure at the k-th surface face of axis d rises along the velocity `along`."""
         I = self._cell[d][k]
         D = ti.Vector.unit(self.dim, d, ti.i32)
         rise = along[d] * (self.m.p[I] - self.m.p[I - D])
@@ -161,7 +160,7 @@ class Surfaces:
 
     @ti.func
     def _friction(self, d: Template, k):
-        """Return (face, rate [1/s] of friction, velocity along the surface [m/s]) of the k-th face of axis d."""
+        """Return (face, friction rate [1/s], tangential velocity [m/s] along d) of the k-th surface face of axis d."""
         along, nu = self._along(d, k), self.m.viscosity[None]
         wall = nu
         if ti.static(self.m.eddies):
@@ -174,8 +173,8 @@ class Surfaces:
 
     @ti.func
     def slip(self, d: Template, k):
-        """Extended velocity u_d [m/s] beyond the surface at the k-th face of axis d: the velocity of the face, or 0 if
-        the viscous layer is resolved half a cell from the surface, as at walls (see `straightness`).
+        """Return the velocity u_d [m/s] to extend beyond the surface at the k-th face of axis d: the velocity of the
+        face, or 0 if the viscous layer is resolved half a cell from the surface, as at walls (see `straightness`).
 
         A remaining velocity normal to the surface is not removed: it would come from faces at other distances from the
         surface, and their excess speed would be driven into the air.
@@ -187,7 +186,7 @@ class Surfaces:
 
     @ti.func
     def slow(self, rate: Template, dt: float):
-        """Subtract friction from the rates of change of u [m/s²]; implicit, as friction is stiff close to a surface."""
+        """Subtract the surfaces' friction from the rates of change of u [m/s²], implicitly, as friction is stiff."""
         for d in ti.static(range(self.dim)):
             for k in range(ti.static(self._count[d])):
                 I, f, along = self._friction(d, k)
@@ -195,7 +194,7 @@ class Surfaces:
 
     @ti.func
     def add_loss(self, loss: Template):
-        """Add the momentum that friction takes [m/s² of a whole cell]."""
+        """Add the momentum that friction takes from the air to `loss` [m/s² of a whole cell]."""
         for d in ti.static(range(self.dim)):
             for k in range(ti.static(self._count[d])):
                 I, f, along = self._friction(d, k)

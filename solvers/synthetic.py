@@ -38,11 +38,11 @@ DRAWS = 16  # samples of the phases, to measure the speed of unit waves
 KOLMOGOROV = 1.62  # constant of the energy spectrum
 
 Potential = dict[int, np.ndarray]
-"""Component along each axis [m²/s]; in 2-D only axis 2. Component m lies on the edges along m: n + 1 per other axis."""
+"""Vector potential [m²/s] by axis, in 2-D only axis 2. Component m is on the edges along m: n + 1 per other axis."""
 
 
 def curl(potential: Potential, dx: float) -> list[np.ndarray]:
-    """Velocity [m/s] through the faces of each axis d: n + 1 along d, n along the others."""
+    """Return the velocity [m/s] through the faces across each axis d: n + 1 faces along d, n along the others."""
     dim = potential[2].ndim
     result = []
     for d in range(dim):
@@ -52,12 +52,12 @@ def curl(potential: Potential, dx: float) -> list[np.ndarray]:
 
 
 def distances(solid: np.ndarray) -> np.ndarray:
-    """Return the distance [cells] from each cell's middle to the next surface, padded by a layer; 0 without air."""
+    """Return each cell centre's distance [cells] from the nearest solid or wall, padded by a layer; 0 in solids."""
     return np.maximum(np.asarray(distance_transform_edt(np.pad(~solid, 1))) - 0.5, 0.0)
 
 
 def on_edges(distance: np.ndarray, axis: int) -> np.ndarray:
-    """Interpolate the cells' distances to the next surface to the edges along `axis`; exactly 0 on surfaces."""
+    """Return the cells' distances from surfaces interpolated to the edges along `axis`; exactly 0 on surfaces."""
     air = distance > 0.0
     for a in range(distance.ndim):
         n = air.shape[a] - 1
@@ -68,9 +68,9 @@ def on_edges(distance: np.ndarray, axis: int) -> np.ndarray:
 
 
 class Waves:
-    """Random waves of a potential that fills the box with unit mean square velocity, before any ramp.
+    """Random waves of a vector potential that fill the box with unit mean square velocity, before any ramp at walls.
 
-    eddies: viscosity of shorter eddies [m²/s], including the air's own; it scales with the waves' strength.
+    eddies: viscosity [m²/s] of shorter eddies for unit mean square velocity; it scales with the waves' strength.
     """
 
     def __init__(self, wind: SyntheticWind, grid: Grid, rng: np.random.Generator):
@@ -104,7 +104,7 @@ class Waves:
             self.tables[m] = first, others, shape
 
     def at(self, phase: np.ndarray) -> Potential:
-        """Return the potential when each wave has advanced by its phase [rad].
+        """Return the potential after each wave has advanced by its phase [rad].
 
         Waves are products of waves along the axes, so a product of two matrices sums them.
         """
@@ -117,7 +117,7 @@ class Waves:
 
 
 def edges(grid: Grid, axis: int) -> list[np.ndarray]:
-    """Positions [m] of the edges along `axis`, per axis of the grid."""
+    """Return the positions [m] of the edges along `axis`, as an array per axis of the grid."""
     return [
         (np.arange(n) + 0.5 if a == axis else np.arange(n + 1)) * grid.dx for a, n in enumerate(grid.shape)
     ]
@@ -130,7 +130,7 @@ def as_fast(speed: float, square: float) -> float:
 
 @ti.data_oriented
 class SyntheticSolver(Carrier):
-    """Synthetic flow in a closed room; obstacles are steps.
+    """Synthetic flow in a closed room, a sum of random waves and rolls; obstacles consist of whole cells.
 
     The flow is interpolated linearly in time between key frames, which conserves div u = 0. Fields per axis: u, face
     velocities [m/s]; open, 1 on faces between two cells of air. Field nu: see above.
@@ -182,13 +182,13 @@ class SyntheticSolver(Carrier):
 
     @ti.kernel
     def _shift_frames(self):
-        """Copy the later frame to the earlier frame."""
+        """Copy the velocities of the later key frame to the earlier key frame."""
         for d in ti.static(range(self.dim)):
             for I in ti.grouped(self._after[d]):
                 self._before[d][I] = self._after[d][I]
 
     def _build_blending(self) -> None:
-        """Build the kernel that interpolates u between the two frames, ghost layers included."""
+        """Compile the kernel that interpolates u between the two key frames, ghost layers included."""
 
         def of_axis(d: int):
             before, after = self._before[d], self._after[d]
@@ -207,7 +207,7 @@ class SyntheticSolver(Carrier):
         return curl({m: self._ramp[m] * a for m, a in potential.items()}, self.grid.dx)
 
     def _mean_square(self, potential: Potential) -> float:
-        """Mean of the squared speed [m²/s²] over the air."""
+        """Return the mean square speed [m²/s²] of a potential over the cells of air."""
         total = np.zeros(self.grid.shape)
         for d, u in enumerate(self._velocity(potential)):
             low, high = np.delete(u, -1, axis=d), np.delete(u, 0, axis=d)
@@ -215,19 +215,19 @@ class SyntheticSolver(Carrier):
         return float(total[self._air].mean())
 
     def _waves_of_roll(self, axis: int) -> np.ndarray:
-        """Half a wave along each axis other than `axis`."""
+        """Return half a sine wave along each axis other than `axis`, the shape of a roll about `axis`."""
         places = np.meshgrid(*edges(self.grid, axis), indexing="ij")
         waves = [np.sin(np.pi * places[a] / self.grid.extent[a]) for a in range(self.dim) if a != axis]
         return np.prod(waves, axis=0)
 
     def _roll(self, axis: int, speed: float) -> float:
-        """Largest potential [m²/s] of a roll about `axis`, as large as the room, for a root mean square speed."""
+        """Return the largest potential [m²/s] of a room-wide roll about `axis` of root mean square speed `speed`."""
         others = {m: np.zeros_like(r) for m, r in self._ramp.items()}
         square = self._mean_square(others | {axis: self._waves_of_roll(axis)})
         return as_fast(speed, square)
 
     def _next_frame(self) -> None:
-        """Advance by a key frame: drop the earlier frame and compute the next."""
+        """Advance by a key frame: drop the earlier frame and compute the next one."""
         self._frame += 1
         t = (self._frame + 1) * self.interval
         fresh = np.sqrt(1.0 - self._memory**2)
@@ -241,7 +241,7 @@ class SyntheticSolver(Carrier):
         self._outflow = [self._outflow[1], self.grid.largest_outflow(velocity)]
 
     def advance(self, t: float, dt: float) -> None:
-        """Set the velocity of time t + dt; time never decreases."""
+        """Set the velocity to that of time t + dt [s]; time must not decrease."""
         frame = (t + dt - self._begun) / self.interval
         while frame > self._frame + 1:
             self._next_frame()
@@ -252,7 +252,7 @@ class SyntheticSolver(Carrier):
 
     @property
     def room(self) -> RoomFlow:
-        """Return the same waves and rolls as a flow at any point and time."""
+        """The same waves and rolls as a flow that can be evaluated at any point and time."""
         solid = np.pad(~self._air, 1, constant_values=True)
         depth = np.maximum(np.asarray(distance_transform_edt(solid)) - 0.5, 0.0)
         return RoomFlow(
@@ -271,7 +271,7 @@ class SyntheticSolver(Carrier):
         )
 
     def mixing(self) -> dict[str, float]:
-        """Eddy diffusivity [m²/s], standard error, and air changes per hour of equal mixing (see room_mixing)."""
+        """Return the eddy diffusivity [m²/s], its standard error, and air changes per hour that mix equally (3-D)."""
         K, error = measured_diffusivity(self.room, generator(self._seed, "mixing of the air"))
         mixing = {"eddy_diffusivity_m2_per_s": K, "eddy_diffusivity_error_m2_per_s": error}
         if self.dim == 3:

@@ -14,7 +14,7 @@ STABLE = 1.3  # Courant number up to which the short first stage is stable
 
 
 def stages_for(courant: float) -> tuple[tuple[float, float, float], ...]:
-    """Return the `stages` with the least damping for steps up to a Courant number."""
+    """Return the Runge–Kutta coefficients (see `stages`) with the least damping for this Courant number."""
     return stages(SHORT if courant <= STABLE else LONG)
 
 
@@ -44,9 +44,9 @@ HUGE = 1e6  # m/s: far above the speed of any flow here
 
 @ti.data_oriented
 class Limits:
-    """Maxima over the cells: sum of |u| over the axes, flow out of the cell (both over a face's area), |u|, viscosity.
+    """Maxima over the cells that limit the time step: sum of |u| over the axes, outflow, |u| and viscosity.
 
-    Values that are not finite count as HUGE.
+    The outflow of a cell is over a face's area. Values that are not finite count as HUGE.
     """
 
     def __init__(self, momentum: Momentum):
@@ -60,11 +60,11 @@ class Limits:
 
     @ti.func
     def _cell(self, J, i):
-        """Index of the i-th cell of row J."""
+        """Return the padded index of the i-th cell of row J."""
         return ti.Vector([i + self.grid.ghost] + [J[self.dim - 1 - d] for d in ti.static(range(1, self.dim))])
 
     def passes(self) -> tuple[Pass, Pass]:
-        """Return the passes that compute the maxima."""
+        """Return the two passes that clear and compute the maxima."""
         return Pass(self._clear, 1), Pass(self._measure, prod(self.grid.shape))
 
     @ti.func
@@ -104,13 +104,13 @@ class Limits:
         return ti.Vector([ti.select(total < HUGE, total, HUGE), out, fastest, viscosity])
 
     def read(self) -> tuple[float, ...]:
-        """Return the maxima, the first two over dx [1/s]."""
+        """Return the maxima: sum of |u|/dx [1/s], outflow/dx [1/s], |u| [m/s] and viscosity [m²/s]."""
         speed_sum, out, speed, viscosity = (float(value) for value in self._read()[0])
         return speed_sum / self.grid.dx, out / self.grid.dx, speed, viscosity
 
     @ti.kernel
     def _strongest_buoyancy(self) -> ti.f32:
-        """Return the largest acceleration by buoyancy, summed over the magnitudes of its components [m/s²]."""
+        """Return the largest acceleration by buoyancy over the cells [m/s²], summed over its components."""
         result = 0.0
         for J in ti.grouped(ti.ndrange(*self._rows)):
             most = 0.0
@@ -127,7 +127,7 @@ class Limits:
         return result
 
     def longest_step(self, rate: float, courant: float, viscosity: float) -> float:
-        """Return the step [s] that keeps the Courant number at its limit (CFL) and diffusion stable.
+        """Return the largest time step [s] within the Courant number `courant` (CFL) and stable for diffusion.
 
         rate: largest sum of |u|/dx over the axes [1/s]; viscosity: the largest [m²/s].
         """

@@ -28,7 +28,7 @@ from taichi_plume.solvers.surface_exchange import BETWEEN, FIRST, LAST, SurfaceE
 
 
 class Scalar:
-    """Scalar q per volume of air in the cells of a grid; rest: field of the rounding errors of q in f32."""
+    """Scalar q per volume of air in the cells of a grid; rest: rounding errors of q, which is stored in f32."""
 
     STATE = ("q", "rest")
 
@@ -37,18 +37,18 @@ class Scalar:
 
 
 FULLEST = 0.98  # largest share of a cell's content that leaves it in one stage, at the steepest slope
-MOST_STAGES = 5  # stages of a step; more stages leave more of the old content behind
+MOST_STAGES = 5  # largest number of stages of a step; more stages leave more of the old content behind
 
 
 @ti.func
 def open_slope(q: Template, open_faces: Template, I, D, dx: float):
-    """Gradient dq/dx at the lower face of cell I across D; zero if the face is closed."""
+    """Return the gradient dq/dx at the lower face of cell I along the unit vector D; 0 if the face is closed."""
     return ti.select(open_faces[I] > 0.0, (q[I] - q[I - D]) / dx, 0.0)
 
 
 @ti.func
 def raised(q, rest, rate, dt):
-    """Return q + rest + rate dt in f32, and the rounding error; in f64, which compilers do not simplify away."""
+    """Return q + rest + rate dt, computed in f64 and rounded to f32, and the rounding error."""
     change = ti.cast(rest, ti.f64) + ti.cast(dt, ti.f64) * ti.cast(rate, ti.f64)
     exact = ti.cast(q, ti.f64) + change
     rounded = ti.cast(exact, ti.f32)
@@ -57,9 +57,9 @@ def raised(q, rest, rate, dt):
 
 @ti.data_oriented
 class Transport:
-    """Transport of a quantity q per volume of air by convection and diffusion.
+    """Transport of a scalar q per volume of air by convection and diffusion, in finite volumes.
 
-    scheme: convection scheme. add_sources: a pass that adds sources to q and `rest` for a step of length a. surfaces:
+    scheme: convection scheme. add_sources: pass that adds sources to q and `rest` for a step of length a. surfaces:
     walls and obstacles that exchange q with the air. has_inflow: whether inflow may carry q, see `set_inflow`;
     otherwise inflow is clean.
 
@@ -79,11 +79,11 @@ class Transport:
         surfaces: SurfaceExchange | None = None,
         has_inflow: bool = False,
     ):
-        """The owner calls `begin`."""
+        """Allocate the fields and compile the step. The owner calls `begin`."""
         self.grid = grid
         self.dim = grid.dim
         self.wind = wind
-        self.per_length = float(np.float32(1.0 / grid.dx))  # as the cells reckon it
+        self.per_length = float(np.float32(1.0 / grid.dx))  # 1/dx in f32, as in the kernels
         self.surfaces = surfaces
         self.q, self.rest = scalar.q, scalar.rest
         self.eddies = wind.nu is not None
@@ -93,7 +93,7 @@ class Transport:
         if self.cut:
             self.room = grid.field()
             uploader(self.room)(grid.pad(air.room))
-        # a flow solver lends fields that are unused meanwhile
+        # a flow solver provides fields that are unused during transport
         self._start, self.rate = wind.scratch or (grid.field(), grid.field())
         self._outflow = Tally()
         self._inflow = Tally() if has_inflow else None
@@ -115,7 +115,7 @@ class Transport:
         )
 
     def begin(self, diffusivity: float, schmidt: float) -> None:
-        """diffusivity [m²/s]: of still air; schmidt: eddy viscosity over eddy diffusivity."""
+        """Set the diffusivity of still air [m²/s] and the turbulent Schmidt number (eddy viscosity/diffusivity)."""
         self.diffusivity, self.schmidt = diffusivity, schmidt
         per_schmidt = np.float32(1.0 / float(np.float32(schmidt)))
         viscosity = np.float32(self.wind.viscosity if self.eddies else 0.0)
@@ -123,14 +123,14 @@ class Transport:
         self._n.set(still=float(still), per_schmidt=float(per_schmidt))
 
     def set_inflow(self, openings: Sequence[tuple[Patch, float]]) -> None:
-        """Set q of the air that enters through openings (inlet, Dirichlet condition); elsewhere q of inflow is 0."""
+        """Set q of the air that enters through openings (inlet, Dirichlet condition); elsewhere inflow has q = 0."""
         values = [np.zeros(side) for side in self._sides]
         for patch, q in openings:
             np.moveaxis(values[patch.axis], patch.axis, 0)[patch.side][patch.covered] = q
         self._put_inflow(*values)
 
     def start_from(self, function: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Set q from a function of points (..., dim) [m]."""
+        """Set q from a function of points (..., dim) [m], without rounding errors."""
         self._put(self.grid.pad(function(self.grid.centers())), 0.0)
 
     @cached_property
@@ -141,7 +141,7 @@ class Transport:
 
     @ti.func
     def _diffusivity(self, I, D):
-        """K + nu_t/Sc_t [m²/s] on the lower face of cell I across D."""
+        """Return the diffusivity K + nu_t/Sc_t [m²/s] on the lower face of cell I along the unit vector D."""
         K = self._n.still[None]
         if ti.static(self.eddies):
             K += 0.5 * self._n.per_schmidt[None] * (self.wind.nu[I] + self.wind.nu[I - D])
@@ -149,7 +149,7 @@ class Transport:
 
     @ti.func
     def _face_flux(self, I, d: Template):
-        """Flux of q through the lower d-face of cell I: convection, and diffusion where it is open."""
+        """Return the flux of q through the lower face of cell I across axis d: convection, and diffusion if open."""
         D = ti.Vector.unit(self.dim, d, ti.i32)
         v = self.wind.u[d][I]
         slope = open_slope(self.q, self.wind.open[d], I, D, self.grid.dx)
@@ -160,7 +160,7 @@ class Transport:
 
     @ti.func
     def _tendency(self, I, h, stage):
-        """Return dq/dt by the fluxes, added to that of the previous stages."""
+        """Return dq/dt of cell I by the fluxes of this stage, added to the sum over the previous stages."""
         net = ti.cast(0.0, ti.f64)
         for d in ti.static(range(self.dim)):
             for side in range(2):  # not unrolled by Taichi, to halve the compile time; LLVM unrolls the loop
@@ -177,12 +177,12 @@ class Transport:
 
     @ti.func
     def _advanced(self, I, h, stage):
-        """Return q after a stage, and the rounding error, which only the last stage keeps."""
+        """Return q of cell I after a stage, and its rounding error, which only the last stage updates."""
         q, rest = raised(self._start[I], self.rest[I], self.rate[I], h)
         return ti.Vector([q, ti.select(stage == LAST, rest, self.rest[I])])
 
     def _filling(self, d: int) -> Callable:
-        """Return the body that fills ghost cells: zero gradient at outflow, inflow values, periodic axes."""
+        """Return the body that fills ghost cells across axis d: zero gradient at outflow, inflow values, periodic."""
         n, g = self.grid.shape[d], self.grid.ghost
 
         @ti.func
@@ -206,7 +206,7 @@ class Transport:
 
     @ti.func
     def _count_outflow(self, h, stage):
-        """Count the outflow through the domain's faces, and the inflow."""
+        """Add the outflow and the inflow through the domain's faces in this stage to their totals."""
         self._outflow.begin(stage)
         if ti.static(len(self.inflow) > 0):
             self._inflow.begin(stage)
@@ -232,7 +232,7 @@ class Transport:
     # ---------------------------------------------------------------- the step
 
     def _euler_steps(self, dt: float) -> float:
-        """Number of Euler steps within dt [s] that are short enough that no cell loses more than its content."""
+        """Return the number of Euler steps in dt [s], as a fraction, in which no cell loses more than its content."""
         K = self.diffusivity + (self.wind.max_viscosity - self.wind.viscosity) / self.schmidt
         given = self._steepest * self.wind.outflow_rate + 2.0 * self.dim * K / self.grid.dx**2
         if self.surfaces is not None:
@@ -240,13 +240,13 @@ class Transport:
         return dt * given / FULLEST
 
     def steps(self, dt: float) -> int:
-        """Number of equal steps within dt [s]."""
+        """Return the number of equal Runge–Kutta steps into which to divide dt [s] for positivity."""
         return max(1, ceil(self._euler_steps(dt) / (MOST_STAGES - 1) - 1e-9))
 
     def step(self, dt: float) -> None:
-        """Advance by a second-order step, no longer than `steps` allows (strong stability preserving Runge-Kutta,
-        SSP(s, 2), Spiteri & Ruuth 2002, doi:10.1137/S0036142901389025; Heun's method for s = 2): s - 1 Euler stages of
-        dt/(s - 1) [s], another stage, and the mean of their rates over the step.
+        """Advance q by dt [s], no longer than `steps` allows, by a second-order strong-stability-preserving Runge–Kutta
+        method (SSP(s, 2), Spiteri & Ruuth 2002, doi:10.1137/S0036142901389025; Heun's method for s = 2): s - 1 Euler
+        stages of dt/(s - 1), another stage, and the mean of their rates over the step.
         """
         stages = 1 + max(1, ceil(self._euler_steps(dt) - 1e-9))
         self._start_step(dt)
@@ -269,20 +269,20 @@ class Transport:
 
     @ti.kernel
     def least(self) -> ti.f32:
-        """Smallest q."""
+        """Return the smallest q of all cells."""
         result = 1e30
         for J in ti.grouped(ti.ndrange(*self.grid.shape)):
             ti.atomic_min(result, self.q[J + ti.static(self.grid.ghost)])
         return result
 
     def inside(self) -> float:
-        """q summed over the domain's volume."""
+        """Return the integral of q over the air in the domain."""
         return cast(float, self._sum()) * self.grid.cell_volume
 
     def outflow(self) -> float:
-        """Return the outflow through the domain's faces so far, less the inflow."""
+        """Return the net outflow of q (outflow less inflow) through the domain's faces since the start."""
         return self._outflow.read() * self.grid.cell_volume * self.per_length
 
     def brought_in(self) -> float:
-        """Return the inflow through the domain's faces so far."""
+        """Return the inflow of q through the domain's faces since the start."""
         return self._inflow.read() * self.grid.cell_volume * self.per_length if self._inflow else 0.0

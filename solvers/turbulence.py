@@ -14,7 +14,7 @@ LAYER = 1.3
 
 @ti.func
 def velocity_gradient(u: Template, I, d: Template, e: Template, dx: float):
-    """du_d/dx_e [1/s] at the centre of cell I."""
+    """Return the velocity gradient du_d/dx_e [1/s] at the centre of cell I."""
     D = ti.Vector.unit(ti.static(len(u)), d, ti.i32)
     E = ti.Vector.unit(ti.static(len(u)), e, ti.i32)
     if ti.static(d == e):
@@ -25,7 +25,7 @@ def velocity_gradient(u: Template, I, d: Template, e: Template, dx: float):
 
 @ti.func
 def strain_rate(u: Template, I, dx: float):
-    """|S| = sqrt(2 S_ij S_ij) [1/s] at the centre of cell I, with S_ij = (du_i/dx_j + du_j/dx_i)/2."""
+    """Return the strain rate |S| = sqrt(2 S_ij S_ij) [1/s] in cell I, with S_ij = (du_i/dx_j + du_j/dx_i)/2."""
     total = 0.0
     for d in ti.static(range(len(u))):
         total += 2.0 * velocity_gradient(u, I, d, d, dx) ** 2
@@ -35,7 +35,7 @@ def strain_rate(u: Template, I, dx: float):
 
 
 def mixing_lengths(distance: np.ndarray, dx: float, constant: float) -> tuple[np.ndarray, np.ndarray]:
-    """Mixing lengths l and l_s [m] of `damped` at distances [m] from the next surface.
+    """Return the mixing lengths l and l_s [m] for `damped` at these distances [m] from the nearest surface.
 
     l = min(C dx, k d): unresolved eddies; l_s = k d/(1 + (d/LAYER dx)^4): all eddies, so near to a surface that the
     grid resolves none (after the hybrid model of Senocak et al. 2007, doi:10.1007/s10546-007-9181-y).
@@ -46,10 +46,10 @@ def mixing_lengths(distance: np.ndarray, dx: float, constant: float) -> tuple[np
 
 @ti.func
 def damped(length, rate, distance, viscosity):
-    """Eddy viscosity (length D)² rate [m²/s], with van Driest's damping D = 1 - exp(-y+/26) (1956, doi:10.2514/8.3662).
+    """Return (length D)² rate [m²/s], with van Driest's damping D = 1 - exp(-y+/26) (1956, doi:10.2514/8.3662).
 
-    y+ uses the local friction, (nu + nu_t) |S| before the damping. Near a surface, where D is not 1, this is the
-    friction at the surface.
+    length: mixing length [m]; rate: strain rate [1/s]. y+ uses the local friction, (nu + nu_t) |S| before the damping.
+    Near a surface, where D is not 1, this is the friction at the surface.
     """
     undamped = length * length * rate
     y_plus = distance * ti.sqrt((viscosity + undamped) * rate) / greater(viscosity, 1e-12)
@@ -61,13 +61,13 @@ def damped(length, rate, distance, viscosity):
 
 @ti.func
 def smagorinsky(m: Template, I):
-    """Eddy viscosity [m²/s]: l² |S| (Smagorinsky 1963), near surfaces the larger of l and l_s, damped."""
+    """Return the eddy viscosity of cell I [m²/s], l² |S| (Smagorinsky 1963), near surfaces l_s² |S| if larger."""
     return damped(m.mixing[I], strain_rate(m.u, I, m.dx), m.distance[I], m.viscosity[None])
 
 
 @ti.func
 def vreman(m: Template, I):
-    """Eddy viscosity that vanishes in laminar shear (Vreman 2004, doi:10.1063/1.1785131, eq 5-8).
+    """Return the eddy viscosity of cell I [m²/s], 0 in laminar shear (Vreman 2004, doi:10.1063/1.1785131, eq 5-8).
 
     c sqrt(B / (a_ij a_ij)) with a_ij = du_j/dx_i, b_ij = dx² a_mi a_mj and B the second invariant of b. c is 2.5 (C
     dx)², beside surfaces at most 2.5 (k d)²; there the viscosity is at least l_s² |S|, damped.

@@ -15,17 +15,17 @@ LONGEST_TICK = 1.0  # s
 
 
 def memory(wind: UniformWind, extent: tuple[float, ...]) -> float:
-    """Return the time [s] for which gusts are stored: the time of air through the domain plus a tick."""
+    """Return the time [s] for which gusts are stored: the time that air takes through the domain, plus a tick."""
     crossing = np.abs(wind.frame[0]) @ extent / wind.speed
     return float(crossing) + LONGEST_TICK
 
 
 @ti.data_oriented
 class UniformSolver(Carrier):
-    """Wind that is the same everywhere.
+    """Wind with the same velocity everywhere, constant or with gusts.
 
     With gusts, the face velocities u are the means over the last step, so that gas on the grid moves exactly with the
-    air. Field now: the velocity [m/s].
+    air. Field now: the present velocity [m/s].
     """
 
     STATE = ("u", "now", "outflow_rate", "gusts")
@@ -61,7 +61,7 @@ class UniformSolver(Carrier):
         self.advance(t, 0.0)
 
     def _set_velocity(self, carrying: np.ndarray, gust: np.ndarray) -> None:
-        """Set the velocity; carrying: velocity of the faces [m/s]; gust: present velocity less the mean [m/s]."""
+        """Set the velocity of the faces, `carrying` [m/s], and the present velocity, the mean plus `gust` [m/s]."""
         felt = np.array(self.mean, np.float32) + gust.astype(np.float32)
         self._fill(*(np.append(u, [0.0] * (3 - self.dim)) for u in (carrying, felt)))
         self.outflow_rate = float(np.abs(carrying).sum()) / self.grid.dx
@@ -84,7 +84,7 @@ class UniformSolver(Carrier):
         self._set_velocity(carrying, now @ self.across)
 
     def displacement(self, t: float) -> np.ndarray:
-        """Return the displacement [m] of the air by gusts up to time t, within the memory."""
+        """Return the displacement (dim,) [m] of the air by gusts up to time t [s], which must be within the memory."""
         return np.zeros(self.dim) if self.gusts is None else self.gusts.at(t)[0] @ self.across
 
     @ti.func

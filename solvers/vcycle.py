@@ -58,13 +58,13 @@ class VCycle:
 
     @staticmethod
     def _damped(level: OpenFractions) -> np.ndarray:
-        """Return omega over the diagonal of the equations, 0 in closed-off cells; one ghost layer."""
+        """Return OMEGA over the diagonal of a level's equations, 0 in closed-off cells, with one ghost layer."""
         inner = (slice(1, -1),) * 3
         diagonal = sum(a[inner] + np.roll(a, -1, axis=d)[inner] for d, a in enumerate(level.a))
         return np.pad(np.where(diagonal > 1e-6, OMEGA / np.maximum(diagonal, 1e-6), 0.0), 1)
 
     def _invert_coarsest(self, level: OpenFractions, begin: int, tables: Tables) -> None:
-        """Set the dense inverse of the coarsest level, and the indices of its cells in the flat arrays."""
+        """Store the dense inverse of the coarsest level, and the indices of its cells in the flat arrays."""
         matrix = level.matrix().toarray()
         with threadpool_limits(1, "blas"):  # the same bits on all machines
             inverse = np.linalg.pinv(matrix, rcond=1e-6, hermitian=True)
@@ -78,7 +78,7 @@ class VCycle:
 
     @ti.func
     def _row(self, level, row):
-        """Return (index of the row's first cell, its length, steps to the neighbours below and above per axis)."""
+        """Return a row's first cell, its length, steps to lower and to upper neighbours per axis, and strides."""
         n0, n1, n2 = self.layout[level, 1], self.layout[level, 2], self.layout[level, 3]
         s1, s2 = n0 + 2, (n0 + 2) * (n1 + 2)
         k = row // n1
@@ -96,7 +96,7 @@ class VCycle:
 
     @ti.func
     def _apply(self, x: Template, first, i, n0, low: Template, high: Template, step: Template):
-        """Sum of a (x_I - x_neighbour) at cell i of a row."""
+        """Return (A x) at cell i of a row: the sum over faces of a (x_I - x_neighbour)."""
         c = first + i
         result = 0.0
         for d in ti.static(self.axes):
@@ -106,7 +106,7 @@ class VCycle:
 
     @ti.func
     def _beside(self, d: Template, c, i, n0, low: Template, high: Template):
-        """Indices of the neighbours along axis d."""
+        """Return the indices of the lower and upper neighbours of cell c along axis d."""
         below, above = c + low[d], c + high[d]
         if ti.static(d == 0 and self.periodic[0]):
             below = ti.select(i == 0, c + n0 - 1, below)
@@ -115,7 +115,7 @@ class VCycle:
 
     @ti.func
     def _fill(self, target: Template, formula: Template, level, row, extra: Template):
-        """Set target = formula(first, i, n0, low, high, step, extra) in a row; strips on a CPU: see `kernels.sweep`."""
+        """Set target = formula(first, i, n0, low, high, step, extra) in the cells of a row, in strips on a CPU."""
         first, n0, low, high, step = self._row(level, row)
         if ti.static(self.strips):
             for strip in range((n0 + STRIP - 1) // STRIP):
@@ -131,13 +131,13 @@ class VCycle:
 
     @ti.func
     def _jacobi(self, first, i, n0, low: Template, high: Template, step: Template, source: Template):
-        """source + omega (b - A source)/diagonal."""
+        """Return cell i of a row after a damped Jacobi sweep: source + omega (b - A source)/diagonal."""
         ax = self._apply(source, first, i, n0, low, high, step)
         return source[first + i] + self.damped[first + i] * (self.b[first + i] - ax)
 
     @ti.func
     def _jacobi_twice(self, first, i, n0, low: Template, high: Template, step: Template, _: Template):
-        """Return x after two sweeps from zero; the first is omega b/diagonal."""
+        """Return x in cell i of a row after two damped Jacobi sweeps from zero; the first is omega b/diagonal."""
         c = first + i
         once = self.damped[c] * self.b[c]
         ax = 0.0
@@ -156,7 +156,7 @@ class VCycle:
 
     @ti.func
     def _restrict(self, level, coarse_rows):
-        """Set b of the coarser level to the residual summed over merged cells, scaled to the coarser spacing."""
+        """Set b of the next coarser level to the residual summed over merged cells, scaled to the coarser spacing."""
         for row in range(coarse_rows):
             target, _, _, _, _ = self._row(level + 1, row)
             n1, n2 = self.layout[level, 2], self.layout[level, 3]
@@ -189,7 +189,7 @@ class VCycle:
 
     @ti.func
     def _prolong(self, level, rows):
-        """Add the coarser level's correction to x."""
+        """Add the correction of the next coarser level to x."""
         for row in range(rows):
             m0, m1 = self.layout[level + 1, 1], self.layout[level + 1, 2]
             k = row // self.layout[level, 2]
@@ -242,7 +242,7 @@ class VCycle:
 
     @ti.kernel
     def _coarse_levels(self, begin: ti.i32, end: ti.i32):
-        """Execute the V-cycle from level `begin` to the dense inverse of level `end` and back, in a single thread."""
+        """Run the V-cycle from level `begin` to the dense inverse of level `end` and back, in a single thread."""
         if ti.static(on_cpu()):
             ti.loop_config(serialize=True)
         for _ in range(1):

@@ -22,7 +22,7 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.solvers.convection import greater, lesser
 
 Real = Any
-"""A number or an array."""
+"""A float or an array."""
 
 KAPPA = 0.41
 B = 5.2
@@ -34,14 +34,14 @@ LAST = 1e9  # u y/nu beyond which u+ is constant
 
 
 def law_of_the_wall(y_plus: Real) -> Real:
-    """u+ of y+."""
+    """Return u+ at the wall distance y+ by Reichardt's law."""
     outer = np.log1p(KAPPA * y_plus) / KAPPA
     inner = 1.0 - np.exp(-y_plus / 11.0) - y_plus / 11.0 * np.exp(-y_plus / 3.0)
     return outer + INNER * inner
 
 
 def mean_law(y_plus: Real) -> Real:
-    """Mean of u+ from the surface to 2 y+."""
+    """Return the mean of u+ from the surface to 2 y+."""
     far = 2.0 * y_plus
     outer = ((1.0 + 1.0 / (KAPPA * far)) * np.log1p(KAPPA * far) - 1.0) / KAPPA
     inner = far + 11.0 * np.expm1(-far / 11.0) + (3.0 * (far + 3.0) * np.exp(-far / 3.0) - 9.0) / 11.0
@@ -49,7 +49,7 @@ def mean_law(y_plus: Real) -> Real:
 
 
 def bend_of_law(y_plus: Real) -> Real:
-    """du+/dy+ at y+ over the slope from the surface to `mean`."""
+    """Return du+/dy+ at y+, divided by the slope from the surface to the mean of `mean_law`."""
     slope = 1.0 / (1.0 + KAPPA * y_plus) + INNER / 11.0 * (
         np.exp(-y_plus / 11.0) - (1.0 - y_plus / 3.0) * np.exp(-y_plus / 3.0)
     )
@@ -60,7 +60,7 @@ RESOLVED = (0.5 * VISCOUS) ** 2  # u y/nu up to which the whole cell is viscous
 
 
 def _fitted(law: Callable[[Real], Real]) -> tuple[list[float], list[float]]:
-    """Fit a function of y+ by polynomials of ln(u y/nu) below and above MIDDLE: coefficients, the constant first."""
+    """Return two polynomials of ln(u y/nu), below and above MIDDLE, that fit a function of y+; constant first."""
     y_plus = np.geomspace(0.25 * VISCOUS, 1e8, 3000)
     values, product = law(y_plus), mean_law(y_plus) * y_plus
     parts = []
@@ -80,7 +80,7 @@ LOGARITHM = Polynomial.fit(MANTISSA, np.log(MANTISSA), 6).convert().coef.tolist(
 
 @ti.func
 def logarithm(x):
-    """Return ln(x) of a positive normal x, within 1e-5; no CPU vectorises Taichi's logarithm."""
+    """Return ln(x) of a positive normal number within 1e-5; compilers vectorise it, unlike Taichi's logarithm."""
     bits = ti.bit_cast(x, ti.i32)
     mantissa = ti.bit_cast((bits & 0x7FFFFF) | 0x3F800000, ti.f32)
     result = 0.0
@@ -91,7 +91,7 @@ def logarithm(x):
 
 @ti.func
 def _of_fit(x, fit: Template):
-    """Value of a fitted function at x = ln(u y/nu)."""
+    """Return the value of a function fitted by `_fitted` at x = ln(u y/nu)."""
     low, high = 0.0, 0.0
     for c in ti.static(fit[0][::-1]):
         low = low * x + c
@@ -105,7 +105,7 @@ def near_surface(speed, y, viscosity, roughness, rough: Template):
     """Return (nu_w [m²/s], bend) of air with the mean `speed` [m/s] along a surface, from the surface to 2 y [m].
 
     The friction is nu_w speed/y [m²/s²], and du/dy in the middle is bend speed/y. In the viscous layer nu_w is the
-    viscosity and bend is 1. roughness: k_s [m], where the surface is `rough`.
+    viscosity and bend is 1. roughness: k_s [m], used if `rough`.
     """
     nu = ti.max(viscosity, 1e-12) + 1e-9 * speed * y
     product = speed * y / nu
@@ -127,21 +127,21 @@ def near_surface(speed, y, viscosity, roughness, rough: Template):
 
 @ti.func
 def _grain(u_tau, nu, roughness):
-    """z [m] of the law in the module docstring."""
+    """Return the length z [m] of the rough law of the wall at the friction velocity u_tau [m/s]."""
     return SMOOTH * nu / ti.max(u_tau, 1e-9) + ROUGH * roughness
 
 
 @ti.func
 def rough_law(far, z):
-    """Mean of ln(1 + y/z)/k from the surface to `far` [m], at least 1."""
+    """Return the mean of ln(1 + y/z)/k from the surface to the distance `far` [m], at least 1."""
     s = far / z
     return ti.max(((1.0 + 1.0 / s) * ti.log(1.0 + s) - 1.0) / KAPPA, 1.0)
 
 
 @ti.func
 def transfer_velocity(speed, y, viscosity, diffusivity):
-    """Flux per difference [m/s] of a scalar, such as heat or a gas, between a smooth surface and the air at a distance
-    y [m] from it: Kader 1981, doi:10.1016/0017-9310(81)90220-9, eq 33; diffusivity/y in the viscous layer.
+    """Return the transfer velocity [m/s] (flux per difference) of heat or gas between a smooth surface and air at a
+    distance y [m]: Kader 1981, doi:10.1016/0017-9310(81)90220-9, eq 33; diffusivity/y in the viscous layer.
 
     speed: see `near_surface` [m/s]. Valid for Schmidt (or Prandtl) numbers viscosity/diffusivity of 0.006 to 40,000;
     the turbulent one is 0.85.

@@ -27,8 +27,8 @@ FAR = 1e3  # m: distance without a surface
 class Walls:
     """Law of the wall in the cells at the domain's walls, per boundary face.
 
-    bend: d ln u/d ln y in the middle of the cell, 1 for a straight profile and without a wall; viscosity [m²/s]: gives
-    the wall stress of the law with the slope of the ghost values.
+    bend: d ln u/d ln y in the middle of the cell, 1 for a straight profile and without a wall; viscosity [m²/s]:
+    viscosity at the wall that, with the slope of the ghost values, gives the wall stress of the law.
     """
 
     def __init__(self, boundaries: Boundaries, momentum: Momentum):
@@ -39,7 +39,7 @@ class Walls:
         )
 
     def measuring(self, u: Field) -> list[Pass]:
-        """Return the passes that evaluate the law for the velocities u."""
+        """Return the passes that compute `bend` and `viscosity` by the law of the wall for the velocities u."""
 
         def of_axis(d: int) -> Callable:
             @ti.func
@@ -53,8 +53,8 @@ class Walls:
         return [sweep([of_axis(d)], [(self.bend[d], self.viscosity[d])], inner[d]) for d in axes]
 
     def extending(self, nu: Field) -> Pass:
-        """Return the pass that sets nu beyond the domain's faces: at walls such that the mean with the cell inside is
-        that of the law, elsewhere as inside (zero gradient).
+        """Return the pass that sets the viscosity nu beyond the domain's faces: at walls such that the mean with the
+        cell inside is that of the law, elsewhere as inside (zero gradient).
         """
 
         def of_axis(d: int) -> Callable:
@@ -71,14 +71,14 @@ class Walls:
 
     @ti.func
     def first_cell(self, K, d: Template):
-        """Return the first cell inside of boundary face K of axis d, and the step out of the domain."""
+        """Return the first cell inside boundary face K of axis d, and the step out of the domain."""
         D = ti.Vector.unit(self.dim, d, ti.i32)
         n, g = ti.static(self.grid.shape[d], self.grid.ghost)
         return K + D * (g + K[d] * (n - 1) - K[d]), D * (2 * K[d] - 1)
 
     @ti.func
     def _measured(self, u: Template, K, d: Template):
-        """Return (bend, viscosity) of the first cell inside of boundary face K of axis d."""
+        """Return (bend, viscosity [m²/s]) by the law of the wall in the first cell inside boundary face K of axis d."""
         cell, _ = self.first_cell(K, d)
         y = ti.static(0.5 * self.grid.dx)
         square = 0.0
@@ -95,7 +95,7 @@ class Walls:
 
     @ti.func
     def bend_at(self, K: Template, d: Template, c: Template):
-        """Return d ln u/d ln y of component c, whose face is between the cells at K and below it."""
+        """Return d ln u/d ln y for component c, mean of the boundary faces K and K - 1 along c; d: axis of the wall."""
         below = K
         below[c] = ti.max(K[c] - 1, 0)
         return 0.5 * (self.bend[d][K] + self.bend[d][below])
@@ -103,7 +103,7 @@ class Walls:
 
 @ti.func
 def straightness(bend):
-    """Return the resolution of a first cell: 1 in the viscous layer, 0 from u ~ sqrt(y) on."""
+    """Return how well a wall cell resolves the profile with `bend`: 1 in the viscous layer, 0 from u ~ sqrt(y) on."""
     return ti.math.clamp(2.0 * bend - 1.0, 0.0, 1.0)
 
 
@@ -124,12 +124,12 @@ def distances(air: Air, walls: list[np.ndarray], grid: Grid) -> np.ndarray:
     period = np.where(grid.periodic, grid.shape, 0.0)
     surface = np.where(period > 0.0, surface % np.maximum(period, 1.0), surface)
     centers = np.moveaxis(np.indices(grid.shape), 0, -1) + 0.5
-    found, _ = cKDTree(surface, boxsize=period).query(centers, workers=-1)
-    return (np.maximum(found, 0.5) * grid.dx).astype(np.float32)
+    away, _ = cKDTree(surface, boxsize=period).query(centers, workers=-1)
+    return (np.maximum(away, 0.5) * grid.dx).astype(np.float32)
 
 
 def _wall_points(sides: np.ndarray, d: int, grid: Grid) -> np.ndarray:
-    """Return the middles of the wall faces of axis d, (count, dim) [cells]."""
+    """Return the centres of the wall faces across axis d, (count, dim) [cells]; sides: mask of the wall faces."""
     index = np.argwhere(sides)
     points = index + 0.5
     points[:, d] = index[:, d] * grid.shape[d]
@@ -137,7 +137,7 @@ def _wall_points(sides: np.ndarray, d: int, grid: Grid) -> np.ndarray:
 
 
 def _obstacle_points(air: Air) -> np.ndarray:
-    """Return the obstacles' surface points nearest to the centres of the cells that they cut, (count, dim) [cells]."""
+    """Return, for each cell that an obstacle cuts, the surface point nearest to its centre, (count, dim) [cells]."""
     vectors = air.surface()
     size = np.linalg.norm(vectors, axis=-1)
     cut = (size > 1e-6) & ~air.solid

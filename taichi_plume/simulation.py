@@ -1,6 +1,6 @@
 """Clock of a simulation: time steps (CFL limit), schedules of observers, stop conditions, checks for blow-up.
 
-The parts of a simulation are known only by their protocols.
+The components of a simulation are known only by their protocols.
 """
 
 import time
@@ -25,39 +25,39 @@ if TYPE_CHECKING:
 
 
 class UnstableError(RuntimeError):
-    """The solution is no longer finite; the message says where, when and what to change."""
+    """Error of a solution that is no longer finite; the message says where, when and what to change."""
 
 
 class Sensors(Protocol):
-    """Gas sensors and anemometers of all robots."""
+    """Protocol of the gas sensors and anemometers of all robots."""
 
     def measure(self, gas: Odour, wind: Wind, tick: int, t: float) -> None:
-        """Update the readings of all robots."""
+        """Update the readings of all robots from gas and wind at time t [s]; tick: number of the time step."""
         ...
 
 
 class Team(Protocol):
-    """A search algorithm and its robots in the swarm, from one or several groups."""
+    """Protocol of a search algorithm and its robots in the swarm, from one or several groups."""
 
     numbers: tuple[int, ...]
     """Indices of the groups in the scenario."""
     algorithm: Any
-    """The algorithm that commands the robots."""
+    """The search algorithm that commands the robots."""
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the values of the robots' `state`."""
+        """Names of the algorithm's states, indexed by the robots' `state`."""
         ...
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        """Turn readings into commands."""
+        """Convert readings at time t [s] into commands for the next dt [s]."""
         ...
 
 
 class Mapper(Protocol):
-    """An online gas map of all trials.
+    """Protocol of an online gas map over all trials.
 
-    cell: edge of the cells [m]. window: length of the snaps that are forecast [s]; None without forecasts. errors:
+    cell: edge of the cells [m]. window: length of the snapshots that are forecast [s]; None without forecasts. errors:
     (time [s], mean error [ppm] (trials,)) of each forecast that was compared with later readings. Methods that estimate
     their variance are `Uncertain`.
     """
@@ -67,21 +67,21 @@ class Mapper(Protocol):
     errors: Series
 
     def update(self, swarm: "Swarm", t: float, dt: float) -> None:
-        """Add the readings at time t [s], the end of a tick of dt [s]."""
+        """Add the robots' readings at time t [s], the end of a tick of dt [s]."""
         ...
 
     def estimate(self) -> np.ndarray:
-        """Estimated concentration [ppm], (trials, nx, ny); NaN where unknown."""
+        """Return the estimated concentration [ppm], (trials, nx, ny); NaN in unknown cells."""
         ...
 
     def weight(self) -> np.ndarray:
-        """Weight of the data behind the estimate, (trials, nx, ny), in the method's own measure; 0 where unknown."""
+        """Return the weight of the data behind the estimate, (trials, nx, ny), in the map's own measure, or 0."""
         ...
 
 
 @runtime_checkable
 class Uncertain(Mapper, Protocol):
-    """A map with an estimate of its variance.
+    """Protocol of a gas map that also estimates its variance.
 
     A future reading has the variance ``variance() + noise`` about the estimate. If the method includes the scatter of
     readings in variance(), noise [ppm²] is 0; else variance() is that of the estimate alone.
@@ -90,25 +90,25 @@ class Uncertain(Mapper, Protocol):
     noise: float
 
     def variance(self) -> np.ndarray:
-        """Variance [ppm²], (trials, nx, ny); NaN where unknown."""
+        """Return the variance of the estimate [ppm²], (trials, nx, ny); NaN in unknown cells."""
         ...
 
 
 @dataclass
 class Every:
-    """Observer: a function called with the simulation every `period` simulated seconds, and at start and end."""
+    """Observer: function called with the simulation every `period` simulated seconds, and at start and end."""
 
     STATE: ClassVar[tuple[str, ...]] = ("_period_done", "_last_tick")
 
     period: float
     function: Callable[["Simulation"], object]
     warm_up: bool = False
-    """Whether the function is called during the warm-up, too."""
+    """Whether the function is also called during the warm-up."""
     _period_done: float = field(default=-float("inf"), repr=False)
     _last_tick: int | None = field(default=None, repr=False)
 
     def call_if_due(self, sim: "Simulation", force: bool = False) -> None:
-        """Call the function at the next multiple of the period, or by `force`; once per tick at most."""
+        """Call the function if a multiple of the period was reached, or by `force`; at most once per tick."""
         if (sim.tick < 0 and not self.warm_up) or sim.tick == self._last_tick:
             return
         index = (sim.t + 1e-9 * sim.dt) // self.period
@@ -119,7 +119,7 @@ class Every:
 
 @dataclass
 class EveryStep:
-    """Observer: a function called with the simulation and its time [s], at the start and after every air step."""
+    """Observer: function called with the simulation and the time [s], at the start and after every air step."""
 
     STATE: ClassVar[tuple[str, ...]] = ("_step",)
 
@@ -127,14 +127,14 @@ class EveryStep:
     _step: int = field(default=-1, repr=False)
 
     def call_if_due(self, sim: "Simulation", t: float) -> None:
-        """Call the function, once per step at most."""
+        """Call the function with the simulation and time t [s], at most once per step."""
         if sim.steps != self._step:
             self._step = sim.steps
             self.function(sim, t)
 
 
 def check_gas(sim: "Simulation") -> None:
-    """Raise UnstableError if the gas is no longer finite; the wind is checked at every step."""
+    """Raise UnstableError if the gas is no longer finite. (The wind is checked at every step.)"""
     if not sim.gas.is_finite():
         raise UnstableError(
             f"the gas is no longer finite at t = {sim.t:.2f} s (step {sim.steps}); "
@@ -144,7 +144,7 @@ def check_gas(sim: "Simulation") -> None:
 
 @dataclass
 class Simulation:
-    """A run. Time t = tick dt is 0 when the robots start; the warm-up has negative ticks.
+    """Run of a scenario. Time t = tick dt is 0 when the robots start; the warm-up has negative ticks.
 
     Order of a tick: wind and gas advance together in steps within the wind's CFL limit, robots move by their commands,
     sensors measure, maps add the readings, algorithms act, and observers that are due are called.
@@ -161,7 +161,7 @@ class Simulation:
     obstacles: "Sequence[Shape | Cubes]"
     air: Air
     begin: Callable[[Scenario], Scenario] | None = None
-    """Function that restarts every part with a scenario and returns the completed scenario; see `reset`."""
+    """Function that restarts every component with a scenario and returns the completed scenario; see `reset`."""
     forces: Callable[[], np.ndarray] | None = None
     """Force of the air on each obstacle [N], shape (obstacles, dim); None if unknown."""
     pressure: Any = None
@@ -190,7 +190,7 @@ class Simulation:
         self.step_observers = []
 
     def reset(self, scenario: Scenario | None = None) -> None:
-        """Go back to the start of the warm-up, with `scenario` or, unless given, with the same scenario.
+        """Return to the start of the warm-up, with `scenario` or, unless given, with the same scenario.
 
         The simulation then equals a fresh one to the bit, and nothing is compiled. The structure of the scenario must
         be the same: kinds, counts and shapes, see scenario/reset.py. Observers are removed, as they belong to a run.
@@ -202,23 +202,23 @@ class Simulation:
 
     @property
     def t(self) -> float:
-        """Simulated time [s]."""
+        """Present simulated time [s]."""
         return self.tick * self.dt
 
     @property
     def finished(self) -> bool:
-        """Whether the end time is reached or, with `stop_early`, no robot searches any more."""
+        """True if the end time is reached or, with `stop_early`, no robot searches any more."""
         if self.tick >= self.last_tick:
             return True
         return self.scenario.stop_early and self.tick > 0 and self.swarm.count > 0 and self.swarm.all_over()
 
     def state_names(self) -> list[tuple[str, ...]]:
-        """Names of the values of the robots' `state`, for each group."""
+        """Return the names of the algorithm's states for each group, indexed by the robots' `state`."""
         names = {number: team.state_names for team in self.teams for number in team.numbers}
         return [names[number] for number in sorted(names)]
 
     def run(self) -> None:
-        """Run to the end. Raises UnstableError; observers have been called up to the last good tick."""
+        """Run the simulation to its end. Raises UnstableError after observers were called up to the last good tick."""
         self._begun = time.perf_counter()
         try:
             self.observe()
@@ -232,16 +232,16 @@ class Simulation:
 
     @property
     def wall_so_far(self) -> float:
-        """Wall-clock time of the run [s]."""
+        """Wall-clock time of the run so far [s]."""
         return self.wall_s + (time.perf_counter() - self._begun if self._begun is not None else 0.0)
 
     def observe(self, force: bool = False) -> None:
-        """Call the observers that are due."""
+        """Call the observers that are due, or with `force` all of them."""
         for observer in self.observers:
             observer.call_if_due(self, force)
 
     def advance(self) -> None:
-        """Advance the simulation by one tick."""
+        """Advance the simulation by a time step (tick): air, robots, sensors, maps and algorithms."""
         self._advance_air(self.t, self.dt)
         self.tick += 1
         if self.tick <= 0:
@@ -254,7 +254,7 @@ class Simulation:
             team.act(self.tick, self.t, self.dt)
 
     def _advance_air(self, t: float, dt: float) -> None:
-        """Advance wind and gas by one tick, interleaved so that the gas sees the flow of each step."""
+        """Advance wind and gas from t to t + dt [s], interleaved so that the gas sees the flow of each step."""
         end = t + dt
         limit = self._wind_limit(t)
         while end - t > 1e-9 * dt:
@@ -271,7 +271,7 @@ class Simulation:
             observer.call_if_due(self, t)
 
     def _wind_limit(self, t: float) -> float:
-        """Longest stable step [s] of the wind from time t on (CFL). Raises UnstableError after a blow-up."""
+        """Return the longest stable step [s] of the wind from time t on (CFL). Raises UnstableError after a blow-up."""
         limit = self.wind.stable_dt(t)
         if not limit > 1e-6 * self.dt:
             courant = self.wind.diagnostics().get("max_courant", 0.0)

@@ -33,7 +33,7 @@ VERDICTS = {True: ("met", "green"), False: ("NOT MET", "bold red"), None: ("", "
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line `argv` (without the program's name) and return its exit code."""
+    """Run the validation with these command-line arguments and return the exit code."""
     args = _arguments(argv)
     return exit_code(lambda: _validate(args), out=args.out)
 
@@ -96,9 +96,9 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 def _examine(
     cases: list["Case | Experiment"], args: argparse.Namespace, backend: str
 ) -> "tuple[Keys, dict[str, Pictures]]":
-    """Solve the cases at fine resolutions and print each. A case that raises an error counts as failed.
+    """Solve the cases at fine resolutions and print each; return the report, and the pictures by case.
 
-    Returns the report, and the pictures by case.
+    A case that raises an error counts as failed.
     """
     import platform
 
@@ -169,7 +169,7 @@ def _result(case: "Case | Experiment", args: argparse.Namespace) -> "tuple[Keys,
 
 
 def _norms(case: "Case", arch: str) -> "tuple[Keys, list[bool | None], Pictures]":
-    """Return the norms of a case, the verdicts and the pictures."""
+    """Return the norms of a solved case, their verdicts and the pictures."""
     from taichi_plume.validation.case import examine
 
     findings, curves = examine(case, case.fine, arch)
@@ -187,7 +187,7 @@ def _norms(case: "Case", arch: str) -> "tuple[Keys, list[bool | None], Pictures]
 
 
 def _rows(experiment: "Experiment", trials: int, arch: str) -> "tuple[Keys, list[bool | None], Pictures]":
-    """Return the rows of an experiment, the verdicts and the pictures."""
+    """Return the rows of an experiment, their verdicts and the pictures."""
     from taichi_plume.validation.experiment import examine
 
     rows, pictures = examine(experiment, trials, arch)

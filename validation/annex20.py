@@ -69,7 +69,7 @@ AT_6_M = """
 
 
 class Line(NamedTuple):
-    """Line of measurements: distance along the line [m], positions x and z (n, 2) [m], and u [m/s]."""
+    """Line of measurements in the room: distance along the line [m], positions x and z (n, 2) [m], and u [m/s]."""
 
     along: np.ndarray
     places: np.ndarray
@@ -116,7 +116,7 @@ class Mesh(NamedTuple):
 
 
 def wind(width: float | None) -> Keys:
-    """Return the keys of the wind: a slot is a rectangle in a face, as wide as the room."""
+    """Return the keys of the wind: inlet and outlet slots are rectangles in a face, as wide as the room."""
 
     def slot(middle: float, height: float) -> Keys:
         if width is None:
@@ -133,7 +133,7 @@ def wind(width: float | None) -> Keys:
 
 @cache
 def record(mesh: Mesh, seed: int) -> Record:
-    """Return the averaged flow of the room on a mesh; Taichi must have been started."""
+    """Return the time-averaged flow of the room on a mesh; Taichi must have been started."""
     n = 18 * mesh.per_slot
     across = () if mesh.width is None else (round(mesh.width / HEIGHT * n),)
     before = record(mesh.coarser, seed) if mesh.coarser else None
@@ -144,12 +144,12 @@ def record(mesh: Mesh, seed: int) -> Record:
 
 
 def found_along(mean: np.ndarray, dx: float) -> dict[str, np.ndarray]:
-    """Return u [m/s] at the points of measurement, by line."""
+    """Return the computed u [m/s] at the points of measurement, by line; mean: of u (nx, nz)."""
     return {name: along_x(mean, dx, line.places) for name, line in LINES.items()}
 
 
 def quantities(averages: Record) -> dict[str, float]:
-    """Return the quantities of a record, over U0 or in m/s."""
+    """Return the compared quantities of a time-averaged flow by name, over U0 or in m/s."""
     u = found_along(averages.mean, averages.dx)
     halves = [found_along(half, averages.dx) for half in averages.halves]
     off = {name: (u[name] - line.u) / U0 for name, line in LINES.items()}
@@ -175,13 +175,13 @@ def records(mesh: Mesh, trials: int) -> list[Record]:
 
 
 def room(trials: int, mesh: Mesh) -> Results:
-    """Return the quantities of the room on a mesh."""
+    """Return the results for the room on a mesh, over seeds of the inflow turbulence."""
     samples = [quantities(sample) for sample in records(mesh, trials)]
     return {name: over_airs([sample[name] for sample in samples]) for name in samples[0]}
 
 
 def all_meshes(trials: int, last: Mesh) -> Results:
-    """Return the quantities of the room on the last mesh, and pictures of u on all meshes."""
+    """Return the results for the room on the last mesh, and pictures of u on all meshes."""
     means = {
         mesh.name: [found_along(run.mean, run.dx) for run in records(mesh, trials)]
         for mesh in (*MESHES, last)

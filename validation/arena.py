@@ -23,7 +23,7 @@ OBSTACLES = (
 
 
 def arena(shape: tuple[int, ...], obstacles: bool, periodic: tuple[bool, ...] = ()) -> tuple[Grid, Air]:
-    """Return the grid and the air volume of the arena, empty or with two boxes and a pillar."""
+    """Return the grid and the air of the odour arena, empty or with two boxes and a pillar."""
     grid = Grid(shape, 4.0 / shape[0], depth=0.5, periodic=periodic)
     domain = Domain(size=grid.extent, spacing=grid.dx)
     bodies = [TypeAdapter(Obstacle).validate_python(o) for o in OBSTACLES] if obstacles else []

@@ -66,7 +66,7 @@ height at 4 h as 28.8 after 29.1; 38.8 is used."""
 
 
 def layer_before(heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return u/U0 and mean variance of u and w over U0² at heights above the step [h]: 0 on it, constant far above."""
+    """Return u/U0 and mean variance of u and w over U0² before the step at heights above it [h], constant far above."""
     z, u, uu, ww = np.vstack([np.zeros(4), columns(BEFORE_STEP).T]).T
     return (
         np.interp(heights, z / STEP, u / SPEED),
@@ -75,7 +75,7 @@ def layer_before(heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _inlet(low: float, high: float, turbulent: bool) -> Keys:
-    """Return the keys of an inlet from one height above the step to another [h]."""
+    """Return the keys of an inlet between two heights above the step [h], with the measured profile."""
     z = np.linspace(low, high, 401)
     u, variance = layer_before(z)
     mean = float(np.trapezoid(u, z) / (high - low))
@@ -113,19 +113,19 @@ def wind(cells: int) -> Keys:
 
 
 def step() -> UprightBox:
-    """Return the step, an obstacle that starts at the inlet."""
+    """Return the step: a box obstacle that starts at the inlet."""
     center, size = (H * BEFORE / 2, H * WIDTH / 2, H / 2), (H * BEFORE, H * WIDTH, H)
     return UprightBox(Box(kind="box", center=center, size=size), 3)
 
 
 def record(cells: int, seed: int, times: Times = TIMES) -> Record:
-    """Return the averaged flow on `cells` cells per h; Taichi must have been started."""
+    """Return the time-averaged flow on `cells` cells per h; Taichi must have been started."""
     shape = ((BEFORE + BEHIND) * cells, WIDTH * cells, HEIGHT * cells)
     return recorded(flow_in_box(wind(cells), shape, H / cells, seed, [step()]), times)
 
 
 def reattachment(mean: np.ndarray, cells: int) -> float:
-    """Return the reattachment length [h]: last sign change of u in the lowest cells; NaN if there is none."""
+    """Return the reattachment length [h] of a mean flow: last sign change of u in the lowest cells; NaN if none."""
     x = np.arange(len(mean)) / cells - BEFORE
     lowest = mean[:, 0]
     crossings = np.flatnonzero((x[:-1] > 1.0) & (lowest[:-1] < 0.0) & (lowest[1:] >= 0.0))
@@ -144,7 +144,7 @@ def behind(mean: np.ndarray, cells: int, distance: int) -> tuple[np.ndarray, np.
 
 
 def quantities(averages: Record, cells: int) -> dict[str, float]:
-    """Return the quantities of a record."""
+    """Return the compared quantities of a time-averaged flow, by name."""
     early, late = (reattachment(half, cells) for half in averages.halves)
     profiles = {d: behind(averages.mean, cells, d) for d in BEHIND_STEP}
     return {
@@ -156,7 +156,7 @@ def quantities(averages: Record, cells: int) -> dict[str, float]:
 
 
 def behind_step(trials: int, cells: int) -> Results:
-    """Return the quantities of the step flow, over `trials` seeds of the inflow turbulence."""
+    """Return the results for the flow behind the step, over `trials` seeds of the inflow turbulence."""
     records = [record(cells, seed) for seed in range(1, trials + 1)]
     runs = [quantities(run, cells) for run in records]
     results: dict[str, Mean | Picture] = {name: over_airs([run[name] for run in runs]) for name in runs[0]}

@@ -14,7 +14,7 @@ from taichi_plume.validation.setups import cfd, gas_on
 
 
 def well_mixed(n: int, dim: int) -> Answer:
-    """Return errors of uniform gas in a periodic flow past obstacles: in a frozen flow, then in the unsteady flow.
+    """Return errors of initially uniform gas in a periodic flow past obstacles: frozen, then unsteady.
 
     The room is that of `arena`, n cells long, periodic, driven by a body force. The pressure tolerance is tighter than
     usual: the remaining divergence adds up along the path of the air, to 6e-5 with the usual tolerance in 3-D.
@@ -40,7 +40,7 @@ def well_mixed(n: int, dim: int) -> Answer:
 
 
 def mass_budget(n: int, dim: int, end: float) -> Answer:
-    """Return the mass balance of a source in the odour arena with cut cells, gusts and openings: n cells along x.
+    """Return the mass balance of a source in the odour arena with cut cells, gusts and openings; n cells along x.
 
     Norms at `end` [s]: mass emitted less mass in the room and outflow, over mass emitted; concentrations below 0.
     """

@@ -26,7 +26,7 @@ BLUFF_FROM, BLUFF_TO = 2.0, 6.0
 
 
 def _wake(flow: FlowSolver, place: tuple[float, float], moves: float) -> tuple[float, float]:
-    """Return mean velocity deficit of the wake and largest reverse flow on the axis, over the wind speed.
+    """Return mean velocity deficit and largest reverse flow in a body's wake, over the wind speed.
 
     Velocities are relative to a body at `place` that `moves` [m/s] against x. The mean covers 1.45 diameters behind the
     body, over the width of the body.
@@ -45,7 +45,7 @@ def _wake(flow: FlowSolver, place: tuple[float, float], moves: float) -> tuple[f
 
 
 def _history(flow: FlowSolver, sample: Callable[[float], tuple[float, ...]]) -> np.ndarray:
-    """Return the time average of sample(t) from BLUFF_FROM to BLUFF_TO."""
+    """Return the time average of sample(t) from BLUFF_FROM to BLUFF_TO while the flow advances."""
     t, times, rows = 0.0, [], []
     while t < BLUFF_TO:
         dt = min(flow.stable_dt(t), BLUFF_TO - t + 1e-9)
@@ -64,7 +64,7 @@ def _bluff_grid(n: int, length: float) -> tuple[Grid, list[dict]]:
 
 
 def _standing(n: int) -> np.ndarray:
-    """Return drag coefficient, deficit and reverse flow of the cylinder in a wind; n cells across."""
+    """Return drag coefficient, wake deficit and reverse flow of a cylinder in a wind; n cells across."""
     grid, sides = _bluff_grid(n, 5.2)
     ends = [{"kind": "inlet", "face": "x-", "speed": SPEED}, {"kind": "outlet", "face": "x+"}]
     body = Ball(Sphere(kind="sphere", center=BLUFF_PLACE, radius=BLUFF / 2), 2)
@@ -80,7 +80,7 @@ def _standing(n: int) -> np.ndarray:
 
 
 def _walking(n: int) -> np.ndarray:
-    """Return deficit and reverse flow of the cylinder that walks; n cells across."""
+    """Return wake deficit and reverse flow of a cylinder that walks through still air; n cells across."""
     grid, sides = _bluff_grid(n, 7.2)
     ends = [{"kind": "outlet", "face": face} for face in ("x-", "x+")]
     start, y = BLUFF_PLACE[0] + SPEED * BLUFF_TO, BLUFF_PLACE[1]
@@ -95,12 +95,12 @@ def _walking(n: int) -> np.ndarray:
 
 @cache
 def _finest() -> tuple[float, ...]:
-    """Return drag coefficient, deficit and reverse flow with FINEST cells across."""
+    """Return drag coefficient, wake deficit and reverse flow of a cylinder in a wind with FINEST cells across."""
     return tuple(map(float, _standing(FINEST)))
 
 
 def bluff_body(n: int) -> Errors:
-    """Return errors of drag and wake of a cylinder that stands or walks: n cells across against FINEST."""
+    """Return errors of drag and wake of a cylinder that stands or walks, n cells across, against FINEST cells."""
     stands, walks, (drag, deficit, reverse) = _standing(n), _walking(n), _finest()
     return {
         "drag coefficient": float(abs(stands[0] / drag - 1.0)),

@@ -30,7 +30,7 @@ OFFSETS = ((0.0, 0.0), (0.5, 0.0), (0.0, -0.25), (0.0, -0.5))
 def _around_cylinder(
     n: int, mean: float, offset: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[CfdWind, FlowSolver, Air]:
-    """Return wind, solver and air volume of the flow past a 0.1 m cylinder, slightly off the middle of the channel.
+    """Return wind, solver and air of the flow past a cylinder of 0.1 m, slightly off the middle of a channel.
 
     The channel is 2.2 x 0.41 m. mean: mean speed [m/s]; offset: displacement of the cylinder [cells].
     """
@@ -47,7 +47,7 @@ def _around_cylinder(
 
 
 def _drag_and_lift(flow: FlowSolver, air: Air, mean: float) -> np.ndarray:
-    """Return the drag and lift coefficients of the cylinder."""
+    """Return the present drag and lift coefficients of the cylinder; mean: mean speed [m/s]."""
     return 2.0 * Forces(flow, air, 1)()[0] / (AIR_DENSITY * mean**2 * DIAMETER)
 
 
@@ -102,7 +102,7 @@ def shedding(n: int) -> Errors:
 
 
 def shedding_positions(n: int) -> Errors:
-    """Return errors of the lift amplitude in `shedding` at several positions of the cylinder relative to the cells.
+    """Return errors of the lift amplitude of vortex shedding at several positions of the cylinder in the cells.
 
     The amplitude is half the range. It excludes the mean lift, which depends on the distance to the middle of the
     channel. Scatter is the range over the positions.
@@ -132,7 +132,7 @@ def _pressure(flow: FlowSolver, air: Air, x: float, side: int) -> float:
 
 
 class Outside(Shape):
-    """Solid with a straight passage, a band or a bore. `away`: distance [m] of points from the axis."""
+    """Solid obstacle with a straight passage, a band or a bore. `away`: distance [m] of points from the axis."""
 
     def __init__(self, grid: Grid, half: float, away: Callable[[np.ndarray], np.ndarray]):
         self.low, self.high = np.zeros(grid.dim), np.array(grid.extent)

@@ -10,7 +10,7 @@ import numpy as np
 from taichi_plume.grid import kernels
 
 Keys: TypeAlias = dict[str, Any]
-"""A scenario or a section of one, as a YAML file holds it; a part of a report, as JSON holds it."""
+"""Scenario or section of a scenario, as a YAML file holds it; part of a report, as JSON holds it."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Expected:
         return self.tolerance * ((self.at / n) ** 2 if self.at else 1.0)
 
     def met(self, errors: Mapping[int, float]) -> bool:
-        """Return whether errors, by ascending resolution, are within the bounds."""
+        """Return whether errors by ascending resolution are within the bounds."""
         within = all(isfinite(error) and error <= self.limit(n) for n, error in errors.items())
         return within and (self.order is None or observed_order(errors) >= self.order)
 
@@ -48,7 +48,7 @@ SECOND_ORDER = Expected(order=1.9)
 
 @dataclass(frozen=True)
 class Curve:
-    """A computed curve beside its reference, for the plots of the report: arrays of one shape.
+    """Computed curve beside its reference, for the plots of the report: arrays of one shape.
 
     fit: a law fitted to the computed curve, if any.
     """
@@ -69,7 +69,7 @@ Answer = Mapping[str, float | Curve]
 
 @dataclass(frozen=True)
 class Case:
-    """A problem with a known answer. `solve` takes a resolution and returns errors by norm, and curves to plot.
+    """Validation case: problem with a known answer. `solve` takes a resolution; it returns errors by norm, and curves.
 
     Tests solve the case at the coarse resolutions, the command at the fine ones. A case without coarse resolutions is
     left to the command: a test or another case decides the same. A norm that is not in `expected` is
@@ -91,7 +91,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Finding:
-    """Norm of a solved case: errors by resolution and the verdict."""
+    """Result of one norm of a solved case: errors by resolution and the verdict."""
 
     norm: str
     errors: dict[int, float]
@@ -110,7 +110,7 @@ class Finding:
 
 
 def observed_order(errors: Mapping[int, float]) -> float:
-    """Return the order of accuracy between the last two resolutions; nan if undefined."""
+    """Return the order of accuracy between the last two resolutions; errors: by resolution. NaN if undefined."""
     if len(errors) < 2:
         return nan
     (n, coarse), (m, fine) = list(errors.items())[-2:]
@@ -122,7 +122,7 @@ def examine(
 ) -> tuple[list[Finding], dict[str, Curve]]:
     """Solve a case at ascending resolutions; Taichi is restarted for each.
 
-    Returns every norm with its verdict, and the curves of the finest resolution.
+    Return every norm with its verdict, and the curves of the finest resolution.
     """
     errors: dict[str, dict[int, float]] = {}
     curves: dict[str, Curve] = {}

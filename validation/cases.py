@@ -14,7 +14,7 @@ infotaxis_cases mapping_cases room_air_cases rotor_cases
 
 
 def _all() -> dict[str, Case | Experiment]:
-    """Return the cases of all modules, by name."""
+    """Return the cases and experiments of all modules, by name."""
     modules = [import_module(f"taichi_plume.validation.{name}") for name in MODULES.split()]
     return {case.name: case for module in modules for case in module.CASES}
 

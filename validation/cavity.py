@@ -67,7 +67,7 @@ COLUMN = {100: 1, 400: 2, 1000: 3}
 
 
 def cavity(n: int, reynolds: int) -> Errors:
-    """Return the largest errors of u(0.5, y) and v(x, 0.5) at the nodes of the tables; n (even) cells per side."""
+    """Return the largest errors of u(0.5, y) and v(x, 0.5) at the tables' nodes; n (even) cells per side."""
     lid = {"kind": "wall", "face": "y+", "velocity": (1.0, 0.0)}
     wind = laminar_wind(1.0 / reynolds, [lid])
     flow = flow_on(wind, (n, n), 1.0 / n)
@@ -84,7 +84,7 @@ def cavity(n: int, reynolds: int) -> Errors:
 
 
 def error(profile: np.ndarray, table: np.ndarray, column: int, end: float) -> float:
-    """Return the largest difference of a profile at cell centres (0 at 0, `end` at 1) from a column of the table."""
+    """Return the largest difference of a profile at cell centres (0 at 0, `end` at 1) from a column of a table."""
     places = (np.arange(len(profile)) + 0.5) / len(profile)
     spline = CubicSpline([0.0, *places, 1.0], [0.0, *profile, end])
     return float(np.abs(spline(table[:, 0] / 128.0) - table[:, column]).max())

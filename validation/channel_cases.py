@@ -90,7 +90,7 @@ def duct(n: int, aspect: int) -> Errors:
 
 
 def on_the_axis(u: np.ndarray) -> float:
-    """Return a profile's value at the upper end of its axes, a plane of symmetry; fourth order."""
+    """Return a profile's value at the upper end of its axes, on a plane of symmetry, by fourth-order extrapolation."""
     for _ in range(u.ndim):
         u = (9.0 * u[-1] - u[-2]) / 8.0
     return float(u)

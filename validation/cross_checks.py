@@ -16,7 +16,7 @@ SLIP = [{"kind": "slip", "face": face} for face in ("z-", "z+")]
 
 
 def room(shape: tuple[int, ...], dx: float, openings: list[dict]) -> FlowSolver:
-    """Return the flow of a room with a box obstacle a third from the inflow; in 3-D the box stands on the floor."""
+    """Return the flow of a room with a box a third from the inflow; in 3-D the box stands on the floor."""
     solid = np.zeros(shape, bool)
     box = ((0.3, 0.4), (0.4, 0.7), (0.0, 0.6))[: len(shape)]
     solid[tuple(slice(round(a * n), round(b * n)) for n, (a, b) in zip(shape, box, strict=True))] = True
@@ -41,7 +41,7 @@ def air_balance(flow: FlowSolver, given: float) -> Errors:
 
 
 def honeycombs(n: int, dim: int) -> Errors:
-    """Return the air balance of a room, 4 x 3 (x 0.5) m, between two honeycomb walls; n cells along x."""
+    """Return errors of the air balance of a room, 4 x 3 (x 0.5) m, between two honeycomb walls; n cells along x."""
     speed = 0.7
     openings = [
         {"kind": "honeycomb", "face": "x-", "speed": speed},
@@ -54,7 +54,9 @@ def honeycombs(n: int, dim: int) -> Errors:
 
 
 def fan(n: int) -> Errors:
-    """Return the air balance of a fan with swirl, 0.3 m wide, in a room of 1.2 x 1 x 0.8 m; n cells per metre."""
+    """Return errors of the air balance of a fan with swirl, 0.3 m wide, in a room of 1.2 x 1 x 0.8 m; n cells per
+    metre.
+    """
     speed, diameter = 2.0, 0.3
     blower = {"kind": "fan", "face": "x-", "center": (0.5, 0.4), "diameter": diameter, "speed": speed}
     blower |= {"swirl": 0.3, "turbulence_intensity": 0.1}

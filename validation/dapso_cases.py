@@ -16,7 +16,7 @@ from taichi_plume.validation.searches import contest, pooled, spread
 
 AIRS = 8
 DURATION = 300.0  # s
-RANGE = {"range": 1.5}
+RANGE = {"range": 1.5}  # m, of messages
 TEAMS: dict[str, Keys] = {
     "DAPSO": {"algorithm": {"kind": "dapso"}, "communication": RANGE},
     "DAPSO without messages": {"algorithm": {"kind": "dapso"}, "communication": RANGE | {"loss": 1.0}},
@@ -27,7 +27,7 @@ TEAMS: dict[str, Keys] = {
 
 
 def arena(robots: list[Keys]) -> Keys:
-    """Return the scenario as keys of a YAML file."""
+    """Return the scenario of the odour arena with these groups of robots, as keys of a YAML file."""
     return {
         "name": "dapso_arena",
         "seed": 1,
@@ -45,7 +45,7 @@ def arena(robots: list[Keys]) -> Keys:
 
 
 def team(name: str, trials: int, keys: Keys) -> Keys:
-    """Return a group of five small robots in a downwind corner."""
+    """Return a group of five small robots that start in a downwind corner, as keys of a YAML file."""
     return {
         "name": name,
         "count": 5,
@@ -59,7 +59,7 @@ def team(name: str, trials: int, keys: Keys) -> Keys:
 
 @cache
 def found(trials: int) -> dict[str, dict[str, np.ndarray]]:
-    """Return the outcomes of all teams, an equal share of trials per air, and the `air` of each trial."""
+    """Return the outcomes of all teams' searches, an equal share of trials per air, and the `air` of each trial."""
     parts = []
     for air, share in enumerate(spread(trials, AIRS)):
         teams = [team(name, share, keys) for name, keys in TEAMS.items()]
@@ -69,7 +69,7 @@ def found(trials: int) -> dict[str, dict[str, np.ndarray]]:
 
 
 def one_team(trials: int, name: str) -> Results:
-    """Return the success rate of a team and the time to the source; failures count with the whole duration."""
+    """Return the success rate of a team and its mean time to the source; failures count with the whole duration."""
     columns = found(trials)[name]
     time = np.where(columns["success"], columns["time_s"], DURATION)
     return {

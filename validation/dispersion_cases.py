@@ -13,7 +13,7 @@ from taichi_plume.validation.flow_cases import Errors, rms
 from taichi_plume.validation.setups import ethanol, gas_on, uniform
 
 SHORT = {"koren": 0.4, "weno5": 0.2}
-"""Courant numbers; with Heun's method short waves of weno5 are unstable from 0.4 on."""
+"""Courant numbers by convection scheme; with Heun's method short waves of weno5 are unstable from 0.4 on."""
 
 
 def ride(gas: EulerianSolver, span: float, longest: float) -> None:
@@ -29,7 +29,7 @@ def concentrations(gas: EulerianSolver) -> np.ndarray:
 
 
 def around(x: np.ndarray, middle: float | np.ndarray, period: float) -> np.ndarray:
-    """Return x - middle by the shortest way in a periodic domain."""
+    """Return x - middle by the shortest way in a domain of this period."""
     return (x - middle + 0.5 * period) % period - 0.5 * period
 
 
@@ -181,7 +181,7 @@ def taylor_dispersion(n: int, convection: str = "koren") -> Answer:
 
 
 def turned(n: int, convection: str, start: np.ndarray) -> EulerianSolver:
-    """Return gas of initial values `start` after one solid-body rotation, in a box 1 m wide of n² cells."""
+    """Return the gas with initial values `start` after one solid-body rotation, in a box 1 m wide of n² cells."""
     grid = Grid((n, n), 1.0 / n)
     wind = PrescribedWind(lambda x: np.stack([0.5 - x[..., 1], x[..., 0] - 0.5], axis=-1), grid)
     gas = gas_on(grid, wind, convection=convection, species=ethanol(0.0))
@@ -191,7 +191,7 @@ def turned(n: int, convection: str, start: np.ndarray) -> EulerianSolver:
 
 
 def turning_puff(n: int, convection: str) -> Answer:
-    """Return errors of a Gaussian puff after one rotation; the exact solution is the initial puff."""
+    """Return errors of a Gaussian puff after one solid-body rotation; the exact solution is the initial puff."""
     points = Grid((n, n), 1.0 / n).centers()
     before = np.exp(-((points - (0.5, 0.75)) ** 2).sum(axis=-1) / (2.0 * 0.05**2))
     after = concentrations(turned(n, convection, before))
@@ -205,7 +205,7 @@ def turning_puff(n: int, convection: str) -> Answer:
 
 
 def slotted_disc(n: int, convection: str) -> Answer:
-    """Return errors of a slotted disc after one rotation (Zalesak 1979), as L1 norm over the area of the disc."""
+    """Return errors of a slotted disc after one solid-body rotation (Zalesak 1979), in L1 norm over the disc's area."""
     fine = Grid((4 * n, 4 * n), 0.25 / n).centers() - (0.5, 0.75)
     shape = (np.hypot(fine[..., 0], fine[..., 1]) < 0.15) & ~(
         (np.abs(fine[..., 0]) < 0.025) & (fine[..., 1] < 0.1)
@@ -231,7 +231,7 @@ EXACT = Expected(tolerance=1e-6)  # accuracy of f32 sums over many cells, or bet
 
 
 def _of_scheme(convection: str) -> tuple[Case, ...]:
-    """Return the cases of a convection scheme.
+    """Return the validation cases of a convection scheme.
 
     At the top of a puff the Koren limiter is of first order. So its moments of third and fourth order, and the rotating
     puff without diffusion, are reported but not judged.

@@ -16,7 +16,7 @@ from taichi_plume.validation.case import Curve
 class Mean:
     """Mean over n trials with its 95 % confidence interval from `low` to `high`; None if no trial has a value.
 
-    airs: number of airs (flow realisations) of the trials if the interval is over airs.
+    airs: number of flow realisations of the trials if the interval is over airs.
     """
 
     mean: float | None
@@ -28,7 +28,7 @@ class Mean:
 
 @dataclass(frozen=True)
 class Tracks:
-    """Paths of robots seen from above. size: of the arena [m]; ways: paths, (k, 2) [m] each."""
+    """Picture of robots' paths seen from above. size: of the arena [m]; ways: paths, (k, 2) [m] each."""
 
     size: tuple[float, float]
     source: tuple[float, float]
@@ -37,7 +37,7 @@ class Tracks:
 
 @dataclass(frozen=True)
 class Lines:
-    """Several quantities over the same abscissa: arrays of one shape by name."""
+    """Picture of several quantities over the same abscissa: arrays of one shape by name."""
 
     x_label: str
     y_label: str
@@ -50,7 +50,7 @@ Picture = Curve | Tracks | Lines
 
 @dataclass(frozen=True)
 class Range:
-    """Range in which a mean has to lie."""
+    """Range in which the mean of a quantity has to lie."""
 
     least: float = -inf
     most: float = inf
@@ -133,12 +133,14 @@ def ratio_over_airs(
 
 
 Results = Mapping[str, Mean | Picture]
-"""Means by quantity, and pictures by title."""
+"""Results of a condition: means by quantity, and pictures by title."""
 
 
 @dataclass(frozen=True)
 class Condition:
-    """Set-up of an experiment. `run` takes a number of trials; `published`, `expected`: by quantity."""
+    """Condition of an experiment. `run` takes a number of trials and returns results; `published`, `expected`: by
+    quantity.
+    """
 
     name: str
     run: Callable[[int], Results]
@@ -148,7 +150,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Experiment:
-    """Conditions that are compared with published results. A quantity without `expected` is reported, not judged.
+    """Experiment: conditions compared with published results. A quantity without `expected` is reported, not judged.
 
     The command runs `trials` of each condition, the tests `test_trials`; 0 if an experiment is too long for the tests.
     """
@@ -167,7 +169,7 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Row:
-    """Quantity under a condition: our mean, the published result and the verdict."""
+    """Result of one quantity under a condition: our mean, the published result and the verdict."""
 
     condition: str
     quantity: str
@@ -190,7 +192,7 @@ class Row:
 
 
 def examine(experiment: Experiment, trials: int, arch: str = "cpu") -> tuple[list[Row], dict[str, Picture]]:
-    """Run `trials` of every condition; Taichi is restarted for each. Returns all rows, and pictures by title."""
+    """Run `trials` of every condition, restarting Taichi for each; return all rows, and pictures by title."""
     rows: list[Row] = []
     pictures: dict[str, Picture] = {}
     for condition in experiment.conditions:

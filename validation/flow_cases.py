@@ -22,7 +22,7 @@ STEADY = 2e-5  # largest change of u over its maximum within `span`, for a flow 
 SMALL_COURANT = 0.2
 SMALL_STEPS = ", small steps"
 """Suffix of the norms of an error at SMALL_COURANT."""
-A, D, SIZE = pi / 4, pi / 2, 1.0  # of Ethier and Steinman's vortices
+A, D, SIZE = pi / 4, pi / 2, 1.0  # parameters of Ethier and Steinman's vortices
 
 
 def laminar_wind(viscosity: float, openings: Openings, **keys: object) -> CfdWind:
@@ -38,7 +38,7 @@ def laminar_flow(
 
 
 def at_both_steps(flow: FlowSolver, wind: CfdWind, errors: Callable[[], Errors]) -> Errors:
-    """Return the errors of a flow with the default Courant number, and after a restart with SMALL_COURANT."""
+    """Return the errors of a flow at the default Courant number, and after a restart at SMALL_COURANT."""
     usual, state = errors(), State(flow)
     state.clear()
     flow.begin(wind.model_copy(update={"courant": SMALL_COURANT}), 0.0, 0)
@@ -46,12 +46,12 @@ def at_both_steps(flow: FlowSolver, wind: CfdWind, errors: Callable[[], Errors])
 
 
 def both_steps(expected: dict[str, Expected]) -> dict[str, Expected]:
-    """Return the bounds, repeated for the norms at SMALL_COURANT."""
+    """Return the bounds of errors, repeated for the norms at SMALL_COURANT."""
     return expected | {norm + SMALL_STEPS: bound for norm, bound in expected.items()}
 
 
 def settle(flow: FlowSolver, span: float, longest: float) -> float:
-    """Advance until u changes by less than STEADY within `span` [s], or for `longest` [s]. Returns the time."""
+    """Advance a flow until u changes by less than STEADY within `span` [s], or for `longest` [s]; return the time."""
     t, before = 0.0, velocities(flow)
     while t < longest:
         advance(flow, t + span, t)
@@ -70,19 +70,19 @@ def velocities(flow: FlowSolver) -> list[np.ndarray]:
 
 
 def faces(grid: Grid, d: int) -> np.ndarray:
-    """Return centres [m] of the lower d-faces of the inner cells, shape (*shape, dim)."""
+    """Return the centres [m] of the lower faces across axis d of the inner cells, (*shape, dim)."""
     points = grid.centers()
     points[..., d] -= 0.5 * grid.dx
     return points
 
 
 def rms(*errors: np.ndarray) -> float:
-    """Return the root mean square of the length of a vector, given its components."""
+    """Return the root mean square of vectors' lengths, given their components."""
     return sqrt(sum(float(np.mean(e**2)) for e in errors))
 
 
 def periodic(axes: str) -> list[dict]:
-    """Return periodic boundary conditions along these axes."""
+    """Return the openings that make these axes periodic."""
     return [{"kind": "periodic", "axis": axis} for axis in axes]
 
 
@@ -142,7 +142,7 @@ def kovasznay(n: int, reynolds: float = 40.0) -> Errors:
 
 
 def drifting(n: int) -> Errors:
-    """Return energy errors of inviscid vortices of n cells in a wind ten times as fast.
+    """Return energy errors of inviscid vortices, n cells in size, that a wind ten times as fast carries.
 
     They are carried over (n/8)² wavelengths. Exact solution: translation without change.
     """
@@ -206,7 +206,7 @@ def ethier_steinman(n: int, viscosity: float, end: float = 0.25) -> Errors:
 
 
 def blow(flow: FlowSolver, velocity: Callable[[np.ndarray], np.ndarray]) -> None:
-    """Prescribe the velocity on all faces of the domain, with no net flux."""
+    """Prescribe a velocity, a function of points [m], on all faces of the domain, without net flux."""
     grid = flow.grid
     targets = []
     for d in range(grid.dim):

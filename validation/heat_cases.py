@@ -24,18 +24,18 @@ WARM_AND_COLD = [{"face": "x-", "temperature": 300.5}, {"face": "x+", "temperatu
 
 
 def heated(gravity: tuple[float, float] = (0.0, 0.0), **heat: object) -> dict[str, object]:
-    """Return the keys of buoyancy of air at 300 K; heat: keys of walls and heaters."""
+    """Return the keys of `wind.buoyancy` for air at 300 K; heat: keys of walls and heaters."""
     return {"gravity": gravity, "heat": {"reference": 300.0, **heat}}
 
 
 def heat_of(flow: FlowSolver) -> HeatSolver:
-    """Return the heat solver of a flow with temperature."""
+    """Return the heat solver of a flow that computes temperature."""
     assert flow.heat is not None
     return flow.heat
 
 
 def conduction(n: int) -> Errors:
-    """Return errors of heat conduction between a warm and a cold wall, 1 m apart, during the transient and at its end.
+    """Return errors of heat conduction between a warm and a cold wall, 1 m apart with n cells, early and at the end.
 
     theta/dT = 1/2 - x - sum_k sin(2 pi k x) exp(-(2 pi k)² alpha t)/(pi k); linear in the steady state.
     """
@@ -79,7 +79,7 @@ def heated_cavity(n: int, rayleigh: float, flux: float, u_max: float, v_max: flo
 
 
 def peak(profile: np.ndarray) -> float:
-    """Return the maximum of a parabola through the largest value and its neighbours."""
+    """Return the maximum of the parabola through a profile's largest value and its neighbours."""
     k = int(profile[1:-1].argmax()) + 1
     before, top, after = profile[k - 1 : k + 2]
     return float(top - (after - before) ** 2 / (8.0 * (after - 2.0 * top + before)))

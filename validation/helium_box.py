@@ -69,7 +69,7 @@ LIGHTER = 1.0 - HELIUM / AIR_MOLAR_MASS
 
 
 def opening(edge: float, cell: float) -> Keys:
-    """Return the opening over the cells that a hole touches; `edge`: lower edge of the hole above the floor [m]."""
+    """Return the opening, as keys, over the cells that a hole touches; `edge`: lower edge of the hole [m]."""
     lows, highs = zip(*(_touched(a, a + SIDE, cell) for a in (0.5 * SIZE[1], edge)), strict=True)
     size = tuple(high - low for low, high in zip(lows, highs, strict=True))
     return {
@@ -82,12 +82,12 @@ def opening(edge: float, cell: float) -> Keys:
 
 
 def _touched(low: float, high: float, cell: float) -> tuple[float, float]:
-    """Return the bounds [m] of the cells that an interval touches."""
+    """Return the bounds [m] of the cells that the interval from low to high [m] touches."""
     return floor(low / cell + 1e-6) * cell, ceil(high / cell - 1e-6) * cell
 
 
 def scenario(cell: float, seconds: float) -> Keys:
-    """Return the scenario of the box as keys of a YAML file."""
+    """Return the scenario of the box with cells of `cell` [m], as keys of a YAML file."""
     rate = FLOW * HELIUM * PRESSURE / (GAS_CONSTANT * TEMPERATURE)
     place = (0.375, 0.375)
     return {
@@ -114,7 +114,7 @@ def scenario(cell: float, seconds: float) -> Keys:
 
 
 class Readings(NamedTuple):
-    """Readings of a run: times (n,) [s], helium (n, HEIGHTS) [%], and mean of the box at the end [%]."""
+    """Readings of the probes: times (n,) [s], helium (n, HEIGHTS) [%], and mean of the box at the end [%]."""
 
     times: np.ndarray
     percent: np.ndarray
@@ -122,7 +122,7 @@ class Readings(NamedTuple):
 
 
 def readings(cell: float, seconds: float) -> Readings:
-    """Run the scenario and return the readings. Taichi must have been started."""
+    """Run the scenario with cells of `cell` [m] and return its readings. Taichi must have been started."""
     sim, times, table = probed(scenario(cell, seconds))
     volume = float(np.prod(SIZE))
     (gas,) = sim.gas.gases
@@ -132,7 +132,7 @@ def readings(cell: float, seconds: float) -> Readings:
 
 
 def mixed(one_density: bool) -> float:
-    """Return the steady fraction of helium in Linden's well-mixed box (see the module docstring)."""
+    """Return the steady fraction of helium in Linden's well-mixed box; one_density: by the Boussinesq approximation."""
     height, passed = HIGH - LOW, DISCHARGE * SIDE**2
     if one_density:
         return (FLOW / (passed * sqrt(LIGHTER * GRAVITY * height))) ** (2.0 / 3.0)
@@ -147,7 +147,7 @@ def mixed(one_density: bool) -> float:
 
 
 def asked(percent: np.ndarray) -> float:
-    """Return the discharge coefficient of the holes from steady measurements at HEIGHTS [%].
+    """Return the discharge coefficient of the holes that explains steady measurements at HEIGHTS [%].
 
     The weight of the column drives the flow. The outflow has the uppermost fraction, and carries the helium's volume.
     """
@@ -189,7 +189,7 @@ def filled(trials: int, cell: float, seconds: float) -> Results:
 
 
 def summary(percent: np.ndarray) -> dict[str, float]:
-    """Return mean, least rise between heights and ratio of lowest to highest of helium at HEIGHTS [%]."""
+    """Return mean, least rise between heights and ratio of lowest to highest of helium at HEIGHTS [%], by name."""
     return {
         MEAN: float(percent.mean()),
         RISE: float(np.diff(percent).min()),
@@ -198,7 +198,7 @@ def summary(percent: np.ndarray) -> dict[str, float]:
 
 
 def boxes(trials: int) -> Results:
-    """Return the closed forms of Linden's box; `trials` has no effect."""
+    """Return the closed-form results of Linden's well-mixed box; `trials` has no effect."""
     return {
         "one density [%]": alone(100.0 * mixed(True)),
         "with the helium's volume and both densities [%]": alone(100.0 * mixed(False)),
@@ -208,7 +208,7 @@ def boxes(trials: int) -> Results:
 
 
 def published(seconds: float) -> dict[str, str]:
-    """Return the measurements up to `seconds`, named as in `filled`."""
+    """Return the measured values up to `seconds` as texts, named as in `filled`."""
     values = {
         f"{name}, {WHEN[t]}": f"{value:.2f}"
         for t, measured in MEASURED.items()

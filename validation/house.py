@@ -31,7 +31,7 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 @dataclass
 class Module:
-    """A file: path in the checkout, text and syntax tree."""
+    """Python file of a checkout: path, text and syntax tree."""
 
     path: str
     text: str
@@ -44,26 +44,26 @@ class Module:
 
     @property
     def folder(self) -> str:
-        """Folder of the file in the checkout."""
+        """Folder of the file within the checkout."""
         return self.path.rpartition("/")[0]
 
     @property
     def functions(self) -> Iterator[tuple[int, str]]:
-        """Number of lines and name of every function, nested functions included."""
+        """Yield number of lines and name of every function in the file, nested functions included."""
         for node in ast.walk(self.tree):
             if isinstance(node, Function):
                 yield (node.end_lineno or node.lineno) - node.lineno + 1, f"{node.name} ({self.path})"
 
 
 def modules(root: Path, folders: Sequence[str]) -> list[Module]:
-    """Return the Python files of these folders."""
+    """Return the Python files in these folders of a checkout."""
     paths = sorted(path for folder in folders for path in (root / folder).rglob("*.py"))
     texts = [(path.relative_to(root).as_posix(), path.read_text(encoding="utf-8")) for path in paths]
     return [Module(path, text, ast.parse(text)) for path, text in texts]
 
 
 def kinds_of_lines(module: Module) -> tuple[int, int, int]:
-    """Return the numbers of lines of code, of docstrings, and of comments alone; a line with code counts as code."""
+    """Return the numbers of lines of code, of docstrings, and of comments; a line with code counts as code."""
     docstrings: set[int] = set()
     for node in ast.walk(module.tree):
         if (
@@ -84,41 +84,41 @@ def kinds_of_lines(module: Module) -> tuple[int, int, int]:
 
 
 def names(node: ast.AST) -> set[str]:
-    """Return the last parts of all names in an expression: `b` of `a.b`."""
+    """Return the last parts of all names in an expression, such as `b` for `a.b`."""
     parts = (part for part in ast.walk(node) if isinstance(part, ast.Attribute | ast.Name))
     return {part.attr if isinstance(part, ast.Attribute) else part.id for part in parts}
 
 
 def models(source: Sequence[Module]) -> dict[str, str]:
-    """Return the classes that derive from `Model`, directly or not, with the file of each."""
-    found: dict[str, str] = {}
+    """Return the classes that derive from `Model`, directly or indirectly, with the file of each."""
+    classes: dict[str, str] = {}
     while True:
-        before = len(found)
+        before = len(classes)
         for module in source:
             for node in ast.walk(module.tree):
-                if isinstance(node, ast.ClassDef) and node.name not in found:
+                if isinstance(node, ast.ClassDef) and node.name not in classes:
                     bases = set().union(*(names(base) for base in node.bases))
-                    if bases & ({MODEL} | found.keys()):
-                        found[node.name] = module.path
-        if len(found) == before:
-            return found
+                    if bases & ({MODEL} | classes.keys()):
+                        classes[node.name] = module.path
+        if len(classes) == before:
+            return classes
 
 
 def calls(module: Module, function: str) -> list[ast.Call]:
-    """Return the calls of a function by its bare name."""
+    """Return all calls in a module of a function by its bare name."""
     nodes = (node for node in ast.walk(module.tree) if isinstance(node, ast.Call))
     return [call for call in nodes if isinstance(call.func, ast.Name) and call.func.id == function]
 
 
 def foreign_kinds(module: Module, known: dict[str, str]) -> int:
-    """Return how many isinstance calls and match patterns name a model of another module."""
+    """Return how many isinstance calls and match patterns of a module name a model of another module."""
     asked = [names(call.args[1]) for call in calls(module, "isinstance") if len(call.args) > 1]
     asked += [names(node.cls) for node in ast.walk(module.tree) if isinstance(node, ast.MatchClass)]
     return sum(any(known.get(name, module.path) != module.path for name in kinds) for kinds in asked)
 
 
 def counted(root: Path, cases: bool = True) -> dict[str, object]:
-    """Return the rows of the table for a checkout by title."""
+    """Return the rows of the table for a checkout, by title; cases: whether to collect test cases."""
     source, tests = modules(root, FOLDERS), modules(root, ("tests",))
     known = models(source)
     package = [module for module in source if module.path.startswith(PACKAGE)]
@@ -170,7 +170,7 @@ def collected(root: Path) -> int:
 
 
 def table(old: dict[str, object], new: dict[str, object]) -> list[str]:
-    """Return the lines of a Markdown table of both checkouts; removed folders come first."""
+    """Return the lines of a Markdown table of both checkouts' rows; rows of removed folders come first."""
     gone = [title for title in old if title not in new]
     rows = [(title, old.get(title, "0, 0"), new.get(title, "0, 0")) for title in (*gone, *new)]
     cells = [[f"{cell:,}" if isinstance(cell, int) else str(cell) for cell in row] for row in rows]
@@ -178,7 +178,7 @@ def table(old: dict[str, object], new: dict[str, object]) -> list[str]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line `argv` and return its exit code."""
+    """Print the table for these command-line arguments and return the exit code."""
     parser = Parser(prog="python -m taichi_plume.validation.house", description=__doc__)
     parser.add_argument("checkouts", nargs=2, type=Path, metavar="FOLDER")
     parser.add_argument("--no-cases", action="store_true", help="do not collect the tests")

@@ -24,7 +24,7 @@ ANSWER_S = 30.0  # wall time, after which a robot counts as lost
 
 
 def outside(trials: int, takes: str) -> Results:
-    """Run trials of robots driven by another process, which sends poses or velocities (`takes`)."""
+    """Run trials of robots driven by another process, which sends poses or velocities (`takes`); return the results."""
     algorithm = {"kind": "external", "takes": takes, "timeout": ANSWER_S}
     data = arena(LAMINAR, PLUME, ROOMBA | {"algorithm": algorithm, "trials": trials})
     port = _free_port()
@@ -50,7 +50,7 @@ def outside(trials: int, takes: str) -> Results:
 
 
 def plain(data: object) -> object:
-    """Return data with tuples replaced by lists, as in YAML."""
+    """Return data with all tuples replaced by lists, as in YAML."""
     if isinstance(data, dict):
         return {key: plain(value) for key, value in data.items()}
     return [plain(part) for part in data] if isinstance(data, list | tuple) else data

@@ -20,12 +20,12 @@ CARRIED = 4.0  # cells: shortest integral length on the grid
 
 
 def virtual_origin(length: float) -> float:
-    """Return x0 [m] of the decay u'² ~ (x + x0)^-n behind the inlet, from dk/dt = -DISSIPATION u'³/L."""
+    """Return x0 [m] of the decay u'² ~ (x + x0)^-n behind the inlet, from dk/dt = -DISSIPATION u'³/L; length: L [m]."""
     return 1.5 * EXPONENT * length / (DISSIPATION * INTENSITY)
 
 
 def integral_length(planes: Sequence[np.ndarray], apart: float) -> float:
-    """Return the integral length [m] of velocities, `apart` [m] between samples, up to the first zero correlation."""
+    """Return the integral length [m] of velocities sampled `apart` [m], up to the first zero of the correlation."""
     values = np.array(planes).reshape(len(planes), -1)
     values -= values.mean()
     lagged = np.array(
@@ -79,7 +79,7 @@ def inflow_turbulence(n: int, length: float) -> Answer:
 
 
 def oscillating_wall(n: int) -> Errors:
-    """Return errors of air between a wall at rest and a wall that slides with V = sin wt, 1 m apart.
+    """Return errors of air between a wall at rest and a wall that slides with V = sin wt, 1 m apart with n cells.
 
     u = V y + sum b_k sin k pi y, db_k/dt = -k² pi² b_k + 2 (-1)^k/(k pi) dV/dt; Stokes layer sqrt(2 nu/w) = 0.3 m.
     """

@@ -30,13 +30,13 @@ PLAIN, SPACE_AWARE = "infotaxis", "space_aware_infotaxis"
 
 
 def expected_detections(distance: np.ndarray) -> np.ndarray:
-    """Return the mean number of detections in a step at a distance from the source [cells]."""
+    """Return the mean number of detections in a step at this distance from the source [cells]."""
     near = np.maximum(distance, 0.5)
     return INTENSITY / np.log(2.0 * LENGTH) * k0(near / LENGTH)
 
 
 def first_belief() -> np.ndarray:
-    """Return the posterior belief after a detection in the middle, (cells, cells)."""
+    """Return the searcher's belief after a detection in the middle of the grid, (cells, cells)."""
     x, y = np.indices((CELLS, CELLS)) - CELLS // 2
     p = -np.expm1(-expected_detections(np.hypot(x, y)))
     p[CELLS // 2, CELLS // 2] = 0.0
@@ -44,7 +44,7 @@ def first_belief() -> np.ndarray:
 
 
 def sources(trials: int) -> np.ndarray:
-    """Return the cells of the sources of the searches, (trials, 2)."""
+    """Return the source cells of the searches, drawn from the first belief, (trials, 2)."""
     drawn = np.random.default_rng(1).choice(CELLS**2, trials, p=first_belief().ravel())
     return np.stack([drawn // CELLS, drawn % CELLS], axis=-1)
 
@@ -54,7 +54,7 @@ def sources(trials: int) -> np.ndarray:
 
 @ti.data_oriented
 class Ours:
-    """Searches by the robots' algorithm, each independent; a cell is a metre, a step a second."""
+    """Searches by the robots' algorithm on the grid, each independent; a cell is a metre, a step a second."""
 
     def __init__(self, kind: str, cells: np.ndarray):
         algorithm = {
@@ -134,25 +134,25 @@ class Reference:
         self.learn(self.heard(least=1))
 
     def chances(self, at: np.ndarray) -> np.ndarray:
-        """Return the likelihood of each observation at a cell, by source position, (kinds, cells, cells)."""
+        """Return the likelihood of each observation in the cell `at`, by source position, (kinds, cells, cells)."""
         mean = expected_detections(np.hypot(self.x - at[0], self.y - at[1]))
         counted = poisson.pmf(np.arange(self.kinds - 1)[:, None, None], mean)
         return np.concatenate([counted, 1 - counted.sum(axis=0, keepdims=True)])
 
     def heard(self, least: int = 0) -> int:
-        """Draw an observation of at least `least` at the position of the searcher."""
+        """Return a random observation of at least `least` detections at the searcher's position."""
         chances = self.chances(self.at)[(slice(None), *self.source)]
         chances[:least] = 0.0
         return int(self.rng.choice(self.kinds, p=chances / chances.sum()))
 
     def learn(self, observation: int) -> None:
-        """Update the belief by Bayes' rule; the source is not in the searcher's cell."""
+        """Update the belief by Bayes' rule for an observation, and as the source is not in the searcher's cell."""
         self.p *= self.chances(self.at)[observation]
         self.p[tuple(self.at)] = 0.0
         self.p /= self.p.sum()
 
     def value(self, p: np.ndarray, at: np.ndarray) -> float:
-        """Return the objective of a belief (posterior) and a position, which the search minimises."""
+        """Return the objective, which the search minimises, of a belief p (posterior) and a position."""
         known = p[p > 0]
         bits = -(known * np.log2(known)).sum()
         if self.kind == PLAIN:
@@ -161,14 +161,14 @@ class Reference:
         return np.log2(way + 2.0 ** (bits - 1) - 0.5)
 
     def cost(self, at: np.ndarray) -> float:
-        """Return the expected objective after a step to a cell."""
+        """Return the expected objective after a step to the cell `at`."""
         left = self.p.copy()
         left[tuple(at)] = 0.0
         parts = left * self.chances(at)
         return sum(q.sum() * self.value(q / q.sum(), at) for q in parts if q.sum() > 0)
 
     def search(self) -> int:
-        """Return the number of steps to the source."""
+        """Return the number of steps until the searcher reaches the source."""
         for t in range(MOST):
             there = [self.at + move for move in MOVES]
             there = [at for at in there if ((at >= 0) & (at < CELLS)).all()]
@@ -181,13 +181,13 @@ class Reference:
 
 
 def by_definition(kind: str, cells: np.ndarray, kinds: int) -> np.ndarray:
-    """Return the number of steps of searches by the papers' definitions."""
+    """Return the numbers of steps of searches by the papers' definitions; cells: sources; kinds: of observations."""
     rng = np.random.default_rng(2)
     return np.array([Reference(kind, source, rng, kinds).search() for source in cells], float)
 
 
 def compared(trials: int, kind: str) -> Results:
-    """Return mean steps to sources at the same positions, and their ratio to those by the definitions."""
+    """Return mean steps of our searches to the same sources, and their ratio to those by the papers' definitions."""
     cells = sources(trials)
     ours, same = Ours(kind, cells).play().astype(float), by_definition(kind, cells, 2)
     counting = by_definition(kind, cells, 3)

@@ -30,7 +30,7 @@ DECAY, SPREAD, CORE = (5.75, 0.75), (0.095, 0.01), (5.25, 1.25)
 def mean_jet(
     n: int, averaged: float = AVERAGED, turbulence: str = "smagorinsky"
 ) -> tuple[np.ndarray, FlowSolver]:
-    """Return the mean velocity along x [m/s] on the x-faces over `averaged` seconds, and the flow at the end."""
+    """Return the mean velocity along x [m/s] on the x-faces over `averaged` seconds, and the solver at the end."""
     fan = {"kind": "fan", "face": "x-", "center": (WIDTH / 2, WIDTH / 2), "diameter": 1.0, "speed": 1.0}
     fan["turbulence_intensity"] = 0.05
     still = [{"kind": "outlet", "face": face} for face in ("x+", "y-", "y+", "z-", "z+")]
@@ -44,7 +44,7 @@ def mean_jet(
 
 
 def on_the_axis(mean: np.ndarray) -> np.ndarray:
-    """Return the mean velocity of the four cells around the axis [m/s], per distance."""
+    """Return the mean velocity of the four cells around the jet's axis [m/s], by distance."""
     middle = slice(mean.shape[1] // 2 - 1, mean.shape[1] // 2 + 1)
     return mean[:, middle, middle].mean(axis=(1, 2))
 

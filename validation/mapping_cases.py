@@ -82,7 +82,7 @@ def chosen(
 
 
 def of_airs(airs: int, name: str, teams: np.ndarray) -> np.ndarray:
-    """Return the mean over teams of a quantity of `Fared`, in each air."""
+    """Return the mean over teams of the quantity `name` of `Fared`, in each of several airs."""
     return np.array([np.nanmean(result._asdict()[name][..., teams]) for result in in_airs(airs)])
 
 
@@ -92,7 +92,7 @@ def mean_errors(airs: int, teams: np.ndarray, window: float = WINDOW) -> np.ndar
 
 
 def least(errors: np.ndarray, choice: Sequence[float] = ALPHAS) -> Mean:
-    """Return the alpha of the least mean error over all airs, with a bootstrap interval; errors: (alphas, airs)."""
+    """Return the alpha with the least mean error over all airs, with a bootstrap interval; errors: (alphas, airs)."""
 
     def argmin(*parts: np.ndarray, axis: int = -1) -> np.ndarray:
         return np.array(choice)[np.stack([part.mean(axis=axis) for part in parts]).argmin(axis=0)]
@@ -101,7 +101,7 @@ def least(errors: np.ndarray, choice: Sequence[float] = ALPHAS) -> Mean:
 
 
 def peaks(airs: int, team: int, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return peak positions of map `number` in each air, after a robot has passed the source; NaN if none has.
+    """Return figures of the peak of map `number` in each air, after a robot has passed the source; NaN if none has.
 
     Mean distance of the peak from the source [m], 1 if within AT_SOURCE in most snapshots, and final distance [m].
     """
@@ -121,17 +121,17 @@ def peaks(airs: int, team: int, number: int) -> tuple[np.ndarray, np.ndarray, np
 
 
 def error_of(alpha: float) -> str:
-    """Return the name of a relative forecast error."""
+    """Return the name of the relative forecast error with this alpha."""
     return f"error, alpha {alpha:g} / {PURE}"
 
 
 def from_truth_of(alpha: float) -> str:
-    """Return the name of a relative error against the true mean of the gas."""
+    """Return the name of the relative error against the true mean of the gas with this alpha."""
     return f"from the true mean, alpha {alpha:g} / {PURE}"
 
 
 def set_up(trials: int, navigation: str, source: tuple[float, float], title: str) -> Results:
-    """Return the quantities of the maps in the set-up that we assume for the paper."""
+    """Return the results of the maps in the set-up that we assume for the paper."""
     (team,) = chosen(navigation, *PAPER, source)
     runs, best = in_airs(trials), 1 + ALPHAS.index(BEST)
     errors = mean_errors(trials, np.array([team]))
@@ -171,7 +171,7 @@ def set_up(trials: int, navigation: str, source: tuple[float, float], title: str
 
 
 def region(trials: int, navigation: str) -> Results:
-    """Return the quantities of the maps by speed and sensor; both sources together."""
+    """Return the results of the maps by speed and sensor of the robots; both sources together."""
     result: dict[str, Mean | Lines] = {}
     of_sensor: dict[str, dict[str, np.ndarray]] = {sensor: {} for sensor in SENSORS}
     points = []
@@ -206,7 +206,7 @@ def region(trials: int, navigation: str) -> Results:
 
 
 def windows(trials: int, navigation: str) -> Results:
-    """Return the errors by the length of a snapshot, with the MiCS-5524; both sources together."""
+    """Return the errors of the maps by the length of a snapshot, with the MiCS-5524; both sources together."""
     result: dict[str, Mean | Lines] = {}
     ascending = sorted(WINDOWS)
     lines = {f"{speed:g} m/s": [] for speed in SPEEDS}
@@ -232,7 +232,7 @@ def windows(trials: int, navigation: str) -> Results:
 
 
 def without_air(trials: int) -> Results:
-    """Return the errors of maps of readings with a given memory (see `mapping_whiffs`); trials: number of draws."""
+    """Return the errors of maps of synthetic readings with a given memory; trials: number of random draws."""
     drawn = [mapping_whiffs.mapped(seed=1 + trial) for trial in range(trials)]
     known = {name: np.array([values[name] for values in drawn]) for name in drawn[0]}  # (trials, ..., cases)
     result: dict[str, Mean | Lines] = {}
@@ -253,9 +253,9 @@ def without_air(trials: int) -> Results:
 
 
 def by_what_is_kept(correlation: np.ndarray, long: np.ndarray, error: np.ndarray) -> Lines:
-    """Return a picture of errors over that of pure interpolation against the snapshot correlation, with closed forms.
+    """Return a picture of map errors over that of pure interpolation against the snapshot correlation.
 
-    correlation, long: (n,), `correlation` and `endless` of `Fared`; error: (alphas, n).
+    Closed forms are included. correlation, long: (n,), `correlation` and `endless` of `Fared`; error: (alphas, n).
     """
     order = np.argsort(correlation)
     correlation, long, error = correlation[order], long[order], error[:, order]
@@ -274,7 +274,7 @@ def by_what_is_kept(correlation: np.ndarray, long: np.ndarray, error: np.ndarray
 
 
 def worst(shares: Sequence[Mean], window: float = WINDOW) -> Mean:
-    """Return the largest ratio of `alphas(window)`: below 1, every time series forecasts better.
+    """Return the largest error ratio of `alphas(window)`: below 1, every time series forecasts better.
 
     Only alphas that use two past snapshots count: with one the map is only a blurred last snapshot.
     """

@@ -74,7 +74,7 @@ TEAMS = tuple(Team(*row) for row in product(NAVIGATIONS, SPEEDS, SENSORS, SOURCE
 
 
 def maps(window: float) -> list[Keys]:
-    """Return the keys of pure interpolation and of a time series for each alpha that uses a past snapshot."""
+    """Return map sections: pure interpolation, and a time series for each alpha that uses a past snapshot."""
     how = {"cell": CELL, "window": window}
     return [
         {"kind": "inverse_distance"} | how,
@@ -88,7 +88,7 @@ def alphas(window: float, snapshots: int = 1) -> tuple[float, ...]:
 
 
 def robots(number: int, team: Team) -> Keys:
-    """Return a team as a group of the scenario, with sensors blind to the gas of the other source."""
+    """Return team `number` as a group of the scenario, with sensors blind to the gas of the other source."""
     navigation = NAVIGATIONS[team.navigation]
     algorithm = navigation["algorithm"] | ({"line_speed": team.speed} if team.navigation == LINEUP else {})
     blind = {GASES[1 - SOURCES.index(team.source)]: 0.0}
@@ -107,7 +107,7 @@ def robots(number: int, team: Team) -> Keys:
 
 
 def arena(air: int = 0, teams: Sequence[Team] = TEAMS, duration: float = DURATION) -> Keys:
-    """Return the scenario as keys of a YAML file."""
+    """Return the scenario of the arena with these teams in one air, as keys of a YAML file."""
     species = (GASES[0], {"name": GASES[1], "molar_mass": 0.05808, "diffusivity": 1.1e-5})
     return {
         "name": "odor_mapping",
@@ -159,7 +159,7 @@ class Fared(NamedTuple):
 
 
 class Judge:
-    """Observer of the maps and robots of a run."""
+    """Observer that scores the maps and robots of a run."""
 
     def __init__(self, sim: Simulation, teams: Sequence[Team]):
         self.teams, self.groups = teams, sim.swarm.groups
@@ -211,7 +211,7 @@ class Judge:
         self.interpolated.append(estimates[0])
 
     def fared(self, sim: Simulation) -> Fared:
-        """Return the errors at the end of the run."""
+        """Return the maps' errors of all teams at the end of the run."""
         ends = WINDOW * np.arange(len(self.scores))
         counted = ends > SETTLED + 1e-6
         off, alike, peak = np.stack(self.scores, axis=2)[:, :, counted]
@@ -229,7 +229,7 @@ class Judge:
         )
 
     def _errors(self, sim: Simulation, window: float) -> np.ndarray:
-        """Return the forecast errors of the counted snapshots, (maps, snapshots, teams)."""
+        """Return the forecast errors of the counted snapshots of a window [s], (maps, snapshots, teams)."""
         of_maps = [list(gas_map.errors) for gas_map in sim.maps if gas_map.window == window]
         return np.array([[error for t, error in errors if t > SETTLED + 1e-6] for errors in of_maps])[
             ..., self.rows

@@ -59,8 +59,8 @@ def whiffs(ticks: int, memory: float, rng: np.random.Generator) -> np.ndarray:
 
 
 def mapped(lasts: float = LASTS, seed: int = 1) -> dict[str, np.ndarray]:
-    """Return `error` over that of the pure interpolation (alphas, cases), and `correlation`, `scatter`,
-    `endless` (see `persistence`), (cases,). Taichi must have been started.
+    """Return statistics of maps of the synthetic readings: `error` over that of the pure interpolation (alphas, cases),
+    and `correlation`, `scatter`, `endless` (see `persistence`), (cases,). Taichi must have been started.
     """
     rng, ticks, each = np.random.default_rng(seed), round(lasts / TICK), round(lasts / WINDOW)
     team, first = RecordedTeam(4), round(SETTLES / WINDOW)
@@ -92,12 +92,12 @@ def mapped(lasts: float = LASTS, seed: int = 1) -> dict[str, np.ndarray]:
 
 
 def endless(correlation: np.ndarray) -> np.ndarray:
-    """Return the error of a long mean over that of the last snapshot: 1/sqrt(2 (1 - r)), see the module docstring."""
+    """Return the error of a long mean over that of the last snapshot: 1/sqrt(2 (1 - r)), r the `correlation`."""
     return 1.0 / np.sqrt(2.0 * (1.0 - correlation))
 
 
 def remembering(alpha: float, correlation: np.ndarray | float, window: float = WINDOW) -> np.ndarray:
-    """Return the error of a time series over that of the last snapshot, for snapshots correlated as r^lag.
+    """Return the error of a time-series map over that of the last snapshot, for snapshots correlated as r^lag.
 
     g: weight of each earlier snapshot in the neighbourhood of a cell (eq 7), for evenly distributed robots.
     """

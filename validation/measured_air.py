@@ -21,12 +21,12 @@ from taichi_plume.validation.setups import advance
 
 
 def columns(table: str) -> np.ndarray:
-    """Return the columns of a table: rows separated by white space, numbers by commas."""
+    """Return the columns of a table in a text: rows separated by white space, numbers by commas."""
     return np.array([row.split(",") for row in table.split()], float).T
 
 
 class Times(NamedTuple):
-    """Durations of settling and averaging, and time between samples [s]."""
+    """Durations of settling and of averaging, and time between samples [s], of a run."""
 
     settled: float
     averaged: float
@@ -46,21 +46,21 @@ class Record(NamedTuple):
 
     @property
     def mean(self) -> np.ndarray:
-        """Mean of u over the whole time, (nx, nz)."""
+        """Mean of u along x over the whole time, (nx, nz) [m/s]."""
         return self.halves.mean(axis=0)
 
 
 def flow_in_box(
     wind: Mapping[str, object], shape: tuple[int, ...], dx: float, seed: int, bodies: Sequence[Shape] = ()
 ) -> FlowSolver:
-    """Return the flow of a scenario's `wind` in a box around bodies; Taichi must have been started."""
+    """Return the flow solver of a scenario's `wind` in a box around bodies; Taichi must have been started."""
     model = CfdWind.model_validate({"kind": "cfd"} | dict(wind))
     grid = Grid(shape, dx, periodic=periodic_axes(model.openings, len(shape)))
     return FlowSolver(model, grid, air_of(bodies, grid, opening_cells(model.openings, grid)), seed=seed)
 
 
 def recorded(flow: FlowSolver, times: Times, middle: int = 1) -> Record:
-    """Advance a flow from 0 s on and average it; in 3-D over the middle 1/`middle` of y."""
+    """Return the time-averaged flow from 0 s on; in 3-D averaged over the middle 1/`middle` of y."""
     advance(flow, times.settled)
     grid, looks = flow.grid, round(0.5 * times.averaged / times.every)
     halves, off = np.zeros((2, grid.shape[0], grid.shape[-1])), (grid.shape[1] - grid.shape[1] // middle) // 2
@@ -76,7 +76,7 @@ def recorded(flow: FlowSolver, times: Times, middle: int = 1) -> Record:
 
 
 def as_before(record: Record) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the final flow of a record as a function of points (..., dim) [m], for `start_from` on other cells.
+    """Return a record's final flow as a function of points (..., dim) [m], for `start_from` on other cells.
 
     Points beyond the outermost faces along x take the values there; other components are extrapolated linearly.
     """
@@ -93,7 +93,7 @@ def as_before(record: Record) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def along_x(mean: np.ndarray, dx: float, places: np.ndarray, top: str = "wall") -> np.ndarray:
-    """Interpolate a mean u (nx, nz) [m/s] linearly at points (n, 2) [m], x and z; 0 at the walls below and above.
+    """Return the mean u (nx, nz) [m/s] interpolated at points (n, 2) [m], x and z; 0 at the walls below and above.
 
     Beyond the last lower face u is constant. top: "slip" for a plane of symmetry above.
     """
@@ -106,5 +106,5 @@ def along_x(mean: np.ndarray, dx: float, places: np.ndarray, top: str = "wall") 
 
 
 def rms(error: np.ndarray) -> float:
-    """Return the root mean square."""
+    """Return the root mean square of an error."""
     return float(np.sqrt(np.mean(np.asarray(error) ** 2)))

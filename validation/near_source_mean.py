@@ -70,7 +70,10 @@ def taylor_mean(source: float) -> np.ndarray:
 
 
 def _released_evenly(source: float, growth: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Integrate Gaussians of variance source + growth(age) [m²] over their age, on the axis [kg/m³]."""
+    """Return the concentration [kg/m³] on the axis from a steady source: Gaussians integrated over their age.
+
+    source: variance of the source [m²]; growth: added variance [m²] by age [s].
+    """
     step = 2e-4
     age = (np.arange(round(1.5 * DISTANCES[-1] / SPEED / step)) + 0.5) * step
     variance = source + growth(age)
@@ -96,7 +99,7 @@ def _puffs(grid: Grid, radius: float, growth: float, keys: Keys) -> PuffSolver:
 
 
 def _keep_worst(worst: dict[str, float], errors: dict[str, np.ndarray]) -> None:
-    """Update the largest error of each norm; norms without values are skipped."""
+    """Update `worst` to the largest absolute error of each norm; norms without values are skipped."""
     for name, values in errors.items():
         if len(values):
             worst[name] = max(worst.get(name, 0.0), float(np.abs(values).max()))
@@ -109,12 +112,12 @@ def _over_the_closed_form(ratio: np.ndarray, gas: str = "", when: str = "") -> d
 
 
 def _axis() -> np.ndarray:
-    """Return points (n, 3) [m] at DISTANCES behind the source."""
+    """Return points (n, 3) [m] on the plume's axis, at DISTANCES behind the source."""
     return SOURCE + np.array(DISTANCES)[:, None] * (1.0, 0.0, 0.0)
 
 
 def _sections(c: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-    """Return flux over the source's rate and variance across the wind [m²], (n,) each, at DISTANCES.
+    """Return flux over the source's rate, and variance across the wind [m²], at DISTANCES, (n,) each.
 
     c: concentration of the cells [kg/m³].
     """
@@ -150,7 +153,7 @@ def _run(
 
 
 def on_the_grid(n: int, radius: float) -> Answer:
-    """Return the largest errors of gas on cells of 1/n m from a ball, over DISTANCES and COURANT."""
+    """Return the largest errors of gas on cells of 1/n m from a ball, over DISTANCES and both Courant numbers."""
     grid = _grid(n)
     f = (SOURCE[1] * n - 0.5) % 1.0
     ball, kernel = radius**2 / 5.0, KERNEL / n**2
@@ -190,7 +193,7 @@ def of_puffs(n: int, radius: float) -> Answer:
 
 
 def of_straying_puffs(n: int) -> Answer:
-    """Return the error of the mean over 20 s of puffs with Taylor's spread, source of 2 cm, steps of 1/n s."""
+    """Return the error of the mean over 20 s of puffs with Taylor's spread, a source of 2 cm and steps of 1/n s."""
     radius, step, settled, sampled = 0.02, 1.0 / n, 7.0, 20.0
     straying = {"fluctuation": FLUCTUATION, "fluctuation_time": MEMORY}
     gas = _puffs(_grid(10), radius, 0.0, straying | {"release_rate": FIRMNESS, "most": 30_000})
@@ -204,7 +207,7 @@ def of_straying_puffs(n: int) -> Answer:
 
 
 def near_source_mean(n: int, radius: float) -> Answer:
-    """Return the errors of gas on the grid and of puffs."""
+    """Return the errors of the mean concentration of gas on the grid and of puffs from a ball of this radius [m]."""
     return {**on_the_grid(n, radius), **of_puffs(n, radius)}
 
 

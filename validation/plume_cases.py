@@ -47,19 +47,19 @@ def _point_source(dx: np.ndarray, speed: float) -> np.ndarray:
 
 
 def _relative(computed: np.ndarray, reference: np.ndarray) -> float:
-    """Return the largest relative error of concentrations above a millionth of the largest."""
+    """Return the largest relative error of concentrations, where the reference is above a millionth of its largest."""
     seen = reference > 1e-6 * reference.max()
     return float(np.abs(computed[seen] / reference[seen] - 1.0).max())
 
 
 def _across(x: float, dim: int, n: int, beyond: int = 0) -> np.ndarray:
-    """Return cell centres of a plane across the wind, n per metre, that extends `beyond` the room [m]."""
+    """Return cell centres of a plane x = const, n per metre, that extends `beyond` the room [m]."""
     axes = [(np.arange(-beyond * n, round((length + beyond) * n)) + 0.5) / n for length in ROOM[1:dim]]
     return np.stack(np.meshgrid([x], *axes, indexing="ij"), axis=-1).reshape(-1, dim)
 
 
 def _flux(gas: ContinuousPuffs | Plumes, places: np.ndarray, n: int, diffusivity: float) -> float:
-    """Return the flux by wind and diffusion through the plane of `places`, over Q."""
+    """Return the gas flux by wind and diffusion through the plane of points `places`, over the source rate."""
     dim = places.shape[1]
     step = np.eye(dim)[0] * 0.05
     c, low, high = (concentration_at(gas, places + s, 0.0).astype(float) for s in (0.0 * step, -step, step))
@@ -67,7 +67,7 @@ def _flux(gas: ContinuousPuffs | Plumes, places: np.ndarray, n: int, diffusivity
 
 
 def steady_plume(n: int, dim: int = 2) -> Answer:
-    """Return errors of a steady plume along its axis, across it and far away; n points per metre across."""
+    """Return errors of a steady plume along its axis, across the axis and far away; n points per metre across."""
     gas = _continuous(dim, U)
     source = np.array(SOURCE[:dim])
     along = np.geomspace(1e-2, 3.0, 50)
@@ -100,7 +100,7 @@ def steady_plume(n: int, dim: int = 2) -> Answer:
 
 
 def release(n: int, dim: int = 2) -> Answer:
-    """Return errors of a release of finite duration in still air, during and after it; n points."""
+    """Return errors of a release of finite duration in still air, during and after the release; n points."""
     r = np.geomspace(0.02, 2.0, n)
     places = (np.array(SOURCE[:dim]) + r[:, None] * np.eye(dim)[0]).astype(np.float32)
     r = places[:, 0].astype(float) - SOURCE[0]

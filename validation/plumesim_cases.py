@@ -59,7 +59,7 @@ POINTS |= {"dispersion": 0.005, "release_rate": 20.0}  # of the program's exampl
 
 
 def arena(wind: Keys, gas: Keys, robot: Keys = ROOMBA) -> Keys:
-    """Return the scenario as keys of a YAML file."""
+    """Return the scenario of the arena with this wind, gas and robot, as keys of a YAML file."""
     return {
         "name": "plumesim_casting",
         "seed": 1,
@@ -73,7 +73,7 @@ def arena(wind: Keys, gas: Keys, robot: Keys = ROOMBA) -> Keys:
 
 
 def in_airs(trials: int, data: Keys, title: str, airs: int = 1) -> Results:
-    """Run trials spread over airs of different seeds."""
+    """Return the results of search trials spread over airs (flow realisations) of different seeds."""
     shares = spread(trials, airs)
     return searches([data | {"seed": k + 1} for k in range(len(shares))], shares, title)
 
@@ -83,7 +83,7 @@ def in_airs(trials: int, data: Keys, title: str, airs: int = 1) -> Results:
 
 @cache
 def recorded(air: int) -> bytes:
-    """Return the turbulent plume in an air as a log of PlumeSim."""
+    """Return a log of PlumeSim with the turbulent plume in the flow realisation `air`."""
     lattice = {"rate": 1.0, "cell": 0.1, "full_scale_ppm": SCALE}
     data = arena(TURBULENT, GRID_GAS) | {"robots": [], "duration": RECORDED, "plumesim_log": lattice}
     scenario = scenario_of(data | {"seed": air + 1})
@@ -99,7 +99,7 @@ def recorded(air: int) -> bytes:
 
 
 def export(frames: PointFrames, folder: Path) -> None:
-    """Write frames in Fluent's format, without wind."""
+    """Write the gas of frames into files in Fluent's format, without wind."""
     for k in range(len(frames)):
         points = frames.frame(k)
         rows = zip(frames.place[points], frames.percent[points], strict=True)
@@ -109,7 +109,7 @@ def export(frames: PointFrames, folder: Path) -> None:
 
 
 def from_logs(trials: int, title: str, robot: Keys) -> Results:
-    """Run trials with wind and gas from a log of each air."""
+    """Return the results of search trials with wind and gas from a log of each flow realisation."""
 
     def of_air(folder: Path, air: int) -> Keys:
         log = {"kind": "plumesim_log", "file": f"{air}.pslog"}
@@ -120,7 +120,7 @@ def from_logs(trials: int, title: str, robot: Keys) -> Results:
 
 
 def from_fluent(trials: int, title: str, robot: Keys) -> Results:
-    """Run trials with gas from Fluent files of each air, in the laminar wind of the scenario."""
+    """Return the results of search trials with gas from Fluent files of each flow realisation, in laminar wind."""
 
     def of_air(folder: Path, air: int) -> Keys:
         air_folder = folder / str(air)
@@ -134,7 +134,7 @@ def from_fluent(trials: int, title: str, robot: Keys) -> Results:
 
 
 def from_files(trials: int, title: str, of_air: Callable[[Path, int], Keys]) -> Results:
-    """Run trials spread over the airs of scenarios whose files `of_air` writes into a folder."""
+    """Return the results of search trials in scenarios whose files `of_air` writes into a folder, one per air."""
     shares = spread(trials, AIRS)
     with TemporaryDirectory() as name:
         folder = Path(name)
@@ -159,7 +159,7 @@ def _air(name: str, airs: int, wind: Keys, gas: Keys, **keys: Any) -> Condition:
 
 
 def _both(name: str, run: Callable[..., Results], **keys: Any) -> tuple[Condition, Condition]:
-    """Return a condition with the lagging sensor, and a condition without lag, as in PlumeSim."""
+    """Return two conditions of the experiment: with the lagging sensor, and without lag as in PlumeSim."""
     quick = f"{name}, at once"
     return (
         Condition(name, partial(run, title=name, robot=ROOMBA)),
@@ -172,7 +172,7 @@ def _program(trials: int, title: str, robot: Keys, gas: Keys, airs: int) -> Resu
 
 
 def _its_own_threshold(trials: int, title: str) -> Results:
-    """Run PSGaussian with a threshold of 5 % of its largest concentration while frames repeat, as for other plumes."""
+    """Return results of PSGaussian with a threshold of 5 % of its largest concentration while frames repeat."""
     sim = assemble(scenario_of(arena(LAMINAR, PUFF | {"start": REPEATS})))
     largest = float(ppm_at(sim.gas, sim.grid.centers(), sim.t).max())
     robot = ROOMBA | {"algorithm": ROOMBA["algorithm"] | {"threshold_ppm": 0.05 * largest}}

@@ -21,7 +21,7 @@ STEPS = (5, 10, 20, 50)  # per second: 0.2 s to 0.02 s
 
 
 def taylor(t: np.ndarray, deviation: float, time: float) -> np.ndarray:
-    """Return the variance of displacement [m²] (Taylor 1921, doi:10.1112/plms/s2-20.1.196, exponential correlation)."""
+    """Return the variance of displacement [m²] after t [s] (Taylor 1921, doi:10.1112/plms/s2-20.1.196)."""
     return 2.0 * (deviation * time) ** 2 * (t / time - 1.0 + np.exp(-t / time))
 
 

@@ -88,7 +88,7 @@ def _verdict(met: bool | None) -> str:
 
 
 def mean_with_interval(row: Keys) -> str:
-    """Return the mean of a row with its interval as text."""
+    """Return the mean in a row of an experiment, with interval and number of values, as text."""
     if row["mean"] is None:
         return "-"
     interval = "" if row["low"] is None else f" ({row['low']:.3g} to {row['high']:.3g})"
@@ -112,7 +112,7 @@ def _norms(rows: list[Keys]) -> str:
 
 
 def _means(rows: list[Keys]) -> str:
-    """Return the HTML table of an experiment; a condition is named once."""
+    """Return the HTML table of an experiment's means; each condition is named once."""
     lines, last = [], ""
     for row in rows:
         first = "" if row["condition"] == last else row["condition"]
@@ -123,7 +123,7 @@ def _means(rows: list[Keys]) -> str:
 
 
 def _table(titles: list[str], lines: list[list[str]]) -> str:
-    """Return an HTML table of cells that are already HTML; empty without lines."""
+    """Return an HTML table with these titles and cells, which are already HTML; empty without lines."""
     head = "".join(f"<th>{title}</th>" for title in titles)
     rows = ("<tr>" + "".join(f"<td>{cell}</td>" for cell in line) + "</tr>" for line in lines)
     return f"<table><tr>{head}</tr>{''.join(rows)}</table>" if lines else ""
@@ -148,7 +148,7 @@ def _norm(row: Keys, sizes: list[str]) -> list[str]:
 
 
 def _picture(case: Keys, pictures: Pictures) -> str:
-    """Return an SVG in base64: errors over resolution if an order is expected, curves, tracks. Empty without any."""
+    """Return an SVG in base64 with errors over resolution (if an order is expected), curves, tracks; "" without any."""
     from matplotlib.figure import Figure  # slow to import (half a second)
 
     norms = case.get("norms", [])

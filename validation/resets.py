@@ -43,7 +43,7 @@ STARTS = ("low", "high", "begin", "end", "positions")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line `argv` and return its exit code."""
+    """Run the check with these command-line arguments and return the exit code."""
     parser = Parser(prog="python -m taichi_plume.validation.resets")
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--seconds", type=float, default=5.0)
@@ -72,7 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def check(path: Path, times: int) -> int:
-    """Compare the resets of the scenario at `path` with fresh processes; returns the exit code."""
+    """Compare the resets of the scenario at `path` with fresh processes; return the exit code."""
     scenario = load_scenario(path, allow_outside=True)  # files lie in the folder of the config
     kernels.start("cpu")
     sim = assemble(scenario, path.parent, allow_outside=True)
@@ -104,7 +104,7 @@ def check(path: Path, times: int) -> int:
 
 
 def growth(sim: Simulation, scenario: Scenario, times: int) -> float:
-    """Return the growth of the process [MB] over resets with a tick after each, from a tenth of them on."""
+    """Return the growth of the process's memory [MB] over resets with a tick after each, from a tenth of them on."""
     process, begin = psutil.Process(), 0
     for n in range(times):
         sim.reset(scenario)
@@ -129,7 +129,7 @@ def _run(sim: Simulation, out: Path) -> None:
 
 
 def variants(scenario: Scenario) -> Iterator[tuple[str, Scenario]]:
-    """Yield the scenario unchanged, with another seed, other speeds, rates and starts, and unchanged again."""
+    """Yield, with a name, the scenario unchanged, with another seed, other speeds, rates and starts, and unchanged."""
     yield "same", scenario
     data = scenario.model_dump(mode="json", exclude_none=True)
     others = {
@@ -154,7 +154,7 @@ def _scaled(value: Any, keys: Sequence[str], factor: float, within: bool = False
 
 
 def _moved(start: Keys) -> Keys:
-    """Return a start with its positions moved by -ASIDE along y."""
+    """Return a start section with its positions moved by -ASIDE along y."""
 
     def aside(value: Any) -> Any:
         if isinstance(value[0], list):

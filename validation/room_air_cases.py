@@ -49,7 +49,7 @@ DISCUSSION = (
 
 
 def of_particles(airs: int, shape: tuple[int, ...], dx: float, **keys: float) -> Results:
-    """Return K of a room over several airs, and the equivalent air change rate."""
+    """Return the eddy diffusivity K of a synthetic room over several airs, and the equivalent air change rate."""
     grid = Grid(shape, dx)
     model = SyntheticWind.model_validate({"kind": "synthetic"} | keys)
     wind = SyntheticSolver(model, grid, Air.everywhere(grid))
@@ -67,7 +67,8 @@ def of_particles(airs: int, shape: tuple[int, ...], dx: float, **keys: float) ->
 
 
 def released(airs: int) -> Results:
-    """Return K of gas released as a ball in the middle of the default room, and K of particles in the same airs.
+    """Return the eddy diffusivity K by gas released in the middle of the default room, and by particles in the same
+    airs.
 
     By diffusion the mean cosines of a whole wave along and across the room decay as exp(-K (2 pi/L)² t).
     """
@@ -111,7 +112,7 @@ def released(airs: int) -> Results:
 
 
 def _cosines(c: np.ndarray, grid: Grid, axes: tuple[int, ...]) -> list[float]:
-    """Return the mean cosine of a whole wave along each axis, weighted by the gas: -1 if all gas is in the middle."""
+    """Return the mean cosine of a whole wave along each axis, weighted by gas: -1 if all gas is in the middle."""
     x = grid.centers()
     return [float((c * np.cos(2.0 * pi * x[..., d] / grid.extent[d])).sum() / c.sum()) for d in axes]
 
@@ -135,7 +136,7 @@ def pseudo_values(modes: np.ndarray, extent: tuple[float, ...]) -> np.ndarray:
 
 
 def _over(mean: Mean, by: float) -> Mean:
-    """Return a mean divided by a number."""
+    """Return a mean and its interval divided by the number `by`."""
     low, high = (None if end is None else end / by for end in (mean.low, mean.high))
     return Mean(None if mean.mean is None else mean.mean / by, low, high, mean.n, mean.airs)
 

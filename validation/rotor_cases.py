@@ -32,7 +32,7 @@ PLACES = ((4.0, 4.0), (4.03, 4.12), (4.21, 3.87))  # in radii, at different posi
 
 
 def _hover(n: int, faces: list[dict], place: tuple[float, float], altitude: float) -> FlowSolver:
-    """Return the flow of a rotor at `place` and `altitude` [radii]."""
+    """Return the flow of a hovering rotor at `place` and `altitude` [radii], n cells per radius."""
     wind = cfd(faces)
     grid = Grid((WIDTH * n, WIDTH * n, HEIGHT * n), RADIUS / n, periodic=periodic_axes(wind.openings, 3))
     at, push = ti.Vector.field(2, ti.f32, 1), ti.Vector.field(3, ti.f32, 1)
@@ -46,7 +46,7 @@ def _hover(n: int, faces: list[dict], place: tuple[float, float], altitude: floa
 
 
 def hovering_rotor(n: int) -> Errors:
-    """Return relative errors of the momentum, the mean velocity through the disc and the velocity of the jet."""
+    """Return relative errors of the air's momentum, the mean velocity through the disc and the velocity of the jet."""
     thrust, momentum = MASS * GRAVITY, []
     around = [{"kind": "periodic", "axis": axis} for axis in "xyz"]
     for place in PLACES:

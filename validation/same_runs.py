@@ -24,7 +24,7 @@ from taichi_plume.guard.terminal import Parser, say
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line `argv` and return its exit code."""
+    """Compare two checkouts with these command-line arguments and return the exit code."""
     parser = Parser(prog="python -m taichi_plume.validation.same_runs")
     parser.add_argument("checkouts", nargs=2, type=Path, metavar="FOLDER")
     parser.add_argument("--seconds", type=float, default=5.0)
@@ -47,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(checkout: Path, name: str, seconds: float, keep: Path) -> Path:
-    """Run a shortened scenario with the code of a checkout and return the run folder."""
+    """Run a shortened scenario with the code of a checkout, unless done before; return the run folder."""
     out = keep.resolve() / name
     if (out / "result.json").exists():
         return out
@@ -61,7 +61,7 @@ def _run(checkout: Path, name: str, seconds: float, keep: Path) -> Path:
 
 
 def shortened(data: dict[str, Any], seconds: float) -> dict[str, Any]:
-    """Return the keys that shorten a scenario to `seconds`, and its warm-up, if any, to as many."""
+    """Return the changed keys that shorten a scenario, and its warm-up if any, to `seconds` each."""
     shorter: dict[str, Any] = {"duration": seconds}
     if not str(data.get("warm_up", "0")).startswith("0"):
         shorter["warm_up"] = seconds
@@ -71,7 +71,7 @@ def shortened(data: dict[str, Any], seconds: float) -> dict[str, Any]:
 
 
 def differences(old: Path, new: Path, keys: Sequence[str] = ("status", "steps", "gas")) -> Iterator[str]:
-    """Yield the differences of two run folders in these keys of the result and in the robots' table, a line each."""
+    """Yield a line for each difference of two run folders, in these keys of the result and in the robots' table."""
     results = []
     for run in (old, new):
         file = run / "result.json"

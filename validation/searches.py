@@ -31,18 +31,18 @@ QUANTITIES = {"success": "success_rate", "time [s]": "time_s", WAY: "overhead"}
 
 
 def scenario_of(data: Keys, folder: Path = Path()) -> Scenario:
-    """Return the checked scenario of the keys of a YAML file. Raises ScenarioError."""
+    """Return the checked scenario for the keys of a YAML file. Raises ScenarioError."""
     return checked(Scenario.model_validate(data), folder).scenario
 
 
 def spread(trials: int, airs: int) -> list[int]:
-    """Return the number of trials of each air, as even as possible; airs without trials are left out."""
+    """Return the number of trials in each air, as even as possible; airs without trials are left out."""
     shares = [trials // airs + (k < trials % airs) for k in range(airs)]
     return [share for share in shares if share]
 
 
 def afresh() -> None:
-    """Restart Taichi on the same device: it holds at most 512 trees of fields, and crashes beyond.
+    """Restart Taichi on the same device, as it holds at most 512 trees of fields, and crashes beyond.
 
     For experiments that assemble many simulations one after the other; earlier simulations are lost.
     """
@@ -57,7 +57,7 @@ def outcomes(sim: Simulation) -> dict[str, dict[str, list[Any]]]:
 
 
 def pooled(parts: Iterable[tuple[Key, Mapping[str, Sequence[Any]]]]) -> dict[Key, dict[str, np.ndarray]]:
-    """Return the columns of several parts joined, by key."""
+    """Return the columns of several parts joined by key; parts: (key, columns)."""
     columns: dict[Key, dict[str, list[Any]]] = {}
     for key, part in parts:
         for name, values in part.items():
@@ -66,7 +66,7 @@ def pooled(parts: Iterable[tuple[Key, Mapping[str, Sequence[Any]]]]) -> dict[Key
 
 
 class Searches:
-    """Trials of the first group of several runs, each in its own air."""
+    """Collection of search trials: those of the first group of several runs, each in its own air."""
 
     def __init__(self) -> None:
         self.columns: dict[str, list[Any]] = {}
@@ -74,7 +74,7 @@ class Searches:
         self.airs: list[int] = []  # air of each trial
 
     def add(self, sim: Simulation) -> None:
-        """Run a simulation and add its trials."""
+        """Run a simulation and add the trials of its first group."""
         group = sim.swarm.groups[0]
         places: list[np.ndarray] = []
         sim.observers.append(
@@ -125,14 +125,17 @@ class Searches:
 
 
 def _evenly(numbers: np.ndarray, most: int) -> np.ndarray:
-    """Return at most `most` of the numbers, evenly spaced."""
+    """Return at most `most` of these numbers, evenly spaced."""
     return numbers[np.linspace(0, len(numbers) - 1, min(most, len(numbers))).astype(int)]
 
 
 def searches(
     airs: Iterable[Keys], trials: Sequence[int], title: str, folder: Path = Path()
 ) -> dict[str, Mean | Tracks]:
-    """Run the first group of each scenario with its number of trials. Taichi must have been started."""
+    """Run the first group of each scenario with its number of trials; return means and a picture of paths.
+
+    Taichi must have been started.
+    """
     trials_by_air, scenario = Searches(), None
     for data, count in zip(airs, trials, strict=True):
         group = data["robots"][0] | {"trials": count}

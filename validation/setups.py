@@ -18,7 +18,7 @@ Openings = list[dict] | tuple[dict, ...]
 
 
 def cfd(openings: Openings, **keys: object) -> CfdWind:
-    """Return a computed wind with these openings; `keys`: further keys of the section."""
+    """Return the section of a computed wind with these openings; `keys`: further keys of the section."""
     return CfdWind.model_validate({"kind": "cfd", "openings": openings} | keys)
 
 
@@ -34,14 +34,14 @@ def uniform(grid: Grid, speed: float) -> UniformSolver:
 
 
 def ethanol(diffusivity: float) -> dict[str, float]:
-    """Return the species of a gas with the molar mass of ethanol and this diffusivity [m²/s]."""
+    """Return the species section of a gas with the molar mass of ethanol and this diffusivity [m²/s]."""
     return {"molar_mass": 0.046, "diffusivity": diffusivity}
 
 
 def gas_on(
     grid: Grid, wind: Carrier, air: Air | None = None, seed: int = 0, name: str = "gas", **keys: object
 ) -> EulerianSolver:
-    """Return gas on the grid; `keys`: of its section. Without `sources` nothing is emitted."""
+    """Return gas on the grid in a wind; `keys`: of the gas section. Without `sources` nothing is emitted."""
     sources = {"sources": [{"position": (0.5 * grid.dx,) * grid.dim, "rate": 0.0}]}
     model = EulerianGas.model_validate({"kind": "eulerian"} | sources | keys)
     return EulerianSolver(model, grid, wind, air or Air.everywhere(grid), 0.0, seed, name)
@@ -50,7 +50,7 @@ def gas_on(
 def puffs_on(
     grid: Grid, wind: Wind, air: Air | None = None, seed: int = 0, name: str = "gas", **keys: object
 ) -> PuffSolver:
-    """Return puffs; `keys`: of their section."""
+    """Return gas as puffs in a wind; `keys`: of the gas section."""
     model = PuffGas.model_validate({"kind": "puffs"} | keys)
     return PuffSolver(model, grid, wind, air or Air.everywhere(grid), 0.0, seed, name)
 
@@ -65,7 +65,7 @@ def advance(flow: FlowSolver, end: float, start: float = 0.0) -> None:
 
 
 def samples(flow: FlowSolver, start: float, every: float, count: int) -> Iterator[int]:
-    """Advance a flow `count` times by `every` [s] from `start` [s] on; yield the number of each sample."""
+    """Advance a flow `count` times by `every` [s] from `start` [s] on; yield the index of each sample."""
     for k in range(count):
         advance(flow, start + (k + 1) * every, start + k * every)
         yield k

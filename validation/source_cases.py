@@ -32,17 +32,17 @@ class Plume:
         self.state = State(self.gas)
 
     def blowing(self, slope: float) -> UniformWind:
-        """Return a wind along x with `slope` times the speed along y."""
+        """Return a wind section along x with `slope` times that speed along y."""
         velocity = (SPEED, SPEED * slope, 0.0)[: self.grid.dim]
         return UniformWind(kind="uniform", velocity=velocity)
 
     def emitting(self, place: tuple[float, ...]) -> EulerianGas:
-        """Return the model of a gas with a source at `place`."""
+        """Return the gas section with a source at `place` [m]."""
         source = {"position": place, "rate": 1e-6, "radius": RADIUS}
         return EulerianGas.model_validate({**self.keys, "sources": [source]})
 
     def steady(self, place: tuple[float, ...], slope: float = 0.0, courant: float = 1.2) -> None:
-        """Restart and emit for 1.25 flow-through times."""
+        """Restart with a source at `place` [m] and emit for 1.25 flow-through times; slope: of the wind."""
         self.wind.begin(self.blowing(slope), 0.0, 0)
         self.state.clear()
         self.gas.begin(self.emitting(place), 0.0, 0)

@@ -65,7 +65,7 @@ and the middle one was chosen.
 
 
 def spiral_of(minimum: float) -> dict[str, Keys]:
-    """Return the algorithms, SPIRAL with `minimum` as least index of a hit [ppm]."""
+    """Return the algorithms' keys, SPIRAL's with `minimum` as least index of a hit [ppm]."""
     return ALGORITHMS | {"SPIRAL": ALGORITHMS["SPIRAL"] | {"minimum_ppm": minimum}}
 
 
@@ -99,7 +99,7 @@ def times(columns: Columns) -> np.ndarray:
 
 
 def one_row(trials: int, row: tuple[str, int]) -> Results:
-    """Return the quantities of a row of table 2."""
+    """Return the results for a row of table 2 (algorithm, distance)."""
     columns = table(trials)[row]
     air, time, steps = columns["air"], times(columns), columns["acquisitions"]
     return {
@@ -112,12 +112,12 @@ def one_row(trials: int, row: tuple[str, int]) -> Results:
 
 
 def longer(quick: str, slow: str, distance: int) -> str:
-    """Return the name of a ratio of mean times."""
+    """Return the name of the ratio of two algorithms' mean times at a distance [cm]."""
     return f"time, {slow} / {quick}, {distance} cm"
 
 
 def fewer(distance: int) -> str:
-    """Return the name of a ratio of acquisitions."""
+    """Return the name of the ratio of SPIRAL's to random SPIRAL's acquisitions at a distance [cm]."""
     return f"acquisitions, SPIRAL / random SPIRAL, {distance} cm"
 
 
@@ -125,7 +125,7 @@ ORDER = (*pairwise(RANKING), ("SPIRAL", "E. coli 3 s"))
 
 
 def order(trials: int) -> Results:
-    """Return the ratios of times and of acquisitions of pairs of algorithms."""
+    """Return the ratios of times and of acquisitions between pairs of algorithms."""
     rows, results = table(trials), {}
     for d in DISTANCES:
         airs = {name: rows[name, d]["air"] for name in ALGORITHMS}

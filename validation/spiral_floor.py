@@ -36,7 +36,7 @@ NOISY = ("SPIRAL", "E. coli 3 s")
 
 @ti.data_oriented
 class NoisyIndex:
-    """Stand-in for the sensors: indices with a known noise, constant during an acquisition.
+    """Stand-in for the sensors: proximity indices with a known noise, constant during an acquisition.
 
     spread: standard deviation of the index' logarithm, per robot.
     """
@@ -49,7 +49,7 @@ class NoisyIndex:
         uploader(self.spread)(spread)
 
     def measure(self, gas: Any, wind: Any, tick: int, t: float) -> None:
-        """Set the readings of all robots."""
+        """Set the readings of all robots to noisy indices at their positions."""
         self._measure()
 
     @ti.kernel
@@ -68,14 +68,14 @@ class NoisyIndex:
 
 
 def _minimum() -> float:
-    """Return the mean index beyond FAR from the dish, over the arena."""
+    """Return the mean proximity index beyond FAR from the dish, over the arena."""
     x, y = np.meshgrid(np.arange(1.0, 4.0, 0.01), np.arange(0.85, 2.95, 0.01))
     d = np.hypot(x - SOURCE[0], y - SOURCE[1])
     return float((1.0 / (NEAR + d[d > FAR])).mean())
 
 
 def _searched(groups: list[Keys], spreads: list[float]) -> list[dict[str, np.ndarray]]:
-    """Run the groups as rivals, each with indices of its own noise, and return their outcomes."""
+    """Return the outcomes of searches by groups of rivals, each with indices of its own noise."""
     sim = assemble(scenario_of(floor(groups, LONGEST) | {"rivals": True}))
     sim.sensors = NoisyIndex(sim.swarm, np.repeat(spreads, [g.size for g in sim.swarm.groups]))
     sim.run()
@@ -84,7 +84,7 @@ def _searched(groups: list[Keys], spreads: list[float]) -> list[dict[str, np.nda
 
 
 def chi_square(published: list[tuple[float, int]], samples: list[np.ndarray]) -> float:
-    """Return the chi-square of published means of n trials against ours, with standard errors of n of our trials."""
+    """Return the chi-square of published means of n trials against our samples, with standard errors for n trials."""
     return sum(
         (mean - values.mean()) ** 2 / (values.var(ddof=1) / n)
         for (mean, n), values in zip(published, samples, strict=True)
@@ -92,7 +92,7 @@ def chi_square(published: list[tuple[float, int]], samples: list[np.ndarray]) ->
 
 
 def arms(trials: int) -> Results:
-    """Return acquisitions, time per acquisition and chi-square of both published means, for each set of arms."""
+    """Return acquisitions, time per acquisition and chi-square of both published means, for each set of arm lengths."""
     random = ALGORITHMS["random SPIRAL"]
     groups = [
         momo(f"{name} {d}", trials, at(d), random | {"arms": list(lengths)})
@@ -125,7 +125,7 @@ def noisy(trials: int) -> dict[tuple[str, int, float], np.ndarray]:
 
 
 def noise(trials: int) -> Results:
-    """Return acquisitions over the spread of the indices, with the published values as lines."""
+    """Return the number of acquisitions over the spread of the indices, with the published values as lines."""
     counts, x = noisy(trials), np.array(SPREADS)
     rows: Keys = {}
     for d in DISTANCES:

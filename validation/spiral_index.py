@@ -42,7 +42,7 @@ class Records(NamedTuple):
 
 
 class Heard:
-    """Log of the indices and means of a team's robots at the end of every acquisition."""
+    """Log of the proximity indices and means of a team's robots at the end of every acquisition."""
 
     def __init__(self, team: Any, swarm: Any):
         assert isinstance(team.algorithm, Spiral)
@@ -52,7 +52,7 @@ class Heard:
         self.before = np.zeros(self.members.size, int)
 
     def note(self, sim: Simulation) -> None:
-        """Append the acquisitions that have ended since the last call."""
+        """Append the acquisitions that have ended since the last call to the log."""
         now = self.swarm.acquisitions.to_numpy()[self.robots]
         if (now == self.before).all():
             return
@@ -67,12 +67,12 @@ class Heard:
                 self.before[begin:end] = now[begin:end]
 
     def records(self, name: str) -> Records:
-        """Return the records of a group."""
+        """Return the logged acquisitions of the group called `name`."""
         return Records(*(np.array(part) for part in zip(*self.rows[name], strict=True)))
 
 
 def _listener(name: str, start: Keys, begin: float, trials: int = 1, **keys: Any) -> Keys:
-    """Return a group of robots that stay in place, as no index is a hit."""
+    """Return a group of robots that acquire indices without moving, as no index is a hit, as keys of a YAML file."""
     stays = {"kind": "spiral", "arms": [STILL] * 100, "minimum_ppm": 1e6}
     return momo(name, trials, start, stays | keys, begin)
 
@@ -86,7 +86,7 @@ def _start() -> Keys:
 
 @cache
 def heard(air: int) -> tuple[np.ndarray, dict[tuple[int, str], Records]]:
-    """Return for an air the first indices far from the dish, and the records by acquisition time and peak height."""
+    """Return of an air the first indices far from the dish, and the records by acquisition time and peak height."""
     kinds = [(SHORT, HEIGHTS[0]), *((time, height) for time in TIMES for height in HEIGHTS)]
     groups = [
         _listener(f"{time} {height}", _start(), BEGIN, acquisition=time, peak_height=height)
@@ -108,7 +108,7 @@ def least_index(airs: int) -> float:
 
 
 def in_order(index: np.ndarray) -> float:
-    """Return the share of pairs of positions in a direction of which the nearer has the higher index."""
+    """Return the fraction of pairs of positions in a direction of which the nearer has the higher index."""
     rows = index[:, : len(ROW) * len(DIRECTIONS)].reshape(len(index), len(DIRECTIONS), len(ROW))
     nearer, farther = np.triu_indices(len(ROW), 1)
     return float((rows[..., nearer] > rows[..., farther]).mean())
@@ -123,7 +123,7 @@ def spread(values: np.ndarray) -> np.ndarray:
 
 
 def indices(trials: int, airs: int) -> Results:
-    """Return the statistics of the indices in the room; intervals over the airs."""
+    """Return the statistics of the indices in the room, with intervals over the airs."""
     results: dict[str, Mean] = {}
     records = [heard(air)[1] for air in range(airs)]
 

@@ -48,7 +48,7 @@ class Sample(NamedTuple):
 
 
 class Published(NamedTuple):
-    """Row of table 2: time to the source [s], and acquisitions."""
+    """Row of the paper's table 2: time to the source [s], and number of acquisitions."""
 
     time: Sample
     acquisitions: Sample
@@ -72,18 +72,18 @@ TABLE_2: dict[tuple[str, int], Published] = {
 
 
 def begins(row: tuple[str, int]) -> list[float]:
-    """Return the start times of the trials of a session [s], a mean published time and a pause apart."""
+    """Return the start times of a session's trials [s], a mean published time and a pause apart; row: of table 2."""
     return [round(k * (TABLE_2[row].time.mean + PAUSE), 1) for k in range(SESSION)]
 
 
 def at(distance: int) -> Keys:
-    """Return a start at a distance [cm] from the dish, heading across the direction to it."""
+    """Return a start, as keys, at a distance [cm] from the dish, heading across the direction to the dish."""
     place = [round(SOURCE[0] - distance / 100, 2), SOURCE[1]]
     return {"kind": "positions", "positions": [place], "heading_deg": 90}
 
 
 def momo(name: str, trials: int, start: Keys, algorithm: Keys, begin: float = 0.0) -> Keys:
-    """Return a group of the paper's robot."""
+    """Return a group of the paper's robots, as keys of a YAML file."""
     gas = {"kind": "mox", "model": "tgs800", "period": 0.5, "averaged": 500, "calibration": "cubic"}
     return {
         "name": name,
@@ -100,7 +100,7 @@ def momo(name: str, trials: int, start: Keys, algorithm: Keys, begin: float = 0.
 
 
 def room(air: int, robots: list[Keys], duration: float) -> Keys:
-    """Return the scenario as keys of a YAML file; the warm-up is the time since the dish was opened."""
+    """Return the scenario of the room, as keys of a YAML file; the warm-up is the time since the dish was opened."""
     return {
         "name": "spiral_room",
         "seed": air + 1,

@@ -28,13 +28,13 @@ FULL_FACES = (
 
 
 def _in_dimensions(opening: dict, dim: int) -> dict:
-    """Return an opening of the room in `dim` dimensions."""
+    """Return an opening of the room reduced to `dim` dimensions."""
     vectors = {"center": dim - 1, "size": dim - 1, "velocity": dim}
     return {key: value[: vectors[key]] if key in vectors else value for key, value in opening.items()}
 
 
 def _mirrored(opening: dict, axis: int) -> dict:
-    """Return the opening in the room mirrored along an axis."""
+    """Return an opening as it is in the room mirrored along an axis."""
     normal, result = "xyz".index(opening["face"][0]), dict(opening)
     if normal == axis:
         result["face"] = opening["face"][0] + ("-" if opening["face"][1] == "+" else "+")
@@ -49,7 +49,7 @@ def _mirrored(opening: dict, axis: int) -> dict:
 
 
 def _transposed(opening: dict) -> dict:
-    """Return the opening with x and y exchanged; together with a mirror image this rotates the room by 90 degrees."""
+    """Return an opening with x and y exchanged; together with a mirror image this rotates the room by 90 degrees."""
     result = opening | {"face": opening["face"].translate(str.maketrans("xy", "yx"))}
     if "velocity" in opening:
         first, second, *rest = opening["velocity"]
@@ -58,7 +58,7 @@ def _transposed(opening: dict) -> dict:
 
 
 def _steps(flow: FlowSolver) -> list[float]:
-    """Advance a flow to DURATION and return the time steps [s]."""
+    """Advance a flow to DURATION and return the lengths of its time steps [s]."""
     t, steps = 0.0, []
     while t < DURATION:
         steps.append(min(flow.stable_dt(t), DURATION - t + 1e-9))
@@ -68,19 +68,19 @@ def _steps(flow: FlowSolver) -> list[float]:
 
 
 def _velocity(flow: FlowSolver) -> list[np.ndarray]:
-    """Return the velocity components on all faces of the room."""
+    """Return the velocity components on all faces of the room, an array per axis."""
     inner = [tuple(slice(*cells) for cells in flow.grid.faces(d)) for d in range(flow.dim)]
     return [u.to_numpy().astype(float)[part] for u, part in zip(flow.u, inner, strict=True)]
 
 
 def _largest_difference(a: list[np.ndarray], b: list[np.ndarray]) -> float:
-    """Return the largest difference of two velocity fields over the largest velocity."""
+    """Return the largest difference of two velocity fields over their largest velocity."""
     difference = max(float(np.abs(x - y).max()) for x, y in zip(a, b, strict=True))
     return difference / max(float(np.abs(x).max()) for x in a)
 
 
 def room(n: int, dim: int, openings: tuple[dict, ...]) -> Errors:
-    """Return differences of a room's flow, n cells along y, from its mirror images and its rotation by 90 degrees."""
+    """Return differences of a room's flow, n cells along y, from that in its mirror images and its rotation by 90°."""
     shape, dx = tuple(round(size / SIZE[1] * n) for size in SIZE[:dim]), SIZE[1] / n
     here = [_in_dimensions(part, dim) for part in openings]
     flows: dict[str, tuple[FlowSolver, State]] = {}

@@ -71,7 +71,7 @@ SMALL, LARGE, GRID = KINDS
 
 
 def across(distance: float) -> float:
-    """Return the largest distance of readings from the axis [m]: about three widths."""
+    """Return the largest distance [m] of probes from the axis, about three plume widths; distance: from the source."""
     return min(0.1 + 0.3 * distance, 0.5 * SIZE[1] - CELL)
 
 
@@ -135,7 +135,7 @@ class Records(NamedTuple):
 
 @cache
 def records(seed: int, seconds: float = SECONDS) -> Records:
-    """Run the scenario and return its readings. Taichi must have been started."""
+    """Run the scenario and return the readings of its probes. Taichi must have been started."""
     _, times, table = probed(scenario(seed, seconds))
     shape = (-1, len(DISTANCES), COUNT)
     wind = np.stack([table[f"wind_{axis}"].to_numpy().reshape(shape) for axis in "xyz"], axis=-1)
@@ -186,7 +186,7 @@ class Found(NamedTuple):
 
 
 def found_in(air: Records, kind: str) -> Found:
-    """Return the statistics of the readings of an air."""
+    """Return the plume statistics of the readings in one air, for a kind of gas."""
     values = np.full((len(Found._fields), len(DISTANCES)), np.nan)
     middle = slice(COUNT // 2 - 1, COUNT // 2 + 2)  # on the axis; as many readings as in a fit
     speed = float(air.wind[..., 0].mean())
@@ -221,12 +221,12 @@ def found_in(air: Records, kind: str) -> Found:
 
 @cache
 def _airs(count: int) -> tuple[dict[str, Found], ...]:
-    """Return the statistics of each air by kind; all conditions use the same airs."""
+    """Return the plume statistics of each air by kind of gas; all conditions use the same airs."""
     return tuple({kind: found_in(records(1 + k), kind) for kind in KINDS} for k in range(count))
 
 
 def plume(airs: int, kind: str) -> Results:
-    """Return the quantities of a kind of gas, with intervals over airs."""
+    """Return the results for a kind of gas, with intervals over airs."""
     statistics = _airs(airs)
     own = {name: np.stack([air[kind]._asdict()[name] for air in statistics]) for name in Found._fields}
     judged = _judged(own, statistics, kind)
@@ -255,7 +255,7 @@ def plume(airs: int, kind: str) -> Results:
 
 
 def _judged(own: Mapping[str, np.ndarray], statistics: tuple, kind: str) -> dict[str, np.ndarray]:
-    """Return the judged quantities per air: of puffs everywhere, of gas on the grid where the plume is wide."""
+    """Return the judged quantities per air: for puffs everywhere, for gas on the grid where the plume is wide."""
     wide = own["width"].mean(axis=0) > WIDE if kind == GRID else np.ones(len(DISTANCES), bool)
     largest = own["intensity"].max(axis=1)
     quantities = {

@@ -37,7 +37,7 @@ from taichi_plume.validation.case import Answer, Case, Curve, Expected, Keys
 from taichi_plume.validation.searches import probed
 
 U, LENGTH, INTENSITY = 0.5, 10.0, 0.08  # m/s; m; over the speed
-CELL = 0.025  # m
+CELL = 0.025  # m, edge of a grid cell
 WIDTH, ROWS = 10.0, 4  # m: of the domain; sources side by side in it
 SOURCE, RADIUS = 0.25, 0.15  # m: downstream of the inlet
 DISTANCES = (1.5, 2.0, 2.5)  # m: from the sources
@@ -53,7 +53,7 @@ KINDS = ("whiffs", "blanks")
 
 
 class Variant(NamedTuple):
-    """Definition of durations: threshold over the largest mean on the line, and start of the decade [s]."""
+    """Definition of durations: threshold over the largest mean on the line, and start of the fitted decade [s]."""
 
     level: float = LEVEL
     first: float = FIRST
@@ -125,7 +125,7 @@ class Records(NamedTuple):
 
 
 def records(seed: int, seconds: float) -> Records:
-    """Run the scenario and return its readings. Taichi must have been started."""
+    """Run the scenario and return the readings of its probes. Taichi must have been started."""
     _, times, table = probed(scenario(seed, seconds))
     shape = (-1, len(DISTANCES), ROWS, len(ACROSS))
     ppm = {kind: table[f"{gas}_ppm"].to_numpy().reshape(shape) for kind, gas in GASES.items()}
@@ -133,18 +133,18 @@ def records(seed: int, seconds: float) -> Records:
 
 
 def thresholds(c: np.ndarray, level: float) -> np.ndarray:
-    """Return the threshold of each line [ppm]: `level` times the largest mean of c, (n, distances, rows, m)."""
+    """Return the gas threshold of each line [ppm]: `level` times the largest mean of c, (n, distances, rows, m)."""
     return level * c.mean(axis=(0, 2)).max(axis=-1)
 
 
 def chosen(present: np.ndarray) -> np.ndarray:
-    """Return the mask of the sensors in gas for a share of time within PRESENT; present: (n, ...)."""
+    """Return a mask of the sensors that are in gas for a fraction of time within PRESENT; present: (n, ...)."""
     share = present.mean(axis=0)
     return (share > PRESENT[0]) & (share < PRESENT[1])
 
 
 def durations(flows: Sequence[Records], kind: str, level: float) -> dict[str, Spells]:
-    """Return whiffs and blanks of all chosen sensors of all flows, one flow after the other."""
+    """Return durations of whiffs and blanks at all chosen sensors of all flows, one flow after the other."""
     spells_by_kind: dict[str, list[Spells]] = {name: [] for name in KINDS}
     for number, flow in enumerate(flows):
         c = flow.ppm[kind]
@@ -157,12 +157,12 @@ def durations(flows: Sequence[Records], kind: str, level: float) -> dict[str, Sp
 
 
 def fitted(found: Spells, first: float = FIRST) -> Exponent | None:
-    """Return the exponent over a decade, whose ends lie between possible durations."""
+    """Return the exponent of durations over a decade from `first` [s] on, with ends between possible durations."""
     return exponent(found, halfway(first - 0.5 * STEP, STEP), halfway(10.0 * first, STEP))
 
 
 def turbulent_whiffs(n: int) -> Answer:
-    """Return exponents from n seconds, in flows of 300 s with seeds 1, 2 ...; all distances and sensors together."""
+    """Return exponents of durations from n seconds of gas, in flows of 300 s with seeds 1, 2 ...; all sensors."""
     flows = [records(1 + k, FLOW) for k in range(max(1, round(n / FLOW)))]
     answer: dict[str, float | Curve] = {}
     for kind in GASES:
@@ -182,7 +182,7 @@ def turbulent_whiffs(n: int) -> Answer:
 
 
 def _robustness(flows: Sequence[Records], kind: str) -> dict[str, float]:
-    """Return exponents with other thresholds, over other decades, and of each flow alone."""
+    """Return exponents of durations with other thresholds, over other decades, and of each flow alone."""
     exponents: dict[str, float] = {}
     for words, variant in VARIANTS.items():
         for name, found in durations(flows, kind, variant.level).items():
@@ -196,7 +196,7 @@ def _robustness(flows: Sequence[Records], kind: str) -> dict[str, float]:
 
 
 def _plume(flows: Sequence[Records], kind: str) -> dict[str, float]:
-    """Return the standard deviation of the plume's centre over its instantaneous width, by distance."""
+    """Return the standard deviation of the plume's centre over the plume's instantaneous width, by distance."""
     c = np.concatenate([flow.ppm[kind] for flow in flows])
     held = np.where(c > 0.05 * c.max(axis=-1, keepdims=True), c, 0.0)
     mass = held.sum(axis=-1) + 1e-12
@@ -207,7 +207,7 @@ def _plume(flows: Sequence[Records], kind: str) -> dict[str, float]:
 
 
 def _sensors(flows: Sequence[Records], kind: str) -> dict[str, float | Curve]:
-    """Return shares of whiffs that a slow metal-oxide sensor and a fast detector resolve, and readings at a point."""
+    """Return fractions of whiffs that a slow and a fast gas sensor resolve, and readings at a point."""
     gas, several = GASES[kind], noses()[:2]
     whiffs, counts = 0, np.zeros(len(several))
     answer: dict[str, float | Curve] = {}

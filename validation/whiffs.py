@@ -37,30 +37,30 @@ class Meander:
         self.gas = Plumes(gas, grid, self.wind)
 
     def relative(self, x: float) -> float:
-        """Return the standard deviation [m] of the instantaneous plume."""
+        """Return the standard deviation [m] of the instantaneous plume at the distance x [m]."""
         return sqrt(self.radius**2 + (self.slope * x) ** 2)
 
     def peak(self, x: float) -> float:
-        """Return the concentration at the centre of the plume [kg/m³]."""
+        """Return the concentration at the centre of the plume at the distance x [m] [kg/m³]."""
         return Q / (U * sqrt(2.0 * pi) * self.relative(x))
 
     def wander(self, x: float) -> float:
-        """Return the standard deviation [m] of the plume's centre: integral of the gusts over its age (Taylor 1921)."""
+        """Return the standard deviation [m] of the plume's centre at x [m]: gusts over its age (Taylor 1921)."""
         age = x / U / self.time
         return self.deviation * self.time * sqrt(2.0 * (age - 1.0 + exp(-age)))
 
     def moment(self, x: float, y: float, power: int) -> float:
-        """Return the mean of c^power at y [m] from the axis: a Gaussian, averaged over the Gaussian centre."""
+        """Return the mean of c^power at x and y [m] from the axis: a Gaussian, averaged over the Gaussian centre."""
         s2, m2 = self.relative(x) ** 2 / power, self.wander(x) ** 2
         return self.peak(x) ** power * sqrt(s2 / (s2 + m2)) * exp(-(y**2) / (2.0 * (s2 + m2)))
 
     def presence(self, x: float, y: float, threshold: float) -> float:
-        """Return the probability that c is above `threshold` times its value at the plume's centre."""
+        """Return the probability at x, y [m] that c is above `threshold` times its value at the plume's centre."""
         reach, m = self.relative(x) * sqrt(-2.0 * log(threshold)), self.wander(x)
         return 0.5 * (erf((y + reach) / (m * sqrt(2.0))) - erf((y - reach) / (m * sqrt(2.0))))
 
     def readings(self, places: np.ndarray, dt: float, count: int) -> np.ndarray:
-        """Return the concentration at points (n, 2), x and y from the axis, at `count` times dt apart, (count, n)."""
+        """Return the concentration at points (n, 2), x and y from the axis [m], every dt [s], (count, n)."""
         points = places + np.array([0.0, SOURCE_Y])
         result = np.empty((count, len(places)))
         for n in range(count):

@@ -28,7 +28,7 @@ ID = "taichi_plume/Search-v0"
 
 
 def register() -> None:
-    """Register the environments with Gymnasium; a second call does nothing."""
+    """Register the environment `taichi_plume/Search-v0` with Gymnasium; a second call does nothing."""
     from gymnasium.envs.registration import register, registry
 
     if ID not in registry:
@@ -42,7 +42,7 @@ def register() -> None:
 def parallel_env(
     scenario: "Given", render_mode: str | None = None, **options: "Unpack[Options]"
 ) -> "TeamEnv":
-    """Return a team of robots as a ParallelEnv of PettingZoo, see `TeamEnv`.
+    """Return an environment for PettingZoo (ParallelEnv) in which a team of robots learns, see `TeamEnv`.
 
     Raises ImportError with a one-line message if PettingZoo is missing, and ValueError.
     """
@@ -55,7 +55,7 @@ def parallel_env(
 def sb3_env(
     scenario: "Given", num_envs: int, render_mode: str | None = None, **options: "Unpack[Options]"
 ) -> "SearchVecEnv":
-    """Return many trials at once as a VecEnv of stable-baselines3, see `SearchVecEnv`.
+    """Return an environment for stable-baselines3 (VecEnv) with `num_envs` trials at once, see `SearchVecEnv`.
 
     Raises ImportError with a one-line message if stable-baselines3 is missing, and ValueError.
     """
@@ -66,7 +66,7 @@ def sb3_env(
 
 
 def _require(package: str) -> None:
-    """Raise ImportError if the package or Gymnasium is missing."""
+    """Raise ImportError if this package or Gymnasium is missing."""
     from taichi_plume.envs.task import require
 
     require(package)

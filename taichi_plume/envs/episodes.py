@@ -40,14 +40,14 @@ FALLBACKS = 64  # teams placed on the host, for scenarios with little free space
 SLACK = 1e-6  # tolerance of the range of actions
 
 Array: TypeAlias = Any
-"""np.ndarray, or a tensor of torch."""
+"""NumPy array, or a tensor of torch."""
 
 
 class Episodes:
-    """`count` environments of a scenario, each with `robots` learners of its first group of policies, in recorded airs.
+    """Engine of `count` environments of a scenario, each with `robots` learners of its first group of policies.
 
-    bank: the recorded airs, see envs/bank.py; recorded now unless given. autoreset: one of MODES, as in Gymnasium 1.x.
-    arrays: "numpy", or "torch" for tensors on Taichi's device. The scenario must be checked.
+    bank: recorded flow realisations (airs), see envs/bank.py; recorded now unless given. autoreset: one of MODES, as in
+    Gymnasium 1.x. arrays: "numpy", or "torch" for tensors on Taichi's device. The scenario must be checked.
 
     `observations` (count robots, size) stay valid for one further step. The next step overwrites all other arrays:
     `rewards` (count robots,), `terminated`, `truncated` (count,), `final_observations` (like observations, set for
@@ -102,13 +102,13 @@ class Episodes:
         self.begin()
 
     def begin(self) -> None:
-        """Return to the state after construction, with new arrays and before the first episode. Compiles nothing."""
+        """Return to the state after construction, with new arrays and before the first episode; compile nothing."""
         self._allocate(self.arrays)
         self.rounds.begun = False
         self._seeds = np.random.SeedSequence(self.scenario.seed).generate_state(self.count, np.uint64)
 
     def _allocate(self, arrays: str) -> None:
-        """Allocate all arrays that kernels and users share."""
+        """Allocate the arrays that kernels and users share; arrays: "numpy" or "torch"."""
         n, size = self.count * self.robots, self.observation.size
         if arrays == "torch":
             import torch  # pyright: ignore[reportMissingImports]
@@ -149,7 +149,7 @@ class Episodes:
         first reset compiles kernels.
         """
         if not self.rounds.begun:
-            mask = None  # all have to begin
+            mask = None  # all environments have to begin
         self._todo[:] = FIRST if seeds is not None or not self.rounds.begun else BEGIN
         if seeds is not None:
             given = np.asarray(seeds, np.uint64)
@@ -172,7 +172,7 @@ class Episodes:
         self._take(actions)
         over = self.terminated | self.truncated
         if self.autoreset == "next_step":
-            self._todo[:] = STEP + over  # BEGIN where it is over
+            self._todo[:] = STEP + over  # BEGIN where the episode is over
         elif self.autoreset == "disabled" and over.any():
             raise ValueError(f"environment {int((1 * over).argmax())}: its episode is over; reset it first")
         else:
@@ -190,7 +190,7 @@ class Episodes:
         self.observations = self._views[self._side]
 
     def _take(self, actions: Array) -> None:
-        """Check the actions and copy them to the array that kernels read. Raises ValueError."""
+        """Check the actions and copy them to the array that kernels read. Raises ValueError for invalid actions."""
         try:
             actions = self._given(actions)
         except (TypeError, ValueError, RuntimeError) as error:  # torch raises several types
@@ -209,7 +209,7 @@ class Episodes:
 
 
 def learners(scenario: Scenario, count: int, robots: int) -> Group:
-    """Return the group of learners with `count` trials of `robots` robots that start at once."""
+    """Return the scenario's group of learners, changed to `count` trials of `robots` robots that start at once."""
     group = scenario.learners
     start = group.start
     if isinstance(start, StartAt):
@@ -220,15 +220,15 @@ def learners(scenario: Scenario, count: int, robots: int) -> Group:
 
 
 def _places(scenario: Scenario, group: Group, clearance: ClearanceMap) -> np.ndarray:
-    """Return start positions of some teams, (teams, robots, 2) [m], free of overlap."""
+    """Return start positions without overlap for several teams, (teams, robots, 2) [m]. Raises ScenarioError."""
     teams = FALLBACKS if isinstance(group.start, StartArea) else 1
-    some = group.model_copy(update={"trials": teams})
+    teams_group = group.model_copy(update={"trials": teams})
 
     def draws(team: int) -> np.random.Generator:
         return generator(scenario.seed, f"start of team {team} of episodes")
 
     try:
-        where, _ = place(some, draws, clearance.distance_at)
+        where, _ = place(teams_group, draws, clearance.distance_at)
     except ValueError as error:
         raise ScenarioError([f"robots.start: {error}"]) from None
     return where.reshape(teams, group.count, 2)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from taichi_plume.envs.episodes import Array, Episodes
 
 REST, KEEP, STEP, BEGIN, BEGIN_AGAIN, FIRST = range(6)
-"""Tasks of an environment: none; none, observations are up to date; a step; begin the next episode; begin the next
+"""Tasks of an environment: none; none, observations already valid; a step; begin the next episode; begin the next
 episode and keep the outcome of the last one; begin the first episode of a seed."""
 
 INFO = ("found", "time_s", "path_m", "distance_m", "episode_number", "film", "source", "mirror", "return")
@@ -35,7 +35,7 @@ WORLD, PLACE, LOOK, UNIT = 1, 2, 3, 4  # random numbers of an episode: world, po
 
 
 class Starts:
-    """Start positions of a group: random in an area, or those of a team in `fallback` (teams, robots, 2) [m]."""
+    """Start positions in episodes: random in an area, or those of teams in `fallback` (teams, robots, 2) [m]."""
 
     def __init__(self, group: Group, fallback: np.ndarray):
         self.fallback = fallback
@@ -55,7 +55,7 @@ class Starts:
 
 @ti.data_oriented
 class Rounds:
-    """Kernel of `Episodes`. films: FilmBank of `bank`; ticks: number of ticks per decision."""
+    """Kernel that advances all environments of `Episodes`. films: FilmBank of `bank`; ticks: number per decision."""
 
     STATE = ("trials", "films", "mirror", "steps", "total", "counted")
 
@@ -90,7 +90,7 @@ class Rounds:
         uploader(self.fallback)(starts.fallback)
 
     def _list_sources(self, bank: "Bank", single: bool) -> None:
-        """Fill place[film, s] [m] and gas[film, s] of the sources, and `choice`: the gases that episodes may have."""
+        """Fill place[film, s] [m] and gas[film, s] of the sources, and `choice`, the gases that an episode may have."""
         most = self.trials.most_sources
         places, of_gas = np.full((bank.films, most, 2), FAR), np.full((bank.films, most), -2)
         for f, film in enumerate(bank.sources):
@@ -105,12 +105,12 @@ class Rounds:
         uploader(self.place, self.gas, self.choice)(places, of_gas, choices)
 
     def sow(self, seeds: np.ndarray) -> None:
-        """Set the seed of each environment, 64 bits."""
+        """Set the 64-bit seed of each environment."""
         low = (seeds & np.uint64(0xFFFFFFFF)).astype(np.uint32)
         self._seed(np.stack([low, (seeds >> np.uint64(32)).astype(np.uint32)], axis=1))
 
     def run(self, side: int, flags: "Array", actions: "Array", table: "Array", outcomes: "Array") -> None:
-        """Execute the tasks flags[0] of all environments. side: half of the table that takes the observations."""
+        """Execute the tasks flags[0] of all environments. side: half of `table` to which observations are written."""
         with nullcontext() if self.begun else data_flow_by_llvm():  # halves the compile time of a long kernel
             self._run(side, self.ticks, self.dt, flags, actions, table, outcomes)
         self.begun = True
@@ -141,7 +141,7 @@ class Rounds:
 
     @ti.func
     def _set_out(self, e, side, flags: Template, actions: Template, table: Template):
-        """Begin an episode of environment e, or take its actions."""
+        """Execute the first part of environment e's task: begin an episode, or take the robots' actions."""
         what = ti.cast(flags[0, e], ti.i32)
         if what >= BEGIN:
             if what == BEGIN_AGAIN:
@@ -163,7 +163,7 @@ class Rounds:
 
     @ti.func
     def _tick(self, first, end, s, dt, flags: Template):
-        """Advance environments first, ..., end - 1 by tick s. Episodes that begin have one tick of standing still."""
+        """Advance environments first, ..., end - 1 by tick s of a decision; new episodes only sense, in one tick."""
         going = 0
         for e in range(first, end):
             what = ti.cast(flags[0, e], ti.i32)
@@ -201,7 +201,7 @@ class Rounds:
 
     @ti.func
     def _come_in(self, e, side, flags: Template, table: Template, outcomes: Template):
-        """Write rewards and observations of the robots of environment e."""
+        """Execute the last part of environment e's task: write the robots' rewards and observations."""
         what = ti.cast(flags[0, e], ti.i32)
         n = self.count * self.robots
         if what == FIRST or (what >= STEP and what <= BEGIN):
@@ -216,7 +216,7 @@ class Rounds:
 
     @ti.func
     def _judge(self, e, what, flags: Template, outcomes: Template):
-        """Compute rewards, flags and info of environment e after a step, or at the start of an episode."""
+        """Compute rewards, end flags and info of environment e after a step or at the start of an episode."""
         found, searching, way, near = 0, 0, 0.0, FAR
         # the first tick of an episode, in which robots stand still, does not count
         time = ti.min(self.trials.age[e] * self.trials.tick[None], self.n.most[None] * self.n.step[None])
@@ -268,8 +268,8 @@ class Rounds:
 
     @ti.func
     def _count(self, i):
-        """Return path length [m], bumps, false declarations of robot i, and its distance [m] from the nearest source.
-        Rewards depend on their changes.
+        """Return the quantities of robot i whose changes are rewarded: path length [m], bumps, false declarations, and
+        distance from the nearest source [m].
         """
         near = FAR
         for s in range(self.swarm.source_count):
@@ -279,12 +279,12 @@ class Rounds:
 
     @ti.func
     def _uniform(self, e, index, draw):
-        """Return four random numbers, uniform in (0, 1), of the present episode of environment e."""
+        """Return four random numbers, uniform in (0, 1), of environment e's present episode; index, draw: counters."""
         return _uniform(self.trials.draw(e, self.trials.episode[e], index, draw))
 
     @ti.func
     def _begin(self, e, first):
-        """Begin the next episode of environment e, or its first one."""
+        """Begin the next episode of environment e, or with `first` the first episode of its seed."""
         self.trials.episode[e] = 0 if first else self.trials.episode[e] + 1
         self.trials.renew(e)
         u = self._uniform(e, WORLD, 0)
@@ -312,7 +312,7 @@ class Rounds:
 
     @ti.func
     def _put(self, e):
-        """Set the start positions of environment e. Random positions obey the rules of `placement.place`."""
+        """Set the robots' start positions in environment e. Random positions obey the rules of `placement.place`."""
         start = e * self.robots
         full = 0 if ti.static(self.drawn) else 1
         if ti.static(self.drawn):

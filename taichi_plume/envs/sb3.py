@@ -15,7 +15,7 @@ from taichi_plume.envs.task import Environment, Given, Options, actions_of, outc
 
 
 class SearchVecEnv(VecEnv, Environment):
-    """`num_envs` environments of a scenario; options as of `SearchEnv`.
+    """VecEnv of stable-baselines3 with `num_envs` environments of a scenario; options as for `SearchEnv`.
 
     `infos` of an ended episode: ``episode`` (r, l, t: return, decisions and time [s]), ``search`` (outcome of the
     episode), ``terminal_observation`` and ``TimeLimit.truncated``.
@@ -35,7 +35,7 @@ class SearchVecEnv(VecEnv, Environment):
         super().__init__(num_envs, *spaces(episodes))
 
     def reset(self) -> np.ndarray:
-        """Begin the first episodes of the seeds given by `seed`, else the next episodes."""
+        """Begin the first episodes of the seeds set by `seed`, else the next episodes; return the observations."""
         given = any(seed is not None for seed in self._seeds)
         self._begin(self._seeds if given else None, self._random)
         self._lengths[:] = 0
@@ -44,11 +44,11 @@ class SearchVecEnv(VecEnv, Environment):
         return self.episodes.observations.copy()
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Store the actions, (num_envs, actions), from -1 to 1."""
+        """Store the actions (num_envs, actions), from -1 to 1, for `step_wait`."""
         self._actions = actions_of(actions)
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Advance by one decision. Raises ValueError if an action is not a number or out of range."""
+        """Advance all environments by one decision. Raises ValueError if an action is not a number or out of range."""
         episodes = self.episodes
         episodes.step(self._actions)
         terminated, truncated = episodes.terminated.copy(), episodes.truncated.copy()
@@ -67,15 +67,15 @@ class SearchVecEnv(VecEnv, Environment):
         return episodes.observations.copy(), episodes.rewards.copy(), over, infos
 
     def close(self) -> None:
-        """Close the engine."""
+        """Close the environments and release their engine."""
         Environment.close(self)
 
     def get_images(self) -> list[np.ndarray | None]:
-        """Return the worlds seen from above."""
+        """Return an image of each environment from above, (height, width, 3)."""
         return [picture(self.episodes, e) for e in range(self.num_envs)]
 
     def get_attr(self, attr_name: str, indices: object = None) -> list[object]:
-        """Return an attribute, the same for all environments."""
+        """Return an attribute for each selected environment; the value is the same for all."""
         return [getattr(self, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: object, indices: object = None) -> None:
@@ -89,5 +89,5 @@ class SearchVecEnv(VecEnv, Environment):
         raise AttributeError(f"{method_name}: the environments share one object without such methods")
 
     def env_is_wrapped(self, wrapper_class: type, indices: object = None) -> list[bool]:
-        """Return False for each: no environment is wrapped."""
+        """Return False for each selected environment: no environment is wrapped."""
         return [False for _ in self._get_indices(indices)]

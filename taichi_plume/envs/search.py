@@ -1,4 +1,4 @@
-"""Single environment for Gymnasium, one robot: ``gymnasium.make("taichi_plume/Search-v0", scenario=...)``."""
+"""Single environment for Gymnasium with one robot: ``gymnasium.make("taichi_plume/Search-v0", scenario=...)``."""
 
 from typing import ClassVar, Unpack
 
@@ -19,7 +19,7 @@ from taichi_plume.envs.task import (
 
 
 class SearchEnv(Environment, gymnasium.Env[np.ndarray, np.ndarray]):
-    """Search for a gas source with one robot.
+    """Gymnasium environment in which one robot searches for a gas source.
 
     scenario: path of a YAML file, dict or Scenario; options: see `Options`. Observations are sensor data; see the keys
     of the learners' `algorithm`, and `names`. Actions are numbers from -1 to 1. Raises ValueError with a line for each
@@ -35,7 +35,7 @@ class SearchEnv(Environment, gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, object] | None = None
     ) -> tuple[np.ndarray, dict[str, object]]:
-        """Begin the first episode of a seed, else the next episode."""
+        """Begin the first episode of a seed, else the next episode; return the observation and an empty info."""
         options_of(options)
         super().reset(seed=seed)
         self._begin(seed, self.np_random)
@@ -51,6 +51,6 @@ class SearchEnv(Environment, gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 def spaces(episodes: Episodes) -> tuple[Box, Box]:
-    """Return the observation space and the action space of a robot."""
+    """Return the observation space and the action space of one robot."""
     actions = (episodes.action_size,)
     return Box(episodes.low, episodes.high, dtype=np.float32), Box(-1.0, 1.0, actions, dtype=np.float32)

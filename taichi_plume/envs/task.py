@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 EXTRA = 'pip install "taichi_plume[learn]"'
 RENDER_FPS = 10
-MOST_BANKS = 2  # banks that this process keeps for further environments
-MOST = 1_000_000  # most environments, so that indices of observations fit into 32 bits
+MOST_BANKS = 2  # largest number of banks that this process caches for further environments
+MOST = 1_000_000  # largest number of environments, so that indices of observations fit into 32 bits
 IDLE = 4  # cached engines of closed environments; a new engine compiles for seconds
 
 Value = TypeVar("Value")
 Given = Scenario | dict[str, object] | str | Path
-"""A scenario in any form that users may give."""
+"""Scenario in any form that users may give: object, dict or path of a file."""
 
 _banks: "OrderedDict[str, Bank]" = OrderedDict()
 _idle: "OrderedDict[str, Episodes]" = OrderedDict()
@@ -34,7 +34,7 @@ _idle: "OrderedDict[str, Episodes]" = OrderedDict()
 class Options(TypedDict, total=False):
     """Options of every environment.
 
-    bank: the recorded airs or their path; recorded now unless given. arch: backend, unless Taichi runs already.
+    bank: recorded flow realisations (airs) or their path; recorded now unless given. arch: backend, unless Taichi runs.
     overrides: of a scenario file, such as ``task.episode=30``. allow_outside: whether files may lie outside its folder.
     """
 
@@ -47,7 +47,7 @@ class Options(TypedDict, total=False):
 def open_task(
     scenario: Given, overrides: Sequence[str] = (), allow_outside: bool = False
 ) -> tuple[Scenario, Path]:
-    """Return a checked scenario and the folder of its files, for a dict or Scenario the current folder.
+    """Return the checked scenario of a task and the folder of its files; for a dict or Scenario the current folder.
 
     overrides: changes to a file, such as ``task.airs=8``. Raises ValueError (ScenarioError), a line for each fault.
     """
@@ -59,18 +59,18 @@ def open_task(
         raise ValueError("overrides: must be a list of texts, such as ['task.airs=8']")
     if isinstance(scenario, str | Path):
         path = Path(scenario)
-        found, folder = load(path, overrides, allow_outside).scenario, path.resolve().parent
+        checked_scenario, folder = load(path, overrides, allow_outside).scenario, path.resolve().parent
     elif overrides:
         raise ValueError("overrides: apply only to a scenario file; change the dict or Scenario itself")
     elif isinstance(scenario, dict | Scenario):
         folder = Path.cwd()
         given = scenario if isinstance(scenario, Scenario) else scenario_from(scenario)
-        found = checked(given, folder, allow_outside).scenario
+        checked_scenario = checked(given, folder, allow_outside).scenario
     else:
         kind = type(scenario).__name__
         raise ValueError(f"scenario: got {visible(kind)}; give the path of a YAML file, a dict or a Scenario")
-    require_task(found)
-    return found, folder
+    require_task(checked_scenario)
+    return checked_scenario, folder
 
 
 def require_task(scenario: Scenario) -> None:
@@ -95,7 +95,7 @@ def require_task(scenario: Scenario) -> None:
 
 
 def require_parted(scenario: Scenario) -> None:
-    """Raise ScenarioError if the task needs single gases, but all gases together drive the buoyancy of the air."""
+    """Raise ScenarioError if episodes need a single gas, but all gases together drive the air's buoyancy."""
     heavy = scenario.buoyancy is not None and scenario.buoyancy.solutal
     if scenario.task.sources == "one" and heavy and len(scenario.gases) > 1:
         why = "all gases change the density of the air, so no film holds a single gas"
@@ -124,47 +124,47 @@ def open_episodes(
     if arrays == "torch":
         require("torch")
     outside = options.get("allow_outside", False)
-    found, folder = open_task(scenario, options.get("overrides", ()), outside)
+    checked_scenario, folder = open_task(scenario, options.get("overrides", ()), outside)
     _start(options.get("arch", "cpu"))
     from taichi_plume.envs.bank import bank_of, key_of
     from taichi_plume.envs.episodes import Episodes
 
     given = options.get("bank")
     if given is None:
-        key = key_of(found, folder)
+        key = key_of(checked_scenario, folder)
         if key not in _banks:
-            _keep(_banks, key, bank_of(found, folder, allow_outside=outside), MOST_BANKS)
+            _keep(_banks, key, bank_of(checked_scenario, folder, allow_outside=outside), MOST_BANKS)
         bank = _banks[key]
     else:
-        bank = bank_of(found, folder, given)
-    team = found.learners.count if robots is None else robots
-    made_of = repr((found, folder, int(count), team, bank.key, arrays))
+        bank = bank_of(checked_scenario, folder, given)
+    team = checked_scenario.learners.count if robots is None else robots
+    made_of = repr((checked_scenario, folder, int(count), team, bank.key, arrays))
     episodes = _idle.pop(made_of, None)
     if episodes is not None and episodes.runs_in is _runtime():
         episodes.autoreset = autoreset
         episodes.begin()
         return episodes
-    episodes = Episodes(found, folder, int(count), team, bank, autoreset, arrays)
+    episodes = Episodes(checked_scenario, folder, int(count), team, bank, autoreset, arrays)
     episodes.made_of, episodes.runs_in = made_of, _runtime()
     return episodes
 
 
 def _keep(cache: "OrderedDict[str, Value]", key: str, value: Value, most: int) -> None:
-    """Add a value to a cache, of which the `most` newest values stay."""
+    """Add a value to a cache, and remove the oldest values beyond `most`."""
     cache[key] = value
     while len(cache) > most:
         cache.popitem(last=False)
 
 
 def _runtime() -> object:
-    """Return the runtime of Taichi that owns the engines' fields; None if Taichi does not run."""
+    """Return the Taichi program that owns the engines' fields; None if Taichi does not run."""
     from taichi.lang import impl
 
     return impl.get_runtime().prog
 
 
 def _start(arch: str) -> None:
-    """Start Taichi unless it runs: a second start would destroy the fields of existing environments."""
+    """Start Taichi on `arch` unless it runs: a second start would destroy the fields of existing environments."""
     from taichi_plume.grid import kernels
 
     if _runtime() is None:
@@ -175,7 +175,7 @@ def _start(arch: str) -> None:
 
 
 class Environment:
-    """Base class of all environments: engine, seeds, rendering and closing."""
+    """Base class of all learning environments: engine, seeds, rendering and closing."""
 
     render_mode: str | None
     _episodes: "Episodes | None" = None
@@ -191,7 +191,7 @@ class Environment:
         arrays: str = "numpy",
         **options: Unpack[Options],
     ) -> "Episodes":
-        """Open the engine. Raises ValueError."""
+        """Open the engine with `count` environments of the scenario and return it. Raises ValueError."""
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode: got '{render_mode}', allowed are None and 'rgb_array'")
         self.render_mode = render_mode
@@ -201,24 +201,24 @@ class Environment:
 
     @property
     def episodes(self) -> "Episodes":
-        """The engine. Raises ValueError once the environment is closed."""
+        """The engine of the environment. Raises ValueError once the environment is closed."""
         if self._episodes is None:
             raise ValueError("the environment is closed; make another environment")
         return self._episodes
 
     def _begin(self, seed: object, random: np.random.Generator, mask: np.ndarray | None = None) -> None:
-        """Begin the first episodes of a seed or, without a seed, the next episodes."""
+        """Begin the first episodes of `seed` or, without a seed, the next episodes; mask: environments that begin."""
         episodes = self.episodes
         restarts = seed is not None or not self._seeded
         episodes.reset(seeds_of(seed, episodes.count, random) if restarts else None, mask)
         self._seeded = True
 
     def render(self) -> np.ndarray | None:
-        """Return the first world seen from above, (height, width, 3); None without a render mode."""
+        """Return an image of the first environment from above, (height, width, 3); None without a render mode."""
         return picture(self.episodes, 0) if self.render_mode else None
 
     def close(self) -> None:
-        """Close the environment; the engine is kept for another environment of the same task."""
+        """Close the environment; its engine is cached for another environment of the same task."""
         if self._episodes is not None:
             _keep(_idle, self._episodes.made_of, self._episodes, IDLE)
         self._episodes = None
@@ -255,7 +255,7 @@ def _whole(seed: object) -> int:
 
 
 def actions_of(given: object) -> np.ndarray:
-    """Return actions as an array of f32. Raises ValueError if they are not numbers."""
+    """Return a user's actions as an f32 array. Raises ValueError if they are not numbers."""
     try:
         numbers = np.asarray(given)
         if numbers.dtype.kind not in "fiubO":
@@ -266,19 +266,19 @@ def actions_of(given: object) -> np.ndarray:
 
 
 def options_of(given: object) -> Mapping[str, object]:
-    """Return the options of a reset as a mapping. Raises ValueError if they are not a dict."""
+    """Return the options of a reset as a mapping. Raises ValueError if they are not a dict or None."""
     if given is not None and not isinstance(given, dict):
         raise ValueError(f"options: got {visible(type(given).__name__)}, must be a dict or None")
     return given or {}
 
 
 def outcome(episodes: "Episodes", e: int) -> dict[str, float]:
-    """Return the info (INFO in envs/rounds.py) of environment e's episode."""
+    """Return the outcome (INFO in envs/rounds.py) of environment e's last episode, by name."""
     return {name: float(values[e]) for name, values in episodes.info.items()}
 
 
 def require(package: str) -> None:
-    """Raise ImportError, with the pip command of the extra, if a package is missing."""
+    """Raise ImportError, with the pip command that installs it, if a package is missing."""
     from importlib.util import find_spec
 
     if find_spec(package) is None:

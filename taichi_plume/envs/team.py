@@ -20,7 +20,7 @@ from taichi_plume.guard.terminal import visible
 
 
 class TeamEnv(Environment, ParallelEnv[str, np.ndarray, np.ndarray]):
-    """Team search: the robots of a group, as many as its `count`, are the agents robot_0, robot_1 ...
+    """PettingZoo environment in which a team searches: a group's robots are the agents robot_0, robot_1 ...
 
     The episode ends for all agents at once. Otherwise as `SearchEnv`. Raises ValueError with a line for each fault.
     """
@@ -43,24 +43,24 @@ class TeamEnv(Environment, ParallelEnv[str, np.ndarray, np.ndarray]):
         self.action_spaces = {agent: pair[1] for agent, pair in several.items()}
 
     def observation_space(self, agent: str) -> Space[np.ndarray]:
-        """Return the space of a robot's observations."""
+        """Return the observation space of an agent."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> Space[np.ndarray]:
-        """Return the space of a robot's actions."""
+        """Return the action space of an agent."""
         return self.action_spaces[agent]
 
     def reset(
         self, seed: int | None = None, options: dict[str, object] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, object]]]:
-        """Begin the first episode of a seed, else the next episode."""
+        """Begin the first episode of a seed, else the next episode; return observations and infos by agent."""
         options_of(options)
         self._begin(seed, np.random.default_rng())
         self.agents = list(self.possible_agents)
         return self._of(self.episodes.observations.copy()), {agent: {} for agent in self.agents}
 
     def step(self, actions: dict[str, np.ndarray]) -> tuple[dict, dict, dict, dict, dict]:
-        """Advance by one decision. Raises ValueError if an action is missing, not a number or out of range."""
+        """Advance by one decision; all dicts are by agent. Raises ValueError if an action is missing or invalid."""
         episodes, agents = self.episodes, self.agents
         if not agents:
             raise ValueError("the episode is over; reset the environment first")

@@ -1,4 +1,4 @@
-"""Vector environment for Gymnasium, many trials: ``gymnasium.make_vec("taichi_plume/Search-v0", 4096, ...)``."""
+"""Vector environment for Gymnasium with many trials: ``gymnasium.make_vec("taichi_plume/Search-v0", 4096, ...)``."""
 
 from collections.abc import Sequence
 from typing import Any, Unpack
@@ -16,7 +16,7 @@ from taichi_plume.guard.terminal import visible
 
 
 class SearchVectorEnv(VectorEnv[Any, Any, Any], Environment):
-    """`num_envs` environments in one process; see `SearchEnv`.
+    """Gymnasium vector environment: `num_envs` environments in one process, each as `SearchEnv`.
 
     autoreset_mode: of Gymnasium. arrays: "torch" for tensors on Taichi's device. Observations are the engine's own
     arrays, valid for one further step, or copies if `copy`. `info` holds the outcomes of the episodes that end in a
@@ -49,7 +49,7 @@ class SearchVectorEnv(VectorEnv[Any, Any, Any], Environment):
     def reset(  # pyright: ignore[reportIncompatibleMethodOverride]
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, object] | None = None
     ) -> tuple[Array, dict[str, object]]:
-        """Begin episodes, of environment k with seed + k; options: ``reset_mask`` (num_envs,) selects environments."""
+        """Begin episodes, with seed + k in environment k; options: ``reset_mask`` (num_envs,) selects environments."""
         super().reset(seed=int(seed) % 2**63 if isinstance(seed, int | np.integer) else None)
         episodes = self.episodes
         mask = options_of(options).get("reset_mask")
@@ -57,7 +57,7 @@ class SearchVectorEnv(VectorEnv[Any, Any, Any], Environment):
         return self._own(episodes.observations), {}
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, object]]:
-        """Advance by one decision, (num_envs, actions). Raises ValueError if an action is invalid or out of range."""
+        """Advance by one decision, actions (num_envs, n). Raises ValueError if an action is invalid or out of range."""
         episodes = self.episodes
         episodes.step(actions if self.arrays == "torch" else actions_of(actions))
         terminated, truncated = self._copied(episodes.terminated), self._copied(episodes.truncated)
@@ -66,17 +66,17 @@ class SearchVectorEnv(VectorEnv[Any, Any, Any], Environment):
         return self._own(episodes.observations), self._copied(episodes.rewards), terminated, truncated, info
 
     def render(self) -> tuple[np.ndarray, ...] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Return the worlds seen from above; None without a render mode."""
+        """Return an image of each environment from above; None without a render mode."""
         if not self.render_mode:
             return None
         return tuple(picture(self.episodes, e) for e in range(self.num_envs))
 
     def close_extras(self, **kwargs: object) -> None:
-        """Close the engine; called by `VectorEnv.close`."""
+        """Release the engine; called by `VectorEnv.close`."""
         Environment.close(self)
 
     def _info(self, over: Array) -> dict[str, object]:
-        """Return the outcomes of the ended episodes."""
+        """Return the outcomes of the episodes that have ended in this step, in Gymnasium's form; over: their mask."""
         info: dict[str, object] = {}
         for name, values in self.episodes.info.items():
             info[name], info[f"_{name}"] = self._copied(values), over
@@ -93,7 +93,7 @@ class SearchVectorEnv(VectorEnv[Any, Any, Any], Environment):
 
 
 def mode_of(name: str | AutoresetMode) -> AutoresetMode:
-    """Return the autoreset mode of a name, such as next_step or NextStep. Raises ValueError."""
+    """Return Gymnasium's autoreset mode for a name, such as next_step or NextStep. Raises ValueError."""
     for mode in AutoresetMode:
         if name in (mode, mode.value, mode.name, mode.name.lower()):
             return mode
@@ -102,7 +102,7 @@ def mode_of(name: str | AutoresetMode) -> AutoresetMode:
 
 
 def masked(given: object, count: int) -> np.ndarray:
-    """Return a reset mask as an array of booleans, (count,). Raises ValueError."""
+    """Return a user's reset mask as a boolean array (count,). Raises ValueError unless a value is true."""
     try:
         mask = np.asarray(given)
     except ValueError:  # rows that differ in length

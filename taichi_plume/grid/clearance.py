@@ -52,7 +52,7 @@ class HorizontalDistances:
 
     @ti.func
     def distance(self, p, k=0):
-        """Distance [m] from p (x, y) to the next surface in range k, or a little less; negative inside an obstacle."""
+        """Return a lower bound of the distance [m] from p (x, y) to the next surface in range k; < 0 in obstacles."""
         distance = self.wall(p)[0]
         if ti.static(self.has_obstacles):
             distance = ti.min(distance, self._obstacle(p, k)[0])
@@ -60,7 +60,7 @@ class HorizontalDistances:
 
     @ti.func
     def normal(self, p, k=0):
-        """Unit vector away from the surface next to p in range k."""
+        """Return the unit vector away from the surface nearest to p (x, y) in the range of height k."""
         wall = self.wall(p)
         away = ti.Vector([wall[1], wall[2]])
         if ti.static(self.has_obstacles):
@@ -73,7 +73,7 @@ class HorizontalDistances:
 
     @ti.func
     def wall(self, p):
-        """Distance [m] to the next edge of the floor and its normal."""
+        """Return the distance [m] from p to the nearest edge of the floor, and the edge's inward normal (x, y)."""
         result = ti.Vector([p[0] - self.low[0], 1.0, 0.0])
         if self.high[0] - p[0] < result[0]:
             result = ti.Vector([self.high[0] - p[0], -1.0, 0.0])
@@ -85,7 +85,7 @@ class HorizontalDistances:
 
     @ti.func
     def _obstacle(self, p, k):
-        """Distance [m] to the next obstacle, or a little less, and its gradient: bilinear between four nodes."""
+        """Return a lower bound of the distance [m] from p to obstacles in range k, and its bilinear gradient."""
         I, w = corner(p - ti.Vector(self.low), (0.0, 0.0), self.resolution, 0, self.nodes)
         v00, v10 = self.values[k, I[0], I[1]], self.values[k, I[0] + 1, I[1]]
         v01, v11 = self.values[k, I[0], I[1] + 1], self.values[k, I[0] + 1, I[1] + 1]
@@ -94,7 +94,7 @@ class HorizontalDistances:
         return ti.Vector([lower + w[1] * (upper - lower), along_x, upper - lower])
 
     def _distance_at(self, points: np.ndarray, k: int) -> np.ndarray:
-        """Return `distance` [m] in range k for points (..., 2) on the host."""
+        """Return the clearance [m] of points (..., 2) in the range of height k, as `distance` but on the host."""
         points = np.asarray(points, float)
         walls = np.minimum(points - np.array(self.low), np.array(self.high) - points).min(axis=-1)
         return np.minimum(walls, self._obstacle_distance_at(points, k))
@@ -107,7 +107,7 @@ class HorizontalDistances:
 
 @ti.data_oriented
 class ClearanceMap(HorizontalDistances):
-    """Distance from a point of the floor to the next edge or obstacle, for collisions of robots that drive.
+    """Clearance of the floor: distance from points to the next edge or obstacle, for collisions of ground robots.
 
     Only the parts of obstacles between `base`, the floor, and `body_height` [m] above it count. low, high: corners of
     the floor [m]. layers: maps for flying robots, None without drones.
@@ -129,7 +129,7 @@ class ClearanceMap(HorizontalDistances):
         super().__init__(shapes, low, high, resolution, [(base, base + body_height)])
 
     def distance_at(self, points: np.ndarray) -> np.ndarray:
-        """Return `distance` [m] for points (..., 2) on the host."""
+        """Return the clearance [m] of points (..., 2), as `distance` but on the host."""
         return self._distance_at(points, 0)
 
     def obstacle_distance_at(self, points: np.ndarray) -> np.ndarray:

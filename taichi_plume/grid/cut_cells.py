@@ -19,16 +19,16 @@ from taichi_plume.grid.shapes import FINER, TIE, Shape
 SECTIONS = 8  # parts per axis, to integrate a fraction between nodes
 SLIVER = 0.02  # smaller fractions are closed
 Fractions = tuple[np.ndarray, list[np.ndarray]]
-"""Fractions of air of the cells, and of the faces per axis."""
+"""Air fractions of the cells, and of the faces per axis."""
 
 
 @dataclass(frozen=True)
 class Air:
-    """Fractions of air: `volume` of the cells, grid.shape; `area` of the faces per axis, one more along that axis.
+    """Air fractions of a grid: `volume` of cells, grid.shape; `area` of faces per axis, one more along that axis.
 
-    distance: mean distance [cells] of a face's open part from the nearest surface, arrays like area.
-    body: number of the obstacle next to the cell, -1 if none is near; periodic: per axis. sealed: per axis the faces,
-    bool like area, closed by walls that may be thinner than any cell; empty without such walls.
+    distance: mean distance [cells] of a face's open part from the nearest surface, arrays like area. body: index of the
+    obstacle nearest to the cell, -1 if none is near; periodic: per axis. sealed: per axis the faces, bool like area,
+    closed by walls that may be thinner than any cell; empty without such walls.
     """
 
     volume: np.ndarray
@@ -40,12 +40,12 @@ class Air:
 
     @property
     def solid(self) -> np.ndarray:
-        """Cells that hold no air, bool of grid.shape."""
+        """Mask of the cells that hold no air, bool of grid.shape."""
         return self.volume == 0.0
 
     @property
     def empty(self) -> bool:
-        """Whether there is no obstacle at all."""
+        """True if there is no obstacle at all."""
         return all(bool(np.all(area == 1.0)) for area in self.area)
 
     @property
@@ -57,7 +57,7 @@ class Air:
         return np.maximum(self.volume, _widest(list(self.area), self.volume.ndim))
 
     def regions(self) -> np.ndarray:
-        """Return the number of the connected part of the air that each cell belongs to, from 1 on; 0 in solid cells."""
+        """Return for each cell the number of its connected part of the air, from 1 on; 0 in solid cells."""
         number = np.arange(self.volume.size).reshape(self.volume.shape)
         links = []
         for d, area in enumerate(self.area):
@@ -74,7 +74,7 @@ class Air:
 
     @staticmethod
     def of(solid: np.ndarray, grid: Grid) -> "Air":
-        """Return the air around obstacles of whole cells: solid, bool of grid.shape."""
+        """Return the air around obstacles of whole cells; solid: mask of these cells, bool of grid.shape."""
         faces = [np.ones(_faces(grid, d)) for d in range(grid.dim)]
         return _closed(1.0 - solid, faces, [0.5 * a for a in faces], np.zeros(grid.shape, np.int32), grid)
 
@@ -84,7 +84,7 @@ class Air:
         return Air.of(np.zeros(grid.shape, bool), grid)
 
     def surface(self) -> np.ndarray:
-        """Return the vector area of each cell's surface, out of the air, over a face's area: (*grid.shape, dim)."""
+        """Return the surface's area vector in each cell, out of the air, over a face's area: (*grid.shape, dim)."""
         sides = [np.delete(a, -1, axis=d) - np.delete(a, 0, axis=d) for d, a in enumerate(self.area)]
         result = np.stack(sides, axis=-1)
         for d, wraps in enumerate(self.periodic):
@@ -102,7 +102,7 @@ def air_of(
     open_cells: np.ndarray | None = None,
     left: Fractions | None = None,
 ) -> Air:
-    """Return the air around shapes; None: an absent shape, whose number stays reserved.
+    """Return the air around obstacles with these shapes; None stands for an absent shape, whose index stays reserved.
 
     open_cells: bool of grid.shape, cells at an opening; unless given, all cells at the domain's faces. Air stays if it
     is the largest connected part or reaches an open cell; air sealed off by obstacles counts as solid. left: air
@@ -134,12 +134,12 @@ def air_of(
 
 
 def sealed(air: Air, shapes: Sequence[Shape | None], grid: Grid) -> Air:
-    """Return the air of a film, completed by the faces that thin walls among these shapes close."""
+    """Return the air of a film completed by `sealed`: the faces that thin walls among these shapes close."""
     return _sealed(air, _own_fractions(shapes, grid))
 
 
 def _own_fractions(shapes: Sequence[Shape | None], grid: Grid) -> dict[int, Fractions]:
-    """Return the fractions that shapes provide, by the shapes' numbers."""
+    """Return the air fractions of those shapes that provide them, by the shapes' indices."""
     given = {n: shape.shares(grid.shape, grid.dx) for n, shape in enumerate(shapes) if shape is not None}
     return {n: shares for n, shares in given.items() if shares is not None}
 
@@ -156,7 +156,7 @@ def _faces(grid: Grid, d: int) -> tuple[int, ...]:
 
 
 def _distances(shapes: Sequence[Shape | None], grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-    """Return the signed distance [cells] of the nodes to the nearest surface, at most 2, and its shape's number."""
+    """Return the signed distance [cells] of each node to the nearest surface, at most 2, and the index of its shape."""
     nodes, step = tuple(FINER * n + 1 for n in grid.shape), grid.dx / FINER
     distance, nearest = np.full(nodes, 2.0, np.float32), np.full(nodes, -1, np.int32)
     for number, shape in enumerate(shapes):
@@ -177,7 +177,7 @@ def _distances(shapes: Sequence[Shape | None], grid: Grid) -> tuple[np.ndarray, 
 
 
 def _face_fractions(distance: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Return the area fractions and mean distances of the faces of each axis."""
+    """Return the air fractions of the faces, and their open parts' mean distances from surfaces, per axis."""
     dim = distance.ndim
     area, mean = zip(
         *(_fraction(distance, tuple(a for a in range(dim) if a != d)) for d in range(dim)), strict=True
@@ -186,7 +186,7 @@ def _face_fractions(distance: np.ndarray) -> tuple[list[np.ndarray], list[np.nda
 
 
 def _fraction(distance: np.ndarray, axes: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the fraction of faces or cells that span `axes` with a positive distance, and the mean distance there."""
+    """Return the fraction with positive distance of faces or cells that span `axes`, and the mean distance there."""
     dim = distance.ndim
     ends = [
         (slice(None, -1), slice(1, None)) if a in axes else (slice(None, None, FINER),) for a in range(dim)
@@ -207,9 +207,9 @@ def _fraction(distance: np.ndarray, axes: tuple[int, ...]) -> tuple[np.ndarray, 
 
 
 def _integrate(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the fraction of positive values, and their integral, of cells (n, 2, ...) multilinear between corners.
+    """Return the fraction of positive values, and their integral, in cells with corner values (n, 2, ...), multilinear.
 
-    Exact along the last axis.
+    The result is exact along the last axis.
     """
     if corners.ndim == 2:
         size = np.maximum(np.abs(corners).sum(axis=1), 1e-30)
@@ -225,7 +225,7 @@ def _integrate(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _closed(
     volume: np.ndarray, area: list[np.ndarray], distance: list[np.ndarray], body: np.ndarray, grid: Grid
 ) -> Air:
-    """Return air whose faces lead from air to air; cells without an open face are solid.
+    """Return the air with consistent faces, which lead from air to air; cells without an open face become solid.
 
     A face of the domain is open if half of the cell behind is air, else closed.
     """
@@ -246,6 +246,6 @@ def _closed(
 
 
 def _widest(area: list[np.ndarray], dim: int) -> np.ndarray:
-    """Return the largest area fraction of a cell's faces."""
+    """Return the largest area fraction among each cell's faces."""
     sides = [np.delete(area[d], end, axis=d) for d in range(dim) for end in (0, -1)]
     return np.max(sides, axis=0)

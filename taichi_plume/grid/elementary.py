@@ -18,22 +18,22 @@ ROOT_OF_HALF = int(np.float32(np.sqrt(0.5)).view(np.int32))  # its bits
 def _coefficients(
     function: Callable[[np.ndarray], np.ndarray], low: float, high: float, degree: int
 ) -> tuple[float, ...]:
-    """Return the coefficients of the polynomial that interpolates a function at the Chebyshev points of an interval."""
+    """Return the coefficients of a polynomial that interpolates `function` at the Chebyshev points of [low, high]."""
     fit = Chebyshev.interpolate(function, degree, (low, high))
     return tuple(float(k) for k in fit.convert(kind=Polynomial).coef)
 
 
 EIGHTH = float(np.tan(np.pi / 8))
 EXP = _coefficients(np.exp, -0.5 * LN2, 0.5 * LN2, 5)
-ARTANH = _coefficients(lambda z: np.arctanh(np.sqrt(z)) / np.sqrt(z), 0.0, 0.0295, 3)  # of s², over s
-COS = _coefficients(lambda z: np.cos(np.sqrt(z)), 0.0, (np.pi / 4) ** 2, 3)  # of a²
-SIN = _coefficients(lambda z: np.sin(np.sqrt(z)) / np.sqrt(z), 0.0, (np.pi / 4) ** 2, 3)  # of a², over a
-ARCTAN = _coefficients(lambda z: np.arctan(np.sqrt(z)) / np.sqrt(z), 0.0, EIGHTH**2, 4)  # the same
+ARTANH = _coefficients(lambda z: np.arctanh(np.sqrt(z)) / np.sqrt(z), 0.0, 0.0295, 3)  # artanh(s)/s of s²
+COS = _coefficients(lambda z: np.cos(np.sqrt(z)), 0.0, (np.pi / 4) ** 2, 3)  # cos(a) of a²
+SIN = _coefficients(lambda z: np.sin(np.sqrt(z)) / np.sqrt(z), 0.0, (np.pi / 4) ** 2, 3)  # sin(a)/a of a²
+ARCTAN = _coefficients(lambda z: np.arctan(np.sqrt(z)) / np.sqrt(z), 0.0, EIGHTH**2, 4)  # arctan(r)/r of r²
 
 
 @ti.func
 def _polynomial(k: ti.template(), x):  # type: ignore[valid-type]
-    """Polynomial of x by Horner's rule; k: coefficients, the constant first."""
+    """Return the value at x of the polynomial with coefficients k, the constant first (Horner's rule)."""
     result = ti.cast(k[-1], ti.f32)
     for n in ti.static(range(len(k) - 2, -1, -1)):
         result = result * x + k[n]
@@ -42,13 +42,13 @@ def _polynomial(k: ti.template(), x):  # type: ignore[valid-type]
 
 @ti.func
 def _nearest(x: ti.f32):
-    """Integer nearest to x."""
+    """Return the integer nearest to x."""
     return ti.cast(x + ti.select(x < 0.0, -0.5, 0.5), ti.i32)
 
 
 @ti.func
 def log(x: ti.f32):
-    """Natural logarithm of a positive, normal x = 2^e m, √½ <= m < √2: e ln 2 + 2 artanh((m - 1)/(m + 1))."""
+    """Return the natural logarithm of a normal x > 0: e ln 2 + 2 artanh((m - 1)/(m + 1)), x = 2^e m, √½ <= m < √2."""
     bits = ti.bit_cast(x, ti.i32)
     e = (bits - ROOT_OF_HALF) >> 23
     m = ti.bit_cast(bits - (e << 23), ti.f32)
@@ -58,7 +58,7 @@ def log(x: ti.f32):
 
 @ti.func
 def exp(x: ti.f32):
-    """e^x as 2^k e^r, |r| <= ln(2)/2; x is clipped to ±87, the range of f32."""
+    """Return e^x as 2^k e^r, |r| <= ln(2)/2; x is clipped to ±87, the range of f32."""
     inside = ti.math.clamp(x, -87.0, 87.0)
     k = _nearest(inside * (1.0 / LN2))
     power = ti.bit_cast((k + 127) << 23, ti.f32)
@@ -67,7 +67,7 @@ def exp(x: ti.f32):
 
 @ti.func
 def cos_sin(angle: ti.f32):
-    """Cosine and sine of an angle [rad] of a few turns at most, reduced to an eighth of a turn."""
+    """Return the vector (cos, sin) of an angle [rad] of a few turns at most."""
     q = _nearest(angle * (2.0 / np.pi))
     a = angle - (0.5 * np.pi) * ti.cast(q, ti.f32)
     c, s = _polynomial(COS, a * a), a * _polynomial(SIN, a * a)
@@ -78,7 +78,7 @@ def cos_sin(angle: ti.f32):
 
 @ti.func
 def direction(y: ti.f32, x: ti.f32):
-    """Angle [rad] of the vector (x, y), in [-π, π], as atan2; 0 of the zero vector."""
+    """Return the angle [rad] of the vector (x, y) in [-π, π], as atan2; 0 for the zero vector."""
     across, along = ti.abs(y), ti.abs(x)
     more, less = ti.max(across, along), ti.min(across, along)
     ratio = less / ti.max(more, 1e-30)
@@ -92,12 +92,12 @@ def direction(y: ti.f32, x: ti.f32):
 
 @ti.func
 def turned(v, angle):
-    """Vector v turned left by `angle` [rad]."""
+    """Return the vector v (2,) turned left by `angle` [rad]."""
     e = cos_sin(angle)
     return ti.Vector([e[0] * v[0] - e[1] * v[1], e[1] * v[0] + e[0] * v[1]])
 
 
 @ti.func
 def wrap(angle):
-    """Angle [rad] wrapped to [-π, π]."""
+    """Return an angle [rad] wrapped to [-π, π]."""
     return angle - 2.0 * np.pi * ti.round(angle / (2.0 * np.pi))

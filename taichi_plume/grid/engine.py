@@ -18,17 +18,17 @@ from taichi.lang.kernel_impl import Kernel
 
 
 class EngineError(TaichiCompilationError, RuntimeError):
-    """Access to a simulation whose fields are gone, because Taichi was restarted or reset after its assembly."""
+    """Error of access to a simulation whose fields no longer exist, because Taichi was restarted or reset."""
 
     def __init__(self, *_: object):  # Taichi raises errors within kernels again, with the place in the kernel
         super().__init__(
-            "the fields of this simulation or environment are gone: Taichi was reset or started again after they "
+            "the fields of this simulation or environment no longer exist: Taichi was restarted or reset after they "
             "were made; assemble the simulation, or make the environment, again"
         )
 
 
 class Kernels(weakref.WeakSet):
-    """Kernels that Taichi resets at a restart. Taichi's own list would keep all kernels and fields alive."""
+    """Weak set of kernels that Taichi resets at a restart; Taichi's own list would keep kernels and fields alive."""
 
     append = weakref.WeakSet.add
     compiled = 0
@@ -39,7 +39,7 @@ class Kernels(weakref.WeakSet):
 
 
 class _Gone:
-    """Field that was freed."""
+    """Class of a freed field: every access raises EngineError."""
 
     def __getattribute__(self, name: str) -> type:
         if name == "__class__":  # `isinstance` asks for it
@@ -53,13 +53,13 @@ def _gone(kind: type) -> type:
 
 
 def live_fields() -> list[Field]:
-    """Return the fields of the running program."""
+    """Return all Taichi fields of the running program that are still referenced."""
     kinds = ((thing, type(thing)) for thing in gc.get_objects())
     return [thing for thing, kind in kinds if issubclass(kind, Field) and not issubclass(kind, _Gone)]
 
 
 def free_unused_trees(live: list[Field]) -> None:
-    """Free the trees of fields (SNode trees) without live fields; Taichi has room for 512 trees."""
+    """Free the SNode trees without a field in `live`; Taichi has room for 512 trees."""
     runtime = impl.get_runtime()
     used = {field.snode.ptr.get_snode_tree_id() for field in live if field.snode.ptr is not None}
     for tree in reversed(_trees):
@@ -74,27 +74,27 @@ def free_unused_trees(live: list[Field]) -> None:
 def _finalize(
     builder: FieldsBuilder, *args: object, plain: Callable = FieldsBuilder._finalize, **named: object
 ) -> SNodeTree:
-    """Place the fields of a builder, and register their tree."""
+    """Place the fields of a builder in memory, as Taichi does, and register their SNode tree."""
     _trees.append(plain(builder, *args, **named))
     return _trees[-1]
 
 
 def _materialize(runtime: PyTaichi, plain: Callable = PyTaichi.materialize) -> None:
-    """Place new fields, as each launch of a kernel does first. Raises EngineError if Taichi was reset."""
+    """Place new fields in memory, as each launch of a kernel does first. Raises EngineError if Taichi was reset."""
     if runtime.prog is None:
         raise EngineError
     plain(runtime)
 
 
 def _compile(kernel: Kernel, *args: object, plain: Callable = Kernel.materialize, **named: object) -> None:
-    """Compile a kernel for new arguments, and count it."""
+    """Compile a kernel for new arguments, as Taichi does, and count the compilation."""
     before = len(kernel.compiled_kernels)
     plain(kernel, *args, **named)
     KERNELS.compiled += len(kernel.compiled_kernels) - before
 
 
 def _reset(plain: Callable = impl.reset) -> None:
-    """Reset Taichi. The fields of the program raise EngineError from then on."""
+    """Reset Taichi; all fields of the program raise EngineError afterwards."""
     if impl.get_runtime().prog is not None:
         for field in live_fields():
             field.__class__ = _gone(type(field))

@@ -24,27 +24,27 @@ class Wind(Protocol):
     STATE: ClassVar[tuple[str, ...]] = ()
 
     def begin(self, model: Any, t: float, seed: int) -> None:
-        """Start a run at time t [s] with the numbers of the scenario's section, whose structure is unchanged."""
+        """Start a run at time t [s] with the parameters of the scenario section `model`, of unchanged structure."""
         ...
 
     def stable_dt(self, t: float = 0.0) -> float:
-        """Longest stable time step [s] of `advance` from time t, by the Courant number (CFL); infinite if unlimited."""
+        """Return the longest stable step [s] of `advance` from time t, by the Courant number (CFL); else infinite."""
         return float("inf")
 
     def advance(self, t: float, dt: float) -> None:
-        """Advance from time t [s] by dt [s]."""
+        """Advance the wind from time t to t + dt [s]."""
         ...
 
     def velocity(self, x: Expression, t: Expression) -> Expression:
-        """ti.func: velocity [m/s] at point x [m] (both of the domain's dimension) and time t [s]."""
+        """ti.func: return the velocity (dim,) [m/s] of the air at point x (dim,) [m] and time t [s]."""
         ...
 
     def diagnostics(self) -> dict[str, float]:
-        """Return numbers for the result."""
+        """Return diagnostic numbers by name, such as divergence, for the result of the run."""
         return {}
 
     def mixing(self) -> dict[str, float]:
-        """Return the eddy diffusivity of a random wind, measured without effect on the run; empty for other winds."""
+        """Return the eddy diffusivity of a random wind by name, measured without effect on the run; else nothing."""
         return {}
 
     @property
@@ -93,30 +93,30 @@ class Carrier(Wind, Protocol):
     """Largest flow out of a cell over its volume [1/s]."""
 
     scratch: tuple[Field, Field] | None = None
-    """Two cell fields that the wind lends between its steps, for values that its next step may overwrite; or None."""
+    """Two cell fields free for other solvers between steps of the wind, which may overwrite them in a step; or None."""
 
     @property
     def carrier(self) -> "Carrier | None":
-        """The wind itself."""
+        """The wind itself, as it has velocities on the faces of the grid."""
         return self
 
     @ti.func
     def velocity(self, x: Template, t: float):
-        """Velocity [m/s] at point x [m], linear between the faces, at the solver's time."""
+        """Return the velocity [m/s] at point x [m], linear between the faces, at the solver's present time."""
         return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)
 
 
 class Species(Protocol):
-    """Vapour; equal vapours are the same species."""
+    """Protocol of a vapour; equal vapours are the same species."""
 
     @property
     def name(self) -> str:
-        """Name as written in scenarios."""
+        """Name of the vapour, as written in scenarios."""
         ...
 
     @property
     def ppm_per_density(self) -> float:
-        """ppm per kg/m³."""
+        """Conversion factor from concentration to mole fraction [ppm per kg/m³]."""
         ...
 
 
@@ -128,35 +128,35 @@ class Gas(Protocol):
     species: Species
 
     finer_than_cells: bool = True
-    """Whether `concentration` resolves more than `cells`: all gases but those solved for on the grid."""
+    """Whether `concentration` resolves more than `cells`: True for all gases but those solved for on the grid."""
 
     details: int = 1
-    """Pixels per cell and axis: pictures are finer than the grid by this factor."""
+    """Pixels per cell and axis in pictures of the gas."""
 
     def begin(self, model: Any, t: float, seed: int) -> None:
-        """Start a run at time t [s] with the numbers of the scenario's section, whose structure is unchanged."""
+        """Start a run at time t [s] with the parameters of the scenario section `model`, of unchanged structure."""
         ...
 
     def advance(self, t: float, dt: float) -> None:
-        """Advance from time t [s] by dt [s]."""
+        """Advance the gas from time t to t + dt [s]."""
         ...
 
     def is_finite(self) -> bool:
-        """Return whether every concentration is a number; true of every closed form."""
+        """Return whether every concentration is finite; always True for closed forms."""
         return True
 
     def concentration(self, x: Expression, t: Expression) -> Expression:
-        """ti.func: concentration [kg/m³] at point x [m] and time t [s]."""
+        """ti.func: return the concentration [kg/m³] at point x [m] and time t [s]."""
         ...
 
     def budget(self) -> dict[str, float]:
-        """Return the masses emitted_kg, in_domain_kg, outflow_kg (lost through the domain's faces) and, if the run
-        started with gas, initial_kg; empty if the gas has no budget.
+        """Return the mass balance [kg] by name: emitted_kg, in_domain_kg, outflow_kg (lost through the domain's faces)
+        and, if the run started with gas, initial_kg; empty if the gas has no balance.
         """
         return {}
 
     def cells(self, t: float) -> np.ndarray | None:
-        """Mean concentration of every cell [kg/m³] at time t [s], of the grid's shape; None if known at points only."""
+        """Return the mean concentration of every cell [kg/m³] at time t [s]; None if known at points only."""
         return None
 
 
@@ -173,26 +173,26 @@ class GridGas(Gas, Protocol):
 
     @ti.func
     def concentration(self, x: Template, t: float):
-        """Concentration [kg/m³] at point x [m], linear between the centres of cells that hold air."""
+        """Return the concentration [kg/m³] at point x [m], linear between the centres of cells that hold air."""
         return sample_cells(self.c, self.air, x, self.grid.dx, self.grid.ghost, self.grid.padded)
 
 
 class Odour(Protocol):
-    """Protocol of a mixture of species as measured by gas sensors."""
+    """Protocol of a mixture of gases as measured by gas sensors."""
 
     @property
     def species(self) -> tuple[Species, ...]:
-        """Species of the components of `ppm`."""
+        """Species of the components of `ppm`, in order."""
         ...
 
     def ppm(self, x: Expression, t: Expression) -> Expression:
-        """ti.func: mole fraction [ppm] of each species, a vector, at point x [m] and time t [s]."""
+        """ti.func: return the mole fraction [ppm] of each species, as a vector, at point x [m] and time t [s]."""
         ...
 
 
 @ti.data_oriented
 class Mixture:
-    """All gas of a run, an `Odour`: one or several gases; gases of the same species add up."""
+    """All gases of a run together, an `Odour`; gases of the same species add up."""
 
     STATE = ("gases",)
 
@@ -205,25 +205,25 @@ class Mixture:
         self.begin()
 
     def begin(self) -> None:
-        """Set the species of the gases, which have begun. Raises ValueError if other gases than before share one."""
+        """Load the species of the gases, after their `begin`. Raises ValueError if gases share species differently."""
         species = tuple(dict.fromkeys(gas.species for gas in self.gases))
         if self._which != tuple(species.index(gas.species) for gas in self.gases):
-            raise ValueError("other gases than before are of one species")
+            raise ValueError("gases of equal species must be the same as before")
         self.species = species
         self._set(np.array([gas.species.ppm_per_density for gas in self.gases] or [0.0]))
 
     def advance(self, t: float, dt: float) -> None:
-        """Advance all gases from time t [s] by dt [s]."""
+        """Advance all gases from time t to t + dt [s]."""
         for gas in self.gases:
             gas.advance(t, dt)
 
     def is_finite(self) -> bool:
-        """Return whether every concentration is a number."""
+        """Return whether every concentration of every gas is finite."""
         return all(gas.is_finite() for gas in self.gases)
 
     @ti.func
     def ppm(self, x: Template, t: float):
-        """Mole fraction [ppm] of each species at point x [m] and time t [s]."""
+        """Return the mole fraction [ppm] of each species, as a vector, at point x [m] and time t [s]."""
         result = ti.Vector.zero(ti.f32, ti.static(len(self.species)))
         for g in ti.static(range(len(self.gases))):
             result[self._which[g]] += self.gases[g].concentration(x, t) * self._ppm_per_density[g]
@@ -232,7 +232,7 @@ class Mixture:
 
 @ti.func
 def corner(x: Template, shift: Template, dx: float, ghost: ti.i32, padded: Template):
-    """Lower sample index and weight of x per axis, clipped to the array; sample I sits at (I - ghost + shift) dx."""
+    """Return the lower sample's index and the weight of x per axis, clipped; sample I is at (I - ghost + shift) dx."""
     base = ti.Vector.zero(ti.i32, x.n)
     weight = ti.Vector.zero(ti.f32, x.n)
     for d in ti.static(range(x.n)):
@@ -244,7 +244,7 @@ def corner(x: Template, shift: Template, dx: float, ghost: ti.i32, padded: Templ
 
 @ti.func
 def corner_weight(weight: Template, offset: Template):
-    """Multilinear weight of the sample at base + offset."""
+    """Return the multilinear weight of the sample at base + offset; weight: from `corner`."""
     w = 1.0
     for d in ti.static(range(weight.n)):
         w *= weight[d] if ti.static(offset[d] == 1) else 1.0 - weight[d]
@@ -253,7 +253,7 @@ def corner_weight(weight: Template, offset: Template):
 
 @ti.func
 def sample_faces(u: Template, x: Template, dx: float, ghost: ti.i32, padded: Template):
-    """Vector at point x [m] of a staggered grid's face fields u, one per axis, multilinear between the faces."""
+    """Return the vector at point x [m] of the face fields u (staggered grid), multilinear between the faces."""
     result = ti.Vector.zero(ti.f32, x.n)
     for c in ti.static(range(x.n)):
         shift = ti.Vector([0.0 if d == c else 0.5 for d in ti.static(range(x.n))])
@@ -265,7 +265,7 @@ def sample_faces(u: Template, x: Template, dx: float, ghost: ti.i32, padded: Tem
 
 @ti.func
 def sample_cells(c: Template, air: Template, x: Template, dx: float, ghost: ti.i32, padded: Template):
-    """Value of the cell field c at point x [m], multilinear between the centres of cells where air is 1."""
+    """Return the cell field c at point x [m], multilinear between the centres of those cells where `air` is 1."""
     shift = ti.Vector([0.5] * x.n)
     base, weight = corner(x, shift, dx, ghost, padded)
     total, share = 0.0, 0.0
@@ -307,15 +307,15 @@ def _sampled(kind: str, source: object, points: np.ndarray, t: float, width: int
 
 
 def ppm_at(gas: Mixture, points: np.ndarray, t: float) -> np.ndarray:
-    """Return the mole fraction [ppm] of each species at points (..., dim) [m], of shape (..., species)."""
+    """Return the mole fraction [ppm] of each species at points (..., dim) [m] and time t [s], (..., species)."""
     return _sampled("ppm", gas, points, t, len(gas.species))
 
 
 def concentration_at(gas: Gas, points: np.ndarray, t: float) -> np.ndarray:
-    """Return the concentration [kg/m³] at points (..., dim) [m], of shape (...)."""
+    """Return the concentration [kg/m³] of a gas at points (..., dim) [m] and time t [s], (...)."""
     return _sampled("concentration", gas, points, t, 1)[..., 0]
 
 
 def velocity_at(wind: Wind, points: np.ndarray, t: float) -> np.ndarray:
-    """Return the velocity [m/s] at points (..., dim) [m], of the same shape."""
+    """Return the wind velocity [m/s] at points (..., dim) [m] and time t [s], (..., dim)."""
     return _sampled("velocity", wind, points, t, points.shape[-1])

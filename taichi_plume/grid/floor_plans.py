@@ -26,7 +26,7 @@ KNOWN = 4_000_000  # pixels: in larger maps, distances are taken to blocks of pi
 
 
 class FloorPlan(Upright):
-    """Walls of a map; only the part in the domain is stored.
+    """Walls of an occupancy map as an obstacle; only the part in the domain is stored.
 
     solid: wall pixels, bool, axes (x, y), along the domain's; size: edge of a pixel [m]; corner: lower corner of the
     first pixel in the domain [m]. low, high: box around the whole map; reach: box of its floor in the map's frame.
@@ -50,7 +50,7 @@ class FloorPlan(Upright):
 
     @cached_property
     def _nearest(self) -> tuple[np.ndarray, float, list[np.ndarray]]:
-        """Walls in blocks of pixels with a margin, their edge [m], and the nearest wall and the nearest air of each."""
+        """Wall mask in blocks of pixels, with a margin; block edge [m]; nearest wall and nearest air per block."""
         from scipy import ndimage
 
         finer = max(1, int(np.ceil(np.sqrt(self.solid.size / KNOWN))))
@@ -63,7 +63,7 @@ class FloorPlan(Upright):
         return walls, finer * self.size, nearest
 
     def footprint_distance(self, points: np.ndarray) -> np.ndarray:
-        """Return the signed distance [m] to the walls; in large maps to blocks of pixels with walls: a lower bound."""
+        """Return the signed distance [m] of points (..., 2) to the walls; in large maps a lower bound."""
         if points.ndim == 4 and points.shape[2] > 1 and (points == points[:, :, :1]).all():  # of all heights
             return np.repeat(self.footprint_distance(points[:, :, :1]), points.shape[2], axis=2)
         walls, size, nearest = self._nearest
@@ -142,17 +142,17 @@ class FloorPlan(Upright):
     # ---------------------------------------------------------------- drawing
 
     def rectangles(self, most: int) -> np.ndarray:
-        """Return the walls as rectangles (n, 4), lower and upper corner [m]; of blocks of pixels if n > most."""
+        """Return the walls as at most `most` rectangles (n, 4), lower and upper corner [m], coarsened if needed."""
         walls, size = self.solid, self.size
         while True:
-            found = _runs(walls)
-            if len(found) <= most or min(walls.shape) < 2:
-                return np.concatenate([self.corner, self.corner]) + size * found
+            runs = _runs(walls)
+            if len(runs) <= most or min(walls.shape) < 2:
+                return np.concatenate([self.corner, self.corner]) + size * runs
             walls, size = _blocks(walls, 2), 2.0 * size
 
 
 def _blocks(walls: np.ndarray, n: int) -> np.ndarray:
-    """Return which blocks of n x n pixels hold a wall."""
+    """Return a mask of the blocks of n x n pixels that hold a wall pixel."""
     padded = np.pad(walls, [(0, -length % n) for length in walls.shape])
     blocks = padded.reshape(padded.shape[0] // n, n, padded.shape[1] // n, n)
     return np.any(blocks, axis=(1, 3))
@@ -163,7 +163,7 @@ def _whole(share: np.ndarray) -> np.ndarray:
 
 
 def _lesser(air: np.ndarray, axes: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Return the air in cut cells except the largest connected part of each cell."""
+    """Return a mask of the air in cut cells outside the largest connected part of each cell; axes: from `_parts`."""
     from scipy import ndimage
 
     (_, cell_x, width_x), (_, cell_y, width_y) = axes
@@ -173,8 +173,8 @@ def _lesser(air: np.ndarray, axes: list[tuple[np.ndarray, np.ndarray, np.ndarray
     place = rows + cell_x[rows], columns + cell_y[columns]  # with a gap between cells
     apart = np.zeros([len(cell) + cell[-1] + 1 for cell in (cell_x, cell_y)], bool)
     apart[place] = True
-    found: Any = ndimage.label(apart)
-    label, count = found[0][place] - 1, int(found[1])
+    labelled: Any = ndimage.label(apart)
+    label, count = labelled[0][place] - 1, int(labelled[1])
     area = np.bincount(label, width_x[rows] * width_y[columns], count)
     owner = np.zeros(count, int)
     owner[label] = cell_x[rows] * (cell_y[-1] + 1) + cell_y[columns]
@@ -187,7 +187,7 @@ def _lesser(air: np.ndarray, axes: list[tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def _runs(walls: np.ndarray) -> np.ndarray:
-    """Return rectangles [pixels] that cover the walls: runs of each row, joined if consecutive rows have the same."""
+    """Return rectangles [pixels] that cover the walls: runs of each row, joined if consecutive rows have equal runs."""
     steps = np.diff(np.pad(walls, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     row, begin = np.nonzero(steps == 1)
     end = np.nonzero(steps == -1)[1]
@@ -208,7 +208,7 @@ def _turned(yaw: float) -> np.ndarray:
 
 
 def _reach(plan: RosMap) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners of the box around a map, in the map's frame [m]."""
+    """Return the lower and upper corner of the box around a map, in the map's frame [m]."""
     corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * plan.pixels.shape * plan.resolution
     corners = corners @ _turned(plan.yaw).T + np.array(plan.origin)
     return corners.min(axis=0), corners.max(axis=0)
@@ -217,7 +217,7 @@ def _reach(plan: RosMap) -> tuple[np.ndarray, np.ndarray]:
 def _along_axes(
     solid: np.ndarray, plan: RosMap, shift: np.ndarray, extent: tuple[float, ...]
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """Return the part of a map in a domain of `extent`, with pixels along the axes; their edge and lower corner [m]."""
+    """Return a map's part in a domain of `extent`, with pixels along the axes; their edge and lower corner [m]."""
     low, high = (corner - shift for corner in _reach(plan))
     quarters = 2.0 * plan.yaw / pi
     if abs(quarters - round(quarters)) < STRAIGHT:
@@ -237,7 +237,7 @@ def _along_axes(
 def _range(
     low: np.ndarray, size: float, shape: np.ndarray | tuple[int, ...], extent: tuple[float, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first and last pixels in the domain, with one more at each end."""
+    """Return the first and last pixels in the domain, with one more at each end; low: lower corner of the map [m]."""
     first = np.clip(np.floor(-low / size) - 1, 0, shape).astype(int)
     last = np.clip(np.ceil((np.array(extent[:2]) - low) / size) + 1, first, shape).astype(int)
     return first, last
@@ -246,8 +246,8 @@ def _range(
 def _drawn(
     solid: np.ndarray, plan: RosMap, shift: np.ndarray, corner: np.ndarray, size: float, count: np.ndarray
 ) -> np.ndarray:
-    """Return a turned map on pixels along the axes: pixels whose middle lies in a wall, and lines between neighbouring
-    pixels of a wall's edge, without which a thin wall might have gaps.
+    """Return the wall mask of a turned map on pixels along the axes: pixels whose centre lies in a wall, and lines
+    between neighbouring pixels of a wall's edge, without which a thin wall might have gaps.
     """
     from scipy import ndimage
 

@@ -12,7 +12,7 @@ import numpy as np
 
 NODES = 128  # positions along the longer side of the floor
 OFFSETS = [(i, j) for i in range(4) for j in range(-3, 4) if np.gcd(i, j) == 1 and (i > 0 or j > 0)]
-"""Steps to half of the linked positions; the other steps are opposite."""
+"""Steps (i, j) to half of the 32 linked positions; the other steps are opposite."""
 ALONG = (0.25, 0.5, 0.75)  # fractions of a step at which the disc has to fit too
 FAR = 3.0  # steps from a start to the positions by which it joins the grid
 MOST_KNOWN = 4  # floors whose distances are cached for the next runs
@@ -32,10 +32,10 @@ def shortest_ways(
     low: tuple[float, float],
     high: tuple[float, float],
 ) -> np.ndarray:
-    """Return the length of the shortest path from each start (n, 2) to any goal (m, 2), (n,) [m]; NaN if there is none.
+    """Return the length of the shortest path from each start (n, 2) to any goal (m, 2), (n,) [m]; NaN without a path.
 
-    room: distance [m] of points (..., 2) on the floor from low to high to the next obstacle: the disc of `radius` fits
-    if the distance is as large. A goal need not be free: within `reach` of a goal, the rest of the path is straight.
+    room: function from points (..., 2) on the floor from low to high to the distance [m] to the next obstacle. The disc
+    of `radius` fits if the distance is as large. Within `reach` of a goal the path is straight: goals need not be free.
     """
     if not len(goals):
         return np.full(len(starts), np.nan)
@@ -59,7 +59,7 @@ def shortest_ways(
 
 
 def _straight(start: np.ndarray, goal: np.ndarray, reach: float, step: float, free: Room) -> bool:
-    """Return whether the straight path is free."""
+    """Return whether the disc fits along the straight path from start to within `reach` [m] of the goal."""
     length = float(np.linalg.norm(goal - start))
     if length <= reach:
         return True
@@ -77,7 +77,7 @@ def _around(
     places: np.ndarray,
     key: bytes,
 ) -> np.ndarray:
-    """Return the lengths of paths that are not straight; places: nodes (nx, ny, 2); key: of the floor."""
+    """Return path lengths (n,) [m] around obstacles, NaN if none; places: nodes (nx, ny, 2); key: of the floor."""
     from scipy.sparse.csgraph import dijkstra
 
     ways = _known.get(key)
@@ -87,18 +87,18 @@ def _around(
         if len(_known) >= MOST_KNOWN:
             _known.popitem(last=False)
         _known[key] = ways
-    found = np.full(len(starts), np.inf)
+    lengths = np.full(len(starts), np.inf)
     for n, start in enumerate(starts):
         apart = np.linalg.norm(places - start, axis=-1)
         near = (apart <= FAR * step) & np.isfinite(ways)
         lines = start + np.array(ALONG)[:, None, None] * (places[near] - start)
         open_ = free(lines).all(axis=0)
-        found[n] = (ways[near] + apart[near])[open_].min(initial=np.inf)
-    return np.where(np.isfinite(found), found, np.nan)
+        lengths[n] = (ways[near] + apart[near])[open_].min(initial=np.inf)
+    return np.where(np.isfinite(lengths), lengths, np.nan)
 
 
 def _graph(places: np.ndarray, step: float, free: Room, goals: np.ndarray, reach: float):
-    """Return the graph of the free places (nx, ny, 2) with their distances [m]; the last node stands for the goals."""
+    """Return the sparse graph of distances [m] between free nodes `places` (nx, ny, 2); its last node is all goals."""
     from scipy.sparse import coo_array
 
     nx, ny = places.shape[:2]

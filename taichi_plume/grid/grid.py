@@ -30,13 +30,13 @@ def _write(field: Template, ghost: Template, values: ti.types.ndarray()):
 
 
 def centers(cells: Sequence[int], edge: float) -> np.ndarray:
-    """Centres (*cells, dim) [m] of a number of cells along each axis from the origin on; edge: of a cell [m]."""
+    """Return the centres (*cells, dim) [m] of cells of edge `edge` [m]; cells: their number along each axis."""
     axes = [(np.arange(n) + 0.5) * edge for n in cells]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
 def block_mean(values: np.ndarray, n: int | tuple[int, ...]) -> np.ndarray:
-    """Mean over blocks of n entries (per axis, or the same for all); every length is a multiple of n."""
+    """Return the mean over blocks of n entries per axis (n: one number or one per axis); n must divide each length."""
     blocks = (n,) * values.ndim if isinstance(n, int) else n
     split = values.reshape(
         [m for length, b in zip(values.shape, blocks, strict=True) for m in (length // b, b)]
@@ -46,7 +46,7 @@ def block_mean(values: np.ndarray, n: int | tuple[int, ...]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Grid:
-    """Cubic cells of edge `dx` [m], `shape` per axis, inside `ghost` layers. Two axes mean a slab of `depth` [m]."""
+    """Staggered grid: `shape` cubic cells of edge `dx` [m], `ghost` layers; in 2-D cells are columns of `depth` [m]."""
 
     shape: tuple[int, ...]
     dx: float
@@ -65,17 +65,17 @@ class Grid:
 
     @property
     def dim(self) -> int:
-        """2 or 3."""
+        """Dimension of the grid, 2 or 3."""
         return len(self.shape)
 
     @property
     def extent(self) -> tuple[float, ...]:
-        """Size of the domain [m]."""
+        """Size of the domain along each axis [m]."""
         return tuple(n * self.dx for n in self.shape)
 
     @property
     def padded(self) -> tuple[int, ...]:
-        """Shape with ghost layers."""
+        """Number of cells along each axis, ghost layers included."""
         return tuple(n + 2 * self.ghost for n in self.shape)
 
     @property
@@ -85,11 +85,11 @@ class Grid:
 
     @property
     def cells(self) -> tuple[tuple[int, int], ...]:
-        """First inner cell and end of the inner cells per axis."""
+        """Padded index of the first inner cell, and the end of the inner cells, per axis."""
         return tuple((self.ghost, self.ghost + n) for n in self.shape)
 
     def faces(self, d: int) -> tuple[tuple[int, int], ...]:
-        """Return (first, end) of the faces of axis d: the lower faces of inner cells and the domain's upper faces."""
+        """Return (first, end) per axis of the faces across d: of inner cells, with the domain's upper faces."""
         return tuple((begin, end + (a == d)) for a, (begin, end) in enumerate(self.cells))
 
     @property
@@ -102,11 +102,11 @@ class Grid:
         return ti.field(dtype, shape=shape or self.padded, order="kji"[-self.dim :])
 
     def vector_field(self, shape: tuple[int, ...]) -> Field:
-        """Return a new field of vectors (dim) over `shape`, laid out as `field`."""
+        """Return a new field of vectors (dim,) over `shape`, with the memory layout of `field`."""
         return ti.Vector.field(self.dim, ti.f32, shape, order="kji"[-self.dim :])
 
     def faces_field(self) -> tuple[Field, ...]:
-        """Return a new scalar face field per axis."""
+        """Return a new scalar field over the faces of each axis, as a tuple."""
         return tuple(self.field() for _ in self.shape)
 
     def inner(self, padded: np.ndarray) -> np.ndarray:
@@ -121,7 +121,7 @@ class Grid:
         return inner
 
     def pad_faces(self, faces: np.ndarray, d: int) -> np.ndarray:
-        """Return face values of axis d, one more than cells along it, on the padded grid; ghost layers as of `pad`."""
+        """Return face values of axis d, one more than cells along d, padded by ghost layers as `pad` does."""
         if self.periodic[d]:
             return self.pad(np.delete(faces, -1, axis=d))  # the last face is the first face again
         for axis, wrap in enumerate(self.periodic):
@@ -131,9 +131,9 @@ class Grid:
         return faces
 
     def read(self, field: Field, margin: int = 0) -> np.ndarray:
-        """Return the inner values of a padded field and `margin` ghost layers; much faster than `to_numpy`.
+        """Return the inner values of a padded field, and `margin` ghost layers, as an array; faster than `to_numpy`.
 
-        Shape `shape`, larger by twice the margin; axis 0 contiguous.
+        The array has the grid's shape, larger by twice the margin; axis 0 is contiguous.
         """
         place = view(field)
         if place is not None:
@@ -143,7 +143,7 @@ class Grid:
         return values.T
 
     def write(self, field: Field, values: np.ndarray, margin: int = 0) -> None:
-        """Set the inner values of a padded field and `margin` ghost layers; the layers beyond stay."""
+        """Set the inner values of a padded field and `margin` ghost layers; other ghost layers stay unchanged."""
         place = view(field)
         if place is not None:
             place[self._window(margin)] = values
@@ -151,11 +151,11 @@ class Grid:
         _write(field, self.ghost - margin, np.ascontiguousarray(values.T, np.float32))
 
     def _window(self, margin: int) -> tuple[slice, ...]:
-        """Return the index of the inner values of a padded array, with `margin` ghost layers."""
+        """Return the index of a padded array's inner values with `margin` ghost layers."""
         return tuple(slice(begin - margin, end + margin) for begin, end in self.cells)
 
     def blending(self, fields: Sequence[Field], goals: Sequence[Field]) -> Callable[[float], None]:
-        """Return a kernel that moves fields by a fraction towards their goals, ghost layers included; 1 is exact."""
+        """Return a function that moves `fields` by a fraction towards `goals`, ghost layers included; 1 is exact."""
 
         def toward(field: Field, goal: Field) -> Callable:
             @ti.func
@@ -169,7 +169,7 @@ class Grid:
         return launch(*passes)
 
     def largest_outflow(self, faces: Sequence[np.ndarray]) -> float:
-        """Return the largest outflow of a cell over its volume [1/s], of velocities [m/s] on the faces of each axis."""
+        """Return the largest outflow of a cell over its volume [1/s]; faces: velocities [m/s] on each axis's faces."""
         out = sum(
             np.maximum(np.delete(u, 0, axis=d), 0.0) - np.minimum(np.delete(u, -1, axis=d), 0.0)
             for d, u in enumerate(faces)
@@ -177,5 +177,5 @@ class Grid:
         return float(np.max(out)) / self.dx
 
     def centers(self) -> np.ndarray:
-        """Cell centres [m], shape (*shape, dim)."""
+        """Return the centres of all cells [m], (*shape, dim)."""
         return centers(self.shape, self.dx)

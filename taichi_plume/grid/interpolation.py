@@ -14,14 +14,14 @@ from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
 SAME = 2e-5  # tolerance over the largest extent: files have five or six digits
 STEEPEST = 3.0  # sum of absolute weights, above which the plain mean takes over: far beyond the points
-CHUNK = 1 << 16  # positions whose weights are computed at a time
+CHUNK = 1 << 16  # number of positions whose weights are computed at a time
 
 Axes = Sequence[np.ndarray]
 """Coordinates [m] along each axis of a lattice."""
 
 
 def lattice_of(place: np.ndarray) -> tuple[list[np.ndarray], np.ndarray] | None:
-    """Return axes of points (n, k) that fill a lattice, and the points' order on it, last axis fastest; else None."""
+    """Return the axes of the lattice that points (n, k) fill, and their order on it, last axis fastest; else None."""
     tie = SAME * float(np.ptp(place, axis=0).max())
     axes, steps = [], []
     for x in place.T:
@@ -42,7 +42,7 @@ def lattice_of(place: np.ndarray) -> tuple[list[np.ndarray], np.ndarray] | None:
 
 
 class Interpolation:
-    """Interpolation from points (n, k) [m] to a lattice. Axes along which all points coincide do not count.
+    """Linear interpolation from points (n, k) [m] to a lattice. Axes along which all points coincide do not count.
 
     low, high: corners of the box of the points, half a spacing beyond the outermost; slack: tolerance of that box [m],
     as the box of scattered points is uncertain.
@@ -68,7 +68,7 @@ class Interpolation:
             self.high[self.used] += [(axis[-1] - axis[-2]) / 2 for axis in self.lattice]
 
     def onto(self, axes: Axes) -> Callable[[np.ndarray], np.ndarray]:
-        """Return the function from values at the points (n,) to values on a lattice, one dimension per axis."""
+        """Return a function from values at the points (n,) to values on the lattice `axes`, one dimension per axis."""
         shape = tuple(len(axis) for axis in axes)
         targets = [axes[int(a)] for a in self.used]
         level = [n if a in self.used else 1 for a, n in enumerate(shape)]
@@ -87,7 +87,7 @@ class Interpolation:
         return lambda values: np.broadcast_to((weights @ values).reshape(level), shape)
 
     def _weights(self, places: np.ndarray) -> sp.csr_array:
-        """Return the weights of the points at places (m, k), a row per place."""
+        """Return the weights of all points in the values at positions (m, k), as a sparse row per position."""
         dim = places.shape[1]
         count = min(2**dim + 4, len(self.place))
         distance, near = self.tree.query(places, k=range(1, count + 1), workers=-1)

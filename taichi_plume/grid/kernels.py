@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     Template = Any
 else:
     Template = ti.template()
-"""Annotation of compile-time arguments: fields, axes, objects with `ti.func` methods."""
+"""Annotation of compile-time arguments of kernels: fields, axes, objects with `ti.func` methods."""
 Field: TypeAlias = Any
 """Taichi field of scalars or vectors; its type is opaque to type checkers."""
 Expression: TypeAlias = Any
-"""Value inside a kernel: number, vector or point, whose type Taichi infers."""
+"""Value inside a kernel (number, vector or point) whose type Taichi infers."""
 
 # Limit of compiled kernels on disk. At Taichi's own 100 MB a dozen scenarios, or the tests, evict each other's kernels.
 CACHE_BYTES = 2_000_000_000
@@ -45,14 +45,14 @@ _started: list[Any] = []  # program, arch, debug and threads of the last start
 
 
 class DeviceError(InputError, RuntimeError):
-    """Error: the machine has no device of the requested kind."""
+    """Error of a machine without a device of the requested kind."""
 
 
 def start(arch: str = "cpu", debug: bool = False, threads: int | None = None) -> str:
-    """Initialise Taichi on `arch` (auto, cpu, cuda, vulkan, metal) and return the backend that it chose.
+    """Initialise Taichi on `arch` (auto, cpu, cuda, vulkan, metal) and return the backend that Taichi chose.
 
-    threads: of a CPU; the default is all cores. If Taichi already runs with the same arguments and some of its fields
-    are in use, nothing happens. Otherwise Taichi restarts, and simulations assembled before raise EngineError. Raises
+    threads: number of CPU threads, by default one per core. If Taichi already runs with the same arguments and fields
+    in use, nothing happens. Otherwise Taichi restarts, and simulations assembled before raise EngineError. Raises
     DeviceError if there is no such device; Taichi is then not running.
     """
     known = {"auto": ti.gpu, "cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}
@@ -91,7 +91,7 @@ def is_running() -> bool:
 
 
 def ensure_started() -> None:
-    """Start Taichi on the CPU unless Taichi runs. Free the memory of simulations that were dropped."""
+    """Start Taichi on the CPU unless Taichi runs; free the memory of simulations that are no longer referenced."""
     if not is_running():
         start()
     elif _started and _started[0] is impl.get_runtime().prog:
@@ -101,7 +101,7 @@ def ensure_started() -> None:
 
 
 def _in_use() -> bool:
-    """Return whether a reference to a field of the running program is left."""
+    """Return whether any field of the running Taichi program is still referenced."""
     for kernel in KERNELS:
         if kernel.template_slot_locations:  # the kernel holds the fields that were its arguments
             kernel.mapper.mapping.clear()
@@ -111,7 +111,7 @@ def _in_use() -> bool:
 
 
 def cache_folder() -> Path:
-    """Folder of compiled kernels: TI_OFFLINE_CACHE_FILE_PATH, or `taichi_plume/kernels` in the user's cache folder."""
+    """Return the folder of compiled kernels: TI_OFFLINE_CACHE_FILE_PATH, or a folder in the user's cache folder."""
     chosen = os.environ.get(_CACHE_FOLDER)
     if chosen:
         return Path(chosen)
@@ -163,12 +163,12 @@ def on_cpu() -> bool:
 
 
 def compiled() -> int:
-    """Number of kernels that have been compiled since `start`."""
+    """Return the number of kernels that have been compiled since `start`."""
     return KERNELS.compiled
 
 
 def double_field(shape: tuple[int, ...] = ()) -> Field:
-    """Return a field of f64, in a tree of its own: beside 32-bit fields Vulkan would misplace the numbers."""
+    """Return a new f64 field in its own SNode tree: beside 32-bit fields Vulkan would misplace the numbers."""
     field: Field = ti.field(ti.f64)
     apart = ti.FieldsBuilder()
     axes: Any = range(len(shape))
@@ -179,14 +179,14 @@ def double_field(shape: tuple[int, ...] = ()) -> Field:
 
 @dataclass(frozen=True)
 class Pass:
-    """Part of a kernel: ti.func ``run(a, b)``, and the approximate number of cells that it sets."""
+    """Part of a kernel for `launch`: ti.func ``run(a, b)``, and the approximate number of cells that it sets."""
 
     run: Callable[[Expression, Expression], None]
     cells: int
 
 
 def visit(bodies: Sequence[Callable], shapes: Sequence[tuple[int, ...]]) -> Pass:
-    """Return a pass that calls ``body(I, a, b)``, which may store, for all I of a shape, per pair of body and shape."""
+    """Return a pass that calls each ``body(I, a, b)``, which may store, at all indices I of the body's shape."""
     dim = len(shapes[0])
     pairs = tuple(range(len(bodies)))
     bodies, shapes = tuple(bodies), tuple(shapes)
@@ -207,7 +207,7 @@ def visit(bodies: Sequence[Callable], shapes: Sequence[tuple[int, ...]]) -> Pass
 
 
 def launch(*passes: Pass) -> Callable[..., None]:
-    """Return ``run(a=0, b=0)``, which executes several passes in order.
+    """Return a function ``run(a=0, b=0)`` that executes several passes in order, in as few kernels as is fast.
 
     On a CPU, consecutive passes of few cells are one task of the caller's thread: waking another thread takes 0.1 ms. A
     pass of many cells is a kernel of its own, which costs 2 us: the time in which Taichi compiles a kernel grows with
@@ -226,7 +226,7 @@ def launch(*passes: Pass) -> Callable[..., None]:
 
 
 def _kernel(passes: Sequence[Pass]) -> Any:
-    """Return a single kernel of several passes; in the caller's thread if that is faster."""
+    """Return a single kernel of several passes, which runs in the caller's thread if that is faster."""
     serial = on_cpu() and passes[0].cells <= FEW_CELLS
     bodies = tuple(part.run for part in passes)
 
@@ -245,7 +245,7 @@ def _kernel(passes: Sequence[Pass]) -> Any:
 
 
 def _launcher(kernel: Any) -> Callable[..., None]:
-    """Return ``run(a=0, b=0)`` of a kernel of two f32. From the second launch on it takes 2 us; Taichi's own takes 16.
+    """Return ``run(a=0, b=0)``, which launches a kernel of two f32 in 2 us from the second call on (Taichi: 16 us).
 
     Taichi looks up the instance of a kernel by the kind of each argument, and the compiled kernel by its hash. Here a
     single instance and kernel exist. After a restart of Taichi the kernel is compiled again.
@@ -275,7 +275,7 @@ def _launcher(kernel: Any) -> Callable[..., None]:
 
 @contextlib.contextmanager
 def data_flow_by_llvm() -> Iterator[None]:
-    """Compile without Taichi's store-to-load analysis, and leave it to LLVM.
+    """Context in which kernels compile without Taichi's store-to-load analysis, which LLVM then does.
 
     The analysis takes up to half of the compile time, as it grows with the square of a kernel's length. The V-cycle
     needs it: without it Taichi 1.7 gives LLVM faulty code for those kernels, and aborts.

@@ -19,11 +19,11 @@ SAME = 1e-5  # m: levels this close are merged
 
 @ti.data_oriented
 class Layers(HorizontalDistances):
-    """Distance from an upright body in a range of altitude (layer k) to the next surface, a lower bound.
+    """Clearance per altitude layer: lower bound of the distance from an upright body in layer k to the next surface.
 
     A surface counts if it reaches between the body's lower and upper end. floor: the map of the floor, whose edges are
     walls at all heights. ceiling [m]; body_height [m]: of the tallest body that flies. levels (n,) [m]: lower ends of
-    the ranges, for the altitude of a body's lower end. Levels lie at the ends of upright shapes, so that a body passes
+    the layers, for the altitude of a body's lower end. Levels lie at the ends of upright shapes, so that a body passes
     close above and below these; elsewhere levels are STEP apart, or more, up to MOST_LAYERS levels.
     """
 
@@ -44,26 +44,26 @@ class Layers(HorizontalDistances):
 
     @ti.func
     def index(self, z):
-        """Layer of a body whose lower end is at the altitude z [m]."""
+        """Return the layer of a body whose lower end is at the altitude z [m]."""
         k = 0
         for n in range(1, self.count):
             k += ti.cast(z >= self.levels[n], ti.i32)
         return k
 
     def distance_at(self, points: np.ndarray, z: float) -> np.ndarray:
-        """Return `distance` [m] at the altitude z [m] for points (..., 2) on the host."""
+        """Return the clearance [m] of points (..., 2) at the altitude z [m], as `distance` but on the host."""
         return self._distance_at(points, int(np.searchsorted(self._levels, z, side="right")) - 1)
 
 
 def levels(shapes: list[Shape], ceiling: float, body_height: float) -> np.ndarray:
-    """Lower ends of the layers, (n,) [m], from 0 on; body_height [m]: of the bodies that fly between the shapes."""
-    found = [0.0]
+    """Return the lower ends of altitude layers, (n,) [m], from 0 on; body_height: of the tallest flying body [m]."""
+    heights = [0.0]
     for shape in shapes:
         low, high = float(shape.low[2]) - body_height, float(shape.high[2])
         low, high = max(low, 0.0), min(high, ceiling)
         steps = 1 if isinstance(shape, Upright) else max(1, ceil((high - low) / STEP))
-        found += np.linspace(low, high, steps + 1).tolist()
-    result = np.unique([z for z in found if 0.0 <= z < ceiling])
+        heights += np.linspace(low, high, steps + 1).tolist()
+    result = np.unique([z for z in heights if 0.0 <= z < ceiling])
     result = result[np.diff(result, prepend=-1.0) > SAME]
     if len(result) > MOST_LAYERS:
         result = np.linspace(0.0, ceiling, MOST_LAYERS, endpoint=False)

@@ -22,8 +22,7 @@ SAFE = 0.57  # fraction of a distance that is free: interpolated, a distance cha
 
 
 def signed_distance(air: Air, grid: Grid) -> np.ndarray:
-    """Distance [m] of the nodes, FINER n + 1 per axis, to the next surface; not positive on surfaces and in solid
-    cells."""
+    """Return the distance [m] of nodes, FINER n + 1 per axis, to the next surface; <= 0 on surfaces and in solids."""
     solid = _halves(air, grid)
     wide = [(n // 2, n // 2) if wraps else (0, 0) for n, wraps in zip(solid.shape, air.periodic, strict=True)]
     around = np.pad(np.pad(solid, wide, mode="wrap"), 1, mode="edge")
@@ -38,7 +37,7 @@ def signed_distance(air: Air, grid: Grid) -> np.ndarray:
 
 
 def _halves(air: Air, grid: Grid) -> np.ndarray:
-    """Return the solid halves of the cells, bool; in cut cells the deepest halves up to the solid fraction."""
+    """Return a mask of the solid halves of cells; in cut cells the deepest halves up to the solid fraction."""
     solid = air.volume.astype(float)
     for axis in range(grid.dim):
         solid = solid.repeat(FINER, axis=axis)
@@ -77,12 +76,12 @@ class LevelSet:
         uploader(self.field)(self.values)
 
     def in_air(self, x: np.ndarray) -> np.ndarray:
-        """Return which of the points (n, dim) [m] are in the air, bool."""
+        """Return a mask of the points x (n, dim) [m] that lie in the air."""
         return map_coordinates(self.values, x.T / self.step, order=1, mode="nearest") > 0.0
 
     @ti.func
     def wrapped(self, x: Template):
-        """Return x wrapped into the domain along periodic axes."""
+        """Return the point x [m] wrapped into the domain along periodic axes."""
         y = x
         for d in ti.static([a for a in range(self.dim) if self.grid.periodic[a]]):
             L = ti.static(self.grid.extent[d])
@@ -96,7 +95,7 @@ class LevelSet:
 
     @ti.func
     def distance(self, x: Template):
-        """Signed distance [m] of a point from the next surface."""
+        """Return the signed distance [m] of point x from the next surface, negative inside obstacles."""
         base, weight = self._corner(x)
         result = 0.0
         for offset in ti.static(ti.grouped(ti.ndrange(*((2,) * self.dim)))):
@@ -105,7 +104,7 @@ class LevelSet:
 
     @ti.func
     def normal(self, x: Template):
-        """Unit vector away from the next surface."""
+        """Return the unit vector at x away from the next surface."""
         base, weight = self._corner(x)
         result = ti.Vector.zero(ti.f32, self.dim)
         for offset in ti.static(ti.grouped(ti.ndrange(*((2,) * self.dim)))):
@@ -119,8 +118,7 @@ class LevelSet:
 
     @ti.func
     def bounce(self, x: Template, way: Template, v: Template):
-        """Return the end of a path from x in the air, and the velocity v there, both reflected at surfaces; it is in
-        air."""
+        """Return the end of the path `way` from x and the velocity v, both reflected at surfaces; always in air."""
         end, last, speed = x + way, x, v
         met, bounces = 1, 0
         while met == 1 and bounces <= BOUNCES:

@@ -3,9 +3,9 @@
 The picture's first row is the map's upper edge. A pixel of mean shade s, 0 black to 1 white, is occupied with the
 probability p = 1 - s, or s if the map is negated. The mode classifies pixels:
 
-trinary  occupied above `occupied_thresh`, free below `free_thresh`, unknown in between scale    as trinary, but in
-between occupied from the middle of both thresholds on; unknown if transparent raw      255 s are percents, occupied
-from 50 on; unknown above 100
+trinary  occupied above `occupied_thresh`, free below `free_thresh`, unknown in between
+scale    as trinary, but in between occupied from the middle of both thresholds on; unknown if transparent
+raw      255 s are percents, occupied from 50 on; unknown above 100
 """
 
 import re
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 LONGEST_YAML = 1 << 16  # bytes
 LARGEST_IMAGE = 1 << 28  # bytes
 PLAIN = (b"P1", b"P2", b"P3")  # PBM, PGM and PPM as text
-MOST_COMMENTS = 1000  # in such a picture
+MOST_COMMENTS = 1000  # largest number of comments in such a picture
 LONGEST_HEADER = 1 << 20  # bytes, comments included
 MOST_PIXELS = 50_000_000  # 7000 x 7000
 STRIP = 256  # rows
@@ -44,13 +44,13 @@ HALF = 50  # percent: from here on a pixel counts as occupied
 
 
 class MapError(ShapeError):
-    """A map that is missing or cannot be read; the message begins with the map's name."""
+    """Error of a map that is missing or cannot be read; the message begins with the map's name."""
 
 
 @dataclass(frozen=True)
 class RosMap:
-    """pixels: FREE, OCCUPIED or UNKNOWN, axes (x, y); resolution: edge of a pixel [m]; origin: lower left corner of the
-    picture [m]; yaw: angle by which the picture is turned about the origin to the left [rad].
+    """Occupancy map. pixels: FREE, OCCUPIED or UNKNOWN, axes (x, y); resolution: edge of a pixel [m]; origin: lower
+    left corner of the picture [m]; yaw: angle by which the picture is turned left about the origin [rad].
     """
 
     pixels: np.ndarray
@@ -60,7 +60,7 @@ class RosMap:
 
 
 def read_map(path: Path) -> RosMap:
-    """Return the map of a YAML file, whose picture lies in its folder or below. Raises MapError."""
+    """Read a map from a YAML file, whose picture lies in its folder or below. Raises MapError."""
     data = _yaml(path)
     levels, most, opaque = _picture(path, _image(path, data))
     known = {key: _number(path, data, key, 0.0, 1.0) for key in DEFAULTS}
@@ -82,7 +82,7 @@ def read_map(path: Path) -> RosMap:
 
 
 def image_of(path: Path) -> Path | None:
-    """Return the picture that a map's YAML file names; None if the file cannot be read or names no picture."""
+    """Return the path of the picture that a map's YAML file names; None if the file cannot be read or names none."""
     try:
         return _image(path, _yaml(path))
     except MapError:
@@ -90,7 +90,7 @@ def image_of(path: Path) -> Path | None:
 
 
 def _meanings(shade: np.ndarray, known: Mapping[str, float], mode: str) -> np.ndarray:
-    """Classify shades from 0 to 1 as FREE, OCCUPIED or UNKNOWN."""
+    """Return FREE, OCCUPIED or UNKNOWN for shades from 0 to 1, by the thresholds `known` and the map's mode."""
     if mode == "raw":
         percent = np.rint(255.0 * shade)
         return np.select([percent > 100, percent >= HALF], [UNKNOWN, OCCUPIED], FREE).astype(np.uint8)
@@ -112,7 +112,7 @@ def _yaml(path: Path) -> dict[str, object]:
 
 
 def _image(path: Path, data: Mapping[str, object]) -> Path:
-    """Return the picture, which has to lie in the folder of the YAML file once links are followed."""
+    """Return the path of the map's picture. Raises MapError if it is outside the YAML file's folder, links followed."""
     name = data["image"]
     if not isinstance(name, str) or not name:
         raise _wrong(path, f"image: must be the name of a picture, got {_shown(name)}")
@@ -123,7 +123,7 @@ def _image(path: Path, data: Mapping[str, object]) -> Path:
 
 
 def _picture(path: Path, image: Path) -> tuple[np.ndarray, int, np.ndarray | None]:
-    """Return the levels of the pixels, (rows, columns), the level of white, and a mask of the opaque pixels."""
+    """Return the levels of the pixels, (rows, columns), the level of white, and a mask of opaque pixels or None."""
     from PIL import Image, UnidentifiedImageError
 
     content = content_of(image, LARGEST_IMAGE, MapError, f"{path.name}: {image.name}")
@@ -140,7 +140,9 @@ def _picture(path: Path, image: Path) -> tuple[np.ndarray, int, np.ndarray | Non
         with picture:
             width, height = picture.size
             if width * height > MOST_PIXELS:
-                raise _wrong(path, f"{image.name}: has {width} x {height} pixels; {MOST_PIXELS:,} are read")
+                raise _wrong(
+                    path, f"{image.name}: has {width} x {height} pixels; the limit is {MOST_PIXELS:,}"
+                )
             if picture.mode in ("1", "L"):
                 return np.asarray(picture.convert("L")), 255, None
             if picture.mode.startswith("I"):
@@ -149,7 +151,7 @@ def _picture(path: Path, image: Path) -> tuple[np.ndarray, int, np.ndarray | Non
     except MapError:
         raise
     except Image.DecompressionBombError as error:
-        raise _wrong(path, f"{image.name}: {error}; {MOST_PIXELS:,} are read") from None
+        raise _wrong(path, f"{image.name}: {error}; the limit is {MOST_PIXELS:,}") from None
     except Exception as error:  # Pillow raises almost anything for a damaged file
         is_known = isinstance(error, OSError) and not isinstance(error, UnidentifiedImageError)
         reason = " ".join(str(error).split())[:LONGEST_VALUE] if is_known else "damaged"
@@ -157,7 +159,7 @@ def _picture(path: Path, image: Path) -> tuple[np.ndarray, int, np.ndarray | Non
 
 
 def _brightness(picture: "Image") -> tuple[np.ndarray, int, np.ndarray]:
-    """Return `_picture` of a coloured picture; strip by strip, as several copies of the whole take a gigabyte."""
+    """Return the result of `_picture` for a coloured picture, in strips, as copies of the whole take a gigabyte."""
     width, height = picture.size
     levels, opaque = np.empty((height, width), np.uint16), np.empty((height, width), bool)
     picture.load()

@@ -22,7 +22,7 @@ Two = ti.types.vector(2, ti.u64)
 
 
 def view(field: Field) -> np.ndarray | None:
-    """Return the memory of a field of scalars or vectors: shape of the field, and components. The field must live.
+    """Return a NumPy view of a field's memory: shape of the field, and components. The field must stay alive.
 
     None on a GPU, or for a field of unknown layout; use kernels then.
     """
@@ -37,7 +37,7 @@ def view(field: Field) -> np.ndarray | None:
 
 
 def views(fields: Sequence[Field]) -> list[np.ndarray] | None:
-    """Return the memory of several fields, None if a field has no view."""
+    """Return NumPy views of several fields' memory; None if a field has no view."""
     places = [view(field) for field in fields]
     return None if any(place is None for place in places) else places  # pyright: ignore
 
@@ -63,7 +63,7 @@ def _view(field: Field, roots: dict[int, int | None]) -> np.ndarray | None:
 
 
 def _layout(field: Field) -> tuple[int, tuple[int, ...]] | None:
-    """Return the bytes from the start of the tree to a field of scalars, and from entry to entry along each axis."""
+    """Return a scalar field's offset from the start of its SNode tree, and its stride along each axis, in bytes."""
     at = field.snode.ptr
     offset, strides = at.offset_bytes_in_parent_cell, dict.fromkeys(range(len(field.shape)), 0)
     while (at := at.parent).type == SNodeType.dense:
@@ -78,13 +78,13 @@ def _layout(field: Field) -> tuple[int, tuple[int, ...]] | None:
 
 
 def _extents(node: ti._lib.core.SNode) -> dict[int, int]:
-    """Return the number of entries along each axis that is divided at a node of a tree or above that node."""
+    """Return the number of entries along each axis that is divided at an SNode or above it."""
     axes = node.get_physical_index_position()[: node.num_active_indices()]
     return {d: node.get_shape_along_axis(i) for i, d in enumerate(axes)}
 
 
 def _root(field: Field, roots: dict[int, int | None]) -> int | None:
-    """Return the address of the tree of a field of scalars, checked by its page and the field's last entry."""
+    """Return the address of a scalar field's SNode tree, checked by its page and the field's last entry; else None."""
     tree = field.snode._snode_tree_id
     place = _layout(field)
     if tree not in roots and place is not None:

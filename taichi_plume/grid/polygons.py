@@ -10,11 +10,11 @@ PER_TURN = 50  # corners that take as long as a test for a convex corner
 
 
 class DamagedError(Exception):
-    """Damage of a mesh file, in words."""
+    """Error that describes the damage of a mesh file in words."""
 
 
 def triangulated(vertices: np.ndarray, polygons: Sequence[Sequence[int]]) -> np.ndarray:
-    """Return triangles (m, 3) of plane polygons, lists of indices of the vertices (n, 3). Raises DamagedError."""
+    """Return triangles (m, 3) of plane polygons, each a list of indices of the vertices (n, 3). Raises DamagedError."""
     triangles: list[tuple[int, int, int]] = []
     work = _Work()
     with np.errstate(over="ignore", invalid="ignore"):  # such coordinates are refused afterwards
@@ -28,13 +28,13 @@ def triangulated(vertices: np.ndarray, polygons: Sequence[Sequence[int]]) -> np.
 
 
 class _Work:
-    """Limit on the work of cutting polygons of a file into triangles: counts the corners examined."""
+    """Limit on the work of cutting a file's polygons into triangles: counts the corners examined."""
 
     def __init__(self) -> None:
         self.done = 0
 
     def add(self, corners: int) -> None:
-        """Add a number of corners. Raises DamagedError above MOST_WORK."""
+        """Add a number of examined corners. Raises DamagedError above MOST_WORK."""
         self.done += corners
         if self.done > MOST_WORK:
             raise DamagedError(
@@ -43,7 +43,7 @@ class _Work:
 
 
 def _cut(places: np.ndarray, work: _Work) -> list[tuple[int, int, int]]:
-    """Return triangles of the polygon of these corners (n, 3): a fan if it is convex, else ear by ear."""
+    """Return triangles of a polygon with these corners (n, 3): a fan if it is convex, otherwise by ear clipping."""
     fan = [(0, n, n + 1) for n in range(1, len(places) - 1)]
     after = np.roll(places, -1, axis=0)
     normal = np.cross(places, after).sum(axis=0)  # Newell's
@@ -63,29 +63,29 @@ def ears(outline: np.ndarray, work: _Work | None = None, afresh: bool = False) -
     afresh: search for each ear from the first corner on, which takes longer. The triangles of mesh files, and so the
     distances to their surface, depend on this choice.
     """
-    left, found = list(range(len(outline))), []
+    left, triangles = list(range(len(outline))), []
     n = misses = 0
     while len(left) > 3:
         if misses == len(left):
             return [(0, k, k + 1) for k in range(1, len(outline) - 1)]
         n %= len(left)
         if _is_ear(outline, left, n, work):
-            found.append((left[n - 1], left[n], left[(n + 1) % len(left)]))
+            triangles.append((left[n - 1], left[n], left[(n + 1) % len(left)]))
             del left[n]
             misses, n = 0, 0 if afresh else n
         else:
             n, misses = n + 1, misses + 1
-    return [*found, (left[0], left[1], left[2])]
+    return [*triangles, (left[0], left[1], left[2])]
 
 
 def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Return a positive number if the path a, b, c (..., 2) turns to the left."""
+    """Return a positive number if the path a, b, c (points (..., 2)) turns left, a negative one if it turns right."""
     (along_x, along_y), (to_x, to_y) = (b - a).T, (c - a).T
     return along_x * to_y - along_y * to_x
 
 
 def _is_ear(flat: np.ndarray, left: list[int], n: int, work: _Work | None) -> bool:
-    """Return whether corner n of the remaining polygon is convex with no other corner in its triangle."""
+    """Return whether corner n of the polygon `left` is convex and its triangle holds no other corner of the polygon."""
     mine = (left[n - 1], left[n], left[(n + 1) % len(left)])
     a, b, c = (flat[k] for k in mine)
     sticks_out = bool(_turn(a, b, c) > 0)

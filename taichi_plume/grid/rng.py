@@ -13,12 +13,12 @@ from taichi_plume.grid.elementary import cos_sin, log
 
 
 def stream_id(name: str) -> int:
-    """Return a 32-bit key for a component's name, the same on every machine."""
+    """Return a 32-bit key of a component's name, the same on every machine."""
     return zlib.crc32(name.encode())
 
 
 def generator(seed: int, name: str) -> np.random.Generator:
-    """Return the random stream of component `name` on the host."""
+    """Return the host's random generator for a seed and a component `name`."""
     return np.random.default_rng([seed, stream_id(name)])
 
 
@@ -29,7 +29,7 @@ def _high_product(a: ti.u32, b: ti.u32) -> ti.u32:
 
 @ti.func
 def philox(seed: ti.u32, stream: ti.u32, index: ti.i32, tick: ti.i32, draw: ti.i32):
-    """Four random 32-bit words for one (index, tick, draw) of a stream."""
+    """Return four random 32-bit words for one (index, tick, draw) of a random stream."""
     x = ti.Vector([ti.cast(index, ti.u32), ti.cast(tick, ti.u32), ti.cast(draw, ti.u32), ti.u32(0)])
     key0, key1 = seed, stream
     for _ in ti.static(range(10)):
@@ -50,14 +50,14 @@ def philox(seed: ti.u32, stream: ti.u32, index: ti.i32, tick: ti.i32, draw: ti.i
 
 @ti.func
 def uniform4(seed: ti.u32, stream: ti.u32, index: ti.i32, tick: ti.i32, draw: ti.i32):
-    """Four numbers uniform in (0, 1)."""
+    """Return four numbers uniform in (0, 1) for one (index, tick, draw) of a random stream."""
     x = philox(seed, stream, index, tick, draw)
     return (ti.cast(x >> ti.u32(8), ti.f32) + 0.5) * (1.0 / 16777216.0)
 
 
 @ti.func
 def normal4(seed: ti.u32, stream: ti.u32, index: ti.i32, tick: ti.i32, draw: ti.i32):
-    """Four standard normal numbers (Box & Muller 1958, doi:10.1214/aoms/1177706645)."""
+    """Return four standard normal numbers for (index, tick, draw) (Box & Muller 1958, doi:10.1214/aoms/1177706645)."""
     u = uniform4(seed, stream, index, tick, draw)
     a = ti.sqrt(-2.0 * log(u[0])) * cos_sin(2.0 * np.pi * u[1])
     b = ti.sqrt(-2.0 * log(u[2])) * cos_sin(2.0 * np.pi * u[3])

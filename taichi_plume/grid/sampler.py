@@ -13,9 +13,9 @@ from taichi_plume.grid.transfer import uploader
 
 @ti.data_oriented
 class Sampler:
-    """Sampler of wind [m/s], each species of the gas [ppm] and cell fields at points (n, dim) [m].
+    """Sampler of wind [m/s], mole fraction of each gas species [ppm] and cell fields at fixed points (n, dim) [m].
 
-    solid: cells that hold no air, bool of the grid's shape.
+    solid: mask of the cells that hold no air, of the grid's shape.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class Sampler:
         uploader(self.air)(grid.pad(~solid))
 
     def sample(self, t: float) -> np.ndarray:
-        """Return the values at time t [s], (width, n): components of the wind, species, then cell fields."""
+        """Return the values at time t [s], (width, n): wind components, species, then cell fields."""
         out = np.empty((self.width, len(self.points)), np.float32)
         self._sample(self.points, t, out)
         return out

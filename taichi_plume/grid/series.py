@@ -1,4 +1,4 @@
-"""Time series of numbers in a single array, which grows by doubling: no Python object per row."""
+"""Time series in a single array that grows by doubling, without a Python object per row."""
 
 from collections.abc import Iterator
 from typing import overload
@@ -9,7 +9,7 @@ FIRST = 16  # rows of an empty series
 
 
 class Series:
-    """Rows of `width` numbers each, with their times [s]; read like a list of (time, numbers (width,))."""
+    """Time series: rows of `width` numbers with their times [s], read like a list of (time, numbers (width,))."""
 
     STATE = ("table", "count")
 
@@ -18,7 +18,7 @@ class Series:
         self.count = 0
 
     def append(self, row: tuple[float, np.ndarray]) -> None:
-        """Append a time [s] and numbers (width,)."""
+        """Append a row: a time [s] and numbers (width,)."""
         if self.count == len(self.table):
             self.table = np.concatenate([self.table, np.zeros_like(self.table)])
         self.table[self.count, 0], self.table[self.count, 1:] = row
@@ -26,12 +26,12 @@ class Series:
 
     @property
     def times(self) -> np.ndarray:
-        """Times (rows,) [s]."""
+        """Times of all rows, (rows,) [s]."""
         return self.table[: self.count, 0]
 
     @property
     def values(self) -> np.ndarray:
-        """Numbers (rows, width)."""
+        """Numbers of all rows, (rows, width)."""
         return self.table[: self.count, 1:]
 
     def __len__(self) -> int:

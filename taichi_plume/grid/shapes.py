@@ -1,7 +1,7 @@
 """Obstacles as signed distances: boxes, cylinders, prisms and balls.
 
 Distances are in m, negative inside; points are (..., 2) in a 2-D run and (..., 3) in a 3-D run. The distances of these
-shapes are exact. A robot on the ground can touch the shadow of a shape: the part between two heights, seen from above.
+shapes are exact. A ground robot can touch the shadow of a shape: the part between two heights, seen from above.
 """
 
 from abc import ABC, abstractmethod
@@ -17,11 +17,11 @@ CLEARANCE_NODES = 400_000
 
 
 class ShapeError(ValueError):
-    """Error for a missing or unusable file of an obstacle; the message begins with the file's name."""
+    """Error of an obstacle's file that is missing or unusable; the message begins with the file's name."""
 
 
 class Shape(ABC):
-    """Obstacle. model: section of the scenario, None for an imported wind; low, high: bounding box (dim,) [m]."""
+    """Shape of an obstacle. model: scenario section, None for an imported wind; low, high: bounding box (dim,) [m]."""
 
     model: Any = None
     low: np.ndarray
@@ -29,11 +29,11 @@ class Shape(ABC):
 
     @abstractmethod
     def signed_distance(self, points: np.ndarray) -> np.ndarray:
-        """Return the distance [m] of points (..., dim) to the surface, negative inside."""
+        """Return the distance [m] of points (..., dim) to the surface, negative inside the obstacle."""
 
     @abstractmethod
     def horizontal_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
-        """Return the distance [m] from points (..., 2) to the shadow of the part with low < z < high, infinite if none.
+        """Return the distance [m] of points (..., 2) from the shadow of the part with low < z < high; infinite if none.
 
         In a 2-D run heights do not matter.
         """
@@ -43,12 +43,12 @@ class Shape(ABC):
         return None
 
     def inside(self, points: np.ndarray) -> np.ndarray:
-        """Return whether points (..., dim) lie below the surface."""
+        """Return a mask of the points (..., dim) inside the obstacle."""
         return self.signed_distance(points) < 0.0
 
 
 class Upright(Shape):
-    """Footprint, in 3-D extruded from z = `base` to `top` [m]."""
+    """Obstacle with a footprint, in 3-D extruded from z = `base` to `top` [m]."""
 
     def __init__(self, model: Any, dim: int, low: np.ndarray, high: np.ndarray, base: float, top: float):
         self.model, self.base, self.top = model, base, top
@@ -75,7 +75,7 @@ class Upright(Shape):
 
 
 class UprightBox(Upright):
-    """Box turned about the vertical."""
+    """Box obstacle turned about the vertical."""
 
     def __init__(self, model: Any, dim: int):
         self.center = np.array(model.center[:2])
@@ -91,7 +91,7 @@ class UprightBox(Upright):
 
 
 class UprightCylinder(Upright):
-    """Cylinder with a vertical axis."""
+    """Cylinder obstacle with a vertical axis."""
 
     def __init__(self, model: Any, dim: int, ceiling: float):
         self.center, self.radius = np.array(model.center), model.radius
@@ -104,7 +104,7 @@ class UprightCylinder(Upright):
 
 
 class UprightPrism(Upright):
-    """Prism over a simple polygon, in either sense of rotation."""
+    """Prism obstacle over a simple polygon, in either sense of rotation."""
 
     def __init__(self, model: Any, dim: int, ceiling: float):
         self.vertices = np.array(model.vertices)
@@ -126,7 +126,7 @@ class UprightPrism(Upright):
 
 
 class Ball(Shape):
-    """Sphere, in 2-D a disc."""
+    """Sphere obstacle, in 2-D a disc."""
 
     def __init__(self, model: Any, dim: int):
         self.model = model
@@ -137,7 +137,7 @@ class Ball(Shape):
         return np.linalg.norm(points - self.center, axis=-1) - self.radius
 
     def horizontal_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
-        """Return the distance [m] from points (..., 2) to the widest disc between these heights."""
+        """Return the distance [m] of points (..., 2) to the widest disc between these heights; infinite if none."""
         z = self.center[2] if len(self.center) == 3 else low
         squared = self.radius**2 - (z - np.clip(z, low, high)) ** 2
         if squared <= 0:
@@ -146,7 +146,7 @@ class Ball(Shape):
 
 
 def rotation(yaw_deg: float) -> np.ndarray:
-    """Return the axes of a body turned about the vertical, as columns."""
+    """Return the horizontal axes of a body turned by `yaw_deg` about the vertical, as columns (2, 2)."""
     c, s = cos(radians(yaw_deg)), sin(radians(yaw_deg))
     return np.array([[c, -s], [s, c]])
 

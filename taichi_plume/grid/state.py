@@ -28,7 +28,7 @@ def saves_itself(value: object) -> bool:
 
 
 class _Piece(NamedTuple):
-    """Indivisible piece of state: attribute `key` of its owner, or item `key` of a list, tuple or dict."""
+    """Indivisible piece of a state: attribute `key` of its owner, or item `key` of a list, tuple or dict."""
 
     path: str
     owner: Any
@@ -37,11 +37,11 @@ class _Piece(NamedTuple):
 
     @property
     def value(self) -> Any:
-        """Present value."""
+        """Present value of this piece of the state."""
         return getattr(self.owner, self.key) if self.is_attribute else self.owner[self.key]
 
     def replace(self, value: object) -> None:
-        """Set another value."""
+        """Set this piece of the state to `value`, in the object or collection that holds it."""
         if self.is_attribute:
             setattr(self.owner, self.key, value)
         else:
@@ -65,7 +65,7 @@ def _split(piece: _Piece) -> Iterator[_Piece]:
 
 
 def _has_parts(values: Iterable[object]) -> bool:
-    """Return whether a list, tuple or dict holds fields or components."""
+    """Return whether a list, tuple or dict holds fields or components with a STATE, at any depth."""
     return any(
         isinstance(value, ti.Field)
         or hasattr(value, "STATE")
@@ -75,7 +75,7 @@ def _has_parts(values: Iterable[object]) -> bool:
 
 
 class State:
-    """State of a component and of all its parts. The constructor compiles the kernels, over all fields at once."""
+    """Complete state of a component and its parts. The constructor compiles kernels over all their fields at once."""
 
     def __init__(self, part: object):
         self.part = part
@@ -90,11 +90,11 @@ class State:
         self._put: Callable[..., None] | None = None
 
     def clear(self) -> None:
-        """Set every field to zero, as new fields are."""
+        """Set every field of the state to zero, the value of new fields."""
         self._clear()
 
     def save(self) -> dict[str, Any]:
-        """Return the state by the path of each piece, on the host."""
+        """Return a copy of the state on the host, as a dict from the path of each piece to its value."""
         if self._read is None:
             self._read = reader(*self._fields)
         saved: dict[str, Any] = dict(zip(self.paths, self._read(), strict=True))
@@ -108,7 +108,7 @@ class State:
         return saved
 
     def unlike(self, saved: dict[str, Any]) -> str | None:
-        """Return the reason why a saved state cannot be restored, otherwise None."""
+        """Return the reason why a saved state cannot be restored; None if it can."""
         other = sorted({*self.paths, *(piece.path for piece in self._on_host())} ^ saved.keys())
         if other:
             return f"{other[0]} exists in only one of the two states"
@@ -118,7 +118,7 @@ class State:
         return None
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Restore a saved state."""
+        """Set the component to a state saved by `save`."""
         if self._put is None:
             self._put = uploader(*self._fields)
         self._put(*(saved[path] for path in self.paths))
@@ -139,7 +139,7 @@ class State:
 
 
 def _clearer(fields: list[Field]) -> Callable[[], None]:
-    """Return a function that zeroes the fields: in place, or by a kernel with a loop for the fields of each shape."""
+    """Return a function that zeroes the fields, in memory or by a kernel with a loop for the fields of each shape."""
     if views(fields) is not None:
 
         def zero() -> None:

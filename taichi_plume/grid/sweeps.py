@@ -8,11 +8,11 @@ import taichi as ti
 from taichi_plume.grid.kernels import FEW_CELLS, FEW_ROWS, STRIP, Field, Pass, Template, on_cpu
 
 Ranges = Sequence[tuple[int, int]]
-"""First index and end per axis."""
+"""First index and end per axis of a sweep."""
 
 
 def _strips(cells: int) -> tuple[int, int]:
-    """Return the number of strips of a row of cells, and the cells of each strip except the last.
+    """Return the number of strips into which a row of cells is cut, and the cells of each strip except the last.
 
     The last strip has several cells: LLVM generates faulty code for loops over a cell of a field and none of another.
     """
@@ -25,20 +25,20 @@ def _strips(cells: int) -> tuple[int, int]:
 def _merged(
     bodies: Sequence[Callable], ranges: Sequence[Ranges]
 ) -> tuple[Sequence[Ranges], list[tuple[int, int]]]:
-    """Return the ranges of each body, and the range per axis that covers all of them."""
+    """Return the index ranges of each body, and the range per axis that covers all of them."""
     own = ranges if len(ranges) == len(bodies) else tuple(ranges) * len(bodies)
     return own, [max(axis) for axis in zip(*own, strict=True)]
 
 
 def sweep(bodies: Sequence[Callable], outs: Sequence[Field | tuple[Field, ...]], *ranges: Ranges) -> Pass:
-    """Return a pass that sets ``out[I] = body(I, a, b)`` per pair of body and out, for I in the common range of all
-    bodies or in the range of each body; ranges differ only in their ends.
+    """Return a pass that sets ``out[I] = body(I, a, b)`` for each pair of body and out, for I in the common range of
+    all bodies or in the range of each body; ranges differ only in their ends.
 
     body: ti.func of an index vector and two scalars, without stores and with `ti.select` for `if`; it may read `out` at
     I only. If `out` is a tuple of fields, body returns a vector with a value for each field.
 
-    On a CPU a row is cut into strips: 32 values are computed into registers, then stored. LLVM vectorises loops
-    only while they store nothing global, so this is up to five times faster than storing cell by cell.
+    On a CPU a row is cut into strips: 32 values are computed into registers, then stored. LLVM vectorises loops only
+    while they store nothing global, so this is up to five times faster than storing cell by cell.
     """
     own, whole = _merged(bodies, ranges)
     dim = len(whole)

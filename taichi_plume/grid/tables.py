@@ -8,21 +8,21 @@ from taichi_plume.grid.transfer import uploader
 
 
 class Tables:
-    """Collection of the constant fields of a solver and its parts, filled together in a single launch."""
+    """Collection of the constant fields of a solver and its parts, filled together in a single launch by `upload`."""
 
     def __init__(self):
         self._fields: list[Field] = []
         self._values: list[np.ndarray] = []
 
     def put(self, field: Field, values: np.ndarray) -> Field:
-        """Register values of the field's shape, to be filled later; return the field."""
+        """Register values, of the field's shape, that `upload` will write to the field; return the field."""
         self._fields.append(field)
         self._values.append(np.asarray(values))
         return field
 
     def listed(self, values: np.ndarray) -> Field:
-        """Return a field of the numbers (n,) or rows (n, dim), i32 or f32; one zero if n is 0, as Taichi has no empty
-        fields.
+        """Return a new field for numbers (n,) or rows (n, dim), i32 or f32, that `upload` will fill. If n is 0, the
+        field has one zero, as Taichi has no empty fields.
         """
         dtype = ti.i32 if np.issubdtype(values.dtype, np.integer) else ti.f32
         n = max(1, len(values))
@@ -30,6 +30,6 @@ class Tables:
         return self.put(field, values if len(values) else np.zeros((1, *values.shape[1:])))
 
     def upload(self) -> None:
-        """Fill the fields, once."""
+        """Write the registered values to their fields."""
         uploader(*self._fields)(*self._values)
         self._fields, self._values = [], []

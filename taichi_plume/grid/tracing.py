@@ -1,6 +1,6 @@
 """Faster tracing of Taichi's kernels, the longest part of a start with compiled kernels on disk.
 
-Taichi 1.7, the last release, collects much for error messages: at each call of a function its source, for each node of
+Taichi 1.7, the last release, collects data for error messages: at each call of a function its source, for each node of
 a kernel the position in the source, and for each field the whole stack. Here sources are read once and positions are
 file and line. A function of Taichi is replaced only if its parameters are as expected. The traced code is the same, so
 that the cache of compiled kernels stays valid.
@@ -28,7 +28,7 @@ Read = TypeVar("Read")
 
 
 def replace(owner: object, name: str, parameters: tuple[str, ...], other: Callable) -> bool:
-    """Replace a function of Taichi if it has these parameters; return whether it was replaced."""
+    """Replace the attribute `name` of `owner` by `other` if it is a function with these parameters; return whether."""
     old = vars(owner).get(name)
     if not isinstance(old, FunctionType):
         return False
@@ -42,7 +42,7 @@ def replace(owner: object, name: str, parameters: tuple[str, ...], other: Callab
 
 
 def once(read: Callable[[object], Read]) -> Callable[[object], Read]:
-    """Return a `read` of a function's source that reads once for all functions made by the same `def`."""
+    """Return a caching version of `read`, which finds a function's source; functions of the same `def` share it."""
     known: dict[int, tuple[CodeType, Read]] = {}  # with the code object, so that its id is not reused
 
     def reading(function: object) -> Read:
@@ -57,7 +57,7 @@ def once(read: Callable[[object], Read]) -> Callable[[object], Read]:
 
 
 def inside_class(level_of_class_stackframe: int) -> bool:
-    """Return whether the function that is being decorated is a method, by the line of the frame outside."""
+    """Return whether the function being decorated is a method, by the source line of an outer stack frame."""
     try:
         frame = sys._getframe(level_of_class_stackframe)
     except ValueError:
@@ -70,7 +70,7 @@ def inside_class(level_of_class_stackframe: int) -> bool:
 
 
 def position(self: Any, node: ast.stmt | ast.expr) -> str:
-    """Return the file, the line and its text for Taichi's messages. Taichi itself also underlines the position."""
+    """Return the text of the source position of an AST node for Taichi's messages: file, line number and line."""
     lines = vars(self).setdefault("line_texts", {})
     if node.lineno not in lines:
         text, line = self.src[node.lineno - 1].strip(), node.lineno + self.lineno_offset
@@ -79,7 +79,7 @@ def position(self: Any, node: ast.stmt | ast.expr) -> str:
 
 
 def declaration(stacklevel: int = 1) -> str:
-    """Return the line that declares a field: the innermost line outside Taichi."""
+    """Return the text of the line that declares a field, the innermost line of the stack outside Taichi."""
     frame = sys._getframe(1)
     while frame.f_back is not None and frame.f_code.co_filename.startswith(TAICHI):
         frame = frame.f_back
@@ -90,7 +90,7 @@ def declaration(stacklevel: int = 1) -> str:
 
 
 class _Failing:
-    """Builder of nodes that fails with the error of another builder."""
+    """Stand-in for an AST builder whose methods raise the error of another builder."""
 
     def __init__(self, error: Exception):
         self.error = error
@@ -104,12 +104,12 @@ class _Failing:
 
 @cache
 def _builder(builder: type, kind: type) -> tuple[Callable | None, bool]:
-    """Return the function that builds nodes of a kind, and whether such nodes have a position in the source."""
+    """Return the method of an AST builder for nodes of a kind, and whether such nodes have a position in the source."""
     return getattr(builder, f"build_{kind.__name__}", None), issubclass(kind, ast.stmt | ast.expr)
 
 
 def building(plain: Callable) -> Callable:
-    """Return a function that builds a node like `plain`; `plain` still reports the errors."""
+    """Return a faster function that builds an AST node; on an error it calls `plain`, which reports the error."""
 
     def build(self: object, ctx: ASTTransformerContext, node: ast.AST) -> object:
         method, placed = _builder(type(self), type(node))
@@ -128,7 +128,7 @@ def building(plain: Callable) -> Callable:
 
 
 def quicken() -> tuple[bool, ...]:
-    """Replace functions of Taichi; return for each whether it was replaced."""
+    """Replace the slow functions of Taichi; return for each whether it was replaced."""
     sources = ("getsourcelines", "getsourcefile")
     changes = [replace(kernel_impl, name, ("obj",), once(vars(kernel_impl)[name])) for name in sources]
     if vars(kernel_impl).get("textwrap") is textwrap:

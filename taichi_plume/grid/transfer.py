@@ -1,4 +1,4 @@
-"""Transfer of arrays to and from many fields at once, and numbers that kernels read at run time.
+"""Transfer of arrays to and from many fields at once, and parameters that kernels read at run time.
 
 On the CPU fields are copied in place. Elsewhere every `from_numpy`, `to_numpy` and `fill` of another field compiles its
 own kernel (0.1 s without a cache, 0.03 s with a cache). Here a component compiles a single kernel for all its fields,
@@ -18,7 +18,7 @@ from taichi_plume.grid.memory import KINDS, views
 
 
 class _Layout:
-    """Places of fields, one after the other, in a flat array of f32 (of i32 and u32 by their bits) and one of f64."""
+    """Layout of fields, one after the other, in a flat array of f32 (i32 and u32 by their bits) and one of f64."""
 
     def __init__(self, fields: Sequence[Field]):
         self.vectors = tuple(isinstance(field, ti.MatrixField) for field in fields)
@@ -39,13 +39,13 @@ class _Layout:
         self.double = np.zeros(max(1, length[True]))
 
     def part(self, f: int) -> np.ndarray:
-        """Return the place of field f in the flat arrays, a view of the field's shape and kind of number."""
+        """Return the part of the flat arrays that belongs to field f, as a view with the field's shape and type."""
         flat = self.double if self.dtypes[f] is np.float64 else self.single.view(self.dtypes[f])
         return flat[self.begins[f] : self.begins[f] + prod(self.shapes[f])].reshape(self.shapes[f])
 
 
 def alike(fields: Sequence[Field]) -> tuple[tuple[int, ...], ...]:
-    """Indices of the fields of each shape: one loop for a shape compiles in a fraction of the time of one per field."""
+    """Return the indices of the fields of each shape: one loop per shape compiles much faster than one per field."""
     groups: dict[tuple[int, ...], list[int]] = {}
     for f, field in enumerate(fields):
         groups.setdefault(tuple(field.shape), []).append(f)
@@ -54,7 +54,7 @@ def alike(fields: Sequence[Field]) -> tuple[tuple[int, ...], ...]:
 
 @ti.func
 def _place(I: Template, shape: Template):
-    """Number of entry I in an array of that shape, last axis fastest."""
+    """Return the flat position of entry I in an array of this shape, last axis fastest."""
     place = 0
     for d in ti.static(range(len(shape))):
         place = place * shape[d] + I[d]
@@ -62,7 +62,7 @@ def _place(I: Template, shape: Template):
 
 
 def uploader(*fields: Field) -> Callable[..., None]:
-    """Return a function ``put(*arrays)`` that sets the fields, whole and in this order.
+    """Return a function ``put(*arrays)`` that sets these fields, whole and in this order.
 
     An array has the field's shape (and a last axis over the components of a vector field), or is one number for all.
     """
@@ -82,7 +82,7 @@ def uploader(*fields: Field) -> Callable[..., None]:
 
 
 def reader(*fields: Field) -> Callable[[], list[np.ndarray]]:
-    """Return a function that reads the fields: an array of each, shaped as the arrays that `uploader` takes."""
+    """Return a function that returns the fields' values, one array per field, shaped as for `uploader`."""
     copier = cache(partial(_copier, fields))
 
     def read() -> list[np.ndarray]:
@@ -154,7 +154,7 @@ def _copier(fields: Sequence[Field]) -> tuple[Callable[..., None], Callable[[], 
 
 
 class Numbers:
-    """Numbers (f32) that kernels read at run time, so that new values need no new kernel.
+    """Scalar parameters (f32) that kernels read at run time, so that new values need no new kernel.
 
     ``n = Numbers("viscosity", "schmidt")`` creates the fields, ``n.set(viscosity=1.56e-5, schmidt=0.7)`` sets them in a
     launch per call. A kernel reads ``n.viscosity[None]``, the host ``n["viscosity"]``.
@@ -174,7 +174,7 @@ class Numbers:
         return self._values[name]
 
     def set(self, **values: float) -> None:
-        """Set the given numbers."""
+        """Set the given parameters, by name. Raises KeyError for an unknown name."""
         unknown = values.keys() - self._values.keys()
         if unknown:
             raise KeyError(*sorted(unknown))

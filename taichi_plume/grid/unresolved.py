@@ -12,7 +12,7 @@ import numpy as np
 from taichi_plume.grid.shapes import FINER, TIE, Shape
 
 SAMPLES = 20_000  # points in the box around a body
-LOOKED_AT = 500  # points in the body that are evaluated
+LOOKED_AT = 500  # number of points in the body that are evaluated
 LEAST_POINTS = 10  # with fewer points in the body, more are tried once
 MOST_MISSED = 0.4  # fraction of a body: more counts as missed
 MOST_LOST = 0.02  # fraction of a body without a node inside near it: more is a missed part
@@ -20,8 +20,8 @@ MOST_LOST = 0.02  # fraction of a body without a node inside near it: more is a 
 
 @dataclass(frozen=True)
 class Missed:
-    """Missed part of a body. share: fraction of the body's volume in the domain that the grid does not resolve; place:
-    middle of the missed part, (dim,) [m]; whole: whether the body as a whole is missed.
+    """Part of an obstacle that the grid does not resolve. share: fraction of the obstacle's volume in the domain;
+    place: centre of the part, (dim,) [m]; whole: whether the obstacle as a whole is missed.
     """
 
     share: float
@@ -30,7 +30,7 @@ class Missed:
 
 
 def missed(shape: Shape, extent: tuple[float, ...], dx: float, samples: int = SAMPLES) -> Missed | None:
-    """Return the part of a shape that cells of dx [m] miss in a domain of an extent [m]; None if it is negligible."""
+    """Return the part of a shape that cells of dx [m] miss in a domain of this extent [m]; None if it is negligible."""
     low, high = np.maximum(shape.low, 0.0), np.minimum(shape.high, extent)
     if (high <= low).any():
         return None
@@ -64,6 +64,6 @@ def missed(shape: Shape, extent: tuple[float, ...], dx: float, samples: int = SA
 
 
 def _distance(shape: Shape, points: np.ndarray, dx: float) -> np.ndarray:
-    """Return the distance [m] as interpolated by `cut_cells`."""
+    """Return the signed distance [m] of points from the surface of a shape, as `cut_cells` takes it."""
     distance = shape.signed_distance(points)
     return np.where(np.abs(distance) < TIE * dx, 0.0, distance)

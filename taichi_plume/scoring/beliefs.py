@@ -25,7 +25,7 @@ from taichi_plume.simulation import Every, Simulation
 
 @dataclass(frozen=True)
 class GroupBeliefs:
-    """Belief of a group: p (trials, robots, nx, ny), on cells of edge `cell` [m] from corner `low` (2,) [m] on."""
+    """Beliefs of a group: p (trials, robots, nx, ny), on cells of edge `cell` [m] from corner `low` (2,) [m] on."""
 
     group: GroupRange
     cell: float
@@ -33,12 +33,12 @@ class GroupBeliefs:
     p: np.ndarray
 
     def axes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Centres of the cells along x and y [m]."""
+        """Return the coordinates of the cells' centres along x and along y [m]."""
         x, y = (self.low[d] + (np.arange(n) + 0.5) * self.cell for d, n in enumerate(self.p.shape[2:]))
         return x, y
 
     def scores(self, sources: np.ndarray) -> np.ndarray:
-        """Scores OF_BELIEFS of each trial, (5, trials); sources: (m, 2) [m]."""
+        """Return the scores OF_BELIEFS of each trial, (5, trials), means over its robots; sources: (m, 2) [m]."""
         places = np.stack(np.meshgrid(*self.axes(), indexing="ij"), axis=-1)
         square = self.group.model.capture == "square"
         away = _nearest(places, sources)
@@ -57,7 +57,7 @@ class GroupBeliefs:
 
 
 def _nearest(places: np.ndarray, sources: np.ndarray, square: bool = False) -> np.ndarray:
-    """Distance of points (..., 2) to the nearest source [m], 0 without sources; square: the maximum norm."""
+    """Return the distance of points (..., 2) to the nearest source [m], 0 without sources; square: maximum norm."""
     if not len(sources):
         return np.zeros(places.shape[:-1])
     apart = np.linalg.norm(places[..., None, :] - sources, ord=np.inf if square else None, axis=-1)
@@ -65,12 +65,12 @@ def _nearest(places: np.ndarray, sources: np.ndarray, square: bool = False) -> n
 
 
 def believers(sim: Simulation) -> list[Believer]:
-    """The algorithms of a run that keep beliefs."""
+    """Return the search algorithms of a run that keep beliefs."""
     return [team.algorithm for team in sim.teams if isinstance(team.algorithm, Believer)]
 
 
 def beliefs(sim: Simulation) -> list[GroupBeliefs]:
-    """Current beliefs of each group that keeps them, in the order of the scenario."""
+    """Return the current beliefs of each group that keeps beliefs, in the order of the scenario."""
     parts = []
     for believer in believers(sim):
         belief, begin = np.asarray(believer.beliefs()), 0
@@ -82,7 +82,7 @@ def beliefs(sim: Simulation) -> list[GroupBeliefs]:
 
 
 class BeliefScores:
-    """Scores of the beliefs of a run over time. Add `observer()` to the simulation's.
+    """Recorder of the belief scores of a run over time. Add `observer()` to the simulation's observers.
 
     rows: scores OF_BELIEFS of each group in the order of `beliefs`, means over its trials.
     """
@@ -98,18 +98,18 @@ class BeliefScores:
         return Every(scores.PERIOD, self.sample)
 
     def now(self, sim: Simulation) -> list[tuple[GroupBeliefs, np.ndarray]]:
-        """Current beliefs of each group with their scores (5, trials)."""
+        """Return the current beliefs of each group with their scores (5, trials)."""
         on = self.sources[self.begins < sim.t]
         return [(belief, belief.scores(on)) for belief in beliefs(sim)]
 
     def sample(self, sim: Simulation) -> None:
-        """Store the current scores."""
+        """Append the current scores to `rows`."""
         if self.groups:
             rows = [values.mean(axis=1) for _, values in self.now(sim)]
             self.rows.append((sim.t, np.ravel(rows)))
 
     def entries(self, sim: Simulation) -> list[Json]:
-        """Entries of each group for result.json: means, scores of each trial, and means over time."""
+        """Return an entry per group for result.json: mean scores, scores of each trial, and means over time."""
         rows = []
         table = self.rows.values.reshape(len(self.rows), self.groups, len(OF_BELIEFS))
         for k, (belief, values) in enumerate(self.now(sim)):

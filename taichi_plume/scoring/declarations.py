@@ -11,18 +11,18 @@ if TYPE_CHECKING:
     from taichi_plume.agents.groups import GroupRange
 
 Json = dict[str, Any]
-"""A JSON object, as in result.json."""
+"""JSON object, as in result.json."""
 Snapshot = dict[str, np.ndarray]
 """Quantities of all robots at one time, by their keys (see agents/columns.py)."""
 DECLARED, REACHED, NEITHER = "declared", "reached", "neither"
 """Outcomes of a trial: a robot has rightly declared a source; none has, but one has reached a source; neither."""
 OUTCOMES = (DECLARED, REACHED, NEITHER)
 OF_BELIEFS = ("peak_distance_m", "mean_distance_m", "expected_distance_m", "entropy_bits", "within_reach")
-"""Scores of a belief, see `scoring/beliefs.py`."""
+"""Names of the scores of a belief, see `scoring/beliefs.py`."""
 
 
 def by_trial(group: "GroupRange", values: np.ndarray) -> np.ndarray:
-    """Return the rows of a group's robots as (trials, robots, ...)."""
+    """Return the rows of a group's robots in an array over the swarm, as (trials, robots, ...)."""
     rows = values[group.start : group.start + group.trials * group.count]
     return rows.reshape(group.trials, group.count, *values.shape[1:])
 
@@ -72,5 +72,5 @@ def may_declare(model: Group) -> bool:
 
 
 def has_declared(trials: Mapping[str, Sequence[float | None]]) -> bool:
-    """Return whether a robot has declared in any trial of `declared_outcomes` or of a result.json."""
+    """Return whether a robot has declared a source in any trial; trials: from `declared_outcomes` or a result.json."""
     return any(value is not None and value > 0 for value in trials.get("declarations", ()))

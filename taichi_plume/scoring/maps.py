@@ -1,11 +1,11 @@
 """Scores of gas maps over time: errors, correlation and negative log predictive density against the true gas.
 
 The truth is the gas in the cells of a map, averaged over the time since the robots started: a map that does not forget
-tends to this mean. When a snap ends (or every `scores.PERIOD`, for a map without snaps) each trial of a map gets
+tends to this mean. When a snapshot ends (or every `scores.PERIOD` without snapshots) each trial of a map gets:
 
-    error_ppm        mean of |estimate - truth| over the cells it knows and a robot can measure
-    correlation      of both over these cells
-    peak_distance_m  from the largest estimate to the nearest source that has started
+    error_ppm        mean of |estimate - truth| over the cells with an estimate that a robot can measure;
+    correlation      correlation of estimate and truth over these cells;
+    peak_distance_m  from the largest estimate to the nearest source that has started;
     nlpd             mean of ½ ln(2π v) + (r - m)² / 2v over the readings r since the previous score, with the estimate
                      m of that time and the variance v of a reading: the map's forecast of these readings. NaN without
                      variance
@@ -17,12 +17,12 @@ from taichi_plume.grid.series import Series
 from taichi_plume.scoring import trials as scores
 from taichi_plume.simulation import Every, Simulation
 
-LOOKS = 1.0  # s, between samples of the true gas and the readings
+LOOKS = 1.0  # s, time between samples of the true gas and the readings
 NAMES = ("error_ppm", "correlation", "peak_distance_m", "nlpd")
 
 
 class MapSeries:
-    """Scores of one map over time, as means over the trials of each group (see `scores.map_rows`).
+    """Scores of one gas map over time, as means over the trials of each group (see `scores.map_rows`).
 
     rows: see the properties. last: (4, trials), scores of all trials at the last of the times.
     """
@@ -44,14 +44,14 @@ class MapSeries:
         self.sum, self.looks, self.ended = np.zeros(self.shape), 0, 0
         self.rows = Series(
             len(NAMES) * (1 + len(self.parts))
-        )  # of each name: scores of the first trial, then means of the groups
+        )  # per name: score of the first trial, then means of the groups
         self.last = np.full((len(NAMES), trials), np.nan)
         self.expected: list[np.ndarray] = []  # mean and variance of a `Prediction`, once there is one
         self.surprise = np.zeros((2, trials))  # sum and number of the readings since the last score
 
     @property
     def truth(self) -> np.ndarray:
-        """Mean of the true gas [ppm], (nx, ny)."""
+        """Time average of the true gas [ppm], (nx, ny)."""
         return self.sum / max(1, self.looks)
 
     @property
@@ -60,11 +60,11 @@ class MapSeries:
         return self.rows.times.tolist()
 
     def first(self, name: str) -> np.ndarray:
-        """Scores of the first trial, (times,)."""
+        """Return the scores called `name` of the first trial, (times,)."""
         return self._of(name)[:, 0]
 
     def means(self, name: str) -> np.ndarray:
-        """Means over the trials of each group whose score is known, (times, groups)."""
+        """Return the mean of the scores called `name` over each group's trials with a score, (times, groups)."""
         return self._of(name)[:, 1:]
 
     def _of(self, name: str) -> np.ndarray:
@@ -72,7 +72,7 @@ class MapSeries:
         return self.rows.values.reshape(shape)[:, NAMES.index(name)]
 
     def sample(self, sim: Simulation, gas: np.ndarray) -> None:
-        """Add the true gas [ppm], (nx, ny), and the readings; at the end of a snap, score the map."""
+        """Add the true gas [ppm], (nx, ny), and the robots' readings; at the end of a snapshot, score the map."""
         self.sum += gas
         self.looks += 1
         if self.expected and len(self.trial):
@@ -84,7 +84,7 @@ class MapSeries:
             self._score(sim.t)
 
     def _add_surprise(self, surprise: np.ndarray) -> None:
-        """Add the surprise of each robot's reading; NaN does not count."""
+        """Add the surprise (negative log likelihood) of each robot's reading to its trial; NaN does not count."""
         known = np.isfinite(surprise)
         for row, values in zip(self.surprise, (np.where(known, surprise, 0.0), known), strict=True):
             row += np.bincount(self.trial, values, len(row))
@@ -104,7 +104,7 @@ class MapSeries:
 
 
 class MapScores:
-    """Scores of all maps of a run, a `MapSeries` each. Add `observer()` to the simulation's."""
+    """Recorder of the scores of a run's maps, a `MapSeries` each. Add `observer()` to the simulation's observers."""
 
     STATE = ("series",)
 
@@ -112,7 +112,7 @@ class MapScores:
         self.series = [MapSeries(sim, n) for n in range(len(sim.maps))]
 
     def observer(self) -> Every:
-        """Observer to be called before those that need the scores of the same time."""
+        """Return the observer, to be called before others that need the scores of the same time."""
         return Every(LOOKS, self.sample)
 
     def sample(self, sim: Simulation) -> None:

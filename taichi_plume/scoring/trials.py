@@ -15,18 +15,18 @@ from taichi_plume.scoring.declarations import OUTCOMES, Json, Snapshot, by_trial
 from taichi_plume.simulation import Mapper, Simulation, Uncertain
 
 SENSORS = 0.1  # m, default height of sensors
-SAMPLES = 4  # per axis of a map cell, at most
-PERIOD = 5.0  # s, between scores of a map that has no snaps
+SAMPLES = 4  # largest number of samples per axis of a map cell
+PERIOD = 5.0  # s, time between scores of a map that has no snapshots
 SUMS = ("acquisitions", "hits", "bumps", "pushes", "pinned_s")
-"""Columns of robots that trials sum over a team; pushes and pinned_s exist only where obstacles move."""
+"""Columns of robots that are summed over a team; pushes and pinned_s exist only where obstacles move."""
 SETTLED = 30.0  # s after `begin`: forecasts count from then on, as in Marjovi & Marques
 
 
 @dataclass(frozen=True)
 class MapScore:
-    """Errors of a map against the true gas, per trial over the cells with an estimate; NaN without such cells.
+    """Errors of a gas map against the true gas, per trial over the cells with an estimate; NaN without such cells.
 
-    mae [ppm], correlation (Pearson; NaN where one of the two is constant), known: share of the cells.
+    mae [ppm], correlation (Pearson; NaN where one of the two is constant), known: fraction of the cells.
     """
 
     mae: np.ndarray
@@ -35,7 +35,7 @@ class MapScore:
 
 
 def true_gas(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarray:
-    """Mean true concentration [ppm] of each map cell at the height of the gas sensors, (nx, ny)."""
+    """Return the mean true concentration [ppm] of each map cell at the height of the gas sensors, (nx, ny)."""
     n = min(SAMPLES, max(1, ceil(cell / sim.grid.dx - 1e-9)))
     axes = [(np.arange(count * n) + 0.5) * cell / n for count in shape]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
@@ -47,18 +47,18 @@ def true_gas(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarray
 
 
 def measurable(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarray:
-    """Mask (nx, ny) of map cells with a centre that a robot can reach: in the arena, outside of standing obstacles."""
+    """Return a mask (nx, ny) of map cells whose centre robots can reach: in the arena, outside of fixed obstacles."""
     return sim.swarm.clearance.distance_at(centers(shape, cell)) > 0.0
 
 
 def sensor_height(sim: Simulation) -> float:
-    """Height of the first group's gas sensors [m]; without robots, the default height of sensors."""
+    """Return the height of the first group's gas sensors [m]; without robots, the default height of sensors."""
     groups = sim.scenario.robots
     return groups[0].sensors.nose.height if groups else min(SENSORS, sim.grid.extent[-1])
 
 
 def map_rows(sim: Simulation) -> list[tuple[tuple[str, ...], slice]]:
-    """Names of the groups that share a map, and their trials on axis 0 of the map.
+    """Return the names of the groups that share a map, and the map's trials (axis 0) that belong to them.
 
     Rivals make a map each; other groups make one together, in trial k those that have so many trials.
     """
@@ -72,7 +72,7 @@ def map_rows(sim: Simulation) -> list[tuple[tuple[str, ...], slice]]:
 
 
 def map_score(estimate: np.ndarray, truth: np.ndarray) -> MapScore:
-    """Score of estimates (trials, nx, ny) [ppm], NaN where unknown, against the truth (nx, ny) [ppm].
+    """Return the score of estimates (trials, nx, ny) [ppm], NaN where unknown, against the truth (nx, ny) [ppm].
 
     Cells where the truth is NaN do not count.
     """
@@ -92,9 +92,9 @@ def map_score(estimate: np.ndarray, truth: np.ndarray) -> MapScore:
 
 
 def peak_distance(estimate: np.ndarray, cell: float, sources: np.ndarray) -> np.ndarray:
-    """Distance [m] from the peaks of maps (trials, nx, ny) to the nearest of the sources (m, 2) [m], (trials,).
+    """Return the distance (trials,) [m] from each map's peak to the nearest source; estimate (trials, nx, ny).
 
-    NaN where a map is without gas, or without sources.
+    sources: (m, 2) [m]. NaN for a map without gas, or without sources.
     """
     trials, _, ny = estimate.shape
     estimate = np.nan_to_num(estimate).reshape(trials, -1)
@@ -106,7 +106,7 @@ def peak_distance(estimate: np.ndarray, cell: float, sources: np.ndarray) -> np.
 
 @dataclass(frozen=True)
 class Prediction:
-    """Predicted readings in the cells of a map: mean [ppm] and variance [ppm²], (trials, nx, ny).
+    """Prediction of readings by a gas map: mean [ppm] and variance [ppm²] in each cell, (trials, nx, ny).
 
     cell: edge of the cells; extent: size of the floor [m].
     """
@@ -118,16 +118,16 @@ class Prediction:
 
     @classmethod
     def of(cls, gas_map: Mapper, extent: tuple[float, float]) -> "Prediction | None":
-        """Return the prediction of a map on a floor of this extent [m]; None for a map without variance."""
+        """Return the prediction by a map on a floor of this extent [m]; None for a map without variance."""
         if not isinstance(gas_map, Uncertain):
             return None
         variance = np.asarray(gas_map.variance(), float) + gas_map.noise
         return cls(np.asarray(gas_map.estimate(), float), variance, gas_map.cell, extent)
 
     def surprise(self, trial: np.ndarray | int, place: np.ndarray, reading: np.ndarray) -> np.ndarray:
-        """Negative log likelihood (normal density) of each reading (n,) [ppm], taken at points (n, 2) [m] in a trial.
+        """Return the negative log likelihood (normal density) of readings (n,) [ppm] at points (n, 2) [m] in trials.
 
-        NaN for readings that a map leaves out (no numbers, or off the floor), and where nothing was known.
+        trial: indices (n,), or one for all. NaN for readings off the floor or not finite, and where nothing was known.
         """
         on = ((place >= 0.0) & (place <= self.extent)).all(axis=1) & np.isfinite(reading)
         cell = np.where(on[:, None], place / self.cell, 0.0).astype(int)
@@ -140,9 +140,9 @@ class Prediction:
 
 
 def forecast_error(errors: Iterable[tuple[float, np.ndarray]], trials: int, begin: float = 0.0) -> np.ndarray:
-    """Mean of a map's forecast errors [ppm] (eq 8, see agents/snaps) of each trial, (trials,).
+    """Return the mean of a map's forecast errors (eq 8, see agents/snapshots) of each trial, (trials,) [ppm].
 
-    Forecasts count if they were judged later than SETTLED after `begin` [s]; NaN without such forecasts.
+    errors: (time [s], errors of the trials). Forecasts count from SETTLED after `begin` [s] on; NaN without such.
     """
     late = [error for t, error in errors if t > begin + SETTLED + 1e-6]
     table = np.array(late, float).reshape(-1, trials)
@@ -151,7 +151,7 @@ def forecast_error(errors: Iterable[tuple[float, np.ndarray]], trials: int, begi
 
 
 def mean_of_known(values: np.ndarray) -> float:
-    """Mean of the finite values; NaN without any."""
+    """Return the mean of the finite values; NaN without any."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if known.size else nan
 
@@ -164,10 +164,10 @@ def mean_of(total: np.ndarray, count: np.ndarray) -> np.ndarray:
 def trial_outcomes(group: GroupRange, snapshot: Snapshot, sources: np.ndarray) -> Json:
     """Return the results of each trial of a group, as columns; sources: (m, 2), or (m, 3) with heights for drones [m].
 
-    group, trial; success; found: robots that found a source; of the first of these robots time_s, since the
-    group set off, path_m and overhead: path over the straight distance to the nearest source; of the whole team
-    team_path_m, acquisitions, hits, bumps and, where obstacles move, pushes and pinned_s; final_distance_m: of the
-    robot that ended nearest to a source; and the columns of `declared_outcomes`.
+    group, trial; success; found: robots that found a source; of the first of these robots time_s, since the group set
+    off, path_m and overhead: path over the straight distance to the nearest source; of the whole team team_path_m,
+    acquisitions, hits, bumps and, where obstacles move, pushes and pinned_s; final_distance_m: of the robot that ended
+    nearest to a source; and the columns of `declared_outcomes`.
     """
 
     def table(key: str) -> np.ndarray:
@@ -229,7 +229,7 @@ def trials_differ_by(group: GroupRange, snapshot: Snapshot) -> str | None:
 
 
 def no_search(sim: Simulation, group: GroupRange, success: Iterable[bool] = ()) -> str | None:
-    """Return the reason why no robot of a group could find a source; None if one could, or has in a trial."""
+    """Return the reason why no robot of a group could find a source; None if robots could, or have in a trial."""
     if any(success):
         return None
     on = begins(sim) < sim.t
@@ -243,7 +243,7 @@ def no_search(sim: Simulation, group: GroupRange, success: Iterable[bool] = ()) 
 
 
 def end(sim: Simulation, group: GroupRange) -> float:
-    """Duration of a group's trial in which no source was found [s].
+    """Return the duration [s] that counts for trials of a group in which no source was found.
 
     A run that stopped because no robot searched any more counts with its full duration.
     """
@@ -252,13 +252,13 @@ def end(sim: Simulation, group: GroupRange) -> float:
 
 
 def source_places(sim: Simulation) -> np.ndarray:
-    """Positions of all sources, (m, 2) or (m, 3) [m]."""
+    """Return the positions of all sources of a run, (m, 2) or (m, 3) [m]."""
     dim = sim.scenario.domain.dim
     return np.array([source.position for _, source in sim.scenario.sources]).reshape(-1, dim)
 
 
 def begins(sim: Simulation) -> np.ndarray:
-    """Start of each source [s], in the order of the scenario; -inf for sources that are played back."""
+    """Return the start time of each source [s], in the order of the scenario; -inf for sources that are played back."""
     begins = []
     for _, gas in sim.scenario.gases:
         for source in gas.sources:
@@ -269,13 +269,13 @@ def begins(sim: Simulation) -> np.ndarray:
 
 
 def trial_summary(trials: Json, duration: float, searched: bool = True) -> Json:
-    """Summarise the columns of `trial_outcomes`, with intervals of 95 % confidence.
+    """Return means and 95 % confidence intervals of the columns of `trial_outcomes`, by name.
 
     success_rate: Wilson's interval. The others over successful trials, with Student's interval of the mean; and
     time_with_failures_s, of all trials, where a failure counts as `duration` [s]. Of groups that may declare:
-    declared_rate, reached_rate and neither_rate, the shares of each outcome, and false_declarations, of all trials;
-    declared_time_s and localisation_error_m, of those with a declaration. searched: false if no source could be
-    found; then no trial counts.
+    declared_rate, reached_rate and neither_rate, the fractions of each outcome, and false_declarations, of all trials;
+    declared_time_s and localisation_error_m, of those with a declaration. searched: false if no source could be found;
+    then no trial counts.
     """
     if not searched:
         trials = {name: values[:0] for name, values in trials.items()}
@@ -295,7 +295,7 @@ def trial_summary(trials: Json, duration: float, searched: bool = True) -> Json:
 
 
 def share_with_interval(k: int, n: int) -> Json:
-    """Share of k among n and Wilson's interval of 95 % confidence (Wilson 1927, doi:10.1080/01621459.1927.10502953).
+    """Return k/n and Wilson's interval of 95 % confidence (Wilson 1927, doi:10.1080/01621459.1927.10502953).
 
     `scipy.stats` has it too, but takes 0.3 s to import.
     """
@@ -308,7 +308,7 @@ def share_with_interval(k: int, n: int) -> Json:
 
 
 def mean_with_interval(values: np.ndarray) -> Json:
-    """Mean, Student's interval of 95 % confidence and number of values; None if there are too few."""
+    """Return mean, Student's interval of 95 % confidence and number of values; None for too few values."""
     n = len(values)
     if not n:
         return {"mean": None, "low": None, "high": None, "n": 0}

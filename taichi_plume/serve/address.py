@@ -12,21 +12,21 @@ from urllib.parse import urlsplit
 if TYPE_CHECKING:
     import zenoh
 
-TOKEN = "TAICHI_PLUME_TOKEN"  # in the environment
-SHORTEST = 8  # characters of a token
+TOKEN = "TAICHI_PLUME_TOKEN"  # environment variable
+SHORTEST = 8  # smallest number of characters of a token
 USER = "robot"
-LONGEST = 1 << 24  # most bytes of a received message
+LONGEST = 1 << 24  # largest number of bytes of a received message
 
 
 class Address(NamedTuple):
-    """TCP address. host: name or IP address."""
+    """TCP address; host: name or IP address."""
 
     host: str
     port: int
 
 
 def address(text: str) -> Address:
-    """Return an address such as 127.0.0.1:7447 or [::1]:7447. Raises ArgumentTypeError."""
+    """Return the TCP address in a text such as 127.0.0.1:7447 or [::1]:7447. Raises ArgumentTypeError."""
     host, _, port = text.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
     if not host or not port.isascii() or not port.isdigit() or not 0 < int(port) < 65536:
@@ -35,7 +35,7 @@ def address(text: str) -> Address:
 
 
 def loopback(host: str) -> bool:
-    """Return whether an address reaches this machine only."""
+    """Return whether the host, a name or IP address, reaches this machine only."""
     try:
         return ip_address(host).is_loopback
     except ValueError:
@@ -59,12 +59,12 @@ def origin(text: str) -> str:
 
 
 def token_of(environment: Mapping[str, str] = os.environ) -> str | None:
-    """Return the token in the environment variable TOKEN without surrounding blanks; None if there is none."""
+    """Return the service's token from the environment variable TOKEN, without surrounding blanks; None if not set."""
     return environment.get(TOKEN, "").strip() or None
 
 
 def fault_of_token(token: str) -> str | None:
-    """Return the fault of a service's token, None if there is none."""
+    """Return the reason why a text cannot be the service's token; None if it can."""
     if len(token) < SHORTEST:
         return f"has {len(token)} characters, must have {SHORTEST} or more"
     if not token.isprintable():
@@ -73,14 +73,14 @@ def fault_of_token(token: str) -> str | None:
 
 
 def endpoint(host: str, port: int) -> str:
-    """Return an address as zenoh writes it."""
+    """Return a TCP address in zenoh's notation, such as tcp/127.0.0.1:7447."""
     return f"tcp/[{host}]:{port}" if ":" in host else f"tcp/{host}:{port}"
 
 
 def zenoh_config(
     mode: str, endpoints: Mapping[str, list[str]], token: str | None, users: Path | None = None
 ) -> "zenoh.Config":
-    """Return a configuration of zenoh with only these endpoints; keys: `connect` for clients, else for servers.
+    """Return a zenoh configuration with only these endpoints, by kind: `connect` of clients, otherwise of servers.
 
     token: of a client; users: file with the clients that may connect. Raises ImportError without zenoh.
     """

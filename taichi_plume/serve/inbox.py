@@ -27,19 +27,19 @@ IN_JSON = 8  # largest ratio of the lengths in JSON and CDR
 UNNUMBERED = 0  # number of commands without a sequence number, such as those of ROS
 
 RosMessage: TypeAlias = Any
-"""A decoded message, with the fields of its ROS type."""
+"""Decoded ROS message, with the fields of its type."""
 
 
 class MalformedError(ValueError):
-    """Error of an invalid message, in a line."""
+    """Error of an invalid message, described in one line."""
 
 
 class Inbox:
     """Inbox of one group of `size` robots (all trials), which takes poses if `placed`, else velocities.
 
     floor: lower and upper corner of the valid positions [m]; timeout [s]; clock: returns seconds; ceiling: greatest
-    height of drones [m], None for robots on the floor. remark: called with a line about a refused message, in the
-    thread of the transport.
+    height of drones [m], None for ground robots. remark: called with a line about a refused message, in the thread of
+    the transport.
     """
 
     def __init__(
@@ -61,24 +61,24 @@ class Inbox:
         self.news = threading.Condition()
         """Lock of the attributes below; notified when they change."""
         self.heard = np.full(size, -np.inf)  # time of the last command, by the clock
-        self.number = np.zeros(size, np.uint64)  # of the last command
+        self.number = np.zeros(size, np.uint64)  # sequence number of the last command
         self.answers = np.full(size, -1, np.int64)  # tick of the readings that the last command answers
         self.oldest = 0  # oldest tick whose readings may still be answered
-        self.tick = 0  # of the newest readings
+        self.tick = 0  # tick of the newest readings
         self._orders = Orders.none(size)
 
     # ------------------------------------------------------------ threads of the transports
 
     def hear_commands(self, data: bytes, json: bool = False) -> None:
-        """Accept a message of type taichi_plume_msgs/Commands, in CDR or `json`."""
+        """Process a message of type taichi_plume_msgs/Commands, encoded in CDR or, with `json`, in JSON."""
         self._hear(ros.COMMANDS, data, json, self._take_commands)
 
     def hear_twist(self, n: int, data: bytes, json: bool = False) -> None:
-        """Accept a geometry_msgs/Twist for robot n."""
+        """Process a geometry_msgs/Twist as the velocity command of robot n; data, json: as for `hear_commands`."""
         self._hear("geometry_msgs/msg/Twist", data, json, lambda twist: self._take_twist(n, twist))
 
     def hear_pose(self, n: int, data: bytes, json: bool = False) -> None:
-        """Accept a geometry_msgs/PoseStamped of robot n."""
+        """Process a geometry_msgs/PoseStamped as the pose of robot n; data, json: as for `hear_commands`."""
         self._hear(
             "geometry_msgs/msg/PoseStamped", data, json, lambda stamped: self._take_pose(n, stamped.pose)
         )
@@ -105,7 +105,7 @@ class Inbox:
         if not len(robots):
             raise MalformedError("names no robot")
         if robots.max() >= self.size:
-            raise MalformedError(f"robot {robots.max()} is none of 0 to {self.size - 1}")
+            raise MalformedError(f"robot {robots.max()} does not exist; allowed: 0 to {self.size - 1}")
         if given.tick > self.tick:
             raise MalformedError(f"answers readings of tick {given.tick}, the newest are of {self.tick}")
         if self.placed and len(given.speed) and not len(given.x):
@@ -152,13 +152,13 @@ class Inbox:
         self._take(np.array([n]), values, UNNUMBERED, 0)
 
     def _flown(self, given: RosMessage, name: str) -> dict[str, np.ndarray]:
-        """Return the order of a field for drones, empty if the message lacks the field. Raises MalformedError."""
+        """Return the orders in field `name` for drones, empty if the message lacks the field. Raises MalformedError."""
         if not len(vars(given)[name]):
             return {}
         return self._in_the_air(name, self._columns(given, name)[:, 0])
 
     def _in_the_air(self, name: str, values: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the order of a field for drones; for robots on the floor it must be zero. Raises MalformedError."""
+        """Return `values` as orders of field `name` for drones; ground robots take only 0. Raises MalformedError."""
         if self.ceiling is None:
             if values.any():
                 raise MalformedError(f"{name} is for drones, the group's robots do not fly")
@@ -168,7 +168,7 @@ class Inbox:
         return {"altitude" if name == "z" else name: values}
 
     def _columns(self, given: RosMessage, *names: str, finite: bool = True) -> np.ndarray:
-        """Return fields of a message with an entry per robot, (robots, names). Raises MalformedError."""
+        """Return the fields `names` of a message with an entry per robot, (robots, names). Raises MalformedError."""
         count, fields = len(given.robot), vars(given)
         for name in names:
             if len(fields[name]) != count:
@@ -221,12 +221,12 @@ class Inbox:
     # ------------------------------------------------------------ the thread of the clock
 
     def published(self, tick: int, oldest: int) -> None:
-        """Note that the readings of a tick were sent; commands that answer ticks before `oldest` are late."""
+        """Note that the readings of `tick` were sent; commands that answer ticks before `oldest` are now late."""
         with self.news:
             self.tick, self.oldest = tick, oldest
 
     def begin(self) -> None:
-        """Start the timeouts of all robots that have sent a command, at the start of the run."""
+        """Start the timeouts of all robots that have already sent a command, at the start of the run."""
         with self.news:
             self.heard[np.isfinite(self.heard)] = self.clock()
 
@@ -239,7 +239,7 @@ class Inbox:
         return ~np.isfinite(self.heard)
 
     def orders(self) -> Orders:
-        """Return the orders for the next tick. Robots that are lost or have not connected yet stand still."""
+        """Return the robots' orders for the next tick; robots that are lost or not connected yet stand still."""
         with self.news:
             lost, awaited = self.lost(), self.awaited()
             state = np.where(awaited, AWAITED, np.where(lost, LOST, DRIVEN))

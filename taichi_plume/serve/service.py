@@ -27,16 +27,16 @@ from taichi_plume.serve.links import Hear, Link
 from taichi_plume.simulation import Every, Simulation
 
 SLIP = 1.0  # s, largest delay that the simulation catches up
-LOOK_S = 0.1  # between checks for signals while waiting
-AGAIN_S = 0.5  # between repeated readings until all robots are connected
-MOST_TIMES = 1_000_000  # most recorded latencies
-VIEW_S = 1.0  # between pictures of the gas
-SHOWN = 6  # robots named in a message
+LOOK_S = 0.1  # s, time between checks for signals while waiting
+AGAIN_S = 0.5  # s, time between repeated readings until all robots are connected
+MOST_TIMES = 1_000_000  # largest number of recorded latencies
+VIEW_S = 1.0  # s, time between messages with the gas
+SHOWN = 6  # largest number of robots named in a message
 
 
 class Pace(NamedTuple):
-    """Timing of a run. speed: simulated over clock time, inf for as fast as possible; wait: whether each tick waits for
-    answers; at_once: whether the run starts before all robots have connected.
+    """Timing of a served run. speed: simulated over clock time, inf for as fast as possible; wait: whether each tick
+    waits for the robots' answers; at_once: whether the run starts before all robots have connected.
     """
 
     speed: float = 1.0
@@ -45,7 +45,7 @@ class Pace(NamedTuple):
 
 
 class Outside:
-    """A group of external robots with its algorithm and inbox."""
+    """Group of external robots with its algorithm and its inbox for commands."""
 
     def __init__(
         self, sim: Simulation, number: int, algorithm: ExternalAlgorithm, remark: Callable[[str], None]
@@ -68,7 +68,7 @@ class Outside:
         self.times_lost = 0
 
     def incoming(self) -> dict[str, Hear]:
-        """Return the receiver of each topic of the group."""
+        """Return the receiver of each incoming topic of the group, by topic."""
         inbox = self.inbox
         heard: dict[str, Hear] = {f"{self.name}/commands": inbox.hear_commands}
         kind, hear = ("pose", inbox.hear_pose) if inbox.placed else ("cmd_vel", inbox.hear_twist)
@@ -77,7 +77,7 @@ class Outside:
         return heard
 
     def readings(self, t: float, tick: int) -> list[topics.Message]:
-        """Return the readings of the robots at time t [s] as messages."""
+        """Return the messages with the robots' readings at time t [s]; tick: number of the time step."""
         readings, inbox = self.algorithm.sample(), self.inbox
         by_declaring = self.algorithm.members.groups[0].model.found == "declared"
         readings["over"] = self.over = readings["found"] | (by_declaring & (readings["declarations"] > 0))
@@ -85,7 +85,7 @@ class Outside:
         return messages + (list(topics.of_each(self.name, t, readings, self.noses)) if self.each else [])
 
     def order(self, t: float) -> list[str]:
-        """Pass the commands to the robots; return lines about robots that are lost or back."""
+        """Pass the clients' commands to the robots at time t [s]; return a line for robots that are lost or back."""
         orders = self.inbox.orders()
         self.algorithm.order(orders, t)
         lost = orders.state == LOST
@@ -93,13 +93,13 @@ class Outside:
         self.lost, self.times_lost = lost, self.times_lost + len(gone)
         return [
             f"t = {t:.1f} s: {_named(self.name, robots)} {what}"
-            for robots, what in ((gone, "lost: nothing heard, standing still"), (back, "back"))
+            for robots, what in ((gone, "lost: no command received, standing still"), (back, "back"))
             if len(robots)
         ]
 
 
 class Service:
-    """Live service of a simulation: real-time clock, sensor readings to and commands from external programs.
+    """Live service of a simulation: real-time clock, sensor readings to external programs and commands from them.
 
     quiet: whether nothing is printed.
     """
@@ -156,7 +156,7 @@ class Service:
         gc.freeze()  # a collection of all objects made so far would take longer than a tick
 
     def _stray(self, data: bytes, json: bool = False) -> None:
-        """Count a message of an unknown topic."""
+        """Count a message of an unknown topic, and note a remark now and then."""
         self.strays += 1
         if self.strays & (self.strays - 1) == 0:
             self.remarks.append(f"messages of unknown topics: {self.strays:,}")
@@ -171,7 +171,7 @@ class Service:
     # ------------------------------------------------------------ each tick
 
     def publish(self) -> None:
-        """Send the readings and poses of all robots."""
+        """Send the present readings and poses of all robots."""
         sim = self.sim
         messages = [topics.clock(sim.t)]
         for group in self.groups:
@@ -192,7 +192,7 @@ class Service:
             self.taking.append(self.clock() - self._began)
 
     def _send(self, messages: Sequence[topics.Message]) -> None:
-        """Encode and send the messages that have subscribers."""
+        """Encode and send those messages whose topics have subscribers."""
         for message in messages:
             links = [link for link in self.links if link.wants(message.topic, message.name)]
             if links:
@@ -201,7 +201,7 @@ class Service:
                     link.publish(message.topic, data)
 
     def keep_time(self) -> None:
-        """Wait for the start of the next tick, then pass the commands to the robots."""
+        """Wait for the start of the next tick, then pass the clients' commands to the robots."""
         sim = self.sim
         self.ticks = max(0, sim.tick)
         if sim.tick == 0:
@@ -220,7 +220,7 @@ class Service:
         self._began = self.clock()
 
     def _await_time(self, tick: int) -> None:
-        """Wait until this tick is over by the clock."""
+        """Wait until time step `tick` is over by the clock; count the step as missed if that time has passed."""
         pace = self.sim.dt / self.pace.speed
         due = self._start + tick * pace
         late = self.clock() - due
@@ -233,7 +233,7 @@ class Service:
             self.sleep(min(left, LOOK_S))
 
     def _await_answers(self, tick: int) -> None:
-        """Wait until all connected robots that still search have answered."""
+        """Wait until all connected robots that still search have answered the readings of time step `tick`."""
         for group in self.groups:
             inbox = group.inbox
             with inbox.news:
@@ -264,7 +264,7 @@ class Service:
             self.publish()
 
     def _tell(self) -> None:
-        """Print the remarks of the transports."""
+        """Print and remove the queued remarks of the transports."""
         while self.remarks:
             self._say(self.remarks.popleft())
 
@@ -296,6 +296,6 @@ class Service:
 
 
 def _named(group: str, robots: np.ndarray) -> str:
-    """Return the names of robots of a group, the first SHOWN of them."""
+    """Return the names of these robots of a group, for a message; at most SHOWN of them."""
     names = ", ".join(f"{group}_{n}" for n in robots[:SHOWN])
     return names if len(robots) <= SHOWN else f"{names} and {len(robots) - SHOWN} more"

@@ -41,28 +41,28 @@ from taichi_plume.simulation import Simulation
 
 MOST_ROBOTS = 64
 LEAST = 0.1  # ppm
-MOST_POINTS = 20_000  # most points of the gas cloud
+MOST_POINTS = 20_000  # largest number of points of the gas cloud
 
 
 class Message(NamedTuple):
-    """Message of a topic. name: ROS type; make: returns the message, called only if there are subscribers."""
+    """Outgoing message of a topic. name: ROS type; make: returns the content, called only if there are subscribers."""
 
     topic: str
     name: str
     make: Callable[[], object]
 
     def data(self) -> bytes:
-        """Return the message as bytes."""
+        """Return the message encoded as bytes (CDR)."""
         return ros.encode(self.make())
 
 
 def clock(t: float) -> Message:
-    """Return simulated time t [s]; the warm-up, before 0, is sent as 0."""
+    """Return the message of simulated time t [s]; the warm-up, with t < 0, is sent as 0."""
     return _message("clock", "rosgraph_msgs/msg/Clock", dict, clock=ros.time(max(0.0, t)))
 
 
 def readings(group: str, t: float, tick: int, values: dict[str, np.ndarray], **more: np.ndarray) -> Message:
-    """Return all readings of the robots of a group; values: see `ExternalAlgorithm`; more: answered, lost."""
+    """Return the message with all readings of a group's robots at t [s]; values: of `ExternalAlgorithm.sample`."""
     place, wind = values["believed_position"], values["wind"]
     count = len(place)
     return _message(
@@ -89,14 +89,14 @@ def readings(group: str, t: float, tick: int, values: dict[str, np.ndarray], **m
 
 
 def ended(group: str, t: float, tick: int) -> Message:
-    """Return the message that the run is over."""
+    """Return the message, at time t [s], that the run of a group has ended."""
     return _message(f"{group}/readings", ros.READINGS, dict, t=t, tick=tick, ended=1)
 
 
 def of_each(
     group: str, t: float, values: dict[str, np.ndarray], sensors: Sequence[Mapping[str, object]]
 ) -> Iterator[Message]:
-    """Yield the readings of each robot as ROS messages; sensors: fields of the GasSensor message of each sensor."""
+    """Yield ROS messages with the readings of each single robot; sensors: fields of each gas sensor's messages."""
     has_resistance = np.isfinite(values["resistance"])
     ohm = {"raw_units": ros.UNITS["ohm"]}
     for n in range(len(has_resistance)):
@@ -133,7 +133,7 @@ def _wind(robot: str, t: float, values: dict[str, np.ndarray], n: int) -> dict[s
 def poses(
     t: float, names: list[str], position: np.ndarray, heading: np.ndarray, altitude: np.ndarray
 ) -> Message:
-    """Return the transforms of robots: position (n, 2) [m], heading (n,) [rad], altitude (n,) [m]."""
+    """Return the message with the robots' transforms: position (n, 2) [m], heading (n,) [rad], altitude (n,) [m]."""
     places = np.column_stack([position, altitude])
     return _message("tf", TRANSFORMS, _transforms, t, names, places, heading)
 
@@ -150,12 +150,12 @@ def _transforms(t: float, names: list[str], places: np.ndarray, heading: np.ndar
 def _message(
     topic: str, name: str, make: Callable[..., dict[str, object]], /, *args: object, **fields: object
 ) -> Message:
-    """Return a message whose fields `make` computes only when the message is sent."""
+    """Return a message of ROS type `name` whose fields `make` computes only when the message is sent."""
     return Message(topic, name, lambda: ros.message(name, **make(*args, **fields)))
 
 
 class View:
-    """Visualisation of a simulation: occupancy grid of the floor, and gas as points with LEAST ppm or more."""
+    """Visualisation of a simulation as messages: occupancy grid of the floor, points of gas with LEAST ppm or more."""
 
     def __init__(self, sim: Simulation):
         self.sim = sim
@@ -171,7 +171,7 @@ class View:
         self.floor = self._floor()
 
     def _floor(self) -> np.ndarray:
-        """Return the occupancy [%] of the grid's cells with a border of one cell, (ny, nx)."""
+        """Return the occupancy [%] of the floor's cells with a border of one cell, (ny, nx)."""
         grid = self.sim.grid
         nx, ny = (n + 2 for n in grid.shape[:2])
         x, y = ((np.arange(n) - 0.5) * grid.dx for n in (nx, ny))
@@ -180,7 +180,7 @@ class View:
         return np.where(away > 0, 0, 100)
 
     def messages(self) -> list[Message]:
-        """Return the messages for the present time."""
+        """Return the messages with sensors, floor and gas at the present time."""
         t, dx = self.sim.t, self.sim.grid.dx
         floor = partial(ros.grid, self.floor, dx, -dx, t, MAP)
         return [
@@ -193,14 +193,14 @@ class View:
         ]
 
     def _sensors(self) -> object:
-        """Return the transforms of the sensors on the robots of the first trial."""
+        """Return the ROS message with the transforms of the sensors on the robots of the first trial."""
         flat, groups = self.sim.grid.dim == 2, self.sim.swarm.groups
         robots = [(f"{ros.word(g.name)}_{n}", g.model) for g in groups for n in range(g.count)]
         places = [each for name, model in robots for each in carried(name, model.sensors, flat)]
         return ros.message(TRANSFORMS, transforms=places)
 
     def _gas(self, n: int, t: float) -> object:
-        """Return the concentration of species n as points."""
+        """Return the ROS message with the concentration of species n as points, at time t [s]."""
         ppm = ppm_at(self.sim.gas, self.points, t)[:, n]
         there = ppm >= LEAST
         x, y = self.places[there].T

@@ -43,11 +43,11 @@ WARNING, ERROR = 1, 2  # levels of a status message
 
 
 class ClientError(ValueError):
-    """Error of an invalid message of a client, in one line."""
+    """Error of an invalid message from a client, described in one line."""
 
 
 class Channel(NamedTuple):
-    """A topic of the service. about: advertisement; subscribers: subscription id of each client."""
+    """Topic of the service on the WebSocket. about: its advertisement; subscribers: subscription id of each client."""
 
     id: int
     about: Mapping[str, object]
@@ -55,7 +55,7 @@ class Channel(NamedTuple):
 
 
 class WebSocketLink:
-    """WebSocket server on 127.0.0.1, in a thread of its own.
+    """WebSocket server on 127.0.0.1, which runs in its own thread.
 
     Clients publish CDR or JSON. origins: of pages that may connect; token: that clients must give, if any; remark:
     called with a line about refused handshakes. Raises LinkError if the port cannot be opened.
@@ -89,11 +89,11 @@ class WebSocketLink:
     # ------------------------------------------------------------ thread of the clock
 
     def listen(self, incoming: Mapping[str, Hear], stray: Hear) -> None:
-        """Pass messages to the receiver of their topic, and those of other topics to `stray`."""
+        """Pass each incoming message to the receiver of its topic, and messages of other topics to `stray`."""
         self.stray, self.incoming = stray, incoming
 
     def wants(self, topic: str, name: str) -> bool:
-        """Return whether a client has subscribed to a topic; the first call advertises the topic."""
+        """Return whether a client has subscribed to a topic of ROS type `name`; the first call advertises the topic."""
         channel = self._channels.get(topic)
         if channel is None:
             number = len(self._channels) + 1
@@ -104,7 +104,7 @@ class WebSocketLink:
         return bool(channel.subscribers)
 
     def publish(self, topic: str, data: bytes) -> None:
-        """Send a message to all subscribers; a client that reads too slowly misses messages."""
+        """Send a message to all subscribers of a topic; a client that reads too slowly misses messages."""
         self._call(self._publish, self._channels[topic], data, time.time_ns())
 
     def go_on(self, t: float) -> None:
@@ -148,7 +148,7 @@ class WebSocketLink:
             await self._stop.wait()
 
     def _check(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Return the response that refuses a handshake, or None to accept."""
+        """Return the response that refuses a WebSocket handshake, or None to accept it."""
         hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
         if len(hosts) != 1 or not loopback(_name(hosts[0])):
             host = visible(", ".join(hosts), LONGEST_VALUE)
@@ -173,7 +173,7 @@ class WebSocketLink:
         return connection.respond(HTTPStatus.FORBIDDEN, f"refused {what}\n")
 
     async def _attend(self, client: ServerConnection) -> None:
-        """Handle the messages of a client until the connection closes."""
+        """Handle the messages of a client until its connection closes."""
         published: dict[int, tuple[str, bool]] = {}  # by the client's channel id: topic, and whether in JSON
         self._clients.add(client)
         try:
@@ -199,14 +199,14 @@ class WebSocketLink:
         return about | {"supportedEncodings": ["cdr", "json"], "metadata": {}, "sessionId": self._session}
 
     def _hear(self, message: bytes, published: dict[int, tuple[str, bool]]) -> None:
-        """Pass a published message to the receiver of its topic."""
+        """Pass a client's binary message to the receiver of its topic; published: topics of the client's channels."""
         if len(message) < 5 or message[0] != MESSAGE:
             raise ClientError("binary messages begin with opcode 1 and a channel id of 4 bytes")
         topic, in_json = published.get(int.from_bytes(message[1:5], "little"), ("", False))
         self.incoming.get(topic, self.stray)(message[5:], in_json)
 
     def _obey(self, client: ServerConnection, message: str, published: dict[int, tuple[str, bool]]) -> None:
-        """Execute a control message."""
+        """Execute a client's control message (subscribe, advertise, ...); published: topics of its channels."""
         if len(message) > LONGEST_TEXT:
             raise ClientError(f"control message: {len(message):,} characters, at most {LONGEST_TEXT:,}")
         try:
@@ -259,7 +259,7 @@ class WebSocketLink:
             self._send(client, message)
 
     def _send(self, client: ServerConnection, message: str | bytes) -> None:
-        """Send without waiting. A client that reads too slowly misses data; a missed control message ends it."""
+        """Send to a client without waiting. Slow clients miss data; missing a control message ends their connection."""
         if client.transport.get_write_buffer_size() <= MOST_BUFFERED:
             broadcast([client], message)
         elif isinstance(message, str):
@@ -267,7 +267,7 @@ class WebSocketLink:
 
 
 def _name(host: str) -> str:
-    """Return the host name of a Host header without the port; "" if invalid."""
+    """Return the host name in a Host header, without the port; "" if the header is invalid."""
     try:
         return urlsplit(f"//{host}").hostname or ""
     except ValueError:
@@ -275,7 +275,7 @@ def _name(host: str) -> str:
 
 
 def _token(path: str) -> bytes:
-    """Return the token in the query of a request's path."""
+    """Return the token in the query of a request's path; empty if there is none."""
     try:
         return parse_qs(urlsplit(path).query).get("token", [""])[-1].encode()
     except ValueError:

@@ -12,7 +12,7 @@ from taichi_plume.serve.links import Hear, LinkError
 
 
 class ZenohLink:
-    """zenoh router at an address; clients need the `token`, if any. Raises LinkError if the address is not free."""
+    """zenoh router at a TCP address; clients need the `token`, if any. Raises LinkError if the address is not free."""
 
     def __init__(self, host: str, port: int, token: str | None):
         with tempfile.TemporaryDirectory() as folder:  # readable only by the owner
@@ -28,7 +28,7 @@ class ZenohLink:
         self._publishers: dict[str, zenoh.Publisher] = {}
 
     def listen(self, incoming: Mapping[str, Hear], stray: Hear) -> None:
-        """Pass each message to the receiver of its topic. zenoh does not deliver messages of other topics."""
+        """Pass each incoming message to the receiver of its topic; zenoh does not deliver messages of other topics."""
         self._subscribers = [
             self.session.declare_subscriber(topic, lambda sample, hear=hear: hear(sample.payload.to_bytes()))
             for topic, hear in incoming.items()
@@ -41,11 +41,11 @@ class ZenohLink:
         return bool(publisher.matching_status.matching)
 
     def publish(self, topic: str, data: bytes) -> None:
-        """Send a message to all subscribers; a slow subscriber loses the oldest messages."""
+        """Send a message to all subscribers of a topic; a slow subscriber loses the oldest messages."""
         self._publishers[topic].put(data)
 
     def go_on(self, t: float) -> None:
-        """Do nothing: subscribers read simulated time from the topic `clock`."""
+        """Do nothing: zenoh clients read simulated time from the topic `clock`."""
 
     def close(self) -> None:
         with suppress(Exception):

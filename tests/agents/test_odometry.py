@@ -330,7 +330,9 @@ def test_turns_come_to_an_end_with_a_bad_odometer():
     """Spirals take but little longer: the robots do not dither about their courses."""
     model = Spiral(kind="spiral", arms=(0.3, 0.3, 0.3), settle=0.5, acquisition=1, minimum_ppm=100)
     rivals = [{"odometry": None}, {"odometry": Odometry(turn_noise_deg=15.0)}]
-    run = Run([{"algorithm": model} | one for one in rivals], Script([0.0], 1.0), ((5, 5),), 100, (10.0, 10.0))
+    run = Run(
+        [{"algorithm": model} | one for one in rivals], Script([0.0], 1.0), ((5, 5),), 100, (10.0, 10.0)
+    )
     run.go(30)
     none, bad = run.swarm.acquisitions.to_numpy().reshape(2, 100).mean(axis=1)
     assert bad > 0.75 * none > 3  # it may need a second more of every five

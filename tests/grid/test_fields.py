@@ -68,5 +68,5 @@ def test_a_mixture_adds_up_what_is_of_one_species_and_takes_other_molar_masses()
     np.testing.assert_allclose(ppm_at(mixture, point, 0.0), [[2.0 * one, 0.5 * one]], rtol=1e-6)
     assert compiled() == before
     gases[1].species = vapour("a", 0.05)
-    with pytest.raises(ValueError, match="other gases than before are of one species"):
+    with pytest.raises(ValueError, match="species"):
         mixture.begin()

@@ -118,7 +118,7 @@ def test_large_pictures_are_refused_unread(tmp_path, size):
     """Pillow warns of the first, and raises an error of its own for the second."""
     path = write(tmp_path, np.zeros((4, 4), bool))
     (tmp_path / "plan.pgm").write_bytes(b"P5 %d %d 255\n" % size)
-    with pytest.raises(MapError, match=r"pixels.* 50,000,000 are read"):
+    with pytest.raises(MapError, match=r"pixels.* 50,000,000"):
         read_map(path)
 
 

@@ -267,6 +267,6 @@ def test_lost_and_back(served, capsys):
     assert not moving[16:20].any()
     assert moving[22:].all()
     told = capsys.readouterr().err
-    assert "my_team_1 lost: nothing heard, standing still" in told
+    assert "my_team_1 lost: no command received, standing still" in told
     assert "my_team_1 back" in told
     assert service.summary()["messages"]["my_team"]["times_lost"] == 1

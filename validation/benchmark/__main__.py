@@ -57,7 +57,7 @@ OTHER_CASES: dict[str, Callable[[str], Sequence[Any]]] = {
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Measure the named cases, or all of them."""
+    """Measure the benchmark cases named on the command line, or all of them."""
     arguments = sys.argv[1:] if argv is None else argv
     other = OTHERS.get(arguments[0] if arguments else "")
     if other is not None:

@@ -35,7 +35,7 @@ JAX, FOAM = "x jax-cfd", "x OpenFOAM"
 
 @dataclass(frozen=True)
 class Row:
-    """Row of the table: main figure, and least value and aim of the figure `judged`.
+    """Row of the wall-clock benchmark: main figure, and least value and aim of the figure `judged`.
 
     measure: returns the figures of a checkout. beside: returns the value of another program, in units of `figure`.
     """
@@ -52,7 +52,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Timing:
-    """Figures of a row and checkout. figure: main unit; least and aim hold for the figure `judged`."""
+    """Figures of a benchmark row and a checkout. figure: main unit; least and aim hold for the figure `judged`."""
 
     row: str
     checkout: str
@@ -64,7 +64,7 @@ class Timing:
 
     @property
     def verdict(self) -> str:
-        """Verdict: aim reached, enough, or how many times too slow."""
+        """Verdict on the judged figure as text: aim reached, enough, or how many times too slow."""
         value = self.figures.get(self.judged)
         if value is None or self.least is None or self.aim is None:
             return ""
@@ -83,7 +83,7 @@ class Timing:
 
 
 def _better(unit: str, value: float, than: float) -> float:
-    """Return how many times better a figure is than another."""
+    """Return how many times better a figure of this unit is than another."""
     return than / value if unit in COSTS else value / than
 
 
@@ -91,7 +91,7 @@ def _better(unit: str, value: float, than: float) -> float:
 
 
 def _apart(name: str, checkout: Path, args: argparse.Namespace) -> Figures:
-    """Run clock_rows.py and return its figures. Raises RuntimeError if the process fails."""
+    """Run clock_rows.py in a process and return its figures. Raises RuntimeError if the process fails."""
     options = {key: vars(args)[key] for key in ("arch", "seconds", "robots")}
     options |= {"row": name, "checkout": str(checkout)}
     command = [sys.executable, "-P", str(HERE / "clock_rows.py"), json.dumps(options)]
@@ -99,7 +99,7 @@ def _apart(name: str, checkout: Path, args: argparse.Namespace) -> Figures:
 
 
 def _first_command(name: str, checkout: Path, args: argparse.Namespace) -> Figures:
-    """Time the first command of the README with an empty kernel cache."""
+    """Return the wall and CPU time of the README's first command with an empty kernel cache."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "taichi_plume.run", "configs/casting_room.yaml", "--arch", args.arch]
         begin, cpu = time.perf_counter(), _cpu_of_children()
@@ -108,13 +108,13 @@ def _first_command(name: str, checkout: Path, args: argparse.Namespace) -> Figur
 
 
 def _first_tick(config: str, name: str, checkout: Path, args: argparse.Namespace) -> Figures:
-    """Time the start to the first tick, with kernels from the cache."""
+    """Return the time from the start of a process to the first tick, with cached kernels, and other figures."""
     cold, warm = start.starts([checkout], [config], arch=args.arch)
     return {"s": warm.seconds, "CPU s": warm.cpu_seconds, "s cold": cold.seconds, "kernels": warm.kernels}
 
 
 def _jax_box(n: int, dim: int, args: argparse.Namespace) -> float | None:
-    """Return M cell-steps/s of jax-cfd; None without an interpreter."""
+    """Return the speed of jax-cfd in M cell-steps/s; None without its interpreter."""
     if args.jax is None:
         return None
     return float(_output([args.jax, str(HERE / "jax_box.py"), str(n), str(dim), str(args.seconds)], HERE))
@@ -193,7 +193,7 @@ def measured(name: str, args: argparse.Namespace) -> Iterator[Timing]:
 
 
 def compared(timings: Sequence[Timing], checkouts: Sequence[Path]) -> Iterator[str]:
-    """Yield the speed-up of each checkout over the first and the ratio of CPU times, of the best runs."""
+    """Yield lines with the speed-up of each checkout over the first and the ratio of CPU times, by the best runs."""
     figure = timings[0].figure
     cpu = next((unit for unit in timings[0].figures if unit.startswith("CPU")), None)
     names = [checkout.resolve().name for checkout in checkouts]
@@ -207,13 +207,13 @@ def compared(timings: Sequence[Timing], checkouts: Sequence[Path]) -> Iterator[s
 
 
 def _best(timings: Sequence[Timing], checkout: str, unit: str) -> float:
-    """Return the best figure of a checkout."""
+    """Return a checkout's best figure in a unit."""
     values = [timing.figures[unit] for timing in timings if timing.checkout == checkout]
     return min(values) if unit in COSTS or unit.startswith("CPU") else max(values)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line `argv` and return its exit code: 0, 1 if a row failed, 2 if a row is unknown."""
+    """Run the benchmark with these command-line arguments; return 0, 1 if a row failed, 2 if a row is unknown."""
     args = _arguments(argv)
     unknown = [name for name in args.rows if name not in ROWS]
     if unknown:

@@ -32,7 +32,7 @@ STEPS = {"arena_2d": "arena_2d", "box_2d": "box_2d", "box_3d": "box_3d"}
 
 
 def scenario(checkout: Path, arch: str, config: str, span: tuple[float, float], *more: str) -> Figures:
-    """Run the command on a scenario and time a span of it, with recording, tables and maps."""
+    """Run the command on a scenario and return timings of a span [s] of it, with recording, tables and maps."""
     import taichi as ti
 
     from taichi_plume.__main__ import main
@@ -71,7 +71,7 @@ def scenario(checkout: Path, arch: str, config: str, span: tuple[float, float], 
 
 
 def steps(case: str, arch: str, seconds: float) -> Figures:
-    """Return the figures of a case of steps.py."""
+    """Return the figures of a case of steps.py, run for about `seconds`."""
     from taichi_plume.validation.benchmark.steps import measure
 
     row = vars(measure(case, arch, seconds))
@@ -85,7 +85,7 @@ def steps(case: str, arch: str, seconds: float) -> Figures:
 
 
 def robots(arch: str, count: int) -> Figures:
-    """Return the figures of ticks of casting robots."""
+    """Return the timings of ticks of `count` casting robots."""
     from taichi_plume.validation.benchmark.robots import ticks
 
     row = ticks("robots", arch, "casting", count)
@@ -99,7 +99,7 @@ def robots(arch: str, count: int) -> Figures:
 
 
 def figures(name: str, options: dict[str, Any]) -> Figures:
-    """Return the figures of a row, with the triad [GB/s] and the load of the same minute."""
+    """Return the figures of the row `name`, with the memory bandwidth [GB/s] and the load of the same minute."""
     from taichi_plume.validation.benchmark.steps import bandwidth
 
     arch, load = options["arch"], os.getloadavg()[0]

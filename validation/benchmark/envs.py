@@ -52,7 +52,7 @@ RESET_MS = 5.0
 
 @dataclass(frozen=True)
 class Measured:
-    """Figure and its target; cpu_us: CPU time of all cores per step of an environment, for rates."""
+    """Measured figure and its target; cpu_us: CPU time of all cores per step of an environment, for rates."""
 
     case: str
     figure: float
@@ -90,7 +90,7 @@ def films() -> Any:
 
 
 def rate(engine: Any, seconds: float) -> tuple[float, float]:
-    """Return steps per second, and CPU time of all cores per step [s]."""
+    """Return an engine's environment steps per second, and CPU time of all cores per step [s]."""
     rng = np.random.default_rng(1)
     shape = (engine.count * engine.robots, engine.action_size)
     batches = [rng.uniform(-1.0, 1.0, shape).astype(np.float32) for _ in range(ACTIONS)]
@@ -108,7 +108,7 @@ def rate(engine: Any, seconds: float) -> tuple[float, float]:
 
 
 def reset_ms(engine: Any, mask: np.ndarray | None, times: int = 100) -> float:
-    """Return the median time of a reset [ms]."""
+    """Return the median time of a reset [ms], of all environments or those in the mask."""
     spent = []
     for k in range(times):
         begin = time.perf_counter()
@@ -121,7 +121,7 @@ def reset_ms(engine: Any, mask: np.ndarray | None, times: int = 100) -> float:
 
 
 def growth_mb(engine: Any) -> float:
-    """Return the growth of memory [MB] over RESETS resets, after a warm-up of a tenth as many."""
+    """Return the growth of the process's memory [MB] over RESETS resets, after a warm-up of a tenth as many."""
     process = psutil.Process(os.getpid())
     for k in range(RESETS // 10):
         engine.reset(np.full(engine.count, k, np.uint64))
@@ -132,13 +132,13 @@ def growth_mb(engine: Any) -> float:
 
 
 def steps_of(what: str, kind: str, engine: Any, seconds: float) -> Measured:
-    """Return the rate of steps of an engine against its target."""
+    """Return the step rate of an engine against its target; what: words for the row."""
     steps, cpu = rate(engine, seconds)
     return Measured(f"steps of {what}", steps, "1/s", f">= {TARGETS[kind]:,.0f}", round(1e6 * cpu, 3))
 
 
 def measure(arch: str, count: int, seconds: float) -> list[Measured]:
-    """Return all figures."""
+    """Return all figures of the environments benchmark."""
     from taichi_plume.envs.episodes import Episodes
     from taichi_plume.grid import kernels
     from taichi_plume.scenario.loading import scenario_from
@@ -161,7 +161,7 @@ def measure(arch: str, count: int, seconds: float) -> list[Measured]:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Measure and print the figures."""
+    """Measure and print the figures of the environments benchmark; return the exit code."""
     parser = Parser(prog="python -m taichi_plume.validation.benchmark envs", description=__doc__)
     parser.add_argument("--arch", default="cpu", choices=("auto", "cpu", "cuda", "vulkan", "metal"))
     parser.add_argument("--count", type=int, default=COUNT, help=f"environments (default: {COUNT})")

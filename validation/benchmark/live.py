@@ -58,7 +58,7 @@ class Relay:
         threading.Thread(target=self._accept, daemon=True).start()
 
     def cut(self) -> None:
-        """Close all links and refuse new ones."""
+        """Close all links of the relay and refuse new ones."""
         self.whole = False
         for link in self.links:
             with suppress(OSError):
@@ -67,7 +67,7 @@ class Relay:
         self.links = []
 
     def mend(self) -> None:
-        """Accept new connections again."""
+        """Accept new connections of the relay again."""
         self.whole = True
 
     def _accept(self) -> None:
@@ -112,7 +112,7 @@ class Noting(Team):
 
 
 class Driver:
-    """Client in a thread, which drives a robot at random times and records latencies."""
+    """Client in a thread that drives a robot at random times and records latencies."""
 
     def __init__(self, port: int, robot: int, pace: float, seed: int):
         self.team = Noting(f"127.0.0.1:{port}", "remote", [robot], patience=START_S)
@@ -146,7 +146,7 @@ class Driver:
                 self.sent[self.team.drive(0.1, turn)] = when
 
     def close(self) -> None:
-        """Stop the threads and close the client."""
+        """Stop the client's threads and close its connection."""
         self.over.set()
         for thread in self._threads:
             thread.join()
@@ -165,7 +165,7 @@ class Driver:
 
 
 def disturb(port: int, count: int, seconds: float, over: threading.Event) -> None:
-    """Send `count` malformed messages, spread over `seconds`."""
+    """Send `count` malformed messages to the service, spread over `seconds`."""
     rng = np.random.default_rng(7)
     team = Team(f"127.0.0.1:{port}", "remote", [0], patience=START_S)
     session: Any = team._session
@@ -188,7 +188,7 @@ def disturb(port: int, count: int, seconds: float, over: threading.Event) -> Non
 
 @contextmanager
 def service(folder: Path, port: int, seconds: float, clients: int) -> Iterator["subprocess.Popen[str]"]:
-    """Serve the room in real time in a process of its own."""
+    """Serve the room in real time in another process; yield the process."""
     changes = {
         "duration": seconds,
         "robots.0.count": clients,
@@ -216,7 +216,7 @@ def _answers(port: int) -> bool:
 
 
 def measure(seconds: float, clients: int, malformed: int) -> Keys:
-    """Run the service for `seconds` and return the figures."""
+    """Run the live service for `seconds` with these clients and malformed messages; return the figures."""
     port, over = free_port(), threading.Event()
     with TemporaryDirectory() as name, ExitStack() as stack:
         process = stack.enter_context(service(Path(name), port, seconds, clients))
@@ -266,7 +266,7 @@ def measure(seconds: float, clients: int, malformed: int) -> Keys:
 
 
 def until(true: Callable[[], bool], what: str) -> None:
-    """Wait until a condition is true. Raises TimeoutError after START_S."""
+    """Wait until the condition `true` holds. Raises TimeoutError, with `what`, after START_S."""
     end = time.monotonic() + START_S
     while not true():
         if time.monotonic() > end:
@@ -275,7 +275,7 @@ def until(true: Callable[[], bool], what: str) -> None:
 
 
 def main(argv: list[str]) -> int:
-    """Measure and print the figures."""
+    """Measure and print the figures of the live service; return the exit code."""
     parser = Parser(
         prog="python -m taichi_plume.validation.benchmark live",
         description=__doc__,

@@ -37,7 +37,7 @@ class Robots:
         self.team_size.fill(team)
 
     def wander(self) -> None:
-        """Set random positions and readings."""
+        """Set random positions and readings of all robots."""
         n = self.reading.shape[0]
         self.believed_position.from_numpy(self.rng.uniform(0, self.extent, (n, 2)).astype(np.float32))
         self.reading.from_numpy(self.rng.exponential(20.0, n).astype(np.float32))
@@ -74,7 +74,7 @@ class MapCost:
 
 
 def _timed(work: Callable[[], object]) -> np.ndarray:
-    """Return wall time and CPU time of a call [ms]."""
+    """Return wall time and CPU time [ms] of a call of `work`."""
     ti.sync()
     begin, cpu = time.perf_counter(), time.process_time()
     work()
@@ -97,7 +97,7 @@ def _wake(sums: int) -> float:
 def cost(
     case: str, arch: str, keys: list[dict], extent: tuple[float, float], trials: int, ticks: int = 50
 ) -> list[MapCost]:
-    """Return the cost of several maps at once, in the first minute and after an hour."""
+    """Return the cost of several maps at once, in the first minute of a run and after an hour."""
     kernels.start(arch)
     models = TypeAdapter(list[Map]).validate_python(keys)
     made = mappers(models, Floor(extent, trials, READINGS // ticks, WINDOW / ticks))
@@ -146,5 +146,5 @@ CASES: dict[str, tuple[list[dict], tuple[float, float], int, int]] = {
 
 
 def maps(arch: str) -> list[MapCost]:
-    """Return the costs of all cases."""
+    """Return the costs of all cases of gas maps."""
     return [row for case, about in CASES.items() for row in cost(case, arch, *about)]

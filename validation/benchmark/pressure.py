@@ -19,7 +19,7 @@ SIDES = (64, 96, 128)  # N of the cubes whose pressure is solved
 
 @dataclass(frozen=True)
 class Solved:
-    """Solution of the pressure equation in a closed room with obstacles."""
+    """Figures of a solution of the pressure equation in a closed room with obstacles."""
 
     N: int
     cells: int
@@ -53,7 +53,7 @@ def cluttered(n: int) -> tuple[Grid, np.ndarray]:
 
 
 def right_sides(grid: Grid, air: np.ndarray) -> dict[str, np.ndarray]:
-    """Return right sides of largest entry 1: divergence of random velocities, a smooth field, and their sum."""
+    """Return right sides with largest entry 1, by name: divergence of random velocities, a smooth field, their sum."""
     rng = np.random.default_rng(0)
     rough = np.zeros(grid.shape)
     for d in range(grid.dim):
@@ -70,7 +70,7 @@ def right_sides(grid: Grid, air: np.ndarray) -> dict[str, np.ndarray]:
 def solve(n: int, arch: str, tolerance: float = 1e-4) -> list[Solved]:
     """Solve the pressure in a cube of n³ cells for each right side, down to `tolerance` of its largest entry.
 
-    Solvers: the default of the flow solver, and multigrid.
+    Solvers: the default of the flow solver, and multigrid. Return a row per right side and solver.
     """
     kernels.start(arch)
     grid, solid = cluttered(n)
@@ -103,7 +103,7 @@ def solve(n: int, arch: str, tolerance: float = 1e-4) -> list[Solved]:
 
 
 def _applied(faces: list[np.ndarray], phi: np.ndarray, grid: Grid) -> np.ndarray:
-    """Return the discrete Laplace operator applied to phi."""
+    """Return the discrete Laplace operator applied to phi; faces: open fractions per axis."""
     result = np.zeros(grid.shape)
     for d, is_open in enumerate(faces):
         flux = (phi - np.roll(phi, 1, axis=d)) * grid.inner(is_open)

@@ -23,7 +23,7 @@ REPEATS = 15
 
 @dataclass(frozen=True)
 class PuffStep:
-    """Cost of a whole time step: release, motion, walls, sorting."""
+    """Cost of a whole time step of puffs: release, motion, walls, sorting."""
 
     case: str
     puffs: int
@@ -72,7 +72,7 @@ def filled(gas: PuffSolver, puffs: int) -> tuple[float, float]:
 
 
 def in_arena(grid: Grid, air: Air, openings: tuple, puffs: int) -> PuffSolver:
-    """Return puffs in a frozen computed flow, with a small velocity fluctuation."""
+    """Return puffs in a frozen computed flow through the arena, with a small velocity fluctuation."""
     flow = FlowSolver(cfd(openings), grid, air)
     for _ in range(50):
         flow.advance(0.0, flow.stable_dt())
@@ -102,7 +102,7 @@ def median_ms(work: Callable[[int], object]) -> tuple[float, float]:
 
 
 def step(case: str, arch: str, make: Callable[[int], PuffSolver], puffs: int = 100_000) -> list[PuffStep]:
-    """Measure whole time steps."""
+    """Return the cost of whole time steps of about `puffs` puffs."""
     kernels.start(arch)
     gas = make(puffs)
     t, first = filled(gas, puffs)
@@ -111,7 +111,7 @@ def step(case: str, arch: str, make: Callable[[int], PuffSolver], puffs: int = 1
 
 
 def query(case: str, arch: str, make: Callable[[int], PuffSolver], puffs: int = 200_000) -> list[PuffQuery]:
-    """Measure queries of the concentration at random points and at centres of puffs."""
+    """Return the cost of queries of the concentration at random points and at centres of puffs."""
     kernels.start(arch)
     gas = make(puffs)
     filled(gas, puffs)

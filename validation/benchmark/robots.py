@@ -47,7 +47,9 @@ class RobotTick:
 
 
 def ticks(case: str, arch: str, algorithm: str, robots: int = 100_000) -> RobotTick:
-    """Measure ticks of robots with MiCS-5524 sensors spread over the empty arena of 4 x 3 x 0.52 m, 0.04 m cells."""
+    """Return the cost of ticks of robots with MiCS-5524 sensors, spread over the empty arena (4 x 3 x 0.52 m, 4 cm
+    cells).
+    """
     kernels.start(arch)
     wind = flow_on(cfd(OPENINGS), (100, 75, 13), 0.04)
     source = {"position": (0.6, 1.5, 0.1), "rate": 2e-5}

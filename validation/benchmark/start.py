@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @dataclass(frozen=True)
 class Start:
-    """Cost of the start of a process; `cold`: with an empty kernel cache."""
+    """Cost of the start of a process up to the first tick; `cold`: with an empty kernel cache."""
 
     checkout: str
     config: str
@@ -68,7 +68,7 @@ def first_tick(config: Path, arch: str = "cpu") -> int:
 
 
 def _measured(checkout: Path, config: Path, cold: bool, cache: str, arch: str) -> Start:
-    """Measure the start of a process. Raises RuntimeError if it fails."""
+    """Return the cost of the start of a process. Raises RuntimeError if the process fails."""
     environment = os.environ | {"PYTHONPATH": str(checkout), "TI_OFFLINE_CACHE_FILE_PATH": cache}
     command = [sys.executable, __file__, "--tick", str(config), "--arch", arch]
     begin = time.perf_counter()
@@ -89,7 +89,7 @@ def _measured(checkout: Path, config: Path, cold: bool, cache: str, arch: str) -
 def starts(
     checkouts: Sequence[Path], configs: Sequence[str], repeats: int = 1, arch: str = "cpu"
 ) -> Iterator[Start]:
-    """Yield cold and warm starts of scenarios, given by their name in `configs/` or by path."""
+    """Yield the cost of cold and warm starts of scenarios, given by their name in `configs/` or by path."""
     for name in configs:
         for checkout in (path.resolve() for path in checkouts):
             here = checkout / "configs" / f"{name}.yaml"
@@ -101,7 +101,7 @@ def starts(
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line `argv` and return its exit code."""
+    """Run the benchmark with these command-line arguments and return its exit code."""
     parser = argparse.ArgumentParser(
         prog="python -m taichi_plume.validation.benchmark start", description=__doc__
     )

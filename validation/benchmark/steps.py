@@ -20,7 +20,7 @@ from taichi_plume.validation.setups import cfd, gas_on
 
 @dataclass(frozen=True)
 class Measured:
-    """Figures of a case; bandwidth in GB/s. wall_per_simulated: wall time per simulated second."""
+    """Figures of a case of time steps; bandwidth in GB/s. wall_per_simulated: wall time per simulated second."""
 
     case: str
     cells: int
@@ -109,7 +109,7 @@ CASES: dict[str, Callable[[], tuple[FlowSolver, Callable[[], float]]]] = {
 
 
 def measure(name: str, arch: str, seconds: float) -> Measured:
-    """Run a case for about `seconds` after its first steps."""
+    """Run the case `name` for about `seconds` after its first steps, and return its figures."""
     rate = bandwidth()
     kernels.start(arch)
     process = psutil.Process()

@@ -55,7 +55,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _task(base: Keys, file: Path, out: Path, runs: int, film: Path | None = None) -> Task:
-    """Return a task of searches with different seeds in one flow."""
+    """Return a task of `runs` searches with different seeds in one flow, played from `film` if given."""
     options = Options(out, (), {}, False, True)
     seed = base.get("air_seed", base["seed"])
     requests = tuple(
@@ -66,7 +66,7 @@ def _task(base: Keys, file: Path, out: Path, runs: int, film: Path | None = None
 
 
 def _timed(work: Any, *given: Any) -> tuple[Any, float, float]:
-    """Return the result of a call, its CPU time in this process and its wall time [s]."""
+    """Return the result of the call work(*given), its CPU time in this process and its wall time [s]."""
     cpu, clock = time.process_time(), time.perf_counter()
     result = work(*given)
     return result, time.process_time() - cpu, time.perf_counter() - clock

@@ -17,7 +17,7 @@ FILM = "room.zarr"
 
 @dataclass(frozen=True)
 class Trials:
-    """Cost of search trials run to their end, and of recording the room."""
+    """Cost of many search trials run to their end, and of recording the room."""
 
     case: str
     trials: int
@@ -37,7 +37,7 @@ class Trials:
 def spiral_trials(
     case: str, arch: str, trials: int = 10_000, recorded: float = RECORDED, limit: float = HOUR
 ) -> list[Trials]:
-    """Run SPIRAL from 180 cm until all robots have found the dish or `limit` [s] is over."""
+    """Run SPIRAL from 180 cm until all robots have found the dish or `limit` [s] is over; return the cost."""
     with TemporaryDirectory() as folder:
         begin = time.perf_counter()
         kernels.start(arch)
