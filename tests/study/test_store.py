@@ -229,7 +229,7 @@ def test_a_full_disk_leaves_what_there_was(tmp_path, plan, monkeypatch):
         with pytest.raises(OSError, match="the disk is full"):
             store.add([record("b" * 16)])
         monkeypatch.undo()
-        monkeypatch.setattr(module.disk, "sync", full)
+        monkeypatch.setattr(module.disk.os, "fsync", full)
         with pytest.raises(OSError, match="No space left"):
             store.add([record("b" * 16)])
         assert store.statuses() == {"a" * 16: "completed"}
