@@ -320,7 +320,7 @@ def test_the_maps_command_takes_a_bag(run, bag, tmp_path, capsys):
     for wrong, told in (
         (["--topic", "/no"], "has no topic '/no'"),
         (["--frame"], "--frame: expected one argument"),
-        (["--air", "0"], "--air: got '0': must be above 0"),
+        (["--air", "0"], "--air: got 0 ohm; at least 1 ohm"),
         (["--model", "nose"], "--model: invalid choice: 'nose'"),
         (["--trial", "3"], "so there is no trial 3"),
     ):

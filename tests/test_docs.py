@@ -188,7 +188,7 @@ def test_scenarios_are_right(block, tmp_path):
     except ScenarioError as error:
         faults = error.faults
     if "needs your files" in first or makes_files(block.page):
-        faults = [fault for fault in faults if not re.search(r"no such file|does not exist", fault)]
+        faults = [fault for fault in faults if not re.search(r"[Nn]o such file|does not exist", fault)]
     assert not faults
 
 

@@ -217,7 +217,7 @@ def _case(centimetres: int, about: str) -> Case:
         f"mean concentration within 2 m of a source with a radius of {centimetres} cm, puffs and gas on the grid",
         "advection and diffusion from a ball, closed form",
         partial(near_source_mean, radius=0.01 * centimetres),
-        coarse=(10,) if centimetres == 2 else (),
+        coarse=(10, 20) if centimetres == 2 else (),
         fine=(10, 20, 40),
         slow=True,
         expected=dict.fromkeys(("grid: flux", "grid: width", "puffs: flux"), Expected(tolerance=0.05))

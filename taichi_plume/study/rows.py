@@ -38,7 +38,7 @@ def trial_rows(sim: Simulation) -> list[Row]:
         trials["shortest_m"] = _shortest(sim, group, now, sources).tolist()
         searched = scores.no_search(sim, group, trials["success"]) is None
         end = scores.end(sim, group)
-        common = {"group": group.name, "algorithm": group.model.algorithm.kind}
+        common: Row = {"group": group.name, "algorithm": group.model.algorithm.kind}
         common["shares_arena"] = len(sim.swarm.groups) > 1 and not sim.scenario.rivals
         for k in range(group.trials):
             row = {name: _number(values[k]) for name, values in trials.items()}

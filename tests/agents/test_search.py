@@ -12,7 +12,9 @@ from taichi_plume.grid.kernels import compiled
 pytestmark = pytest.mark.usefixtures("taichi")
 
 SHORT = {"acquisition": 0.5, "sample_period": 0.1, "settle": 0.0}
-QUICK = dict.fromkeys(("spiral", "ecoli", "infotaxis", "space_aware_infotaxis", "dapso", "hit_map"), SHORT)
+QUICK: dict[str, dict] = dict.fromkeys(
+    ("spiral", "ecoli", "infotaxis", "space_aware_infotaxis", "dapso", "hit_map"), SHORT
+)
 QUICK |= {"lineup": {"listen": 0.5}, "hit_map": {"acquisition": 0.5, "settle": 0.0}}
 KINDS = sorted(
     set(ALGORITHMS) - {"external", "casting_3d"}

@@ -30,7 +30,7 @@ def test_sampling_is_exact_for_linear_fields(dim):
     slopes = np.array([0.3, -0.7, 0.4])[:dim]
     gradient = np.diag([1.0, -1.0, 0.0][:dim]) + 0.5 * np.eye(dim, k=1)
     points = np.random.default_rng(0).uniform(0.1, 0.7, (200, dim))
-    gas = Slope(grid, lambda x: 2.0 + x @ slopes)
+    gas = Slope(grid, lambda x: 2.0 + x @ slopes)  # pyright: ignore[reportAbstractUsage]  it is only read
     np.testing.assert_allclose(concentration_at(gas, points, 0.0), 2.0 + points @ slopes, rtol=1e-5)
     wind = PrescribedWind(lambda x: x @ gradient.T, grid)
     np.testing.assert_allclose(velocity_at(wind, points, 0.0), points @ gradient.T, atol=1e-5)

@@ -14,7 +14,7 @@ from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 
 TUNNEL = [{"kind": "honeycomb", "face": "x-", "speed": 0.7}, {"kind": "honeycomb", "face": "x+"}]
-LAMINAR = {"turbulence": {"kind": "none"}}
+LAMINAR: dict[str, Any] = {"turbulence": {"kind": "none"}}
 
 
 def cfd(openings: Sequence[dict] = (), **keys: Any) -> CfdWind:

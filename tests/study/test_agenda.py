@@ -84,6 +84,7 @@ def test_jobs_grow_as_far_as_workers_execute_them_in_time():
         agenda.executed(job, len(job.requests))
     assert sizes == [1, 2, 4, 8, 16, 32, 64, 128, 256, 512, *2 * [MOST_RUNS]]
     job = agenda.next("s0", 2)
+    assert job
     agenda.executed(job, 5)  # the time was over
     assert len(agenda.next("s0", 2).requests) == 10
 
@@ -130,6 +131,7 @@ def test_a_run_that_kills_alone_has_failed():
     agenda = Agenda(requests(1, 1, 11), set(), nowhere, 2)
     for size in (1, 2):
         job = agenda.next("s0", 1)
+        assert job
         agenda.executed(job, size)
     job = agenda.next("s0", 1)
     assert job

@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import made_study
 import pyarrow.parquet as pq
@@ -22,9 +23,14 @@ from taichi_plume.study.store import Store, StoreError
 COST = Cost(1.5, 0.25, 0.125, 3, "tcp://127.0.0.1:1")
 
 
-def record(run="a" * 16, status="completed", message="", pushes=1) -> Record:
-    floats = {"final_distance_m": 0.1 + 0.2, "pinned_s": 0.5, "declared_time_s": 0.1, "shortest_m": 1.8}
-    trials = [made_study.trial(k, **floats, pushes=pushes, time_s=1 / 3 if k else None) for k in range(2)]
+def record(run="a" * 16, status="completed", message="", pushes: int | None = 1) -> Record:
+    floats: dict[str, Any] = {
+        "final_distance_m": 0.1 + 0.2,
+        "pinned_s": 0.5,
+        "declared_time_s": 0.1,
+        "shortest_m": 1.8,
+    }
+    trials = [made_study.trial(k, pushes=pushes, time_s=1 / 3 if k else None, **floats) for k in range(2)]
     return Record(run, status, message, trials, {"correlation": 0.1, "none": None}, COST)
 
 
