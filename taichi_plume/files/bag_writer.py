@@ -69,8 +69,7 @@ class BagWriter:
 def new_bag(folder: Path, facts: Mapping[str, str], force: bool = False) -> Iterator[BagWriter]:
     """Context that yields the writer of a new bag; the folder appears once the bag is complete.
 
-    facts: stored in metadata.yaml. force: replace an existing bag. Raises NoBagError if it may not be written, and
-    OSError.
+    facts: stored in metadata.yaml. force: replace an existing bag. Raises NoBagError if that is forbidden, and OSError.
     """
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 

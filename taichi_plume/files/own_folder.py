@@ -1,4 +1,7 @@
-"""Protection of folders that commands write into: a lock file, a mark of the folder's kind, refusal of links."""
+"""Protection of folders that commands write into: a lock file, a mark of the folder's kind, refusal of links.
+
+A refused folder stays as it is: not even the lock file is created.
+"""
 
 import json
 import os

@@ -68,13 +68,12 @@ class RunFolderError(InputError):
 class RunFolder:
     """The folder of a run, which only this process writes to until `close`; also a context manager.
 
-    `path` is `out`, or the first free ``runs/<name>-<n>``. Raises RunFolderError if another process writes there, or
-    if the folder holds files, except those of an earlier run with `force`. `clear` replaces these; `inputs` of the new
-    run must not be among them. Other files stay. A replacement during which a process was killed is settled first, so
-    that one complete run is left.
+    `path` is `out`, or the first free ``runs/<name>-<n>``. Raises RunFolderError if another process writes there, or if
+    the folder holds files, except those of an earlier run with `force`. `clear` replaces these; `inputs` of the new run
+    must not be among them. Other files stay. A replacement during which a process was killed is settled first, so that
+    one complete run is left.
 
-    files: names of files that may be replaced; ours: function that tests whether a folder holds such files of
-    taichi_plume.
+    files: names of files that may be replaced; ours: function that tests whether a folder holds such files.
     """
 
     def __init__(

@@ -55,9 +55,8 @@ class GroupError(ValueError):
 class Group:
     """Reader of a foreign Zarr group or single array, with safety checks. All stored groups are opened by this class.
 
-    A codec may execute what it reads, as pickle of Zarr 2 does. Hence every array is checked before a chunk is
-    decoded: codecs, data type (numbers), size and number of the chunks. No chunk decodes to more than the declared
-    size.
+    A codec may execute what it reads, as pickle of Zarr 2 does. Hence every array is checked before a chunk is decoded:
+    codecs, data type (numbers), size and number of the chunks. No chunk decodes to more than the declared size.
 
     name: path of the group within `path`. attributes: of the group. names: of the arrays; [""] if `path` is an array.
     """

@@ -34,9 +34,8 @@ IGNORED = {"SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2"}  # the parent ha
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a function call in a child process. seconds: computing time; memory: bytes beyond those in use when
-    the first limited call began; opens: whether files may be opened; written: largest size of a file that may be
-    written.
+    """Limits of a call in a child process. seconds: computing time; memory: bytes beyond those in use when the first
+    limited call began; opens: whether files may be opened; written: largest size of a written file.
     """
 
     seconds: float

@@ -60,8 +60,7 @@ def require_inside(path: Path) -> None:
 def open_regular(path: Path) -> BinaryIO:
     """Open a regular file for reading in binary mode, without blocking.
 
-    Raises OSError with a `strerror` for a message, also for a folder, pipe, device or socket, and for impossible
-    names.
+    Raises OSError with a `strerror` for a message, also for a folder, pipe, device or socket, and for impossible names.
     """
     require_inside(path)
     try:
@@ -93,8 +92,7 @@ def read_regular(path: Path, most: int) -> bytes:
 def content_of(path: Path, most: int, fault: Callable[[str], Exception], name: str | None = None) -> bytes:
     """Return the bytes of a regular file of at most `most` bytes. Raises `fault(message)` if it cannot be read.
 
-    name: beginning of the message, by default the path; "" for none. With a name, the folder of a missing file
-    follows.
+    name: beginning of the message, by default the path; "" for none. With a name, the folder of a missing file follows.
     """
     try:
         return read_regular(path, most)
