@@ -1,4 +1,4 @@
-"""Coordinate frames of a bag over time, from /tf and /tf_static: the transform tree of tf2."""
+"""Coordinate frames of a ROS bag over time, from /tf and /tf_static: the transform tree of tf2."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -112,5 +112,5 @@ def topics_for(bag: Bag, gas: str) -> list[str]:
 
 
 def plain_name(frame: str) -> str:
-    """Return the name of a frame without the leading slash of ROS 1."""
+    """Return the name of a coordinate frame without the leading slash of ROS 1."""
     return frame.lstrip("/")

@@ -1,4 +1,4 @@
-"""Topics of a bag that carry gas, poses and wind: given by the user, or recognised by message type and name."""
+"""Topics of a ROS bag that carry gas, poses and wind: given by the user, or recognised by message type and name."""
 
 from collections.abc import Sequence
 

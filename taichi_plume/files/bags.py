@@ -113,7 +113,7 @@ class Bag:
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path may be a bag: a folder, or a file with the suffix of a bag."""
+    """Return whether a path may be a ROS bag: a folder, or a file with the suffix of a bag."""
     return path.suffix.lower() in FILES or path.is_dir()
 
 

@@ -48,7 +48,7 @@ def require_plain(value: object, name: str) -> None:
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Return the content of a checkpoint. Raises CheckpointError if it is missing, damaged or foreign."""
+    """Return the content of a run's checkpoint. Raises CheckpointError if it is missing, damaged or foreign."""
     try:
         content = memoryview(path.read_bytes())
     except OSError as error:

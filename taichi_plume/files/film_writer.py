@@ -1,4 +1,4 @@
-"""Writer of films (see `film`): names, units and CF standard names of the variables; completion after a kill."""
+"""Writer of films (recorded wind and gas, see `film`): units and CF names of variables; completion after a kill."""
 
 import json
 from collections.abc import Mapping, Sequence

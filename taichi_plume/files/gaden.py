@@ -178,7 +178,7 @@ def _mean(air: np.ndarray, overlaps: Sequence[np.ndarray | None]) -> np.ndarray:
 
 
 def _distance(points: np.ndarray, solid: np.ndarray, low: np.ndarray, size: float) -> np.ndarray:
-    """Return the signed distance [m] of points to the surface of the solid cubes."""
+    """Return the signed distance [m] of points to solid cubes. low: grid's lower corner [m]; size: cube edge [m]."""
     flat = points.reshape(-1, solid.ndim)
     away = []
     for kind, sign in ((solid, 1.0), (~solid, -1.0)):

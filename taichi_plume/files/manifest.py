@@ -64,7 +64,7 @@ def write(folder: Path, inputs: dict[str, Digest], outputs: Iterable[Path]) -> N
 
 
 def _name(folder: Path, path: Path) -> str:
-    """Return a path relative to the folder once links are resolved; on another drive the path itself."""
+    """Return `path` relative to `folder`, after resolving links; on another drive the path itself."""
     try:
         return Path(os.path.relpath(path.parent.resolve() / path.name, folder.resolve())).as_posix()
     except ValueError:
@@ -102,7 +102,7 @@ def is_input(folder: Path, path: Path) -> bool:
 
 
 def changed(path: Path) -> str | None:
-    """Return one line on how a file or folder differs from the manifest beside it; None if equal or not listed."""
+    """Return one line on how a file or folder differs from its checksum in manifest.json; None if equal, unlisted."""
     try:
         recorded = read(path.parent)["outputs"].get(path.name)
         if recorded is None:
@@ -119,7 +119,7 @@ def changed(path: Path) -> str | None:
 
 
 def require_unchanged(path: Path, fault: type[ValueError]) -> None:
-    """Raise `fault`, with one line of text, if a file or folder differs from the manifest beside it."""
+    """Raise `fault`, with one line of text, if a file or folder differs from its checksum in manifest.json."""
     damage = changed(path)
     if damage:
         raise fault(damage)

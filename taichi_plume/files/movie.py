@@ -92,7 +92,7 @@ class Movie:
         return dict.fromkeys(names, values)
 
     def picture(self, n: int) -> np.ndarray:
-        """Return the pixels of frame n, axes (x, y), y upwards, in the file's unit. Raises FilmError if damaged."""
+        """Return the movie's pixels in frame n, axes (x, y), y upwards, in the file's unit. Raises FilmError."""
         with errors_as(FilmError, self.path, f"frame {n} cannot be read"):
             _require_declared_size(self.array, n)
             picture = np.asarray(self.array[n], dtype=np.float64)
@@ -148,7 +148,7 @@ Opened = tuple[Pixels, dict[str, Any], tuple[int, ...]]
 
 
 def _opened(path: Path, variable: str | None) -> Opened:
-    """Open a movie file without reading frames; return array, attributes, chunk shape. Raises FilmError or FAULTS."""
+    """Open a movie file; return the unread array, attributes, chunk shape. Raises FilmError or read errors (FAULTS)."""
     if path.is_dir():
         return _zarr(path, variable)
     try:

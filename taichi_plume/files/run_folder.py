@@ -258,7 +258,7 @@ def cut(file: Path, size: int) -> None:
 
 
 def files_in(folder: Path) -> list[Path]:
-    """Return the entries of a folder; none if the folder does not exist."""
+    """Return the paths in a folder, not in its subfolders; none if the folder does not exist."""
     return list(folder.iterdir()) if folder.is_dir() else []
 
 

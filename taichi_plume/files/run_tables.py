@@ -195,7 +195,7 @@ def batches(
 def unverified(
     path: Path, columns: Sequence[str] | None = None, optional: Sequence[str] = ()
 ) -> Iterator[pa.RecordBatch]:
-    """Yield batches as `batches` does, without a check of the manifest. Raises RunFolderError, also `FAULTS`."""
+    """Yield batches as `batches` does, without the manifest's check. Raises RunFolderError, read errors (FAULTS)."""
     stream = stream_of(path)
     rows = _of_stream(stream) if stream.exists() else _of_table(path, columns and [*columns, *optional])
     first = next(rows, None)
@@ -219,7 +219,7 @@ def _of_table(path: Path, columns: Sequence[str] | None) -> Iterator[pa.RecordBa
 
 
 def _of_stream(stream: Path) -> Iterator[pa.RecordBatch]:
-    """Yield the complete batches of an Arrow stream. Raises `FAULTS` if it is damaged before its end."""
+    """Yield the complete batches of an Arrow stream. Raises read errors (FAULTS) if damaged before the end."""
     with open_regular(stream) as file:
         size = os.fstat(file.fileno()).st_size
         try:

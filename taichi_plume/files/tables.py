@@ -155,7 +155,7 @@ def is_number(text: str) -> bool:
 
 
 def plain(reason: str) -> str:
-    """Return the first line of a library's message, cut to LONGEST_REASON."""
+    """Return the first line of a library's error message, cut to LONGEST_REASON characters."""
     line = reason.strip().partition("\n")[0]
     return line if len(line) <= LONGEST_REASON else f"{line[: LONGEST_REASON - 3]}..."
 

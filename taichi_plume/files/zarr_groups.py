@@ -72,7 +72,7 @@ class Group:
     ):
         """Open a group. formats: accepted Zarr versions. consolidated: read array metadata from the group's zarr.json.
 
-        Raises GroupError if `path` is no folder or holds links, and one of FAULTS.
+        Raises GroupError if `path` is no folder or holds links, and errors of zarr (FAULTS).
         """
         fault = unopenable(path, folder=True) or irregular(path)
         if fault:
@@ -95,7 +95,7 @@ class Group:
             self.names = _arrays_in(path / group)
 
     def __getitem__(self, name: str) -> Array:
-        """Return an array of the group after checks of its safety. Raises GroupError, KeyError, and one of FAULTS."""
+        """Return an array of the group after safety checks. Raises GroupError, KeyError, errors of zarr (FAULTS)."""
         if name not in self.names:
             raise KeyError(name)
         with zarr.config.set(BOUNDED):
@@ -141,7 +141,7 @@ def errors_as(fault: type[ValueError], place: object, what: str = "is damaged") 
 
 
 def _codecs(array: zarr.Array) -> list[str]:
-    """Return the names of all codecs that decode an array's chunks."""
+    """Return the names of all codecs that decode the chunks of a Zarr array."""
     about: dict[str, Any] = array.metadata.to_dict()
     if array.metadata.zarr_format == 2:
         used = [about.get("compressor"), *(about.get("filters") or ())]
@@ -154,7 +154,7 @@ def _codecs(array: zarr.Array) -> list[str]:
 
 
 def _names(codecs: Iterable[dict[str, Any]]) -> Iterator[str]:
-    """Yield the names of Zarr 3 codecs, including codecs within shards."""
+    """Yield the names in Zarr 3 codec metadata, including codecs within shards."""
     for codec in codecs:
         yield str(codec["name"])
         inner = codec.get("configuration") or {}

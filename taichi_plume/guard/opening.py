@@ -1,4 +1,4 @@
-"""Gate for files named in foreign input: path traversal, symbolic links, pipes and devices are refused.
+"""Checked opening of files named in foreign input: path traversal, symbolic links, pipes and devices are refused.
 
 Readers open such files by `open_regular`, `read_regular` and `content_of`, or ask `unopenable` and `irregular` before a
 library opens them. All of these accept regular files only: a pipe would wait, a device might never end. In the block of
@@ -25,7 +25,7 @@ _gate: ContextVar[tuple[Path | None, list[Path]] | None] = ContextVar("gate", de
 
 @contextmanager
 def gate(folder: Path | None) -> Iterator[list[Path]]:
-    """Context that admits only files in a folder (None: anywhere), and yields the growing list of admitted paths."""
+    """Context in which files can be opened only inside a folder (None: anywhere); yields the list of opened paths."""
     files: list[Path] = []
     token = _gate.set((folder, files))
     try:
@@ -35,7 +35,7 @@ def gate(folder: Path | None) -> Iterator[list[Path]]:
 
 
 def admit(path: Path) -> None:
-    """Record a path as an input file of the run. Raises PermissionError if it lies outside the gate's folder."""
+    """Record a path as an input file of the run. Raises PermissionError outside the folder that `gate` permits."""
     require_inside(path)
     current = _gate.get()
     if current is not None and path not in current[1]:
@@ -51,7 +51,7 @@ def inside(path: str | Path, folder: Path) -> bool:
 
 
 def require_inside(path: Path) -> None:
-    """Raise PermissionError if a path lies outside the folder of the gate."""
+    """Raise PermissionError if a path lies outside the only folder that the surrounding `gate` permits."""
     current = _gate.get()
     if current is not None and current[0] is not None and not inside(path, current[0]):
         raise PermissionError(errno.EPERM, OUTSIDE, str(path))

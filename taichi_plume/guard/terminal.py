@@ -75,7 +75,7 @@ def terminal(error: bool = False, **options: Any) -> "Console":
     from rich.segment import Segment
 
     class Visible(Console):
-        """A console that sends no control codes besides its own for colours and the cursor."""
+        """Console that prints no control codes except rich's own for colours and the cursor."""
 
         def render(self, renderable: RenderableType, options: ConsoleOptions | None = None):
             for segment in super().render(renderable, options):

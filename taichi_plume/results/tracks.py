@@ -47,7 +47,7 @@ class Track(NamedTuple):
         return np.array([self.values["declared_x"][n], self.values["declared_y"][n]]), count > false
 
     def at(self, t: float) -> int:
-        """Return the index of the last row that is not later than t [s]; -1 before the first."""
+        """Return the index of the trajectory's last row that is not later than t [s]; -1 before the first."""
         return int(np.searchsorted(self.t, t + 1e-6, side="right")) - 1
 
 

@@ -33,7 +33,7 @@ class Writer(Protocol):
     """Interface of a writer of one output file. Its STATE holds the length of the file at the last `flush`."""
 
     def start(self) -> None:
-        """Create the file."""
+        """Create the output file."""
         ...
 
     def go_on(self) -> None:
@@ -41,7 +41,7 @@ class Writer(Protocol):
         ...
 
     def flush(self) -> None:
-        """Write all data to the disk."""
+        """Write all data recorded so far to the disk."""
         ...
 
     def close(self) -> None:
@@ -157,7 +157,7 @@ class Outputs:
 
     @property
     def resumable(self) -> bool:
-        """Whether the run makes checkpoints."""
+        """Whether the run writes checkpoints, from which it can be resumed."""
         return self._every is not None or self._wall is not None
 
     @property
@@ -167,7 +167,7 @@ class Outputs:
     # ------------------------------------------------------------ the run
 
     def start(self) -> None:
-        """Create all files."""
+        """Create all output files of a new run."""
         self._start_digests()
         for writer in self._writers:
             writer.start()

@@ -103,7 +103,7 @@ def _inputs(folder: Path) -> Json:
 
 
 def _reached(table: Path, content: Json) -> Json:
-    """Return message and robot groups for result.json, from the last rows of robots.parquet."""
+    """Return result.json's message and, per robot group, how many found a source, from the table's last time."""
     try:
         rows = pq.read_table(table, columns=["t", "group", "found"])
     except (OSError, ValueError, LookupError):

@@ -190,7 +190,7 @@ def _known(value: float) -> float | None:
 
 
 def write_result(folder: Path, content: Json) -> None:
-    """Write `result.json` so that a reader sees all of the file or none; NaN and infinities become null."""
+    """Write `result.json` atomically; NaN and infinities become null."""
     text = json.dumps(plain(content), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     with written_whole(folder / "result.json") as fresh:
         fresh.write_text(text, encoding="utf-8")

@@ -97,7 +97,7 @@ def _recorded_line(replay: Json) -> str:
 
 
 def _service_line(service: Json) -> str:
-    """Return a text on the service for external robots: missed ticks, messages and connection losses."""
+    """Return a text on the service for external robots: missed time steps, messages and connection losses."""
     names = ("times_lost", "taken", "malformed", "oversized", "late")
     counts = {name: sum(robot[name] for robot in service["messages"].values()) for name in names}
     lost = counts.pop("times_lost")
