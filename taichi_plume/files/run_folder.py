@@ -171,7 +171,7 @@ class RunFolder:
             )
 
     def clear(self) -> None:
-        """Move the files of an earlier run into a subfolder, until `settle` deletes or restores them."""
+        """Move the files of an earlier run into a subfolder, until `settle` deletes or restores these files."""
         aside = self.path / REPLACING
         aside.mkdir()
         for name in self.files:

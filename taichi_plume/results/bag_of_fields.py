@@ -24,7 +24,7 @@ def species(name: str) -> str:
 
 
 def floor(run: Run, allow_outside: bool) -> ros.Message:
-    """Return the ROS occupancy grid of a run: static obstacles, and all beyond the arena, with a frame around.
+    """Return a run's ROS occupancy grid. Occupied are static obstacles, cells beyond the arena, and a border.
 
     Prints a note on each obstacle that cannot be read.
     """

@@ -65,7 +65,7 @@ class Choice:
 
 
 def write(run: Run, out: Path, choice: Choice, force: bool = False) -> list[Path]:
-    """Write one trial of a run as a ROS 2 bag into folder `out` and return the files. force: replace a bag.
+    """Write one trial of a run as a ROS 2 bag into folder `out`; return the files. force: replace an existing bag.
 
     Raises RunFolderError if the run has nothing for a bag or the bag may not be written, and OSError.
     """

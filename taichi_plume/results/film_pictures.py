@@ -90,7 +90,7 @@ class FilmPictures:
 def _drawn(
     plane: Plane, points: np.ndarray, velocities: list[np.ndarray], step: float, times: np.ndarray
 ) -> Arrows:
-    """Return wind arrows at points (n, dim) in a plane; the 95 % quantile of speed is 1.2 `step` [m] long."""
+    """Return wind arrows at points (n, dim) in a plane; the speed's 95 % quantile is drawn 1.2 `step` [m] long."""
     along = list(plane.axes)
     speed = np.concatenate([np.linalg.norm(velocity[:, along], axis=-1) for velocity in velocities])
     top = max(float(np.nanquantile(speed, 0.95)), 1e-3)

@@ -109,7 +109,7 @@ def of_log(model: "Map", readings: Readings, size: tuple[float, float]) -> tuple
 def _made(
     readings: Readings, t: np.ndarray, model: "Map", size: tuple[float, float]
 ) -> tuple["OnlineMap", float, np.ndarray]:
-    """Return the gas map made as if online, the time step [s], and the finite negative log densities of readings."""
+    """Map readings taken at times t [s]; return map, time step [s], finite negative log densities of the readings."""
     from taichi_plume.agents.gas_map import Floor
     from taichi_plume.agents.mapping import mappers
     from taichi_plume.agents.recorded import RecordedTeam

@@ -80,7 +80,7 @@ class Filming:
         return Every(1 / self.model.rate, self.shoot, warm_up=True)
 
     def shoot(self, sim: Simulation) -> None:
-        """Append a frame with the present wind, gas and temperature, unless the film is set to start later."""
+        """Append a frame with the present wind, gas and temperature; do nothing before the film's start time."""
         if sim.t < self.model.start - 1e-9 * sim.dt:
             return
         frame = self._wind(sim, self.wind) if self.wind is not None else {}
@@ -130,7 +130,7 @@ def _origins(scenario: Scenario) -> Json:
 
 
 def _faces(values: np.ndarray, d: int, margin: int = 0) -> np.ndarray:
-    """Return the values on the cell faces normal to axis d, without ghost layers. margin: ghost layers, other axes."""
+    """Return values on the cell faces normal to axis d. margin: ghost layers to cut off along the other axes."""
     index = [slice(margin, n - margin) for n in values.shape]
     index[d] = slice(1, None)
     return values[tuple(index)]

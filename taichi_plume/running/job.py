@@ -1,4 +1,4 @@
-"""Execution of a run from its assembly to its end. Every kind of end leaves the files and prints the reason."""
+"""Execution of a run from its assembly to its end. However a run ends, its files stay and the reason is printed."""
 
 import errno
 import gc
@@ -154,7 +154,7 @@ def _to_the_end(
 
 
 def _run(job: Job, sim: Simulation, signals: SignalRequests, console: Console | None, debug: bool) -> End:
-    """Run the simulation, and return how it ended; errors and interruptions are returned, not raised."""
+    """Run the simulation, and return how it ended; a failure or an interruption is returned, not raised."""
     try:
         with ExitStack() as stack:
             if console is not None and console.is_terminal:

@@ -103,7 +103,7 @@ def _inputs(folder: Path) -> Json:
 
 
 def _reached(table: Path, content: Json) -> Json:
-    """Return result.json's message and, per robot group, how many found a source, from the table's last time."""
+    """Return for result.json the last time in the table, as a message, and per robot group how many found a source."""
     try:
         rows = pq.read_table(table, columns=["t", "group", "found"])
     except (OSError, ValueError, LookupError):
