@@ -1,7 +1,7 @@
 """Codecs of Zarr that decode a chunk to no more than the size in the array's metadata.
 
 A chunk of 200 KB may decode to gigabytes (decompression bomb): other codecs trust the size that the chunk states, or
-decode until the memory ends. Arrays opened in a block of `zarr.config.set(BOUNDED)` use these codecs.
+decode until the memory is full. Arrays opened in a block of `zarr.config.set(BOUNDED)` use these codecs.
 """
 
 import asyncio

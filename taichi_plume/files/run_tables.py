@@ -177,7 +177,7 @@ def finish(path: Path) -> None:
 def batches(
     path: Path, columns: Sequence[str] | None = None, optional: Sequence[str] = ()
 ) -> Iterator[pa.RecordBatch]:
-    """Yield an empty batch and the rows of a table, read from its stream if the run has not finished it.
+    """Yield an empty batch and the rows of a run's table, from its Arrow stream if the Parquet file is unfinished.
 
     columns: names to read, in this order, by default all; optional: names to read if the table has them. Manifest and
     checksums of pages are checked. Raises RunFolderError, in a line.

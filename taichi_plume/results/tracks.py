@@ -52,7 +52,7 @@ class Track(NamedTuple):
 
 
 def tracks(path: Path, groups: "Sequence[Group]") -> list[Track]:
-    """Return robots' tracks, equal shares of each group's first trial; [] without table. Raises RunFolderError."""
+    """Return robots' trajectories, equal shares of each group's first trial; [] if no table. Raises RunFolderError."""
     try:
         share = max(1, MOST_ROBOTS // max(1, len(groups)))
         table = _table(path, {group.name: group.first_trial for group in groups}, share)
@@ -86,7 +86,7 @@ def _track(rows: pa.Table, name: str, number: int, group: "Group") -> Track:
 
 
 def _table(path: Path, first: dict[str, int], share: int) -> pa.Table | None:
-    """Return rows of the first `share` robots of each group. first: trial per group. None without a table."""
+    """Return table rows of the first `share` robots per group; first: trial of each group. None without a table."""
     if not path.exists() and not stream_of(path).exists():
         return None
     batches = unverified(path, ["t", "group", "trial", "robot", "state", *COLUMNS], list(MORE))
