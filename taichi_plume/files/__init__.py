@@ -1,3 +1,3 @@
-"""The formats that are read and written, one file each."""
+"""Readers and writers of file formats, one module each."""
 
 MAY_IMPORT: tuple[str, ...] = ("grid", "guard", "scenario")

@@ -1,4 +1,4 @@
-"""Coordinate frames of a bag over time, from /tf and /tf_static: the transform tree of tf2."""
+"""Coordinate frames of a ROS bag over time, from /tf and /tf_static: the transform tree of tf2."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ DEEPEST = 100  # frames of a chain
 
 
 class Pose(NamedTuple):
-    """Poses over time: place (n, 3) [m] and heading (n,) [rad]; NaN where unknown."""
+    """Positions (n, 3) [m] and headings (n,) [rad] of a body at n times; NaN where unknown."""
 
     place: np.ndarray
     heading: np.ndarray
@@ -24,7 +24,7 @@ class Pose(NamedTuple):
 
 @dataclass(frozen=True)
 class Link:
-    """Pose of a frame in its parent: at times t (n,) [s], place (n, 3) [m], turn (n, 4), a quaternion x, y, z, w."""
+    """Transform of a frame in its parent: times t (n,) [s], place (n, 3) [m], turn: quaternions x, y, z, w (n, 4)."""
 
     parent: str
     t: np.ndarray
@@ -33,7 +33,7 @@ class Link:
     static: bool
 
     def at(self, times: np.ndarray) -> tuple[np.ndarray, Rotation]:
-        """Return places (m, 3), NaN before the first time and after the last, and turns."""
+        """Interpolate to `times` (m,) [s]: return positions (m, 3), NaN outside the recorded times, and rotations."""
         if self.static or len(self.t) == 1:
             place, turn = (np.tile(values[-1], (len(times), 1)) for values in (self.place, self.turn))
             return place, Rotation.from_quat(turn)
@@ -43,7 +43,7 @@ class Link:
 
 
 class Frames:
-    """Transform tree of some topics of a bag. stamped: take times from the stamps instead of the recording."""
+    """Transform tree from the /tf topics of a bag. stamped: use header stamps instead of recording times."""
 
     def __init__(self, bag: Bag, stamped: bool, topics: Sequence[str]):
         self.path = bag.path
@@ -72,7 +72,7 @@ class Frames:
                 self.links[child] = Link(parents[child], t, table[:, 1:4], table[:, 4:], child in fixed)
 
     def chain(self, frame: str, fixed: str) -> list[str] | None:
-        """Return the frames from `frame` up to, but without, its ancestor `fixed`; None if not connected."""
+        """Return the frames from `frame` up to, but without, its ancestor `fixed`; None if they are not connected."""
         found, frame, fixed = [], plain_name(frame), plain_name(fixed)
         while frame != fixed:
             if frame in self.torn:
@@ -84,17 +84,17 @@ class Frames:
         return found
 
     def require(self, frame: str) -> None:
-        """Raise BagError if the bag has frames, but not this frame."""
+        """Raise BagError if the bag's transforms do not contain this frame; accept any frame if there are none."""
         known = {*self.links, *(link.parent for link in self.links.values())}
         if known and plain_name(frame) not in known:
             raise BagError(f"{self.path}: has no frame '{frame}'; it has {listed(sorted(known))}")
 
     def carrier(self, chain: list[str]) -> str | None:
-        """Return the frame of the body that carries a sensor: the first moving frame of a chain, if any."""
+        """Return the body frame of a robot: a chain's first frame that moves in its parent; None if all are static."""
         return next((frame for frame in chain if not self.links[frame].static), None)
 
     def pose(self, chain: list[str], times: np.ndarray) -> Pose:
-        """Return the poses of the first frame of a chain in the parent of the last frame."""
+        """Return the pose of a chain's first frame at `times` [s], in the parent of the chain's last frame."""
         place, turn = np.zeros((len(times), 3)), Rotation.identity(len(times))
         for frame in chain:
             there, turned = self.links[frame].at(times)
@@ -105,12 +105,12 @@ class Frames:
 
 
 def topics_for(bag: Bag, gas: str) -> list[str]:
-    """Return the topics of frames in the namespaces of a topic of gas (robots may have their own), or else all."""
+    """Return the transform topics in the namespaces around a gas topic, as each robot may have its own; else all."""
     topics, parts = bag.of_kind(KIND), gas.strip("/").split("/")
     own = [topic for topic in topics if (space := topic.strip("/").split("/")[:-1]) == parts[: len(space)]]
     return own or topics
 
 
 def plain_name(frame: str) -> str:
-    """Return the name of a frame without the leading slash of ROS 1."""
+    """Return the name of a coordinate frame without the leading slash of ROS 1."""
     return frame.lstrip("/")

@@ -1,10 +1,10 @@
-"""Robots of a recorded bag: trajectories and readings of gas sensors and anemometers.
+"""Robots of a recorded ROS bag: trajectories and readings of gas sensors and anemometers.
 
-Each topic of gas is a robot, named by the topic's namespace ("/r1/gas" is of r1), or by the whole topic if a robot has
-several. The position is that of the messages' frame if /tf connects the frame to the map; otherwise that of the topic
-of poses whose name shares most with the topic of gas. Poses are interpolated to the times of the readings; readings
-without a pose before and after are left out. Times are the stamps of the messages, or the times of recording if a
-message has no stamp.
+Each gas topic is a robot, named by the topic's namespace ("/r1/gas" is of r1), or by the whole topic if a robot has
+several. The position is that of the messages' frame if /tf connects the frame to the map; otherwise that of the pose
+topic whose name shares most with the gas topic. Poses are interpolated to the times of the readings; readings without
+a pose before and after are left out. Times are the stamps of the messages, or the times of recording if a message has
+no stamp.
 """
 
 from collections.abc import Callable
@@ -27,12 +27,12 @@ UNITS = {"ppm": 1.0, "ppb": 1e-3, "ohm": 0.0}
 
 @dataclass(frozen=True)
 class BagOptions:
-    """Options of reading a bag. gas, pose, wind: topics, pose and wind one for each of gas; by default all of the bag.
+    """Options of reading a ROS bag. gas, pose, wind: topics, pose and wind one per gas topic; by default all.
 
-    frame: of positions. sensor: index in a GasSensorArray. units: of gas, if messages give none or wrong units.
-    model: metal oxide whose law converts resistances to ppm, air: resistance in clean air [ohm]; by default of the
-    messages. upwind: the direction of Anemometer messages is where the wind comes from. lenient: read trajectories:
-    readings that cannot be converted to ppm are NaN, and wind is left out.
+    frame: frame of positions. sensor: index in a GasSensorArray. units: of gas, if messages give none or wrong units.
+    model: metal oxide whose law converts resistances to ppm, air: resistance in clean air [ohm]; by default those of
+    the messages. upwind: Anemometer messages give the direction where the wind comes from. lenient: for trajectories
+    alone: readings that cannot be converted to ppm are NaN, and wind is left out.
     """
 
     gas: tuple[str, ...] = ()
@@ -49,10 +49,10 @@ class BagOptions:
 
 @dataclass(frozen=True)
 class RecordedRobot:
-    """A robot of a bag, in order of time.
+    """A robot of a ROS bag, with trajectory and readings in order of time.
 
-    Trajectory: t (n,) [s], place (n, 3) [m], heading (n,) [rad]. Readings: read_at (m,) [s], at (m, 2) [m] positions of
-    the sensor, ppm (m,), wind (m, 2) [m/s], zero if unknown. topics: description of the sources.
+    Trajectory: t (n,) [s], place (n, 3) [m], heading (n,) [rad]. Readings: read_at (m,) [s], at (m, 2) [m] positions
+    of the sensor, ppm (m,), wind (m, 2) [m/s], zero if unknown. topics: description of the topics used.
     """
 
     name: str
@@ -67,12 +67,12 @@ class RecordedRobot:
 
 
 def read(path: Path, options: BagOptions | None = None) -> list[RecordedRobot]:
-    """Return the robots of a bag; if lenient, also robots that only have poses. Raises BagError."""
+    """Return the robots in a ROS bag, read in a child process with limits on memory and time. Raises BagError."""
     return confined(read_here, path, options or BagOptions())
 
 
 def read_here(path: Path, options: BagOptions) -> list[RecordedRobot]:
-    """Return the same as `read`, in this process without limits. Raises BagError."""
+    """Return the robots in a ROS bag, read in this process. Raises BagError."""
     with opened(path) as bag:
         if options.lenient and not options.gas and not bag.of_kind(*GAS):
             return [_without_gas(bag, topic) for topic in chosen(bag, options.pose, POSES, "poses", "--pose")]
@@ -108,7 +108,7 @@ def read_here(path: Path, options: BagOptions) -> list[RecordedRobot]:
 
 
 class _Source(NamedTuple):
-    """A bag, the options of reading it, the transform tree of a robot, and whether times come from the stamps."""
+    """An open bag, its reading options, a robot's transform tree, and whether times are header stamps."""
 
     bag: Bag
     options: BagOptions
@@ -163,7 +163,7 @@ def _robot(
 
 
 def _without_gas(bag: Bag, topic: str) -> RecordedRobot:
-    """Return a robot of which only poses are known."""
+    """Return a recorded robot with the trajectory of a pose topic, and without readings."""
     series = bag.series(topic, _pose_of(bag, topic))
     t, way = _way(series, series.is_stamped)
     none = np.zeros((0, 2))
@@ -176,7 +176,7 @@ def _without_gas(bag: Bag, topic: str) -> RecordedRobot:
 
 
 def _gas_of(bag: Bag, topic: str, options: BagOptions) -> Callable[[ros.Message], Sample]:
-    """Return the function that reads ppm from the messages of a topic."""
+    """Return a function that extracts stamp, frame and concentration [ppm] from a message of a gas topic."""
     kind, where = bag.kinds[topic], f"{bag.path}: {topic}"
 
     def ppm(raw: float, units: str, sensor: ros.Message) -> float:
@@ -208,9 +208,9 @@ def _gas_of(bag: Bag, topic: str, options: BagOptions) -> Callable[[ros.Message]
 
 
 def _ppm(where: str, raw: float, units: str, sensor: ros.Message, options: BagOptions) -> float:
-    """Convert a reading to ppm; sensor: a GasSensor message or None. Raises BagError.
+    """Convert a raw gas reading to ppm. sensor: its GasSensor message or None. Raises BagError.
 
-    A resistance by the law of ros_messages: c = c0 ((R / R_air)^(1 / calib_b) - 1).
+    Resistances follow the metal-oxide law of ros_messages: c = c0 ((R / R_air)^(1 / calib_b) - 1).
     """
     if units not in UNITS:
         raise BagError(f"{where}: the unit of gas is {units}, not ppm, ppb or ohm; give --units")
@@ -235,7 +235,7 @@ def _ppm(where: str, raw: float, units: str, sensor: ros.Message, options: BagOp
 
 
 def _pose_of(bag: Bag, topic: str) -> Callable[[ros.Message], Sample]:
-    """Return the function that reads x, y, z [m] and heading [rad] from the messages of a topic."""
+    """Return a function that extracts stamp, frame and x, y, z [m], heading [rad] from a message of a pose topic."""
     nested = bag.kinds[topic] != POSES[-1]
 
     def get(message: ros.Message) -> Sample:
@@ -248,20 +248,20 @@ def _pose_of(bag: Bag, topic: str) -> Callable[[ros.Message], Sample]:
 
 
 def _way(series: Series, stamped: bool) -> tuple[np.ndarray, Pose]:
-    """Return times [s], unique and in order, and poses of a topic."""
+    """Return a trajectory from a pose topic's values: sorted unique times [s], and the poses."""
     t, values = _in_order(series.times(stamped and series.is_stamped), series.values)
     return t, Pose(values[:, :3], values[:, 3])
 
 
 def _in_order(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return unique times [s] in order, and rows of finite values."""
+    """Return sorted unique times [s] and the rows of `values` then, without rows that are not finite."""
     good = np.isfinite(values).all(axis=1)
     t, first = np.unique(t[good], return_index=True)
     return t, values[good][first]
 
 
 def _between(t: np.ndarray, way: Pose, times: np.ndarray) -> Pose:
-    """Interpolate poses to other times; NaN before the first and after the last."""
+    """Interpolate poses `way` given at times t to other times [s]; NaN before the first and after the last."""
     if not len(t):
         return Pose(np.full((len(times), 3), np.nan), np.full(len(times), np.nan))
     columns = [*way.place.T, np.unwrap(way.heading)]
@@ -270,9 +270,9 @@ def _between(t: np.ndarray, way: Pose, times: np.ndarray) -> Pose:
 
 
 def _wind(source: _Source, topic: str, read_at: np.ndarray, body: Callable[[np.ndarray], Pose]) -> np.ndarray:
-    """Return the wind at the times of readings (m, 2) [m/s] in the map, zero if unknown.
+    """Return the wind (m, 2) [m/s] in map axes, interpolated to the times of gas readings; zero if unknown.
 
-    body: pose of the robot at some times, whose heading is taken if the frame of the messages is not connected.
+    body: function of times that returns the robot's poses, used if /tf does not connect the anemometer to the map.
     """
     bag, options, frames, stamped = source
     kind = bag.kinds[topic]

@@ -1,4 +1,4 @@
-"""Topics of a bag that carry gas, poses and wind: given by the user, or recognised by message type and name."""
+"""Topics of a ROS bag that carry gas, poses and wind: given by the user, or recognised by message type and name."""
 
 from collections.abc import Sequence
 
@@ -18,7 +18,7 @@ WINDS = (ros.ANEMOMETER, "geometry_msgs/msg/Vector3Stamped", "geometry_msgs/msg/
 
 
 def chosen(bag: Bag, given: Sequence[str], kinds: Sequence[str], what: str, option: str) -> list[str]:
-    """Return the given topics, or else all topics of the first type that the bag has. Raises BagError."""
+    """Return the topics the user gave, or all topics of the first message type in `kinds` present. Raises BagError."""
     for topic in given:
         bag.require(topic, kinds)
     if given:
@@ -34,7 +34,7 @@ def chosen(bag: Bag, given: Sequence[str], kinds: Sequence[str], what: str, opti
 
 
 def pose_topic_of(bag: Bag, gas: str, given: str | None) -> str:
-    """Return the given topic of poses, or the topic with the name nearest to a topic of gas. Raises BagError."""
+    """Return the pose topic for a gas topic: the given one, or that with the most similar name. Raises BagError."""
     if given:
         bag.require(given, POSES)
         return given
@@ -51,7 +51,7 @@ def pose_topic_of(bag: Bag, gas: str, given: str | None) -> str:
 
 
 def wind_topic_of(bag: Bag, gas: str, given: str | None) -> str | None:
-    """Return the topic of wind that belongs to a topic of gas, if any. Vectors count as wind only by their name."""
+    """Return the wind topic for a gas topic, if any. Plain vector topics need "wind" in their name."""
     if given:
         bag.require(given, WINDS)
         return given
@@ -60,7 +60,7 @@ def wind_topic_of(bag: Bag, gas: str, given: str | None) -> str | None:
 
 
 def _nearest(gas: str, topics: Sequence[str]) -> list[str]:
-    """Return the topics that share most leading name parts with a topic of gas."""
+    """Return those of the topics that share most leading name parts ("/a/b") with a gas topic."""
     shared = [_shared(gas, topic) for topic in topics]
     return [topic for topic, count in zip(topics, shared, strict=True) if count == max(shared)]
 
@@ -72,11 +72,11 @@ def _only(bag: Bag, topics: Sequence[str], several: str, option: str) -> str:
 
 
 def _shared(a: str, b: str) -> int:
-    """Count the leading parts that two topics have in common."""
+    """Count the leading name parts, between slashes, that two topics have in common."""
     parts = list(zip(a.strip("/").split("/"), b.strip("/").split("/"), strict=False))
     return next((n for n, (mine, other) in enumerate(parts) if mine != other), len(parts))
 
 
 def robot_name(topic: str) -> str:
-    """Return the name of the robot of a topic: all but the last part."""
+    """Return the name of a topic's robot: the topic without its last part; "robot" if nothing is left."""
     return "/".join(topic.strip("/").split("/")[:-1]) or "robot"

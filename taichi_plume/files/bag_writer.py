@@ -24,11 +24,11 @@ CHECKED_EVERY = 1 << 22  # bytes, for which there has to be room on the disk
 
 
 class NoBagError(Exception):
-    """A bag may not be written there; the message is one line and begins with the path."""
+    """Error: a bag may not be written to a folder; the message is one line and begins with the path."""
 
 
 class BagWriter:
-    """Writes messages by topic; see `new_bag`."""
+    """Writer of ROS messages by topic into an open bag; see `new_bag`."""
 
     def __init__(self, writer: "Writer", folder: Path):
         self.writer, self.folder = writer, folder
@@ -36,7 +36,7 @@ class BagWriter:
         self.waiting = 0  # bytes
 
     def topic(self, name: str, kind: str, latched: bool = False) -> None:
-        """Declare a topic of a message type. latched: late subscribers get the last message."""
+        """Declare a topic and its message type `kind`. latched: late subscribers get the last message."""
         from rosbags import interfaces as ros2
 
         endless = ros2.QosTime(9_223_372_036, 854_775_807)  # as ROS records
@@ -56,7 +56,7 @@ class BagWriter:
         )
 
     def write(self, topic: str, t: float, message: ros.Message) -> None:
-        """Write a message of time t [s], 0 or later. Raises OSError if the disk is full."""
+        """Write a message to a topic at time t >= 0 [s]. Raises OSError if the disk is full."""
         data = ros.encode(message)
         self.waiting += len(data)
         if self.waiting > CHECKED_EVERY:
@@ -67,9 +67,9 @@ class BagWriter:
 
 @contextmanager
 def new_bag(folder: Path, facts: Mapping[str, str], force: bool = False) -> Iterator[BagWriter]:
-    """Write a bag, which appears once complete. facts: stored in metadata.yaml. force: replace an existing bag.
+    """Context that yields the writer of a new bag; the folder appears once the bag is complete.
 
-    Raises NoBagError if the bag may not be written, and OSError.
+    facts: stored in metadata.yaml. force: replace an existing bag. Raises NoBagError if that is forbidden, and OSError.
     """
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
@@ -91,7 +91,7 @@ def new_bag(folder: Path, facts: Mapping[str, str], force: bool = False) -> Iter
 
 
 def _require_free(folder: Path, force: bool) -> None:
-    """Raise NoBagError if a bag may not be written to this folder."""
+    """Raise NoBagError if a folder exists already or cannot be a bag; with `force`, an existing bag is accepted."""
     if not folder.parent.is_dir():
         raise NoBagError(f"{folder}: its folder does not exist")
     if not folder.is_symlink() and not folder.exists():

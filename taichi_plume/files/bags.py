@@ -1,4 +1,4 @@
-"""Foreign bags, read by rosbags: MCAP and SQLite of ROS 2, as a file or a folder of ROS, and .bag of ROS 1."""
+"""Reader of foreign ROS bags, by rosbags: MCAP and SQLite of ROS 2, as a file or folder, and .bag of ROS 1."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -36,11 +36,11 @@ OLD_NAMES = {  # of ROS 1, and of older packages
 
 
 class BagError(ValueError):
-    """A bag that cannot be read or lacks a topic; the message is one line and begins with the path."""
+    """Error: a ROS bag cannot be read or lacks a topic; the message is one line and begins with the path."""
 
 
 class Sample(NamedTuple):
-    """Content of a message: stamp [s], 0 if missing; the frame of the values, "" if missing; the values."""
+    """Data of a ROS message: header stamp [s], 0 if missing; frame of the values, "" if missing; the values."""
 
     stamp: float
     frame: str
@@ -49,9 +49,9 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True)
 class Series:
-    """Values of all messages of a topic, in the order of the bag.
+    """Values of all messages of a ROS topic, in the order of the bag.
 
-    stamp: time of the measurement, 0 if missing; logged: time of the recording, (n,) [s]; values (n, k); frame: of the
+    stamp: header times, 0 if missing; logged: times of recording, both (n,) [s]; values (n, k); frame: that of the
     first message.
     """
 
@@ -63,16 +63,16 @@ class Series:
 
     @property
     def is_stamped(self) -> bool:
-        """Whether all messages, except perhaps the first, have a stamp."""
+        """Whether all messages of the topic, except perhaps the first, have a header stamp."""
         return bool((self.stamp > 0.0).all() or (len(self.stamp) > 1 and (self.stamp[1:] > 0.0).all()))
 
     def times(self, stamped: bool) -> np.ndarray:
-        """Return the times of the stamps, or of the recording (n,) [s]."""
+        """Return the times of the messages (n,) [s]: header stamps if `stamped`, otherwise times of recording."""
         return self.stamp if stamped else self.logged
 
 
 class Bag:
-    """An open bag; see `opened`. kinds: message type of each topic that has messages."""
+    """An open ROS bag; see `opened`. kinds: message type of each topic that has messages."""
 
     def __init__(self, path: Path, reader: "AnyReader"):
         self.path, self.reader = path, reader
@@ -80,12 +80,12 @@ class Bag:
         self.kinds = {topic.topic: OLD_NAMES.get(topic.msgtype, topic.msgtype) for topic in used}
 
     def of_kind(self, *kinds: str) -> list[str]:
-        """Return the topics of some types, sorted; digits in the names as numbers."""
+        """Return the topics of these message types, in natural order (r2 before r10)."""
         topics = [topic for topic, kind in self.kinds.items() if kind in kinds]
         return sorted(topics, key=_counted)
 
     def messages(self, *topics: str) -> Iterator[tuple[str, float, ros.Message]]:
-        """Yield topic, time of recording [s] and message, in the order of the bag. Raises BagError."""
+        """Yield (topic, time of recording [s], message) for all messages of these topics. Raises BagError."""
         chosen = [c for c in self.reader.connections if c.topic in topics and c.msgcount]
         for n, (connection, t, data) in enumerate(self.reader.messages(chosen) if chosen else ()):
             if n >= MOST_MESSAGES:
@@ -93,7 +93,7 @@ class Bag:
             yield connection.topic, 1e-9 * t, self.reader.deserialize(data, connection.msgtype)
 
     def series(self, topic: str, get: Callable[[ros.Message], Sample]) -> Series:
-        """Return the values of all messages of a topic. Raises BagError."""
+        """Return the values of all messages of a topic; get: extracts them from a message. Raises BagError."""
         rows = [(logged, *get(message)) for _, logged, message in self.messages(topic)]
         if not rows:
             raise BagError(f"{self.path}: {topic} has no messages")
@@ -102,7 +102,7 @@ class Bag:
         return Series(topic, np.array(stamp, float), np.array(logged, float), frames[0], table)
 
     def require(self, topic: str, kinds: Iterable[str]) -> None:
-        """Raise BagError if there is no such topic, or a topic of another type."""
+        """Raise BagError unless the bag has this topic with one of these message types."""
         if topic not in self.kinds:
             raise BagError(
                 f"{self.path}: has no topic '{topic}'; it has {listed(sorted(self.kinds)) or 'none'}"
@@ -113,12 +113,12 @@ class Bag:
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path may be a bag: a folder, or a file with the suffix of a bag."""
+    """Return whether a path may be a ROS bag: a folder, or a file with the suffix of a bag."""
     return path.suffix.lower() in FILES or path.is_dir()
 
 
 def confined(function: Callable[..., Any], path: Path, *args: Any) -> Any:
-    """Call a function with a bag and these arguments in a process with limits, and return its result.
+    """Call function(path, *args) on a bag in a child process with limits, and return its result.
 
     A bag may be compressed to a thousandth, hold endless queries (SQLite) or sequences of any length. Raises BagError.
     """
@@ -152,9 +152,9 @@ def confined(function: Callable[..., Any], path: Path, *args: Any) -> Any:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Bag]:
-    """Open a bag that has passed `check`; to be called within `confined`.
+    """Context that opens a bag which passed `check`; for use in a child process, see `confined`.
 
-    Raises BagError, also for what goes wrong while it is read.
+    Raises BagError, also for errors while the bag is read.
     """
     from rosbags.highlevel import AnyReader
 
@@ -170,7 +170,7 @@ def opened(path: Path) -> Iterator[Bag]:
 
 
 def check(path: Path) -> None:
-    """Raise BagError if there is no bag at this path, or its metadata.yaml cannot be read."""
+    """Raise BagError if no ROS bag exists at this path, or its metadata.yaml cannot be read."""
     reason = irregular(path) if path.is_dir() else unopenable(path)
     if reason:
         raise BagError(f"{path}: {reason}")
@@ -191,11 +191,11 @@ def check(path: Path) -> None:
 
 
 def stamp_of(header: ros.Message) -> float:
-    """Return the time of a header [s], also of ROS 1."""
+    """Return the time of a ROS 1 or ROS 2 message header [s]."""
     return float(header.stamp.sec) + 1e-9 * float(header.stamp.nanosec)
 
 
 def _counted(topic: str) -> list[tuple[int, str]]:
-    """Return a key to sort topics by, with digits as numbers."""
+    """Return a sort key for the natural order of topic names (digits compared as numbers)."""
     parts = re.split(r"([0-9]+)", topic)
     return [(len(part) if n % 2 else 0, part) for n, part in enumerate(parts)]

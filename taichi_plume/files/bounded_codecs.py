@@ -1,7 +1,7 @@
 """Codecs of Zarr that decode a chunk to no more than the size in the array's metadata.
 
 A chunk of 200 KB may decode to gigabytes (decompression bomb): other codecs trust the size that the chunk states, or
-decode until the memory ends. Arrays opened in a block of `zarr.config.set(BOUNDED)` use these codecs.
+decode until the memory is full. Arrays opened in a block of `zarr.config.set(BOUNDED)` use these codecs.
 """
 
 import asyncio
@@ -25,7 +25,7 @@ SIZE_AT = {"blosc": 4, "lz4": 0}  # offset of the decoded size, which the codec 
 
 
 def unpack(codec: str, packed: bytes, most: int) -> bytes:
-    """Return unpacked bytes. Raises ValueError if there are more than `most`, and errors of the codec."""
+    """Decompress bytes by the named codec. Raises ValueError for more than `most` bytes, and errors of the codec."""
     if codec in SIZE_AT:
         size = int.from_bytes(packed[SIZE_AT[codec] :][:4], "little")
         data = numcodecs.get_codec({"id": codec}).decode(packed) or b"" if size <= most else b""
@@ -53,7 +53,7 @@ async def _unpacked(codec: str, chunk: Buffer, spec: ArraySpec) -> Buffer:
 
 
 def _subclass(base: type[Any], codec: str) -> type[Any]:
-    """Return a subclass of a codec of Zarr 3 that decodes a chunk to a bounded size."""
+    """Return a subclass of a Zarr 3 codec that refuses to decode a chunk beyond the declared size."""
 
     async def decode(_self: Codec, chunk_bytes: Buffer, chunk_spec: ArraySpec) -> Buffer:
         return await _unpacked(codec, chunk_bytes, chunk_spec)
@@ -62,16 +62,16 @@ def _subclass(base: type[Any], codec: str) -> type[Any]:
 
 
 class Sharding(ShardingCodec):
-    """Shards of Zarr 3, whose chunks are decoded by these codecs too."""
+    """Sharding codec of Zarr 3 whose inner chunks are decoded by the bounded codecs of this module."""
 
     @property
     def codec_pipeline(self) -> "BoundedPipeline":
-        """Pipeline of the chunks within a shard."""
+        """Bounded decoding pipeline for the chunks within a shard."""
         return BoundedPipeline.from_codecs(self.codecs)
 
 
 class Zarr2(V2Codec):
-    """Compressor and filters of Zarr 2. The accepted filters do not change the size."""
+    """Codec of Zarr 2 with bounded decompression. The accepted filters do not change the size."""
 
     async def _decode_single(self, chunk_bytes: Buffer, chunk_spec: ArraySpec) -> NDBuffer:
         if self.compressor is None:
@@ -85,11 +85,11 @@ OWN = {ShardingCodec: Sharding} | {base: _subclass(base, codec) for base, codec 
 
 
 class BoundedPipeline(BatchedCodecPipeline):
-    """Pipeline in which each codec that may enlarge a chunk is replaced by its bounded subclass."""
+    """Zarr codec pipeline in which each decompressing codec is replaced by its bounded subclass."""
 
     @classmethod
     def from_codecs(cls, codecs: Iterable[Codec], *, batch_size: int | None = None) -> "BoundedPipeline":
-        """Return the pipeline of these codecs."""
+        """Return the pipeline of these codecs, each replaced by its bounded subclass."""
         return super().from_codecs([_bounded(codec) for codec in codecs], batch_size=batch_size)
 
 

@@ -1,4 +1,4 @@
-"""`checkpoint.npz`: plain data and arrays, with a checksum; replaced atomically.
+"""Checkpoints of a run, `checkpoint.npz`: plain data and arrays, with a checksum; replaced atomically.
 
 The file is an archive of NumPy arrays, one of which holds the other data as JSON, followed by the SHA-256 of all bytes
 before. Reading a file executes no code, whoever wrote it.
@@ -24,15 +24,15 @@ DIGEST = 32  # bytes
 
 
 class CheckpointError(InputError):
-    """A checkpoint that cannot be read; the message begins with the path."""
+    """Error: a checkpoint cannot be read; the message begins with the path."""
 
 
 class NotPlainError(TypeError):
-    """A value that is not plain data and cannot be written."""
+    """Error: a value is not plain data, so it cannot be stored in a checkpoint."""
 
 
 def write(path: Path, content: dict[str, Any]) -> None:
-    """Write numbers, texts, arrays, and lists, tuples and dicts of these. Raises OSError and NotPlainError."""
+    """Write a checkpoint of numbers, texts, arrays, lists, tuples and dicts. Raises OSError and NotPlainError."""
     arrays: dict[str, np.ndarray] = {}
     tree = json.dumps({"kind": KIND, "content": _encoded(content, arrays, "")})
     disk.require_room(path, len(tree) + sum(array.nbytes for array in arrays.values()))
@@ -43,12 +43,12 @@ def write(path: Path, content: dict[str, Any]) -> None:
 
 
 def require_plain(value: object, name: str) -> None:
-    """Raise NotPlainError, which begins with the name, if a value cannot be written and read back unchanged."""
+    """Raise NotPlainError if a checkpoint cannot store and return a value unchanged. name: begins the message."""
     _encoded(value, {}, name)
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Return the content of a checkpoint. Raises CheckpointError if it is missing, damaged or foreign."""
+    """Return the content of a run's checkpoint. Raises CheckpointError if it is missing, damaged or foreign."""
     try:
         content = memoryview(path.read_bytes())
     except OSError as error:
@@ -67,7 +67,7 @@ def read(path: Path) -> dict[str, Any]:
 
 
 class _Hashed(io.RawIOBase):
-    """A file that hashes the bytes written to it, and cannot seek."""
+    """Write-only file wrapper that hashes the bytes written, and cannot seek."""
 
     def __init__(self, file: BinaryIO):
         self.file, self.sum = file, hashlib.sha256()
@@ -81,9 +81,9 @@ class _Hashed(io.RawIOBase):
 
 
 def _encoded(value: Any, arrays: dict[str, np.ndarray], path: str) -> object:
-    """Return a value for JSON. Types that JSON lacks become a dict with one key, the type; arrays go to `arrays`.
+    """Convert a value to JSON types; a type that JSON lacks becomes {"type": content}, arrays are moved to `arrays`.
 
-    Subclasses are refused, as they would be read back as the base class.
+    Subclasses are refused, as they would be read back as the base class. path: place of the value, for messages.
     """
     if type(value) is np.ndarray or isinstance(value, np.generic):
         if np.asarray(value).dtype.hasobject:

@@ -1,4 +1,4 @@
-"""Free space on the disk, checked before writing (rerun hangs if its writer thread fails); atomic writing of files."""
+"""Checks of free disk space before writing (rerun hangs if its writer thread fails), and atomic file writing."""
 
 import errno
 import os
@@ -13,7 +13,7 @@ FILE_RESERVE = 1 << 20  # bytes below the limit on the size of one file
 
 
 def require_room(file: Path, coming: int = 0) -> None:
-    """Raise OSError if `coming` more bytes would leave less than the reserve on the disk of `file`."""
+    """Raise OSError if writing `coming` more bytes would leave less free disk space than a reserve."""
     free = shutil.disk_usage(file.parent).free
     if free < RESERVE + coming:
         text = f"the disk is full ({free / 1e6:.0f} MB left, {(RESERVE + coming) / 1e6:.0f} MB needed)"
@@ -24,7 +24,7 @@ def require_room(file: Path, coming: int = 0) -> None:
 
 
 def new_beside(path: Path) -> Path:
-    """Create an empty file beside `path`, to be written and renamed to `path`.
+    """Create an empty temporary file in the folder of `path`, to be filled and renamed to `path`.
 
     The file is created exclusively under a random name: no link is followed, no file overwritten. Raises OSError.
     """
@@ -37,13 +37,13 @@ def new_beside(path: Path) -> Path:
 
 
 def left_in(folder: Path) -> list[Path]:
-    """Return the files of `new_beside` that killed processes left in a folder."""
+    """Return the temporary files (see `new_beside`) that killed processes left in a folder."""
     return list(folder.glob(f".*.{'[0-9a-f]' * 8}.part"))
 
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Yield a new file to write, which then replaces `path`: a complete file is there at any time.
+    """Context that yields a temporary file to write, and then atomically replaces `path` by it.
 
     A link at `path` is replaced, not followed. The file survives a power failure. Raises OSError.
     """
@@ -65,7 +65,7 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 def largest_file() -> float:
-    """Return the limit on the bytes of one file (ulimit -f)."""
+    """Return the operating system's limit on the size of one file [bytes] (ulimit -f); infinity without a limit."""
     if os.name == "nt":
         return float("inf")
     import resource

@@ -1,4 +1,4 @@
-"""Film: wind and gas on the whole grid, frame by frame, in a zarr group (`fields.zarr`) that xarray opens.
+"""Film: recorded wind and gas on the whole grid, frame by frame, in a zarr group (`fields.zarr`) for xarray.
 
 Dimensions, for `a` in x, y, z: `a` cell centres, `a_face` cell faces, `a_ghost` cell centres and one ghost cell beyond
 each end. Variables are float32 in the order (time, z, y, x), one chunk per frame and variable; attributes follow CF.
@@ -61,11 +61,11 @@ Places = Callable[[np.ndarray], np.ndarray]
 
 
 class FilmError(RunFolderError):
-    """A film that cannot be read; the message begins with the path."""
+    """Error: a film (recorded wind and gas) cannot be read; the message begins with the path."""
 
 
 def dimensions(name: str, dim: int) -> tuple[str, ...]:
-    """Return the names of a variable's dimensions without time, slowest first."""
+    """Return the dimensions of a film variable without time, slowest first, such as z_ghost, y_ghost, x_face."""
     still = name.startswith(STILL)
     component = name.removeprefix(STILL[0]).removeprefix(STILL[1])
     if component in VELOCITIES:
@@ -77,7 +77,7 @@ def dimensions(name: str, dim: int) -> tuple[str, ...]:
 
 
 def _positive(value: Any, name: str) -> float:
-    """Return a number of the attributes if it is positive. Raises ValueError, or TypeError."""
+    """Return an attribute's value as a float if it is positive. Raises ValueError, or TypeError."""
     number = float(value)
     if not 0.0 < number < MOST:
         raise ValueError(f"its {name} is {number:g}")
@@ -85,7 +85,7 @@ def _positive(value: Any, name: str) -> float:
 
 
 def places(dimension: str, shape: tuple[int, ...], dx: float) -> np.ndarray:
-    """Coordinates [m] along a dimension."""
+    """Return the coordinates [m] along a film's dimension, such as x, x_face or x_ghost. dx: cell edge [m]."""
     n = shape["xyz".index(dimension[0])]
     if dimension.endswith("_face"):
         return np.arange(n + 1) * dx
@@ -95,9 +95,9 @@ def places(dimension: str, shape: tuple[int, ...], dx: float) -> np.ndarray:
 
 
 class Film:
-    """A film on disk. Raises FilmError if the folder is no film or incomplete.
+    """Reader of a film (wind and gas over time) on disk. Raises FilmError if the folder is no complete film.
 
-    times: of the frames [s]; shape: cells (x, y, z); dx: edge of a cell, depth: of a flat film [m].
+    times: of the frames [s]; shape: number of cells (x, y, z); dx: edge of a cell, depth: thickness of a 2-D film [m].
     """
 
     def __init__(self, path: Path):
@@ -146,7 +146,7 @@ class Film:
             self._check(name, 0)
 
     def _check(self, name: str, frames: int) -> None:
-        """Check shape and number of the stored frames (0: a variable without time), without decoding them."""
+        """Raise FilmError if an array has a wrong shape or lacks stored frames (0: a variable without time)."""
         array = self.arrays.get(name)
         if array is None:
             raise FilmError(f"{self.path}: is not whole: {name} is missing; copy all of it")
@@ -170,17 +170,17 @@ class Film:
 
     @property
     def wind(self) -> list[str]:
-        """Names of the variables that playback needs of the wind; empty if none was recorded."""
+        """Names of the film's variables for playing back the wind; empty if no wind was recorded."""
         names = [*VELOCITIES[: len(self.shape)], *(["viscosity"] if "viscosity" in self.arrays else [])]
         return names if VELOCITIES[0] in self.arrays else []
 
     @property
     def gas(self) -> list[str]:
-        """Names of the variables of the gas, one per species; empty if none was recorded."""
+        """Names of the film's gas variables, one per species; empty if no gas was recorded."""
         return sorted(name for name in self.arrays if name.startswith(GAS))
 
     def gas_of(self, species: str | OtherSpecies | None) -> str:
-        """Return the variable of a species. A film with one gas returns that gas, whatever the species.
+        """Return the variable name of a species. A film with one gas returns that gas, whatever the species.
 
         Raises FilmError if the film holds several gases and the species is none of them.
         """
@@ -193,13 +193,13 @@ class Film:
         raise FilmError(f"{self.path}: holds {names}; give `species` as one of these")
 
     def still(self, name: str) -> np.ndarray:
-        """Return a variable without time, axes (x, y, z). Raises FilmError."""
+        """Return a variable of the film that is constant in time, axes (x, y, z). Raises FilmError."""
         with errors_as(FilmError, self.path, f"is damaged: {name}"):
             require_memory({name: self.arrays[name]})
             return self.arrays[name][...].T
 
     def air(self) -> "Air":
-        """Return the open fractions of a recorded wind; the film does not know which obstacle a surface belongs to."""
+        """Return the air fractions of cells and faces around the film's obstacles; surfaces name no obstacle."""
         from taichi_plume.grid.cut_cells import Air  # imports Taichi, which readers of a film do not need
 
         area = tuple(self.still(f"area_{name}").astype(float) for name in VELOCITIES[: len(self.shape)])
@@ -207,7 +207,7 @@ class Film:
         return Air(volume, area, area, np.full(volume.shape, -1), self.periodic)
 
     def frame(self, n: int, names: Sequence[str]) -> dict[str, np.ndarray]:
-        """Return variables of frame n, axes (x, y, z). Raises FilmError."""
+        """Return the named variables of the film's frame n, axes (x, y, z). Raises FilmError if damaged."""
         result = {}
         for name in names:
             place = f"{self.path}: frame {n} of {name} (t = {self.times[n]:g} s)"
@@ -218,7 +218,7 @@ class Film:
         return result
 
     def moment(self, names: Sequence[str], t: float | None) -> dict[str, np.ndarray]:
-        """Return variables at time t [s], linear in time between frames, axes (x, y, z); None: of the last frame.
+        """Return the named variables at time t [s], interpolated between frames, axes (x, y, z); None: last frame.
 
         Before the first and after the last frame the values of that frame hold. Raises FilmError.
         """
@@ -232,22 +232,22 @@ class Film:
         return {name: (1.0 - share) * frame[name] + share * later[name] for name in names}
 
     def velocity(self, t: float | None) -> Places:
-        """Return the air velocity [m/s] at time t [s] as a function of the position. Raises FilmError."""
+        """Return a function that gives the air velocity [m/s] at points, at the film's time t [s]. Raises FilmError."""
         names = VELOCITIES[: len(self.shape)]
         parts = [self._linear(name, values) for name, values in self.moment(names, t).items()]
         return lambda points: np.stack([part(points) for part in parts], axis=-1)
 
     def concentration(self, name: str, t: float | None) -> Places:
-        """Return a gas [kg/m³] at time t [s] as a function of the position, from the cells that hold air.
+        """Return a function that gives a gas concentration [kg/m³] at points, for time t [s] (None: last) of the film.
 
-        Raises FilmError.
+        Solid cells do not count in the interpolation. Raises FilmError.
         """
         air = (self.still("volume") > 0).astype(float)
         held, share = self._linear(name, self.moment([name], t)[name] * air), self._linear(name, air)
         return lambda points: np.maximum(held(points), 0.0) / np.maximum(share(points), 1e-6)
 
     def _linear(self, name: str, values: np.ndarray) -> Places:
-        """Interpolate linearly between the positions of a variable; beyond them the outermost values hold."""
+        """Return a function that interpolates a variable linearly at points, with constant extrapolation."""
         from scipy.interpolate import RegularGridInterpolator
 
         axes = [places(d, self.shape, self.dx) for d in dimensions(name, len(self.shape))[::-1]]

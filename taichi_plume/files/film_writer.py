@@ -1,4 +1,4 @@
-"""Writer of films (see `film`): names, units and CF standard names of the variables; completion after a kill."""
+"""Writer of films (recorded wind and gas, see `film`): units and CF names of variables; completion after a kill."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -37,18 +37,18 @@ PLACES = {
 
 
 def middles(values: np.ndarray, axis: int) -> np.ndarray:
-    """Return a velocity at the cell centres; values: on faces along `axis`, with ghosts along the other axes."""
+    """Average a velocity component from the faces along `axis` to cell centres; other axes lose their ghost cells."""
     inner = tuple(slice(None) if a == axis else slice(1, -1) for a in range(values.ndim))
     faces = np.moveaxis(values[inner], axis, 0)
     return np.moveaxis(0.5 * (faces[1:] + faces[:-1]), 0, axis)
 
 
 class NewFilm:
-    """Writer of a film.
+    """Writer of a film (recorded wind and gas, see `film`).
 
-    shape: cells per axis (x, y, z); dx [m]; attributes: of the group; moving: names of the variables of a frame;
-    still: variables without time; species: of the gases among `moving`. resume_at: resume the existing film after this
-    number of frames; raises FilmError if the film has fewer.
+    shape: cells per axis (x, y, z); dx: cell edge [m]; attributes: of the group; moving: names of the variables of a
+    frame; still: variables without time; species: of the gases among `moving`. resume_at: resume the existing film
+    after this number of frames; raises FilmError if the film has fewer.
     """
 
     def __init__(
@@ -121,7 +121,7 @@ class NewFilm:
         return zarr_groups.add(self.group, name, dims, values, _facts(name, known), chunks)
 
     def append(self, t: float, frame: Mapping[str, np.ndarray]) -> None:
-        """Add the frame of time t [s]: the values of every moving variable."""
+        """Append a frame at time t [s]; frame: array of every time-dependent variable, by name."""
         n = self.frames
         values = dict(frame)
         for d, name in enumerate(VELOCITIES[: self.dim]):
@@ -138,12 +138,12 @@ class NewFilm:
         self.frames = n + 1
 
     def flush(self) -> None:
-        """Make the frames so far visible to readers."""
+        """Update the metadata, so that readers see all frames written so far."""
         zarr_groups.consolidate(self.path)
 
 
 def _facts(name: str, known: Known) -> dict[str, str]:
-    """Return the attributes of an array."""
+    """Return the CF attributes (units, long_name, standard_name, axis) of the film variable `name`."""
     standard, more = None, {"axis": "T"} if name == "time" else {}
     component, _, at = name.partition("_")
     if name in known:
@@ -164,13 +164,13 @@ def _facts(name: str, known: Known) -> dict[str, str]:
 
 
 def tidy(path: Path) -> None:
-    """Remove chunks that were being written when the run was killed."""
+    """Remove partially written chunk files, which a killed run left in a film."""
     for part in path.rglob("*.partial"):
         part.unlink()
 
 
 def complete(path: Path) -> int:
-    """Cut an interrupted film to the complete frames, and return their number. Raises FilmError."""
+    """Cut an interrupted film to the frames that are complete; return their number. Raises FilmError."""
     tidy(path)
     with errors_as(FilmError, path):
         group = zarr_groups.Group(path, mode="r+")

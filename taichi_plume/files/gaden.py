@@ -40,12 +40,12 @@ class Occupancy:
 
     @property
     def high(self) -> np.ndarray:
-        """Upper corner [m]."""
+        """Upper corner of the grid [m]."""
         return self.low + self.size * np.array(self.cubes.shape)
 
 
 def read(path: Path) -> Occupancy:
-    """Return the grid of a file, or of the models that a YAML file lists. Raises WindFileError."""
+    """Read an occupancy grid from a CSV, or voxelise the models that a YAML lists. Raises WindFileError."""
     if path.suffix == ".yaml":
         from taichi_plume.files.gaden_models import occupancy
 
@@ -98,9 +98,9 @@ def _cells(file: TextFile, shape: tuple[int, ...]) -> np.ndarray:
 
 
 class Cubes(Shape):
-    """Obstacles of an occupancy grid as a shape in the domain, whose lower corner lies at `origin` [m] in the file.
+    """Solid cubes of an occupancy grid as an obstacle's shape. origin: the domain's lower corner in the grid [m].
 
-    height: z in the file of the section of a 2-D run [m].
+    height: for a 2-D domain, z of the horizontal section in the grid [m].
     """
 
     def __init__(self, grid: Occupancy, dim: int, origin: np.ndarray, height: float):
@@ -131,7 +131,7 @@ class Cubes(Shape):
     def shares(self, grid: Grid, outlets: bool = True) -> tuple[np.ndarray, list[np.ndarray]]:
         """Return the air fractions of the cells and, per axis, of the faces of `grid`; 1 beyond the cubes.
 
-        outlets: count outlets as air.
+        outlets: whether outlet cubes count as air.
         """
         air = np.pad(~self.solid if outlets else ~(self.solid | self.outlet), 1, constant_values=True)
         counts = zip(self.low, self.solid.shape, strict=True)
@@ -148,7 +148,7 @@ class Cubes(Shape):
         return _mean(air, overlaps), area
 
     def visible(self, extent: Sequence[float]) -> np.ndarray:
-        """Return the centres (n, dim) [m] of visible cubes in a domain of `extent` [m], without the ceiling."""
+        """Return the centres (n, dim) [m] of the solid cubes at the surface, for drawing, without the ceiling."""
         places = [
             low + self.size * (np.arange(n) + 0.5) for low, n in zip(self.low, self.solid.shape, strict=True)
         ]
@@ -163,13 +163,13 @@ class Cubes(Shape):
 
 
 def _overlaps(cells: np.ndarray, cubes: np.ndarray) -> np.ndarray:
-    """Return the fraction of each cell inside each cube along an axis, (cells, cubes), from the edges of both."""
+    """Return the fraction of each cell covered by each cube along an axis, (cells, cubes), from the edges of both."""
     low, high = np.maximum(cells[:-1, None], cubes[:-1]), np.minimum(cells[1:, None], cubes[1:])
     return np.maximum(high - low, 0.0) / np.diff(cells)[:, None]
 
 
 def _mean(air: np.ndarray, overlaps: Sequence[np.ndarray | None]) -> np.ndarray:
-    """Return the air fraction, averaged along every axis that has overlaps."""
+    """Average the cubes' air mask over each axis with overlap fractions (cells, cubes) to cells; None: no average."""
     result = air.astype(float)
     for axis, overlap in enumerate(overlaps):
         if overlap is not None:
@@ -178,7 +178,7 @@ def _mean(air: np.ndarray, overlaps: Sequence[np.ndarray | None]) -> np.ndarray:
 
 
 def _distance(points: np.ndarray, solid: np.ndarray, low: np.ndarray, size: float) -> np.ndarray:
-    """Return the signed distance [m] of points to the surface of the solid cubes."""
+    """Return the signed distance [m] of points to solid cubes. low: grid's lower corner [m]; size: cube edge [m]."""
     flat = points.reshape(-1, solid.ndim)
     away = []
     for kind, sign in ((solid, 1.0), (~solid, -1.0)):

@@ -37,7 +37,7 @@ UNKNOWN, OBSTACLE, OUTLET, AIR = -1, 1, 2, 0
 
 
 def configuration(path: Path) -> dict[str, Any]:
-    """Return the keys of a configuration (GADEN 3) or of the preprocessing (GADEN 2). Raises ScenarioError."""
+    """Return the content of GADEN's config.yaml (GADEN 3) or preproc_params.yaml (GADEN 2). Raises ScenarioError."""
     data = read_mapping(path, NEEDS)
     if path.name == OLD:
         for key in ("gaden_preprocessing", "ros__parameters"):
@@ -48,7 +48,7 @@ def configuration(path: Path) -> dict[str, Any]:
 
 
 def occupancy(path: Path) -> Occupancy:
-    """Return the occupancy grid of the models that a configuration lists, cut to its air and outlets.
+    """Voxelise the STL models listed in a GADEN configuration; return the grid, cut to its air and outlets.
 
     Raises WindFileError.
     """
@@ -99,21 +99,21 @@ def occupancy(path: Path) -> Occupancy:
 
 @dataclass
 class Work:
-    """Count of the tested pairs of a triangle and a voxel, or a column of voxels."""
+    """Counter of tested triangle-voxel pairs, which limits the cost of voxelising models."""
 
     path: Path
     size: float
     pairs: int = 0
 
     def add(self, pairs: int) -> None:
-        """Count pairs before they are tested. Raises WindFileError."""
+        """Add pairs that are about to be tested. Raises WindFileError beyond the limit."""
         self.pairs += pairs
         if self.pairs > MOST_PAIRS:
             raise WindFileError(f"{self.path}: too many triangles for cells of {self.size:g} m")
 
 
 def _filled(path: Path, cubes: np.ndarray, seed: tuple[int, ...], low: np.ndarray, size: float) -> Occupancy:
-    """Fill the air from a voxel, and cut off the outer layers that hold neither air nor outlets."""
+    """Return the grid with air flood-filled from voxel `seed`, without outer layers that are wholly solid."""
     if cubes[seed] == OBSTACLE:  # GADEN starts in a wall too, and continues to the cells beside
         cubes[seed] = UNKNOWN
     region: np.ndarray = ndimage.label(cubes == UNKNOWN)[0]  # type: ignore[index]
@@ -135,7 +135,7 @@ def _empty_point(path: Path, config: Mapping[str, Any]) -> np.ndarray:
 
 
 def number(value: object, least: float, most: float) -> float | None:
-    """Return a number of a YAML file as a float, None if the value is no number within these limits."""
+    """Return a YAML value as a float; None if it is no number from `least` to `most`."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
         return None
     return float(value) if isfinite(value) else None
@@ -145,7 +145,7 @@ def number(value: object, least: float, most: float) -> float | None:
 
 
 def models_of(path: Path, config: Mapping[str, Any], key: str) -> list[Path]:
-    """List the STL files of `models` or `outlets_models` of a configuration. Raises WindFileError."""
+    """Return the STL files under key `models` or `outlets_models` of a configuration. Raises WindFileError."""
     listed = config.get(key)
     if listed is None:  # the older form: model_0, model_1
         old = {"models": ("model",), "outlets_models": ("outlets_model", "outlet_model")}[key]
@@ -158,10 +158,10 @@ def models_of(path: Path, config: Mapping[str, Any], key: str) -> list[Path]:
 
 
 def located(path: Path, name: str) -> Path:
-    """Return the file that a configuration names, also by variables of ROS or `package://`.
+    """Return the path of a file named in a configuration; names may contain ROS variables or `package://`.
 
-    These stand for a package around the project: the rest of the name is looked up in the project's folder and in
-    folders above. If the file does not exist, the path in the project's folder is returned.
+    A variable stands for a package around the project: the rest of the name is looked up in the project's folder and
+    in folders above. If the file does not exist, the path in the project's folder is returned.
     """
     home = path.parent.parent if path.name == OLD else path.parent
     parts = name.split("/")
@@ -177,7 +177,7 @@ def located(path: Path, name: str) -> Path:
 
 
 def _triangles(path: Path, config: Mapping[str, Any], key: str) -> np.ndarray:
-    """Return the corners (n, 3, 3) [m] of the triangles of models."""
+    """Return the corners (n, 3, 3) [m] of all triangles of the STL files under a key of a configuration."""
     parts = [np.empty((0, 3, 3))]
     for file in models_of(path, config, key):
         try:
@@ -192,7 +192,7 @@ def _triangles(path: Path, config: Mapping[str, Any], key: str) -> np.ndarray:
 
 
 def _bodies(triangles: np.ndarray) -> list[np.ndarray]:
-    """Split triangles (m, 3, 3) into bodies, whose triangles share corners."""
+    """Split triangles (m, 3, 3) into connected bodies: triangles that share corners."""
     if not len(triangles):
         return []
     corner = _corners(triangles)
@@ -204,13 +204,13 @@ def _bodies(triangles: np.ndarray) -> list[np.ndarray]:
 
 
 def _corners(triangles: np.ndarray) -> np.ndarray:
-    """Return indices (m, 3) of the corners of triangles; equal positions have equal indices."""
+    """Return vertex indices (m, 3) of triangles (m, 3, 3), with one index per distinct position."""
     places = np.round(triangles.reshape(-1, 3) / SAME).astype(np.int64)
     return np.unique(places, axis=0, return_inverse=True)[1].reshape(-1, 3)
 
 
 def _is_closed(triangles: np.ndarray) -> bool:
-    """Return whether every edge belongs to an even number of triangles."""
+    """Return whether triangles form a closed surface: every edge belongs to an even number of triangles."""
     corner = _corners(triangles)
     edges = np.sort(np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]]), axis=1)
     edges = edges[edges[:, 0] != edges[:, 1]]
@@ -218,7 +218,7 @@ def _is_closed(triangles: np.ndarray) -> bool:
 
 
 def _inside(triangles: np.ndarray, shape: tuple[int, ...], work: Work) -> np.ndarray:
-    """Return which voxels of a grid have their centre in a closed body: rays cross it an odd number of times."""
+    """Return a mask of the voxels whose centre is inside a closed body, by counting crossings of rays along x."""
     crossings = np.zeros((shape[0] + 1, *shape[1:]), bool)
     offset = np.array([2e-7, 3e-7])  # from the centre of a column: no ray runs through an edge
     flat = triangles[..., 1:]
@@ -240,7 +240,7 @@ def _area(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _crossed(triangles: np.ndarray, shape: tuple[int, ...], work: Work, closed: bool) -> Iterator[np.ndarray]:
-    """Yield voxels (n, 3) of a grid that triangles (m, 3, 3) pass through; of closed bodies not those only touched.
+    """Yield indices (n, 3) of voxels that triangles (m, 3, 3) cut; voxels that a closed body only touches are left out.
 
     Separating axes: T. Akenine-Möller, "Fast 3D triangle-box overlap testing", 2001.
     """
@@ -259,7 +259,7 @@ def _crossed(triangles: np.ndarray, shape: tuple[int, ...], work: Work, closed: 
 
 
 def _pairs(low: np.ndarray, high: np.ndarray, work: Work) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield, in chunks, each index n of ranges of voxels with each voxel from low[n] to high[n], both (m, axes)."""
+    """Yield chunks of (triangle indices, voxels): all voxels from low[n] to high[n], (m, axes), of each triangle n."""
     spans = high - low + 1
     total = np.concatenate([[0], np.cumsum(spans.prod(axis=1))])
     work.add(int(total[-1]))
@@ -274,7 +274,7 @@ def _pairs(low: np.ndarray, high: np.ndarray, work: Work) -> Iterator[tuple[np.n
 
 
 def _overlap(corners: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """Return indices of triangles (n, 3, 3) that touch a box around the origin if their planes do.
+    """Return indices of triangles (n, 3, 3) that intersect boxes at the origin, whose planes are known to.
 
     half: half the edges of the boxes (n, 3).
     """

@@ -1,6 +1,6 @@
 """Projects of GADEN as scenarios: room, wind, source and gas of a project in the keys of a scenario.
 
-`gaden: PATH` in a scenario names one of these, or a folder above that holds only one:
+`gaden: PATH` in a scenario names one of these files, or a folder above that holds only one:
 
     environment_configurations/CONFIG/simulations/SIM/sim.yaml
         GADEN 3; CONFIG/config.yaml names wind and models, beside it, after preprocessing, OccupancyGrid3D.csv
@@ -52,7 +52,7 @@ GAS_CONSTANT, ATM = 8.314462618, 101325.0
 
 @dataclass
 class _Project:
-    """Files of a project. sim: keys of the simulation; config: keys of the configuration, {} without one; listing: the
+    """Files of a GADEN project. sim: keys of its simulation; config: keys of its configuration or {}; listing: the
     configuration's file; home: folder of the occupancy grid; new: GADEN 3; notes: keys without an equivalent.
     """
 
@@ -65,7 +65,7 @@ class _Project:
     notes: list[str] = field(default_factory=list)
 
     def number(self, name: str) -> float:
-        """Return one of KEYS. Raises ScenarioError."""
+        """Return a simulation parameter, or its default, as a float. Raises ScenarioError if it is no number >= 0."""
         keys, default = KEYS[name]
         value = next((self.sim[key] for key in keys if key in self.sim), default)
         number = gaden_models.number(value, 0.0, 1e9)
@@ -74,18 +74,18 @@ class _Project:
         return number
 
     def note(self, what: str) -> None:
-        """Add a note for the user."""
+        """Add a note for the user, such as on a GADEN key without an equivalent."""
         self.notes.append(f"gaden: {what}")
 
     def wrong(self, what: str) -> ScenarioError:
-        """Return an error of the simulation's file."""
+        """Return an error that names the file of the GADEN simulation."""
         return ScenarioError([f"gaden: {self.file}: {what}"])
 
 
 def expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[str]]:
-    """Return the data of a scenario with the keys of the project `gaden`, and notes on keys that have no equivalent.
+    """Return scenario data with the content of the GADEN project under its key `gaden`, and notes for the user.
 
-    Raises ScenarioError.
+    The notes name project keys without an equivalent. Raises ScenarioError.
     """
     name = data["gaden"]
     if not isinstance(name, str) or not name or "\0" in name:
@@ -100,7 +100,7 @@ def expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[s
 
 
 def _corner(own: dict[str, Any]) -> np.ndarray | None:
-    """Return the domain's lower corner in the project [m] if the scenario itself gives it as `wind.origin`."""
+    """Return the domain's lower corner in GADEN coordinates [m], set as `wind.origin` in the scenario; else None."""
     wind = own.get("wind")
     origin = wind.get("origin") if isinstance(wind, dict) else None
     corner = [gaden_models.number(x, -1e7, 1e7) for x in origin] if isinstance(origin, list) else []
@@ -108,7 +108,7 @@ def _corner(own: dict[str, Any]) -> np.ndarray | None:
 
 
 def _merged(below: Any, above: Any) -> Any:
-    """Join two mappings; `above` wins. Other values: return `above`."""
+    """Merge two nested mappings; values of `above` win, and replace a mapping of another `kind` as a whole."""
     if not isinstance(below, dict) or not isinstance(above, dict):
         return above
     if "kind" in above and above["kind"] != below.get("kind"):
@@ -140,7 +140,7 @@ def _project_at(path: Path) -> _Project:
 
 
 def _simulations(path: Path) -> Iterator[Path]:
-    """Yield the files of the simulations in the folder of a simulation, a configuration or a project."""
+    """Yield the simulation files of GADEN in the folder of a simulation, a configuration or a project."""
     if (path / "sim.yaml").is_file():
         yield path / "sim.yaml"
         return
@@ -151,7 +151,7 @@ def _simulations(path: Path) -> Iterator[Path]:
 
 
 def _wind_files(project: _Project, folder: Path) -> str:
-    """Return the pattern of the wind files relative to `folder`."""
+    """Return the pattern, such as wind_%d.csv, of a GADEN project's wind files, relative to `folder`."""
     wind, place = project.config.get("unprocessed_wind_files"), project.home
     if not project.new:
         wind, place = project.sim.get("wind_sim_path"), project.home / "wind_simulations"
@@ -176,7 +176,7 @@ def _wind_files(project: _Project, folder: Path) -> str:
 
 
 def _scenario(project: _Project, folder: Path, corner: np.ndarray | None) -> dict[str, Any]:
-    """Return the scenario of a project; corner: lower corner of the domain [m], by default the corner of the room."""
+    """Return scenario data for a GADEN project. corner: lower corner of the domain [m], by default of the room."""
     if project.config.get("uniformWind") is True:
         raise project.wrong("its wind is uniform, also in walls; give a wind of kind cfd and a domain")
     occupancy = project.home / OCCUPANCY
@@ -202,7 +202,7 @@ def _scenario(project: _Project, folder: Path, corner: np.ndarray | None) -> dic
 
 
 def _of_grid(occupancy: Path, project: _Project, folder: Path) -> dict[str, Any]:
-    """Return domain and walls of a project from its occupancy grid, or from the configuration of its models."""
+    """Return domain size, lower corner and walls from GADEN's occupancy grid, or from a list of its models."""
     try:
         grid = gaden.read(occupancy)
     except WindFileError as error:
@@ -225,7 +225,7 @@ def _of_grid(occupancy: Path, project: _Project, folder: Path) -> dict[str, Any]
 
 
 def _open_faces(cubes: np.ndarray) -> set[str]:
-    """Return the faces of a grid with outlets; an outlet at an edge counts for the face across its shortest side."""
+    """Return boundary faces with outlets; an outlet at several faces opens those along whose normal it is thinnest."""
     faces: set[str] = set()
     for box in ndimage.find_objects(ndimage.label(cubes == 2)[0]):  # type: ignore[index]
         touched = {
@@ -238,7 +238,7 @@ def _open_faces(cubes: np.ndarray) -> set[str]:
 
 
 def _gas(project: _Project, low: np.ndarray) -> dict[str, Any]:
-    """Return puffs with the gas, the sizes and the rate of the filaments."""
+    """Return the scenario's `gas`: puffs with the species, size and release rate of GADEN's filaments."""
     source = project.sim.get("source")
     source = source if isinstance(source, dict) else {}
     plain = [project.sim.get(f"source_{axis}") for axis in "xyz"]

@@ -48,7 +48,7 @@ def write(
     read: Callable[[str, int], np.ndarray],
     sources: Sequence[tuple[str, Sequence[float]]],
 ) -> Iterator[tuple[int, Path]]:
-    """Write the files of a film into an existing folder; yields size and path of each file before it is written.
+    """Write a film as GADEN results into an existing folder; yield size and path of each file before it is written.
 
     data: variables at the cell centres; read: returns their values; sources: species and position [m] of each source.
     Raises OSError, and RunFolderError if the film has no gas or more cells than players take.
@@ -90,14 +90,14 @@ def write(
 
 
 def _place(name: str, sources: Sequence[tuple[str, Sequence[float]]]) -> tuple[int, list[float]]:
-    """Return the number of a gas, and the position of its first source [m]."""
+    """Return GADEN's number of the gas in a variable NAME_ppm, and the position of its first source [m]."""
     species = name.removesuffix(PPM)
     places = [list(place) for source, place in sources if source == species] or [[0.0, 0.0, 0.0]]
     return GASES.index(species) if species in GASES else OTHER, [*places[0], 0.0][:3]
 
 
 def _occupancy(air: np.ndarray, shape: Sequence[int], edge: float) -> bytes:
-    """Return OccupancyGrid3D.csv: cells of less than half air are occupied; air: axes (z, y, x)."""
+    """Return the bytes of OccupancyGrid3D.csv: cells with less than half air are solid; air: axes (z, y, x)."""
     high = " ".join(f"{n * edge:.7g}" for n in shape)
     lines = ["#env_min(m) 0 0 0", f"#env_max(m) {high}", f"#num_cells {' '.join(map(str, shape))}"]
     lines.append(f"#cell_size(m) {edge:.7g}")
@@ -108,7 +108,7 @@ def _occupancy(air: np.ndarray, shape: Sequence[int], edge: float) -> bytes:
 
 
 def _head(shape: Sequence[int], edge: float, gas: tuple[int, list[float]], wind: int) -> bytes:
-    """Return all bytes of a result before the number of cells. A film has no filaments, so no moles in one."""
+    """Return the header bytes of a GADEN result: version, grid, source, gas and wind index; no filaments."""
     number, place = gas
     high = [n * edge for n in shape]
     grid = struct.pack("<5i7f", *VERSION, *shape, 0.0, 0.0, 0.0, *high, edge)
@@ -125,5 +125,5 @@ def _text(text: str) -> bytes:
 
 
 def sources_of(scenario: "Scenario") -> list[tuple[str, tuple[float, ...]]]:
-    """Return species and position [m] of each source of a scenario."""
+    """Return species and position [m] of each gas source of a scenario."""
     return [(gas.vapour.name, source.position) for _, gas in scenario.gases for source in gas.sources]

@@ -24,7 +24,7 @@ ZARR_METADATA = "zarr.json"
 
 
 class ManifestError(InputError):
-    """A manifest that cannot be read; the message is one line and begins with the path."""
+    """Error: manifest.json cannot be read; the message is one line and begins with the path."""
 
 
 class Digest(TypedDict):
@@ -35,7 +35,7 @@ class Digest(TypedDict):
 
 
 def digest(path: Path, chunks: bool = False) -> Digest:
-    """Return checksum and size of a file or folder. chunks: hash the content of zarr chunks too. Raises OSError."""
+    """Return SHA-256 and size of a file or folder. chunks: also hash the content of zarr chunks. Raises OSError."""
     if not path.is_dir():
         with path.open("rb") as file:
             return {"sha256": hashlib.file_digest(file, "sha256").hexdigest(), "bytes": path.stat().st_size}
@@ -51,20 +51,20 @@ def digest(path: Path, chunks: bool = False) -> Digest:
 
 
 def digests(folder: Path, paths: Iterable[Path]) -> dict[str, Digest]:
-    """Return the digest of each existing path, by the path relative to the folder. Raises OSError."""
+    """Return SHA-256 and size of each path that exists, by its path relative to `folder`. Raises OSError."""
     existing = sorted({path.absolute() for path in paths if path.exists()})
     return {_name(folder, path): digest(path) for path in existing}
 
 
 def write(folder: Path, inputs: dict[str, Digest], outputs: Iterable[Path]) -> None:
-    """Write a folder's manifest, all of it or nothing. Raises OSError."""
+    """Write a folder's manifest with the digests of inputs and outputs, atomically. Raises OSError."""
     content = {"inputs": inputs, "outputs": digests(folder, outputs)}
     with disk.written_whole(folder / NAME) as fresh:
         fresh.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
 def _name(folder: Path, path: Path) -> str:
-    """Return a path relative to the folder once links are resolved; on another drive the path itself."""
+    """Return `path` relative to `folder`, after resolving links; on another drive the path itself."""
     try:
         return Path(os.path.relpath(path.parent.resolve() / path.name, folder.resolve())).as_posix()
     except ValueError:
@@ -72,7 +72,7 @@ def _name(folder: Path, path: Path) -> str:
 
 
 def read(folder: Path) -> dict[str, dict[str, Digest]]:
-    """Return `inputs` and `outputs` of a folder's manifest, empty without a manifest. Raises ManifestError."""
+    """Return the digests of `inputs` and `outputs` in a folder's manifest; empty without one. Raises ManifestError."""
     path = folder / NAME
     try:
         with path.open("rb") as file:
@@ -91,7 +91,7 @@ def read(folder: Path) -> dict[str, dict[str, Digest]]:
 
 
 def is_input(folder: Path, path: Path) -> bool:
-    """Return whether a file is an input of the run in that folder, unchanged to the byte according to its manifest."""
+    """Return whether a run's manifest lists a file as an input whose content is still the same."""
     try:
         recorded = read(folder)["inputs"].get(_name(folder, path))
         if recorded is None or unopenable(path) or path.stat().st_size != recorded["bytes"]:
@@ -102,7 +102,7 @@ def is_input(folder: Path, path: Path) -> bool:
 
 
 def changed(path: Path) -> str | None:
-    """Return a line on how a file or folder differs from the manifest beside it; None if equal or not listed."""
+    """Return one line on how a file or folder differs from its checksum in manifest.json; None if equal, unlisted."""
     try:
         recorded = read(path.parent)["outputs"].get(path.name)
         if recorded is None:
@@ -119,7 +119,7 @@ def changed(path: Path) -> str | None:
 
 
 def require_unchanged(path: Path, fault: type[ValueError]) -> None:
-    """Raise a `fault` of one line if a file or folder differs from the manifest beside it."""
+    """Raise `fault`, with one line of text, if a file or folder differs from its checksum in manifest.json."""
     damage = changed(path)
     if damage:
         raise fault(damage)

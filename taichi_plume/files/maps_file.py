@@ -54,7 +54,7 @@ MEANING = {
 
 
 def write(path: Path, facts: Mapping[str, object], parts: Sequence[Part]) -> None:
-    """Write maps and beliefs, all or none. facts: attributes of the root group. Raises OSError if the disk is full."""
+    """Write gas maps and source posteriors (beliefs), all or none. facts: root attributes. Raises OSError."""
     from taichi_plume.files import zarr_groups
 
     disk.require_room(path)
@@ -79,7 +79,7 @@ def write(path: Path, facts: Mapping[str, object], parts: Sequence[Part]) -> Non
 
 @contextmanager
 def opened(path: Path, what: Literal["maps", "beliefs"] = "maps") -> Iterator["list[Group]"]:
-    """Open the groups of a run's maps or beliefs, of which no chunk is missing.
+    """Context that yields the zarr groups of a run's gas maps or beliefs, of which no chunk is missing.
 
     Raises RunFolderError if the file is foreign or incomplete, also for errors of zarr in the block.
     """
@@ -99,7 +99,7 @@ def opened(path: Path, what: Literal["maps", "beliefs"] = "maps") -> Iterator["l
 
 
 def read(path: Path) -> "list[xarray.Dataset]":
-    """Read the maps of a run into memory. Raises RunFolderError if the file is foreign or incomplete."""
+    """Return a run's gas maps in memory. Raises RunFolderError if the file is foreign or incomplete."""
     with opened(path) as groups:
         maps = [_loaded(path, group) for group in groups]
         for n, gas_map in enumerate(maps):
@@ -115,6 +115,6 @@ def _loaded(path: Path, group: "Group") -> "xarray.Dataset":
 
 
 def read_beliefs(path: Path) -> "list[xarray.Dataset]":
-    """Read the beliefs of each group of a run. Raises RunFolderError if the file is foreign or incomplete."""
+    """Return source posteriors per robot group. Raises RunFolderError if the file is foreign or incomplete."""
     with opened(path, "beliefs") as groups:
         return [_loaded(path, group) for group in groups]

@@ -1,7 +1,7 @@
-"""Movies of plumes from other sources: concentrations over (time, y, x), read frame by frame.
+"""Plume movies from other sources: gas concentrations over (time, y, x), read frame by frame.
 
-A Zarr array, or a group with one (plume-nav-sim: `concentration`, attributes fps, pixel_to_grid in metres per pixel and
-origin (y, x) of the array or its group), a .npy file, or an HDF5 file (attributes likewise).
+A Zarr array, or a group with one (plume-nav-sim: `concentration`, attributes fps, pixel_to_grid in metres per pixel
+and origin (y, x) of the array or its group), a .npy file, or an HDF5 file (attributes likewise).
 """
 
 import itertools
@@ -39,11 +39,11 @@ CODECS = frozenset(
 
 
 class Movie:
-    """A movie on disk: times [s] of the frames, origin (x, y) [m], pixel [m], size (x, y) [m].
+    """Plume movie on disk: times [s] of the frames, origin (x, y) [m], pixel edge [m], size (x, y) [m].
 
-    Pixels are squares of constant value, 0 beyond the picture. A cell of the domain has the mean over its area: the sum
-    over cells equals the sum over the part of the picture in the domain, whether cells or pixels are larger. Raises
-    FilmError, in a line, if the file is no movie or lacks a number that the scenario leaves out.
+    Pixels are squares of constant value, 0 beyond the picture. A cell of the domain has the mean over its area: the
+    sum over cells equals the sum over the part of the picture in the domain, whether cells or pixels are larger.
+    Raises FilmError, in a line, if the file is no movie or lacks a number that the scenario leaves out.
     """
 
     def __init__(self, path: Path, model: MovieGas, domain: Domain):
@@ -79,11 +79,11 @@ class Movie:
         return "concentration"
 
     def still(self, name: str) -> np.ndarray:
-        """Return ones: there are no obstacles in pictures."""
+        """Return the air fraction of the domain's cells: 1 everywhere, as a movie shows no obstacles."""
         return np.ones(self.cells)
 
     def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
-        """Return values of the cells in frame n, in the file's unit, axes (x, y, z), the same at every height."""
+        """Return frame n as means over the domain's cells, in the file's unit, axes (x, y, z), constant in height."""
         values = self.picture(n)
         for axis, edges in enumerate(self.edges):
             values = means(values, edges, axis)
@@ -92,7 +92,7 @@ class Movie:
         return dict.fromkeys(names, values)
 
     def picture(self, n: int) -> np.ndarray:
-        """Return the pixels of frame n, axes (x, y), y upwards, in the file's unit. Raises FilmError if damaged."""
+        """Return the movie's pixels in frame n, axes (x, y), y upwards, in the file's unit. Raises FilmError."""
         with errors_as(FilmError, self.path, f"frame {n} cannot be read"):
             _require_declared_size(self.array, n)
             picture = np.asarray(self.array[n], dtype=np.float64)
@@ -105,7 +105,7 @@ class Movie:
         return (picture[::-1] if self.down else picture).T
 
     def _positive(self, known: Mapping[str, Any], name: str, key: str) -> float:
-        """Return a positive number of the attributes; several values have to be equal."""
+        """Return attribute `name` as a positive float; several values must be equal. key: scenario key, for errors."""
         if name not in known:
             raise FilmError(f"{self.path}: has no attribute '{name}'; give {key}")
         try:
@@ -133,7 +133,7 @@ class Movie:
 
 
 def means(values: np.ndarray, edges: np.ndarray, axis: int) -> np.ndarray:
-    """Return means along an axis between edges [in its steps]; values outside count as zero."""
+    """Return means along an axis over intervals between `edges` [axis steps]; values outside count as zero."""
     values = np.moveaxis(values, axis, 0)
     total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
     at = np.clip(edges, 0, len(values))
@@ -148,7 +148,7 @@ Opened = tuple[Pixels, dict[str, Any], tuple[int, ...]]
 
 
 def _opened(path: Path, variable: str | None) -> Opened:
-    """Open a movie. Raises FilmError or an error in FAULTS."""
+    """Open a movie file; return the unread array, attributes, chunk shape. Raises FilmError or read errors (FAULTS)."""
     if path.is_dir():
         return _zarr(path, variable)
     try:
@@ -203,7 +203,7 @@ def _hdf5(path: Path, variable: str | None) -> Opened:
 
 
 def _require_declared_size(array: Pixels, n: int) -> None:
-    """Raise ValueError if a gzip chunk of HDF5 unpacks to more than the declared size, as HDF5 would unpack all."""
+    """Raise ValueError if a gzip chunk of frame n in an HDF5 file unpacks to more than its declared size."""
     import h5py
 
     if not isinstance(array, h5py.Dataset) or array.compression != "gzip" or array.chunks is None:
@@ -221,7 +221,7 @@ def _require_declared_size(array: Pixels, n: int) -> None:
 
 
 def _chosen(path: Path, names: list[str], variable: str | None) -> str:
-    """Return the name of the variable. Raises FilmError if it is missing or not unique."""
+    """Return the variable to read among `names`: the given or the usual one. Raises FilmError if there is none."""
     usual = [name for name in NAMES if name in names]
     if variable is None and (usual or len(names) == 1):
         return (usual or names)[0]

@@ -1,4 +1,4 @@
-"""NetCDF-4 files after CF with the variables of a film or recording, written by h5netcdf."""
+"""Writer of NetCDF-4 files with CF metadata for the fields of a film or recording, by h5netcdf."""
 
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -15,7 +15,7 @@ Reading = Callable[[str, int], np.ndarray]
 
 
 def write(path: Path, data: "xarray.Dataset", read: Reading) -> Iterator[int]:
-    """Write a file frame by frame; yields the number of bytes before each frame.
+    """Write a dataset to a NetCDF-4 file frame by frame; yields the number of bytes before each frame.
 
     data: variables with time as first dimension; read: returns their values. Raises OSError.
     """
@@ -41,7 +41,7 @@ def write(path: Path, data: "xarray.Dataset", read: Reading) -> Iterator[int]:
 
 
 def _plain(attributes: Mapping[Any, object]) -> dict[str, object]:
-    """Return attributes that NetCDF can hold: numbers, texts and arrays of numbers; others as text."""
+    """Convert attributes to types that NetCDF can hold: numbers, texts, number arrays; others become text."""
     plain: dict[str, object] = {}
     for key, value in attributes.items():
         if isinstance(value, bool | dict):

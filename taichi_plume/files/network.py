@@ -1,4 +1,4 @@
-"""Policies learnt elsewhere: neural networks in ONNX files, evaluated in a confined process.
+"""Learnt policies as robot controllers: neural networks in ONNX files, evaluated in a confined process.
 
 ONNX has loops, so a network may run forever or fill the memory, even while loading (constant folding). Hence
 onnxruntime runs in a process with limits on time and memory, which can open no file: weights in other files (external
@@ -27,12 +27,12 @@ SHOWN = 300  # characters of a message of the runtime's
 
 
 class NetworkError(OwnAlgorithmError):
-    """A network that cannot be read, or does not fit the robots."""
+    """Error: a neural network cannot be read, or does not fit the robots."""
 
 
 @dataclass(frozen=True)
 class Network:
-    """Maps observations (rows, entries), f32, to actions, the first output (rows, numbers).
+    """ONNX policy that maps observations (rows, entries), f32, to actions, its first output (rows, numbers).
 
     entries, numbers: None if the file leaves the size open.
     """
@@ -44,7 +44,7 @@ class Network:
 
     @classmethod
     def read(cls, path: Path) -> "Network":
-        """Read a network. Raises OwnAlgorithmError, in a line, if the file is none or has other inputs."""
+        """Read a policy from an ONNX file. Raises OwnAlgorithmError, in a line, if it is none or has other inputs."""
         content = content_of(path, LARGEST, OwnAlgorithmError)
         evaluator, inputs, outputs = _evaluator(path, content)
         if len(inputs) != 1 or not outputs:
@@ -55,7 +55,7 @@ class Network:
         return cls(path, evaluator, _columns(path, "input", inputs[0]), _columns(path, "output", outputs[0]))
 
     def fault(self, entries: int, numbers: int) -> str | None:
-        """Return an error if the network does not fit observations and actions of so many numbers."""
+        """Return an error if the network does not take `entries` inputs or give `numbers` outputs; else None."""
         if self.entries not in (None, entries):
             what = f"takes {self.entries} numbers, an observation has {entries}; observe, memory and history"
         elif self.numbers not in (None, numbers):
@@ -65,7 +65,7 @@ class Network:
         return f"{self.path}: {what} have to be those it was learnt with"
 
     def act(self, observations: np.ndarray, numbers: int) -> np.ndarray:
-        """Return actions (rows, numbers) f32, limited to -1 to 1. Raises OwnAlgorithmError."""
+        """Return actions (rows, numbers) f32, clipped to -1 to 1, for observations. Raises OwnAlgorithmError."""
         try:
             actions = self.evaluator.call(_evaluate, observations)
         except Exception as error:  # the runtime has many kinds of errors
@@ -83,7 +83,7 @@ class Network:
 
 
 class _Evaluator:
-    """Process that evaluates one network. ends: names, types and shapes of inputs and outputs."""
+    """Child process that evaluates one neural network. ends: names, types and shapes of inputs and outputs."""
 
     def __init__(self, content: bytes):
         mib = len(content) / MIB
@@ -92,7 +92,7 @@ class _Evaluator:
         self.ends: tuple[list[_End], list[_End]] = self.call(_load, content)
 
     def call(self, function: Callable[..., Any], argument: object) -> Any:
-        """Call a function in the process."""
+        """Call a function with an argument in the child process, with limits, and return its result."""
         return self.process.call(function, argument, limits=self.limits)
 
 
@@ -101,7 +101,7 @@ _evaluators: "WeakValueDictionary[bytes, _Evaluator]" = WeakValueDictionary()  #
 
 
 def _evaluator(path: Path, content: bytes) -> tuple[_Evaluator, list[_End], list[_End]]:
-    """Return the process of this network, which all robots share, and the ends. Raises NetworkError."""
+    """Return the child process of a network, shared by all robots, and its inputs, outputs. Raises NetworkError."""
     digest = hashlib.sha256(content).digest()
     evaluator = _evaluators.get(digest)
     if evaluator is None or not evaluator.process.close.alive:
@@ -126,7 +126,7 @@ _session: Any = None  # session of the process that evaluates
 
 
 def _load(content: bytes) -> tuple[list[_End], list[_End]]:
-    """Load the network in the process, to be evaluated deterministically on one thread."""
+    """Child side: load the network for deterministic, single-threaded evaluation; return its inputs and outputs."""
     import onnxruntime
 
     global _session
@@ -143,12 +143,12 @@ def _load(content: bytes) -> tuple[list[_End], list[_End]]:
 
 
 def _evaluate(observations: np.ndarray) -> np.ndarray:
-    """Evaluate the network in the process and return the first output."""
+    """Child side: return the first output of the loaded network for observations."""
     return np.asarray(_session.run(None, {_session.get_inputs()[0].name: observations})[0])
 
 
 def _columns(path: Path, what: str, end: _End) -> int | None:
-    """Return the size of a row of the input or output; None if open. Raises NetworkError."""
+    """Return the row length of a network's input or output; None if left open. Raises NetworkError."""
     _, kind, shape = end
     if kind != "tensor(float)":
         raise NetworkError(f"{path}: its {what} is a {kind}; wanted 32-bit floats")

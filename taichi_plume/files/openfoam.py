@@ -3,9 +3,9 @@
     constant/polyMesh/{points, faces, owner, neighbour}    the mesh; of a decomposed case in each processorN
     TIME/U, and TIME/nut if present                        the fields of a time [s]
 
-A cell's centre is that of its volume, as in OpenFOAM (Jasak 1996, thesis, Imperial College): faces are cut into
-triangles about the mean of their corners, cells into pyramids about the mean of their faces' centres. For cells with
-plane faces this is exact.
+The centre of a cell is the centroid of its volume, as in OpenFOAM (Jasak 1996, thesis, Imperial College): faces are
+cut into triangles about the mean of their corners, cells into pyramids about the mean of their faces' centres. For
+cells with plane faces this is exact.
 
 No library is used: VTK, of half a GB, has points in single precision, and foamlib 1.7 took more than ten minutes for
 20,000 faces of text.
@@ -28,17 +28,17 @@ TIME = re.compile(r"\d+(\.\d*)?(e[-+]?\d+)?", re.IGNORECASE)
 
 
 def is_case(path: Path) -> bool:
-    """Return whether a path is a case folder."""
+    """Return whether a path is the folder of an OpenFOAM case, reconstructed or decomposed."""
     return any(os.path.isdir(path / part / MESH) for part in (".", "processor0"))
 
 
 def is_time(path: Path) -> bool:
-    """Return whether a path names a time of a case; a decomposed case need not have this folder."""
+    """Return whether a path CASE/TIME names a time of an OpenFOAM case; the folder TIME itself need not exist."""
     return TIME.fullmatch(path.name) is not None and is_case(path.parent)
 
 
 def times(case: Path) -> list[tuple[float, Path]]:
-    """Return the times [s] of a case, in order, with the path of each folder. Raises WindFileError."""
+    """Return (time [s], folder) for all times of an OpenFOAM case, in order. Raises WindFileError."""
     names = {key: name for part in _parts(case)[:1] for key, name in _times(part).items()}
     late = max(names, default=0.0)
     if late > MOST_NUMBER:
@@ -49,7 +49,7 @@ def times(case: Path) -> list[tuple[float, Path]]:
 
 
 def read(path: Path) -> Points:
-    """Return the points of a time of a case, cells in the order of the parts. Raises WindFileError."""
+    """Return cell centres and velocities of an OpenFOAM case at the time folder `path`. Raises WindFileError."""
     case, velocity, eddies = path.parent, [], []
     parts = _parts(case, path.name)
     for part in parts:
@@ -69,7 +69,7 @@ def read(path: Path) -> Points:
 
 
 def _parts(case: Path, time: str = "") -> list[Path]:
-    """Return the case itself, or the folders of its processors if only these have the time. Raises WindFileError.
+    """Return [case], or its processor folders if only these hold the time. Raises WindFileError if it is no case.
 
     time: name of the time to read, by default all times.
     """
@@ -96,7 +96,7 @@ def _times(part: Path) -> dict[float, str]:
 
 
 def admit_files(path: Path) -> None:
-    """Admit all files that `read` opens for a time of a case. Raises WindFileError if one lies outside the gate."""
+    """Record all files that `read` opens as inputs of the run. Raises WindFileError if one may not be read."""
     for part in _parts(path.parent, path.name):
         for file in (*_mesh(part), part / path.name / "U", part / path.name / "nut"):
             if exists(file):
@@ -115,7 +115,7 @@ def _mesh(part: Path) -> list[Path]:
 
 
 def _centres(part: Path) -> np.ndarray:
-    """Return the cell centres of a part (n, 3) [m]."""
+    """Return the cell centres (n, 3) [m] of an OpenFOAM mesh in a case or processor folder."""
     if any(exists(part / name / "polyMesh" / "points") for name in _times(part).values()):
         raise WindFileError(f"{part}: its mesh moves, which is not read")
     files = [real_path(file) for file in _mesh(part) if exists(file)]
@@ -150,12 +150,12 @@ def _centres_of(part: Path, _changed: tuple[int, ...]) -> np.ndarray:
 
 
 def _sums(values: np.ndarray, into: np.ndarray, count: int) -> np.ndarray:
-    """Return sums (count, 3) of vectors (n, 3)."""
+    """Sum vectors (n, 3) with the same index in `into` (n,); return the sums (count, 3)."""
     return np.stack([np.bincount(into, column, count) for column in values.T], axis=-1)
 
 
 def _faces(points: np.ndarray, flat: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return centres and area vectors of faces; ends: end of each face's corners in `flat`."""
+    """Return centres [m] and area vectors [m²] of polygons. flat: vertices of all polygons; ends: where each ends."""
     begin = np.concatenate([[0], ends[:-1]])
     sizes = ends - begin
     face = np.repeat(np.arange(len(ends)), sizes)
@@ -175,7 +175,7 @@ def _faces(points: np.ndarray, flat: np.ndarray, ends: np.ndarray) -> tuple[np.n
 
 
 def _volumes(center: np.ndarray, area: np.ndarray, cell: np.ndarray, cells: int, part: Path) -> np.ndarray:
-    """Return cell centres from the pyramids over the faces; center, area: of the faces of all cells, area outwards."""
+    """Return cell centroids (cells, 3) [m] from centre and outward area vector of each face of each cell."""
     count = np.bincount(cell, minlength=cells)
     if count.min() < 4:
         raise WindFileError(f"{part / MESH}: cell {int(count.argmin())} has {int(count.min())} faces")

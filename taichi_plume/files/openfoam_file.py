@@ -1,4 +1,4 @@
-"""Files of OpenFOAM: header, lists of numbers and faces, and internal fields; text or binary, also gzipped (.gz)."""
+"""Parser of OpenFOAM files: header, lists of numbers and faces, and internal fields; text, binary or gzipped (.gz)."""
 
 import os
 import re
@@ -31,7 +31,7 @@ FIELD = re.compile(rb"internalField\s++(?:uniform\s++([^;]{1,300}+);|nonuniform\
 
 @dataclass(frozen=True)
 class FoamFile:
-    """Body of a file after the header, and the format of its numbers. kind: class in the header."""
+    """Content of an OpenFOAM file: the body after the header, and its number format. kind: class in the header."""
 
     path: Path
     body: bytes
@@ -41,18 +41,18 @@ class FoamFile:
     kind: str
 
     def wrong(self, what: str) -> WindFileError:
-        """Return an error of this file."""
+        """Return an error that names this OpenFOAM file; what: the fault."""
         return WindFileError(f"{self.path}: {what}")
 
     def numbers(self, width: int, begin: int = 0, required: int | None = None) -> np.ndarray:
-        """Return a list of scalars or vectors, (n, width); required: their number."""
+        """Return a list of scalars or vectors as (n, width), from position `begin`; required: expected n."""
         values = self._list(begin, self.scalar, width, required)[0].astype(float).reshape(-1, width)
         if not np.isfinite(values).all():
             raise self.wrong("not all of its values are finite")
         return values
 
     def field(self, width: int, cells: int) -> np.ndarray:
-        """Return the values of the internal field, (cells, width)."""
+        """Return the internalField as an array (cells, width); a uniform field is repeated."""
         inner = FIELD.search(self.body)
         if inner is None:
             raise self.wrong("has no internalField")
@@ -66,7 +66,7 @@ class FoamFile:
         return self.numbers(width, inner.end(), cells)
 
     def labels(self) -> np.ndarray:
-        """Return a list of integers."""
+        """Return a list of integers (labels of OpenFOAM), such as the owner cells of faces."""
         values = self._list(0, self.label, 1)[0]
         self._require_labels(values)
         return values.astype(np.int64)
@@ -76,7 +76,7 @@ class FoamFile:
             raise self.wrong("its list holds what is no label of a mesh")
 
     def faces(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the corners of all faces in turn, and the end of each face among them."""
+        """Return the vertices of all mesh faces, concatenated, and for each face the index of its end in them."""
         if self.binary and self.kind != "faceCompactList":
             raise self.wrong("is a binary list of another class than faceCompactList")
         if self.binary or self.kind == "faceCompactList":
@@ -102,7 +102,7 @@ class FoamFile:
     def _list(
         self, begin: int, kind: np.dtype, width: int, required: int | None = None
     ) -> tuple[np.ndarray, int]:
-        """Return the values of a list and the position after it; required: their number, if known."""
+        """Return the values of the list at position `begin`, and the position after it; required: expected length."""
         if not self.binary:
             count, values = self._text(begin, width > 1, required)
             if len(values) != count * width:
@@ -127,7 +127,7 @@ class FoamFile:
             raise self.wrong(f"has {count} values, but the mesh has {required} cells")
 
     def _text(self, begin: int, nested: bool, required: int | None = None) -> tuple[int, np.ndarray]:
-        """Return the length of a list of text, and all numbers in it."""
+        """Return the stated length of a list in text form, and all numbers in it."""
         head = LIST.match(self.body, begin)
         if head is None or head[2] != b"(":
             raise self.wrong("has no list")
@@ -145,7 +145,7 @@ class FoamFile:
 
 
 def _numbers(text: bytes) -> np.ndarray | None:
-    """Return numbers between blanks and parentheses, None if there is anything else; in linear time."""
+    """Parse numbers between blanks and parentheses, in linear time; None if the text holds anything else."""
     text = text.translate(BLANK)
     if not text.strip():
         return np.empty(0)
@@ -158,17 +158,17 @@ def _numbers(text: bytes) -> np.ndarray | None:
 
 
 def exists(path: Path) -> bool:
-    """Return whether a file exists, plain or gzipped."""
+    """Return whether an OpenFOAM file exists, plain or gzipped (.gz)."""
     return os.path.isfile(path) or os.path.isfile(path.with_name(f"{path.name}.gz"))
 
 
 def real_path(path: Path) -> Path:
-    """Return the path of a plain file or, if there is none, the path of the gzipped file."""
+    """Return the path of an OpenFOAM file or, if it does not exist, the path of its gzipped form (.gz)."""
     return path if os.path.isfile(path) else path.with_name(f"{path.name}.gz")
 
 
 def open_foam(path: Path) -> FoamFile:
-    """Open a file, also if only the gzipped file exists."""
+    """Read and parse an OpenFOAM file, or its gzipped form if only that exists. Raises WindFileError."""
     path = real_path(path) if exists(path) else path
     content = content_of(path, LARGEST_FILE, WindFileError)
     if content[:2] == b"\x1f\x8b":
@@ -199,14 +199,14 @@ def open_foam(path: Path) -> FoamFile:
 
 
 def _after_comments(content: bytes, at: int) -> int:
-    """Return the position after the blanks and comments at a position."""
+    """Return the position after all blanks and comments that begin at position `at`."""
     while skipped := SKIPPED.match(content, at):
         at = skipped.end()
     return at
 
 
 def _keys(header: bytes) -> dict[str, str]:
-    """Return the complete entries `key value;` of a header."""
+    """Return the entries `key value;` of an OpenFOAM header; an entry without semicolon is left out."""
     keys: dict[str, str] = {}
     words: list[str] = []
     for quoted, end, word in WORD.findall(header):

@@ -1,4 +1,4 @@
-"""The user's own algorithm, a class in a Python file: found by parsing, and executed only on request."""
+"""Loader of a user-written robot algorithm, a class in a Python file: found by parsing, executed only on request."""
 
 import ast
 import dis
@@ -22,20 +22,20 @@ UNPARSED = (SyntaxError, ValueError, RecursionError, MemoryError)  # bad syntax,
 
 @runtime_checkable
 class Acts(Protocol):
-    """Interface of the user's class."""
+    """Interface of a user-written robot algorithm: a class with the method `act`."""
 
     def act(self, robots: Any) -> None:
-        """Turn readings into commands."""
+        """Compute the commands of the robots from their readings."""
         ...
 
 
 class OwnAlgorithmError(RuntimeError):
-    """The user's algorithm failed; the message names file and line."""
+    """Error: the user's algorithm failed or cannot be loaded; the message names the file and, if known, the line."""
 
 
 @dataclass(frozen=True)
 class OwnFile:
-    """Content of a Python file that holds an algorithm. name: of the class, None for the only one.
+    """Python file with a user-written robot algorithm. name: of the class, None for the only one.
 
     Raises OwnAlgorithmError if the file cannot be read, is not Python, or certainly lacks the class.
     """
@@ -46,7 +46,7 @@ class OwnFile:
 
     @classmethod
     def read(cls, path: Path, name: str | None) -> "OwnFile":
-        """Read and parse the file without executing it."""
+        """Read and parse the user's Python file without executing it."""
         if path.suffix != ".py":
             raise OwnAlgorithmError(f"{path}: is no Python file; its name must end in .py")
         file = cls(path, name, content_of(path, LARGEST_FILE, OwnAlgorithmError))
@@ -55,11 +55,11 @@ class OwnFile:
 
     @cached_property
     def digest(self) -> str:
-        """The SHA-256 of the file."""
+        """SHA-256 of the user's file."""
         return hashlib.sha256(self.source).hexdigest()
 
     def _look(self) -> None:
-        """Raise OwnAlgorithmError if the text certainly lacks the class. Methods of base classes are not known yet."""
+        """Raise OwnAlgorithmError if the parsed file certainly lacks the class; a base class may still define `act`."""
         try:
             tree = ast.parse(self.source, str(self.path))
         except UNPARSED as error:
@@ -74,7 +74,7 @@ class OwnFile:
             raise self._without(sure)
 
     def execute(self) -> type:
-        """Execute the content, with all rights of the user, and return the class."""
+        """Execute the user's file, with all rights of the user, and return the algorithm's class."""
         module = ModuleType(f"own_algorithm_{self.path.stem}_{self.digest[:8]}")
         module.__file__ = str(self.path)
         sys.modules[module.__name__] = module  # for `inspect` and `dataclass`
@@ -98,7 +98,7 @@ class OwnFile:
 
 
 def _at_top(node: ast.AST) -> Iterator[ast.AST]:
-    """Yield the statements of a module, also within `if`, `try` and `with`."""
+    """Yield the top-level statements of a parsed module, also those within `if`, `try` and `with`."""
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.stmt):
             yield child
@@ -107,7 +107,7 @@ def _at_top(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def _acts(node: ast.ClassDef) -> bool:
-    """Return whether the text of a class defines `act`, as a function or by assignment."""
+    """Return whether a parsed class itself defines `act`, as a function or by assignment."""
     functions = [statement.name for statement in node.body if isinstance(statement, ast.FunctionDef)]
     assigned = [
         target for statement in node.body if isinstance(statement, ast.Assign) for target in statement.targets
@@ -120,7 +120,7 @@ def _acts(node: ast.ClassDef) -> bool:
 
 @contextmanager
 def failures_told(path: Path) -> Iterator[None]:
-    """Raise errors of the user's file, also SystemExit, as OwnAlgorithmError; Ctrl-C stays KeyboardInterrupt."""
+    """Context that raises errors of the user's file, also SystemExit, as OwnAlgorithmError; Ctrl-C passes."""
     try:
         yield
     except OwnAlgorithmError:
@@ -132,7 +132,7 @@ def failures_told(path: Path) -> Iterator[None]:
 
 
 def _raised_in(error: BaseException, path: Path) -> bool:
-    """Return whether a `raise` in that file caused the error, rather than a signal."""
+    """Return whether a `raise` statement in the file at `path` caused the error, rather than a signal."""
     last = error.__traceback__
     while last is not None and last.tb_next is not None:
         last = last.tb_next
@@ -146,7 +146,7 @@ def _raised_in(error: BaseException, path: Path) -> bool:
 
 
 def _one_line(error: BaseException, path: Path) -> str:
-    """Return the error in one line, with the line in the user's file."""
+    """Return the error in one line of text, with file and line number in the user's file."""
     frames = traceback.extract_tb(error.__traceback__)
     lines = [frame.lineno for frame in frames if Path(frame.filename).name == path.name]
     where = f"{path}, line {lines[-1]}" if lines else f"{path}"

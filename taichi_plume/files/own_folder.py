@@ -1,4 +1,4 @@
-"""Folders that commands write into: the lock, the mark of their kind, and protection against links.
+"""Protection of folders that commands write into: a lock file, a mark of the folder's kind, refusal of links.
 
 A refused folder stays as it is: not even the lock file is created.
 """
@@ -20,7 +20,7 @@ LARGEST_MARK = 1 << 26  # bytes
 
 
 class FolderLock:
-    """The lock of a folder, which this process holds until `release`, or until the process ends.
+    """Lock file of a folder, which keeps other processes out until `release`, or until this process ends.
 
     require: raises if the folder must not be used; called before the lock file is created, and again under the lock.
     Raises filelock.Timeout if another process holds the lock, and OSError, ValueError or NotImplementedError if a lock
@@ -47,7 +47,7 @@ class FolderLock:
             raise
 
     def release(self, remove: bool = False) -> None:
-        """Release the lock. remove: remove the lock file too."""
+        """Release the folder's lock. remove: remove the lock file too."""
         # Windows cannot unlink an open file; elsewhere a waiting process notices that the file is gone
         with suppress(OSError):
             if remove:
@@ -59,20 +59,20 @@ class FolderLock:
 
 
 def _is_lock(path: Path) -> bool:
-    """Return whether a file may be locked, which truncates it: an empty file without hard links."""
+    """Return whether a file can be the lock file, which is truncated: an empty file without hard links."""
     about = os.lstat(path)
     return stat.S_ISREG(about.st_mode) and not about.st_size and about.st_nlink == 1
 
 
 def mark(folder: Path, kind: str) -> None:
-    """Write KIND.json, such as study.json, which marks a folder of that kind. Raises OSError."""
+    """Write KIND.json, such as study.json, which marks a folder of taichi_plume's of that kind. Raises OSError."""
     content = {"format": format_of(kind), "version": __version__}
     with disk.written_whole(folder / f"{kind}.json") as fresh:
         fresh.write_text(json.dumps(content) + "\n", encoding="utf-8")
 
 
 def is_marked(folder: Path, kind: str) -> bool:
-    """Return whether a folder holds the mark of that kind."""
+    """Return whether a folder holds the file KIND.json that marks its kind, such as study.json."""
     try:
         content = json.loads(read_regular(folder / f"{kind}.json", LARGEST_MARK))
     except (OSError, ValueError, RecursionError):
@@ -81,7 +81,7 @@ def is_marked(folder: Path, kind: str) -> bool:
 
 
 def other_in(folder: Path, kind: str) -> str | None:
-    """Return a file of a folder without the mark of that kind; None if marked or empty. Raises OSError."""
+    """Return the name of a file in a folder not marked as of this kind; None if marked or empty. Raises OSError."""
     if is_marked(folder, kind):
         return None
     ours = {LOCK, *(file.name for file in disk.left_in(folder))}
@@ -89,7 +89,7 @@ def other_in(folder: Path, kind: str) -> str | None:
 
 
 def refusal(folder: Path, kind: str) -> str | None:
-    """Return an error line if a folder holds links or files that do not belong to that kind. Raises OSError."""
+    """Return an error line if a folder holds links, or files but no mark of this kind; else None. Raises OSError."""
     other = other_in(folder, kind)
     if other is not None:
         return f"{folder}: is not empty, and holds no {kind} ({other}); choose another --out"
@@ -98,12 +98,12 @@ def refusal(folder: Path, kind: str) -> str | None:
 
 
 def format_of(kind: str) -> str:
-    """Return the value of `format` in the mark of a kind of folder."""
+    """Return the value of the key `format` in the file KIND.json that marks a folder's kind."""
     return f"taichi_plume {kind} 1"
 
 
 def link_in(folder: Path, names: Iterable[str] | None = None, hard: bool = False) -> str | None:
-    """Return the relative path of the first link in a folder or its subfolders, whose target would be written to.
+    """Return the relative path of the first link in a folder tree, as writing would change its target; else None.
 
     names: entries to look at, by default all. hard: count hard links, and entries that are neither file nor folder.
     """

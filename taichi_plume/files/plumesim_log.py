@@ -1,8 +1,8 @@
-"""Logs of PlumeSim (see `point_frames`), which its robots and `kind: plumesim_log` play back.
+"""Reader of PlumeSim logs of wind and gas (see `point_frames`), which PlumeSim and `kind: plumesim_log` play back.
 
 A log is text: a line ``period_ms,numFrames,cellSize``; then per frame a line ``+number nPoints`` and so many lines
-``x,y,z,windSpeed,windDirection,chemical``. Each frame lasts one period; the numbers of frames ascend. Lengths are in m,
-the speed in m/s, the direction is where the air goes, in rad; chemical is in percent of a full scale.
+``x,y,z,windSpeed,windDirection,chemical``. Each frame lasts one period; the numbers of frames ascend. Lengths are in
+m, the speed in m/s, the direction is where the air goes, in rad; chemical is in percent of a full scale.
 """
 
 import re
@@ -25,7 +25,7 @@ _FRAME = re.compile(r"\+(\d{1,9})\s+(\d{1,9})\s*", re.ASCII)
 
 
 def read_log(path: Path) -> PointFrames:
-    """Read the frames of a PlumeSim log. Raises PointFileError."""
+    """Return the frames (points with wind and gas) of a PlumeSim log. Raises PointFileError."""
     file = TextFile(path, PointFileError)
     period, cell, begin, rows = _frames(file)
     table = Table(file, rows, len(COLUMNS), form=",".join(COLUMNS))
@@ -40,7 +40,7 @@ def read_log(path: Path) -> PointFrames:
 
 
 def _frames(file: TextFile) -> tuple[float, float, list[int], list[int]]:
-    """Return period [s], cell [m], the first point of each frame and the end of all, and the lines of the points."""
+    """Return frame period [s], cell size [m], first point of each frame and the end, line indices of the points."""
     lines = file.lines
     header = _HEADER.fullmatch(lines[0])
     if header is None or not is_number(header[3]):
@@ -79,7 +79,7 @@ def _frames(file: TextFile) -> tuple[float, float, list[int], list[int]]:
 
 
 def shorten(path: Path) -> int:
-    """Cut a log that a run wrote to the number of frames in its first line, and return the number.
+    """Cut a PlumeSim log to the number of frames that its first line states, and return this number.
 
     Raises OSError, and ValueError if the file is no such log.
     """

@@ -1,4 +1,4 @@
-"""Plumes as frames of points in the plane, as PlumeSim reads them: ASCII exports of Fluent, and logs (`plumesim_log`).
+"""Plumes as frames of points in a plane, in the formats of PlumeSim: ASCII files of Fluent, and `plumesim_log`.
 
 PlumeSim: Cabrita, Sousa & Marques, "Player/Stage simulation of olfactory experiments", IROS 2010. Fluent exports one
 file per frame, numbered from 1: a line of titles, then lines ``index,x,y,chemical`` with lengths in m.
@@ -24,12 +24,12 @@ FLUENT = ("index", "x", "y", "chemical")
 
 
 class PointFileError(ValueError):
-    """A file of points that cannot be used; the message begins with the path and, if known, the line."""
+    """Error: a file of plume points cannot be used; the message begins with the path and, if known, the line."""
 
 
 @dataclass(frozen=True)
 class PointFrames:
-    """Frames of points in the plane.
+    """Plume as a sequence of frames of points in a plane.
 
     path: of the file, or of the first one; period: duration of each frame [s]; cell: points count up to this distance
     [m]. Of all points, frame after frame: place (n, 2) [m], wind (n, 2) [m/s], percent (n,) of the full scale; frame k
@@ -48,12 +48,12 @@ class PointFrames:
         return len(self.begin) - 1
 
     def frame(self, k: int) -> slice:
-        """Return the slice of the points of frame k."""
+        """Return the slice of frame k in the arrays of all points."""
         return slice(int(self.begin[k]), int(self.begin[k + 1]))
 
 
 def frames_of(model: PlumeSimWind | PlumeSimGas | FluentGas, folder: Path) -> PointFrames:
-    """Return the frames that a scenario's gas or wind plays back, from files in `folder`. Raises PointFileError."""
+    """Read the point frames that a wind or gas of the scenario plays back, from `folder`. Raises PointFileError."""
     from taichi_plume.files.plumesim_log import read_log
 
     if model.kind == "fluent":
@@ -64,10 +64,10 @@ def frames_of(model: PlumeSimWind | PlumeSimGas | FluentGas, folder: Path) -> Po
 def read_fluent(
     pattern: Path, frames: int | None, period: float, cell: float, largest: float | None
 ) -> PointFrames:
-    """Read the files of a pattern such as ``plume%03d.txt``: `frames` of them or all.
+    """Read a plume from numbered Fluent files, such as ``plume%03d.txt``: the first `frames` files, or all (None).
 
-    period [s], cell [m]; largest: value that counts as 100 percent, by default the largest of all files.
-    Raises PointFileError.
+    period, cell: as in PointFrames; largest: value that counts as 100 percent, by default the maximum. Raises
+    PointFileError.
     """
     begin, place, chemical = [0], [], []
     paths = _numbered(pattern, frames)
@@ -89,7 +89,7 @@ def read_fluent(
 
 
 def _numbered(pattern: Path, frames: int | None) -> list[Path]:
-    """Return the files of a pattern. Raises PointFileError if a file is missing."""
+    """Return the numbered files that match a pattern. Raises PointFileError if one is missing."""
     files: list[Path] = []
     while len(files) < (frames or MOST_FRAMES):
         path, after = (pattern.with_name(pattern.name % (len(files) + n)) for n in (1, 2))
@@ -104,7 +104,7 @@ def _numbered(pattern: Path, frames: int | None) -> list[Path]:
 
 
 def points_of(table: Table, columns: tuple[str, ...], most: Mapping[str, float]) -> dict[str, np.ndarray]:
-    """Return the columns by name after a check: finite values, x and y within FARTHEST, others within 0 and `most`."""
+    """Return a table's columns by name; checks: finite, |x|, |y| <= FARTHEST, chemical and `most` from 0 to limit."""
     known = dict(zip(columns, table.numbers(*range(len(columns))).T, strict=True))
     finite = np.isfinite(np.stack(list(known.values()))).all(axis=0)
     table.refuse(~finite, lambda row: f"must be finite numbers, got {table.shown(row)}")

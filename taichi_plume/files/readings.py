@@ -1,8 +1,8 @@
-"""Recorded readings: the robots.parquet of a run, or a ROS bag or CSV file of real robots.
+"""Reader of recorded gas-sensor readings: robots.parquet of a run, or a ROS bag or CSV file of real robots.
 
 A CSV has the columns t [s], x, y [m] and reading [ppm] and, if known, wind_x, wind_y [m/s], trial (integers) and group
-(names); other columns are ignored. Columns are separated by commas, semicolons or tabs. Positions and wind of a run are
-those that the robots believed, from which the run made its maps. Robots of a bag (see `bag_readings`) are groups.
+(names); other columns are ignored. Columns are separated by commas, semicolons or tabs. Positions and wind of a run
+are those that the robots believed, from which the run made its maps. Robots of a bag (see `bag_readings`) are groups.
 """
 
 from dataclasses import dataclass
@@ -34,15 +34,15 @@ MOST = {"t": 1e13, "x": 1e8, "y": 1e8, "reading": 1e9, "wind_x": 1e4, "wind_y": 
 
 
 class ReadingsError(InputError):
-    """Readings or parameters that no map can be made of; the message is one line."""
+    """Error: no gas map can be made of these readings or parameters; the message is one line."""
 
 
 @dataclass(frozen=True)
 class Readings:
-    """In order of time: t (n,) [s], place (n, 2) [m], reading (n,) [ppm], wind (n, 2) [m/s], zero if unknown.
+    """Gas readings sorted by time: t (n,) [s], place (n, 2) [m], reading (n,) [ppm], wind (n, 2) [m/s], 0 if unknown.
 
-    A reading that is no finite number is NaN. row: (n,), of the file, from 1 on below the header. topics: of a bag, a
-    line for each robot on the topics that were read.
+    A reading that is no finite number is NaN. row: (n,) row of the file, from 1 on below the header. topics: for a
+    bag, a line for each robot on the topics that were read.
     """
 
     t: np.ndarray
@@ -56,9 +56,9 @@ class Readings:
 def read(
     path: str | Path, trial: int | None = None, group: str | None = None, options: BagOptions | None = None
 ) -> Readings:
-    """Return the readings of a file: of one trial, by default the first, and of one group, by default all.
+    """Return the gas readings of a file: of one trial, by default the first, and of one group, by default all.
 
-    options: of a bag. Raises ReadingsError.
+    options: for a bag. Raises ReadingsError.
     """
     path, topics = Path(path), ()
     if bags.is_bag(path):
@@ -99,7 +99,7 @@ def read(
 def _bag(
     path: Path, options: BagOptions | None
 ) -> tuple[dict[str, str], dict[str, np.ndarray], tuple[str, ...]]:
-    """Return the readings of a bag's robots as the columns of a CSV, and a line on each robot."""
+    """Return a ROS bag's gas readings as columns like `_csv`, and a line of text on each robot's topics."""
     try:
         robots = bag_readings.read(path, options)
     except bags.BagError as error:
@@ -115,7 +115,7 @@ def _bag(
 
 
 def _csv(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
-    """Return the names and values of the columns of a CSV by the keys of NAMES."""
+    """Return a CSV's columns of readings: names in the file and values, both by standard key such as t, x, reading."""
     file = TextFile(path, ReadingsError)
     delimiter = delimiter_of(file.lines[0])
     all_names = cells_of(file.lines[0], delimiter)
@@ -130,7 +130,7 @@ def _csv(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
 
 
 def _parquet(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
-    """Return the columns of a Parquet file, as `_csv` does.
+    """Return a Parquet file's columns of readings: names and values by standard key such as t, x, reading.
 
     Pages have checksums; the metadata have none, so the table of a run is compared with the manifest beside it.
     """
@@ -162,7 +162,7 @@ def _parquet(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
 
 
 def _picked(path: Path, names: list[str]) -> dict[str, str]:
-    """Return the names of the columns that are read, by the keys of NAMES."""
+    """Return the column name in the file for each standard key (t, x, reading ...). Raises ReadingsError."""
     for name in sum(NAMES.values(), ()):
         if names.count(name) > 1:
             raise ReadingsError(f"{path}: has several columns '{name}'; remove or rename all but one")
@@ -174,7 +174,7 @@ def _picked(path: Path, names: list[str]) -> dict[str, str]:
 
 
 def _of_group(path: Path, known: dict[str, np.ndarray], group: str | None) -> np.ndarray:
-    """Return whether each row belongs to the group, by default any."""
+    """Return a mask of the rows in this group of robots, by default all. Raises ReadingsError if there are none."""
     if group is None:
         return np.ones(len(known["t"]), bool)
     if "group" not in known:
@@ -188,7 +188,7 @@ def _of_group(path: Path, known: dict[str, np.ndarray], group: str | None) -> np
 
 
 def _of_trial(path: Path, trials: np.ndarray | None, trial: int | None, chosen: np.ndarray) -> np.ndarray:
-    """Return which of the chosen rows belong to the trial, by default the first. trials: (rows,), None if unknown."""
+    """Return a mask of the `chosen` rows in this trial, by default the first. trials: (rows,), None if unknown."""
     if trials is None:
         if trial is not None:
             raise ReadingsError(f"{path}: has no column trial, so there is no trial {trial}")

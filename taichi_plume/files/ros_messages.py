@@ -1,4 +1,4 @@
-"""Messages of ROS 2 without ROS: definitions, serialisation to and from bytes (CDR), occupancy grids, point clouds.
+"""ROS 2 messages without ROS: definitions, serialisation to and from bytes (CDR), occupancy grids, point clouds.
 
 Definitions of ROS's own messages come with rosbags; those of `olfaction_msgs` (MAPIRlab) and taichi_plume follow here.
 In addition to the definitions:
@@ -91,12 +91,12 @@ float32[] declared_y
 
 
 class RosError(ValueError):
-    """Bytes or JSON that are not the expected message."""
+    """Error: bytes or JSON are not a ROS message of the expected type."""
 
 
 @cache
 def store() -> "Typestore":
-    """Return the store of all definitions. Raises ImportError without rosbags."""
+    """Return rosbags' store of all ROS message definitions. Raises ImportError without rosbags."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     made = get_typestore(Stores.ROS2_JAZZY)
@@ -107,12 +107,12 @@ def store() -> "Typestore":
 
 
 def definition(name: str) -> str:
-    """Return the definition of a message and all its parts in the format ros2msg of MCAP and Foxglove."""
+    """Return the text definition of a ROS message with its parts, in MCAP's and Foxglove's format ros2msg."""
     return store().generate_msgdef(name, ros_version=2)[0]
 
 
 def message(name: str, /, **fields: object) -> Message:
-    """Build a message. Missing fields are zero or empty; a mapping stands for a nested message.
+    """Build a ROS message of type `name`. Missing fields are zero or empty; a mapping stands for a nested message.
 
     Raises KeyError if the definition has no such field.
     """
@@ -124,7 +124,7 @@ def message(name: str, /, **fields: object) -> Message:
 
 
 def _value(kind: tuple[Any, Any], given: Any) -> Any:
-    """Convert a given value, None for the default, to the type of a field."""
+    """Convert a value to the type `kind` of a ROS message's field; None becomes zero or empty."""
     from rosbags.interfaces import Nodetype
 
     node, about = kind
@@ -144,12 +144,12 @@ def _value(kind: tuple[Any, Any], given: Any) -> Any:
 
 
 def encode(message: Message) -> bytes:
-    """Serialise a message to CDR."""
+    """Serialise a ROS message to bytes (CDR)."""
     return bytes(store().serialize_cdr(message, message.__msgtype__))
 
 
 def decode(name: str, data: bytes) -> Message:
-    """Deserialise CDR bytes. Raises RosError."""
+    """Return the ROS message of type `name` in CDR bytes. Raises RosError."""
     try:
         return store().deserialize_cdr(data, name)
     except Exception as error:  # foreign bytes cause any error
@@ -157,7 +157,7 @@ def decode(name: str, data: bytes) -> Message:
 
 
 def from_json(name: str, data: bytes) -> Message:
-    """Build the message of a JSON text. Raises RosError."""
+    """Return the ROS message of type `name` in a JSON text. Raises RosError."""
     import json
 
     try:
@@ -167,24 +167,24 @@ def from_json(name: str, data: bytes) -> Message:
 
 
 def word(name: str) -> str:
-    """Turn a name, such as that of a group, into a valid part of a topic."""
+    """Convert a name, such as that of a robot group, to a valid part of a ROS topic."""
     clean = re.sub(r"[^A-Za-z0-9_]", "_", name)
     return clean if clean[:1].isalpha() else f"g_{clean}"
 
 
 def time(seconds: float) -> dict[str, int]:
-    """Convert a time [s] to builtin_interfaces/msg/Time."""
+    """Convert a time [s] to the fields sec and nanosec of a ROS time."""
     whole, nano = divmod(round(seconds * 1e9), 1_000_000_000)
     return {"sec": whole, "nanosec": nano}
 
 
 def header(t: float, frame: str) -> dict[str, object]:
-    """Return the header of a message at time t [s]."""
+    """Return the header fields (stamp, frame_id) of a ROS message at time t [s] in a coordinate frame."""
     return {"stamp": time(t), "frame_id": frame}
 
 
 def yawed(angle: float, tilt: float = 0.0) -> dict[str, float]:
-    """Return the quaternion of a heading and a tilt of x over the horizontal [rad]."""
+    """Return the quaternion of a heading `angle` and an upward tilt of the x axis [rad], as a dict."""
     s, c, up, flat = sin(0.5 * angle), cos(0.5 * angle), sin(-0.5 * tilt), cos(0.5 * tilt)
     return {"x": -s * up, "y": c * up, "z": s * flat, "w": c * flat}
 
@@ -198,7 +198,7 @@ def yaw(q: Message) -> float:
 
 
 def grid(percent: np.ndarray, cell: float, low: float, t: float, frame: str) -> Message:
-    """Build an OccupancyGrid of cells (ny, nx), from (low, low) on [m]: percent from 0 to 100, -1 if unknown."""
+    """Build a ROS OccupancyGrid from (ny, nx) percents 0 to 100, -1 if unknown. cell [m]; corner (low, low) [m]."""
     ny, nx = percent.shape
     origin = {"position": {"x": low, "y": low}, "orientation": yawed(0.0)}
     info = {"map_load_time": time(t), "resolution": cell, "width": nx, "height": ny, "origin": origin}
@@ -206,7 +206,7 @@ def grid(percent: np.ndarray, cell: float, low: float, t: float, frame: str) -> 
 
 
 def cloud(columns: Mapping[str, np.ndarray], t: float, frame: str) -> Message:
-    """Build a PointCloud2 of columns (n,); x, y, z [m] are among them."""
+    """Build a ROS PointCloud2 from columns (n,) by name, which include x, y, z [m], as float32."""
     rows = np.rec.fromarrays(list(columns.values()), dtype=[(name, "<f4") for name in columns])
     fields = [
         {"name": name, "offset": 4 * n, "datatype": FLOAT32, "count": 1} for n, name in enumerate(columns)
@@ -217,7 +217,7 @@ def cloud(columns: Mapping[str, np.ndarray], t: float, frame: str) -> Message:
 
 
 def points_of(cloud: Message) -> dict[str, np.ndarray]:
-    """Return the columns of a point cloud of float32."""
+    """Return the columns (n,) by name of a ROS PointCloud2 whose fields are all float32."""
     names = [field.name for field in cloud.fields]
     rows = np.frombuffer(cloud.data.tobytes(), np.dtype([(name, "<f4") for name in names]))
     return {name: rows[name] for name in names}

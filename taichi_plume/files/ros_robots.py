@@ -1,4 +1,4 @@
-"""Robots in ROS messages, live and in bags: coordinate frames and sensor descriptions.
+"""Robots in ROS messages, live and in bags: coordinate frames (tf) and sensor descriptions.
 
 map                     origin and axes of the domain
 ROBOT/base_link         centre of the body, in 3-D of its lower end
@@ -21,20 +21,20 @@ Fields = dict[str, object]
 
 
 def numbered(name: str, slot: int) -> str:
-    """Return the name of a topic or frame of gas sensor `slot`, counted from 0."""
+    """Return the topic or frame name of gas sensor `slot`: `name` for slot 0, `name_1` for slot 1, and so on."""
     return f"{name}_{slot}" if slot else name
 
 
 def transform(
     parent: str, child: str, place: dict[str, float], turn: dict[str, float], t: float = 0.0
 ) -> Fields:
-    """Return a frame in its parent, as fields of geometry_msgs/TransformStamped at time t [s]."""
+    """Return the fields of a ROS TransformStamped: pose (position, quaternion) of frame `child` in `parent`."""
     pose = {"translation": place, "rotation": turn}
     return {"header": ros.header(t, parent), "child_frame_id": child, "transform": pose}
 
 
 def carried(robot: str, sensors: Sensors, flat: bool) -> Iterator[Fields]:
-    """Yield the frames of a robot's sensors on its base, as `transform`; flat: without heights, in 2-D."""
+    """Yield the transforms from a robot's base frame to each sensor's frame; flat: in 2-D, without heights."""
     base = f"{robot}/{BASE}"
     for k, gas in enumerate(sensors.noses):
         place = {"x": gas.ahead, "y": gas.left, "z": 0.0 if flat else gas.height}
@@ -45,7 +45,7 @@ def carried(robot: str, sensors: Sensors, flat: bool) -> Iterator[Fields]:
 
 
 def sensor_fields(sensor: GasSensor) -> Fields:
-    """Return the fields of GasSensor messages that do not depend on the reading; units: of ppm readings."""
+    """Return the constant fields of a gas sensor's ROS messages: technology, units and, if known, the part."""
     kind, unit = "unknown", "ppm"
     part: Fields = {}
     if isinstance(sensor, MoxSensor):
@@ -61,7 +61,7 @@ def sensor_fields(sensor: GasSensor) -> Fields:
 
 
 def wind_fields(robot: str, u: float, v: float, heading: float, t: float = 0.0) -> Fields:
-    """Return a wind [m/s] along x and y of the map as fields of a robot's Anemometer message; zero: unknown."""
+    """Return a wind (u, v) [m/s] in map axes as ROS Anemometer fields in the robot's frame; zero if unknown."""
     course = atan2(v, u) - heading if u or v else 0.0
     return {
         "header": ros.header(t, f"{robot}/{WIND}"),

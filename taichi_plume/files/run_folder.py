@@ -1,4 +1,4 @@
-"""The run folder: names of the files, the lock, replacement of an earlier run, and scenario.yaml."""
+"""Run folder: names of a run's files, the lock, replacement of an earlier run, and scenario.yaml."""
 
 import datetime
 import json
@@ -62,18 +62,18 @@ KILLED = "killed"  # status of a killed run after its repair
 
 
 class RunFolderError(InputError):
-    """A run folder that cannot be used."""
+    """Error: the folder of a run cannot be used or read."""
 
 
 class RunFolder:
-    """A run folder that only this process writes to until `close`; also a context manager.
+    """The folder of a run, which only this process writes to until `close`; also a context manager.
 
     `path` is `out`, or the first free ``runs/<name>-<n>``. Raises RunFolderError if another process writes there, or if
     the folder holds files, except those of an earlier run with `force`. `clear` replaces these; `inputs` of the new run
     must not be among them. Other files stay. A replacement during which a process was killed is settled first, so that
     one complete run is left.
 
-    files: names of files that may be replaced; ours: returns whether a folder holds such files of taichi_plume.
+    files: names of files that may be replaced; ours: function that tests whether a folder holds such files.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class RunFolder:
 
     @classmethod
     def again(cls, folder: Path) -> Self:
-        """Return the folder of an earlier run, to resume it. Raises RunFolderError if the folder is no run."""
+        """Open the folder of an earlier run, to resume it. Raises RunFolderError if it holds no run or is in use."""
         if not folder.is_dir():
             raise RunFolderError(f"{folder}: is no folder; give the folder of a run")
         if not any(map(is_run, (folder, folder / REPLACING, folder / REPLACED))):
@@ -128,7 +128,7 @@ class RunFolder:
         return self
 
     def _hold(self, require: Callable[[], None]) -> None:
-        """Take the lock, which ends with the process. require: see FolderLock."""
+        """Lock the folder until the process ends. require: raises if the folder must not be used, see FolderLock."""
         import filelock
 
         try:
@@ -140,13 +140,13 @@ class RunFolder:
             raise RunFolderError(f"{self.path}: cannot be written to: {reason}") from None
 
     def _require(self, force: bool, inputs: Sequence[Path]) -> None:
-        """Raise RunFolderError if the folder must not be used, before a file is created."""
+        """Raise RunFolderError if the folder must not be used for a new run; called before any file is created."""
         self._require_no_links()
         if not any((self.path / name).is_dir() for name in (REPLACING, REPLACED)):  # `settle` comes first
             self._check(force, inputs)
 
     def _require_no_links(self) -> None:
-        """Raise RunFolderError if files of a run are links, whose targets would be written to."""
+        """Raise RunFolderError if a run's files in the folder are links, because their targets would be written to."""
         link = link_in(self.path, {*self.files, REPLACING, REPLACED}, hard=True)
         if link is not None:
             raise RunFolderError(
@@ -171,7 +171,7 @@ class RunFolder:
             )
 
     def clear(self) -> None:
-        """Move the files of an earlier run aside, until `settle`."""
+        """Move the files of an earlier run into a subfolder, until `settle` deletes or restores these files."""
         aside = self.path / REPLACING
         aside.mkdir()
         for name in self.files:
@@ -182,7 +182,7 @@ class RunFolder:
             left.unlink()
 
     def settle(self, stands: bool) -> None:
-        """Remove the earlier run if the new run `stands`; otherwise remove the new run and put the earlier one back."""
+        """Delete the earlier run if the new run `stands`; otherwise delete the new run and restore the earlier one."""
         aside = self.path / REPLACED
         if not stands and aside.is_dir():
             for name in self.files:
@@ -192,7 +192,7 @@ class RunFolder:
         shutil.rmtree(aside, ignore_errors=True)
 
     def _recover(self) -> None:
-        """Settle a replacement during which a process was killed."""
+        """Complete or undo the replacement of an earlier run during which a process was killed."""
         if (self.path / REPLACING).is_dir():
             self._put_back()
         elif (self.path / REPLACED).is_dir():
@@ -211,7 +211,7 @@ class RunFolder:
         self.close()
 
     def close(self) -> None:
-        """Release the folder, and remove it if this process created it and left it empty."""
+        """Unlock the folder, and remove it if this process created it and left it empty."""
         empty = self.made and not any(file.name != LOCK for file in files_in(self.path))
         self._lock.release(remove=empty)
         with suppress(OSError):  # another run may have started there: rmdir keeps its files
@@ -220,7 +220,7 @@ class RunFolder:
 
 
 def is_run(folder: Path) -> bool:
-    """Return whether a folder holds files of a run, finished or not."""
+    """Return whether a folder holds the files of a run, finished or not."""
     if read_json(folder / "result.json").keys() >= OURS:
         return True
     try:
@@ -231,7 +231,7 @@ def is_run(folder: Path) -> bool:
 
 
 def read_json(file: Path) -> dict[str, Any]:
-    """Return the content of a JSON file; {} if the file cannot be read."""
+    """Return the object in a JSON file as a dict; {} if the file cannot be read."""
     try:
         content = json.loads(read_regular(file, LARGEST_JSON))
     except (OSError, ValueError, RecursionError):
@@ -240,7 +240,7 @@ def read_json(file: Path) -> dict[str, Any]:
 
 
 def remove(file: Path) -> None:
-    """Remove a file or a whole folder, if it exists."""
+    """Delete a file, or a folder with its content, if it exists."""
     if file.is_dir() and not file.is_symlink():
         shutil.rmtree(file)
     else:
@@ -248,7 +248,7 @@ def remove(file: Path) -> None:
 
 
 def cut(file: Path, size: int) -> None:
-    """Keep the first `size` bytes of a file. Raises RunFolderError if it has fewer, and OSError."""
+    """Truncate a file to its first `size` bytes. Raises RunFolderError if it has fewer, and OSError."""
     held = file.stat().st_size if file.exists() else 0
     if held < size:
         raise RunFolderError(
@@ -258,7 +258,7 @@ def cut(file: Path, size: int) -> None:
 
 
 def files_in(folder: Path) -> list[Path]:
-    """Return the entries of a folder; none if the folder does not exist."""
+    """Return the paths in a folder, not in its subfolders; none if the folder does not exist."""
     return list(folder.iterdir()) if folder.is_dir() else []
 
 
@@ -274,7 +274,7 @@ def _next_folder(name: str, runs: Path) -> Path:
 
 
 def to_yaml(scenario: Scenario, source: Path = Path(), target: Path | None = None) -> str:
-    """Return the scenario as YAML with every default. target: make paths of files relative to it, not to `source`."""
+    """Return a scenario as YAML with all defaults. target: write file paths relative to this folder, not `source`."""
     data = scenario.model_dump(mode="json", exclude_none=True)
     _write_nulls(scenario, data)
     if target is not None:
@@ -287,7 +287,7 @@ def to_yaml(scenario: Scenario, source: Path = Path(), target: Path | None = Non
 
 
 class _Dumper(yaml.SafeDumper):
-    """YAML dumper that writes a list of numbers or names in a line."""
+    """YAML dumper that writes a list of scalars on one line."""
 
     def represent_sequence(self, tag, sequence, flow_style=None):
         flat = not any(isinstance(entry, list | dict) for entry in sequence)
@@ -295,7 +295,7 @@ class _Dumper(yaml.SafeDumper):
 
 
 def _write_nulls(part: object, data: Any) -> None:
-    """Write an explicit null if the user set a key to null and the default is not null."""
+    """Add to `data` an explicit null for each key that is null in the scenario although its default is not."""
     if isinstance(part, tuple):
         for entry, its_data in zip(part, data, strict=True):
             _write_nulls(entry, its_data)
@@ -308,7 +308,7 @@ def _write_nulls(part: object, data: Any) -> None:
 
 
 def _again(folder: Path, scenario: Scenario, source: Path) -> str:
-    """Return the command that runs the scenario of a run folder again."""
+    """Return the shell command that repeats the scenario of a run folder."""
     options = []
     if any(isinstance(group.algorithm, Own) and group.algorithm.file for group in scenario.robots):
         options.append(OPTIONS[0])
@@ -319,7 +319,7 @@ def _again(folder: Path, scenario: Scenario, source: Path) -> str:
 
 
 def resuming(folder: Path) -> str:
-    """Return the command that resumes the run of a folder, with the options of the command in scenario.yaml."""
+    """Return the shell command that resumes a run, with the command-line options noted in its scenario.yaml."""
     try:
         with open_regular(folder / "scenario.yaml") as file:
             again = file.readline(LONGEST_HEADER).decode(errors="replace")
@@ -332,7 +332,7 @@ def resuming(folder: Path) -> str:
 def write_scenario(
     folder: Path, scenario: Scenario, source: Path, backend: str, called: Path | None = None
 ) -> None:
-    """Write `scenario.yaml`. source: folder of the original; called: final name of the run folder."""
+    """Write scenario.yaml with a header. source: folder of the original; called: final name of the run folder."""
     versions = ", ".join(f"{name} {version(name)}" for name in ("taichi", "numpy", "rerun-sdk"))
     seeds = "\n".join(f"# {name}: {seed}" for name, seed in scenario.seeds.items())
     header = (

@@ -33,38 +33,38 @@ FAULTS = (pa.ArrowException, OSError, ValueError, LookupError, MemoryError)
 
 
 def column(name: str, kind: pa.DataType, unit: str, meaning: str, **more: str) -> pa.Field:
-    """Return a column of a table; more: other metadata."""
+    """Return the definition of a table's column with unit and meaning; more: other metadata."""
     return pa.field(name, kind, metadata={"unit": unit, "meaning": meaning, **more})
 
 
 def schema_of(columns: Sequence[pa.Field]) -> pa.Schema:
-    """Return the schema of a table, with metadata for pandas (`attributes` of its own files) and polars."""
+    """Return a table's schema for these columns, with units and meanings as metadata that pandas and polars read."""
     facts = {"units": units(columns), "meanings": meanings(columns)}
     pandas = {"index_columns": [], "column_indexes": [], "columns": [], "attributes": facts}
     return pa.schema(columns, {key: json.dumps(value) for key, value in {"pandas": pandas, **facts}.items()})
 
 
 def units(columns: Iterable[pa.Field]) -> dict[str, str]:
-    """Return the unit of each column."""
+    """Return the unit of each column by name, from its metadata."""
     return {column.name: (column.metadata or {}).get(b"unit", b"1").decode() for column in columns}
 
 
 def meanings(columns: Iterable[pa.Field]) -> dict[str, str]:
-    """Return the meaning of each column."""
+    """Return the meaning (description) of each column by name, from its metadata."""
     return {column.name: (column.metadata or {}).get(b"meaning", b"").decode() for column in columns}
 
 
 def stream_of(path: Path) -> Path:
-    """Return the stream that holds the rows of a table during the run."""
+    """Return the path of the Arrow stream that holds the rows of a Parquet table during the run."""
     return path.with_suffix(".arrows")
 
 
 class GrowingTable:
-    """A table of samples, each of `count` rows. `close()` writes the table, also after an error.
+    """Writer of a Parquet table in samples of `count` rows. `close()` writes the table, also after an error.
 
-    values: samples that are not yet in the stream, (samples, count) by column; names: dictionaries of the columns of
-    names, whose values are indices. `start()` creates the table, `go_on()` resumes that of a resumed run. Raises
-    OSError if the disk is full.
+    values: samples that are not yet in the Arrow stream, (samples, count) by column; names: dictionaries of the
+    columns of names, whose values are indices. `start()` creates the table, `go_on()` continues it in a resumed run.
+    Raises OSError if the disk is full.
     """
 
     STATE = ("rows",)
@@ -91,7 +91,7 @@ class GrowingTable:
         self.open = True
 
     def go_on(self) -> None:
-        """Copy the first `rows` rows to a new stream. Raises RunFolderError if fewer are left."""
+        """Continue the table of a resumed run with its first `rows` rows. Raises RunFolderError if fewer are left."""
         disk.require_room(self.path)
         rows, self.rows = self.rows, 0
         with disk.written_whole(self.stream) as fresh:
@@ -107,13 +107,13 @@ class GrowingTable:
         self.open = True
 
     def took(self) -> None:
-        """Count the sample that was put into row `pending` of the values."""
+        """Count the sample that the caller put into row `pending` of `values`; flush if `values` is full."""
         self.pending += 1
         if self.pending == len(next(iter(self.values.values()))):
             self.flush()
 
     def flush(self) -> None:
-        """Write the samples to the disk as a record batch."""
+        """Write all pending samples to the Arrow stream on disk."""
         if self.pending:
             arrays = []
             for field in self.schema:
@@ -132,7 +132,7 @@ class GrowingTable:
             self.rows += len(batch)
 
     def _save(self, stream: Path) -> None:
-        """Append the end of the stream to a file, instead of what an interrupted write has left there."""
+        """Append buffered bytes to the stream file, after cutting off the remains of an interrupted write."""
         content = self.unsaved.getvalue()
         if not content:
             return
@@ -148,7 +148,7 @@ class GrowingTable:
         self.unsaved.truncate()
 
     def close(self) -> None:
-        """Write the table and remove the stream."""
+        """Write the final Parquet table and remove the Arrow stream."""
         if not self.open:
             return
         self.open = False
@@ -159,9 +159,9 @@ class GrowingTable:
 
 
 def finish(path: Path) -> None:
-    """Write the complete rows of a stream to the Parquet file `path`, and remove the stream. Raises OSError.
+    """Convert the Arrow stream beside `path` to the Parquet file `path`, and remove the stream. Raises OSError.
 
-    The bytes of the file depend on these rows only.
+    Only complete batches are kept. The bytes of the file depend on their rows only.
     """
     stream = stream_of(path)
     rows = _of_stream(stream)
@@ -177,7 +177,7 @@ def finish(path: Path) -> None:
 def batches(
     path: Path, columns: Sequence[str] | None = None, optional: Sequence[str] = ()
 ) -> Iterator[pa.RecordBatch]:
-    """Yield an empty batch and the rows of a table; of an unfinished table from its stream.
+    """Yield an empty batch and the rows of a run's table, from its Arrow stream if the Parquet file is unfinished.
 
     columns: names to read, in this order, by default all; optional: names to read if the table has them. Manifest and
     checksums of pages are checked. Raises RunFolderError, in a line.
@@ -195,7 +195,7 @@ def batches(
 def unverified(
     path: Path, columns: Sequence[str] | None = None, optional: Sequence[str] = ()
 ) -> Iterator[pa.RecordBatch]:
-    """Yield what `batches` yields, without a check of the manifest. Raises RunFolderError, also `FAULTS`."""
+    """Yield batches as `batches` does, without the manifest's check. Raises RunFolderError, read errors (FAULTS)."""
     stream = stream_of(path)
     rows = _of_stream(stream) if stream.exists() else _of_table(path, columns and [*columns, *optional])
     first = next(rows, None)
@@ -209,7 +209,7 @@ def unverified(
 
 
 def _of_table(path: Path, columns: Sequence[str] | None) -> Iterator[pa.RecordBatch]:
-    """Yield an empty batch and the rows of a finished table; columns: names to read, if the table has them."""
+    """Yield an empty batch and the rows of a Parquet table; columns: names to read, if the table has them."""
     fault = unopenable(path)
     if fault:
         raise RunFolderError(f"{path}: {fault}")
@@ -219,7 +219,7 @@ def _of_table(path: Path, columns: Sequence[str] | None) -> Iterator[pa.RecordBa
 
 
 def _of_stream(stream: Path) -> Iterator[pa.RecordBatch]:
-    """Yield the complete batches of a stream. Raises `FAULTS` if the stream is damaged before the end."""
+    """Yield the complete batches of an Arrow stream. Raises read errors (FAULTS) if damaged before the end."""
     with open_regular(stream) as file:
         size = os.fstat(file.fileno()).st_size
         try:
@@ -238,7 +238,7 @@ def _checksum(batch: pa.RecordBatch) -> bytes:
 
 
 def read(path: Path) -> pa.Table:
-    """Return all rows of `batches`. Raises RunFolderError."""
+    """Return all rows of a run's table, checked against the manifest. Raises RunFolderError."""
     first, *rest = batches(path)
     return pa.Table.from_batches([first, *rest], first.schema).unify_dictionaries()
 
@@ -246,9 +246,9 @@ def read(path: Path) -> pa.Table:
 def robots_of(
     path: Path, columns: Sequence[str], trial: int
 ) -> tuple[dict[tuple[str, int], dict[str, np.ndarray]], set[int]]:
-    """Return columns of robots.parquet in order of time by group and number of the robot, and the trials in the table.
+    """Return a trial's columns (n,), sorted by time, by (robot group, number), and the set of all trials in the table.
 
-    The result also has z, 0 for ground robots. Raises RunFolderError.
+    The columns also have z, 0 for ground robots. Raises RunFolderError.
     """
     trials: set[int] = set()
     parts = []
@@ -271,7 +271,7 @@ def robots_of(
 
 
 def _in_groups(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.Table]:
-    """Yield rows as tables of ROW_GROUP rows, and a table of the rest."""
+    """Regroup batches of rows into tables of ROW_GROUP rows; the last table holds the rest."""
     waiting: list[pa.RecordBatch] = []
     held = 0
     for batch in batches:
@@ -286,7 +286,7 @@ def _in_groups(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.Table]:
 
 
 def _writer(path: Path, schema: pa.Schema) -> pq.ParquetWriter:
-    """Return a writer that splits float32 values into streams of bytes.
+    """Return a Parquet writer that stores float32 columns as byte streams, without dictionaries.
 
     Measured values hardly repeat: tables are a third smaller than with dictionaries, written in a third of the time.
     """

@@ -1,8 +1,8 @@
-"""Shared film of a study: wind and gas at every tick, to the bit, for runs that share one realisation of the flow.
+"""Shared film of a study: wind and gas at every time step, bit for bit, for runs that share one turbulent flow.
 
 A zarr group with the variables u, v, w [m/s], velocities on the faces, and gas_0, gas_1 ... [kg/m³], the gases of the
-scenario in order, at the end of each tick from t = 0 on: float32 in the order (time, z, y, x), over all cells and one
-layer of ghost cells, which interpolation needs. The group is renamed to `path` when all frames are written.
+scenario in order, at the end of each time step from t = 0 on: float32 in the order (time, z, y, x), over all cells and
+one layer of ghost cells, which interpolation needs. The group is renamed to `path` when all frames are written.
 
 See `film` for the film that users look at and play back.
 """
@@ -23,14 +23,14 @@ UNITS = {"u": "m s-1", "v": "m s-1", "w": "m s-1"}
 
 
 class AirFilmError(ValueError):
-    """A shared film that cannot be read; the message is one line."""
+    """Error: a shared film (wind and gas for several runs) cannot be read; the message is one line."""
 
 
 class AirFilm:
-    """A shared film. Frames that were read stay in memory, up to `room` bytes.
+    """Reader of a shared film (wind and gas for several runs); caches frames in memory up to `room` bytes.
 
-    shape: of the grid without ghost cells; names: of the variables; tick [s]; frames: their number; times: of the
-    frames [s]; held: bytes in memory. Raises AirFilmError.
+    shape: of the grid without ghost cells; names: of the variables; tick: time step [s]; frames: their number; times:
+    of the frames [s]; held: cached bytes. Raises AirFilmError.
     """
 
     def __init__(self, path: Path, room: int = 0):
@@ -54,14 +54,14 @@ class AirFilm:
         self._last: tuple[int, dict[str, np.ndarray]] = (-1, {})  # last block that did not fit into `room`
 
     def frame(self, n: int) -> dict[str, np.ndarray]:
-        """Return the variables at tick n, axes (x, y, z). Raises AirFilmError."""
+        """Return all variables at time step n, with ghost cells, axes (x, y, z). Raises AirFilmError."""
         if not 0 <= n < self.frames:
             raise AirFilmError(f"{self.path}: has no tick {n}; ends at tick {self.frames - 1}")
         block, at = divmod(n, CHUNK)
         return {name: values[at].T for name, values in self._block(block).items()}
 
     def _block(self, k: int) -> dict[str, np.ndarray]:
-        """Return the frames of chunk k, from memory if they are there."""
+        """Return the frames of chunk k by variable, from the cache or the disk."""
         if k in self._kept:
             return self._kept[k]
         if self._last[0] == k:
@@ -81,9 +81,9 @@ class AirFilm:
 
 
 class NewAirFilm:
-    """A shared film that is being written; `close()` renames it to `path`. Raises OSError if the disk is full.
+    """Writer of a shared film (wind and gas for several runs). Raises OSError if the disk is full.
 
-    frames: their final number; count: written so far.
+    frames: their final number; count: written so far. `close()` renames the complete film to `path`.
     """
 
     def __init__(self, path: Path, shape: tuple[int, ...], names: tuple[str, ...], tick: float, frames: int):
@@ -109,7 +109,7 @@ class NewAirFilm:
         disk.require_room(self.path.parent, sum(values.nbytes for values in self._block.values()))
 
     def append(self, frame: dict[str, np.ndarray]) -> None:
-        """Add the frame of the next tick: every variable over the grid and its ghost cells, axes (x, y, z)."""
+        """Add the frame of the next time step: each variable over grid and ghost cells, axes (x, y, z)."""
         at = self.count % CHUNK
         for name in self.names:
             self._block[name][at] = frame[name].T
@@ -121,7 +121,7 @@ class NewAirFilm:
                 array[first : self.count] = self._block[name][: at + 1]
 
     def close(self) -> int:
-        """Rename the complete film to `path`; returns its size in bytes."""
+        """Rename the completed film to `path`; return its size in bytes."""
         if self.count != self.frames:
             raise ValueError(f"{self.count} of {self.frames} frames")
         zarr_groups.consolidate(self.part)
@@ -131,5 +131,5 @@ class NewAirFilm:
         return size
 
     def discard(self) -> None:
-        """Remove the unfinished film."""
+        """Delete the unfinished film."""
         shutil.rmtree(self.part, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""Files of an imported wind and their position in the domain."""
+"""Imported wind (CFD results): its files, and where the simulated domain lies in their coordinates."""
 
 import os
 from pathlib import Path
@@ -15,11 +15,11 @@ from taichi_plume.scenario.imported_wind import ImportedWind
 
 
 class Site:
-    """Files with their times [s], and the position of the domain among their points. Raises WindFileError.
+    """Files of an imported wind with their times [s], and the domain's position in them. Raises WindFileError.
 
     first: points of the first file; low, high: corners of the box of the points [m], from the domain's lower corner;
-    origin: that corner in the files [m]; height: z in the files of the section of a 2-D run [m], levels: its limits;
-    cubes: obstacles of the occupancy grid, if given.
+    origin: that corner in the files' coordinates [m]; height: for a 2-D run, z of the section in the files [m];
+    levels: limits of z; cubes: obstacles of the occupancy grid, if given.
     """
 
     def __init__(self, wind: ImportedWind, dim: int, folder: Path):
@@ -45,7 +45,7 @@ class Site:
         self.cubes = occupancy.Cubes(grid, dim, self.origin, self.height) if grid else None
 
     def read(self, path: Path) -> Points:
-        """Return the points of a file; they must match the first file. Raises WindFileError."""
+        """Return points and velocities of a wind file, which must match the first file. Raises WindFileError."""
         points = _read(path)
         self._check(points)
         return points
@@ -67,7 +67,7 @@ class Site:
             )
 
     def places(self, grid: Grid, face: int | None = None) -> list[np.ndarray]:
-        """Return the coordinates in the files of the faces of an axis, or of cell centres, per axis of the points [m].
+        """Return the file coordinates [m], per axis, of the grid's faces normal to axis `face`, or of its cell centres.
 
         Along other axes there is a ghost cell beyond each end. Coordinates are limited to half a cell beyond the
         points: farther out the flow is constant.
@@ -83,7 +83,7 @@ class Site:
 
 
 def _files(path: Path) -> list[tuple[float, Path]]:
-    """Return time [s] and path of each time of an OpenFOAM case; 0 s for the path of a single time."""
+    """Return (time [s], path) of all times of an OpenFOAM case, or (0, path) for one time; else an empty list."""
     if os.path.isdir(path) and openfoam.is_case(path):
         return openfoam.times(path)
     return [(0.0, path)] if openfoam.is_time(path) else []

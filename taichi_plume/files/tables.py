@@ -1,4 +1,4 @@
-"""Text files and tables in them (CSV), read by pyarrow: lines, cells, numbers; errors name the line."""
+"""Parser of text files and tables in them (CSV), by pyarrow: lines, cells, numbers; errors name the line."""
 
 import csv
 import re
@@ -21,7 +21,7 @@ LONGEST_REASON = 300  # characters shown of what a library says
 
 
 class TextFile:
-    """The lines of a text file, without empty lines at the end.
+    """Lines of a text file, without empty lines at the end.
 
     Errors are raised as `fault`; the message is one line and begins with the path.
     """
@@ -41,17 +41,17 @@ class TextFile:
             raise fault(f"{path}: is empty")
 
     def rows(self, first: int) -> list[int]:
-        """Return the indices of the lines from `first` on that hold more than a comment."""
+        """Return the indices, from `first` on, of the lines that are neither empty nor only a comment."""
         return [n for n in range(first, len(self.lines)) if self.lines[n].strip()[:1] not in ("", "#")]
 
     def wrong(self, line: int, what: str) -> ValueError:
-        """Return the error of a line, counted from 1."""
+        """Return an error that names a line of the file, counted from 1."""
         return self.fault(f"{self.path}: line {line}: {what}")
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of a text file, the lines of these indices, each of `width` cells.
+    """Table in a text file: rows are the lines of these indices, with `width` cells each.
 
     delimiter: between cells, None: blanks. form: expected form of a row, for messages; by default messages show the
     cell. gaps: cells may be empty or say NA, null and the like.
@@ -68,11 +68,11 @@ class Table:
         return len(self.rows)
 
     def numbers(self, *columns: int) -> np.ndarray:
-        """Return columns as floats, (rows, columns), NaN in gaps."""
+        """Return these columns of the table as floats, (rows, columns), NaN in empty cells."""
         return np.stack(self._read(columns, "float64"), axis=-1)
 
     def texts(self, column: int) -> np.ndarray:
-        """Return a column as text, (rows,); None in gaps."""
+        """Return a column of the table as text, (rows,); None in empty cells."""
         return self._read([column], "string")[0]
 
     def _read(self, columns: Sequence[int], kind: str) -> list[np.ndarray]:
@@ -104,7 +104,7 @@ class Table:
         return [column.to_numpy() for column in table.columns]
 
     def _unread(self, reason: str) -> ValueError:
-        """Return the error for a message of pyarrow."""
+        """Return an error that names the line, made from a message of pyarrow's CSV reader."""
         match = re.search(
             r"Row #(\d+): (?:Expected (\d+) columns, got (\d+)|.*invalid value '(.*?)'?$)", reason
         )
@@ -118,22 +118,22 @@ class Table:
         return self.wrong(row, f"{shown(match[4])} is no number")
 
     def wrong(self, row: int, what: str) -> ValueError:
-        """Return the error of a row, counted from 0."""
+        """Return an error that names the line of a table row, counted from 0."""
         return self.file.wrong(self.rows[row] + 1, what)
 
     def shown(self, row: int) -> str:
-        """Return a row for a message."""
+        """Return a row of the table as quoted text for a message."""
         return shown(self.file.lines[self.rows[row]])
 
     def refuse(self, faulty: ArrayLike, what: Callable[[int], str]) -> None:
-        """Raise the error of the first faulty row, if any; faulty: (rows,); what: message of a row."""
+        """Raise an error on the first faulty row, if any; faulty: (rows,); what: function that gives the message."""
         if np.any(faulty):
             first = int(np.argmax(faulty))
             raise self.wrong(first, what(first))
 
 
 def cells_of(line: str, delimiter: str | None) -> list[str]:
-    """Return the cells of a line, without quotation marks and blanks around; delimiter: None for blanks."""
+    """Split a line into cells, without quotation marks and surrounding blanks; delimiter: None for blanks."""
     if delimiter is None:
         line, delimiter = " ".join(line.split()), " "
     reader = csv.reader([line[:LONGEST_HEADER]], delimiter=delimiter, skipinitialspace=True)
@@ -141,12 +141,12 @@ def cells_of(line: str, delimiter: str | None) -> list[str]:
 
 
 def delimiter_of(line: str) -> str | None:
-    """Return the delimiter of a line: comma, semicolon or tab; None for blanks."""
+    """Return the most frequent delimiter of a line: comma, semicolon or tab; None (blanks) without these."""
     return max((mark for mark in ",;\t" if mark in line), key=line.count, default=None)
 
 
 def is_number(text: str) -> bool:
-    """Return whether a text is a number, finite or not."""
+    """Return whether a text can be read as a float, including nan and inf."""
     try:
         float(text)
     except ValueError:
@@ -155,17 +155,17 @@ def is_number(text: str) -> bool:
 
 
 def plain(reason: str) -> str:
-    """Return the first line of a library's message, cut to LONGEST_REASON."""
+    """Return the first line of a library's error message, cut to LONGEST_REASON characters."""
     line = reason.strip().partition("\n")[0]
     return line if len(line) <= LONGEST_REASON else f"{line[: LONGEST_REASON - 3]}..."
 
 
 def listed(names: Sequence[str]) -> str:
-    """Join names for a message."""
+    """Join names by commas for a message, cut to a limited length."""
     text = ", ".join(name[:LONGEST_TEXT] for name in names)
     return textwrap.shorten(text, LONGEST_LIST, placeholder=" ...")
 
 
 def shown(text: str) -> str:
-    """Quote and cut a text for a message."""
+    """Quote a text for a message, cut to a limited length."""
     return repr(text if len(text) <= LONGEST_TEXT else text[: LONGEST_TEXT - 3] + "...")

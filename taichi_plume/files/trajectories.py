@@ -1,4 +1,4 @@
-"""Trajectories of recorded robots with the readings of their gas sensors, from a ROS bag or a run's robots.parquet."""
+"""Reader of recorded robot trajectories and gas readings, from a ROS bag or a run's robots.parquet."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,14 +16,14 @@ KEYS = {"--topic": "topics", "--pose": "poses"}  # options of the maps command, 
 
 
 class WayError(ValueError):
-    """A recording without a usable trajectory; the message is one line."""
+    """Error: a recording has no usable trajectory; the message is one line."""
 
 
 @dataclass(frozen=True)
 class Way:
-    """Trajectory of a robot, in order of time: t (n,) [s], place (n, 3) [m], heading (n,) [rad], unwrapped.
+    """Trajectory of a robot, sorted by time: t (n,) [s], place (n, 3) [m], heading (n,) [rad], unwrapped.
 
-    Known readings: read_at (m,) [s], ppm (m,).
+    Gas readings: read_at (m,) [s], ppm (m,).
     """
 
     name: str
@@ -34,14 +34,14 @@ class Way:
     ppm: np.ndarray
 
     def at(self, t: float) -> tuple[float, ...]:
-        """Return x, y, z [m] and heading [rad] at a time [s], limited to the recorded times."""
+        """Return x, y, z [m] and heading [rad] interpolated to time t [s], constant outside the recorded times."""
         return tuple(float(np.interp(t, self.t, column)) for column in (*self.place.T, self.heading))
 
 
 def read(
     path: Path, frame: str = "map", topics: tuple[str, ...] = (), poses: tuple[str, ...] = ()
 ) -> list[Way]:
-    """Return the trajectories of a file. Of a bag, frame: of positions; topics: of gas; poses: topics of poses.
+    """Return the trajectories in a file. For a bag: frame of the positions, gas topics, pose topics (`poses`).
 
     Readings that cannot be converted to ppm are left out. Raises WayError.
     """
@@ -77,7 +77,7 @@ def _of_bag(path: Path, options: BagOptions) -> list[Way]:
 
 
 def _of_run(path: Path) -> list[Way]:
-    """Return the trajectories of the first trial of a run."""
+    """Return the robots' trajectories in the first trial of a run, from its robots.parquet."""
     from taichi_plume.files import run_tables
 
     ways = []

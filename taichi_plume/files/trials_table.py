@@ -1,4 +1,4 @@
-"""Columns of a table of trials: names, types, units and meanings."""
+"""Columns of a table of trials (repetitions of a search): names, types, units and meanings."""
 
 import pyarrow as pa
 

@@ -1,4 +1,4 @@
-"""VTKHDF files of ImageData over time, for ParaView and pyvista, written by h5py in VTK's documented layout.
+"""Writer of VTKHDF files (ImageData over time) for ParaView and pyvista, by h5py in VTK's documented layout.
 
 Values belong to cells: each array over (time, z, y, x), vectors with three components last. Constant arrays are stored
 once, and the offsets of all steps refer to them. A flat grid becomes one layer of the thickness `depth`. The mass of a
@@ -24,7 +24,7 @@ WIND = ("u", "v", "w")
 
 
 def write(path: Path, data: "xarray.Dataset", read: Reading) -> Iterator[int]:
-    """Write a file frame by frame; yields the number of bytes before each frame.
+    """Write a film's fields to a VTKHDF file frame by frame; yields the number of bytes before each frame.
 
     data: variables of a film at the cell centres, with the attribute `depth`; read: returns their values (z, y, x) or
     (y, x). Raises OSError.
@@ -65,7 +65,7 @@ def write(path: Path, data: "xarray.Dataset", read: Reading) -> Iterator[int]:
 
 
 def _grid(root: "h5py.Group", data: "xarray.Dataset", shape: list[int]) -> None:
-    """Write the attributes of the grid; shape: cells along z, y, x."""
+    """Write the grid's attributes (extent, origin, spacing) to a VTKHDF file; shape: cells along z, y, x."""
     import h5py
 
     dx = float(data.attrs["spacing"])

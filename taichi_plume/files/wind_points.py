@@ -1,4 +1,4 @@
-"""Imported air flow (CFD) as a table of points, one a line, in any order, each with its velocity.
+"""Reader of imported air flow (CFD) as a table of points, one per line, in any order, each with its velocity.
 
 Accepted forms, recognised by the content:
 
@@ -35,12 +35,12 @@ TIMED = "%g"
 
 
 class WindFileError(ValueError):
-    """A file that cannot be used; the message begins with the path."""
+    """Error: a file of an imported wind cannot be used; the message begins with the path."""
 
 
 @dataclass(frozen=True)
 class Points:
-    """Points of a file: place [m] and velocity [m/s], (n, 2 or 3), and eddy viscosity [m²/s], (n,) or None."""
+    """Wind at points: place [m] and velocity [m/s], (n, 2 or 3), and eddy viscosity [m²/s], (n,) or None."""
 
     path: Path
     place: np.ndarray
@@ -49,12 +49,12 @@ class Points:
 
     @property
     def kind(self) -> tuple[int, bool]:
-        """Number of dimensions, and whether there is an eddy viscosity."""
+        """Number of dimensions, and whether the points have an eddy viscosity."""
         return self.place.shape[1], self.eddy_viscosity is not None
 
 
 def find(folder: Path, pattern: str, interval: float) -> list[tuple[float, Path]]:
-    """Return the files of a pattern with their times [s], in order. Raises WindFileError."""
+    """Return (time [s], path) of files that match a pattern with %d (times `interval`) or %g. Raises WindFileError."""
     marks = [*NUMBERED.findall(pattern), *re.findall(TIMED, pattern)]
     path = folder / pattern
     if not marks:
@@ -92,7 +92,7 @@ def find(folder: Path, pattern: str, interval: float) -> list[tuple[float, Path]
 
 
 def read(path: Path) -> Points:
-    """Return the points of a file. Raises WindFileError."""
+    """Return positions, velocities and any eddy viscosity from a table of points. Raises WindFileError."""
     file = TextFile(path, WindFileError)
     lines = file.lines
     names, first, delimiter = _header(lines, (file.rows(0) or [len(lines)])[0])
@@ -127,7 +127,7 @@ def read(path: Path) -> Points:
 
 
 def _header(lines: list[str], first: int) -> tuple[list[str] | None, int, str | None]:
-    """Return the names of the columns, if any; the index of the first row; the delimiter, None for blanks.
+    """Return column names (None without a header), index of the first row, and delimiter (None for blanks).
 
     first: index of the first line that is no comment.
     """
@@ -144,12 +144,12 @@ def _header(lines: list[str], first: int) -> tuple[list[str] | None, int, str | 
 
 
 def _plain(name: str) -> str:
-    """Return the name of a column without quotes and unit."""
+    """Return a column's name in lower case, without quotation marks and unit."""
     return re.sub(r"\s*[\[(][^\])]*[a-z][^\])]*[\])]$", "", name.strip("' ").lower()[:LONGEST_TEXT])
 
 
 def _column(names: list[str], forms: tuple[str, ...], n: int) -> int | None:
-    """Return the index of the column with the first of these names, of axis n."""
+    """Return the index of the first column whose name has one of these forms for axis n; None if there is none."""
     for form in forms:
         name = form.format(n=n, a="xyz"[n], u="uvw"[n])
         if name in names:

@@ -49,11 +49,11 @@ Array = Any
 
 
 class GroupError(ValueError):
-    """A Zarr group that must not be read; the message is one line and begins with the path."""
+    """Error: a foreign Zarr group is unsafe to read; the message is one line and begins with the path."""
 
 
 class Group:
-    """A foreign Zarr group or single array. All stored groups are opened by this class.
+    """Reader of a foreign Zarr group or single array, with safety checks. All stored groups are opened by this class.
 
     A codec may execute what it reads, as pickle of Zarr 2 does. Hence every array is checked before a chunk is decoded:
     codecs, data type (numbers), size and number of the chunks. No chunk decodes to more than the declared size.
@@ -70,9 +70,9 @@ class Group:
         codecs: frozenset[str] = OWN_CODECS,
         consolidated: bool = False,
     ):
-        """formats: accepted versions of Zarr. consolidated: take the arrays' metadata from the group's zarr.json.
+        """Open a group. formats: accepted Zarr versions. consolidated: read array metadata from the group's zarr.json.
 
-        Raises GroupError if `path` is no folder or holds links, and one of FAULTS.
+        Raises GroupError if `path` is no folder or holds links, and errors of zarr (FAULTS).
         """
         fault = unopenable(path, folder=True) or irregular(path)
         if fault:
@@ -95,7 +95,7 @@ class Group:
             self.names = _arrays_in(path / group)
 
     def __getitem__(self, name: str) -> Array:
-        """Return an array after the checks. Raises GroupError, KeyError, and one of FAULTS."""
+        """Return an array of the group after safety checks. Raises GroupError, KeyError, errors of zarr (FAULTS)."""
         if name not in self.names:
             raise KeyError(name)
         with zarr.config.set(BOUNDED):
@@ -120,7 +120,7 @@ class Group:
 
 
 def open_dataset(path: Path, **options: Any) -> "xarray.Dataset":
-    """Open a group that `Group` has checked by xarray, with the same bounds on chunks."""
+    """Open a Zarr group, checked before by `Group`, as an xarray dataset; chunks have at most their stated size."""
     import xarray
 
     with zarr.config.set(BOUNDED):
@@ -129,7 +129,7 @@ def open_dataset(path: Path, **options: Any) -> "xarray.Dataset":
 
 @contextmanager
 def errors_as(fault: type[ValueError], place: object, what: str = "is damaged") -> Iterator[None]:
-    """Raise errors of zarr in the block as a `fault` of one line. place: path, and frame, that the line begins with."""
+    """Context that raises errors of zarr as `fault` with one line. place: path, and frame, that begin the line."""
     try:
         yield
     except fault:
@@ -141,7 +141,7 @@ def errors_as(fault: type[ValueError], place: object, what: str = "is damaged") 
 
 
 def _codecs(array: zarr.Array) -> list[str]:
-    """Return the names of all codecs that decode an array's chunks."""
+    """Return the names of all codecs that decode the chunks of a Zarr array."""
     about: dict[str, Any] = array.metadata.to_dict()
     if array.metadata.zarr_format == 2:
         used = [about.get("compressor"), *(about.get("filters") or ())]
@@ -154,7 +154,7 @@ def _codecs(array: zarr.Array) -> list[str]:
 
 
 def _names(codecs: Iterable[dict[str, Any]]) -> Iterator[str]:
-    """Yield the names of Zarr 3 codecs, including codecs within shards."""
+    """Yield the names in Zarr 3 codec metadata, including codecs within shards."""
     for codec in codecs:
         yield str(codec["name"])
         inner = codec.get("configuration") or {}
@@ -162,7 +162,7 @@ def _names(codecs: Iterable[dict[str, Any]]) -> Iterator[str]:
 
 
 def create(path: Path, attributes: Mapping[str, object]) -> zarr.Group:
-    """Create a group."""
+    """Create a Zarr group with these attributes and the CF conventions."""
     return zarr.create_group(path, zarr_format=3, attributes={"Conventions": CONVENTIONS, **attributes})
 
 
@@ -174,7 +174,7 @@ def add(
     attributes: Mapping[str, object],
     chunks: tuple[int, ...] | None = None,
 ) -> Array:
-    """Create an array with these values, in one chunk unless given. Missing values are NaN or, of integers, 0."""
+    """Store values as a new Zarr array, by default in one chunk. Its fill value is NaN or, for integers, 0."""
     array = reserve(group, name, dimensions, values.shape, attributes, chunks, values.dtype)
     if values.size:
         array[...] = values
@@ -190,7 +190,7 @@ def reserve(
     chunks: tuple[int, ...] | None = None,
     kind: DTypeLike = np.float32,
 ) -> Array:
-    """Create an empty array of a shape and data type; otherwise as `add`."""
+    """Create an empty Zarr array, by default in one chunk. kind: data type. Missing values: NaN or, of integers, 0."""
     kind = np.dtype(kind)
     return group.create_array(
         name,
@@ -206,14 +206,14 @@ def reserve(
 
 
 def consolidate(path: Path, group: str | None = None) -> None:
-    """Consolidate the metadata of a group: repeat those of all arrays in the group's zarr.json."""
+    """Consolidate a group's metadata: copy the metadata of all arrays into the group's zarr.json."""
     with warnings.catch_warnings():  # zarr's specification does not mention this yet; xarray warns without
         warnings.simplefilter("ignore", ZarrUserWarning)
         zarr.consolidate_metadata(path, path=group)
 
 
 def _arrays_in(path: Path) -> list[str]:
-    """Return the names of the arrays in a group's folder. zarr's own list prints a traceback if several are damaged."""
+    """Return the array names in a Zarr group's folder. zarr's own listing prints a traceback for damaged arrays."""
     names = {file.parent.name for file in path.glob("*/.zarray")}
     for file in path.glob("*/zarr.json"):
         try:
@@ -225,7 +225,7 @@ def _arrays_in(path: Path) -> list[str]:
 
 
 def stored_chunks(array: Array) -> int:
-    """Count the chunk files of an array that this package wrote.
+    """Count the chunk files on disk of a Zarr array that this package wrote.
 
     zarr would go through all chunks that the metadata claim, and a hostile file claims any number.
     """
@@ -234,14 +234,14 @@ def stored_chunks(array: Array) -> int:
 
 
 def require_chunks(array: Array, name: str) -> None:
-    """Raise ValueError if chunks of an array are missing: zarr would take them for empty chunks."""
+    """Raise ValueError if chunk files of an array are missing, which zarr would read as empty chunks."""
     stored = stored_chunks(array)
     if stored < array.nchunks:
         raise ValueError(f"{name} has {stored} of {array.nchunks} chunks")
 
 
 def require_memory(arrays: Mapping[str, Array]) -> None:
-    """Raise ValueError if the arrays together exceed the free memory, or if chunks are missing."""
+    """Raise ValueError if the arrays together exceed the free memory, or if chunk files are missing."""
     for name, array in arrays.items():
         require_chunks(array, name)
     needed = sum(math.prod(array.shape) * array.dtype.itemsize for array in arrays.values())
@@ -251,5 +251,5 @@ def require_memory(arrays: Mapping[str, Array]) -> None:
 
 
 def reason(error: Exception) -> str:
-    """Return an error of zarr in one line, without the bytes that zarr lists after a checksum's mismatch."""
+    """Return the message of a zarr error in one line, without the bytes listed after a checksum mismatch."""
     return plain(" ".join(str(error).partition(". Stored")[0].split())) or type(error).__name__

@@ -1,19 +1,19 @@
-"""Objects that refuse to set unknown attributes, so that a misspelt name is an error."""
+"""Objects that refuse to set unknown attributes, so that a misspelt attribute name raises an error."""
 
 import difflib
 
 
 class KnownAttributes:
-    """An object that user code may write to. After `_seal` only private and named attributes can be set."""
+    """Base class that can limit which attributes user code may set; setting another raises AttributeError."""
 
     _writable: tuple[str, ...] | None = None
 
     def _seal(self, *names: str) -> None:
-        """Allow from now on to set only private attributes and these."""
+        """From now on allow to set only private attributes and the attributes in `names`."""
         self._writable = names
 
     def _open(self) -> None:
-        """Allow setting any attribute."""
+        """Allow to set any attribute again."""
         self._writable = None
 
     def __setattr__(self, name: str, value: object) -> None:

@@ -34,8 +34,8 @@ IGNORED = {"SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2"}  # the parent ha
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a call. seconds: computing time of the call; memory: bytes, beyond those that the process had when the
-    first call with limits began; opens: whether files may be opened; written: size of a file that may be written.
+    """Limits of a call in a child process. seconds: computing time; memory: bytes beyond those in use when the first
+    limited call began; opens: whether files may be opened; written: largest size of a written file.
     """
 
     seconds: float
@@ -45,11 +45,11 @@ class Limits:
 
 
 class ConfinedError(Exception):
-    """A call that was ended at a limit, or that ended the process, with the reason."""
+    """A call in a child process exceeded a limit or made the process end; the message gives the reason."""
 
 
 class ConfinedProcess:
-    """A Python process that executes function calls for this process, one at a time.
+    """A Python child process (sandbox) that executes function calls for its parent, one at a time.
 
     environment: additional environment variables. modules: imported at once, without limits.
     """
@@ -69,9 +69,9 @@ class ConfinedProcess:
         self.call(_import, modules)
 
     def call(self, function: Callable[..., Any], *args: Any, limits: Limits | None = None) -> Any:
-        """Call a function of a module; return its result, or raise its exception.
+        """Call a module's function in the child process; return its result, or raise its exception.
 
-        Raises ConfinedError at a limit; the process has ended then.
+        Raises ConfinedError at a limit; the child process has ended then.
         """
         if not self.close.alive:
             raise ConfinedError("its process has ended")
@@ -94,7 +94,7 @@ class ConfinedProcess:
         raise answer
 
     def _reason(self, limits: Limits | None) -> str:
-        """Return why the process has ended."""
+        """Return the reason why the child process has ended, as the end of an error message."""
         ended = -(self._process.returncode or 0)
         name = signal.Signals(ended).name if ended in set(signal.Signals) else f"exit code {-ended}"
         if limits is not None and (self._clock.is_over or name == "SIGXCPU"):
@@ -105,14 +105,14 @@ class ConfinedProcess:
 
 
 class _Clock:
-    """Watchdog that ends a process whose call takes too long by the wall clock."""
+    """Watchdog thread that kills a child process whose function call takes too much wall-clock time."""
 
     def __init__(self, process: "subprocess.Popen[bytes]"):
         self.process, self.left, self.is_over = process, math.inf, False
         threading.Thread(target=self._watch, daemon=True).start()
 
     def running(self, limits: Limits | None) -> "_Clock":
-        """Context of a call with limited time."""
+        """Return a context manager in which the child process is killed after a multiple of the time limit."""
         self.left = math.inf if limits is None else WALL_CLOCK * limits.seconds
         return self
 
@@ -133,7 +133,7 @@ class _Clock:
 
 
 def _end(process: "subprocess.Popen[bytes]", owner: int) -> None:
-    """End the process, unless this one is a fork of its owner."""
+    """End a child process and wait for it; do nothing in a fork, whose process id is not `owner`."""
     if os.getpid() != owner:
         return
     for stream in (process.stdin, process.stdout):
@@ -150,7 +150,7 @@ def _end(process: "subprocess.Popen[bytes]", owner: int) -> None:
 
 
 def serve() -> None:
-    """Answer the calls of the parent, until it closes the pipe or ends."""
+    """Child side: execute the function calls of the parent, until the parent closes the pipe or ends."""
     calls, answers = (os.fdopen(os.dup(n), mode) for n, mode in ((0, "rb"), (1, "wb")))
     for number, flag in ((0, os.O_RDONLY), (1, os.O_WRONLY)):  # a library may print
         os.dup2(os.open(os.devnull, flag), number)
@@ -198,7 +198,7 @@ def _answer(calls: IO[bytes], answers: IO[bytes]) -> NoReturn:
 
 
 def _confine(limits: Limits) -> None:
-    """Limit memory and files for the rest of the process."""
+    """Limit memory, file size and opening of files for the rest of this process, by setrlimit."""
     with suppress(OSError), open("/proc/self/statm", encoding="ascii") as file:
         _limit("RLIMIT_AS", int(file.read().split()[0]) * os.sysconf("SC_PAGE_SIZE") + limits.memory)
     _limit("RLIMIT_FSIZE", limits.written)
@@ -215,7 +215,7 @@ def _limit(name: str, most: int) -> None:
 
 
 def _end_with(parent: int) -> NoReturn:
-    """End this process when its parent has ended, also where a fork of the parent keeps the pipe open."""
+    """End this process once its parent has ended, even if a fork of the parent keeps the pipe open."""
     while os.getppid() == parent:
         time.sleep(1.0)
     os._exit(1)

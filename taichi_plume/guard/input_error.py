@@ -4,7 +4,7 @@ from taichi_plume.guard.terminal import visible
 
 
 class InputError(ValueError):
-    """Files, values or options of the user that cannot be used.
+    """Base class of errors in the user's files, values or options.
 
     `lines`: one line for each fault, escaped and cut as by `visible`. A command prints them and exits with 2.
     """

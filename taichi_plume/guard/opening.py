@@ -1,4 +1,4 @@
-"""Gate for files named in foreign input: path traversal, symbolic links, pipes and devices are refused.
+"""Checked opening of files named in foreign input: path traversal, symbolic links, pipes and devices are refused.
 
 Readers open such files by `open_regular`, `read_regular` and `content_of`, or ask `unopenable` and `irregular` before a
 library opens them. All of these accept regular files only: a pipe would wait, a device might never end. In the block of
@@ -25,7 +25,7 @@ _gate: ContextVar[tuple[Path | None, list[Path]] | None] = ContextVar("gate", de
 
 @contextmanager
 def gate(folder: Path | None) -> Iterator[list[Path]]:
-    """Admit only files in a folder while the block runs; None: anywhere. Yields the list of the admitted paths."""
+    """Context in which files can be opened only inside a folder (None: anywhere); yields the list of opened paths."""
     files: list[Path] = []
     token = _gate.set((folder, files))
     try:
@@ -35,7 +35,7 @@ def gate(folder: Path | None) -> Iterator[list[Path]]:
 
 
 def admit(path: Path) -> None:
-    """List a path as an input of the scenario. Raises PermissionError if the path lies outside the gate's folder."""
+    """Record a path as an input file of the run. Raises PermissionError outside the folder that `gate` permits."""
     require_inside(path)
     current = _gate.get()
     if current is not None and path not in current[1]:
@@ -43,7 +43,7 @@ def admit(path: Path) -> None:
 
 
 def inside(path: str | Path, folder: Path) -> bool:
-    """Return whether a path lies in a folder once links are followed; also for a name that no file can have."""
+    """Return whether a path, with links followed, lies in a folder; True for an impossible file name."""
     try:
         return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
     except ValueError:  # a zero byte or a lone surrogate, which `open` refuses
@@ -51,14 +51,14 @@ def inside(path: str | Path, folder: Path) -> bool:
 
 
 def require_inside(path: Path) -> None:
-    """Raise PermissionError if a path lies outside the folder of the gate."""
+    """Raise PermissionError if a path lies outside the only folder that the surrounding `gate` permits."""
     current = _gate.get()
     if current is not None and current[0] is not None and not inside(path, current[0]):
         raise PermissionError(errno.EPERM, OUTSIDE, str(path))
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Open a regular file for reading in binary, without waiting.
+    """Open a regular file for reading in binary mode, without blocking.
 
     Raises OSError with a `strerror` for a message, also for a folder, pipe, device or socket, and for impossible names.
     """
@@ -80,7 +80,7 @@ def open_regular(path: Path) -> BinaryIO:
 
 
 def read_regular(path: Path, most: int) -> bytes:
-    """Return the content of a regular file. Raises OSError as `open_regular`, and for more than `most` bytes."""
+    """Return the bytes of a regular file. Raises OSError if it is not regular or has more than `most` bytes."""
     with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
         if size > most:
@@ -90,7 +90,7 @@ def read_regular(path: Path, most: int) -> bytes:
 
 
 def content_of(path: Path, most: int, fault: Callable[[str], Exception], name: str | None = None) -> bytes:
-    """Return `read_regular`. Raises `fault` of a message for an OSError.
+    """Return the bytes of a regular file of at most `most` bytes. Raises `fault(message)` if it cannot be read.
 
     name: beginning of the message, by default the path; "" for none. With a name, the folder of a missing file follows.
     """
@@ -105,7 +105,7 @@ def content_of(path: Path, most: int, fault: Callable[[str], Exception], name: s
 
 
 def unopenable(path: Path, folder: bool = False) -> str | None:
-    """Return why a path cannot be opened, such as "does not exist"; None if it can. folder: whether a folder is needed.
+    """Return why a path is no readable file (or folder, if `folder`), such as "does not exist"; None if it is.
 
     For readers that open the path themselves.
     """
@@ -128,7 +128,7 @@ def unopenable(path: Path, folder: bool = False) -> str | None:
 
 
 def irregular(folder: Path) -> str | None:
-    """Return the error of a folder that holds anything but files and folders, such as links; else None."""
+    """Return an error if a folder tree holds links, devices or anything but files and folders; else None."""
     try:
         admit(folder)
     except PermissionError as error:

@@ -1,4 +1,4 @@
-"""Printing of the commands: control characters in files, names and messages are escaped."""
+"""Printing to the terminal; control characters in files, names and messages are escaped."""
 
 import argparse
 import re
@@ -15,7 +15,7 @@ _KEPT_AT_END = 300  # characters, of messages that begin with a long path
 
 
 def visible(text: object, longest: int | None = LONGEST_LINE) -> str:
-    """Return a text in one line, with escapes for controls, line ends, marks of direction and surrogates.
+    """Return a text in one line; control characters, line ends, direction marks and surrogates are escaped.
 
     longest: limit of characters, beyond which the middle is left out; None: no limit.
     """
@@ -41,9 +41,9 @@ def say(
     end: str = "\n",
     flush: bool = False,
 ) -> None:
-    """Print lines, escaped and cut to `longest` as by `visible`, to stdout or, of an `error`, to stderr.
+    """Print lines, escaped and cut to `longest` characters as by `visible`, to stdout or, if `error`, to stderr.
 
-    A line feed within a line is escaped as well. end: of each line.
+    A line feed within a line is escaped as well. end: text printed after each line.
     """
     _write("".join(visible(line, longest) + end for line in lines), error, flush)
 
@@ -61,7 +61,7 @@ def _write(text: str, error: bool = False, flush: bool = False) -> None:
 
 
 def show(*parts: "RenderableType", soft_wrap: bool = False) -> None:
-    """Print rich renderables, such as tables, to stdout; with a closed pipe, rich itself would end the program."""
+    """Print rich renderables, such as tables, to stdout. A closed pipe raises an error instead of ending Python."""
     console = terminal()
     with console.capture() as text:
         for part in parts:
@@ -70,12 +70,12 @@ def show(*parts: "RenderableType", soft_wrap: bool = False) -> None:
 
 
 def terminal(error: bool = False, **options: Any) -> "Console":
-    """Return a rich console on stdout or, for `error`, on stderr, that escapes as `say` does, without markup."""
+    """Return a rich console without markup on stdout or stderr (`error`) that escapes control characters."""
     from rich.console import Console, ConsoleOptions, RenderableType
     from rich.segment import Segment
 
     class Visible(Console):
-        """A console that sends no control codes besides its own for colours and the cursor."""
+        """Console that prints no control codes except rich's own for colours and the cursor."""
 
         def render(self, renderable: RenderableType, options: ConsoleOptions | None = None):
             for segment in super().render(renderable, options):
@@ -92,8 +92,8 @@ def terminal(error: bool = False, **options: Any) -> "Console":
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose error messages are escaped."""
+    """Command-line argument parser whose error messages are escaped."""
 
     def error(self, message: str) -> NoReturn:
-        """Print an error of the command line and exit with 2."""
+        """Print an escaped error on the command line's arguments and exit with 2."""
         super().error(visible(message))

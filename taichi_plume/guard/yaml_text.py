@@ -43,21 +43,21 @@ _PLAIN = {f"{_TAG}{kind}" for kind in ("null", "bool", "seq", "map")} | _NUMBERS
 
 
 class LineError(Exception):
-    """A fault of a YAML text, in one line."""
+    """Error in a YAML text; the message is one line."""
 
 
 def weight(value: object) -> int:
-    """Number of values that a scalar counts as, for its length."""
+    """Return the size of a scalar in units of values, by which documents are limited: a long text counts as several."""
     return 1 + len(value) // PER_VALUE if isinstance(value, str) else 1
 
 
 def read_text(path: Path) -> str:
-    """Read the text of a scenario's file. Raises LineError."""
+    """Return the text of a scenario file, limited in size. Raises LineError."""
     return decode(content_of(path, LARGEST_FILE, LineError, ""))
 
 
 def decode(content: bytes) -> str:
-    """Return the text of these bytes. Raises LineError."""
+    """Decode bytes of UTF-8. Raises LineError with the line number if they are not UTF-8."""
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -72,10 +72,10 @@ def parse(
     aliases: bool = True,
     longest_text: int = LONGEST_TEXT,
 ) -> Any:
-    """Return the one YAML document in `text` as dicts, lists and scalars; None if the text is empty.
+    """Return the YAML document in `text` as dicts, lists and scalars; None if the text is empty.
 
-    kind: of file, for messages. dates: whether dates are read, as texts; aliases: whether anchors and aliases are
-    allowed; longest_text: limit of one text [characters]. Raises LineError.
+    kind: kind of file, for messages. dates: read dates, as texts, instead of refusing them; aliases: whether anchors
+    and aliases are allowed; longest_text: limit of one text [characters]. Raises LineError.
     """
     loader = None
     try:
@@ -105,7 +105,7 @@ def parse(
 
 
 class _Loader(yaml.SafeLoader):
-    """Loader that stops while composing a document that is too large or too deep."""
+    """YAML loader that stops as soon as a document is too large or too deeply nested."""
 
     def __init__(self, text: str, kind: str, aliases: bool):
         super().__init__(text)
@@ -113,7 +113,7 @@ class _Loader(yaml.SafeLoader):
         self.values, self.depth = 0, 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Compose a node and all nodes below."""
+        """Parse a YAML node and all nodes below, with a check of size and depth."""
         self.values += 1
         self.depth += 1
         event = self.peek_event()
@@ -128,7 +128,7 @@ class _Loader(yaml.SafeLoader):
         return node
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
-        """Return the value of a node. Raises LineError if the text does not fit the tag, such as `!!bool 3`."""
+        """Return the Python value of a YAML node. Raises LineError if text and tag disagree, such as `!!bool 3`."""
         try:
             return super().construct_object(node, deep)
         except (ValueError, LookupError, TypeError, AttributeError, OverflowError):
@@ -144,7 +144,7 @@ def _fault(node: yaml.Node | yaml.Event, what: str) -> LineError:
 
 
 def _check_tree(root: yaml.Node, dates: bool, longest_text: int) -> None:
-    """Refuse unknown tags, duplicate keys, and aliases that expand beyond the limits or contain themselves."""
+    """Raise LineError for unknown tags, duplicate keys, recursive aliases, or aliases that expand too far."""
     sizes: dict[int, int] = {}
     depths: dict[int, int] = {}
     open_nodes: set[int] = set()

@@ -1,4 +1,4 @@
-"""Results of a run: tables, fields, maps; exports to other programs and ROS 2 bags."""
+"""Results of a run: tables, fields, gas maps; export to other programs and to ROS 2 bags."""
 
 MAY_IMPORT: tuple[str, ...] = (
     "agents",

@@ -1,4 +1,4 @@
-"""Fields of a run for its bag (`bag_of_run`): the floor plan, the gas as point clouds, the gas maps."""
+"""Topics of a run's ROS 2 bag (`bag_of_run`) for fields: floor plan, gas as point clouds, gas maps."""
 
 from collections.abc import Iterator
 from math import ceil
@@ -19,12 +19,12 @@ Stamped = tuple[float, str, ros.Message]
 
 
 def species(name: str) -> str:
-    """Return the species of a variable such as ethanol_ppm, as a part of a topic."""
+    """Return the name of the gas of a variable such as ethanol_ppm, as a valid part of a ROS topic."""
     return ros.word(name.removesuffix("_ppm"))
 
 
 def floor(run: Run, allow_outside: bool) -> ros.Message:
-    """Return the grid of cells closed to robots: static obstacles, cells beyond the arena, and a frame around.
+    """Return a run's ROS occupancy grid. Occupied are static obstacles, cells beyond the arena, and a border.
 
     Prints a note on each obstacle that cannot be read.
     """
@@ -48,7 +48,7 @@ def floor(run: Run, allow_outside: bool) -> ros.Message:
 
 
 def clouds(run: Run, name: str, most: int, least: float) -> Iterator[Stamped]:
-    """Yield a gas frame by frame as a cloud of at most `most` points: cells, or means over blocks of cells."""
+    """Yield a gas [ppm] per film frame as (time, topic, point cloud): at most `most` points of at least `least`."""
     from taichi_plume.results.export import frames
 
     data = run.fields
@@ -72,7 +72,7 @@ def clouds(run: Run, name: str, most: int, least: float) -> Iterator[Stamped]:
 
 
 def maps_of(run: Run, trial: int) -> Iterator[tuple[str, "xarray.Dataset", int]]:
-    """Yield topic, map and row of the map for each map of a trial. Rival groups have maps of their own."""
+    """Yield (topic, gas map, row) for each final gas map of a trial; row: index of the trial's estimate in the map."""
     for n, gas_map in enumerate(run.maps if run.has("maps.zarr") else ()):
         parts = gas_map.attrs["groups"]
         for k, part in enumerate(parts):
@@ -82,7 +82,7 @@ def maps_of(run: Run, trial: int) -> Iterator[tuple[str, "xarray.Dataset", int]]
 
 
 def maps_at_end(run: Run, trial: int) -> Iterator[Stamped]:
-    """Yield the gas maps at the end of the run."""
+    """Yield each final gas map of a trial as ROS messages: an occupancy grid in percent of the peak, a point cloud."""
     for name, gas_map, row in maps_of(run, trial):
         estimate = gas_map["estimate"].values[row].astype(float)
         known = np.isfinite(estimate)

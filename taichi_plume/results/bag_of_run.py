@@ -51,7 +51,7 @@ LATEST = 2**31 - 1  # s, the largest time of ROS
 
 @dataclass(frozen=True)
 class Choice:
-    """Options of a bag.
+    """Options of the export to a ROS bag. trial: number of the exported trial.
 
     begin: time of ROS at t = 0 [s]; points: largest size of a cloud, for which cells are averaged; least: ppm below
     which a point is left out; allow_outside: read obstacles' files outside the run's folder.
@@ -65,7 +65,7 @@ class Choice:
 
 
 def write(run: Run, out: Path, choice: Choice, force: bool = False) -> list[Path]:
-    """Write a bag and return its files.
+    """Write one trial of a run as a ROS 2 bag into folder `out`; return the files. force: replace an existing bag.
 
     Raises RunFolderError if the run has nothing for a bag or the bag may not be written, and OSError.
     """
@@ -97,7 +97,7 @@ def write(run: Run, out: Path, choice: Choice, force: bool = False) -> list[Path
 
 
 def _stamped(message: ros.Message, now: float) -> ros.Message:
-    """Put the time [s] into all headers of a message; None: make a message of /clock."""
+    """Set the time [s] in all headers of a ROS message and return it; None returns a /clock message."""
     if message is None:
         return ros.message(CLOCK, clock=ros.time(now))
     stamp = ros.message("builtin_interfaces/msg/Time", **ros.time(now))
@@ -131,7 +131,7 @@ def _topics(bag: BagWriter, run: Run, robots: "list[Robot]", gases: list[str], c
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot: prefix of topics and frames, number in the group, and columns of its rows of robots.parquet."""
+    """A recorded robot: prefix of its topics and frames, its number in the group, and its table columns by name."""
 
     name: str
     number: int
@@ -140,12 +140,12 @@ class Robot:
 
 
 def _column(sensor: int, unit: str) -> str:
-    """Return the name of the column of a gas sensor, counted from 0, in ppm or ohm."""
+    """Return the column name in robots.parquet of gas sensor number `sensor` (from 0) in ppm or ohm."""
     return f"{numbered({'ppm': 'reading', 'ohm': 'resistance'}[unit], sensor)}_{unit}"
 
 
 def _robots(run: Run, trial: int) -> list[Robot]:
-    """Return the robots of a trial. Raises RunFolderError if the table has no such trial."""
+    """Return the recorded robots of a trial. Raises RunFolderError if robots.parquet has no such trial."""
     if not run.scenario.robots:
         return []
     from taichi_plume.files import run_tables
@@ -170,7 +170,7 @@ def _robots(run: Run, trial: int) -> list[Robot]:
 
 
 def _still(run: Run, robots: list[Robot], allow_outside: bool) -> Iterator[Stamped]:
-    """Yield the map, and the frames of the sensors on the robots."""
+    """Yield the ROS messages that do not change: the floor plan, and the frames of the sensors on their robots."""
     yield 0.0, "/map", floor(run, allow_outside)
     flat = run.scenario.domain.dim == 2
     places = [frame for robot in robots for frame in carried(robot.name, robot.group.sensors, flat)]
@@ -179,14 +179,14 @@ def _still(run: Run, robots: list[Robot], allow_outside: bool) -> Iterator[Stamp
 
 
 def _believed(table: dict[str, np.ndarray], n: int) -> tuple[dict[str, float], float]:
-    """Return position and heading that the robot believes in row n."""
+    """Return position x, y, z [m] and heading [rad] in which a robot believed to be in table row n."""
     names = {"x": "believed_x", "y": "believed_y", "z": "z"}
     place = {axis: float(table[name][n]) for axis, name in names.items()}
     return place, float(table["believed_heading"][n])
 
 
 def _moving(robots: list[Robot]) -> Iterator[Stamped]:
-    """Yield the believed poses of all robots, one message for each time."""
+    """Yield a /tf message per time with the poses that the robots believe to have."""
     for n, t in enumerate(robots[0].table["t"] if robots else ()):
         now = [(robot.name, *_believed(robot.table, n)) for robot in robots if n < len(robot.table["t"])]
         moved = [transform(MAP, f"{name}/{BASE}", place, ros.yawed(heading)) for name, place, heading in now]
@@ -194,7 +194,7 @@ def _moving(robots: list[Robot]) -> Iterator[Stamped]:
 
 
 def _readings(robot: Robot) -> Iterator[Stamped]:
-    """Yield the poses of a robot and, after t = 0, its readings."""
+    """Yield a robot's ROS messages: odometry, true pose and, after t = 0, gas and wind readings."""
     table, name = robot.table, robot.name
     gas_sensors = [_gas_sensor(robot, k, sensor) for k, sensor in enumerate(robot.group.sensors.noses)]
     moving, turning = _speeds(table)
@@ -218,7 +218,7 @@ def _readings(robot: Robot) -> Iterator[Stamped]:
 
 
 def _speeds(table: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the believed velocities since the previous row: forward, left and up (n, 3) [m/s], turn (n,) [rad/s]."""
+    """Return velocities from successive believed poses: forward, left, up (n, 3) [m/s]; turn rate (n,) [rad/s]."""
     dt = np.diff(table["t"])
     turn = (np.diff(table["believed_heading"].astype(float)) + np.pi) % (2.0 * np.pi) - np.pi
     course = table["believed_heading"][:-1] + 0.5 * turn
@@ -229,7 +229,7 @@ def _speeds(table: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _gas_sensor(robot: Robot, k: int, sensor: GasSensor) -> tuple[str, Fields, np.ndarray]:
-    """Return the topic of a robot's gas sensor, the fields that all messages share, and the readings."""
+    """Return topic of a robot's gas sensor k, the message fields that are constant, and the raw readings (n,)."""
     topic, ppm = f"/{robot.name}/{numbered('gas', k)}", robot.table[_column(k, "ppm")]
     constant = {"header": ros.header(0.0, f"{robot.name}/{numbered(GAS, k)}")} | sensor_fields(sensor)
     if not isinstance(sensor, MoxSensor):
@@ -240,10 +240,10 @@ def _gas_sensor(robot: Robot, k: int, sensor: GasSensor) -> tuple[str, Fields, n
 
 
 def _in_clean_air(ppm: np.ndarray, ohm: np.ndarray, sensor: MoxSensor) -> float:
-    """Return the resistance in clean air [ohm] of the sensor unit that gave the readings.
+    """Return the clean-air resistance [ohm] of the metal-oxide sensor that gave the readings, from ppm and ohm.
 
-    The law yields it from any reading above zero. Without such a reading, or with a cubic calibration: the model's
-    resistance, or of units that vary the largest reading.
+    The resistance follows from the largest reading above zero. Without such a reading, or with a cubic calibration, it
+    is the model's nominal value or, if units of the model vary, the largest recorded resistance.
     """
     (c0, b), air = sensor.reading_curve, MOX_MODELS[sensor.model].air
     known = np.isfinite(ohm) & (ppm > 0.0)

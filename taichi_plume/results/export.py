@@ -1,7 +1,7 @@
 """Export of a run to other programs.
 
 vtkhdf   the film, frame by frame: gas, wind as vectors, temperature on the cells; for ParaView and pyvista
-netcdf   the same, or the decoded colours of a recording, after CF; for xarray, MATLAB, Panoply ...
+netcdf   the film, or the decoded colours of a recording, with CF metadata; for xarray, MATLAB, Panoply ...
 csv      the tables robots.csv and probes.csv, and columns.csv with their units and meanings
 mcap     a ROS 2 bag with robots, gas, wind, plume and maps; see `bag_of_run`
 gaden    the film as a configuration of GADEN 3, for its player: cells, wind and concentrations
@@ -25,9 +25,9 @@ TABLES = ("robots", "probes")
 
 
 def export(run: Run, to: str, out: Path, source: str | None = None, force: bool = False) -> list[Path]:
-    """Write a run's data in a format `to` (vtkhdf, netcdf, csv, gaden), and return the files, of gaden one per folder.
+    """Write a run's data in a format `to` (vtkhdf, netcdf, csv, gaden), and return the files, for gaden one per folder.
 
-    out: the file, of csv and gaden the folder; source: film or recording, by default the film if recorded; force:
+    out: the file or, for csv and gaden, the folder; source: "film" or "recording", by default the film if any; force:
     replace existing files. Raises RunFolderError if the run has no such data or a file exists, and OSError.
     """
     if to == "csv":
@@ -58,7 +58,7 @@ def _require_frames(run: Run, data: "xarray.Dataset") -> None:
 
 
 def _gaden(run: Run, out: Path, force: bool) -> list[Path]:
-    """Write the film as a configuration of GADEN in a folder."""
+    """Write the film (recorded wind and gas) into folder `out` as a GADEN 3 configuration; return a file per folder."""
     from taichi_plume.files import gaden_results
 
     run.require("fields.zarr")
@@ -81,7 +81,7 @@ def _gaden(run: Run, out: Path, force: bool) -> list[Path]:
 
 
 def frames(data: "xarray.Dataset", folder: Path) -> "Callable[[str, int], np.ndarray]":
-    """Return a function that reads a variable of a run at a frame; it raises RunFolderError if damaged."""
+    """Return a function (name, frame number) that reads a variable's values; it raises RunFolderError if damaged."""
     from taichi_plume.files.zarr_groups import errors_as
 
     def read(name: str, n: int) -> "np.ndarray":
@@ -93,7 +93,7 @@ def frames(data: "xarray.Dataset", folder: Path) -> "Callable[[str, int], np.nda
 
 
 def _tables(run: Run, out: Path, force: bool) -> list[Path]:
-    """Write the tables of a run as CSV in a folder."""
+    """Write the run's robot and probe tables as CSV into folder `out`, with a list of columns; return the files."""
     import pyarrow as pa
     import pyarrow.csv
 
@@ -126,7 +126,7 @@ def _tables(run: Run, out: Path, force: bool) -> list[Path]:
 
 @contextmanager
 def _fresh(files: Sequence[Path], force: bool) -> Iterator[list[Path]]:
-    """Yield names to write new files under; the files are renamed once all are complete.
+    """Context that yields temporary file names, and renames the files to `files` once all are complete.
 
     force: replace existing files. Raises RunFolderError if a file exists or cannot exist.
     """

@@ -1,4 +1,4 @@
-"""Pictures and wind arrows of a run from fields.zarr, in the same form as from a recording."""
+"""Pictures and wind arrows of a run made from its film fields.zarr, in the form of the viewer's recording."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,9 +14,9 @@ from taichi_plume.scenario.scenario import Scenario
 
 
 class FilmPictures:
-    """Gas of all species on the planes that a recording would show; methods as of `reading.RecordedPictures`.
+    """Pictures of the summed gas, and wind arrows, on planes through the film's grid.
 
-    Every method, and the constructor, may raise FilmError.
+    Planes and methods are those of `reading.RecordedPictures`. The constructor and every method may raise FilmError.
     """
 
     def __init__(self, path: Path, scenario: Scenario):
@@ -68,7 +68,7 @@ class FilmPictures:
         }  # fmt: skip
 
     def arrows(self, plane: str, between: tuple[float, float] = ALL_TIMES, spacing: float = 0.0) -> Arrows:
-        """Return the wind in a plane, with arrows as long as the air is fast."""
+        """Return wind arrows in a plane, proportional to the air speed, for frames between two times [s]."""
         here = self.planes.get(plane)
         frames = self._frames(between, spacing) if self.film.wind and here is not None else []
         if here is None or not frames:
@@ -79,7 +79,7 @@ class FilmPictures:
         return _drawn(here, points, velocities, step, self.film.times[frames])
 
     def _frames(self, between: tuple[float, float], spacing: float) -> list[int]:
-        """Return the numbers of the frames between two times [s] that are `spacing` [s] apart."""
+        """Return the numbers of the film's frames between two times [s], at least `spacing` [s] apart."""
         times, numbers = self.film.times, []
         for n in np.flatnonzero((times >= between[0] - 1e-9) & (times <= between[1] + 1e-9)).tolist():
             if not numbers or times[n] >= times[numbers[-1]] + spacing - 1e-6:
@@ -90,7 +90,7 @@ class FilmPictures:
 def _drawn(
     plane: Plane, points: np.ndarray, velocities: list[np.ndarray], step: float, times: np.ndarray
 ) -> Arrows:
-    """Return arrows centred on points (n, dim); the fastest 5 % are longer than the distance between points."""
+    """Return wind arrows at points (n, dim) in a plane; the speed's 95 % quantile is drawn 1.2 `step` [m] long."""
     along = list(plane.axes)
     speed = np.concatenate([np.linalg.norm(velocity[:, along], axis=-1) for velocity in velocities])
     top = max(float(np.nanquantile(speed, 0.95)), 1e-3)

@@ -1,4 +1,4 @@
-"""Shapes of the obstacles of a run, from files that may be read and are unchanged since the run."""
+"""Shapes of a run's obstacles, read only from files that are permitted and unchanged since the run."""
 
 from pathlib import Path
 
@@ -14,9 +14,9 @@ from taichi_plume.scenario.shapes import shape
 
 
 def shapes_of(folder: Path, scenario: Scenario, allow_outside: bool) -> tuple[list[Shape], list[str]]:
-    """Return the shapes, and a sentence on each obstacle without a shape.
+    """Return the shapes of a run's obstacles, and a sentence on each obstacle that could not be read.
 
-    allow_outside: read files outside the run's folder also if they have changed since the run.
+    allow_outside: read files outside the run's folder even if they have changed since the run.
     """
     shapes: list[Shape] = []
     lacks: list[str] = []
@@ -41,7 +41,7 @@ def shapes_of(folder: Path, scenario: Scenario, allow_outside: bool) -> tuple[li
 
 
 def _may_read(folder: Path, name: str) -> bool:
-    """Return whether a file of the scenario lies in the run's folder, or is unchanged since the run."""
+    """Return whether a file that a scenario names lies in the run's folder, or is unchanged since the run."""
     if not outside(folder, name):
         return True
     if not manifest.is_input(folder, folder / name):

@@ -1,7 +1,7 @@
 """Gas maps from recorded readings, by the same mapping algorithms that robots run online.
 
-Online a map forgets, to follow the gas. For a map of a log, the model's `times` (window, memory and the like) are
-chosen so that no reading is forgotten, unless the model sets one of them.
+During a run a map forgets old readings, to follow the gas. For a map of a log, the model's `times` (window, memory and
+the like) are chosen so that no reading is forgotten, unless the model sets one of them.
 """
 
 from dataclasses import dataclass
@@ -23,16 +23,16 @@ FORGOTTEN = 1e-3  # fraction of its weight below which a reading counts as forgo
 
 @dataclass(frozen=True)
 class GasMap:
-    """A finished map: estimate [ppm], weight and variance [ppm²] or None, (nx, ny), with cells of `cell` [m].
+    """Gas map, arrays (nx, ny): estimate [ppm], weight, variance [ppm²] or None. cell: edge of its cells [m].
 
     estimate and variance are NaN where nothing is known. scores:
 
-        kind, readings, left_out    of the map; readings in the map, and readings that are no number or off the floor
+        kind, readings, left_out    kind of map; readings in the map; readings that are no number or off the floor
         forgotten                   readings in the map with less than FORGOTTEN of their weight left at the end
         chosen_for_the_log          parameters chosen so that nothing is forgotten (see `of_log`)
         known_fraction              share of the cells that have an estimate
         peak                        x_m, y_m and ppm of the largest estimate; to_source_m, if sources are known
-        forecast_error_ppm          mean of eq 8 (see agents/snaps), from 30 s after the first reading on; or None
+        forecast_error_ppm          mean of eq 8 (see agents/snapshots), from 30 s after the first reading on; or None
         forecast                    time_s and error_ppm of each forecast snapshot
         nlpd, nlpd_median           negative log predictive density of the readings of each snapshot, or PERIOD, by the
                                     map before (see scoring/maps); None without a variance
@@ -48,10 +48,10 @@ class GasMap:
 def map_of(
     readings: Readings, model: "Map", size: tuple[float, float], sources: np.ndarray | None = None
 ) -> GasMap:
-    """Return the map of readings on a floor of this size [m]; Taichi must have been started. sources: (m, 2) [m].
+    """Return a gas map of recorded readings. size: of the floor [m]; sources: true positions (m, 2) [m], for scores.
 
-    Snapshots end at multiples of the window since t = 0, or since the first reading if the window was chosen for the
-    log. At the end the running snapshot goes into the map too, but its forecast is not scored. Raises ReadingsError.
+    Needs a started Taichi. Snapshots end at multiples of the window since t = 0, or since the first reading if the
+    window was chosen for the log. The last snapshot is mapped, but its forecast is not scored. Raises ReadingsError.
     """
     from taichi_plume.scoring.trials import PERIOD, forecast_error, peak_distance
     from taichi_plume.simulation import Uncertain
@@ -96,9 +96,9 @@ def map_of(
 
 
 def of_log(model: "Map", readings: Readings, size: tuple[float, float]) -> tuple["Map", dict[str, Any]]:
-    """Return a model whose map on a floor of this size [m] forgets no reading, and the parameters chosen for it.
+    """Return a mapping model whose parameters let no recorded reading be forgotten, and these parameters.
 
-    A model that sets one of its `times` stays as it is.
+    A model that sets one of its `times` is returned unchanged, with {}. size: of the floor [m].
     """
     if model.model_fields_set & set(model.times):
         return model, {}
@@ -109,7 +109,7 @@ def of_log(model: "Map", readings: Readings, size: tuple[float, float]) -> tuple
 def _made(
     readings: Readings, t: np.ndarray, model: "Map", size: tuple[float, float]
 ) -> tuple["OnlineMap", float, np.ndarray]:
-    """Return the map of readings of times t [s], the tick [s], and the surprise of each reading (see scoring/maps)."""
+    """Map readings taken at times t [s]; return map, time step [s], finite negative log densities of the readings."""
     from taichi_plume.agents.gas_map import Floor
     from taichi_plume.agents.mapping import mappers
     from taichi_plume.agents.recorded import RecordedTeam
@@ -144,12 +144,12 @@ def _made(
 
 
 def _number(t: np.ndarray, window: float) -> np.ndarray:
-    """Return the index of the window of a time [s]; the end of a window belongs to it."""
+    """Return the index, from 0, of the time window that contains t [s]; a window includes its end, not its start."""
     return np.maximum(np.ceil(t / window - 1e-9), 1.0).astype(int) - 1
 
 
 def _counted(readings: Readings, size: tuple[float, float]) -> np.ndarray:
-    """Return which readings go into a map of this size [m]."""
+    """Return a mask (n,) of the finite readings on a floor of this size [m]. Raises ReadingsError if there are none."""
     known = np.isfinite(readings.reading)
     if not known.any():
         raise ReadingsError(f"none of the {len(known)} readings is a number")
@@ -175,7 +175,7 @@ def _check_clock(readings: Readings, window: float) -> None:
 
 
 def _peak(estimate: np.ndarray, cell: float) -> dict[str, float | None]:
-    """Return position [m] and value [ppm] of the largest estimate; None if nothing is known, or no gas."""
+    """Return position [m] and value [ppm] of a map's largest estimate; None if unknown or not above zero."""
     known = np.isfinite(estimate).any()
     if not known or np.nanmax(estimate) <= 0.0:
         return {"x_m": None, "y_m": None, "ppm": 0.0 if known else None}

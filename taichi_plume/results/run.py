@@ -71,16 +71,16 @@ REMEDIES = {
 
 
 def open_run(folder: Path | str) -> "Run":
-    """Open the run of a folder. Raises RunFolderError if the folder is no run or of another version."""
+    """Open the results in a run's folder. Raises RunFolderError if there is no run, or one of another version."""
     return Run(Path(folder))
 
 
 class Run:
-    """The folder of a run, see `open_run`. Every attribute may raise RunFolderError.
+    """Results in the folder of a run, see `open_run`. Every attribute may raise RunFolderError.
 
     lenient: take a missing or damaged result as empty, and read other versions and changed files as far as possible.
-    allow_outside: read obstacles' files outside the folder, also if they have changed. shapes: of the obstacles, if
-    known.
+    allow_outside: read obstacles' files outside the folder, even if they have changed. shapes: shapes of the
+    obstacles, if known.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class Run:
 
     @cached_property
     def result(self) -> dict[str, Any]:
-        """Content of result.json."""
+        """Return the content of result.json: status, scores and diagnostics of the run."""
         path = self.folder / "result.json"
         content = read_json(path)
         if self.lenient:
@@ -117,7 +117,7 @@ class Run:
 
     @cached_property
     def trials(self) -> "pandas.DataFrame":
-        """A row per trial of each group, named by `group`, with units and meanings, from result.json."""
+        """Table of outcomes with a row per trial and robot group, with units and meanings, from result.json."""
         import pyarrow as pa
 
         from taichi_plume.files.trials_table import TRIAL
@@ -134,7 +134,7 @@ class Run:
 
     @cached_property
     def scenario(self) -> "Scenario":
-        """The scenario with every default; files that the scenario names are not opened."""
+        """Return the scenario of the run with all defaults; files that the scenario names are not opened."""
         from taichi_plume.scenario.loading import ScenarioError, read_scenario
 
         path = self.folder / "scenario.yaml"
@@ -147,7 +147,7 @@ class Run:
 
     @cached_property
     def fields(self) -> "xarray.Dataset":
-        """Wind, gas and temperature at the cell centres over time, recorded by `fields` in the scenario."""
+        """Film of the run as a dataset: wind, gas and temperature at the cell centres over time."""
         return _film(self._path("fields"))
 
     @cached_property
@@ -166,51 +166,51 @@ class Run:
 
     @cached_property
     def robots(self) -> "pandas.DataFrame":
-        """A row per robot and tick, as far as the run has come."""
+        """Table with a row per robot and sampling time, up to the last data on the disk."""
         return _table(self._path("robots").with_name("robots.parquet"))
 
     @cached_property
     def probes(self) -> "pandas.DataFrame":
-        """A row per point and sample, as far as the run has come."""
+        """Table of the probes in the air with a row per point and sampling time, up to the last data on the disk."""
         return _table(self._path("probes").with_name("probes.parquet"))
 
     @cached_property
     def forces(self) -> "pandas.DataFrame":
-        """The force of the air on each obstacle [N], up to the last complete row."""
+        """Table of the force of the air on each obstacle [N] over time, up to the last complete row."""
         return _forces(self._path("forces"))
 
     @cached_property
     def maps(self) -> "list[xarray.Dataset]":
-        """The gas maps at the end, in the order of the scenario; see files/maps_file.py."""
+        """Gas maps at the end of the run, in the order of the scenario; see files/maps_file.py."""
         from taichi_plume.files import maps_file
 
         return maps_file.read(self._path("maps"))
 
     @cached_property
     def beliefs(self) -> "list[xarray.Dataset]":
-        """Posterior of the source position of each group that keeps one; see files/maps_file.py."""
+        """Source-position posteriors at the end, a dataset per robot group that has one; see files/maps_file.py."""
         from taichi_plume.files import maps_file
 
         return maps_file.read_beliefs(self._path("maps"))
 
     @property
     def status(self) -> str:
-        """Status of the run, "unknown" without result.json."""
+        """Status of the run, such as "completed"; "unknown" without result.json."""
         return str(self.result.get("status", "unknown"))
 
     @property
     def unfinished(self) -> bool:
-        """Whether the run still runs or was killed: files may end anywhere."""
+        """Whether the run still runs or was killed, so that its files may end anywhere."""
         return self.status in ("running", KILLED, "unknown")
 
     @property
     def begin(self) -> float:
-        """Simulated time of the first tick [s]."""
+        """Simulated time at the start of the run [s]; negative with a warm-up."""
         return self.scenario.first_tick * self.scenario.tick
 
     @cached_property
     def header(self) -> list[str]:
-        """The comment of scenario.yaml: the command to run the scenario again, then versions and seeds."""
+        """Lines of the comment in scenario.yaml: the command to repeat the run, versions and seeds."""
         with (self.folder / "scenario.yaml").open(encoding="utf-8", errors="replace") as file:
             lines = takewhile(lambda line: line.startswith("#"), file)
             texts = [line.removeprefix(HEADER).removeprefix("#").strip() for line in lines]
@@ -218,7 +218,7 @@ class Run:
 
     @cached_property
     def planes(self) -> "RecordedPictures | FilmPictures":
-        """Pictures and wind arrows in planes."""
+        """Reader of gas pictures and wind arrows in planes, from the viewer's recording or else from the film."""
         if self.has("recording.rrd"):
             from taichi_plume.record.reading import RecordedPictures
 
@@ -233,19 +233,19 @@ class Run:
 
     @cached_property
     def tracks(self) -> "list[Track]":
-        """Robots of the first trial of each group over time, up to MOST_ROBOTS."""
+        """Trajectories of robots in the first trial of each group, of at most MOST_ROBOTS in all."""
         from taichi_plume.results.tracks import tracks
 
         return tracks(self.folder / "robots.parquet", self.scenario.robots)
 
     @property
     def shapes(self) -> "Sequence[Shape]":
-        """Shapes of the obstacles that may be read."""
+        """Shapes of the run's obstacles, without those whose files may not be read."""
         return self._shapes_and_lacks[0]
 
     @property
     def lacks(self) -> list[str]:
-        """A sentence on each obstacle that is missing in the shapes, and on a missing result."""
+        """Sentences on each obstacle whose shape cannot be read, and on a missing or damaged result.json."""
         lacks = [] if self.result else ["result.json is missing or damaged: how the run ended is not known."]
         return lacks + self._shapes_and_lacks[1]
 
@@ -258,17 +258,17 @@ class Run:
         return shapes_of(self.folder, self.scenario, self.allow_outside)
 
     def has(self, name: str) -> bool:
-        """Return whether the run has a file."""
+        """Return whether the run's folder contains a file or folder of this name."""
         return (self.folder / name).exists()
 
     def require(self, name: str) -> None:
-        """Raise RunFolderError if the run lacks the named file, fields.zarr or recording.rrd."""
+        """Raise RunFolderError, with advice, if the run's folder lacks the file fields.zarr or recording.rrd."""
         if not self.has(name):
             how = "`fields: {rate: 2}` in the scenario" if name == "fields.zarr" else "a recording"
             raise RunFolderError(f"{self.folder}: has no {name}; run with {how}")
 
     def _path(self, part: str) -> Path:
-        """Return the existing file of a part. Raises RunFolderError."""
+        """Return the existing file of a kind of result, such as "robots". Raises RunFolderError if there is none."""
         for name in FILES[part]:
             if self.has(name):
                 return self.folder / name
@@ -288,7 +288,7 @@ class Run:
 
 @contextmanager
 def _damage(path: Path) -> Iterator[None]:
-    """Raise errors of the block as a RunFolderError that the file is damaged."""
+    """Context that raises errors of parsing as a RunFolderError: the file is damaged."""
     try:
         yield
     except (ValueError, TypeError, LookupError, ArithmeticError) as error:
@@ -296,7 +296,7 @@ def _damage(path: Path) -> Iterator[None]:
 
 
 def _film(path: Path) -> "xarray.Dataset":
-    """Return the variables of a film at the cell centres."""
+    """Return the variables of a film (recorded wind and gas) at the cell centres. Raises RunFolderError if damaged."""
     from taichi_plume.files import zarr_groups
     from taichi_plume.files.film import Film
 
@@ -318,7 +318,7 @@ def _film(path: Path) -> "xarray.Dataset":
 
 
 def _table(path: Path) -> "pandas.DataFrame":
-    """Return a table of the run as a DataFrame with units and meanings."""
+    """Return a Parquet table of the run as a DataFrame, with units and meanings of the columns in `attrs`."""
     from taichi_plume.files import run_tables
 
     table = run_tables.read(path)
@@ -327,7 +327,7 @@ def _table(path: Path) -> "pandas.DataFrame":
 
 
 def _frame(table: "pyarrow.Table") -> "pandas.DataFrame":
-    """Return a table of pyarrow as a DataFrame with units and meanings."""
+    """Return a pyarrow table as a DataFrame, with units and meanings of the columns in `attrs`."""
     from taichi_plume.files import run_tables
 
     frame = table.to_pandas()
@@ -337,7 +337,7 @@ def _frame(table: "pyarrow.Table") -> "pandas.DataFrame":
 
 
 def _forces(path: Path) -> "pandas.DataFrame":
-    """Return the complete rows of forces.csv, whose column names end with the unit."""
+    """Return the complete rows of forces.csv as a DataFrame, with units taken from the column names."""
     import pandas
 
     manifest.require_unchanged(path, RunFolderError)

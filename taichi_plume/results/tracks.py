@@ -1,4 +1,4 @@
-"""Trajectories and readings of the robots of a run, from robots.parquet or, during the run, from the stream of rows."""
+"""Trajectories and readings of the robots of a run, from robots.parquet or, during the run, from the row stream."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,7 +21,7 @@ MORE = {"declared_x": np.nan, "declared_y": np.nan, "declarations": 0, "false_de
 
 
 class Track(NamedTuple):
-    """Track of a robot: t (n,) [s]; values: by the names of the table's columns, (n,); states: their names."""
+    """Trajectory of a robot: t (n,) [s]; values: table columns (n,) by name; states: names of its states."""
 
     name: str
     number: int
@@ -35,24 +35,24 @@ class Track(NamedTuple):
 
     @property
     def found_at(self) -> int | None:
-        """Index of the first row in which it has found a source."""
+        """Index of the first row in which the robot has found a source; None if there is none."""
         found = self.values["found"]
         return int(found.argmax()) if found.any() else None
 
     def declared(self, n: int) -> tuple[np.ndarray, bool] | None:
-        """Return the source position declared by row n, (2,) [m], and whether it was right; None if none."""
+        """Return the robot's last source declaration up to row n, (2,) [m], and whether it was right; or None."""
         count, false = (int(self.values[key][n]) for key in ("declarations", "false_declarations"))
         if n < 0 or not count:  # -1: before the first row
             return None
         return np.array([self.values["declared_x"][n], self.values["declared_y"][n]]), count > false
 
     def at(self, t: float) -> int:
-        """Return the index of the last row that is not later than t [s]; -1 before the first."""
+        """Return the index of the trajectory's last row that is not later than t [s]; -1 before the first."""
         return int(np.searchsorted(self.t, t + 1e-6, side="right")) - 1
 
 
 def tracks(path: Path, groups: "Sequence[Group]") -> list[Track]:
-    """Return robots of the first trial of each group, in equal shares; none without a table. Raises RunFolderError."""
+    """Return robots' trajectories, equal shares of each group's first trial; [] if no table. Raises RunFolderError."""
     try:
         share = max(1, MOST_ROBOTS // max(1, len(groups)))
         table = _table(path, {group.name: group.first_trial for group in groups}, share)
@@ -86,7 +86,7 @@ def _track(rows: pa.Table, name: str, number: int, group: "Group") -> Track:
 
 
 def _table(path: Path, first: dict[str, int], share: int) -> pa.Table | None:
-    """Return the rows of the first `share` robots of each group's first trial, None without a table."""
+    """Return table rows of the first `share` robots per group; first: trial of each group. None without a table."""
     if not path.exists() and not stream_of(path).exists():
         return None
     batches = unverified(path, ["t", "group", "trial", "robot", "state", *COLUMNS], list(MORE))
@@ -94,7 +94,7 @@ def _table(path: Path, first: dict[str, int], share: int) -> pa.Table | None:
 
 
 def _firsts(rows: pa.Table, first: dict[str, int], share: int) -> pa.Table:
-    """Return the rows of the first robots of each group's first trial."""
+    """Filter table rows: robots numbered below `share`, in the trial that `first` names for their group."""
     import pyarrow.compute as pc
 
     selected = pa.nulls(len(rows), pa.bool_()).fill_null(False)

@@ -1,4 +1,4 @@
-"""The life of a run: from the first tick to its files, checkpoints, signals, resuming and repair."""
+"""Execution of a simulation run: time loop, output files, checkpoints, signals, resuming and repair."""
 
 MAY_IMPORT: tuple[str, ...] = (
     "agents",

@@ -1,4 +1,4 @@
-"""Writer of the film `fields.zarr`: wind and gas of a run, for xarray and for later runs to play back."""
+"""Writer of the film `fields.zarr`: recorded wind and gas of a run, for analysis and for playback in later runs."""
 
 from contextlib import ExitStack
 from functools import partial
@@ -19,7 +19,7 @@ from taichi_plume.simulation import Every, Simulation
 
 
 class Filming:
-    """Writer of the film of the quantities in `scenario.fields`. Raises OSError as soon as the disk is full."""
+    """Writer of the film (recorded wind, gas, temperature) of a run. Raises OSError as soon as the disk is full."""
 
     STATE = ("frames",)
 
@@ -69,7 +69,7 @@ class Filming:
         self._open()
 
     def go_on(self) -> None:
-        """Cut off the frames after the last `flush`. Raises FilmError if fewer are left."""
+        """Resume the film: cut off the frames after the last `flush`. Raises FilmError if frames are missing."""
         self._open(resume_at=self.frames)
 
     def _open(self, **options: int) -> None:
@@ -80,7 +80,7 @@ class Filming:
         return Every(1 / self.model.rate, self.shoot, warm_up=True)
 
     def shoot(self, sim: Simulation) -> None:
-        """Add a frame, once the film has started."""
+        """Append a frame with the present wind, gas and temperature; do nothing before the film's start time."""
         if sim.t < self.model.start - 1e-9 * sim.dt:
             return
         frame = self._wind(sim, self.wind) if self.wind is not None else {}
@@ -99,7 +99,7 @@ class Filming:
         self.closing.close()
 
     def _gas(self, sim: Simulation) -> dict[str, np.ndarray]:
-        """Concentration of each species [kg/m³]."""
+        """Return the concentration [kg/m³] of each species at the cell centres, by the film's variable name."""
         names = [f"{GAS}{species.name}" for species in sim.gas.species]
         frame = {name: np.zeros(sim.grid.shape[::-1], np.float32) for name in names}
         for gas in sim.gas.gases:
@@ -118,7 +118,7 @@ class Filming:
 
 
 def _origins(scenario: Scenario) -> Json:
-    """Species and sources of every gas variable, as a scenario writes them."""
+    """Return species and sources of each gas variable of the film, in the form of a scenario file."""
     origins: Json = {}
     for _, gas in scenario.gases:
         written = gas.model_dump(mode="json", include={"species"})
@@ -130,7 +130,7 @@ def _origins(scenario: Scenario) -> Json:
 
 
 def _faces(values: np.ndarray, d: int, margin: int = 0) -> np.ndarray:
-    """Values on the d-faces of the domain, without ghost layers; `margin`: ghost layers along the other axes."""
+    """Return values on the cell faces normal to axis d. margin: ghost layers to cut off along the other axes."""
     index = [slice(margin, n - margin) for n in values.shape]
     index[d] = slice(1, None)
     return values[tuple(index)]

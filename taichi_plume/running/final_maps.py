@@ -1,4 +1,4 @@
-"""Writer of `maps.zarr`, the gas maps and beliefs at the end of a run, see `files/maps_file.py`."""
+"""Writer of `maps.zarr`: gas maps and source posteriors (beliefs) at the end of a run; see `files/maps_file.py`."""
 
 import shutil
 from pathlib import Path
@@ -14,7 +14,7 @@ from taichi_plume.simulation import Simulation, Uncertain
 
 
 class MapsFile:
-    """Writer of `path`, at the end of the run alone, whatever ends the run."""
+    """Writer of `maps.zarr`. The gas maps are written only when the run ends, also after an error or interruption."""
 
     STATE = ()
 
@@ -27,7 +27,7 @@ class MapsFile:
         self.open = True
 
     def go_on(self) -> None:
-        """Remove the maps of an earlier end."""
+        """Prepare for a resumed run: remove the maps that the interrupted run wrote at its end."""
         shutil.rmtree(self.path, ignore_errors=True)
         self.start()
 
@@ -35,7 +35,7 @@ class MapsFile:
         pass
 
     def close(self) -> None:
-        """Write the maps, all or none. Raises OSError when the disk is full."""
+        """Write the final gas maps and beliefs, all or none. Raises OSError if the disk is full."""
         if not self.open:
             return
         self.open = False
@@ -80,7 +80,7 @@ class MapsFile:
 
 
 def _map_variables(series: MapSeries) -> dict[str, np.ndarray]:
-    """Variables of a map by name, as they are stored."""
+    """Return the stored arrays of a gas map by variable name: estimate, weight, truth, coordinates and more."""
     estimate = np.asarray(series.map.estimate(), np.float32)
     trials, nx, ny = estimate.shape
     cells = {"estimate": estimate, "weight": np.asarray(series.map.weight(), np.float32)}
@@ -97,7 +97,7 @@ def _map_variables(series: MapSeries) -> dict[str, np.ndarray]:
 
 
 def _belief(belief: GroupBeliefs) -> dict[str, np.ndarray]:
-    """Variables of a group's beliefs by name, as they are stored."""
+    """Return the stored arrays of a robot group's source posteriors by variable name, with their coordinates."""
     x, y = belief.axes()
     trials, robots = belief.p.shape[:2]
     return {

@@ -1,4 +1,4 @@
-"""Writer of `forces.csv`: the force of the air on each obstacle, pressure and friction."""
+"""Writer of `forces.csv`: pressure and friction force of the air on each obstacle."""
 
 import os
 from contextlib import ExitStack
@@ -9,7 +9,7 @@ from taichi_plume.simulation import Every, EveryStep, Simulation
 
 
 class ForceTable:
-    """Writer of the force of the air on each obstacle [N]: a row per obstacle at the period of the scenario."""
+    """Writer of `forces.csv`: force of the air on each obstacle [N], a row per obstacle and sampling time."""
 
     STATE = ("size",)
 
@@ -24,7 +24,7 @@ class ForceTable:
         self.file.write(self.head.encode())
 
     def go_on(self) -> None:
-        """Cut off rows after the last `flush`. Raises RunFolderError if the file is shorter."""
+        """Resume the table: cut off rows after the last `flush`. Raises RunFolderError if the file is shorter."""
         cut(self.path, self.size)
         self.file = self.closing.enter_context(self.path.open("ab"))
 
@@ -34,7 +34,7 @@ class ForceTable:
         return Every(self.every, lambda sim: self.sample(sim, sim.t))
 
     def sample(self, sim: Simulation, t: float) -> None:
-        """Write a row per obstacle, at time t [s] and not in the warm-up. Raises OSError when the disk is full."""
+        """Write the force on each obstacle at t [s], a row each; none if t < 0. Raises OSError if the disk is full."""
         assert sim.forces is not None
         if t < 0.0:
             return

@@ -1,4 +1,4 @@
-"""Execution of a run, from its assembly to its end. Whatever ends the run, the files stay and a line says why."""
+"""Execution of a run from its assembly to its end. However a run ends, its files stay and the reason is printed."""
 
 import errno
 import gc
@@ -28,22 +28,22 @@ LONGEST_MESSAGE = 300  # characters of an unexpected error
 
 
 class Service(Protocol):
-    """Connection of external robots and viewers to a run, see `taichi_plume.serve`."""
+    """Interface of the service that connects external robots and viewers to a run; see `taichi_plume.serve`."""
 
     def warm(self, sim: Simulation) -> None:
-        """Compile the kernels of the service; leaves the simulation at its start."""
+        """Compile the kernels of the service, and leave the simulation in its initial state."""
         ...
 
     def attach(self, sim: Simulation, signals: SignalRequests) -> None:
-        """Add observers to the simulation. Raises RunFolderError if that is impossible."""
+        """Add the observers of the service to the simulation. Raises RunFolderError if that is impossible."""
         ...
 
     def close(self) -> None:
-        """Disconnect."""
+        """Disconnect external robots and viewers."""
         ...
 
     def summary(self) -> Json:
-        """Statistics for the result."""
+        """Return the statistics of the service for result.json."""
         ...
 
 
@@ -51,8 +51,8 @@ class Job(NamedTuple):
     """A run to be started or resumed.
 
     source: the scenario's file; inputs: all files that the run reads, the scenario first; arch, backend: the requested
-    device, and the actual one; saved: content of the checkpoint of a resumed run; live: address of a viewer; report:
-    whether to write the report; service: connection of external robots.
+    device, and the actual one; saved: content of the checkpoint if the run is resumed; live: address of a viewer;
+    report: whether to write the report; service: connection of external robots.
     """
 
     prepared: Prepared
@@ -69,7 +69,7 @@ class Job(NamedTuple):
 
 
 class End(NamedTuple):
-    """End of a run: status, message, and exit code of the command."""
+    """End of a run: status such as "completed", message, and exit code of the command."""
 
     status: str
     message: str
@@ -77,7 +77,7 @@ class End(NamedTuple):
 
 
 def simulate(job: Job, quiet: bool = False, debug: bool = False) -> int:
-    """Assemble and run a simulation and return the exit code. Raises InputError and KeyboardInterrupt."""
+    """Assemble and execute a run with its output files; return the exit code. Raises InputError, KeyboardInterrupt."""
     console = terminal(error=True)
     with handling_signals() as signals:
         try:
@@ -113,7 +113,7 @@ def _build(job: Job) -> Simulation:
 
 
 def _begin(job: Job, sim: Simulation, signals: SignalRequests) -> Outputs:
-    """Open the run's files; an earlier run is removed only once they exist."""
+    """Create the output files, or resume them; an earlier run is removed only after all new files were created."""
     folder = job.folder
     about = About(folder.path, job.arch, job.backend, job.recording, job.inputs, job.live)
     outputs = Outputs(sim, about, signals)
@@ -137,7 +137,7 @@ def _begin(job: Job, sim: Simulation, signals: SignalRequests) -> Outputs:
 def _to_the_end(
     job: Job, sim: Simulation, outputs: Outputs, signals: SignalRequests, console: Console | None, debug: bool
 ) -> End:
-    """Run to the end and close all files."""
+    """Run the simulation to its end and close all files; return status, message and exit code, also of errors."""
     try:
         signals.hasty = True
         end = _run(job, sim, signals, console, debug)
@@ -154,7 +154,7 @@ def _to_the_end(
 
 
 def _run(job: Job, sim: Simulation, signals: SignalRequests, console: Console | None, debug: bool) -> End:
-    """Run to the end, which may be an error."""
+    """Run the simulation, and return how it ended; a failure or an interruption is returned, not raised."""
     try:
         with ExitStack() as stack:
             if console is not None and console.is_terminal:
@@ -175,7 +175,7 @@ def _run(job: Job, sim: Simulation, signals: SignalRequests, console: Console | 
 
 
 def whole(sim: Simulation) -> End:
-    """Return the end of a run that was not interrupted."""
+    """Return the end of an uninterrupted run: "completed", or "stopped" early as no robot searches any more."""
     if sim.tick < sim.last_tick:
         all_found = bool(sim.swarm.snapshot()["found"].all())
         why = "every robot had found a source" if all_found else "no robot searched any more"
@@ -189,7 +189,7 @@ def _interrupted(sim: Simulation, error: KeyboardInterrupt) -> End:
 
 
 def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[Json, End]:
-    """Write the result and the manifest."""
+    """Write result.json, the report and the manifest; return the result, and the end with any error of writing."""
     folder = job.folder.path
     scores = outputs.map_scores, outputs.belief_scores
     content: Json
@@ -221,7 +221,7 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[Js
 
 
 def report(folder: Path, prepared: Prepared | None = None) -> None:
-    """Write the report of a finished run, or print why that failed. prepared: the scenario with its opened files."""
+    """Write report.html of a finished run, or print why that failed. prepared: the scenario and its opened files."""
     try:
         from taichi_plume.report import page, scene  # import matplotlib only at the end
         from taichi_plume.results.run import Run
@@ -245,7 +245,7 @@ def _print_files(folder: Path, end: End) -> None:
 
 
 def explain(error: BaseException) -> tuple[str, str]:
-    """Return status and one line for an exception that ended a run."""
+    """Return the run's status ("unstable", "disk_full" or "failed") and one line of text for an exception."""
     if isinstance(error, UnstableError):
         return "unstable", str(error)
     if isinstance(error, OwnAlgorithmError):

@@ -30,38 +30,38 @@ OVER = ("completed", "stopped")
 
 
 class Writer(Protocol):
-    """Writer of a file of a run. Its STATE holds the length of the file at the last `flush`."""
+    """Interface of a writer of one output file. Its STATE holds the length of the file at the last `flush`."""
 
     def start(self) -> None:
-        """Create the file."""
+        """Create the output file."""
         ...
 
     def go_on(self) -> None:
-        """Continue the file of a resumed run: cut off data after STATE."""
+        """Continue the file of a resumed run: cut off all data after the length in STATE."""
         ...
 
     def flush(self) -> None:
-        """Write all data to the disk."""
+        """Write all data recorded so far to the disk."""
         ...
 
     def close(self) -> None:
-        """Finish the file; afterwards it can be read, whatever happened before."""
+        """Finish the file, so that readers can open it even after an error in the run."""
         ...
 
 
 class Table(Writer, Protocol):
-    """Writer of a file that is fed by an observer."""
+    """Interface of an output file's writer that records through an observer, a callback of the time loop."""
 
     def observer(self) -> Every | EveryStep:
-        """Return the observer that the simulation has to call."""
+        """Return the observer (periodic callback) that the simulation has to call."""
         ...
 
 
 class About(NamedTuple):
-    """Directory of a run, the requested and the actual device, and the input files.
+    """Facts on a run: folder, requested and actual device, input files, and whether it is recorded for the viewer.
 
-    live: address of a viewer that shows the run. files: names of the files to be written, then without checkpoints;
-    None: all of them.
+    live: address of a viewer that shows the run. files: names of the output files to write, which rules out
+    checkpoints; None: all of them.
     """
 
     folder: Path
@@ -77,7 +77,7 @@ class About(NamedTuple):
 
 
 class Outputs:
-    """The files of a run. Adds the observers that feed them to the simulation.
+    """All output files and the checkpoints of a run. The constructor adds the observers that record data to `sim`.
 
     `start()` creates the files, `go_on(saved)` continues those of an interrupted run, `close()` finishes them. Raises
     OSError as soon as the disk is full, ScenarioError if requested checkpoints are impossible.
@@ -140,7 +140,7 @@ class Outputs:
         return recorder
 
     def _periods(self) -> tuple[int | None, float | None]:
-        """Ticks and wall-clock seconds between checkpoints; None: not used."""
+        """Return the interval between checkpoints in time steps and in wall-clock seconds; an unused one is None."""
         scenario = self.sim.scenario
         model = scenario.checkpoint
         if model is None or self.about.files is not None:
@@ -157,7 +157,7 @@ class Outputs:
 
     @property
     def resumable(self) -> bool:
-        """Whether the run makes checkpoints."""
+        """Whether the run writes checkpoints, from which it can be resumed."""
         return self._every is not None or self._wall is not None
 
     @property
@@ -167,14 +167,14 @@ class Outputs:
     # ------------------------------------------------------------ the run
 
     def start(self) -> None:
-        """Create all files."""
+        """Create all output files of a new run."""
         self._start_digests()
         for writer in self._writers:
             writer.start()
         self._write_progress()
 
     def go_on(self, saved: Json) -> None:
-        """Continue from the content of a checkpoint. Raises RunFolderError if that does not fit, or rows are lost."""
+        """Restore the state from a checkpoint and continue the files. Raises RunFolderError if either does not fit."""
         self._state = State(self)
         fault = self._state.unlike(saved["state"])
         if fault:
@@ -197,13 +197,13 @@ class Outputs:
             raise
 
     def _start_digests(self) -> None:
-        """Compute digests of the input files in a thread; films take a while."""
+        """Start to hash the input files in a thread, as recorded films are large."""
         pool = ThreadPoolExecutor(1)
         self._digests = pool.submit(manifest.digests, self.about.folder, self.about.inputs)
         pool.shutdown(wait=False)
 
     def keep(self, sim: Simulation) -> None:
-        """Flush or write a checkpoint if one is due. Raises KeyboardInterrupt after a signal that ends the run."""
+        """Flush the files or write a checkpoint if due. Raises KeyboardInterrupt if a signal asked to end the run."""
         now = time.monotonic()
         if self.signals.stopped:
             if self.resumable:
@@ -231,7 +231,7 @@ class Outputs:
         self._flushed = time.monotonic()
 
     def checkpoint(self) -> None:
-        """Write a checkpoint of the current tick."""
+        """Flush all files and write a checkpoint of the present time step."""
         self._flush()
         if self.recorder:
             self.recorder.flush()
@@ -251,7 +251,7 @@ class Outputs:
         self._checked = time.monotonic()
 
     def _give_up(self, faults: Sequence[str]) -> None:
-        """Note why the run makes no checkpoints; printed if the run takes long."""
+        """Add remarks on why the run makes no checkpoints; a long run prints them."""
         self.remarks += [f"{fault}; this run makes no checkpoint" for fault in faults]
 
     def _write_progress(self) -> None:
@@ -262,18 +262,18 @@ class Outputs:
     # ------------------------------------------------------------ the end
 
     def close(self) -> list[Exception]:
-        """Finish all files and return the errors."""
+        """Finish all files and return the errors that occurred."""
         return [error for writer in self._writers if (error := _tried(writer.close))]
 
     def seal(self, status: str) -> None:
-        """Write the manifest as the last file; a finished run then needs no checkpoint."""
+        """Write the manifest (checksums of all files), and remove the checkpoint if the run has finished."""
         folder = self.about.folder
         manifest.write(folder, self._inputs(), [folder / name for name in LISTED])
         if status in OVER:
             (folder / checkpoint.NAME).unlink(missing_ok=True)
 
     def _inputs(self) -> Json:
-        """Digests of the input files at the start of the run; empty if one has become unreadable."""
+        """Return the digests of the input files at the start of the run; empty if a file could not be read."""
         try:
             return self._digests.result()
         except OSError:
@@ -281,7 +281,7 @@ class Outputs:
 
 
 def scenario_digest(folder: Path) -> str:
-    """Return the digest of the resolved scenario in a run's directory."""
+    """Return the SHA-256 of scenario.yaml in a run folder."""
     return hashlib.sha256((folder / "scenario.yaml").read_bytes()).hexdigest()
 
 
@@ -294,7 +294,7 @@ def _tried(function: Callable[[], None]) -> Exception | None:
 
 
 def _without_state(sim: Simulation) -> list[tuple[str, str]]:
-    """Paths of the groups with own algorithms that cannot be saved, with the reason."""
+    """Return (scenario path, reason) of each robot group whose user-written algorithm cannot be checkpointed."""
     return [
         (
             f"robots[{number}].algorithm",

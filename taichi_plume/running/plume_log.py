@@ -1,4 +1,4 @@
-"""Writer of `plume.pslog`, a log in PlumeSim's format, see `files/plumesim_log.py`."""
+"""Writer of `plume.pslog`, a log of wind and gas in PlumeSim's format; see `files/plumesim_log.py`."""
 
 import os
 from contextlib import ExitStack
@@ -17,10 +17,10 @@ from taichi_plume.simulation import Every, Simulation
 
 
 class PlumeLogger:
-    """Writer of the log `path`. Raises OSError as soon as the disk is full.
+    """Writer of a PlumeSim log: wind and gas on a plane grid. Raises OSError as soon as the disk is full.
 
-    Nodes lie in the middle of square cells; those within obstacles are left out. Of several gases the sum of their
-    mole fractions is written. The first line is updated with each frame, so the file is complete after every frame.
+    Grid nodes lie in the middle of square cells; nodes inside obstacles are left out. The log holds the sum of the
+    mole fractions of all gases. The first line is updated with each frame, so the file is complete after every frame.
     """
 
     STATE = ("frames", "size")
@@ -39,7 +39,7 @@ class PlumeLogger:
         self._open("wb")
 
     def go_on(self) -> None:
-        """Cut off the frames after the last `flush`. Raises RunFolderError if frames are missing."""
+        """Resume the log: cut off frames after the last `flush`. Raises RunFolderError if frames are missing."""
         cut(self.path, self.size)
         self._open("r+b")
 
@@ -52,7 +52,7 @@ class PlumeLogger:
         return Every(self.dt, self.add, warm_up=True)
 
     def add(self, sim: Simulation) -> None:
-        """Write a frame, if one is due."""
+        """Write wind and gas at all grid nodes as a frame of the log, if a frame is due."""
         if sim.tick < self.first or (sim.tick - self.first) % self.ticks:
             return
         u = velocity_at(sim.wind, self.place, sim.t)
@@ -66,7 +66,7 @@ class PlumeLogger:
         self._write_header()
 
     def _write_header(self) -> None:
-        """Write period, number of frames and cell, always with the same number of characters."""
+        """Rewrite the first line: period, number of frames, cell size, in a fixed number of characters."""
         header = f"{round(1000 * self.dt * self.ticks)},{self.frames:{DIGITS}d},{self.model.cell:.9g}\n"
         self.file.seek(0)
         self.file.write(header.encode("ascii"))
@@ -78,12 +78,12 @@ class PlumeLogger:
         self.size = self.whole
 
     def close(self) -> None:
-        """Close the file, without an incomplete frame."""
+        """Close the log, and cut off an incomplete frame."""
         self.closing.close()
 
 
 def nodes(sim: Simulation, model: PlumeLog) -> np.ndarray:
-    """Positions (n, dim) of the log's nodes [m] in the air."""
+    """Return the positions (n, dim) [m] of the log's grid nodes; nodes inside obstacles are left out."""
     extent = sim.grid.extent
     axes = [(np.arange(int(width / model.cell + 1e-9)) + 0.5) * model.cell for width in extent[:2]]
     flat = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""Writer of `probes.parquet`: wind, gas, pressure and temperature at probes, one row per point and sample."""
+"""Writer of `probes.parquet`: wind, gas, pressure and temperature at fixed probes, a row per point and sample."""
 
 from math import ceil
 from pathlib import Path
@@ -16,9 +16,9 @@ CLOSE = 1e-6  # of a period: as good as on time
 
 
 class ProbeTable(GrowingTable):
-    """`probes.parquet` of a run.
+    """Writer of the time series measured by probes at fixed points in the air (`probes.parquet`).
 
-    Points are sampled after every step of the air; rows at multiples of a period are linear in time between two steps.
+    Points are sampled after every flow step; rows at multiples of a period are linear in time between two steps.
     """
 
     STATE = (*GrowingTable.STATE, "next", "before", "values_before")
@@ -61,7 +61,7 @@ class ProbeTable(GrowingTable):
         return EveryStep(self.sample)
 
     def sample(self, sim: Simulation, t: float) -> None:
-        """Sample the air at time t [s], the end of a step."""
+        """Sample the air at time t [s], the end of a flow step, and store the rows that have become due."""
         if t < self.model.start - 1e-9 * sim.dt:
             return
         now = self.sampler.sample(t)
@@ -79,7 +79,7 @@ class ProbeTable(GrowingTable):
         self.before, self.values_before = t, now
 
     def _row(self, t: float, sampled: np.ndarray) -> None:
-        """Store a row of each point."""
+        """Store a row for each point at time t [s]. sampled: values (measured quantities, points)."""
         n = self.pending
         self.values["t"][n] = t
         for field, row in zip(self.measured, sampled, strict=True):

@@ -13,7 +13,7 @@ COMPILED = 3  # ticks until every kernel has run once
 
 
 class ProgressBar:
-    """Context that draws on `console` while `sim` runs: simulated time, speed, time left."""
+    """Context manager that draws a progress bar on `console` during `sim`: simulated time, speed, time left."""
 
     def __init__(self, sim: Simulation, console: Console):
         self.first = -ceil(sim.scenario.warm_up / sim.dt - 1e-9)
@@ -43,7 +43,7 @@ class ProgressBar:
         return Every(self.dt, self.update, warm_up=True)
 
     def update(self, sim: Simulation) -> None:
-        """Show the current time."""
+        """Update the bar with the simulated time and the speed relative to real time."""
         done = sim.tick - self.first
         speed = self.bar.tasks[0].speed  # ticks per second over the last moments
         self.bar.update(

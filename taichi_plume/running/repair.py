@@ -1,7 +1,7 @@
-"""Repair of a killed run: see `complete`; `verify` reports which files have changed.
+"""Completion of the files of a killed run (`complete`), and a check for changed files (`verify`).
 
-Streams of rows become robots.parquet and probes.parquet, the recording gets its index, tables end with a whole row, and
-result.json records how far the run came. All computed data are kept, and a run with a checkpoint can still be resumed.
+Row streams become robots.parquet and probes.parquet, the viewer's recording gets its index, text tables end with a
+whole row, and result.json states the time reached. No data are lost; a run with a checkpoint can still be resumed.
 """
 
 import shutil
@@ -25,7 +25,7 @@ UNFINISHED = ("robots.arrows", "probes.arrows", "recording.old.rrd")
 
 
 def verify(folder: Path) -> int:
-    """Print which files of a run have changed since its manifest was written; return 1 if any has, else 0."""
+    """Print which files of a run differ from the checksums in its manifest; return 1 if any differs, else 0."""
     if not folder.is_dir():
         raise RunFolderError(f"{folder}: is no folder; give the folder of a run")
     listed = manifest.read(folder)["outputs"]
@@ -39,7 +39,7 @@ def verify(folder: Path) -> int:
 
 
 def complete(folder: RunFolder, reported: bool) -> int:
-    """Complete every file of a killed run and return the exit code; reported: write the report as well."""
+    """Complete every file of a killed run and return the exit code. reported: also write report.html."""
     path = folder.path
     content = _content(path)
     status, whole = content["status"], not any((path / name).exists() for name in UNFINISHED)
@@ -76,7 +76,7 @@ def complete(folder: RunFolder, reported: bool) -> int:
 
 @contextmanager
 def _writing(path: Path) -> Iterator[None]:
-    """Context that raises RunFolderError for an OSError."""
+    """Context that raises an OSError again as a RunFolderError on this path."""
     try:
         yield
     except OSError as error:
@@ -84,18 +84,18 @@ def _writing(path: Path) -> Iterator[None]:
 
 
 def _seal(path: Path) -> None:
-    """Write the manifest."""
+    """Write the manifest (checksums of inputs and outputs) of a run folder."""
     with _writing(path):
         manifest.write(path, _inputs(path), [path / name for name in LISTED])
 
 
 def _content(folder: Path) -> Json:
-    """Read result.json; without a status there, the run counts as running."""
+    """Return the content of result.json; a missing status becomes "running"."""
     return {"name": folder.name, "status": "running", "seed": None} | read_json(folder / "result.json")
 
 
 def _inputs(folder: Path) -> Json:
-    """Digests of the run's input files, if the run has a checkpoint."""
+    """Return the digests of the run's input files from its checkpoint; empty without a checkpoint."""
     try:
         return checkpoint.read(folder / checkpoint.NAME)["inputs"]
     except (checkpoint.CheckpointError, LookupError):
@@ -103,7 +103,7 @@ def _inputs(folder: Path) -> Json:
 
 
 def _reached(table: Path, content: Json) -> Json:
-    """Message and groups of result.json for the last row of the robots."""
+    """Return for result.json the last time in the table, as a message, and per robot group how many found a source."""
     try:
         rows = pq.read_table(table, columns=["t", "group", "found"])
     except (OSError, ValueError, LookupError):
@@ -134,7 +134,7 @@ def _table(path: Path) -> str | None:
 
 
 def _lines(path: Path) -> str | None:
-    """Cut off an incomplete last row."""
+    """Cut off an incomplete last line of a text table; return a note with the number of lines, None without a file."""
     if not path.exists():
         return None
     with path.open("rb+") as file:
@@ -172,7 +172,7 @@ def _film(path: Path) -> str | None:
 
 
 def _maps(path: Path) -> None:
-    """Remove maps whose writing was interrupted."""
+    """Remove the partial folder of gas maps whose writing was interrupted."""
     shutil.rmtree(path.with_name(maps_file.PART), ignore_errors=True)
 
 

@@ -1,4 +1,4 @@
-"""`result.json`: status, scores and diagnostics of a run; written last and atomically."""
+"""`result.json`: status, scores and diagnostics of a run, written atomically."""
 
 import json
 from math import isfinite, prod
@@ -24,7 +24,7 @@ def result(
     map_scores: MapScores | None = None,
     belief_scores: BeliefScores | None = None,
 ) -> Json:
-    """Return the result of a run, for `write_result`; map_scores, belief_scores: of maps and beliefs over time."""
+    """Return the content of result.json. map_scores, belief_scores: scores over time of gas maps, source posteriors."""
     cells = prod(sim.grid.shape)
     return partial_result(sim, status, message, backend) | {
         "steps": sim.steps,
@@ -40,7 +40,7 @@ def result(
 
 
 def partial_result(sim: Simulation, status: str, message: str, backend: str) -> Json:
-    """Return the part of the result that is known before the end of the run."""
+    """Return the part of result.json that is known during the run: name, status, seeds, version and times."""
     return {
         "name": sim.scenario.name,
         "status": status,
@@ -54,7 +54,7 @@ def partial_result(sim: Simulation, status: str, message: str, backend: str) -> 
 
 
 def _budget(sim: Simulation) -> Json:
-    """Mass budget of all gases with a budget; of several gases also the budget of each."""
+    """Return the mass budget [kg] summed over all gases and its relative error; of several gases also each budget."""
     parts: list[Json] = [dict(gas.budget()) for gas in sim.gas.gases]
     budgets = [part for part in parts if part]
     if not budgets:
@@ -74,7 +74,7 @@ def _budget(sim: Simulation) -> Json:
 
 
 def _obstacles(sim: Simulation) -> list[Json]:
-    """Kind of each obstacle and the last force of the air on the obstacle [N]."""
+    """Return kind of each obstacle and the force of the air on the obstacle [N]; empty if forces are not computed."""
     if sim.forces is None:
         return []
     kinds = [obstacle.kind for obstacle in sim.scenario.obstacles]
@@ -82,13 +82,13 @@ def _obstacles(sim: Simulation) -> list[Json]:
 
 
 def _groups(sim: Simulation) -> list[Json]:
-    """Results of each group.
+    """Return the results of each robot group.
 
     found_by: what counts as found, "reached" or "declared". airs: number of flow realisations of the trials, always 1;
     trials_differ_by: see `scores.trials_differ_by`. no_search: why no source could be found, or None.
     shares_arena_with: groups in the same arena; unlike_them: whether one of these has another algorithm, or other
-    parameters. summary, per_trial: see `scores.trial_summary`, `scores.trial_outcomes`. beside_recorded: of robots that
-    replay recorded paths, see agents/replay.py.
+    parameters. summary, per_trial: see `scores.trial_summary`, `scores.trial_outcomes`. beside_recorded: of robots
+    that replay recorded paths, see agents/replay.py.
     """
     if not sim.swarm.count:
         return []
@@ -128,7 +128,7 @@ def _groups(sim: Simulation) -> list[Json]:
 
 
 def _beside_recorded(sim: Simulation, group: GroupRange) -> Json:
-    """Compare the readings of a group that replays recorded paths with the recorded readings, if there are any."""
+    """Compare simulated and recorded readings of a group that replays recorded paths; {} if there are none."""
     if group.model.algorithm.kind != "replay":
         return {}
     team = next(team for team in sim.teams if group.number in team.numbers)
@@ -137,7 +137,7 @@ def _beside_recorded(sim: Simulation, group: GroupRange) -> Json:
 
 
 def _map(sim: Simulation, n: int, series: MapSeries | None) -> Json:
-    """Scores of a map; of rivals, who make a map each, the scores of every group in `groups`.
+    """Return the scores of gas map n of the scenario; if rival groups map separately, a list with one entry each.
 
     made_by: groups whose readings are in the map. Means are over their trials, never over groups.
     """
@@ -174,7 +174,7 @@ def _map(sim: Simulation, n: int, series: MapSeries | None) -> Json:
 
 
 def _over_time(series: MapSeries, k: int) -> Json:
-    """Scores of part k of a map against the mean gas (see `scoring/maps.py`), over time the mean of the trials."""
+    """Return the scores over time of one group's part k of a gas map against the time-averaged gas."""
     rows = series.parts[k]
     means = {name: [_known(value) for value in series.means(name)[:, k]] for name in NAMES}
     last = {name: values[rows].tolist() for name, values in zip(NAMES, series.last, strict=True)}
@@ -190,14 +190,14 @@ def _known(value: float) -> float | None:
 
 
 def write_result(folder: Path, content: Json) -> None:
-    """Write `result.json` so that a reader sees all of the file or none; NaN and infinities become null."""
+    """Write `result.json` atomically; NaN and infinities become null."""
     text = json.dumps(plain(content), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     with written_whole(folder / "result.json") as fresh:
         fresh.write_text(text, encoding="utf-8")
 
 
 def plain(value: object) -> object:
-    """Return a value as JSON can hold it; NaN and infinities become None."""
+    """Return a value converted to JSON types (dict, list, number, text); NaN and infinities become None."""
     if isinstance(value, dict):
         return {str(key): plain(part) for key, part in value.items()}
     if isinstance(value, list | tuple):

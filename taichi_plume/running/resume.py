@@ -1,4 +1,4 @@
-"""Resuming an interrupted run: its checkpoint, and the check that its input files are unchanged."""
+"""Resuming of an interrupted run: reads its checkpoint and checks that its input files are unchanged."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -11,7 +11,7 @@ from taichi_plume.running.outputs import OVER, scenario_digest
 
 
 def saved(folder: Path) -> dict[str, Any]:
-    """Read the checkpoint of a run. Raises InputError if the run cannot be resumed."""
+    """Return the content of a run's checkpoint. Raises InputError if the run cannot be resumed."""
     status = str(read_json(folder / "result.json").get("status", "unknown"))
     if status in OVER:
         raise RunFolderError(f"{folder}: this run has ended ({status}), there is nothing to resume")
@@ -33,7 +33,7 @@ def saved(folder: Path) -> dict[str, Any]:
 
 
 def require_same(folder: Path, inputs: Mapping[str, object], files: Iterable[Path]) -> None:
-    """Raise RunFolderError unless the digests of `files` equal `inputs`, their digests at the start of the run."""
+    """Raise RunFolderError if an input file has changed. inputs: digests at the start of the run, by relative path."""
     try:
         for name, digest in manifest.digests(folder, files).items():
             if inputs.get(name) != digest:

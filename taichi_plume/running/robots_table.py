@@ -14,7 +14,7 @@ MOST_ROWS = 2_000_000  # of robots.parquet: larger swarms are sampled less often
 
 
 def _fields(quantity: Column) -> list[pa.Field]:
-    """Fields of the table that hold a quantity; a whole number without names keeps 32 bits."""
+    """Return the table columns (name, type, unit, meaning) that hold a quantity of the robots, one per component."""
     kind = NAMES if quantity.named else pa.from_numpy_dtype(quantity.dtype)
     return [column(name, kind, quantity.unit, quantity.meaning) for name in quantity.table]
 
@@ -28,7 +28,7 @@ WHO = (
 
 
 class RobotTable(GrowingTable):
-    """Writer of a run's `robots.parquet`: a row per robot and sample."""
+    """Writer of `robots.parquet`: a row per robot and sampling time."""
 
     def __init__(self, sim: Simulation, path: Path):
         count = sim.swarm.count
@@ -53,7 +53,7 @@ class RobotTable(GrowingTable):
         return Every(self.period, self.sample)
 
     def sample(self, sim: Simulation) -> None:
-        """Store a row of every robot."""
+        """Store a row for every robot at the present time."""
         now = sim.swarm.snapshot()
         n = self.pending
         self.values["t"][n] = sim.t

@@ -1,4 +1,4 @@
-"""Signal handlers of a run: a signal ends the run at the end of the tick, so that the run can be resumed."""
+"""Signal handlers of a run: a signal ends the run after the current time step, so that it can be resumed."""
 
 import errno
 import os
@@ -19,11 +19,11 @@ ASKING = tuple(KNOWN[name] for name in ("SIGUSR1",) if name in KNOWN)
 
 
 class SignalRequests:
-    """Requests that signals made to a run: to end, or to write a checkpoint.
+    """Requests that operating-system signals made to a run: to end, or to write a checkpoint.
 
-    running: whether files are open; a signal then waits for the end of the tick, before that it ends the run at once.
-    hasty: whether a second signal ends the run at once; only one does, so that closing the files is not disturbed.
-    stopped: name of the signal that asked to end. asked: whether a checkpoint is requested.
+    running: whether files are open; a signal then waits for the end of the time step, before that it ends the run at
+    once. hasty: whether a second signal ends the run at once; a third is ignored while files close. stopped: name of
+    the signal that asked to end. asked: whether a checkpoint is requested.
     """
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class SignalRequests:
         self.terminal = _terminal_streams()
 
     def handle(self, number: int, _: FrameType | None = None) -> None:
-        """Handle a signal."""
+        """Note the request of a signal, or raise KeyboardInterrupt if the run must end at once."""
         name = signal.Signals(number).name
         if number in ASKING:
             self.asked = True
@@ -50,7 +50,7 @@ class SignalRequests:
 
 @contextmanager
 def handling_signals() -> Iterator[SignalRequests]:
-    """Context that handles signals; signals that are ignored, as under nohup, stay ignored."""
+    """Context that handles signals to end or checkpoint a run; signals ignored before, as by nohup, stay ignored."""
     signals = SignalRequests()
     with _handling((*ENDING, *ASKING), signals.handle):
         yield signals
@@ -58,13 +58,13 @@ def handling_signals() -> Iterator[SignalRequests]:
 
 @contextmanager
 def ignoring_signals() -> Iterator[None]:
-    """Context that ignores signals, while files are being closed."""
+    """Context that ignores all signals that end a run, such as Ctrl-C, while files are being closed."""
     with _handling((*ENDING, *ASKING), signal.SIG_IGN):
         yield
 
 
 def leave(code: int) -> NoReturn:
-    """End the process, ignoring a Ctrl-C that comes while Python cleans up: it would print a traceback."""
+    """Exit with a code, ignoring a late Ctrl-C, which would print a traceback while Python cleans up."""
     if signal.getsignal(signal.SIGINT) is not None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.exit(code)
@@ -72,7 +72,7 @@ def leave(code: int) -> NoReturn:
 
 @contextmanager
 def reader_may_leave() -> Iterator[None]:
-    """Context whose output may go to a reader such as `head` that closes the pipe early, without an error."""
+    """Context for printing to a pipe or terminal that may be closed early (as by `head`), without an error."""
     try:
         yield
         sys.stdout.flush()
@@ -95,7 +95,7 @@ def _handling(numbers: tuple[signal.Signals, ...], handler: Handler) -> Iterator
 
 
 def _terminal_streams() -> list[int]:
-    """Return the standard streams of this process that are a terminal, before the terminal may be closed."""
+    """Return the file descriptors of those standard streams that are a terminal."""
     streams = []
     for stream in (sys.stdin, sys.stdout, sys.stderr):
         try:
@@ -107,7 +107,7 @@ def _terminal_streams() -> list[int]:
 
 
 def _redirect_to_null(streams: list[int]) -> None:
-    """Discard further output to these streams, as writing to a closed terminal is an error."""
+    """Redirect these file descriptors to the null device, as writing to a closed terminal is an error."""
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in streams:
         os.dup2(nowhere, stream)

@@ -1,4 +1,4 @@
-"""Summary of a run's result in words, for the terminal and the report."""
+"""Text summary of a run's result, for the terminal and the report."""
 
 import shlex
 from math import isfinite
@@ -20,7 +20,7 @@ DECLARED = (
 
 
 def print_summary(content: Json, folder: Path) -> None:
-    """Print a result, and the commands that show the recording and the report."""
+    """Print the text summary of result.json, and the commands that show recording and report."""
     from rich.table import Table
     from rich.text import Text
 
@@ -39,7 +39,7 @@ def print_summary(content: Json, folder: Path) -> None:
 
 
 def summary(content: Json) -> list[tuple[str, str]]:
-    """Return a result as (name, text) lines."""
+    """Return a text summary of result.json as (name, text) lines."""
     wall, simulated = content["wall_s"], content["simulated_s"]
     status = content["status"] + (f": {content['message']}" if content["message"] else "")
     speed = f"{simulated / max(wall, 1e-9):.3g} x real time"
@@ -89,7 +89,7 @@ def summary(content: Json) -> list[tuple[str, str]]:
 
 
 def _recorded_line(replay: Json) -> str:
-    """Compare the readings of a replay with the recorded ones, as means over the trials."""
+    """Return a text on how simulated and recorded readings of a replayed path differ, as means over the trials."""
     mae, bias = (mean(replay[name]) for name in ("mae_ppm", "bias_ppm"))
     text = f"{replay['readings']:,} readings; the simulated ones are {mae:.3g} ppm off, on average {bias:+.3g} ppm"
     known = [value for value in replay["correlation"] if value is not None and isfinite(value)]
@@ -97,7 +97,7 @@ def _recorded_line(replay: Json) -> str:
 
 
 def _service_line(service: Json) -> str:
-    """Statistics of the service, see serve/service.py."""
+    """Return a text on the service for external robots: missed time steps, messages and connection losses."""
     names = ("times_lost", "taken", "malformed", "oversized", "late")
     counts = {name: sum(robot[name] for robot in service["messages"].values()) for name in names}
     lost = counts.pop("times_lost")
@@ -140,7 +140,7 @@ def _group_line(group: Json) -> str:
 
 
 def _pushed_line(group: Json) -> str:
-    """Collisions of moving obstacles with the group's robots, all trials together."""
+    """Return a text on collisions of moving obstacles with a group's robots, summed over all trials."""
     pushes, pinned = (sum(group["per_trial"][name]) for name in ("pushes", "pinned_s"))
     text = f"moving obstacles ran into its robots {pushes:,} time{'s' * (pushes != 1)}"
     if not pinned:
@@ -149,7 +149,7 @@ def _pushed_line(group: Json) -> str:
 
 
 def _declared_line(group: Json) -> str:
-    """Declarations of a group; of each trial the first right one of the team, or else the last."""
+    """Return a text on a group's source declarations: per trial the first right one, or else the last."""
     trials, n = group["per_trial"], group["trials"]
     errors = [error for error in trials["localisation_error_m"] if error is not None and isfinite(error)]
     false = sum(count or 0 for count in trials["false_declarations"])
@@ -171,7 +171,7 @@ def _declared_line(group: Json) -> str:
 
 
 def _caveats(content: Json) -> list[tuple[str, str]]:
-    """Limits of the statistics: trials in one flow realisation, groups in one arena."""
+    """Return (name, text) notes on limits of the statistics: trials share one turbulent flow, groups one arena."""
     lines, groups = [], content["groups"]
     searched = [group for group in groups if group["trials"] > 1 and not group["no_search"]]
     by = {group["trials_differ_by"] for group in searched}
