@@ -37,7 +37,7 @@ class Sensors(Protocol):
 
 
 class Team(Protocol):
-    """Protocol of a search algorithm and its robots in the swarm, from one or several groups."""
+    """Interface (typing.Protocol) of a search algorithm together with its robots, from one or several groups."""
 
     numbers: tuple[int, ...]
     """Indices of the groups in the scenario."""

@@ -159,7 +159,7 @@ def _picture(path: Path, image: Path) -> tuple[np.ndarray, int, np.ndarray | Non
 
 
 def _brightness(picture: "Image") -> tuple[np.ndarray, int, np.ndarray]:
-    """Return the result of `_picture` for a coloured picture, in strips, as copies of the whole take a gigabyte."""
+    """Return the sum of the colour channels per pixel, its value for white, and a mask of opaque pixels; by strips."""
     width, height = picture.size
     levels, opaque = np.empty((height, width), np.uint16), np.empty((height, width), bool)
     picture.load()

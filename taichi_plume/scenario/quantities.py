@@ -49,7 +49,7 @@ def _registry():
 
 
 def fault(message: str, context: dict[str, object] | None = None) -> PydanticCustomError:
-    """Return an error with a complete message, whose braces `context` fills."""
+    """Return a validation error made from the template of a message; `context` fills its braces."""
     return PydanticCustomError("fault", message, context)  # type: ignore[arg-type]
 
 

@@ -41,7 +41,7 @@ class SearchSpace(Neighbourhood):
 
 
 class FunctionValue(Neighbourhood):
-    """Robots whose best readings are most like the robot's own."""
+    """Neighbourhood by reading: neighbours are the robots whose best readings are closest to the robot's own."""
 
     kind: Literal["function_value"]
     number: si.Count = 2
