@@ -31,7 +31,7 @@ FILES = ("own", "policy")
 
 
 class Entrant(NamedTuple):
-    """An entrant. section: `algorithm` of the scenario, without facts of the plume; robots: number of robots; found:
+    """Contest entrant. section: `algorithm` of the scenario without facts of the plume; robots: their number; found:
     "reached" or "declared", the event that ends a search.
     """
 
@@ -65,13 +65,13 @@ def shipped() -> tuple[Entrant, ...]:
 
 
 def _facts(model: type[AnyAlgorithm], facts: Mapping[str, float]) -> dict[str, float]:
-    """Return the facts of the plume that an algorithm has keys for."""
+    """Return those facts of the plume (such as mean wind speed) that an algorithm accepts, by its keys."""
     names = {key: FACT_OF_KEY.get(key, key) for key in model.model_fields}
     return {key: facts[name] for key, name in names.items() if name in facts}
 
 
 def own(path: Path) -> Entrant:
-    """Return the entrant of a Python file, which is read but not executed. Raises ScenarioError."""
+    """Return the contest entrant of a user's Python file, which is read but not executed. Raises ScenarioError."""
     _require_open(path)
     try:
         OwnFile.read(path, None)

@@ -47,7 +47,7 @@ class Contest(NamedTuple):
 
 
 def plans(contest: Contest) -> list["Plan"]:
-    """Write and check the studies of a contest. Raises ScenarioError, RunFolderError, OSError."""
+    """Write a study for each scenario of a contest; return plans. Raises ScenarioError, RunFolderError, OSError."""
     _require_ours(contest.out)
     folder = contest.out / SCENARIOS
     contest.out.mkdir(parents=True, exist_ok=True)
@@ -70,7 +70,7 @@ def plans(contest: Contest) -> list["Plan"]:
 
 
 def play(contest: Contest, wishes: Wishes) -> int:
-    """Execute the missing runs; return the largest exit code of the studies. Raises the errors of `plans`.
+    """Execute the missing runs of a contest; return the largest exit code of the studies. Raises the errors of `plans`.
 
     wishes: options of the studies; `out` is replaced.
     """

@@ -28,7 +28,7 @@ SEARCHES = Quantity("searches", "searches", "1")
 
 
 class Row(NamedTuple):
-    """An algorithm in a scenario. searches: number of searches; failed, missing: numbers of runs; message: of the first
+    """Result of an algorithm in a scenario. searches: number; failed, missing: numbers of runs; message: of the first
     failed run; estimates: by the names of MEASURES, None without data.
     """
 
@@ -80,7 +80,7 @@ def _of_study(contest: Contest, name: str) -> Iterator[Row]:
 
 
 def _estimates(study: Results) -> dict[str, dict[Hashable, Estimate]]:
-    """Estimate each measure and the number of searches, by algorithm."""
+    """Return an estimate with interval of each measure and of the number of searches, by measure and algorithm."""
     trials: Any = study.trials()
     runs: Any = study.runs()
     chance = trials["run"].map(dict(zip(runs["run"], runs["air_by_chance"], strict=True)))

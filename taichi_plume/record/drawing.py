@@ -43,7 +43,7 @@ FIELD_OF_VIEW = radians(55)  # of the viewer's camera, the angle over the height
 
 
 def pale(color: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the colour halfway to white."""
+    """Return a colour of bytes (0 to 255) mixed half and half with white."""
     return tuple((part + 255) // 2 for part in color)
 
 
@@ -54,7 +54,7 @@ def logarithmic(values: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def decades(low: float, high: float) -> list[tuple[float, str]]:
-    """Return position and label of each power of ten on a logarithmic scale; on short scales also of 3 times each."""
+    """Return position (0 to 1) and label of each power of ten on a log scale; on short scales also 3 times each."""
     powers = range(floor(log10(low)), floor(log10(high) + 1e-9) + 1)
     factors = (1, 3) if log10(high / low) < 4 - 1e-9 else (1,)
     marks = [
@@ -77,14 +77,14 @@ def rounded_up(value: float, steps: Sequence[float] = (1.0, 1.5, 2.0, 3.0, 5.0, 
 
 @dataclass(frozen=True)
 class Scale:
-    """Value of a byte v: low (high/low)^(v/255) with 0 for at most low, or low + (high - low) v/255."""
+    """Scale of values as bytes v: low (high/low)^(v/255), v = 0 for at most low; or low + (high - low) v/255."""
 
     low: float
     high: float
     kind: Literal["log", "linear"]
 
     def bytes(self, values: np.ndarray) -> np.ndarray:
-        """Return values as u8; NaN becomes 0."""
+        """Encode values as bytes (u8) on a linear or logarithmic scale; NaN becomes 0."""
         known = np.fmax(values, np.float32(self.low))
         if self.kind == "log":
             places = np.log(known) - np.float32(log(self.low))
@@ -94,7 +94,7 @@ class Scale:
         return np.minimum(places + np.float32(0.5), 255).astype(np.uint8)
 
     def marks(self) -> list[tuple[float, str]]:
-        """Return position and label of the marks of a legend."""
+        """Return position (0 to 1) and label of each tick of a colour legend."""
         if self.kind == "log":
             return decades(self.low, self.high)
         step = rounded_up((self.high - self.low) / 7, (1.0, 2.0, 5.0))

@@ -152,14 +152,14 @@ class Layout:
         return seen if panel.titled else [*seen, f"- /legend/{entity}/title"]
 
     def _above(self, quantity: Quantity, plane: Plane, name: str, panel: Panel) -> Part:
-        """Return a view from above."""
+        """Return a view of the arena from above, with the picture of a quantity on a horizontal plane."""
         unnamed = [] if self.flat else self.unnamed  # no room for names
         contents = ["/world/**", "- /world/walls", *unnamed, *self.robots]
         contents += self._pictures(quantity, plane, panel)
         return self._view(name, contents, self._floor(0.0, panel), panel, 90.0)
 
     def _side(self, quantity: Quantity, plane: Plane, name: str, panel: Panel) -> Part:
-        """Return a view of a vertical section."""
+        """Return a side view of a vertical section with the picture of a quantity."""
         u, v = (self.stage.extent[d] for d in plane.axes)
         left, right, below = self._framed(u, v, panel)
         corners = [[left, -0.01 * v], [right, 1.02 * v], [0.2 * u, below], [0.8 * u, below]]
@@ -171,7 +171,7 @@ class Layout:
     # ------------------------------------------------------------ columns
 
     def _left(self) -> tuple[Part, float]:
-        """Return the left column, and its fraction of the width."""
+        """Return the viewer's left column (arena, sections, sensors), and the column's fraction of the width."""
         plots = _plots(self.names)
         lx, ly = self.stage.extent[:2]
         if self.flat:
@@ -302,7 +302,7 @@ class Layout:
 
 
 def trail(sim: Simulation, robots: int) -> float | None:
-    """Return the duration of trails [s]; None for the whole path."""
+    """Return the time span [s] of a robot's past path that the viewer shows; None for the whole path."""
     if sim.scenario.recording.trail is not None:
         return sim.scenario.recording.trail
     if robots <= 2:
@@ -318,7 +318,7 @@ def _name(quantity: Quantity, plane: Plane, n: int) -> str:
 
 
 def _tabs(views: list[Part]) -> Part:
-    """Return views as tabs; a single view without them."""
+    """Return a container with a tab for each view of the viewer; a single view is returned as is."""
     return views[0] if len(views) == 1 else rrb.Tabs(*views, active_tab=0)
 
 

@@ -38,12 +38,12 @@ class Plane:
 
     @property
     def over_height(self) -> bool:
-        """Whether the picture shows the maximum of each column."""
+        """Whether the picture shows the maximum over the height, not a plane at a level."""
         return self.normal is not None and self.level is None
 
     @property
     def letters(self) -> str:
-        """Names of the axes."""
+        """Names of the plane's two axes, such as "xz"."""
         return "".join("xyz"[d] for d in self.axes)
 
 
@@ -95,7 +95,7 @@ def _first(scenario: Scenario) -> tuple[list[tuple[float, ...]], list[tuple[floa
 
 
 def _apart(levels: Sequence[float], distance: float) -> list[float]:
-    """Return the levels that are further than a distance from all before."""
+    """Return levels (positions [m] on an axis) without those closer than a distance to an earlier level."""
     found: list[float] = []
     for level in levels:
         if all(abs(level - other) > distance for other in found):
@@ -127,7 +127,7 @@ class Raster:
 
     @property
     def points(self) -> np.ndarray:
-        """Sampling points, (*samples, dim) [m]."""
+        """Positions at which a quantity is sampled for the plane's pixels, (*samples, dim) [m]."""
         axes = [(np.arange(n) + 0.5) * self.step for n in self.samples]
         flat = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         return self.plane.within(flat)
@@ -143,7 +143,7 @@ class Raster:
         return self.of_samples(np.asarray(picture))
 
     def of_samples(self, values: np.ndarray) -> np.ndarray:
-        """Return the pixels of a quantity at `points`."""
+        """Return the pixels of a plane's picture from a quantity's values at the sampling points (`points`)."""
         if self.block == 1:
             return values
         beyond = [(0, n * self.block - have) for n, have in zip(self.shape, values.shape, strict=True)]
@@ -190,5 +190,5 @@ def largest(values: np.ndarray, counts: Sequence[int]) -> np.ndarray:
 
 
 def voxels(shape: Sequence[int]) -> tuple[int, ...]:
-    """Return the number of voxels per axis for a number of cells."""
+    """Return the number of voxels per axis of a volume picture: half the cells, at most MOST_VOXELS."""
     return tuple(min(ceil(n / 2), MOST_VOXELS) for n in shape)

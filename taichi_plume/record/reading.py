@@ -219,7 +219,7 @@ class RecordedPictures:
 
 
 def _blank(entity: str, values: dict[str, Any]) -> Picture:
-    """Return a picture without frames, from lists as stored by rerun."""
+    """Return a Picture with scale, axes and units but no frames, from an entity's values as stored by rerun."""
     (low,), (high,), (scale,), (form,) = (values[key][:1] for key in ("low", "high", "scale", FORMAT))
     logarithmic = scale == "log"
     if not np.isfinite([low, high]).all() or high <= low or (logarithmic and low <= 0):
@@ -235,7 +235,7 @@ def _blank(entity: str, values: dict[str, Any]) -> Picture:
 
 
 def _points(column: pa.Array) -> list[np.ndarray]:
-    """Return the points (m, 3) of each row."""
+    """Return an array of points (m, 3) for each row of an Arrow column of lists."""
     counts = column.value_lengths().fill_null(0).to_numpy(zero_copy_only=False)
     flat = column.flatten().flatten().to_numpy(zero_copy_only=False).reshape(-1, 3)
     return np.split(flat, np.cumsum(counts)[:-1])

@@ -109,11 +109,11 @@ class Recorder:
             self.sent = time.monotonic()
 
     def start(self) -> None:
-        """Begin the file."""
+        """Start writing the recording."""
         self.stream.begin()
 
     def go_on(self) -> None:
-        """Begin the file with the contents up to the last `flush`."""
+        """Resume a recording: start the file with the earlier contents up to the last `flush`."""
         whole = self.path.with_name(EARLIER)
         if self.path.exists() and not whole.exists():  # otherwise this step was interrupted before
             fresh = self.path.with_name(MENDED)
@@ -165,7 +165,7 @@ class Recorder:
         self.stream.flush()
 
     def close(self) -> None:
-        """Send the rest and finish the file, which stays readable in any case."""
+        """Send the remaining samples and finish the recording, which stays readable in any case."""
         if not self.stream.open:
             return
         try:

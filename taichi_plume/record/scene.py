@@ -117,7 +117,7 @@ def _boxes(centers: ArrayLike, halves: ArrayLike, color: Color, **how: Any) -> r
 
 
 def _solid(shape: Shape | Cubes, stage: Stage, color: Color) -> rr.AsComponents:
-    """Return an obstacle; in a flat arena obstacles are as high as the walls."""
+    """Return the drawn shape of an obstacle; in a flat arena obstacles are as high as the walls."""
     if isinstance(shape, Cubes):
         centers, half = shape.visible(stage.extent), [shape.size / 2] * 3
         if centers.shape[1] == 2:
@@ -191,7 +191,7 @@ SOLIDS: dict[str, Callable[[Any, Stage, Color], rr.AsComponents]] = {
 
 
 def _source(entity: str, source: AnySource, stage: Stage) -> Entities:
-    """Yield a red ball, and its name above in white, as gas may be red."""
+    """Yield a gas source: a red ball with the source's name above in white."""
     position = [*source.position, *[stage.height / 2] * (3 - len(source.position))]
     radius = max(source.radius, 0.006 * stage.length)
     if len(stage.extent) == 2:
@@ -292,7 +292,7 @@ def section(sim: Simulation, raster: Raster, stage: Stage) -> Entities:
 
 
 def beside(sim: Simulation, plane: Plane) -> list[str]:
-    """Return the sources and heaters at or near a section."""
+    """Return the entity names of sources and heaters that touch or nearly touch a vertical section."""
     heat = sim.scenario.heat
     there = [(f"sources/{n}", thing) for n, (_, thing) in enumerate(sim.scenario.sources)]
     there += [(f"heaters/{n}", heater) for n, heater in enumerate(heat.heaters if heat is not None else ())]

@@ -48,7 +48,7 @@ class Stream:
         self.blueprint = blueprint
 
     def begin(self) -> None:
-        """Create the file."""
+        """Create the recording's file and connect to a live viewer if there is one."""
         disk.require_room(self.path)
         self.open = True
         try:
@@ -132,7 +132,7 @@ class Stream:
 
 
 def _until(chunk: rr.chunk.Chunk, latest: np.timedelta64) -> Iterator[rr.chunk.Chunk]:
-    """Yield the rows of a chunk up to a time, if there are any."""
+    """Yield a chunk with the rows up to a time; nothing if all rows are later."""
     rows = chunk.to_record_batch()
     early = rows.column(TIME).to_numpy(zero_copy_only=False) <= latest
     if early.all():

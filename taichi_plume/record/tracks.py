@@ -100,7 +100,7 @@ class Tracks:
         stream.log_still(self._styles())
 
     def _styles(self) -> scene.Entities:
-        """Yield bodies, and colours of trails, series and lanes."""
+        """Yield static data of each recorded robot: body, and colours of trail, sensor plot and behaviour."""
         for robot in self.robots:
             body, name = robot.model.body, robot.name
             yield f"robots/{name}", scene.body(body.radius, body.height, robot.color, self.stage)
@@ -118,7 +118,7 @@ class Tracks:
             yield _threshold(threshold), line
 
     def sample(self, sim: Simulation) -> None:
-        """Gather poses, readings and changes of state."""
+        """Gather pose, gas reading and behaviour changes of each recorded robot at the present time."""
         if not self.robots:
             return
         now = sim.swarm.snapshot()
@@ -213,7 +213,7 @@ class Tracks:
 
 
 def _part(name: str) -> str:
-    """Return a name as a part of an entity path."""
+    """Return a name with characters replaced that an entity path of the recording does not allow."""
     return re.sub(r"[^A-Za-z0-9_.-]", "_", name) or "_"
 
 

@@ -71,7 +71,7 @@ FLOW = {
 
 
 def key_facts(run: Run) -> Rows:
-    """Return the scenario in a dozen lines."""
+    """Return a table (name, value) of the scenario: room, grid, time, gas, robots and so on."""
     scenario, domain = run.scenario, run.scenario.domain
     room = " × ".join(f"{length:g}" for length in domain.extent) + " m"
     room += f", a slab {domain.depth:g} m deep seen from above" if domain.dim == 2 else ""
@@ -142,7 +142,7 @@ def _trials(n: int, what: str) -> str:
 
 
 def budget(result: dict[str, Any]) -> Rows:
-    """Return the gas budget."""
+    """Return a table (name, value) of the gas mass budget [g] and its relative error; empty without gas."""
     gas = result.get("gas") or {}
     rows: Rows = [
         (name, f"{1e3 * gas[key]:.4g} g") for key, name in BUDGET.items() if gas.get(key) is not None
@@ -164,7 +164,7 @@ def flow(result: dict[str, Any]) -> Rows:
 
 
 def map_rows(maps: Sequence[dict[str, Any]], names: Sequence[str]) -> Rows:
-    """Return scores at the end: (map, error, correlation, fraction of cells known, error against the mean gas)."""
+    """Return final gas map scores: (map, error, correlation, fraction of cells known, error against the mean gas)."""
     rows: Rows = []
     for name, result in zip(names, maps, strict=True):
         for part in result.get("groups", [result]):
@@ -178,7 +178,7 @@ def map_rows(maps: Sequence[dict[str, Any]], names: Sequence[str]) -> Rows:
 
 
 def map_names(maps: Sequence[dict[str, Any]]) -> list[str]:
-    """Return unique names of the maps of a result."""
+    """Return a unique name for each gas map in result.json: its kind, with the index if kinds repeat."""
     kinds = [str(result.get("kind", "?")).replace("_", " ") for result in maps]
     return [f"{kind} (maps[{n}])" if kinds.count(kind) > 1 else kind for n, kind in enumerate(kinds)]
 

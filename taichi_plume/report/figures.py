@@ -163,12 +163,12 @@ def _behaviour(axes: Axes, tracks: Sequence[Track]) -> tuple[list[float], list[s
 
 
 def _states(tracks: Sequence[Track]) -> list[str]:
-    """Return the names of the states, in the order of the lanes."""
+    """Return the distinct names of behaviour states of all robots, in the robots' order."""
     return list(dict.fromkeys(name for track in tracks for name in track.states))
 
 
 def _columns(names: Sequence[str]) -> int:
-    """Return the number of names side by side under a figure, which depends on their length."""
+    """Return the number of columns of a legend that holds these names, by the longest name."""
     longest = max((len(look.short(name)) for name in names), default=0)
     return max(1, min(MOST_STATES, 80 // (longest + 5)))
 
@@ -178,7 +178,7 @@ def _legend_rows(names: Sequence[str]) -> int:
 
 
 def thinned(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least and largest values of the parts of a long series, so that no peak is lost."""
+    """Thin a long time series to the least and largest value of each of its parts, so that no peak is lost."""
     parts = len(t) // (MOST_POINTS // 2)
     if parts < 2:
         return t, values

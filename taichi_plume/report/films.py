@@ -19,11 +19,11 @@ Frame = TypeVar("Frame")
 
 
 class NoFilmError(InputError):
-    """Error for a film that cannot be made here; a line that begins with the film's path."""
+    """Error: a film (GIF or MP4) cannot be written on this machine. The message begins with the film's path."""
 
 
 class Still(FigureCanvasAgg):
-    """Canvas that stores the picture of the static parts, and draws the moving parts on top."""
+    """Matplotlib canvas that draws static artists once, as a stored background, and moving artists in each frame."""
 
     def __init__(self, figure: Figure, moving: Sequence[Artist]):
         super().__init__(figure)
@@ -37,7 +37,7 @@ class Still(FigureCanvasAgg):
             part.set_animated(True)
 
     def draw(self) -> None:
-        """Draw everything the first time, later only the moving parts and the parts on top of them."""
+        """Draw the whole figure the first time; later restore the background and draw only moving artists and above."""
         if self.background is None:
             super().draw()
             self.background = self.copy_from_bbox(self.figure.bbox)

@@ -75,7 +75,7 @@ def robot(number: int) -> str:
 
 @contextmanager
 def styled(more: Mapping[Any, Any] | None = None) -> Iterator[None]:
-    """Enter the context for drawing and saving figures; more: further settings of matplotlib."""
+    """Context with the report style for drawing and saving figures; more: further settings of matplotlib."""
     with warnings.catch_warnings(), mpl.rc_context({**STYLE, **(more or {})}):
         warnings.filterwarnings("ignore", "Glyph .* missing")  # names in scripts that the font lacks
         yield
@@ -103,7 +103,7 @@ def plain(axes: Axes) -> None:
 
 
 def verbatim(texts: Iterable[Text]) -> None:
-    """Show names as they are, never as mathematics."""
+    """Let texts of a figure show `$` as is, never as mathematics (mathtext)."""
     for text in texts:
         text.set_parse_math(False)
 

@@ -53,7 +53,7 @@ def beliefs_of(folder: Path) -> list[BeliefAtEnd]:
 
 
 def _read(folder: Path, kind: Literal["maps", "beliefs"], make: Callable[[Any], Part]) -> list[Part]:
-    """Read by zarr alone: xarray would take longer than the drawing."""
+    """Read the maps or beliefs of a run folder, made by `make`; [] without the file. Zarr is faster than xarray."""
     path = folder / NAME
     if not path.exists():
         return []

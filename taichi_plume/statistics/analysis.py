@@ -30,7 +30,7 @@ class Settings(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """Whiffs or blanks of a probe: those of each point, and the power law of the durations of all points."""
+    """Whiffs or blanks of a probe, for each point, and the power law of their durations at all points."""
 
     name: str
     of_points: list[Spells]
@@ -38,7 +38,7 @@ class Kind(NamedTuple):
 
     @property
     def all(self) -> Spells:
-        """Whiffs or blanks of all points together."""
+        """Whiffs or blanks of all points of a probe in one list."""
         return durations.pooled(self.of_points)
 
 
@@ -83,7 +83,7 @@ class OfProbe(NamedTuple):
 
 
 def of_probe(record: Record, probe: Probe, settings: Settings) -> OfProbe:
-    """Compute the statistics of a probe of a record, in blocks of points."""
+    """Compute all statistics of a probe (a set of points) from a record of gas and wind, in blocks of points."""
     block = max(1, MOST_VALUES // len(record.times))
     whole = probe.first + np.arange(len(probe.places))
     tables, spells, within, densities = [], [], [], []

@@ -53,12 +53,12 @@ class Exponent(NamedTuple):
 
     @property
     def decades(self) -> float:
-        """Width of the range in decades."""
+        """Width of the power law's range of durations in decades, log10(last/first)."""
         return float(np.log10(self.last / self.first))
 
     @property
     def is_law(self) -> bool:
-        """Whether the durations agree with the law: 5 % of such samples have a larger distance."""
+        """Whether durations agree with their power law by a Kolmogorov-Smirnov test at the 5 % level."""
         return self.distance <= KOLMOGOROV / np.sqrt(self.count)
 
 
@@ -99,7 +99,7 @@ def halfway(duration: float, step: float) -> float:
 
 
 def _mean_log(exponent: float, span: float) -> float:
-    """Mean of ln(T/first) of the power law T^-exponent between first and first e^span."""
+    """Return the mean of ln(T/first) for durations T with density ~ T^-exponent between first and first e^span."""
     s = (1.0 - exponent) * span
     if abs(s) < 1e-4:
         return span * (0.5 + s / 12.0)
@@ -116,7 +116,7 @@ def likeliest(mean_log: float, span: float) -> float:
 
 
 def law(exponent: float, first: float, last: float, durations: np.ndarray) -> np.ndarray:
-    """Cumulative distribution of the power law between first and last, at some durations."""
+    """Return the cumulative distribution at `durations` of the power law T^-exponent between first and last."""
     s, x = 1.0 - exponent, np.log(durations / first)
     if abs(s) < 1e-9:
         return x / np.log(last / first)
@@ -124,7 +124,7 @@ def law(exponent: float, first: float, last: float, durations: np.ndarray) -> np
 
 
 def _distance(durations: np.ndarray, exponent: float, first: float, last: float) -> float:
-    """Kolmogorov-Smirnov distance between durations, which may have ties, and the law."""
+    """Return the Kolmogorov-Smirnov distance of durations (ties allowed) from a power law between first and last."""
     values, count = np.unique(durations, return_counts=True)
     above = np.cumsum(count) / len(durations)
     middle = above - 0.5 * count / len(durations)  # equal durations represent a bin
@@ -148,7 +148,7 @@ def exponent(found: Spells, first: float, last: float, seed: int = 0) -> Exponen
 
 
 def _interval(begin: np.ndarray, values: np.ndarray, seed: int) -> tuple[float, float]:
-    """95 % interval of the mean of values by a block bootstrap over time."""
+    """Return the 95 % interval of the mean of values (n,) at times `begin` by a bootstrap over blocks of time."""
     from scipy.stats import bootstrap
 
     reach = np.linspace(begin.min(), begin.max(), BLOCKS + 1)[1:-1]

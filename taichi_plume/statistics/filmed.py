@@ -48,7 +48,7 @@ class FilmRecord:
             yield self.film.frame(n, names)
 
     def _scan(self) -> None:
-        """Compute mean, rms and maximum of all cells."""
+        """Compute mean, rms and maximum over time of the concentration [ppm] in each cell of the film."""
         share = weights(self.times)
         mean = np.zeros(self.film.shape)
         square = np.zeros(self.film.shape)
@@ -69,7 +69,7 @@ class FilmRecord:
         self.level = int(self.strongest[2]) if self.dim == 3 else None
 
     def plane(self, cells: np.ndarray) -> np.ndarray:
-        """Return the plane of the maps, axes (x, y)."""
+        """Return the horizontal plane (x, y) of values in cells at the height of the maps; 2-D values stay the same."""
         return cells if self.level is None else cells[:, :, self.level]
 
     @property
@@ -125,7 +125,7 @@ class FilmRecord:
         return Probe(name, spots.reshape(-1, self.dim), (len(cells),), first)
 
     def intermittency(self, threshold: float) -> np.ndarray:
-        """Fraction of time above the threshold [ppm] in the plane of the maps; also reads the values of the lines."""
+        """Return the fraction of time above a threshold [ppm], (x, y) in the maps' plane; read values of the lines."""
         share = weights(self.times)
         gamma = np.zeros(self.plane(self.mean).shape)
         name = f"{self.gas}_ppm"

@@ -22,7 +22,7 @@ class Fit(NamedTuple):
     distance: float
 
     def density(self, c: np.ndarray) -> np.ndarray:
-        """Probability density at c."""
+        """Return the probability density of the fitted distribution at concentrations c."""
         from scipy import stats
 
         return {"gamma": stats.gamma, "lognorm": stats.lognorm}[self.kind].pdf(c, self.shape, 0.0, self.scale)

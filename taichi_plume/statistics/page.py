@@ -19,7 +19,7 @@ HARDLY = 1e-3  # fraction of the highest mean below which a map of rms / mean is
 
 
 def write(found: Statistics, folder: Path) -> Path:
-    """Write the page into a folder; return the path. Raises OSError."""
+    """Write the page of plume statistics into a folder; return the path. Raises OSError."""
     return html.write(
         folder / PAGE, _sections(found),
         name=found.name, what="statistics of a plume", status=found.gas, good=True,
@@ -88,7 +88,7 @@ def _law_in_words(kind: Kind) -> str:
 
 
 def _strength(found: Statistics) -> Section:
-    """Return tables of moments and wind."""
+    """Return the page's section with tables of concentration moments and wind at points."""
     section = Section("Strength and fluctuation of the gas", "strength")
     rows, left_out = [], 0
     room = max(1, MOST_ROWS // max(1, len(found.probes)))
@@ -128,7 +128,7 @@ def _strength(found: Statistics) -> Section:
 
 
 def _maps(found: Statistics) -> Section:
-    """Return maps of a film and of grids."""
+    """Return the page's section with maps of mean, fluctuation and intermittency of films and grids of points."""
     section = Section("Maps", "maps")
     data = found.maps
     if data is not None:
@@ -165,7 +165,7 @@ def _where_gas(values: np.ndarray, mean: np.ndarray) -> np.ndarray:
 
 
 def _spread(shown: list[OfProbe]) -> Section:
-    """Return profiles and two-point correlations."""
+    """Return the page's section with concentration profiles and two-point correlations."""
     section = Section("Profiles and lengths", "spread")
     for stats in shown:
         if stats.profiles:
@@ -192,7 +192,7 @@ def _gaussian(several: list[Profile]) -> str:
 
 
 def _whiffs(found: Statistics, shown: list[OfProbe]) -> Section:
-    """Return durations and their power laws."""
+    """Return the page's section with durations of whiffs and blanks and their power laws."""
     section = Section("Whiffs and blanks", "whiffs", lines=[captions.WHIFFS])
     rows = []
     step = float(np.mean(found.steps)) if found.steps[1] - found.steps[0] < 1e-3 * found.steps[1] else 0.0
@@ -221,7 +221,7 @@ def _whiffs(found: Statistics, shown: list[OfProbe]) -> Section:
 
 
 def _sensors(found: Statistics) -> Section:
-    """Return the whiffs that sensors keep."""
+    """Return the page's section with the share of whiffs that slow and fast gas sensors resolve."""
     section = Section("Whiffs that a sensor keeps", "sensors")
     smelt = found.smelt
     if smelt is None or not smelt.sensors[0].whiffs:

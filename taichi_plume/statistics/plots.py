@@ -154,7 +154,7 @@ def widths(several: list[Profile], along: str) -> bytes | None:
 
 
 def correlations(several: list[Correlation]) -> bytes:
-    """Draw two-point correlations."""
+    """Draw curves of two-point correlation against separation; return a PNG."""
     with look.styled():
         figure, (axis,) = _axes()
         for n, c in enumerate(several):
@@ -215,7 +215,7 @@ def records(smelt: Smelt, threshold: float, begin: float) -> bytes:
 
 
 def _liveliest(present: np.ndarray, n: int) -> int:
-    """First of the n samples with the most changes."""
+    """Return the start of the window of n samples in which gas comes and goes most often; present: bool (samples,)."""
     changes = np.concatenate([[0], np.cumsum(present[1:] != present[:-1])])
     if len(present) <= n:
         return 0

@@ -1,4 +1,4 @@
-"""Studies: many runs from one file, on all cores or a cluster, and tables with intervals over airs."""
+"""Studies: many runs from one file, on all cores or a cluster, and tables with confidence intervals."""
 
 from typing import TYPE_CHECKING
 
@@ -22,9 +22,9 @@ MAY_IMPORT: tuple[str, ...] = (
 
 
 def open(folder: "Path | str") -> "Results":
-    """The results of a study's folder as tables, see `study/results.py`.
+    """Return the results in a study's output folder as tables, see `study/results.py`.
 
-    Raises RunFolderError, in a line, where it is none, damaged or of another version.
+    Raises RunFolderError if the folder is not a study, is damaged or comes from another version.
     """
     from taichi_plume.study.results import open_study
 

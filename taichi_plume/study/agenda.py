@@ -1,7 +1,7 @@
 """Job queue of a study: pending runs and films, and the choice of an idle worker's next job.
 
 Runs that share an air (one realisation of flow and gas) wait for the film of the air. Films are large: only a few exist
-at a time, and a film is removed after its last run. A worker prefers runs of a structure that it has compiled already.
+at a time, and a film is removed after its last run. A worker prefers runs whose simulation it has compiled already.
 """
 
 from collections import Counter, deque
@@ -17,7 +17,7 @@ DEATHS = 2  # worker deaths after which a single run or film counts as failed
 
 
 class Job(NamedTuple):
-    """Runs of one task or, if `solve`, the film of the air that the runs share.
+    """Job of a worker: execute runs or, if `solve`, compute and film the flow and gas that these runs share.
 
     film: path of the film that the runs play. deaths: number of workers that died while executing this job alone.
     """
@@ -29,17 +29,17 @@ class Job(NamedTuple):
 
     @property
     def structure(self) -> str:
-        """Structure of the simulation that the worker must have compiled for the job."""
+        """Hash of the kind of simulation that the job needs; a worker compiles each kind once."""
         return self.requests[0].structure
 
     @property
     def air(self) -> str:
-        """Id of the air that the job films or plays."""
+        """Id of the realisation of flow and gas that the job films or plays."""
         return self.requests[0].air
 
 
 class Agenda:
-    """Queue of runs.
+    """Queue of the runs of a study and of the films (recorded flow and gas, an air) that runs share.
 
     requests: runs in the plan's order; shared: ids of airs to film; film: returns the path of an air's film;
     most_films: number of films that may exist at a time; room: returns whether the disk has room for another film.
@@ -70,17 +70,17 @@ class Agenda:
 
     @property
     def open(self) -> int:
-        """Number of runs that no worker has."""
+        """Number of queued runs that have not been given to a worker."""
         return sum(map(len, self._open.values())) + sum(len(job.requests) for job in self.repeated)
 
     @property
     def unsolved(self) -> str | None:
-        """Next air in the plan's order that has no film yet."""
+        """Id of the next shared air, in the plan's order, that nobody has filmed or is filming; None if none."""
         begun = self.filmed | self.solving
         return next((air for air in self.left if air not in begun), None)
 
     def next(self, structure: str, workers: int) -> Job | None:
-        """Return the next job of a worker that has compiled `structure`; None if no job is ready."""
+        """Return the next job for a worker whose last simulation has the hash `structure`; None if none is ready."""
         if self.repeated:
             return self.repeated.popleft()
         groups = [group for group in self._open if group[0] in self.filmed]
@@ -94,7 +94,7 @@ class Agenda:
         return self._runs(groups, structure, workers) if groups else None
 
     def _runs(self, groups: Sequence[tuple[str, str]], structure: str, workers: int) -> Job:
-        """Take runs of the group with the worker's structure, else of the group with the fewest jobs so far."""
+        """Take runs from the queue of one (air, structure) group as a job; prefer the worker's compiled structure."""
         group = min(groups, key=lambda key: (key[1] != structure, self._jobs[key]))
         requests = self._open[group]
         total = sum(len(self._open[key]) for key in groups)
@@ -109,9 +109,9 @@ class Agenda:
     # ------------------------------------------------------------ results
 
     def executed(self, job: Job, count: int) -> list[str]:
-        """Note that a worker has executed the first `count` runs of a job; queue the other runs again.
+        """Record that a worker has executed the first `count` runs of a job; queue the other runs again.
 
-        The next job of the structure has twice as many runs. Return the airs whose films no pending run needs.
+        Later jobs of the same structure have up to twice as many runs. Return the air if no pending run needs its film.
         """
         complete = count == len(job.requests)
         self._sizes[job.structure] = max(2 * count, self._sizes.get(job.structure, 1) if complete else 1)
@@ -128,11 +128,11 @@ class Agenda:
         return [job.air]
 
     def apart(self, job: Job) -> None:
-        """Queue the runs of a job that raised an error again, one run per job."""
+        """Queue each run of a failed job again as a job of its own, to isolate the run at fault."""
         self.repeated.extend(job._replace(requests=(request,)) for request in job.requests)
 
     def died(self, job: Job) -> bool:
-        """Queue the job of a dead worker again, one run per job. Return whether a single run or film has failed."""
+        """Queue a dead worker's runs again, one per job. Return True if a single run or film has failed too often."""
         if len(job.requests) > 1 and not job.solve:
             self.apart(job)
         elif job.deaths + 1 >= DEATHS:
@@ -142,12 +142,12 @@ class Agenda:
         return False
 
     def solved(self, air: str) -> None:
-        """Note that an air has been filmed."""
+        """Record that the film of an air is complete, so that its runs may start."""
         self.solving.discard(air)
         self.filmed.add(air)
 
     def without(self, air: str) -> list[Request]:
-        """Remove and return the runs of an air whose simulation failed."""
+        """Remove from the queue, and return, all runs of an air that could not be filmed."""
         self.solving.discard(air)
         runs = self._runs_in(air)
         for group in [key for key in self._open if key[0] == air]:

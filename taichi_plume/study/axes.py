@@ -19,14 +19,14 @@ DIGITS = 12  # significant digits of sampled values
 
 
 class Level(NamedTuple):
-    """A value of a grid axis, as written in the tables, and the changes to the scenario, by path."""
+    """Value of a study's axis, as written in the tables, and the changes that it makes to the scenario, by path."""
 
     value: Value
     changes: Mapping[str, object]
 
 
 class Levels(NamedTuple):
-    """A grid axis with its levels."""
+    """Axis of a study with a list of values (levels), which forms a grid with the other such axes."""
 
     name: str
     unit: str
@@ -34,7 +34,7 @@ class Levels(NamedTuple):
 
 
 class Range(NamedTuple):
-    """A sampled axis: a range from low to high, uniform or (log) uniform in the logarithm."""
+    """Axis of a study that is sampled between low and high, uniformly or (log) uniformly in the logarithm."""
 
     name: str
     unit: str
@@ -45,7 +45,7 @@ class Range(NamedTuple):
 
 
 class Point(NamedTuple):
-    """A point of a study. which: index of the level on each grid axis, then of the sample."""
+    """Combination of axis values in a study. which: index of the level on each grid axis, then of the sample."""
 
     which: tuple[int, ...]
     values: dict[str, Value]
@@ -53,7 +53,7 @@ class Point(NamedTuple):
 
 
 def points(study: Study, axes: Sequence[Levels | Range]) -> Iterator[Point]:
-    """Yield all points in the plan's order."""
+    """Yield all combinations of axis values of a study: the grid, each combined with all samples of sampled axes."""
     grid = [axis for axis in axes if isinstance(axis, Levels)]
     drawn = [axis for axis in axes if isinstance(axis, Range)]
     draws = [scaled(axis, column) for axis, column in zip(drawn, _shares(study, len(drawn)).T, strict=True)]
@@ -70,7 +70,7 @@ def points(study: Study, axes: Sequence[Levels | Range]) -> Iterator[Point]:
 
 
 def _shares(study: Study, axes: int) -> np.ndarray:
-    """Sampled values of each point as fractions of their ranges, (points, axes)."""
+    """Return samples (samples, axes) in [0, 1] by Saltelli's design, Latin hypercube or Sobol sequence."""
     if not axes:
         return np.empty((0, 0))
     from scipy.stats import qmc  # half a second, for studies that sample
@@ -88,7 +88,7 @@ def _shares(study: Study, axes: int) -> np.ndarray:
 
 
 def scaled(axis: Range, shares: np.ndarray) -> list[float]:
-    """Values of a range at fractions of the range."""
+    """Map fractions (n,) in [0, 1] to values of a sampled axis, linear or logarithmic, rounded to 12 digits."""
     low, high = axis.low, axis.high
     found = low * (high / low) ** shares if axis.log else low + (high - low) * shares
     return [min(max(float(f"{value:.{DIGITS}g}"), low), high) for value in found]

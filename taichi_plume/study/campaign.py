@@ -29,9 +29,9 @@ SPARE = 2.0  # free disk space, in films, that starting another film requires
 
 
 class Campaign:
-    """Execution of the missing runs of a plan by workers.
+    """Scheduler that lets workers execute the missing runs of a study and stores the results.
 
-    requests: runs to execute. `run` ends when all runs are done or when a signal asks for the end.
+    requests: runs to execute. `run` ends when all runs are done or when a signal requests a stop.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class Campaign:
         self.failed = 0
 
     def run(self) -> None:
-        """Execute the runs. Raises WorkersError if the workers are lost, and OSError if the disk is full."""
+        """Execute the study's missing runs. Raises WorkersError if all workers are lost; OSError: disk full."""
         while not self.signals.stopped:
             self._look()
             self._give()
@@ -68,7 +68,7 @@ class Campaign:
             self._collect(0.0)  # tasks that have finished before the signal
 
     def _waits(self) -> bool:
-        """Whether pending jobs remain that no worker has. Raises OSError if only lack of disk space delays them."""
+        """Return whether runs remain in the queue. Raises OSError if the next shared film does not fit the disk."""
         unsolved = self.agenda.unsolved is not None
         if unsolved and not self.agenda.solving and self.worker_names and not self._room():
             raise OSError(
@@ -77,12 +77,12 @@ class Campaign:
         return bool(self.agenda.open)
 
     def _room(self) -> bool:
-        """Whether the disk has room for another film of the largest size so far."""
+        """Return whether the disk has room for another film, from the size of the largest film so far and a margin."""
         coming = 1 + len(self.agenda.solving)
         return shutil.disk_usage(self.store.airs).free > SPARE * self.largest * coming
 
     def _look(self) -> None:
-        """Update the list of workers; take back the jobs of workers that are gone. Raises WorkersError."""
+        """Update the list of workers; queue the jobs of vanished workers again. Raises WorkersError."""
         self.worker_names = self.workers.workers()
         self.totals.workers = max(self.totals.workers, len(self.worker_names))
         while self.workers.remarks:
@@ -113,7 +113,7 @@ class Campaign:
     # ------------------------------------------------------------ results
 
     def _collect(self, seconds: float) -> None:
-        """Wait for finished tasks and store their results. Raises WorkersError, OSError."""
+        """Wait for finished worker tasks; store results and handle errors. Raises WorkersError, OSError."""
         if not self.tasks:
             time.sleep(seconds)
             return
@@ -133,7 +133,7 @@ class Campaign:
                 self._take(job, result)
 
     def _take(self, job: Job, result: Result) -> None:
-        """Store the results of a task; queue the runs again that the task has not executed."""
+        """Store a worker's result (run records or a film's record), update the queue and remove unneeded films."""
         if not isinstance(result, AirRecord):
             self._store_runs(result)
             for air in self.agenda.executed(job, len(result)):
@@ -153,12 +153,12 @@ class Campaign:
         self.display.advance(len(records))
 
     def _died(self, job: Job) -> None:
-        """Execute the job of a dead worker again, unless its run or film has killed several workers alone."""
+        """Queue a dead worker's job again, or record a failure if a single run or film has killed several workers."""
         if self.agenda.died(job):
             self._fail(job, f"worker died {job.deaths + 1} times: too little memory? see {LOG}")
 
     def _wrong(self, job: Job, error: Exception) -> None:
-        """Handle an error of a task. Raises WorkersError or OSError if all other tasks would fail in the same way."""
+        """Handle an error of a task: record a failure or queue the runs singly. Raises WorkersError, OSError."""
         if isinstance(error, ImportError):
             raise WorkersError(f"a worker cannot import the package: {error}")
         if isinstance(error, OSError) and error.errno in FULL:
@@ -169,7 +169,7 @@ class Campaign:
             self.agenda.apart(job)
 
     def _fail(self, job: Job, message: str) -> None:
-        """Record that the film or the single run of a job has failed."""
+        """Record that the film or the single run of a job has failed. A failed film fails all runs that share it."""
         if job.solve:
             self._take(job, AirRecord(job.air, 0.0, 0, 0, message))
         else:

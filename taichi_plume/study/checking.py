@@ -19,7 +19,7 @@ class Checks:
     """Checks of scenarios whose files lie in `folder`, as by `prepare.checked`.
 
     The resources depend only on the sections that name files, the obstacles, the species and the domain. Only the first
-    of several scenarios with equal such sections opens the files.
+    of several scenarios with equal such sections opens these files (meshes, films and the like).
     """
 
     def __init__(self, folder: Path, allow_outside: bool):
@@ -53,7 +53,7 @@ class Checks:
 
 
 def _reads(scenario: Scenario) -> tuple[str, ...]:
-    """Return a key of the sections on which the resources depend."""
+    """Return a cache key: JSON of all sections of a scenario that decide which files are read and how."""
     sections = [
         f"{path} {section.model_dump_json(exclude={'parameters'} if isinstance(section, Own) else None)}"
         for path, section in checks.every(scenario)

@@ -48,7 +48,7 @@ NUMPY = {pa.bool_(): ("bool", "boolean"), pa.int64(): ("int64", "Int64")}
 
 
 def taken(outcomes: Iterable[str] = ()) -> set[str]:
-    """Return the names that an axis of a study with these outcomes must not have.
+    """Return column names that the tables of a study with these outcomes use already, forbidden as names of axes.
 
     An axis called `seed` or `air_seed` becomes that column; an axis called `algorithm` replaces the robots' column.
     """
@@ -56,7 +56,7 @@ def taken(outcomes: Iterable[str] = ()) -> set[str]:
 
 
 def kind_of(values: Iterable[object]) -> pa.DataType:
-    """Return the type of an axis from all of its values: booleans, integers, numbers, else text."""
+    """Return the Arrow type of a table's column from its values: boolean, integer, float, else string."""
     kinds = {type(value) for value in values}
     if kinds == {bool}:
         return pa.bool_()
@@ -66,7 +66,7 @@ def kind_of(values: Iterable[object]) -> pa.DataType:
 
 
 def axis_columns(axes: Sequence[Axis], kinds: dict[str, pa.DataType]) -> list[pa.Field]:
-    """Return the columns of the axes. Axes called `seed` or `air_seed` are left out: those columns exist already."""
+    """Return an Arrow column for each axis but `seed` and `air_seed`, which every table has. kinds: types by axis."""
     seeds = {field.name for field in SEEDS}
     return [
         column(axis.name, kinds[axis.name], axis.unit or "1", "axis of the study")
@@ -76,12 +76,12 @@ def axis_columns(axes: Sequence[Axis], kinds: dict[str, pa.DataType]) -> list[pa
 
 
 def plan_schema(axes: Sequence[pa.Field], about: dict[str, object]) -> pa.Schema:
-    """Return the schema of `plan.parquet`. about: the study, for the metadata `study`."""
+    """Return the Arrow schema of `plan.parquet`, the list of runs. about: the study, for the metadata `study`."""
     return _schema([WHICH[0], NUMBER, WHICH[1], *axes, *SEEDS, AIR, BY_CHANCE], study=json.dumps(about))
 
 
 def runs_schema(axes: Sequence[pa.Field], outcomes: dict[str, str]) -> pa.Schema:
-    """Return the schema of `runs.parquet`. outcomes: path by column."""
+    """Return the Arrow schema of `runs.parquet`. outcomes: path in result.json by name of the column."""
     numbers = [column(name, pa.float64(), _unit(path), path) for name, path in outcomes.items()]
     return _schema([WHICH[0], NUMBER, WHICH[1], *axes, *SEEDS, AIR, BY_CHANCE, *CAME, *numbers])
 
@@ -92,7 +92,7 @@ def trials_schema(axes: Sequence[pa.Field]) -> pa.Schema:
 
 
 def of_trials(axes: Sequence[pa.Field]) -> list[pa.Field]:
-    """Return the columns of a trial whose names no axis has."""
+    """Return the columns of the table of trials, without those that have the name of an axis."""
     names = {field.name for field in axes}
     return [field for field in TRIAL if field.name not in names]
 

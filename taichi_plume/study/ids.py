@@ -28,7 +28,7 @@ OF_WAKES = ("arena", "robots", "rivals")
 
 
 class Ids(NamedTuple):
-    """Ids of a point's runs without seeds."""
+    """Hashes of a scenario without seeds, from which ids of runs and airs (realisations of flow and gas) follow."""
 
     scenario: str
     air: str
@@ -37,7 +37,7 @@ class Ids(NamedTuple):
     wakes: bool
 
     def shown(self) -> "Ids":
-        """Return the ids of the same runs when they play a film with less detail than the air itself."""
+        """Return ids whose runs differ from the original runs, for playback of a less detailed film of flow and gas."""
         return self._replace(scenario=_hash([self.scenario, "shown"]))
 
     def run(self, seed: int, air_seed: int) -> str:
@@ -45,20 +45,20 @@ class Ids(NamedTuple):
         return _hash([self.scenario, seed, air_seed, __version__])
 
     def air_of(self, seed: int, air_seed: int) -> str:
-        """Return the id of the air of a run with these seeds."""
+        """Return the id of the air (realisation of wind and gas) of a run with these seeds."""
         drawn = ([air_seed] if self.air_by_chance else []) + ([seed] if self.wakes else [])
         return _hash([self.air, *drawn, __version__])
 
 
 class Digests:
-    """Hashes of files that scenarios in a folder name. Each file is read once."""
+    """Cache of hashes of the input files that scenarios in a folder name. Each file is read once."""
 
     def __init__(self, folder: Path):
         self.folder = folder
         self._known: dict[Path, str] = {}
 
     def ids(self, scenario: Scenario, opened: Mapping[str, Sequence[Path]]) -> Ids:
-        """Return the ids of a completed scenario; opened: `files` of its resources. Raises OSError."""
+        """Return the hashes of a scenario and its input files; opened: files by path of the key. Raises OSError."""
         data = scenario.model_dump(mode="json")
         read = {
             where: [self._of(file) for file in read_for(where, name, self.folder, opened)]

@@ -31,7 +31,7 @@ class Index(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Sobol indices of a quantity in a group.
+    """Sobol indices of a quantity for a group of robots.
 
     used, asked: number of used and of all rows of the design; a row has a point of A, of B, and of each AB_i. variance:
     over the points; noise: variance of a point's mean over airs, averaged over the points, NaN if points have a single
@@ -46,7 +46,7 @@ class Found(NamedTuple):
 
 
 def numbers(samples: int, axes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the numbers of the points in the plan: A (samples,), B (samples,), AB (axes, samples).
+    """Return the indices of the points of Saltelli's design: A (samples,), B (samples,), AB (axes, samples).
 
     The plan lists A, then B, then AB_i for each axis i: A with the values of B on axis i.
     """
@@ -55,7 +55,7 @@ def numbers(samples: int, axes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def sobol(values: np.ndarray, axes: tuple[str, ...], samples: int) -> tuple[int, dict[str, Index]]:
-    """Return the number of rows used and the indices of values (points,), in the order of `numbers`.
+    """Return the number of design rows used and the Sobol indices by axis, from values (points,) of Saltelli's design.
 
     Rows with a NaN are left out. Of the other rows the first 2^k are used, as a Sobol sequence needs a power of two for
     its low discrepancy.
@@ -97,7 +97,7 @@ def _seeded() -> Iterator[None]:
 
 
 def found(points: "Points") -> Iterator[tuple["Quantity", str | None, Found]]:
-    """Yield (quantity, group, Found) for each group and each quantity that is defined at every point."""
+    """Yield (quantity, group of robots or None, Sobol indices) for all quantities except means over successes."""
     samples, axes = int(points.plan.about["study"]["samples"]), tuple(axis.name for axis in points.plan.axes)
     table = points.table
     groups = list(dict.fromkeys(table["group"].dropna())) if "group" in table else []
@@ -126,7 +126,7 @@ def found(points: "Points") -> Iterator[tuple["Quantity", str | None, Found]]:
 
 
 def words(result: Found) -> list[str]:
-    """Return sentences about indices: unused rows, variance due to chance, width of the intervals."""
+    """Return sentences about Sobol indices: unused rows, share of variance due to chance, width of intervals."""
     lines = []
     if result.used < result.asked:
         lines.append(

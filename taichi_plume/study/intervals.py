@@ -1,6 +1,6 @@
 """95 % confidence intervals of means and shares over airs (cluster bootstrap), and the sentences that state them.
 
-Searches in the same air are correlated; treated as independent, they give intervals that are far too narrow. Therefore
+Searches in the same air (flow realisation) are correlated; as if independent, they give too narrow intervals. Therefore
 whole airs are resampled with all their searches (cluster bootstrap; Davison & Hinkley 1997, section 3.8,
 doi:10.1017/CBO9780511802843), and the statistic is the ratio of sums. The intervals are BCa intervals of
 `scipy.stats.bootstrap`; for few airs Student's t raises the confidence level (Hesterberg 2015, section 5.3,
@@ -50,7 +50,7 @@ WITHOUT = {
 
 
 class Estimate(NamedTuple):
-    """A mean or share with its interval (NaN if there is none). n: searches; airs: their airs; over: a key of OVER."""
+    """Mean or share with its interval (NaN if none). n, airs: numbers of searches and of airs; over: key of OVER."""
 
     mean: float
     low: float
@@ -63,7 +63,7 @@ class Estimate(NamedTuple):
 def estimates(
     values: ArrayLike, keys: Iterable[Hashable], airs: ArrayLike, by_chance: ArrayLike, share: bool
 ) -> dict[Hashable, Estimate]:
-    """Estimate the mean of the values of each key. All arguments are columns (n,) with an entry per search.
+    """Estimate mean and 95 % interval of the values of each key. Arguments but `share`: columns (n,), a row per search.
 
     values: NaN if undefined; 0 or 1 for a share; airs: seed of the air; by_chance: whether the air depends on the seed.
     """
@@ -93,7 +93,7 @@ def estimates(
 
 
 def _cells(table: Any) -> list[tuple[Hashable, np.ndarray, np.ndarray]]:
-    """Return (key, sums, counts) of each key; sums and counts: arrays over the airs."""
+    """Return (key, sums, counts) of each key: sum and number of values in each air, arrays (airs,)."""
     if not len(table):
         return []
     place, keys = table["key"].factorize()
@@ -104,7 +104,7 @@ def _cells(table: Any) -> list[tuple[Hashable, np.ndarray, np.ndarray]]:
 
 
 def _over_searches(values: np.ndarray, share: bool) -> Estimate:
-    """Estimate from independent searches, for an air that does not depend on the seed."""
+    """Estimate a mean or share with its interval from values (n,) of independent searches in one deterministic air."""
     count = len(values)
     found = share_with_interval(round(values.sum()), count) if share else mean_with_interval(values)
     over = "searches" if count > 1 else "one"
@@ -119,7 +119,7 @@ def _over_few(mean: float, of_airs: np.ndarray, n: int) -> Estimate:
 
 
 def _without_resampling(sums: np.ndarray, counts: np.ndarray, share: bool) -> Estimate | None:
-    """Estimate without resampling; None if the airs must be resampled."""
+    """Estimate a mean or share without bootstrap, from sums and counts (airs,); None if a bootstrap is needed."""
     airs, n, mean = len(sums), int(counts.sum()), float(sums.sum() / counts.sum())
     alike = bool(np.all(sums * counts[0] == sums[0] * counts))
     if airs == 1:
@@ -204,7 +204,7 @@ def words(estimate: Estimate | None, unit: str = "", share: bool = False, what: 
 
 
 def interval(estimate: Estimate, unit: str = "", share: bool = False) -> str:
-    """Return the interval of an estimate and the phrase of OVER, or the reason for a missing interval."""
+    """Return the text of an estimate's interval and what the interval is over, or why there is no interval."""
     if estimate.over in WITHOUT:
         return WITHOUT[estimate.over].format(airs=estimate.airs)
     return f"95 % interval {ends(estimate, unit, share)} {OVER[estimate.over].format(airs=estimate.airs)}"
@@ -223,7 +223,7 @@ def ends(estimate: Estimate, unit: str = "", share: bool = False) -> str:
 
 
 def number(value: float, unit: str = "", share: bool = False) -> str:
-    """Return a number with its unit; a share in per cent."""
+    """Return a number with 3 significant digits and its unit, or a share in per cent, as text."""
     if share:
         return f"{100 * value:.0f} %"
     return f"{value:.3g} {'' if unit == '1' else unit}".rstrip()

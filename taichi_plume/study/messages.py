@@ -56,7 +56,7 @@ class Options(NamedTuple):
 
 
 class Task(NamedTuple):
-    """Runs that a worker executes one after another or, if `solve`, films the shared air of.
+    """Runs that a worker executes or, if `solve`, whose common flow and gas (air) the worker computes and films.
 
     base: data of the base scenario; folder: folder of the base's files; film: path of the film of the shared air, None
     if each run solves its own air. limit_s: time after which the worker returns its finished runs, at least one.

@@ -78,21 +78,21 @@ SECTIONS = {
 
 
 class OutcomeCheck:
-    """Outcomes and files of a study that none of the scenarios so far yields."""
+    """Requested outcomes and files of a study that no scenario examined so far yields."""
 
     def __init__(self, outcomes: Mapping[str, str], keep: Sequence[str]):
         self.outcomes, self.keep = dict(outcomes), list(keep)
         self.faults: dict[str, str] = {}
 
     def look(self, scenario: Scenario) -> None:
-        """Remove the outcomes and files that runs of a completed scenario yield."""
+        """Drop the requested outcomes and files that runs of a scenario yield; record errors of the others."""
         for name, path in list(self.outcomes.items()):
             if not self._note(f"outcomes.{name}", next(_unknown(path, scenario), None)):
                 del self.outcomes[name]
         self.keep = [name for name in self.keep if self._note(f"keep: {name}", not_left(name, scenario))]
 
     def _note(self, where: str, fault: str | None) -> bool:
-        """Record the first fault of a key, or drop the fault if `fault` is None. Return whether there is a fault."""
+        """Record the first error of a requested key, or None to remove the error. Return whether there is an error."""
         if fault is None:
             self.faults.pop(where, None)
         else:
@@ -122,7 +122,7 @@ def not_left(name: str, scenario: Scenario) -> str | None:
 
 
 def _unknown(path: str, scenario: Scenario) -> Iterator[str]:
-    """Yield the reason why results have no number at a path."""
+    """Yield an error line if runs of a scenario yield no number at a path of result.json or of the probes."""
     steps = steps_of(path)
     if steps[0] == PROBES:
         yield from _no_probe(path, scenario)
@@ -157,7 +157,7 @@ def _unknown(path: str, scenario: Scenario) -> Iterator[str]:
 
 
 def _no_probe(path: str, scenario: Scenario) -> Iterator[str]:
-    """Yield the reason why a probe or quantity does not exist. Names of probes may contain dots."""
+    """Yield an error line if a path `probes.NAME.QUANTITY` names no probe or quantity. NAME may contain dots."""
     name, _, quantity = path.partition(".")[2].rpartition(".")
     names = [probe.name for probe in scenario.probes.points] if scenario.probes else []
     if not name:

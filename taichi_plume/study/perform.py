@@ -42,7 +42,7 @@ def perform(task: Task) -> list[Record]:
 
 
 class _Run:
-    """Execution of a run in a worker."""
+    """Execution of one run of a study in a worker process, with its timing."""
 
     def __init__(self, task: Task, request: Request):
         self.task, self.request = task, request
@@ -52,7 +52,7 @@ class _Run:
         self.simulated = 0.0
 
     def record(self) -> Record:
-        """Execute the run and return a record, even if the run fails."""
+        """Execute the run and return the record of status, trials, outcomes and cost, even if the run fails."""
         trials: list[Row] = []
         outcomes: Outcomes = dict.fromkeys(self.task.options.outcomes)
         try:

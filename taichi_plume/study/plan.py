@@ -48,7 +48,7 @@ class Plan(NamedTuple):
 
 
 def load_plan(file: Path, allow_outside: bool = False) -> Plan:
-    """Read a study.yaml and check every point. Users' code is not executed.
+    """Read a study.yaml, check the scenario of each combination of axis values, list all runs. Run no users' code.
 
     allow_outside: whether the base and the files that the base names may lie outside the study's folder. Raises
     ScenarioError with a line for each error.
@@ -62,7 +62,7 @@ def load_plan(file: Path, allow_outside: bool = False) -> Plan:
 
 
 def read_study(file: Path) -> Study:
-    """Read a study.yaml without its base. Raises ScenarioError."""
+    """Read and validate a study.yaml, without its base scenario. Raises ScenarioError."""
     data = read_mapping(file, STUDY_NEEDS)
     if "base" not in data and "domain" in data:
         hint = "python -m taichi_plume.run runs scenarios; a study names its base scenario"
@@ -109,7 +109,7 @@ class _Planning:
     # ------------------------------------------------------------ checks
 
     def _checked(self, axes: Sequence[Levels | Range]) -> tuple["list[_Checked]", list[str]]:
-        """Return all valid points and the errors. Points that differ only in seeds are checked once."""
+        """Return valid combinations of axis values, and errors. Those that differ only in seeds are checked once."""
         study = self.study
         requested, refused, found = OutcomeCheck(study.outcomes, study.keep), _Refused(axes), []
         seen: dict[tuple[int, ...], tuple[int, Ids] | None] = {}
@@ -176,7 +176,7 @@ class _Planning:
 
 
 class _Checked(NamedTuple):
-    """A valid point. combination: number of the combination of axis values, seeds ignored."""
+    """Valid combination of axis values (point). combination: number, equal for points that differ only in seeds."""
 
     point: Point
     combination: int
@@ -184,7 +184,7 @@ class _Checked(NamedTuple):
 
 
 class _Refused:
-    """Errors of points. An error that several points share is reported once, with the values of the axes."""
+    """Errors of a study's combinations of axis values (points). Errors that several points share are merged."""
 
     def __init__(self, axes: Sequence[Levels | Range]):
         self.axes = axes
@@ -204,7 +204,7 @@ class _Refused:
         return [f"{self._whose(points)}: {self.first[key]}" for key, points in self.points.items()]
 
     def _whose(self, points: list[Point]) -> str:
-        """Return the axes and values that have the error, without axes all of whose values have the error."""
+        """Return text that names the axis values of points with an error, without axes that have it at all values."""
         parts = []
         for axis in self.axes:
             values = list(dict.fromkeys(point.values[axis.name] for point in points))
@@ -224,7 +224,7 @@ def _plain(value: object) -> str:
 
 
 def columns(axes: Sequence[Levels | Range]) -> Iterator[Axis]:
-    """Yield the columns of the axes. Leading axes have a folder per value, up to MOST_FOLDERS folders."""
+    """Yield the table column of each axis. Axes with few values get a folder per value, at most MOST_FOLDERS in all."""
     folders = 1
     for axis in axes:
         levels = axis.levels if isinstance(axis, Levels) and axis.name not in SEEDS else ()

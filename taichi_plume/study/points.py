@@ -1,4 +1,4 @@
-"""Estimates at the points of a study: means with intervals over airs, for each point and each group of robots."""
+"""Estimates of a study: means with confidence intervals for each combination of axis values and group of robots."""
 
 from collections.abc import Hashable, Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -64,7 +64,7 @@ DECLARATIONS = (
 
 
 def outcomes(plan: Planned, tables: Tables) -> tuple[Quantity, ...]:
-    """Quantities of whole runs."""
+    """Return the quantities of whole runs that the study requests as outcomes."""
     units = run_tables.units(tables.runs.schema)
     return tuple(Quantity(name, name, units[name], what="runs") for name in plan.outcomes)
 
@@ -88,7 +88,7 @@ def _numbers(of: "pd.DataFrame", q: Quantity) -> np.ndarray:
 
 
 class Points:
-    """Points of a study, with an estimate of each quantity.
+    """Points (combinations of axis values) of a study, with an estimate of each quantity.
 
     table: a row per point and group, sorted: point, the axes, group, algorithm, number of runs, of failed and missing
     runs; estimates: by name of the quantity, for each row; None without data.
@@ -110,7 +110,7 @@ class Points:
         self.estimates = {quantity.name: self._of_rows(quantity) for quantity in self.quantities}
 
     def _declared(self) -> bool:
-        """Return whether any robot has declared a source; if so, add the outcomes as columns to the trials."""
+        """Return whether any robot has declared a source position; if so, add columns of declarations to the trials."""
         trials = self.trials
         searched = trials["searched"].astype(bool)
         if not (trials["declarations"][searched] > 0).any():
@@ -148,7 +148,7 @@ class Points:
         return [found.get(row if len(keys) > 1 else row[0]) for row in rows]
 
     def between_airs(self, quantity: Quantity) -> dict[Hashable, float]:
-        """Variance of the mean of each point (and group), from the means of the point's airs.
+        """Return the squared standard error of the mean at each point (and group), from the means of the point's airs.
 
         NaN if there is a single air.
         """
@@ -159,7 +159,7 @@ class Points:
         return (by.var(ddof=1) / by.size()).to_dict()
 
     def frame(self) -> "pd.DataFrame":
-        """Return the table with mean, interval and sentence (`_words`) of each quantity; units in `attrs`."""
+        """Return a data frame: mean, interval, sentence (`_words`) of each quantity; units in `attrs`."""
         import pandas as pd
 
         made: Row = {name: self.table[name] for name in self.table.columns}

@@ -24,7 +24,7 @@ FIRST_S, LINE_S = 10.0, 60.0  # time until the first line, and between further l
 
 
 class Display:
-    """Context that shows how many of `total` runs are done. done: number at the start; quiet: show nothing."""
+    """Progress display of a study's runs (context). total: all runs; done: runs done at the start; quiet: no output."""
 
     def __init__(self, total: int, done: int, quiet: bool = False):
         self.total, self.done, self.quiet = total, done, quiet
@@ -58,13 +58,13 @@ class Display:
                 self._bar.stop()
 
     def advance(self, runs: int) -> None:
-        """Add a number of runs that are done."""
+        """Add a number of finished runs to the progress display."""
         self.done += runs
         if self._bar is not None:
             self._bar.update(self._task, completed=self.done)
 
     def update(self, campaign: "Campaign") -> None:
-        """Show the state of a campaign."""
+        """Refresh the bar, or print a progress line each minute, from the state of a study's execution."""
         if self.quiet:
             return
         if self._bar is not None:
@@ -74,14 +74,14 @@ class Display:
             self.note(f"{self.done:,} of {self.total:,} runs{self._left()}; {_facts(campaign)}")
 
     def note(self, line: str) -> None:
-        """Show a line above the bar."""
+        """Print a line above the progress bar; without a bar on stderr, unless the display is quiet."""
         if self._bar is not None:
             self._bar.console.print(line, soft_wrap=True)
         elif not self.quiet:
             say(line, error=True)
 
     def _left(self) -> str:
-        """Remaining time in words, at the mean rate so far."""
+        """Return the remaining time of the study in words, at the mean rate so far; "" if unknown."""
         done = self.done - self._first
         if not done:
             return ""
@@ -101,7 +101,7 @@ def _facts(campaign: "Campaign") -> str:
 
 
 class Totals:
-    """Totals of a campaign: runs, airs, the largest number of workers, and times summed over workers [s]."""
+    """Totals of a study's execution: runs, airs, the largest number of workers, and times summed over workers [s]."""
 
     def __init__(self) -> None:
         self.runs = self.airs = self.workers = 0
@@ -109,7 +109,7 @@ class Totals:
         self._began = time.perf_counter()
 
     def add(self, result: Result) -> None:
-        """Add the result of a task."""
+        """Add a worker's result to the totals: run records, or the record of a filmed flow."""
         if isinstance(result, AirRecord):
             self.airs += 1
             self.busy_s += result.seconds

@@ -119,7 +119,7 @@ def _chance(estimates: "Sequence[Estimate | None]") -> bool | None:
 
 
 def words(row: Row) -> str:
-    """Return the sentence of a row of `orders`."""
+    """Return a sentence on grid convergence from a row of `orders`: order, extrapolated value, error, chance."""
     if row["behaviour"] not in ("converges", "oscillates"):
         return SENTENCES[row["behaviour"]]
     unit = "" if row["unit"] == "1" else f" {row['unit']}"

@@ -25,7 +25,7 @@ def resolve(study: Study, base: Changes, name: str) -> list[Levels | Range]:
 
 
 class _Resolving:
-    """Validation of each value of an axis with the first values of all other axes, which the value may depend on."""
+    """Check of the axes of a study: each value is tried together with the first value of every other axis."""
 
     def __init__(self, study: Study, base: Changes, name: str):
         self.study, self.base, self.name = study, base, name
@@ -47,7 +47,7 @@ class _Resolving:
         return [axis for axis in axes if axis is not None]
 
     def _first(self, without: str = "") -> Data:
-        """Return the changes of the first value of every axis, except the axis `without`."""
+        """Return the scenario changes of the first value of every axis, except the axis `without`; by path."""
         firsts = [trials[0][1] for name, trials in self.trials.items() if name != without]
         return {key: value for changes in firsts for key, value in changes.items()}
 
@@ -113,7 +113,7 @@ class _Resolving:
         return self._range(name, axis, values, unit)
 
     def _levels(self, name: str, axis: StudyAxis, values: list[Any]) -> list[Level]:
-        """Return the levels of a list of values. Lists and sections, and all values beside them, become JSON texts."""
+        """Return an axis's values with their scenario changes. With a list or section, all are named by JSON."""
         assert axis.values is not None
         plain = all(isinstance(value, Value) and not _too_large(value) for value in values)
         shown_values: list[Value] = values if plain else [json.dumps(value) for value in axis.values]
@@ -154,7 +154,7 @@ class _Resolving:
 
 
 def _trials(axis: StudyAxis) -> Iterable[tuple[str, Data]]:
-    """Yield the path of each value in the file, for messages, and the value's changes to the scenario."""
+    """Yield each value of an axis: its path below the axis, for messages, and its changes to the scenario."""
     if axis.variants is not None:
         for name, changes in axis.variants.items():
             yield f".variants.{name}", {canonical(key): value for key, value in changes.items()}

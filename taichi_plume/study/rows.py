@@ -72,7 +72,7 @@ def _number(value: object) -> object:
 
 
 def probed(outcomes: Mapping[str, str]) -> bool:
-    """Whether an outcome is a mean of a probe."""
+    """Return whether any requested outcome is the mean of a probe (a path that begins with `probes.`)."""
     return any(path.startswith(PROBES) for path in outcomes.values())
 
 

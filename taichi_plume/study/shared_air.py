@@ -1,4 +1,4 @@
-"""Shared air: solve wind and gas once, film every tick, and play the film to all runs with the same air."""
+"""Shared air: compute wind and gas once, record every time step (film), and play the film in all runs that share it."""
 
 import os
 import time
@@ -39,7 +39,7 @@ def solve_air(task: Task) -> AirRecord:
 
 
 def _solve(task: Task, key: tuple[str, ...]) -> tuple[int, int]:
-    """Write the film; return its number of frames and bytes."""
+    """Compute the shared wind and gas, write the film, and return its number of frames and size in bytes."""
     assert task.film is not None
     scenarios = [scenario_of(task.base, request.changes) for request in task.requests]
     scenario = alone(scenarios[0], max(each.duration for each in scenarios))
@@ -114,9 +114,9 @@ def opened(path: Path) -> AirFilm:
 
 
 def put(film: AirFilm, scenario: Scenario, player: TickFilm | None = None) -> TickFilm:
-    """Return a player, or a new one, that plays a film from the next start of a run.
+    """Set the film of a player, or of a new player, for a run's next start, and return the player.
 
-    Raises ValueError if the film does not fit.
+    Raises ValueError if grid, time step, wind, gases or length of the film do not fit the scenario.
     """
     fits = film.shape == scenario.domain.shape and film.tick == scenario.tick
     if not fits or set(film.names) != set(_variables(scenario)):

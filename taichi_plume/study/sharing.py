@@ -1,4 +1,4 @@
-"""Decide which airs are solved once for several runs, and which fields the films hold. Does not need Taichi."""
+"""Decide which flow and gas fields (airs) are solved once for several runs, and what their films hold. No Taichi."""
 
 import re
 from collections import Counter
@@ -19,7 +19,7 @@ FILES_OF_ROBOTS = ("scenario.yaml", "robots.parquet", "maps.zarr")
 def why_not(
     scenario: Scenario, outcomes: Mapping[str, str], share: str, keep: Collection[str] = ()
 ) -> str | None:
-    """Return the reason why a run cannot play its air from a film; None if the run can.
+    """Return the reason why a run cannot play recorded wind and gas (a film); None if the run can.
 
     outcomes, keep: requested outcomes and files. share: exact, if results must be equal to the bit; always, also if the
     film holds only cell means of puffs; never.
@@ -55,7 +55,7 @@ def shared_airs(plan: "Plan", requests: Sequence[Request]) -> set[str]:
 
 
 def differs(scenario: Scenario, outcomes: Mapping[str, str], keep: Collection[str] = ()) -> bool:
-    """Whether a run with share_air: always differs from a run that solves its own air."""
+    """Return whether playback of recorded wind and gas is possible but changes a run's results."""
     exact, always = (why_not(scenario, outcomes, share, keep) for share in ("exact", "always"))
     return exact is not None and always is None
 

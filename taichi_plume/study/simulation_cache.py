@@ -53,7 +53,7 @@ class Warm:
 
     @property
     def compiled(self) -> int:
-        """Kernels compiled by this process so far."""
+        """Number of Taichi kernels that this process has compiled so far."""
         return self._compiled + (kernels.compiled() if self._alive() else 0)
 
     def find(self, key: Hashable) -> CachedSimulation | None:

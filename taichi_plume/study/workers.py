@@ -53,7 +53,7 @@ class WorkersError(Exception):
 
 
 def work(task: "Task") -> "Result":
-    """Film the air of a task or execute its runs. Threads of a worker take turns.
+    """Execute a task in a worker: run simulations, or film wind and gas that runs share. Threads take turns.
 
     Called in workers. Taichi is imported only here: the command itself does not need Taichi.
     """
@@ -241,7 +241,7 @@ class DaskWorkers:
             raise WorkersError(f"worker {address}: {answer}", 2)
 
     def submit(self, worker: str, function: "Work", task: "Task") -> "Future[Result]":
-        """Let a worker execute a task."""
+        """Submit the call `function(task)` to a worker; return the future of the result."""
         return self._executors[worker].submit(function, task)
 
     def close(self) -> None:
