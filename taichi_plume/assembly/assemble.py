@@ -1,4 +1,4 @@
-"""Assembly of a `Simulation` from a scenario: this module alone imports all parts."""
+"""Assembly of a `Simulation` (grid, wind, gas, robots, sensors) from a checked scenario."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -58,10 +58,10 @@ def assemble(
 ) -> Simulation:
     """Check a scenario and return its simulation, at the start of its warm-up.
 
-    Starts Taichi on the CPU unless it runs; `grid.kernels.start` takes another device. folder: of the files that the
-    scenario names. algorithms: own classes by the name of their group, whose algorithm is of kind own.
-    allow_code: whether its Python files are executed. allow_outside: whether its files may lie outside of `folder`.
-    driven: whether the caller drives its external robots (see agents/external.py). Raises ScenarioError, with a line
+    Starts Taichi on the CPU unless it runs; `grid.kernels.start` takes another device. folder: folder of the
+    scenario's files. algorithms: users' algorithm classes by the names of robot groups with an algorithm of kind own.
+    allow_code: whether the scenario's Python files are executed. allow_outside: whether files may lie outside `folder`.
+    driven: whether the caller moves the external robots (see agents/external.py). Raises ScenarioError, with a line
     for each fault.
     """
     prepared = checked(scenario, Path(folder), allow_outside)
@@ -86,8 +86,8 @@ def build(
 ) -> Simulation:
     """Return the simulation of a checked scenario, at the start of its warm-up; Taichi must have been started.
 
-    Files of own algorithms must have been executed, see own_code. algorithms: own classes by the name of their group,
-    whose algorithm is of kind own (see agents/own_algorithm.py). film: recorded wind or gas that is
+    Users' algorithm files must have been executed, see own_code. algorithms: users' algorithm classes by the names of
+    robot groups with an algorithm of kind own (see agents/own_algorithm.py). film: recorded wind or gas that is
     played instead of solving for them. driven: whether external robots are driven. Raises ScenarioError if robots do
     not fit, or nothing drives them.
     """
@@ -121,7 +121,7 @@ def build(
     state = State(sim)
 
     def begin(scenario: Scenario) -> Scenario:
-        """Restart every part with a scenario of the same structure; return that scenario, completed."""
+        """Restart wind, gas, robots, sensors and maps with a scenario of the same structure; return it, completed."""
         scenario, _ = again(prepared, scenario)
         walkers = [scenario.obstacles[n] for n in walking]
         starts = _starts(scenario, clearance, walkers)
@@ -153,7 +153,7 @@ def build(
 class Stirring:
     """Moving obstacles and wakes of robots, which stir the air.
 
-    makers: constructors of their drag, which take the open fractions of the faces.
+    makers: functions that take the open fractions of the cell faces and return the drag of an obstacle or a group.
     """
 
     def __init__(self, scenario: Scenario, swarm: Swarm, grid: Grid):
@@ -190,7 +190,7 @@ class Stirring:
 
 
 def ways(scenario: Scenario, resources: Resources, cubes: Cubes | None) -> tuple[ClearanceMap, list[int]]:
-    """Distances to obstacles, including `cubes` of an occupancy grid, and the numbers of the moving obstacles."""
+    """Return the map of distances to obstacles, and the indices of moving obstacles at the altitudes of robots."""
     flying = [group for group in scenario.robots if group.body.flies]
     driving = [group for group in scenario.robots if not group.body.flies]
     standing: list[Any] = [shape for shape in resources.standing if shape is not None]
@@ -271,9 +271,9 @@ def _weigh(weighing: list[BuoyantScalar], scenario: Scenario) -> None:
 def _drivers(
     scenario: Scenario, resources: Resources, algorithms: Mapping[str, type] | None, driven: bool
 ) -> tuple[dict[str, type], dict[str, Network], dict[str, Sequence[Way]]]:
-    """The users' own classes, networks of policies and recorded paths, by the names of their groups.
+    """Return users' algorithm classes, policy networks and recorded robot paths, each by the names of the groups.
 
-    Raises ScenarioError if a group lacks one, or if nothing drives external robots.
+    Raises ScenarioError if a group lacks one, or if external robots exist and `driven` is false.
     """
     own, networks, recorded = dict(algorithms or {}), {}, {}
     faults: list[str] = []

@@ -22,7 +22,7 @@ Places = Callable[[np.ndarray], np.ndarray]
 
 
 def begin_fields(scenario: Scenario, resources: Resources, wind: "Wind", gases: "Sequence[Gas]") -> None:
-    """Set all quantities with an `initial` section, once all parts are at their start. Raises ScenarioError."""
+    """Set wind, heat and gases with an `initial` section; solvers must be at their start. Raises ScenarioError."""
     extent = scenario.domain.extent
     flow, solver = scenario.wind.computed, cast("FlowSolver", wind)
     if flow is not None and flow.initial is not None:
@@ -44,7 +44,7 @@ def begin_fields(scenario: Scenario, resources: Resources, wind: "Wind", gases: 
 def _filmed(
     model: FilmedInitial, path: str, resources: Resources, species: "str | OtherSpecies | None" = None
 ) -> Places:
-    """Wind, or gas of a species, from the film of a section."""
+    """Return a function of points [m] that gives the recorded velocity, or a species' concentration, of a film."""
     from taichi_plume.files.film import FilmError  # brings zarr
 
     film = resources.films[path]
@@ -57,9 +57,9 @@ def _filmed(
 
 
 def _formulas(model: Initial, extent: tuple[float, ...], units: Units = NO_UNITS) -> Places:
-    """Scalars, or vectors, of the formulas; 0 where a formula has no value, which is inside obstacles.
+    """Return a function of points [m]: the values of the formulas, and 0 where a formula has no finite value.
 
-    Outside the domain of this extent [m], the values at the domain's faces are continued.
+    extent: size of the domain [m]; points outside take the values at its faces.
     """
 
     def places(points: np.ndarray) -> np.ndarray:

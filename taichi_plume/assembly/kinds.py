@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Context:
-    """Parts of a simulation that solvers of wind and gas are made from, besides their own sections.
+    """Scenario, files, grid and shared fields from which the solvers of wind and gas are constructed.
 
     scalars: concentrations on the grid of the gases that make the air heavier (buoyancy), by their paths in the
-    scenario. weighing: the same, with their weights. resistances: constructors of drag of walkers and wakes, which take
-    the open fractions of the faces.
+    scenario. weighing: the same, with their weights. resistances: functions that take the open fractions of the cell
+    faces and return the drag of a moving obstacle or of robots' wakes.
     """
 
     scenario: Scenario
@@ -43,7 +43,7 @@ class Context:
 
     @property
     def start(self) -> float:
-        """Start of the run [s]."""
+        """Simulated time at which the warm-up starts [s], 0 or negative."""
         return self.scenario.first_tick * self.scenario.tick
 
 
@@ -76,7 +76,7 @@ GASES: dict[str, Solver] = {
 
 
 def make_wind(model: AnyWind, ctx: Context) -> Wind:
-    """Return the solver of a wind. Raises ScenarioError if obstacles close off an opening that blows."""
+    """Return the solver of a wind section. Raises ScenarioError if obstacles cut an inlet off from all outlets."""
     resources, film = ctx.resources, ctx.resources.films.get("wind")
     if resources.site is not None:
         film = _solver("imported", "ImportedFilm")(resources.site, ctx.grid, ctx.air)
@@ -92,7 +92,7 @@ def make_wind(model: AnyWind, ctx: Context) -> Wind:
 
 
 def make_gas(model: OneGas, path: str, ctx: Context, wind: Wind) -> Gas:
-    """Return the solver of the gas at this path, which the wind carries."""
+    """Return the solver of a gas section; path: key of the section in the scenario, wind: flow that carries the gas."""
     return _make(GASES, model, path, ctx, wind=wind, film=ctx.resources.films.get(path))
 
 

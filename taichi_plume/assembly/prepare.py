@@ -121,7 +121,7 @@ def _require_scenario(scenario: object) -> None:
 
 
 def again(prepared: Prepared, scenario: Scenario) -> Prepared:
-    """Combine another scenario of the same structure with the files that are open.
+    """Combine another scenario of the same structure with the files that `prepared` holds open.
 
     Raises ScenarioError: StructureError if the structure differs, else if a check fails.
     """
@@ -142,9 +142,9 @@ def again(prepared: Prepared, scenario: Scenario) -> Prepared:
 def prepare(
     scenario: Scenario, folder: Path, allow_outside: bool = False, named: Collection[str] = ()
 ) -> Prepared:
-    """Open a scenario's files, which lie in `folder`; files that cannot be used are reported by the checks.
+    """Open the files of a scenario in `folder`; record errors of unusable files for the later checks.
 
-    Raises ScenarioError if a file lies elsewhere, unless `allow_outside` is set or its key is in `named`.
+    Raises ScenarioError if a file lies outside `folder`, unless `allow_outside` is set or its key is in `named`.
     """
     faults = [] if allow_outside else strangers(scenario, folder, named)
     if faults:

@@ -60,12 +60,12 @@ class Resources:
 
     @property
     def obstacles(self) -> list[Shape]:
-        """The shapes of the obstacles."""
+        """Shapes of all obstacles of the scenario, in their order."""
         return list(self.shapes.values())
 
     @property
     def standing(self) -> list[Shape | None]:
-        """The shapes of standing obstacles, None for moving ones."""
+        """Shape of each obstacle that stands still, None for each moving obstacle."""
         return [shape if shape.model.motion is None else None for shape in self.shapes.values()]
 
     def unlike(self, path: str) -> int:
@@ -100,7 +100,7 @@ class Resources:
 
 @contextmanager
 def _reported(resources: Resources, path: str, error: type[Exception]) -> Iterator[None]:
-    """Report this error of a file as a fault of the key with this path."""
+    """Catch exceptions of class `error` in the block and record their text as the fault of the key `path`."""
     try:
         yield
     except error as fault:
@@ -108,7 +108,7 @@ def _reported(resources: Resources, path: str, error: type[Exception]) -> Iterat
 
 
 def _opened(resources: Resources, file: Path) -> "Film":
-    """Open a film once for all sections that name it. Raises FilmError."""
+    """Return the open film (recorded flow and gas) of a file, opened once for all sections. Raises FilmError."""
     from taichi_plume.files.film import Film
 
     film = next((film for film in resources.films.values() if film.path == file), None) or Film(file)
@@ -117,7 +117,7 @@ def _opened(resources: Resources, file: Path) -> "Film":
 
 
 def _film(resources: Resources, path: str, model: Playback, folder: Path) -> PureGas | None:
-    """Open the film of a section; a played gas is returned with the recorded species and sources."""
+    """Open the film of a section; return a played-back gas with the recorded species and sources, else None."""
     from taichi_plume.files.film import FilmError
 
     with _reported(resources, f"{path}.file", FilmError):
@@ -131,7 +131,7 @@ def _film(resources: Resources, path: str, model: Playback, folder: Path) -> Pur
 
 
 def _moment(resources: Resources, path: str, model: InitialWind | InitialGas, folder: Path) -> None:
-    """Open the film of an initial condition and read the frames that are needed."""
+    """Open the film that gives the initial wind or gas and read the frames at the chosen time."""
     if model.film is None:
         return
     from taichi_plume.files.film import FilmError
@@ -147,7 +147,7 @@ def _moment(resources: Resources, path: str, model: InitialWind | InitialGas, fo
 
 
 def completed(gas: PlaybackGas, film: "Film") -> PlaybackGas:
-    """Complete a gas with the recorded species and sources. Raises FilmError."""
+    """Return a played-back gas; species and sources not given come from the film. Raises FilmError."""
     from taichi_plume.files.film import FilmError
 
     if gas.sources and gas.species:
@@ -163,7 +163,7 @@ def completed(gas: PlaybackGas, film: "Film") -> PlaybackGas:
 def _points(
     resources: Resources, path: str, model: PlumeSimWind | PlumeSimGas | FluentGas, folder: Path
 ) -> None:
-    """Read the frames of points of a section; a log that several play is read once."""
+    """Read the point frames (values at scattered points) of a section; a log that sections share is read once."""
     with _reported(resources, f"{path}.{model.key}", PointFileError):
         file = folder / model.file if isinstance(model, PlumeSimLog) else None
         known = (frames for frames in resources.frames.values() if frames.path == file)
@@ -171,7 +171,7 @@ def _points(
 
 
 def _movie(resources: Resources, path: str, model: MovieGas, folder: Path) -> None:
-    """Open a movie and read its first and last frame."""
+    """Open the movie (gas concentrations over time, y, x) and read its first and last frame."""
     from taichi_plume.files.film import FilmError
     from taichi_plume.files.movie import Movie
 
@@ -194,21 +194,21 @@ def _site(resources: Resources, path: str, model: ImportedWind, folder: Path) ->
 
 
 def _own(resources: Resources, path: str, model: Own, folder: Path) -> None:
-    """Read the file of an own algorithm; without a file the class is given when the run is assembled."""
+    """Read the Python file of a user's algorithm; without a file the class is passed to `assemble`."""
     if model.file:
         with _reported(resources, f"{path}.file", OwnAlgorithmError):
             resources.code[path] = OwnFile.read(folder / model.file, model.name)
 
 
 def _network(resources: Resources, path: str, model: Policy, folder: Path) -> None:
-    """Read a policy's network; without a file it is still to be learnt."""
+    """Read the neural network of a policy; without a file the policy is not trained yet and nothing is read."""
     if model.file:
         with _reported(resources, f"{path}.file", OwnAlgorithmError):
             resources.networks[path] = Network.read(folder / model.file)
 
 
 def _ways(resources: Resources, path: str, model: Replay, folder: Path) -> None:
-    """Read the paths of recorded robots."""
+    """Read the recorded trajectories of the robots of a replay section."""
     from taichi_plume.files.trajectories import WayError, read
 
     with _reported(resources, f"{path}.file", WayError):

@@ -57,7 +57,7 @@ def print_check(prepared: Prepared, out: Path | None = None, whole: bool = False
 
 
 def duration(seconds: float) -> str:
-    """Return a duration in words."""
+    """Return a duration [s] as text, in seconds, minutes or hours."""
     if seconds < 100:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.0f} h"

@@ -54,7 +54,7 @@ def _contest(args: argparse.Namespace, arguments: Sequence[str]) -> int:
 
 
 def _conclude(args: argparse.Namespace, contest: "Contest", command: Sequence[str]) -> None:
-    """Write the table and the page of the finished runs, and print them."""
+    """Write the contest table and the HTML page of the finished runs, and print the results."""
     from taichi_plume.contest import page, standings
 
     rows = standings.rows(contest)
@@ -71,7 +71,7 @@ def _conclude(args: argparse.Namespace, contest: "Contest", command: Sequence[st
 
 
 def _require_allowed(args: argparse.Namespace) -> None:
-    """Raise ScenarioError if the user has not allowed the execution of own algorithms."""
+    """Raise ScenarioError if the user has not allowed the execution of Python files with algorithms."""
     from taichi_plume.assembly.own_code import has_permission
     from taichi_plume.files.own_class import OwnFile
     from taichi_plume.scenario.loading import ScenarioError

@@ -42,7 +42,7 @@ def _export(args: Namespace, out: Path) -> int:
 
 
 def _bag(run: "Run", args: Namespace, out: Path) -> list[Path]:
-    """Write a bag and return its files. Raises InputError and OSError."""
+    """Write a ROS 2 bag of a run to `out` and return the files written. Raises InputError and OSError."""
     try:
         import rosbags  # noqa: F401
     except ImportError:

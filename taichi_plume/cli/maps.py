@@ -128,7 +128,7 @@ def _make(args: argparse.Namespace, model: Map) -> int:
 
 
 def _used(scores: dict[str, Any], times: Sequence[str]) -> str:
-    """Describe which readings of the log are in the map. times: the parameters that limit the age of readings."""
+    """Return a text on the readings of the log that a map uses. times: parameters that limit the age of readings."""
     forgotten, text = scores["forgotten"], f"{scores['readings']:,} readings"
     if forgotten:
         text = f"{forgotten:,} of {text} forgotten; without {' and '.join(times)} the map is of the whole log"
@@ -144,7 +144,7 @@ def _used(scores: dict[str, Any], times: Sequence[str]) -> str:
 
 
 def _is_map(folder: Path) -> bool:
-    """Return whether a folder holds an earlier map."""
+    """Return whether the scores.json of a folder is that of a gas map."""
     from taichi_plume.files.run_folder import read_json
 
     return read_json(folder / "scores.json").keys() >= {"kind", "readings", "known_fraction"}

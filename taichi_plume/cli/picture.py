@@ -84,7 +84,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _still(run: "Run", args: argparse.Namespace) -> None:
-    """Draw the moment --at."""
+    """Draw a picture of the run at the time of --at (default: the end) and write the image file."""
     period, end = max(1.0 / _rate(run, "rate"), run.scenario.tick), _end(run)
     at = end if args.at is None else args.at
     picture = _picture(run, args, (at - 1.5 * period, at))
@@ -103,7 +103,7 @@ def _still(run: "Run", args: argparse.Namespace) -> None:
 
 
 def _film(run: "Run", args: argparse.Namespace) -> None:
-    """Draw the film from --begin to --end."""
+    """Draw an animation of the run from --begin to --end and write the file."""
     import numpy as np
 
     from taichi_plume.report.films import film
@@ -142,7 +142,7 @@ def _show(view: "PlumeView", picture: "Picture", t: float, arrows: "Arrows | Non
 def _figure(
     run: "Run", picture: "Picture", args: argparse.Namespace, width: int
 ) -> "tuple[Figure, PlumeView]":
-    """Return a figure `width` pixels wide and its view."""
+    """Return a figure, `width` pixels wide, and the view that draws the plume in the figure."""
     from taichi_plume.report.look import LETTERS as SIZES
     from taichi_plume.report.look import styled
     from taichi_plume.report.plume import figure_of
@@ -159,7 +159,7 @@ def _figure(
 def _picture(
     run: "Run", args: argparse.Namespace, between: tuple[float, float], spacing: float = 0.0
 ) -> "Picture":
-    """Read the pictures of the requested view. Raises InputError."""
+    """Read the recorded gas pictures of one view between two times [s]. Raises InputError if the run has none."""
     views = [VIEWS.get(args.view, args.view)] if args.view else ["column", "slice"]
     names = [f"{args.of}_{view}" for view in views]
     pictures = run.planes.read(names, between, spacing)
@@ -170,7 +170,7 @@ def _picture(
 
 
 def _rate(run: "Run", key: str) -> float:
-    """Pictures per simulated second; key: `rate` of gas or `wind_rate`, of a recording."""
+    """Return the number of recorded pictures per simulated second; key: `rate` for gas, `wind_rate` for wind."""
     fields = run.scenario.fields
     if fields is None or run.has("recording.rrd"):
         return vars(run.scenario.recording)[key]
@@ -178,12 +178,12 @@ def _rate(run: "Run", key: str) -> float:
 
 
 def _plane(picture: "Picture") -> str:
-    """Name of the plane whose wind is shown in a picture."""
+    """Return the name of the plane whose recorded wind is drawn into a picture of gas."""
     return picture.view if picture.axes != "xy" else "slice"
 
 
 def _end(run: "Run") -> float:
-    """End of the run [s]; of an unfinished run, the last recorded time."""
+    """Return the simulated end time of a run [s]; of an unfinished run, the last recorded time."""
     simulated = run.result.get("simulated_s")
     if isinstance(simulated, int | float) and not run.unfinished:
         return run.begin + float(simulated)

@@ -28,7 +28,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _new(args: argparse.Namespace) -> int:
-    """Check the scenario and, without --check, run it."""
+    """Check the scenario of a new run and, without --check, execute the run; return the exit code."""
     from taichi_plume.assembly.prepare import load
 
     given = {"seed": args.seed, "duration": args.duration}
@@ -88,7 +88,7 @@ def _resume(args: argparse.Namespace) -> int:
 
 
 def _viewer(args: argparse.Namespace) -> str | None:
-    """Open a viewer if --live asks for one, and return its address."""
+    """Open a live viewer and return its address; without --live return None."""
     if not args.live:
         return None
     from taichi_plume.record.live import open_viewer

@@ -81,7 +81,7 @@ def _serve(args: argparse.Namespace) -> int:
 
 
 def _require_names(file: Path, names: Sequence[str]) -> None:
-    """Raise ScenarioError if two groups have the same topics."""
+    """Raise ScenarioError if the names of two robot groups give the same ROS topics. file: of the scenario."""
     from taichi_plume.files.ros_messages import word
     from taichi_plume.scenario.loading import ScenarioError
 
