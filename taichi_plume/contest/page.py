@@ -1,4 +1,4 @@
-"""Report page of a contest (`contest.html`), self-contained, and the standings as a table in the terminal."""
+"""HTML page of a contest of search algorithms (`contest.html`), self-contained, and the standings in the terminal."""
 
 import shlex
 from collections.abc import Iterator, Sequence
@@ -31,7 +31,7 @@ WORDS = (ERROR, FALSE, DECLARED, REACHED, NEITHER)
 
 
 def write(contest: Contest, rows: Sequence[Row], command: Sequence[str]) -> Path:
-    """Write the page of a contest; return its path. command: shown as repetition. Raises OSError, ScenarioError."""
+    """Write a contest's HTML page; return its path. command: to repeat the contest. Raises OSError, ScenarioError."""
     runs, left = sum(row.runs for row in rows), sum(row.failed + row.missing for row in rows)
     return html.write(
         contest.out / f"{NAME}.html", _sections(contest, rows, command),
@@ -52,7 +52,7 @@ def _sections(contest: Contest, rows: Sequence[Row], command: Sequence[str]) -> 
 
 
 def _whole(contest: Contest, rows: Sequence[Row]) -> Section:
-    """Return the success of each algorithm in all scenarios, the best mean first."""
+    """Return the page section with the success of each algorithm in each scenario, sorted by mean, the best first."""
     names = [fixed.name for fixed in contest.scenarios if any(row.scenario == fixed.name for row in rows)]
     found = {(row.algorithm, row.scenario): row.estimates[SUCCESS.name] for row in rows}
     means = {}
@@ -90,7 +90,7 @@ def _scenario(contest: Contest, scenario: Fixed, rows: Sequence[Row]) -> Section
 
 
 def _failures(rows: Sequence[Row]) -> Section:
-    """Return the failed runs, a line per algorithm and scenario."""
+    """Return the page section with failed runs: a row per algorithm and scenario, with number and message."""
     failed = [
         (f"{row.algorithm} in {row.scenario}", f"{row.failed} of {row.runs}", row.message)
         for row in rows
@@ -102,7 +102,7 @@ def _failures(rows: Sequence[Row]) -> Section:
 
 
 def show_table(rows: Sequence[Row]) -> None:
-    """Print the standings: success with its interval, the other quantities as means."""
+    """Print the contest's standings in the terminal: success with its interval, the other quantities as means."""
     from rich.table import Table as Shown
 
     shown = [q for q in MEASURES if q not in ON_PAGE and any(row.estimates[q.name] for row in rows)]

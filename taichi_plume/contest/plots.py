@@ -1,4 +1,4 @@
-"""Figures of a contest's page: the mean plume from above, success and time of the algorithms."""
+"""Figures of a contest's page: the mean plume from above, and success and search time of the algorithms."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -25,7 +25,7 @@ BRIEF = {LATE: "with fails", WAY: "way", ERROR: "error", FALSE: "false"}
 
 
 def arena(scenario: Fixed, ppm: np.ndarray) -> bytes:
-    """Draw the scene from above with its mean plume (nx, ny) [ppm]."""
+    """Return a PNG of a scenario from above with its mean plume `ppm`, (nx, ny) [ppm]."""
     whole = scenario.scenario
     width, length = whole.domain.extent[:2]
     with look.styled():
@@ -47,7 +47,7 @@ def arena(scenario: Fixed, ppm: np.ndarray) -> bytes:
 
 
 def compared(rows: Sequence[Row], most: float) -> bytes:
-    """Draw success and time of each algorithm with their intervals, a line each; most: duration of a search [s]."""
+    """Return a PNG of success and search time of each algorithm with intervals; most: duration of a search [s]."""
     with look.styled({"text.parse_math": False}):
         figure = look.figure(WIDE, 0.9 + 0.25 * len(rows), 100)
         for axes, quantity in zip(figure.subplots(1, 2, sharey=True), (SUCCESS, TIME), strict=True):
@@ -67,7 +67,7 @@ def compared(rows: Sequence[Row], most: float) -> bytes:
 
 
 def title(quantity: Quantity, short: bool = False) -> str:
-    """Return the title of a column or figure with its unit; short: for a terminal."""
+    """Return the title of a quantity for a table column or figure, with its unit; short: shortened for a terminal."""
     unit = "%" if quantity.share else "" if quantity.unit == "1" else quantity.unit
     whose = " (successes)" if quantity.what == "successes" and not short else ""
     name = BRIEF.get(quantity, quantity.title) if short else quantity.title
@@ -75,7 +75,7 @@ def title(quantity: Quantity, short: bool = False) -> str:
 
 
 def mean_plume(scenario: Fixed, folder: Path) -> np.ndarray:
-    """Mean concentration [ppm] at the sensors' height over the first minute of the first air, (nx, ny) on the floor.
+    """Mean concentration [ppm], (nx, ny), over the first minute of a scenario, at the height of the gas sensors.
 
     The mean is cached in `folder`, beside the scenario. Raises ScenarioError, OSError.
     """

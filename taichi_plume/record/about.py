@@ -18,7 +18,7 @@ from taichi_plume.simulation import Simulation
 def about(
     sim: Simulation, backend: str, recorded: int, seen: Sequence[Plane], quantities: Sequence[Quantity]
 ) -> Entities:
-    """Yield the document."""
+    """Yield the recording's text document (Markdown). backend: Taichi's; recorded: number of recorded robots."""
     name = "".join(f"\\{sign}" if sign in "\\`*_{}[]()<>#+-.!|~" else sign for sign in sim.scenario.name)
     parts = [
         f"# {name}",
@@ -38,7 +38,7 @@ def _table(rows: Iterable[tuple[str, str]]) -> str:
 def _legend(
     sim: Simulation, seen: Sequence[Plane], quantities: Sequence[Quantity]
 ) -> Iterator[tuple[str, str]]:
-    """Yield the look and the meaning of each drawn item."""
+    """Yield pairs of texts, the look and the meaning, for each kind of item drawn in a recording."""
     scenario, deep = sim.scenario, sim.grid.dim == 3
     if scenario.sources:
         yield "red ball", "a source of gas"
@@ -89,7 +89,7 @@ def _legend(
 
 
 def _facts(sim: Simulation, backend: str, recorded: int) -> dict[str, str]:
-    """Return the key figures of the run."""
+    """Return key figures of the run as texts by name: arena, cells, time, wind, gas, robots, maps, seeds, version."""
     scenario, grid = sim.scenario, sim.grid
     robots = "none"
     if sim.swarm.count:

@@ -22,7 +22,7 @@ TOP, TICKS, TITLE = 0.03, 0.064, 0.109
 
 
 def legends(sim: Simulation, stage: Stage, seen: Sequence[Plane], quantities: Sequence[Quantity]) -> Entities:
-    """Yield a colour bar for every picture."""
+    """Yield the colour bars of all pictures in a recording: gas, temperature, gas maps and belief maps."""
     for quantity in quantities:
         for plane in seen:
             if not quantity.on(plane):
@@ -51,7 +51,7 @@ def _bar(
     plane: Plane,
     stage: Stage,
 ) -> Entities:
-    """Yield a colour bar below a plane. colors: the viewer's colormap, or a palette."""
+    """Yield a colour bar below a plane. scale: ticks (0 to 1, text); colors: the viewer's colormap, or a palette."""
     length = stage.extent[plane.axes[0]]
     left, right = (0.05 * length, 0.95 * length) if plane is MAPS else (0.26 * length, 0.97 * length)
     width = right - left
@@ -80,7 +80,7 @@ def _bar(
 def arrow_key(
     plane: Plane, text: str, length: float, color: tuple[int, ...], radius: float, stage: Stage
 ) -> Entities:
-    """Yield an arrow of some length [m] below a plane, left of the colour bar, and its meaning."""
+    """Yield the key of the wind arrows below a plane, left of the colour bar: an arrow of given length [m], a text."""
     left = 0.08 * stage.extent[plane.axes[0]] - length / 2
     ends = placed(plane, [[left, -0.042 * stage.length], [left + length, -0.042 * stage.length]], stage)
     arrow = rr.Arrows3D(origins=ends[:1], vectors=ends[1:] - ends[:1], colors=color, radii=radius)

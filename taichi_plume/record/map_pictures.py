@@ -18,7 +18,7 @@ RAMP = np.arange(256) / 255
 
 
 class MapPictures:
-    """Pictures of the estimate, truth, weight and error of the maps of a run; series: their scores."""
+    """Recorded pictures (estimate, truth, weight, error) of a run's gas maps; series: the maps' scores over time."""
 
     STATE = ("sent",)
 
@@ -38,7 +38,7 @@ class MapPictures:
             stream.log_still([(f"maps/{n}/{name}", blank) for name in scene.ESTIMATES])
 
     def _styles(self, n: int, name: str) -> scene.Entities:
-        """Yield the colours of a map's series."""
+        """Yield the line colours and labels of the score plots of gas map n."""
         color = np.array(drawing.robot_color(n))
         faint = (color * 0.6).astype(np.uint8)
         for entity in self._scored(n):
@@ -47,11 +47,11 @@ class MapPictures:
         yield f"map_errors/{n}_forecast", rr.SeriesLines(colors=faint, names=f"{name}: forecast", widths=1.4)
 
     def _scored(self, n: int) -> list[str]:
-        """Return the entities of the scores of map n, in the order of layout.MAP_SERIES."""
+        """Return the entity paths of the scores of gas map n, in the order of layout.MAP_SERIES."""
         return [f"map_errors/{n}_mae", *(f"{origin}/{n}" for origin in list(layout.MAP_SERIES)[1:])]
 
     def show(self, sim: Simulation) -> None:
-        """Send the present maps, and new scores."""
+        """Send the pictures of all gas maps at the present time, and the scores since the last call."""
         low = self.scales["estimate"].low
         for n, gas_map in enumerate(self.maps):
             estimate = np.asarray(gas_map.estimate())[0]
@@ -80,7 +80,7 @@ class MapPictures:
         sent["forecast"], sent["rows"] = len(forecasts), len(series.rows)
 
     def _send_series(self, entity: str, times: list[float], values: Sequence[float] | np.ndarray) -> None:
-        """Send the values that are numbers."""
+        """Send the finite values of a time series to a plot of the recording; times [s]."""
         known = [(t, float(value)) for t, value in zip(times, values, strict=True) if np.isfinite(value)]
         if known:
             t, scalars = zip(*known, strict=True)
@@ -88,7 +88,7 @@ class MapPictures:
 
 
 class BeliefPictures:
-    """Pictures of the belief of the first robot of each group, as probability density [1/m²]."""
+    """Recorded pictures of the source's posterior density [1/m²] as believed by the first robot of each group."""
 
     STATE = ()
 
@@ -100,7 +100,7 @@ class BeliefPictures:
             stream.log_still([(f"beliefs/{belief.group.number}", blank)])
 
     def show(self, sim: Simulation) -> None:
-        """Send the present beliefs."""
+        """Send the present belief map of the first robot of each group that keeps one."""
         for belief in beliefs(sim):
             density = belief.p[0, 0] / belief.cell**2
             colors = self.colors[drawing.DENSITIES.bytes(density)]
@@ -108,6 +108,6 @@ class BeliefPictures:
 
 
 def _blank(shape: Sequence[int], cell: float, low: Sequence[float] | np.ndarray, stage: Stage) -> rr.GridMap:
-    """Return a coloured picture on the floor without pixels; low: lower left corner [m]."""
+    """Return a coloured picture on the floor, without pixels yet; shape: (nx, ny); low: lower left corner [m]."""
     form = picture_format(shape[0], shape[1], color=True)
     return rr.GridMap.from_fields(format=form, cell_size=cell, translation=[*low, stage.lift])

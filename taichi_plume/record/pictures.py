@@ -1,4 +1,4 @@
-"""Gas, temperature and wind in the recording: slices and sections, in 3-D a volume, and arrows."""
+"""Gas, temperature and wind in the recording: pictures on planes, a gas volume in 3-D, and wind arrows."""
 
 from collections.abc import Sequence
 
@@ -25,7 +25,7 @@ DENSITY = 3.5  # optical density of the volume across the arena's height, at lea
 
 
 class Pictures:
-    """Pictures of quantities on planes and, in 3-D, of the gas as a volume.
+    """Recorded pictures of gas and temperature on planes and, in 3-D, of the gas as a volume.
 
     A byte of a picture is the largest value of the cells that its pixel covers. The static values `quantity`, `unit`,
     `low`, `high`, `scale`, `plane`, `axes`, `cell` and `origin` of an entity describe its pictures.
@@ -68,7 +68,7 @@ class Pictures:
             stream.log_still([("gas/volume", volume)])
 
     def show(self, sim: Simulation) -> None:
-        """Send all quantities on all planes, and the volume."""
+        """Send the present pictures of all quantities on all planes, and the gas volume, to the recording."""
         for quantity in self.quantities:
             cells: np.ndarray | None = None
             volume = self.voxels is not None and quantity.entity == "gas"
@@ -91,7 +91,7 @@ class Pictures:
                 self._show_volume(sim, quantity, cells)
 
     def _cells(self, sim: Simulation, quantity: Quantity) -> np.ndarray:
-        """Return the values of all cells; at their centres if the quantity is known at points only."""
+        """Return a quantity's values in all cells; sampled at the cell centres if it is known at points only."""
         cells = quantity.cells(sim)
         if cells is None:
             assert quantity.points is not None
@@ -108,7 +108,7 @@ class Pictures:
 
 
 def _still(quantity: Quantity, raster: Raster, stage: Stage) -> scene.Entities:
-    """Yield the position of a picture, and the meaning of its bytes."""
+    """Yield the static data of a picture: its place in the scene, and the meaning of its bytes."""
     plane, scale = raster.plane, quantity.scale
     entity = f"{quantity.entity}/{plane.name}"
     how = {"colormap": quantity.colormap, "opacity": 0.95}
@@ -119,7 +119,7 @@ def _still(quantity: Quantity, raster: Raster, stage: Stage) -> scene.Entities:
 
 
 class Arrows:
-    """Wind arrows on the first slice and on sections; their length is the speed.
+    """Recorded wind arrows on the first horizontal slice and on vertical sections; an arrow's length shows the speed.
 
     top: speed [m/s] of the key's arrow, the largest so far; nearly all arrows are shorter.
     """
@@ -140,7 +140,7 @@ class Arrows:
         self.points = np.concatenate(self.places).astype(np.float32)
 
     def show(self, sim: Simulation) -> None:
-        """Send arrows centred on their points."""
+        """Send the present wind as arrows centred on fixed points, and a new key if the speed has grown."""
         velocity = fields.velocity_at(sim.wind, self.points, sim.t)
         speed = np.linalg.norm(velocity, axis=-1)
         known = speed[np.isfinite(speed)]

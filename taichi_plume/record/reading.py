@@ -31,7 +31,7 @@ FAULTS = (RuntimeError, ValueError, LookupError, TypeError, ArithmeticError, OSE
 
 
 class Picture(NamedTuple):
-    """Recorded plane of a scalar over time.
+    """Recorded pictures of a scalar on one plane, over time.
 
     name: "gas_0_section_2", for example; view: name of the plane, "section_2"; plane: text of its position; axes: of
     the plane, "xy", "xz" or "yz"; cell, origin: size of the pixels and lower left corner along these [m]. times (n,)
@@ -55,7 +55,7 @@ class Picture(NamedTuple):
 
     @property
     def levels(self) -> np.ndarray:
-        """Values of the 256 bytes in `unit`, float32; on a logarithmic scale 0 for "at most low"."""
+        """Physical values in `unit` of the bytes 0 to 255, float32; on a logarithmic scale 0 for "at most low"."""
         share = np.arange(256) / 255
         if not self.logarithmic:
             return (self.low + (self.high - self.low) * share).astype(np.float32)
@@ -65,20 +65,20 @@ class Picture(NamedTuple):
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top of the pixels [m]."""
+        """Left, right, bottom and top edge of the picture in the plane's axes [m]."""
         (x, y), (dx, dy), (rows, columns) = self.origin, self.cell, self.data.shape[1:]
         return x, x + dx * columns, y, y + dy * rows
 
     def coordinates(self, axis: int) -> np.ndarray:
-        """Return the middles of the pixels along the first (0) or second (1) axis [m]."""
+        """Return the centres of the pixels along the plane's first (0) or second (1) axis [m]."""
         return self.origin[axis] + (np.arange(self.data.shape[2 - axis]) + 0.5) * self.cell[axis]
 
     def values(self) -> np.ndarray:
-        """Return all frames, (n, rows, columns), float32, in `unit`."""
+        """Return the values of all pictures, (n, rows, columns), float32, in `unit`."""
         return self.levels[self.data]
 
     def mean(self) -> np.ndarray:
-        """Return the mean over the frames, (rows, columns), in `unit`."""
+        """Return the mean of all pictures over the times, (rows, columns), in `unit`; times are not weighted."""
         table, total = self.levels, np.zeros(self.data.shape[1:])
         for frame in self.data:
             total += table[frame]
@@ -94,7 +94,7 @@ class Arrows(NamedTuple):
 
 
 class RecordedPictures:
-    """Pictures and wind arrows of a recording. Every method may raise RunFolderError.
+    """Reader of the pictures and wind arrows in a recording. Every method may raise RunFolderError.
 
     names: of pictures, such as "gas_slice", None for all; between: first and last time [s]; spacing: least time from
     picture to picture [s].
@@ -104,7 +104,7 @@ class RecordedPictures:
         self.path = path
 
     def names(self) -> list[str]:
-        """Return the names of the pictures."""
+        """Return the names of the recording's pictures, such as "gas_slice"."""
         return list(self._blank)
 
     def read(
@@ -113,7 +113,7 @@ class RecordedPictures:
         between: tuple[float, float] = ALL_TIMES,
         spacing: float = 0.0,
     ) -> dict[str, Picture]:
-        """Return pictures by name."""
+        """Return pictures by name, from the times `between` (first, last) [s], at least `spacing` [s] apart."""
         pictures = {}
         for name in self._blank if names is None else [name for name in names if name in self._blank]:
             entity, blank = self._blank[name]
@@ -130,7 +130,7 @@ class RecordedPictures:
         return pictures
 
     def span(self, names: Sequence[str] | None = None) -> tuple[float, float] | None:
-        """Return the first and last time [s] of pictures, if any. No picture stays in memory."""
+        """Return first and last time [s] of the named pictures, None without any. No picture stays in memory."""
         ends: list[float] = []
         for name, (entity, _) in self._blank.items():
             if names is None or name in names:
@@ -139,7 +139,7 @@ class RecordedPictures:
         return (min(ends), max(ends)) if ends else None
 
     def arrows(self, plane: str, between: tuple[float, float] = ALL_TIMES, spacing: float = 0.0) -> Arrows:
-        """Return the wind in a plane, such as "slice" or "section", or an empty wind."""
+        """Return the recorded wind arrows in a plane, such as "slice" or "section"; empty if there are none."""
         found: list[tuple[float, np.ndarray, np.ndarray]] = []
         components = ["Arrows3D:origins", "Arrows3D:vectors"]
         for t, selected, columns in self._rows(f"/wind/{plane}", components, between, spacing):
@@ -153,7 +153,7 @@ class RecordedPictures:
 
     @cached_property
     def _blank(self) -> dict[str, tuple[str, Picture]]:
-        """Entity of each picture, and the picture without frames."""
+        """Entity path and scale of each picture in the recording, by name; the pictures have no frames."""
         static: dict[str, dict[str, Any]] = {}
         for entity, batch in self._chunks(is_static=True, components=[*SCALE, FORMAT]):
             for key in (*SCALE, FORMAT):
@@ -176,7 +176,7 @@ class RecordedPictures:
         return {picture.name: (entity, picture) for entity, picture in blank}
 
     def _stream(self) -> "rr.chunk.LazyChunkStream":
-        """Return the chunks, by the index if present: the recording of a killed run has no index."""
+        """Return the recording's chunks, by the index if present: the recording of a killed run has no index."""
         reason = unopenable(self.path)
         if reason:
             raise RunFolderError(f"{self.path}: {reason}")
@@ -189,7 +189,7 @@ class RecordedPictures:
                 return reader.stream()
 
     def _chunks(self, **chosen: Any) -> Iterator[tuple[str, pa.RecordBatch]]:
-        """Yield entity and table of the chunks that pass a filter."""
+        """Yield the entity path and Arrow table of each chunk of the recording that passes a filter."""
         try:
             for chunk in self._stream().filter(**chosen):
                 yield chunk.entity_path, chunk.to_record_batch()
@@ -203,7 +203,7 @@ class RecordedPictures:
     def _rows(
         self, entity: str, components: list[str], between: tuple[float, float], spacing: float
     ) -> Iterator[tuple[np.ndarray, np.ndarray, list[pa.Array]]]:
-        """Yield the times [s] of each chunk of an entity, a mask of the selected rows, and columns."""
+        """Yield for each chunk of an entity: times [s], a mask of the rows between two times, component columns."""
         latest = -np.inf
         for _, batch in self._chunks(content=entity, components=components, is_static=False):
             if TIME not in batch.schema.names or not set(components) <= set(batch.schema.names):
@@ -245,9 +245,9 @@ def _points(column: pa.Array) -> list[np.ndarray]:
 
 
 def dataset(pictures: Iterable[Picture]) -> "xr.Dataset":
-    """Return the pictures of a recording: `gas_slice` (time, y, x) and so on, float32 in ppm or K, with CF attributes.
-
-    If pixels or times of planes differ, the dimensions of the later plane get the plane's name: `z_section`.
+    """Return recorded pictures as an xarray dataset: `gas_slice` (time, y, x) and so on, float32 in ppm or K, with CF
+    attributes. If pixels or times of planes differ, the dimensions of the later plane get the plane's name:
+    `z_section`.
     """
     import xarray as xr
 
@@ -278,7 +278,7 @@ def dataset(pictures: Iterable[Picture]) -> "xr.Dataset":
 
 
 def _attributes(axis: str) -> dict[str, str]:
-    """Return the CF attributes of a coordinate."""
+    """Return the CF attributes (units, long_name, axis) of a coordinate: "time", "x", "y" or "z"."""
     if axis == "time":
         return {"units": "s", "long_name": "simulated time", "axis": "T"}
     return {"units": "m", "long_name": f"middle of the pixels along {axis}", "axis": axis.upper()}

@@ -1,4 +1,4 @@
-"""Quantities of a recording, gas and temperature, with their colour scales."""
+"""Scalars drawn in a recording (gas concentration and temperature) with their colour scales."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ NARROWEST = 1.0  # K: least width of a range of temperatures
 
 @dataclass(frozen=True)
 class Quantity:
-    """Drawn scalar. entity: parent of its pictures; colormap: of the viewer.
+    """Scalar that a recording draws. entity: path above its pictures; colormap: name of the viewer's colormap.
 
     cells: function of a simulation that returns the values of all cells (*grid.shape), or None if values are known at
     points only. points: function that returns the values at points (..., dim) [m]; None if cells are as fine.
@@ -33,22 +33,22 @@ class Quantity:
     """Pixels per cell and axis."""
 
     def on(self, plane: Plane) -> bool:
-        """Return whether the quantity is drawn on a plane; temperature has no maximum over the height."""
+        """Return whether the scalar is drawn on a plane: gas on all, temperature not as maximum over the height."""
         return self.unit == "ppm" or not plane.over_height
 
     @property
     def title(self) -> str:
-        """Name with unit."""
+        """Name of the scalar with its unit in brackets."""
         return f"{self.name} [{self.unit}]"
 
     @property
     def heading(self) -> str:
-        """Name with unit and a capital."""
+        """Name of the scalar with its unit in brackets, and a capital as first letter."""
         return self.title[:1].upper() + self.title[1:]
 
 
 def quantities(sim: Simulation) -> list[Quantity]:
-    """Return the gas, of several species their sum and then each, and the temperature if it is solved for."""
+    """Return the scalars to draw: total gas, each species if there are several, and temperature if it is solved for."""
     found = []
     if sim.gas.species:
         scale = Scale(*sim.scenario.recording.range_ppm, "log")
@@ -62,7 +62,7 @@ def quantities(sim: Simulation) -> list[Quantity]:
 
 
 def _gas(entity: str, which: list[int], scale: Scale, sim: Simulation) -> Quantity:
-    """Return the sum of the species with given numbers."""
+    """Return the summed concentration [ppm] of species as a scalar to draw; which: indices of the species."""
     species = [sim.gas.species[n] for n in which]
     gases = [gas for gas in sim.gas.gases if gas.species in species]
 

@@ -1,4 +1,4 @@
-"""Sizes of the recorded arena, and rerun archetypes placed in it: pictures, texts and meshes."""
+"""Size of the arena as drawn in a recording, and rerun archetypes placed in it: pictures, texts and meshes."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +15,7 @@ FLAT = 0.05  # height of the walls of a 2-D arena over its shorter side
 
 @dataclass(frozen=True)
 class Stage:
-    """Arena as drawn: floor, height of its walls, longer side, gap between objects that lie on the floor [m]."""
+    """Arena as drawn in a recording: extent, height of the walls, longer side, gap between flat objects [m]."""
 
     extent: tuple[float, ...]
     height: float
@@ -24,16 +24,16 @@ class Stage:
 
     @staticmethod
     def of(sim: Simulation) -> "Stage":
-        """Return the stage of a simulation; flat arenas get low walls."""
+        """Return the dimensions of a simulation's arena as drawn; 2-D arenas get low walls."""
         extent = sim.grid.extent
         length = max(extent[:2])
         return Stage(extent, extent[2] if len(extent) == 3 else FLAT * min(extent), length, 5e-4 * length)
 
 
 def placed(plane: Plane, points: ArrayLike, stage: Stage, above: float = 1.0) -> np.ndarray:
-    """Return points (n, 2) [m] in a plane's axes as (n, 3), by `above` times `stage.lift` towards the viewer.
+    """Return points (n, 2) [m], given in a plane's two axes, as 3-D points (n, 3) for drawing.
 
-    Horizontal planes lie on the floor at any height.
+    The points lie `above` times `stage.lift` towards the viewer. Horizontal planes lie on the floor at any height.
     """
     points = np.asarray(points, float)
     found = np.zeros((len(points), 3))
@@ -47,7 +47,7 @@ def placed(plane: Plane, points: ArrayLike, stage: Stage, above: float = 1.0) ->
 
 
 def turned(plane: Plane) -> rr.Quaternion:
-    """Return the quaternion that turns a picture's axes into the plane's axes."""
+    """Return the quaternion that rotates a picture from the xy plane into a plane of orientation xy, xz or yz."""
     half = 0.5**0.5
     turns = {"xy": [0.0, 0.0, 0.0, 1.0], "xz": [half, 0.0, 0.0, half], "yz": [0.5, 0.5, 0.5, 0.5]}
     return rr.Quaternion(xyzw=turns[plane.letters])
@@ -56,7 +56,7 @@ def turned(plane: Plane) -> rr.Quaternion:
 def picture(
     plane: Plane, shape: tuple[int, ...], cell: float, origin: tuple[float, float], stage: Stage, **how: Any
 ) -> rr.GridMap:
-    """Return a GridMap that lies in a plane; origin: lower left corner in the plane's axes [m]."""
+    """Return a picture (rerun GridMap) in a plane; shape, cell: of pixels; origin: lower left corner in it [m]."""
     above = how.pop("above", 1.0)
     return rr.GridMap.from_fields(
         format=picture_format(shape[0], shape[1], how.pop("color", False)),
@@ -68,7 +68,7 @@ def picture(
 
 
 def label(text: str, position: ArrayLike, color: tuple[int, ...]) -> rr.Points3D:
-    """Return a text at a position."""
+    """Return a rerun archetype that shows a text at a 3-D position [m]."""
     return rr.Points3D(
         [position], radii=rr.Radius.ui_points(0.0), colors=color, labels=[text], show_labels=True
     )
@@ -77,13 +77,13 @@ def label(text: str, position: ArrayLike, color: tuple[int, ...]) -> rr.Points3D
 def mesh(
     vertices: np.ndarray, triangles: np.ndarray, normals: np.ndarray, color: tuple[int, ...]
 ) -> rr.Mesh3D:
-    """Return a mesh of one colour."""
+    """Return a triangle mesh of one colour as a rerun archetype."""
     return rr.Mesh3D(
         vertex_positions=vertices, triangle_indices=triangles, vertex_normals=normals, albedo_factor=color
     )
 
 
 def picture_format(width: int, height: int, color: bool) -> rr.components.ImageFormat:
-    """Return the format of a GridMap's bytes: RGBA, or one byte that the viewer colours."""
+    """Return the rerun image format of a picture: RGBA if `color`, else one byte per pixel that the viewer colours."""
     model = "RGBA" if color else "L"
     return rr.components.ImageFormat(width=width, height=height, color_model=model, channel_datatype="U8")

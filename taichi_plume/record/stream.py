@@ -23,8 +23,8 @@ MOST_GATHERED = 1 << 22  # bytes of pictures
 
 
 class Stream:
-    """Writer of `path`. Pictures are gathered and sent in columns, like series: logging a picture alone costs as much
-    as ten rows of a column. Nothing is on the disk before `flush`.
+    """Writer of a recording to the file `path`. Pictures are gathered and sent in columns, as time series are: logging
+    a picture alone costs as much as ten rows of a column. Only `flush` makes sure that all data are on the disk.
 
     live: address of a viewer that also receives the recording; the file is written even if the viewer fails. Raises
     OSError, from `begin` and `flush`, as soon as the disk has too little room.
@@ -48,7 +48,7 @@ class Stream:
         self.blueprint = blueprint
 
     def begin(self) -> None:
-        """Create the recording's file and connect to a live viewer if there is one."""
+        """Create the recording's file and, if `live` is given, connect to the viewer. Raises OSError."""
         disk.require_room(self.path)
         self.open = True
         try:
@@ -62,7 +62,7 @@ class Stream:
             raise OSError(errno.EIO, str(error), str(self.path)) from None
 
     def take_over(self, earlier: Path, t: float) -> None:
-        """Send the contents of another recording of the run up to time t [s], except static values."""
+        """Copy the data of an earlier recording of the run up to time t [s], except static values, into this one."""
         latest = np.timedelta64(round(1e9 * t) + 1000, "ns")  # times are whole nanoseconds
         for chunk in rr.chunk.RrdReader(str(earlier)).stream():
             if not chunk.is_static:
@@ -70,17 +70,17 @@ class Stream:
         self.flush()
 
     def log_still(self, entities: Iterable[tuple[str, rr.AsComponents]]) -> None:
-        """Log archetypes that never change."""
+        """Log pairs (entity path, archetype) that hold for all times of the recording."""
         for entity, archetype in entities:
             self.rerun.log(entity, archetype, static=True)
 
     def log(self, t: float, entity: str, archetype: rr.AsComponents) -> None:
-        """Log an archetype from time t [s] on."""
+        """Log an archetype of the entity with this path, valid from time t [s] on."""
         self.rerun.set_time(TIME, duration=t)
         self.rerun.log(entity, archetype)
 
     def picture(self, t: float, entity: str, pixels: bytes) -> None:
-        """Gather the pixels of a GridMap from time t [s] on; its static values have been logged."""
+        """Gather the pixels of an entity's picture from time t [s] on, to be sent later with other pictures."""
         self._pictures.setdefault(entity, []).append((t, pixels))
         self._gathered += len(pixels)
         if self._gathered > MOST_GATHERED:
@@ -94,15 +94,15 @@ class Stream:
         self._gathered = 0
 
     def send(self, entity: str, t: Sequence[float] | np.ndarray, columns: rr.ComponentColumnList) -> None:
-        """Send columns of values of an entity at times t [s]."""
+        """Send columns of component values of the entity with this path, a row for each time t [s]."""
         self.rerun.send_columns(entity, [rr.TimeColumn(TIME, duration=t)], columns)
 
     def require_room(self) -> None:
-        """Raise OSError if the next batches would fill the disk."""
+        """Raise OSError if the next batches of data would fill the disk."""
         disk.require_room(self.path, 4 * self.largest_batch)
 
     def flush(self) -> None:
-        """Write everything to the disk."""
+        """Send the gathered pictures and write all data to the disk. Raises OSError."""
         self._send_pictures()
         try:
             self.rerun.flush(timeout_sec=FLUSH_TIMEOUT)
@@ -117,7 +117,7 @@ class Stream:
         self.good_size = size
 
     def close(self) -> None:
-        """Finish the file."""
+        """Disconnect from the recording's file, and so finish it, if it is open."""
         if self.open:
             self.rerun.disconnect()
             self.open = False
@@ -132,7 +132,7 @@ class Stream:
 
 
 def _until(chunk: rr.chunk.Chunk, latest: np.timedelta64) -> Iterator[rr.chunk.Chunk]:
-    """Yield a chunk with the rows up to a time; nothing if all rows are later."""
+    """Yield a chunk of a recording with its rows up to the time `latest`; nothing if all rows are later."""
     rows = chunk.to_record_batch()
     early = rows.column(TIME).to_numpy(zero_copy_only=False) <= latest
     if early.all():
@@ -142,7 +142,7 @@ def _until(chunk: rr.chunk.Chunk, latest: np.timedelta64) -> Iterator[rr.chunk.C
 
 
 def mend(path: Path, mended: Path) -> None:
-    """Copy the readable part of a recording that was cut off, and add its index.
+    """Copy the readable part of a recording that was cut off to the path `mended`, and add its index.
 
     Raises OSError if no part can be read, or if there is no room.
     """

@@ -1,4 +1,4 @@
-"""Statistics of a film: maps of all cells, and lines of points along and across the plume.
+"""Statistics of a film (recorded flow and gas): maps of all cells, lines of points along and across the plume.
 
 Each line is a probe whose points are cells. A film is read twice, frame by frame. Fluctuations faster than the frames
 are not resolved.
@@ -20,10 +20,9 @@ STATIONS = (0.1, 0.25, 0.5, 0.8)
 
 
 class FilmRecord:
-    """Record of one gas in the film at a path, from a time on. Raises RunFolderError.
-
-    mean, rms, maximum: of each cell over time [ppm], axes (x, y[, z]), NaN in obstacles. level: z index of the maps,
-    where the mean is highest; None in 2-D.
+    """Time statistics of one gas in the film (recorded flow and gas) at a path, from time `start` [s] on, and time
+    series on lines of cells. mean, rms, maximum: of each cell over time [ppm], axes (x, y[, z]), NaN in obstacles.
+    level: z index of the maps, where the mean is highest; None in 2-D. Raises RunFolderError.
     """
 
     def __init__(self, path: Path, gas: str | None = None, start: float | None = None):
@@ -69,7 +68,7 @@ class FilmRecord:
         self.level = int(self.strongest[2]) if self.dim == 3 else None
 
     def plane(self, cells: np.ndarray) -> np.ndarray:
-        """Return the horizontal plane (x, y) of values in cells at the height of the maps; 2-D values stay the same."""
+        """Return the horizontal plane (x, y) with the highest mean from values in all cells; 2-D values as is."""
         return cells if self.level is None else cells[:, :, self.level]
 
     @property
@@ -84,7 +83,7 @@ class FilmRecord:
 
     @property
     def along(self) -> int:
-        """Axis (0 or 1) along which the mean plume extends farther."""
+        """Horizontal axis (0 for x, 1 for y) along which the mean plume extends farther."""
         mean = np.nan_to_num(self.plane(self.mean))
         spread = []
         for axis in (0, 1):
@@ -94,7 +93,7 @@ class FilmRecord:
         return int(np.argmax(spread))
 
     def _lines(self) -> list[Probe]:
-        """Return a line along the plume through the highest mean, and lines across the plume."""
+        """Return probes (lines of cells): one along the plume through the highest mean, others across the plume."""
         along, across = self.along, 1 - self.along
         self._cells: list[tuple[int, ...]] = []
         probes = [self._line(f"along {AXES[along]}", along, [int(index) for index in self.strongest])]
@@ -111,7 +110,7 @@ class FilmRecord:
         return [probe for probe in probes if len(probe.places) > 1]
 
     def _line(self, name: str, axis: int, where: list) -> Probe:
-        """Return the longest obstacle-free part of a row of cells as a probe."""
+        """Return the longest obstacle-free part of the row of cells along an axis through cell `where`, as a probe."""
         first = len(self._cells)
         row = [
             (*map(int, where[:axis]), n, *map(int, where[axis + 1 :])) for n in range(self.film.shape[axis])
@@ -125,7 +124,7 @@ class FilmRecord:
         return Probe(name, spots.reshape(-1, self.dim), (len(cells),), first)
 
     def intermittency(self, threshold: float) -> np.ndarray:
-        """Return the fraction of time above a threshold [ppm], (x, y) in the maps' plane; read values of the lines."""
+        """Return the map (x, y) of the fraction of time above a threshold [ppm]; also read the lines' time series."""
         share = weights(self.times)
         gamma = np.zeros(self.plane(self.mean).shape)
         name = f"{self.gas}_ppm"
@@ -142,6 +141,6 @@ class FilmRecord:
         return gamma
 
     def values(self, points: np.ndarray, quantity: str) -> np.ndarray:
-        """Return values at points of the lines, (n, points) f32. `intermittency` must have been called before."""
+        """Return a quantity's time series, (n, points) f32, at points of the lines. Call `intermittency` before."""
         assert self._found is not None, "call intermittency first"
         return self._found[quantity][:, points]

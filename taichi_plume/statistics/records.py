@@ -1,4 +1,4 @@
-"""Time series at points, read from a run's probes.parquet in chunks.
+"""Gas and wind time series at measuring points, read from a run's probes.parquet in chunks.
 
 Each sample of the table has a row per point, always in the same order of points.
 """
@@ -19,10 +19,10 @@ AXES = "xyz"
 
 
 class Probe(NamedTuple):
-    """Points under one name: a point, a line or a grid.
+    """Named set of measuring points: a point, a line or a grid.
 
-    places: (n, dim) [m]; counts: numbers of points along each axis of a grid (in C order), else (n,); first: index of
-    the first point in a record.
+    places: positions (n, dim) [m]; counts: numbers of points along each axis of a grid (in C order), else (n,); first:
+    index of the set's first point in a record.
     """
 
     name: str
@@ -32,12 +32,12 @@ class Probe(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """The word "point", "line" or "grid"."""
+        """Kind of the set of measuring points: "point", "line" or "grid" as text."""
         return "point" if len(self.places) == 1 else "line" if len(self.counts) == 1 else "grid"
 
     @classmethod
     def of(cls, name: str, places: np.ndarray, first: int = 0) -> "Probe":
-        """Return a probe; `counts` is that of a grid if the positions form a complete lattice."""
+        """Return a probe with points at `places`; `counts` is that of a grid if the points form a complete lattice."""
         axes = [np.unique(places[:, d]) for d in range(places.shape[1])]
         counts = tuple(len(axis) for axis in axes)
         if sum(n > 1 for n in counts) > 1 and int(np.prod(counts)) == len(places):
@@ -48,19 +48,19 @@ class Probe(NamedTuple):
 
 
 class Record(Protocol):
-    """Time series of some probes."""
+    """Time series of gas and wind at the points of several probes."""
 
     times: np.ndarray
     """Times of the samples, (n,) [s]."""
     probes: list[Probe]
 
     def values(self, points: np.ndarray, quantity: str) -> np.ndarray:
-        """Return values at points, (n, points) f32; points: ascending indices of the points."""
+        """Return a quantity's time series, (n, points) f32; points: ascending indices; quantity: column name."""
         ...
 
 
 def chosen_gas(path: Path, gases: Sequence[str], gas: str | None) -> str:
-    """Return the gas of a name, by default the first. Raises RunFolderError if the file lacks the gas."""
+    """Return `gas`, by default the first of a file's `gases`. Raises RunFolderError if `gases` lacks it or is empty."""
     if not gases:
         raise RunFolderError(f"{path}: holds no gas")
     if gas is not None and gas not in gases:
@@ -69,7 +69,7 @@ def chosen_gas(path: Path, gases: Sequence[str], gas: str | None) -> str:
 
 
 def skipped_before(path: Path, times: np.ndarray, start: float | None, unit: str) -> int:
-    """Return the number of samples before a time [s]; unit: plural of sample, for messages.
+    """Return the number of samples with times before `start` [s]; unit: plural noun for "samples" in messages.
 
     Raises RunFolderError if fewer than FEWEST samples are left.
     """
@@ -82,7 +82,7 @@ def skipped_before(path: Path, times: np.ndarray, start: float | None, unit: str
 
 
 class ProbeRecord:
-    """Time series of a run's probes.parquet from a time on. Raises RunFolderError if the file cannot be read.
+    """Time series in a run's probes.parquet from `start` [s] on. Raises RunFolderError if the file cannot be read.
 
     gases: names of species; wind: names of the wind's columns; start: earliest time [s].
     """
@@ -101,7 +101,7 @@ class ProbeRecord:
         self.times = self._times()
 
     def _layout(self, axes: Sequence[str]) -> tuple[list[Probe], int]:
-        """Return the probes in the first sample, and the number of points of all probes."""
+        """Return the probes in the table's first sample, and the number of measuring points of all probes together."""
         rows: list[pa.RecordBatch] = []
         first = None
         for batch in run_tables.batches(self.path, ["t", "probe", "point", *axes]):
@@ -124,7 +124,7 @@ class ProbeRecord:
         return found, len(names)
 
     def _samples(self, columns: Sequence[str]) -> Iterator[list[np.ndarray]]:
-        """Yield complete samples of columns in chunks, each (samples, points)."""
+        """Yield the table in chunks of complete samples: for each column an array of shape (samples, points)."""
         rest: list[np.ndarray] | None = None
         for batch in run_tables.batches(self.path, columns):
             parts = [batch.column(n).to_numpy(zero_copy_only=False) for n in range(len(columns))]
@@ -148,7 +148,7 @@ class ProbeRecord:
         return times[self.skipped :]
 
     def _chunks(self, quantity: str) -> Iterator[tuple[int, np.ndarray]]:
-        """Yield (index of the first sample, values) for chunks of a column, from the time `start` on."""
+        """Yield (index of the first sample, values) for chunks of a table column, without samples before `start`."""
         done = -self.skipped
         for (values,) in self._samples([quantity]):
             chunk = values[max(0, -done) :]
@@ -165,7 +165,7 @@ class ProbeRecord:
         return found
 
     def sums(self, quantity: str) -> tuple[np.ndarray, np.ndarray]:
-        """Mean over time and maximum of a quantity at each point."""
+        """Return the mean over time and the maximum of a quantity at each measuring point, both (points,)."""
         from taichi_plume.statistics.moments import weights
 
         share = weights(self.times)

@@ -37,10 +37,10 @@ UNITS = {
 
 @dataclass
 class Statistics:
-    """Statistics of a run or a film. source: the run's folder or the film; of: "probes" or "film".
+    """Plume statistics of a run or a film. source: the run's folder or the film; of: "probes" or "film".
 
-    threshold: [ppm]; why: reason for the threshold; begin, end: times of the first and last sample [s]; steps: shortest
-    and longest time between samples [s]; smelt: whiffs that sensors keep; gamma: intermittency map of the film.
+    threshold: of whiffs [ppm]; why: reason for the threshold; begin, end: first and last time [s]; steps: shortest and
+    longest time between samples [s]; smelt: whiffs that sensors detect; gamma: intermittency map of the film.
     """
 
     source: Path
@@ -61,7 +61,7 @@ class Statistics:
 
     @property
     def points(self) -> "pandas.DataFrame":
-        """A row per point: probe, point, position and numbers; units in `attrs["units"]`."""
+        """Table with a row per measuring point: probe, point, position, statistics; units in `attrs["units"]`."""
         import pandas
 
         parts = []
@@ -75,7 +75,7 @@ class Statistics:
 
     @property
     def durations(self) -> "pandas.DataFrame":
-        """A row per complete whiff and blank: probe, point, kind, begin [s], duration [s]."""
+        """Table with a row per complete whiff or blank: probe, point, kind, begin [s], duration [s]."""
         import pandas
 
         parts = [
@@ -93,7 +93,7 @@ class Statistics:
 
     @property
     def maps(self) -> "xarray.Dataset | None":
-        """Mean, rms, maximum [ppm], intensity and intermittency of a film over x and y; None without a film."""
+        """Maps (x, y) of mean, rms, maximum [ppm], intensity and intermittency of a film; None without a film."""
         import xarray
 
         film = self.film
@@ -117,7 +117,7 @@ class Statistics:
 
     @property
     def spectra(self) -> "pandas.DataFrame":
-        """Mean spectrum of each probe: probe, frequency [Hz], density [ppm²/Hz]."""
+        """Table of the mean power spectrum of each probe: probe, frequency [Hz], density [ppm²/Hz]."""
         import pandas
 
         frames = [
@@ -128,7 +128,7 @@ class Statistics:
 
     @property
     def summary(self) -> dict[str, object]:
-        """Settings, and the laws, fits, profiles and lengths of each probe: the content of statistics.json."""
+        """Settings, and the power laws, fits, profiles and lengths of each probe: the content of statistics.json."""
         sensors = [
             {"sensor": k.nose.name, "whiffs": k.whiffs, "kept": k.seen, "share": k.share, "rises": k.rises,
              "threshold_ppm": k.threshold}
@@ -143,7 +143,7 @@ class Statistics:
         }  # fmt: skip
 
     def write(self, folder: Path) -> list[Path]:
-        """Write statistics.json, points, durations and spectra as Parquet, and maps.nc of a film; return the paths.
+        """Write statistics.json, Parquet tables (points, durations, spectra) and maps.nc of a film; return the paths.
 
         Earlier statistics are replaced. Raises RunFolderError if the folder holds other files of these names, and
         OSError.
@@ -171,7 +171,7 @@ class Statistics:
 
 
 def _of_probe(stats: OfProbe) -> dict[str, object]:
-    """Return the laws, fits, lengths and profiles of a probe."""
+    """Return a probe's power laws of durations, fits, correlation lengths and profiles as data for JSON."""
     kinds = {
         kind.name: {
             "count": len(kind.all.lasted),
@@ -191,7 +191,7 @@ def _of_probe(stats: OfProbe) -> dict[str, object]:
 
 
 def _finite(value: object) -> object:
-    """Return a value for JSON, in which NaN and infinity become null."""
+    """Return nested data as data for JSON: NaN and infinity become None, NumPy scalars become Python numbers."""
     if isinstance(value, dict):
         return {key: _finite(part) for key, part in value.items()}
     if isinstance(value, list | tuple):

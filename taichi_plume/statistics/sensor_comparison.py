@@ -23,14 +23,14 @@ MOST_TICKS = 200_000
 
 
 class Nose(NamedTuple):
-    """A named gas sensor."""
+    """Gas sensor model with a name that describes its kind and lag."""
 
     name: str
     model: GasSensor
 
 
 class SensorWhiffs(NamedTuple):
-    """Numbers of whiffs, of whiffs that a sensor keeps (`seen`), and of rises through the threshold [ppm]."""
+    """Number of whiffs, of those that a gas sensor detects (`seen`), and of its rises through `threshold` [ppm]."""
 
     nose: Nose
     whiffs: int
@@ -40,12 +40,12 @@ class SensorWhiffs(NamedTuple):
 
     @property
     def share(self) -> float:
-        """Fraction of the whiffs that the sensor keeps; NaN if there are no whiffs."""
+        """Fraction of the whiffs that the gas sensor detects; NaN if there are no whiffs."""
         return self.seen / self.whiffs if self.whiffs else float("nan")
 
 
 class Smelt(NamedTuple):
-    """Comparison of sensors: counts of whiffs, and concentration and readings (sensors, n) [ppm] at the first point."""
+    """Comparison of gas sensors: counts of whiffs; true gas (n,) and readings (sensors, n) at the first point [ppm]."""
 
     sensors: list[SensorWhiffs]
     step: float
@@ -54,7 +54,7 @@ class Smelt(NamedTuple):
 
 
 def noses(others: Sequence[GasSensor] = ()) -> list[Nose]:
-    """Return a slow metal oxide, a fast detector, all sensor models with their defaults, and `others`."""
+    """Return gas sensors to compare: slow metal oxide, fast photo-ionisation detector, all default models, `others`."""
     known: list[GasSensor] = [
         MoxSensor(kind="mox", rise_time=SLOW, decay_time=SLOW),
         PidSensor(kind="pid", rise_time=FAST, decay_time=FAST, period=FAST / 5),
@@ -82,7 +82,7 @@ def _time(seconds: float) -> str:
 
 
 class _Gas(NamedTuple):
-    """Gas species with the attributes that sensors need."""
+    """Gas species with the attributes that sensor models need."""
 
     name: str
     ppm_per_density: float = 1.0
@@ -91,10 +91,10 @@ class _Gas(NamedTuple):
 def readings(
     sensors: Sequence[GasSensor], gas: str, step: float, ppm: np.ndarray, seed: int = 0
 ) -> Iterator[np.ndarray]:
-    """Yield the readings of sensors, (sensors, points) [ppm], at each sample of a gas.
+    """Yield the readings of gas sensors, (sensors, points) [ppm], at each sample of given concentrations of one gas.
 
-    ppm: (n, points), `step` [s] apart, the tick of the sensors; the air before is clean. The sensors belong to robots
-    that stand at the points. Starts Taichi unless it is running.
+    ppm: concentrations (n, points), `step` [s] apart, the time step of the sensors; the air before is clean. The
+    sensors are on robots that stand at the points. Starts Taichi unless it is running.
     """
     import taichi as ti
     from taichi.lang import impl
@@ -139,10 +139,10 @@ def readings(
 def smelt(
     several: Sequence[Nose], gas: str, step: float, ppm: np.ndarray, threshold: float, seed: int = 0
 ) -> Smelt:
-    """Simulate sensors on time series (n, points) [ppm], `step` [s] apart; count the whiffs that each detects.
+    """Simulate gas sensors on time series (n, points) [ppm], `step` [s] apart; count the whiffs that each detects.
 
-    A sensor detects a whiff if its reading rises above the threshold [ppm] during the whiff. Whiffs that the ends of
-    the record cut do not count.
+    A sensor detects a whiff if its reading rises above the threshold [ppm] during the whiff or the blank after it.
+    Whiffs that the ends of the record cut do not count.
     """
     models = [sensor.model for sensor in several]
     least = np.array([model.reads(gas, threshold) for model in models])
@@ -166,7 +166,7 @@ def smelt(
 
 
 def _windows(present: np.ndarray) -> tuple[np.ndarray, int]:
-    """First sample of each complete whiff, and the end of the last window: start of a cut whiff, or record's end."""
+    """Return the first sample of each complete whiff, and the end index of the last window (whiff and blank after)."""
     cuts = stretches(present)
     begins = cuts[:-1]
     whole = begins[present[begins] & (begins > 0) & (cuts[1:] < len(present))]

@@ -1,4 +1,4 @@
-"""Compute the statistics of a run's probes, of a run's film, or of a film alone."""
+"""Compute plume statistics from the probes of a run, the film of a run, or a film alone."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,7 +23,7 @@ SHARE = 0.1
 
 
 class Options(NamedTuple):
-    """Options of `of`: species, probe, threshold [ppm], earliest time [s] and range of durations [s]."""
+    """Options of `of`: species, name of a probe, threshold [ppm], earliest time [s] and range of durations [s]."""
 
     gas: str | None
     probe: str | None
@@ -41,7 +41,7 @@ def of(
     bounds: tuple[float, float] | None = None,
     sensors: Sequence[GasSensor] = (),
 ) -> Statistics:
-    """Compute the statistics of a run's folder or of a film. Raises InputError.
+    """Compute the plume statistics of a run, given its folder, or of a film. Raises InputError.
 
     gas: species (default: the first); probe: name of a single probe to use; threshold: [ppm] (default: a tenth of the
     largest mean); start: earliest time [s]; bounds: range of durations for exponents [s]; sensors: further sensor
@@ -160,7 +160,7 @@ def _smelt(
     sensors: Sequence[GasSensor],
     notes: list[str],
 ) -> sensor_comparison.Smelt | None:
-    """Count the whiffs that sensors keep, at points with whiffs; the first point is that with the most whiffs."""
+    """Compare gas sensors by the whiffs that they detect, at the points with whiffs, most first; None without any."""
     several = sensor_comparison.noses(sensors)
     lively = [(int(n), p.probe.first + k) for p in probes for k, n in enumerate(p.points["whiffs"]) if n]
     if not lively:

@@ -8,7 +8,7 @@ FEWEST = 5  # least number of points for a fit
 
 
 class Gaussian(NamedTuple):
-    """Gaussian profile peak exp(-(y - centre)²/2 width²); centre, width: [m]; share: of the variance explained."""
+    """Gaussian profile peak exp(-(y - centre)²/2 width²); centre, width: [m]; share: fraction of variance explained."""
 
     peak: float
     centre: float
@@ -16,19 +16,19 @@ class Gaussian(NamedTuple):
     share: float
 
     def at(self, y: np.ndarray) -> np.ndarray:
-        """Values at y [m]."""
+        """Return the values of the profile at positions y [m]."""
         return gaussian(y, self.peak, self.centre, self.width)
 
 
 def gaussian(y: np.ndarray, peak: float, centre: float, width: float) -> np.ndarray:
-    """Values of a Gaussian profile at y."""
+    """Return the values of the Gaussian profile peak exp(-(y - centre)²/2 width²) at positions y."""
     return peak * np.exp(-((y - centre) ** 2) / (2.0 * width**2))
 
 
 def gaussian_fit(y: np.ndarray, values: np.ndarray) -> Gaussian | None:
-    """Fit a Gaussian to a profile (n,) at y (n,) [m] by least squares.
+    """Fit a Gaussian to a profile `values` (n,) at positions y (n,) [m] by least squares.
 
-    None if the profile is constant or too short, or if the fitted centre lies outside the points.
+    None if the profile is constant, without gas or too short, or if the fit fails, is too wide or centred outside y.
     """
     from scipy.optimize import curve_fit
 
@@ -58,8 +58,8 @@ def gaussian_fit(y: np.ndarray, values: np.ndarray) -> Gaussian | None:
 def correlation(values: np.ndarray) -> np.ndarray:
     """Two-point correlation of time series (n, points) on a line, for separations of 0, 1, ... points.
 
-    Sum of the covariances of all pairs with one separation over the sum of the products of their standard deviations.
-    Separations from the first without fluctuation on are left out. Samples must be evenly spaced in time.
+    Sum of the covariances of all pairs of points with one separation over the sum of the products of their standard
+    deviations. The result ends before the first separation without fluctuation. Samples must be evenly spaced in time.
     """
     apart = np.asarray(values, float)
     apart = apart - apart.mean(axis=0)

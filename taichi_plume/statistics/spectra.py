@@ -9,13 +9,13 @@ KOLMOGOROV = -5.0 / 3.0
 
 
 def is_even(times: np.ndarray) -> bool:
-    """Whether samples are evenly spaced."""
+    """Return whether samples at the given times are evenly spaced, within 0.1 % of the mean step."""
     steps = np.diff(times)
     return bool(np.ptp(steps) <= EVEN * steps.mean()) if len(steps) else True
 
 
 def evenly(times: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return the time between samples [s] and values (n, ...) at evenly spaced times, interpolated linearly if needed.
+    """Return the step [s] and values (n, ...) of samples at evenly spaced times, interpolated linearly if needed.
 
     The step of uneven times is their mean step; faster fluctuations are damped by the interpolation.
     """
@@ -43,7 +43,7 @@ def spectrum(step: float, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def autocorrelation(values: np.ndarray) -> np.ndarray:
-    """Autocorrelation of a record (n,), for lags up to half of its length; ones if the record is constant."""
+    """Autocorrelation of a time series (n,), for lags up to half of its length; ones if the series is constant."""
     from scipy.signal import correlate
 
     apart = np.asarray(values, float) - np.mean(values)
@@ -69,9 +69,9 @@ def to_first_zero(step: float, correlation: np.ndarray) -> tuple[float, bool]:
 
 
 def integral_time(step: float, values: np.ndarray) -> float:
-    """Integral time scale [s] of a record (n,): its autocorrelation integrated up to the first zero.
+    """Integral time scale [s] of a time series (n,): its autocorrelation integrated up to the first zero.
 
-    NaN if the record is constant.
+    NaN if the series is constant.
     """
     if np.ptp(values) == 0.0:
         return float("nan")

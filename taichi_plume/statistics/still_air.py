@@ -1,4 +1,4 @@
-"""Still air for sensor tests: robots stand side by side, each at the concentration time series of a point."""
+"""Still air for tests of gas sensors: robots stand side by side, each in the gas time series of one point."""
 
 import taichi as ti
 
@@ -8,7 +8,7 @@ from taichi_plume.grid.kernels import Template
 
 @ti.data_oriented
 class Floor:
-    """Floor without obstacles."""
+    """Floor without obstacles for robots: signed-distance interface of an arena."""
 
     @ti.func
     def distance(self, p: Template):
@@ -17,26 +17,26 @@ class Floor:
 
     @ti.func
     def normal(self, p: Template):
-        """Direction away from the nearest obstacle."""
+        """Return the direction away from obstacles; here without obstacles, always x."""
         return ti.Vector([1.0, 0.0])
 
 
 @ti.data_oriented
 class Records(Wind):
-    """Still air with the field `level` of concentrations [ppm] at x = 0, 1, 2 ... m; an `Odour` of one species."""
+    """Still air with given concentrations `level` [ppm] of one species at x = 0, 1, 2 ... m; an `Odour`."""
 
     def __init__(self, level: ti.Field, species: object):
         self.level, self.species = level, species
 
     def begin(self, model: object, t: float, seed: int) -> None:
-        """Do nothing."""
+        """Do nothing: still air needs no initial state."""
 
     def advance(self, t: float, dt: float) -> None:
-        """Do nothing: the caller sets the field."""
+        """Do nothing: the caller sets the concentrations."""
 
     @ti.func
     def ppm(self, x: Template, t: float):
-        """Mole fraction at a point."""
+        """Return the concentration [ppm] at point x, as a vector of one species."""
         return ti.Vector([self.level[ti.cast(ti.round(x[0]), ti.i32)]])
 
     @ti.func

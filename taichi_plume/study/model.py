@@ -1,4 +1,4 @@
-"""Vocabulary of study.yaml as frozen pydantic models. Quantities are written as in the scenario."""
+"""Keys of a parameter study's file study.yaml as frozen pydantic models. Quantities are written as in the scenario."""
 
 import re
 from collections.abc import Iterator
@@ -67,12 +67,12 @@ class StudyAxis(Model):
 
     @property
     def sampled(self) -> bool:
-        """Whether values are sampled from the range."""
+        """Whether the axis has a range (low, high) without count, from which the study samples values."""
         return self.low is not None and self.count is None
 
     @property
     def paths(self) -> list[str]:
-        """Paths of all keys that the axis changes, each once."""
+        """Paths of all scenario keys that the axis changes, in canonical form, each once."""
         if self.variants is not None:
             return list(
                 dict.fromkeys(canonical(key) for changes in self.variants.values() for key in changes)
@@ -132,17 +132,17 @@ class Study(Model):
     own air."""
 
     def faults(self) -> list[str]:
-        """Errors that concern several keys: lines ``path: message``."""
+        """Return all errors of study.yaml that concern several keys, each as a line ``path: message``."""
         return [*self._names(), *self._seeds(), *self._conflicts(), *self._of_kind()]
 
     @property
     def over_seeds(self) -> bool:
-        """Whether an axis sets a seed."""
+        """Whether an axis of the study sets a random seed (scenario key seed or air_seed)."""
         return any(path in SEEDS for axis in self.axes.values() for path in axis.paths)
 
     @property
     def draws(self) -> int:
-        """Number of points drawn for each combination of the other axes' values."""
+        """Number of sampled points for each combination of values of the other axes; 1 without sampling."""
         if self.kind == "sensitivity":
             return self.samples * (len(self.axes) + 2)
         return self.sampling.count if self.sampling else 1
@@ -173,7 +173,7 @@ class Study(Model):
                     yield f"{key}: an axis sets the seeds; remove {key}, or that axis"
 
     def _conflicts(self) -> Iterator[str]:
-        """Yield errors about axes that change the same key, or a key and a part of it."""
+        """Yield an error for each axis that changes a key twice, or a key that another axis changes too."""
         named: list[tuple[str, str]] = []
         for name, axis in self.axes.items():
             forms = [list(map(canonical, changes)) for changes in (axis.variants or {}).values()]
@@ -213,18 +213,18 @@ class Study(Model):
 
 
 def canonical(path: str) -> str:
-    """Return the canonical form of a path: ``robots.00.count`` becomes ``robots[0].count``."""
+    """Return the canonical form of a scenario key's path: ``robots.00.count`` becomes ``robots[0].count``."""
     return path_of([str(int(step)) if step.isdecimal() else step for step in steps_of(path)])
 
 
 def _overlap(path: str, other: str) -> bool:
-    """Whether two paths are equal, or one key contains the other."""
+    """Return whether two paths are the same scenario key, or one is a section that contains the other."""
     shorter, longer = sorted((path, other), key=len)
     return longer == shorter or longer.startswith((f"{shorter}.", f"{shorter}["))
 
 
 def _both(path: str, other: str, who: str = "") -> str:
-    """Return the message about two overlapping paths; who: the axis that changes the other one."""
+    """Return the error message for two overlapping paths of keys; who: name of the axis that changes `other`."""
     if path == other:
         return f"changes {path}, as {who}does" if who else f"changes {path} twice"
     part = "which is a part of it" if len(other) > len(path) else "of which it is a part"
@@ -232,7 +232,7 @@ def _both(path: str, other: str, who: str = "") -> str:
 
 
 def _no_power_of_two(key: str, count: int) -> str:
-    """Return an error line if `count` is no power of two, else ""."""
+    """Return an error line if the value `count` of a study key is not a power of two, else an empty text."""
     below = 1 << (count.bit_length() - 1)
     near = f"such as {below} or {2 * below}"
     return f"{key}: got {count}: a Sobol sequence takes a power of two, {near}" if count != below else ""

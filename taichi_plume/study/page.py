@@ -23,7 +23,7 @@ MOST_KINDS = 6  # quantities or combinations whose indices or orders are shown
 
 
 def write(folder: Path) -> Path:
-    """Write the page of a study, finished or not, into its folder; return the path.
+    """Write the HTML report page of a study, finished or not, into the study's folder; return the page's path.
 
     Raises RunFolderError and OSError.
     """
@@ -39,7 +39,7 @@ def write(folder: Path) -> Path:
 
 
 class Page:
-    """Sections of a study's page."""
+    """Builder of the sections (tables, figures and sentences) of a parameter study's report page."""
 
     def __init__(self, study: Results):
         self.study, self.folder = study, study.folder
@@ -59,14 +59,14 @@ class Page:
         return np.array([estimate.mean for estimate in self.points.estimates[quantity.name] if estimate])
 
     def sections(self) -> list[Section]:
-        """All sections in their order; a section without content is empty."""
+        """Return all sections of the report page in their order; a section without content is empty."""
         return [
             self.words(), self.varied(), self.along(), self.kind(), self.table(), self.failures(), self.costs(),
             self.reading(), self.again(),
         ]  # fmt: skip
 
     def words(self) -> Section:
-        """Return the results in sentences."""
+        """Return the report section that states the main results in sentences, for all runs and by axis value."""
         section = Section("The result in words", "words")
         declared = [q for q in self.known if q.name in ("declared", "localisation_error_m")]
         for quantity in [*(self.main or self.others)[:2], *declared]:
@@ -86,7 +86,7 @@ class Page:
         return section
 
     def _differences(self) -> Iterator[Table]:
-        """Yield a table that compares the first value of the first axis of names with the others, in the same airs."""
+        """Yield a table: success at other values of an axis minus success at its first value, in the same airs."""
         axis = next((name for name in self.named if name in self.points.axes), None)
         if axis is None or SUCCESS not in self.main:
             return
@@ -105,7 +105,7 @@ class Page:
             yield Table(rows[:MOST_SHOWN], heads, captions.APART + more)
 
     def varied(self) -> Section:
-        """Return the axes and their values."""
+        """Return the report section on the study's axes, their values, and the numbers of points and runs."""
         section = Section("What was varied", "varied")
         plan, axes = self.study.plan, self.about["study"].get("axes") or {}
         rows = []
@@ -133,7 +133,7 @@ class Page:
         return section
 
     def along(self) -> Section:
-        """Return plots along each axis and over pairs of axes."""
+        """Return the report section with plots of results along each axis and heat maps over pairs of numeric axes."""
         section = Section("Along the axes", "along")
         shown = self.main or self.others[:2]
         if not shown:
@@ -157,7 +157,7 @@ class Page:
         return section
 
     def kind(self) -> Section:
-        """Return Sobol indices of a sensitivity study, or orders of convergence of a refinement study."""
+        """Return the section of Sobol indices or of orders of grid convergence; empty for a plain sweep."""
         kinds = {"sensitivity": self._indices, "refinement": self._orders}
         return kinds.get(self.about["kind"], lambda: Section("", ""))()
 
@@ -200,7 +200,7 @@ class Page:
         return section
 
     def table(self) -> Section:
-        """Return the table of points."""
+        """Return the report section with a table of mean results per point (combination of axis values)."""
         section = Section("The points", "points")
         table, estimates = self.points.table, self.points.estimates
         shown = [q for q in self.known if q.name != "time_s"]
@@ -227,7 +227,7 @@ class Page:
         return section
 
     def failures(self) -> Section:
-        """Return failed runs, commands that repeat them, and the number of missing runs."""
+        """Return the report section on failed runs (messages, commands to repeat them) and missing runs."""
         section = Section("Failed and missing runs", "failures")
         runs = self.points.runs
         rows = []
@@ -246,13 +246,13 @@ class Page:
         return section
 
     def costs(self) -> Section:
-        """Return time and workers of the runs."""
+        """Return the report section on the computing time and the workers of the study's runs."""
         section = Section("Cost", "costs")
         section.table(cost_words(self.study.tables.costs), (), captions.COSTS)
         return section
 
     def reading(self) -> Section:
-        """Return commands that read the tables."""
+        """Return the report section with commands that read the study's tables, such as pandas and DuckDB commands."""
         folder, trials = self.folder, f"{self.folder}/trials"
         lines = [
             f'from taichi_plume import study; results = study.open("{folder}"); results.points(); results.trials()',
@@ -263,7 +263,7 @@ class Page:
         return Section("How to read the tables", "read", lines=lines, code=True)
 
     def again(self) -> Section:
-        """Return commands that resume the study and rewrite the page."""
+        """Return the report section with the commands that resume the study and that rewrite its report page."""
         out = str(self.folder.resolve())
         lines = [
             shlex.join(["python", "-m", "taichi_plume.study", str(self.about["file"]), "--out", out]),
@@ -276,7 +276,7 @@ class Page:
 
 
 def _apart_words(apart: intervals.Estimate) -> tuple[str, str]:
-    """Return a difference of shares in percentage points, and the interval."""
+    """Return two texts: a difference of success rates in percentage points, and its interval or why there is none."""
     points = f"{100 * apart.mean:+.0f}"
     if apart.over in intervals.WITHOUT:
         return points, intervals.WITHOUT[apart.over].format(airs=apart.airs)
@@ -289,13 +289,13 @@ def _ends(low: float, high: float) -> str:
 
 
 def _plain(value: object) -> str:
-    """Return a value of an axis as text, numbers with 4 digits."""
+    """Return a value of a study's axis as text; numbers have 4 significant digits."""
     number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
     return f"{value:.4g}" if number else str(value)
 
 
 def _keys(axis: object) -> str:
-    """Return the keys of the scenario that an axis of study.yaml changes."""
+    """Return the scenario keys that an axis section of study.yaml changes, as text; a dash if there are none."""
     if not isinstance(axis, dict):
         return "-"
     variants = [changes for changes in (axis.get("variants") or {}).values() if isinstance(changes, dict)]

@@ -1,4 +1,4 @@
-"""Figures of a study's page: quantities along axes and over pairs of axes, Sobol indices, grid refinement."""
+"""Figures of a parameter study's page: results along axes and over pairs of axes, Sobol indices, grid refinement."""
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -28,20 +28,20 @@ Names = Sequence[Value | None]
 
 
 def values_of(points: Points, axis: str) -> list[Any]:
-    """Return the values of an axis (or "group") in the order of the plan; numbers sorted."""
+    """Return the distinct values of a study's axis (or of "group", the robot groups); numbers are sorted."""
     values = list(dict.fromkeys(points.table[axis].dropna()))
     return sorted(values) if is_number(points.plan.table, axis) else values
 
 
 def named(points: Points) -> list[str]:
-    """Return the axes whose values are names, and "group" if there are several groups."""
+    """Return the axes that have several non-numeric values; "group" is the first if there are several robot groups."""
     axes = [axis for axis in points.axes if not is_number(points.plan.table, axis)]
     groups = ["group"] if "group" in points.table else []
     return [axis for axis in (*groups, *axes) if len(values_of(points, axis)) > 1]
 
 
 def numeric(points: Points) -> list[str]:
-    """Return the axes of numbers with several values."""
+    """Return the names of the study's axes that have several numeric values."""
     return [
         axis
         for axis in points.axes
@@ -50,13 +50,13 @@ def numeric(points: Points) -> list[str]:
 
 
 def label(points: Points, axis: str) -> str:
-    """Return the name and unit of an axis."""
+    """Return the label of a study's axis for plots: its shortened name with its unit in brackets."""
     unit = next((column.unit for column in points.plan.axes if column.name == axis), "")
     return look.short(axis) + (f" [{unit}]" if unit not in ("", "1") else "")
 
 
 def logarithmic(points: Points, axis: str) -> bool:
-    """Whether the study's file gives an axis a logarithmic spacing."""
+    """Return whether the study's file gives an axis logarithmic spacing and all values are positive."""
     found = (points.plan.about["study"].get("axes") or {}).get(axis)
     return isinstance(found, dict) and found.get("spacing") == "log" and min(values_of(points, axis)) > 0
 
@@ -67,7 +67,7 @@ def _quantity(quantity: Quantity) -> str:
 
 
 def _scaled(quantity: Quantity, estimate: Estimate) -> list[float]:
-    """Return mean, low and high end; shares in per cent."""
+    """Return the mean and the lower and upper interval end of an estimate; fractions in per cent."""
     return [(100.0 if quantity.share else 1.0) * value for value in estimate[:3]]
 
 
@@ -83,7 +83,7 @@ def interval_bar(axes: "Axes", place: int, quantity: Quantity, estimate: Estimat
 def _panels(
     count: int, draw: Callable[["Axes", int], None], rows: int, tall: float = TALL, legend: str = ""
 ) -> bytes:
-    """Draw `count` panels in `rows` rows. legend: title of a legend below the last row, "" for none."""
+    """Return a PNG of `count` panels in `rows` rows; draw(axes, n) draws panel n. legend: its title, "" for none."""
     with look.styled({"text.parse_math": False}):
         below = 0.45 if legend else 0.0
         figure = look.figure(WIDE, tall * rows + below, DPI)
@@ -108,7 +108,7 @@ def _panels(
 
 
 def along(points: Points, axis: str, by: str | None, quantities: Sequence[Quantity]) -> bytes:
-    """Draw quantities over an axis of numbers, a line per value of the axis `by`, at most MOST_LINES in a panel."""
+    """Return a PNG of quantities over a numeric axis, a line per value of the axis `by`, MOST_LINES per panel."""
     lines = values_of(points, by) if by else [None]
     parts = [lines[n : n + MOST_LINES] for n in range(0, len(lines), MOST_LINES)][:MOST_PANELS]
     draw = _means if len(values_of(points, axis)) <= MOST_VALUES else _running
@@ -142,7 +142,7 @@ def _means(
     quantity: Quantity,
     found: Estimates,
 ) -> None:
-    """Draw the mean at each value, with its interval."""
+    """Draw the mean of a quantity with its interval at each value of an axis; a line per value of `by` in `part`."""
     places = values_of(points, axis)
     log = logarithmic(points, axis)
     apart = 0.006 * (np.log(max(places) / min(places)) if log else max(places) - min(places))
@@ -171,7 +171,7 @@ def _running(
     quantity: Quantity,
     _: Estimates,
 ) -> None:
-    """Draw the mean of each point as a dot, and a running mean (Gaussian window)."""
+    """Draw a quantity's mean at each point as a dot, and a running mean (Gaussian kernel); a line per value of `by`."""
     log = logarithmic(points, axis)
     x = points.table[axis].to_numpy(float)
     x = np.log(x) if log else x
@@ -192,7 +192,7 @@ def _running(
 
 
 def between(points: Points, axis: str, quantities: Sequence[Quantity]) -> bytes:
-    """Draw quantities at each value of an axis of names."""
+    """Return a PNG of quantities with confidence intervals at each value of a non-numeric axis."""
     names = values_of(points, axis)[: MOST_LINES * MOST_PANELS]
     found = {q.name: points.estimated(q, [axis]) for q in quantities}
 
@@ -214,7 +214,7 @@ def between(points: Points, axis: str, quantities: Sequence[Quantity]) -> bytes:
 
 
 def heat(points: Points, pair: tuple[str, str], by: str | None, q: Quantity) -> bytes:
-    """Draw a heat map of a quantity over two axes of numbers, a panel per value of `by`."""
+    """Return a PNG with heat maps of a quantity over a pair of numeric axes, a panel per value of the axis `by`."""
     parts = (values_of(points, by) if by else [None])[:MOST_LINES]
     across, up = (values_of(points, axis) for axis in pair)
     found = points.estimated(q, [*pair, *([by] if by else [])])
@@ -247,7 +247,7 @@ def heat(points: Points, pair: tuple[str, str], by: str | None, q: Quantity) -> 
 
 
 def sensitivity(title: str, indices: dict[str, Index]) -> bytes:
-    """Draw the first-order and total indices of the axes, with their intervals."""
+    """Return a PNG bar chart of the first-order and total Sobol indices of the axes, with confidence intervals."""
 
     def panel(axes: "Axes", _: int) -> None:
         place = np.arange(len(indices))
@@ -268,7 +268,7 @@ def sensitivity(title: str, indices: dict[str, Index]) -> bytes:
 
 
 def refinement(rows: Sequence[Row], names: Sequence[str], title: str, unit: str) -> bytes:
-    """Draw values over the spacing, and their extrapolation to zero spacing."""
+    """Return a PNG of results over the grid spacing, a line per row, with their extrapolations to zero spacing."""
 
     def panel(axes: "Axes", _: int) -> None:
         for n, (row, name) in enumerate(zip(rows[:MOST_LINES], names, strict=False)):

@@ -1,8 +1,8 @@
-"""Folder of a study: records of finished runs, a Parquet file per task. Files are written atomically.
+"""Folder of a study: records of finished runs, a Parquet file per batch of runs. Files are written atomically.
 
 study.yaml and base.yaml are copies of the user's files; plan.parquet lists the runs of the plan. ``parts/`` holds the
-records of the tasks: a row per run, with the trials as a list. ``kept/`` and ``failed/`` hold files of single runs. One
-process at a time writes to the folder; other processes may read.
+records of the batches: a row per run, with the trials as a list. ``kept/`` and ``failed/`` hold files of single runs.
+One process at a time writes to the folder; other processes may read.
 """
 
 import json
@@ -53,7 +53,7 @@ class StoreError(ValueError):
 
 
 class Store:
-    """Records of a study's runs in a folder. Readers need no lock.
+    """Records of a study's runs in the study's folder. Readers need no lock.
 
     `begin` locks the folder for this process until `close` or the end of the context.
     """
@@ -70,7 +70,7 @@ class Store:
         self.close()
 
     def close(self) -> None:
-        """Unlock the folder."""
+        """Unlock the study's folder, if this process has locked it."""
         if self._lock is not None:
             self._lock.release()
             self._lock = None
@@ -78,7 +78,7 @@ class Store:
     # ------------------------------------------------------------ beginning
 
     def begin(self, plan: "Plan", force: bool = False) -> None:
-        """Lock the folder for the runs of a plan. Existing records of the plan's runs stay.
+        """Lock the study's folder and prepare it for the runs of a plan. Existing records of the plan's runs stay.
 
         force: remove runs that are not in the plan. Raises StoreError, also if another process has locked the folder,
         and OSError if the disk is full.
@@ -121,7 +121,7 @@ class Store:
             raise StoreError(refusal)
 
     def _drop_others(self, planned: set[str], force: bool) -> None:
-        """Raise StoreError if the folder holds runs that are not planned; with `force` remove these runs."""
+        """Raise StoreError if the folder holds runs that are not in `planned`; with `force` delete these runs."""
         others = sorted(self.statuses().keys() - planned)
         if not others:
             return
@@ -145,7 +145,7 @@ class Store:
                 shutil.rmtree(self.folder / folder / run, ignore_errors=True)
 
     def _tidy(self) -> None:
-        """Remove unfinished files of an earlier process that was killed."""
+        """Delete unfinished files and films that a killed process left in the study's folder."""
         for folder in (self.folder, self.parts, self.airs):
             for left in disk.left_in(folder):
                 left.unlink()
@@ -164,25 +164,25 @@ class Store:
     # ------------------------------------------------------------ adding
 
     def add(self, records: Sequence[Record]) -> None:
-        """Write the records of a task as a new part. Raises OSError."""
+        """Write the records of a batch of runs to the folder as a new Parquet file. Raises OSError."""
         if not records:
             return
         tables.write(self.parts / f"{self._next:06d}.parquet", table_of(records))
         self._next += 1
 
     def add_air(self, record: AirRecord) -> None:
-        """Write the record of a solved or failed air. Raises OSError."""
+        """Write the record of an air (flow and gas that several runs share), solved or failed. Raises OSError."""
         with disk.written_whole(self.airs / f"{record.air}.json") as fresh:
             fresh.write_text(json.dumps(record._asdict()), encoding="utf-8")
 
     def film(self, air: str) -> Path:
-        """Return the path of the complete film of an air."""
+        """Return the path of the complete film of an air, the recorded flow and gas that several runs share."""
         return self.airs / f"{air}.zarr"
 
     # ------------------------------------------------------------ reading
 
     def table(self, names: Sequence[str] = _SCHEMA.names) -> pa.Table:
-        """Return the valid record of each run: the last finished one, else the last failed one. Raises StoreError.
+        """Return a table with one record per run: the last finished one, else the last failed one. Raises StoreError.
 
         names: columns to read, at least `run` and `status`.
         """
@@ -196,19 +196,19 @@ class Store:
         return table.take(pa.array(sorted(rows.values()), pa.int64()))
 
     def statuses(self) -> dict[str, str]:
-        """Return the status of each recorded run: completed, stopped or failed. Raises StoreError."""
+        """Return the status (completed, stopped or failed) of each recorded run, by run id. Raises StoreError."""
         table = self.table(("run", "status"))
         return dict(zip(table["run"].to_pylist(), table["status"].to_pylist(), strict=True))
 
     def records(self) -> list[Record]:
-        """Return the valid record of each run. Raises StoreError."""
+        """Return one record per run: the last finished one, else the last failed one. Raises StoreError."""
         return [
             Record(**row | {"outcomes": dict(row["outcomes"]), "cost": Cost(**row["cost"])})
             for row in self.table().to_pylist()
         ]
 
     def air_records(self) -> list[AirRecord]:
-        """Return the records of the filmed airs, sorted by id. Raises StoreError."""
+        """Return the records of airs (flow and gas that runs share), sorted by file name. Raises StoreError."""
         records = []
         for file in sorted(self.airs.glob("*.json")):
             try:
@@ -218,7 +218,7 @@ class Store:
         return records
 
     def _files(self) -> list[Path]:
-        """Return the files of the parts in the order of writing. Raises StoreError if there are other files."""
+        """Return the Parquet files of run records, oldest first. Raises StoreError if there are other files."""
         if not self.parts.is_dir():
             return []
         files = sorted(self.parts.iterdir(), key=lambda file: (len(file.name), file.name))
@@ -230,7 +230,7 @@ class Store:
 
 
 def _read(part: Path, names: Sequence[str] = _SCHEMA.names) -> pa.Table:
-    """Read the rows of a part. Raises StoreError."""
+    """Read columns of a Parquet file of run records. Raises StoreError if it is damaged or has another format."""
     fault = unopenable(part)
     if fault:
         raise StoreError(f"{part}: {fault}")
@@ -250,7 +250,7 @@ def _read(part: Path, names: Sequence[str] = _SCHEMA.names) -> pa.Table:
 
 
 def table_of(records: Iterable[Record]) -> pa.Table:
-    """Return a table of records, as in a part."""
+    """Return an Arrow table of run records, in the format of the Parquet files in ``parts/``."""
     rows = [
         record._asdict() | {"outcomes": list(record.outcomes.items()), "cost": record.cost._asdict()}
         for record in records
@@ -262,7 +262,7 @@ def table_of(records: Iterable[Record]) -> pa.Table:
 
 
 def leave_failed(task: Task, request: Request, message: str) -> None:
-    """Write the scenario, if valid, and the message of a failed run, so that users can repeat it. Raises OSError."""
+    """Write scenario (if valid) and message of a failed run into ``failed/``, to be repeated. Raises OSError."""
     folder = task.options.out / FAILED / request.run
     folder.mkdir(parents=True, exist_ok=True)
     with suppress(ScenarioError):
@@ -273,5 +273,5 @@ def leave_failed(task: Task, request: Request, message: str) -> None:
 
 
 def forget_failed(task: Task, request: Request) -> None:
-    """Remove the files of an earlier attempt that failed."""
+    """Delete the files that an earlier, failed attempt of a run left in the study's folder."""
     shutil.rmtree(task.options.out / FAILED / request.run, ignore_errors=True)

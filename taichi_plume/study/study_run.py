@@ -1,4 +1,4 @@
-"""Execute a study: lock its folder, execute the missing runs, write the tables and the page, report to the user."""
+"""Execute a parameter study: lock its folder, execute missing runs, write the tables and the report page."""
 
 import traceback
 from collections import Counter
@@ -25,7 +25,7 @@ GOES_ON = "the same command resumes the study"
 
 
 class Wishes(NamedTuple):
-    """Options of the command line. out: the study's folder; workers: their number, None for all cores."""
+    """Options of the study command. out: the study's folder; workers: number of workers, None for all cores."""
 
     out: Path
     workers: int | None = None
@@ -41,7 +41,7 @@ class Wishes(NamedTuple):
 
 
 def carry_out(plan: "Plan", wishes: Wishes) -> int:
-    """Execute the missing runs of a plan, then write tables and page. Return the command's exit code.
+    """Execute the missing runs of a study, then write its tables and its report page. Return the command's exit code.
 
     Raises ScenarioError, RunFolderError, OSError.
     """
@@ -63,7 +63,7 @@ def carry_out(plan: "Plan", wishes: Wishes) -> int:
 
 
 def _work(plan: "Plan", store: Store, wishes: Wishes, signals: SignalRequests) -> int:
-    """Execute the missing runs; return the exit code so far."""
+    """Execute the missing runs of a study on workers; return exit code 0, or 1 or 2 if workers or files fail."""
     missing = missing_runs(plan, store, wishes.retry)
     total, before = len(plan.requests), len(plan.requests) - len(missing)
     if not wishes.quiet:
@@ -103,7 +103,7 @@ def _work(plan: "Plan", store: Store, wishes: Wishes, signals: SignalRequests) -
 
 
 def _workers(plan: "Plan", wishes: Wishes, signals: SignalRequests, most: int) -> "Workers":
-    """Return the workers that the command line asks for, on this machine at most `most`. Raises WorkersError."""
+    """Return the workers of the given Dask scheduler, else at most `most` local processes. Raises WorkersError."""
     from taichi_plume.study.workers import DaskWorkers, LocalWorkers, cores
 
     if not wishes.scheduler:
@@ -116,7 +116,7 @@ def _workers(plan: "Plan", wishes: Wishes, signals: SignalRequests, most: int) -
 
 
 def _conclude(plan: "Plan", store: Store, wishes: Wishes, code: int) -> int:
-    """Write tables and page; print the numbers of finished, failed and missing runs."""
+    """Write a study's tables and page, print the numbers of finished, failed and missing runs; return the exit code."""
     publish(store.folder, wishes.report, quiet=True)
     statuses = store.statuses()
     failed = sum(status == "failed" for status in statuses.values())
@@ -134,7 +134,7 @@ def _conclude(plan: "Plan", store: Store, wishes: Wishes, code: int) -> int:
 
 
 def publish(folder: Path, page: bool = True, quiet: bool = False) -> int:
-    """Write the tables and, with `page`, the page of a study's folder; return the exit code.
+    """Write the tables and, if `page` is true, the report page of the study in a folder; return exit code 0.
 
     Raises RunFolderError if the folder holds no study or damaged files, and OSError.
     """
@@ -173,7 +173,7 @@ def _report_failed(store: Store, failed: int) -> None:
 
 
 def _require_allowed(plan: "Plan", wishes: Wishes) -> None:
-    """Raise ScenarioError if scenarios name Python files and --allow-code is not given."""
+    """Raise ScenarioError if the study's scenarios name Python files and the option --allow-code is not given."""
     if wishes.allow_code:
         return
     files = _own_files([plan.base, *(request.changes for request in plan.requests)])
@@ -183,7 +183,7 @@ def _require_allowed(plan: "Plan", wishes: Wishes) -> None:
 
 
 def _own_files(data: object) -> set[str]:
-    """Return the Python files of users' algorithms that a part of a scenario names."""
+    """Return the paths of Python files with users' algorithms in the data of a scenario (nested dicts and lists)."""
     if isinstance(data, dict):
         here = {str(data["file"])} if data.get("kind") == "own" and data.get("file") else set()
         return here.union(*map(_own_files, data.values()))
@@ -191,7 +191,7 @@ def _own_files(data: object) -> set[str]:
 
 
 def missing_runs(plan: "Plan", store: Store, retry: bool) -> "list[Request]":
-    """Return the runs of a plan to execute: runs without a record, failed runs if `retry`, and incomplete runs.
+    """Return the runs of a study's plan to execute: runs without a record, failed runs if `retry`, and incomplete runs.
 
     A finished run is incomplete if the study has requested more outcomes or files since then: neither is part of a
     run's id. Raises StoreError.
@@ -230,7 +230,7 @@ def _incomplete(plan: "Plan", store: Store) -> set[str]:
 
 
 def print_check(plan: "Plan", out: Path) -> None:
-    """Print the numbers of runs, points and airs of a plan, and the first points: the output of `--check`."""
+    """Print a study's numbers of runs, points and airs (flow realisations) and its first points, as `--check` shows."""
     from rich.table import Table
 
     requests = plan.requests

@@ -32,8 +32,8 @@ ROW_GROUP = 50_000
 
 
 class Tables(NamedTuple):
-    """Tables of a study. runs: a row per run of the plan; trials: a row per trial of each group of the finished runs;
-    costs: a row per finished run.
+    """Result tables of a study. runs: a row per planned run; trials: a row per trial of each robot group of the
+    finished runs; costs: a row per finished run.
     """
 
     runs: pa.Table
@@ -42,24 +42,24 @@ class Tables(NamedTuple):
 
 
 class Planned(NamedTuple):
-    """Table of a plan. about: metadata: name, kind, outcomes (path by column) and other settings of the study."""
+    """Plan of a study, a row per run. about: metadata: name, kind, outcomes (path by column) and other settings."""
 
     table: pa.Table
     about: Data
 
     @property
     def axes(self) -> tuple[Axis, ...]:
-        """Columns that the study varies."""
+        """Axes of the study as table columns: name, unit, and whether the tables are partitioned by the axis."""
         return tuple(Axis(*axis) for axis in self.about["axes"])
 
     @property
     def outcomes(self) -> dict[str, str]:
-        """Outcomes of runs, path by column."""
+        """Outcomes of runs that the study requests: path of the number in a run's results, by column name."""
         return self.about["outcomes"]
 
     @property
     def fields(self) -> list[pa.Field]:
-        """Columns of the axes, without axes that set seeds."""
+        """Arrow fields of the columns of the study's axes, without axes that set random seeds."""
         kinds = {axis.name: self.table.schema.field(axis.name).type for axis in self.axes}
         return columns.axis_columns(self.axes, kinds)
 
@@ -68,7 +68,7 @@ class Planned(NamedTuple):
 
 
 def planned(plan: "Plan") -> Planned:
-    """Return the table of a plan, a row for each run."""
+    """Return the plan of a study as a table with a row for each run, and its metadata."""
     requests = sorted(plan.requests, key=lambda request: request.number)
     kinds = {
         axis.name: columns.kind_of(request.values[axis.name] for request in requests) for axis in plan.axes
@@ -95,9 +95,9 @@ def planned(plan: "Plan") -> Planned:
 
 
 def make_tables(plan: Planned, records: pa.Table, made_of: str = "") -> Tables:
-    """Return the tables of a plan and of a table of records (`Store.table`) in any order.
+    """Return the result tables of a study, from its plan and a table of run records (`Store.table`) in any order.
 
-    Records of runs that are not in the plan are left out.
+    Records of runs that are not in the plan are left out. made_of: hash of the data, stored in the costs table.
     """
     place = pc.index_in(records["run"], value_set=plan.table["run"].combine_chunks())
     records = (
@@ -132,7 +132,7 @@ def _costs(records: pa.Table, made_of: str, trials: int) -> pa.Table:
 
 
 def _table(made: Mapping[str, Sequence[object] | pa.ChunkedArray], schema: pa.Schema) -> pa.Table:
-    """Return a table with one chunk per column, so that equal tables have equal bytes."""
+    """Return an Arrow table of columns `made`, one chunk per column, so that equal tables have equal bytes."""
     arrays = []
     for field in schema:
         values = made[field.name]
@@ -148,18 +148,18 @@ def _table(made: Mapping[str, Sequence[object] | pa.ChunkedArray], schema: pa.Sc
 
 
 def write_plan(folder: Path, plan: "Plan") -> None:
-    """Write `plan.parquet`: a row for each run of a plan. Raises OSError."""
+    """Write `plan.parquet` into a study's folder: a table with a row for each run of the plan. Raises OSError."""
     write(folder / PLAN, planned(plan).table)
 
 
 def read_plan(folder: Path) -> Planned:
-    """Read `plan.parquet`. Raises OSError, ValueError, LookupError."""
+    """Read the plan of a study from `plan.parquet` in its folder. Raises OSError, ValueError, LookupError."""
     table = read(folder / PLAN)
     return Planned(table, json.loads(table.schema.metadata[b"study"]))
 
 
 def publish(folder: Path, records: Callable[[], pa.Table]) -> None:
-    """Write the tables of a folder's plan and of the records, unless the tables are up to date.
+    """Write a study's result tables into its folder unless up to date. records: function that returns the run records.
 
     Raises OSError.
     """
@@ -175,7 +175,7 @@ def publish(folder: Path, records: Callable[[], pa.Table]) -> None:
 
 
 def state(folder: Path) -> str:
-    """Return a hash of the data behind the tables: the plan, and names and sizes of the parts."""
+    """Return a hash of the data behind a study's tables: the plan, and names and sizes of the record files."""
     found = hashlib.sha256((folder / PLAN).read_bytes())
     for name, size in sorted((part.name, part.stat().st_size) for part in (folder / PARTS).glob("*.parquet")):
         found.update(f"{name} {size}\n".encode())
@@ -183,7 +183,7 @@ def state(folder: Path) -> str:
 
 
 def held(folder: Path, made_of: str) -> int | None:
-    """Return the number of trials in the tables of a folder; None if there are no tables of that state."""
+    """Return the number of trials in a folder's tables; None if any is missing or their hash is not `made_of`."""
     try:
         metadata = pq.read_schema(folder / COSTS).metadata or {}
     except (OSError, pa.ArrowException):
@@ -193,7 +193,7 @@ def held(folder: Path, made_of: str) -> int | None:
 
 
 def _write_trials(folder: Path, names: Sequence[str], trials: pa.Table) -> None:
-    """Write the trials in folders by these axes, first to a temporary folder, which is then renamed."""
+    """Write the trials in folders by values of the columns `names`, under a temporary path that is then renamed."""
     fresh, old = folder / f"{TRIALS}.new", folder / f"{TRIALS}.old"
     for left in (fresh, old):
         shutil.rmtree(left, ignore_errors=True)
@@ -209,7 +209,7 @@ def _write_trials(folder: Path, names: Sequence[str], trials: pa.Table) -> None:
 
 
 def _split(trials: pa.Table, names: Sequence[str]) -> list[tuple[Row, pa.Table]]:
-    """Return (values, trials) for each combination of values of some axes; trials keep their order."""
+    """Split a table of trials: return (values of the columns `names`, their rows in order) for each combination."""
     if not names or not len(trials):
         return [({}, trials)]
     made = []
@@ -224,12 +224,12 @@ def _split(trials: pa.Table, names: Sequence[str]) -> list[tuple[Row, pa.Table]]
 
 
 def _key(value: object) -> str:
-    """Return a value as the name of a folder (Hive partitioning); numbers and booleans as Python writes them."""
+    """Return a value percent-encoded for a folder name (Hive partitioning); numbers as Python writes them."""
     return quote(str(value), safe=" ") or "__HIVE_DEFAULT_PARTITION__"
 
 
 def write(path: Path, table: pa.Table) -> None:
-    """Write a table to a file, atomically. Raises OSError."""
+    """Write an Arrow table to a Parquet file, atomically. Raises OSError."""
     disk.require_room(path, table.nbytes)
     options = {"compression": "zstd", "write_page_checksum": True}
     with disk.written_whole(path) as fresh, pq.ParquetWriter(fresh, table.schema, **options) as writer:
@@ -237,7 +237,7 @@ def write(path: Path, table: pa.Table) -> None:
 
 
 def read(path: Path) -> pa.Table:
-    """Read a table from a file, or from all files of a folder in order. Raises OSError, ValueError (also of Arrow)."""
+    """Read a table from a Parquet file, or from all such files below a folder in order. Raises OSError, ValueError."""
     files = sorted(path.rglob("*.parquet")) if path.is_dir() else [path]
     tables = []
     for part in files:

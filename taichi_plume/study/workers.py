@@ -73,7 +73,7 @@ def work(task: "Task") -> "Result":
 class LocalWorkers:
     """Worker processes on this machine, each an executor of one process. Their output goes to a log in `out`.
 
-    death: exception of a task whose worker died; remarks: notes to print to the user.
+    death: type of the exception of a task whose worker died; remarks: notes to print to the user.
     """
 
     death: type[BaseException] = BrokenProcessPool
@@ -89,7 +89,7 @@ class LocalWorkers:
         return self._names
 
     def submit(self, worker: str, function: "Work", task: "Task") -> "Future[Result]":
-        """Submit a task to a worker; start the worker's process if there is none."""
+        """Submit the call `function(task)` to a worker process, started if needed; return the result's future."""
         with suppress(KeyError, BrokenProcessPool):
             return self._executors[worker].submit(function, task)
         context = multiprocessing.get_context("spawn")
@@ -100,7 +100,7 @@ class LocalWorkers:
         return future
 
     def close(self) -> None:
-        """End all processes at once, even in the middle of a run."""
+        """Kill all worker processes at once, even in the middle of a run, and delete the log if empty."""
         with ignoring_signals():
             for process in multiprocessing.active_children():  # only workers: the command starts no others
                 process.kill()
@@ -141,7 +141,7 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def _blocked_signals() -> Iterator[None]:
-    """Context whose new processes ignore SIGINT (Ctrl-C) and SIGHUP, which the terminal sends to the whole group."""
+    """Context whose new processes block SIGINT (Ctrl-C) and SIGHUP, which the terminal sends to the whole group."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -157,7 +157,7 @@ def _blocked_signals() -> Iterator[None]:
 
 @contextmanager
 def _environment() -> Iterator[None]:
-    """Context whose new processes have the variables of ENVIRONMENT; afterwards the environment is restored."""
+    """Context that adds ENVIRONMENT to the environment of new processes; restores the environment at the end."""
     before = {name: os.environ[name] for name in ENVIRONMENT if name in os.environ}
     os.environ.update(ENVIRONMENT)
     try:
@@ -172,9 +172,9 @@ def _environment() -> Iterator[None]:
 
 
 class DaskWorkers:
-    """Workers of the Dask scheduler at an address. Raises WorkersError if there is no scheduler.
+    """Workers of the Dask scheduler at a network address. Raises WorkersError if there is no scheduler.
 
-    Once the scheduler has answered, signals wait for a look at `signals`.
+    Once the scheduler has answered, a first signal does not interrupt the command but is noted in `signals`.
     """
 
     def __init__(self, address: str, plan: "Plan", out: Path, signals: SignalRequests):
@@ -201,7 +201,7 @@ class DaskWorkers:
         self._lonely = False
 
     def workers(self) -> list[str]:
-        """Return the addresses of the workers. Raises WorkersError, also if a worker cannot be used for the study."""
+        """Return the addresses of the Dask workers. Raises WorkersError, also if a worker cannot be used."""
         if time.monotonic() - self._looked > LOOK_S:
             self._looked = time.monotonic()
             with suppress(OSError, RuntimeError, ValueError):  # if the scheduler is gone, see `status`
@@ -230,7 +230,7 @@ class DaskWorkers:
             self.remarks.append(f"no workers there; start one by: dask worker {scheduler} --nthreads 1")
 
     def _require_fit(self, addresses: set[str]) -> None:
-        """Raise WorkersError if a worker has another version or cannot access the study's files."""
+        """Raise WorkersError if a Dask worker has another version or cannot access the study's files."""
         answers = self.client.run(self._why_unusable, workers=list(addresses), on_error="return")
         for address, answer in sorted(answers.items()):
             if not answer or isinstance(answer, OSError):  # OSError: the worker is gone
@@ -241,18 +241,18 @@ class DaskWorkers:
             raise WorkersError(f"worker {address}: {answer}", 2)
 
     def submit(self, worker: str, function: "Work", task: "Task") -> "Future[Result]":
-        """Submit the call `function(task)` to a worker; return the future of the result."""
+        """Submit the call `function(task)` to a Dask worker; return the future of the result."""
         return self._executors[worker].submit(function, task)
 
     def close(self) -> None:
-        """Disconnect from the scheduler, which drops tasks that have not started."""
+        """Disconnect from the Dask scheduler, which then drops tasks that have not started."""
         with ignoring_signals(), suppress(Exception):
             self.client.close(timeout=2)
         self.client.status = "closed"  # otherwise the client's finalizer would wait for an answer again
 
 
 def why_unusable(version: str, out: Path, content: bytes, folder: Path) -> str:
-    """Return why this worker cannot be used for a study, in one line; "" if it can.
+    """Return why the worker process that runs this call cannot be used for a study, in a line; "" if usable.
 
     version: of the command; out: folder of the study; content: of study.yaml; folder: folder of the base scenario.
     """
@@ -298,7 +298,7 @@ async def _kind(address: str) -> str:
 
 
 def _log_to(log: Path) -> None:
-    """Redirect the logging of Dask to a file. Must be called before distributed is imported."""
+    """Redirect the log messages of Dask to a file. Must be called before the package distributed is imported."""
     warnings.filterwarnings("ignore", module=r"(distributed|dask)\b")
     import dask.config
 
