@@ -51,7 +51,7 @@ def _bar(
     plane: Plane,
     stage: Stage,
 ) -> Entities:
-    """Yield a colour bar below a plane. scale: ticks (0 to 1, text); colors: the viewer's colormap, or a palette."""
+    """Yield a labelled colour bar below a plane. scale: ticks (0 to 1, text); colors: colormap's name, or palette."""
     length = stage.extent[plane.axes[0]]
     left, right = (0.05 * length, 0.95 * length) if plane is MAPS else (0.26 * length, 0.97 * length)
     width = right - left
@@ -80,7 +80,7 @@ def _bar(
 def arrow_key(
     plane: Plane, text: str, length: float, color: tuple[int, ...], radius: float, stage: Stage
 ) -> Entities:
-    """Yield the key of the wind arrows below a plane, left of the colour bar: an arrow of given length [m], a text."""
+    """Yield the key of wind arrows below a plane, left of the colour bar: an arrow of given length [m] and a text."""
     left = 0.08 * stage.extent[plane.axes[0]] - length / 2
     ends = placed(plane, [[left, -0.042 * stage.length], [left + length, -0.042 * stage.length]], stage)
     arrow = rr.Arrows3D(origins=ends[:1], vectors=ends[1:] - ends[:1], colors=color, radii=radius)

@@ -38,7 +38,7 @@ class MapPictures:
             stream.log_still([(f"maps/{n}/{name}", blank) for name in scene.ESTIMATES])
 
     def _styles(self, n: int, name: str) -> scene.Entities:
-        """Yield the line colours and labels of the score plots of gas map n."""
+        """Yield the colours and labels of the lines that show the scores of gas map n over time."""
         color = np.array(drawing.robot_color(n))
         faint = (color * 0.6).astype(np.uint8)
         for entity in self._scored(n):
@@ -47,7 +47,7 @@ class MapPictures:
         yield f"map_errors/{n}_forecast", rr.SeriesLines(colors=faint, names=f"{name}: forecast", widths=1.4)
 
     def _scored(self, n: int) -> list[str]:
-        """Return the entity paths of the scores of gas map n, in the order of layout.MAP_SERIES."""
+        """Return the recording's paths for the scores of gas map n, in the order of layout.MAP_SERIES."""
         return [f"map_errors/{n}_mae", *(f"{origin}/{n}" for origin in list(layout.MAP_SERIES)[1:])]
 
     def show(self, sim: Simulation) -> None:

@@ -108,7 +108,7 @@ class Pictures:
 
 
 def _still(quantity: Quantity, raster: Raster, stage: Stage) -> scene.Entities:
-    """Yield the static data of a picture: its place in the scene, and the meaning of its bytes."""
+    """Yield the static data of a picture in a recording: its place in the scene, and the meaning of its bytes."""
     plane, scale = raster.plane, quantity.scale
     entity = f"{quantity.entity}/{plane.name}"
     how = {"colormap": quantity.colormap, "opacity": 0.95}

@@ -130,7 +130,7 @@ class RecordedPictures:
         return pictures
 
     def span(self, names: Sequence[str] | None = None) -> tuple[float, float] | None:
-        """Return first and last time [s] of the named pictures, None without any. No picture stays in memory."""
+        """Return the first and last time [s] of the named pictures, or None; pictures do not stay in memory."""
         ends: list[float] = []
         for name, (entity, _) in self._blank.items():
             if names is None or name in names:
@@ -176,7 +176,7 @@ class RecordedPictures:
         return {picture.name: (entity, picture) for entity, picture in blank}
 
     def _stream(self) -> "rr.chunk.LazyChunkStream":
-        """Return the recording's chunks, by the index if present: the recording of a killed run has no index."""
+        """Return the recording's data chunks, read by the file's index if present; killed runs leave no index."""
         reason = unopenable(self.path)
         if reason:
             raise RunFolderError(f"{self.path}: {reason}")
@@ -203,7 +203,7 @@ class RecordedPictures:
     def _rows(
         self, entity: str, components: list[str], between: tuple[float, float], spacing: float
     ) -> Iterator[tuple[np.ndarray, np.ndarray, list[pa.Array]]]:
-        """Yield for each chunk of an entity: times [s], a mask of the rows between two times, component columns."""
+        """Yield from each chunk of an entity: times [s], mask of rows selected by time range and spacing, columns."""
         latest = -np.inf
         for _, batch in self._chunks(content=entity, components=components, is_static=False):
             if TIME not in batch.schema.names or not set(components) <= set(batch.schema.names):

@@ -70,17 +70,17 @@ class Stream:
         self.flush()
 
     def log_still(self, entities: Iterable[tuple[str, rr.AsComponents]]) -> None:
-        """Log pairs (entity path, archetype) that hold for all times of the recording."""
+        """Log pairs (entity path, rerun archetype) that are valid at all times of the recording."""
         for entity, archetype in entities:
             self.rerun.log(entity, archetype, static=True)
 
     def log(self, t: float, entity: str, archetype: rr.AsComponents) -> None:
-        """Log an archetype of the entity with this path, valid from time t [s] on."""
+        """Log a rerun archetype (drawable object) at an entity path of the recording, valid from time t [s] on."""
         self.rerun.set_time(TIME, duration=t)
         self.rerun.log(entity, archetype)
 
     def picture(self, t: float, entity: str, pixels: bytes) -> None:
-        """Gather the pixels of an entity's picture from time t [s] on, to be sent later with other pictures."""
+        """Gather a picture's bytes, valid from time t [s] on at an entity path, to be sent with other pictures."""
         self._pictures.setdefault(entity, []).append((t, pixels))
         self._gathered += len(pixels)
         if self._gathered > MOST_GATHERED:
@@ -94,11 +94,11 @@ class Stream:
         self._gathered = 0
 
     def send(self, entity: str, t: Sequence[float] | np.ndarray, columns: rr.ComponentColumnList) -> None:
-        """Send columns of component values of the entity with this path, a row for each time t [s]."""
+        """Send columns of values to an entity path of the recording, with one row for each of the times t [s]."""
         self.rerun.send_columns(entity, [rr.TimeColumn(TIME, duration=t)], columns)
 
     def require_room(self) -> None:
-        """Raise OSError if the next batches of data would fill the disk."""
+        """Raise OSError if the disk has no room for the next batches of the recording."""
         disk.require_room(self.path, 4 * self.largest_batch)
 
     def flush(self) -> None:
@@ -123,7 +123,7 @@ class Stream:
             self.open = False
 
     def _abandon(self) -> None:
-        """Abandon the stream after a failed write: rerun would hang in `disconnect` and when the stream is freed."""
+        """Cut the file to its last whole batch after a failed write, and detach rerun, which would hang at exit."""
         rr.unregister_shutdown()
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(self.rerun.to_native()))
         self.open = False
@@ -132,7 +132,7 @@ class Stream:
 
 
 def _until(chunk: rr.chunk.Chunk, latest: np.timedelta64) -> Iterator[rr.chunk.Chunk]:
-    """Yield a chunk of a recording with its rows up to the time `latest`; nothing if all rows are later."""
+    """Yield a chunk of a recording without its rows after the time `latest`; nothing if all rows are later."""
     rows = chunk.to_record_batch()
     early = rows.column(TIME).to_numpy(zero_copy_only=False) <= latest
     if early.all():

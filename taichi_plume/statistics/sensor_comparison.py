@@ -54,7 +54,7 @@ class Smelt(NamedTuple):
 
 
 def noses(others: Sequence[GasSensor] = ()) -> list[Nose]:
-    """Return gas sensors to compare: slow metal oxide, fast photo-ionisation detector, all default models, `others`."""
+    """Return gas sensors to compare: a slow metal oxide, a fast photo-ionisation detector, defaults, and `others`."""
     known: list[GasSensor] = [
         MoxSensor(kind="mox", rise_time=SLOW, decay_time=SLOW),
         PidSensor(kind="pid", rise_time=FAST, decay_time=FAST, period=FAST / 5),

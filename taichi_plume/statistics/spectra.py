@@ -55,9 +55,9 @@ def autocorrelation(values: np.ndarray) -> np.ndarray:
 
 
 def to_first_zero(step: float, correlation: np.ndarray) -> tuple[float, bool]:
-    """Return the integral of a correlation from lag 0 to the first zero, in units of `step`, and whether a zero exists.
+    """Return the integral of a correlation over the lag, up to its first zero, and whether there is a zero.
 
-    Without a zero the integral is a lower bound.
+    The values are `step` apart in lag. Without a zero the integral is a lower bound.
     """
     below = np.flatnonzero(correlation <= 0.0)
     if not len(below):

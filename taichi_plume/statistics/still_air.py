@@ -23,7 +23,7 @@ class Floor:
 
 @ti.data_oriented
 class Records(Wind):
-    """Still air with given concentrations `level` [ppm] of one species at x = 0, 1, 2 ... m; an `Odour`."""
+    """Still air with given concentrations `level` [ppm] of one gas species at the points x = 0, 1, 2 ... m."""
 
     def __init__(self, level: ti.Field, species: object):
         self.level, self.species = level, species

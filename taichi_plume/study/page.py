@@ -1,4 +1,4 @@
-"""Report page of a study (`report.html`): axes, results and figures on one self-contained page."""
+"""HTML report page of a parameter study (`report.html`): axes, results and figures on one self-contained page."""
 
 import shlex
 from collections.abc import Iterator

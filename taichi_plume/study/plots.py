@@ -50,7 +50,7 @@ def numeric(points: Points) -> list[str]:
 
 
 def label(points: Points, axis: str) -> str:
-    """Return the label of a study's axis for plots: its shortened name with its unit in brackets."""
+    """Return the label of a study's axis for plots: its shortened name, and its unit in brackets if there is one."""
     unit = next((column.unit for column in points.plan.axes if column.name == axis), "")
     return look.short(axis) + (f" [{unit}]" if unit not in ("", "1") else "")
 
@@ -67,12 +67,12 @@ def _quantity(quantity: Quantity) -> str:
 
 
 def _scaled(quantity: Quantity, estimate: Estimate) -> list[float]:
-    """Return the mean and the lower and upper interval end of an estimate; fractions in per cent."""
+    """Return mean, lower and upper end of an estimate with its interval; in per cent if the quantity is a fraction."""
     return [(100.0 if quantity.share else 1.0) * value for value in estimate[:3]]
 
 
 def interval_bar(axes: "Axes", place: int, quantity: Quantity, estimate: Estimate) -> None:
-    """Draw an estimate at y = `place` as a dot with a horizontal error bar for the interval."""
+    """Draw an estimate at y = `place`: its mean as a dot, its confidence interval as a horizontal error bar."""
     mean, low, high = _scaled(quantity, estimate)
     axes.errorbar(
         [mean], [place], xerr=np.nan_to_num(np.abs([[mean - low], [high - mean]])), color=look.robot(place),
@@ -142,7 +142,7 @@ def _means(
     quantity: Quantity,
     found: Estimates,
 ) -> None:
-    """Draw the mean of a quantity with its interval at each value of an axis; a line per value of `by` in `part`."""
+    """Draw a line through the means of a quantity along an axis, with intervals; a line per value of `by` in `part`."""
     places = values_of(points, axis)
     log = logarithmic(points, axis)
     apart = 0.006 * (np.log(max(places) / min(places)) if log else max(places) - min(places))
@@ -171,7 +171,7 @@ def _running(
     quantity: Quantity,
     _: Estimates,
 ) -> None:
-    """Draw a quantity's mean at each point as a dot, and a running mean (Gaussian kernel); a line per value of `by`."""
+    """Draw a dot at each point's mean (point: set of axis values) and a running mean; a colour per value of `by`."""
     log = logarithmic(points, axis)
     x = points.table[axis].to_numpy(float)
     x = np.log(x) if log else x

@@ -53,7 +53,7 @@ class StoreError(ValueError):
 
 
 class Store:
-    """Records of a study's runs in the study's folder. Readers need no lock.
+    """Records of runs in the folder of a parameter study. Readers need no lock.
 
     `begin` locks the folder for this process until `close` or the end of the context.
     """
@@ -273,5 +273,5 @@ def leave_failed(task: Task, request: Request, message: str) -> None:
 
 
 def forget_failed(task: Task, request: Request) -> None:
-    """Delete the files that an earlier, failed attempt of a run left in the study's folder."""
+    """Delete the files that an earlier, failed attempt of the run left in the study's folder."""
     shutil.rmtree(task.options.out / FAILED / request.run, ignore_errors=True)

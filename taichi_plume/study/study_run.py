@@ -207,7 +207,7 @@ def missing_runs(plan: "Plan", store: Store, retry: bool) -> "list[Request]":
 
 
 def _incomplete(plan: "Plan", store: Store) -> set[str]:
-    """Return the ids of finished runs that lack a requested outcome or file."""
+    """Return the ids of finished runs that lack an outcome or a file that the study requests."""
     paths, keep = set(plan.study.outcomes.values()), plan.study.keep
     if not paths and not keep:
         return set()

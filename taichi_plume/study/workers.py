@@ -45,7 +45,7 @@ _TAICHI = threading.Lock()  # only one thread of a process at a time can use Tai
 
 
 class WorkersError(Exception):
-    """Error of missing or lost workers; the message is one line. code: exit code of the command."""
+    """Error of missing or lost workers of a study; the message is one line. code: exit code of the command."""
 
     def __init__(self, message: str, code: int = 1):
         super().__init__(visible(message))
@@ -124,7 +124,7 @@ def cores() -> int:
 
 
 def _begin_process(log: Path) -> None:
-    """Initialise a worker process: redirect output to the log, and exit when the command ends."""
+    """Initialise a study's worker process: redirect output to the log, and exit when the study's command ends."""
     file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     for stream in (1, 2):
         os.dup2(file, stream)
