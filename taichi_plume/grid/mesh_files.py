@@ -114,7 +114,7 @@ def _obj(content: bytes) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _index(word: str, count: int, line: int) -> int:
-    """Return the index from 0 on of an OBJ face corner such as 3, 3/1, 3//2 or -1, the last of `count` vertices so far."""
+    """Return the index from 0 on of a face's corner in OBJ: 3, 3/1, 3//2, or -1 for the last of `count` vertices."""
     number = word.partition("/")[0]
     if not re.fullmatch(r"-?[0-9]{1,15}", number):
         raise DamagedError(f"line {line}: '{visible(word, LONGEST_VALUE)}' is no corner of a face")

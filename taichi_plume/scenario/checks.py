@@ -37,7 +37,7 @@ def early_errors(scenario: Scenario) -> list[str]:
 
 
 def remarks(scenario: Scenario, resources: "Resources") -> list[str]:
-    """Return the warnings of a scenario that has no errors, each as a line ``path: message``."""
+    """Return the warnings of a scenario without errors, each as a line ``path: message``."""
     context = Context(scenario, resources)
     lines = [line for where, section in every(scenario) for line in section.remarks(where, context)]
     return [*lines, *warnings.remarks(context)]

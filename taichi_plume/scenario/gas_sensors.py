@@ -64,7 +64,7 @@ class GasSensor(Model):
     """Whether the sensor works in cycles of a heater."""
 
     def weight(self, species: str) -> float:
-        """Return the sensor's reading per ppm of a species, in ppm of the gas it is calibrated for."""
+        """Return how much 1 ppm of a species counts in the sensor's response; 0 for a species without effect."""
         raise NotImplementedError
 
     def bend(self, species: str) -> tuple[float, float] | None:

@@ -33,7 +33,7 @@ JET = 0.25  # growth of a jet's half width with the distance: beyond, the air re
 
 
 class Course(NamedTuple):
-    """Main flow direction of the air in a room, as a unit vector, and its largest speed [m/s]."""
+    """Common flow direction of all air in a room, as a unit vector, and its largest speed [m/s]."""
 
     along: np.ndarray
     speed: float
