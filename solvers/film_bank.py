@@ -19,7 +19,7 @@ TOP = 2.0**15  # stored value of the largest ppm of a gas in a film; half precis
 
 @ti.data_oriented
 class FilmBank:
-    """Wind and gas at robots, from the film of each robot's environment.
+    """Wind and gas at robots, from recordings (films) that environments of a learner play, each from its own time.
 
     Robot i belongs to environment e = i // robots, which plays film[e] at begin[e] + now[e] [s] of the film. After its
     end the last frame holds. gas_of[e] is the number of the gas in use, -1 for all gases.
@@ -58,14 +58,14 @@ class FilmBank:
 
     @ti.func
     def _moment(self, e):
-        """Return the frame before the present time of environment e, and the weight of the next (0 to 1)."""
+        """Return the frame at or before environment e's time in its film, and the weight of the next (0 to 1)."""
         at = ti.math.clamp((self.begin[e] + self.now[e]) / self._numbers.frame[None], 0.0, self.frames - 1.0)
         n = ti.min(ti.cast(at, ti.i32), ti.max(self.frames - 2, 0))
         return n, at - n
 
     @ti.func
     def _corners(self, x: Template, row: ti.i32):
-        """Return the lower cell of the four centres around point x [m], and the four weights: 0 without air."""
+        """Return the lowest of the four cells around point x [m], and the bilinear weights; 0 for cells without air."""
         most = ti.Vector([self.nx, self.ny])
         low, weights = ti.Vector([0, 0]), ti.Vector([0.0, 0.0, 0.0, 0.0])
         part = ti.Vector([0.0, 0.0])
@@ -85,7 +85,7 @@ class FilmBank:
 
     @ti.func
     def _value(self, film, n, share, low, weights, c):
-        """Return channel c at a time and position."""
+        """Return channel c of a film between frames n and n + 1 (weight `share`), interpolated from four cells."""
         later, value = ti.min(n + 1, self.frames - 1), 0.0
         for a, b in ti.static(ti.ndrange(2, 2)):
             i, j = ti.min(low[0] + a, self.nx - 1), ti.min(low[1] + b, self.ny - 1)
@@ -96,7 +96,7 @@ class FilmBank:
 
     @ti.func
     def velocity_of(self, i, x: Template, t: float):
-        """Velocity [m/s] at point x [m] for robot i, as long as x; the time is that of the robot's environment."""
+        """Return the velocity [m/s] at point x [m] for robot i, in its environment's film at its time; t is ignored."""
         e = i // self.robots
         n, share = self._moment(e)
         low, weights = self._corners(x, WIND)
@@ -107,7 +107,7 @@ class FilmBank:
 
     @ti.func
     def ppm_of(self, i, x: Template, t: float):
-        """Mole fraction [ppm] of each species at point x [m] for robot i; the time is its environment's."""
+        """Return the mole fraction [ppm] of each species at point x [m] for robot i, in its environment's film."""
         e = i // self.robots
         film, chosen = self.film[e], self.gas_of[e]
         n, share = self._moment(e)
@@ -121,7 +121,7 @@ class FilmBank:
 
 
 def half(ppm: Sequence[np.ndarray] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Gases of a film (frames, nx, ny, gases) [ppm] in half precision, and their scale (gases,) [ppm]."""
+    """Return gas values (frames, nx, ny, gases) [ppm] over a scale, in half precision, and the scale (gases,) [ppm]."""
     values = np.asarray(ppm, np.float32)
     top = np.abs(values).max(axis=(0, 1, 2), initial=0.0)
     scale = np.where(top > 0.0, top / TOP, 1.0).astype(np.float32)

@@ -43,14 +43,14 @@ class Projection:
         self._b, self._phi = grid.field(), grid.field()
 
     def _net_inflow(self, u: list[np.ndarray]) -> np.ndarray:
-        """Net inflow of each cell over a face's area [m/s]."""
+        """Return the net inflow of each cell divided by the area of a face [m/s]; u: velocities at the faces."""
         flux = [a * v for a, v in zip(self.area, u, strict=True)]
         return np.sum(
             [np.delete(f, -1, axis=d) - np.delete(f, 0, axis=d) for d, f in enumerate(flux)], axis=0
         )
 
     def _balance(self, u: list[np.ndarray]) -> None:
-        """Balance inflow and outflow of each connected part of the air: both are scaled towards their mean."""
+        """Scale inflow and outflow through the domain's faces to their mean, for each connected part of the air."""
         flows = np.zeros((2, self.regions.max() + 1))  # in, out
         sides = []
         for d, v in enumerate(u):
@@ -67,8 +67,8 @@ class Projection:
             face *= factor[out, region]
 
     def __call__(self, u: list[np.ndarray]) -> tuple[list[np.ndarray], float, float]:
-        """Return the flow in single precision, its change in the air (root mean square over that of u), and the
-        remaining divergence over the largest |u|/dx.
+        """Return the nearest divergence-free face velocities, their change (root mean square over that of u in the
+        air), and the remaining divergence over the largest |u|/dx.
         """
         air = [area > 0.0 for area in self.area]
         given = np.concatenate([v[o] for v, o in zip(u, air, strict=True)])
@@ -93,14 +93,14 @@ class Projection:
 
 
 class ImportedFilm:
-    """Frames of an imported wind in memory, with the interface of a `Film`.
+    """Frames of an imported wind in memory, interpolated to the grid, with the interface of a `Film` (recorded run).
 
     diagnostics: maxima over all frames: change by the projection, root mean square over that of the velocity; remaining
     divergence over the largest |u|/dx; speed through a face [m/s].
     """
 
     def __init__(self, site: Site, grid: Grid, air: Air):
-        """Raises WindFileError."""
+        """Read, interpolate and project all wind files. Raises WindFileError."""
         self.grid, self._air, self._site = grid, air, site
         wind = site.wind
         self.times = np.array([time for time, _ in site.files])
@@ -112,20 +112,20 @@ class ImportedFilm:
         self.wind = list(self._frames[0])
 
     def begin(self, wind: ImportedWind) -> None:
-        """Set the viscosities and the Schmidt number."""
+        """Take viscosity, eddy viscosity and Schmidt number from the section `wind` of a scenario."""
         self._wind = wind
         self.attributes: dict[str, float] = {"viscosity": wind.viscosity, "schmidt": wind.schmidt}
 
     def still(self, name: str) -> np.ndarray:
-        """Variable open_u etc.: the faces inside the domain that let air through."""
+        """Return for name "open_u", "open_v" or "open_w" which faces inside the domain let air through."""
         return self._project.inside[VELOCITIES.index(name.removeprefix("open_"))] > 0.0
 
     def air(self) -> Air:
-        """Return the air of the domain."""
+        """Return the geometry of the air: solid cells and open areas of faces."""
         return self._air
 
     def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
-        """Variables of frame n, axes (x, y, z)."""
+        """Return the variables `names` of frame n as arrays with axes (x, y, z); viscosity includes that of eddies."""
         frame = {name: self._frames[n][name] for name in names}
         if "viscosity" in frame:
             eddies, given = frame["viscosity"], self._wind.eddy_viscosity
@@ -134,7 +134,7 @@ class ImportedFilm:
         return frame
 
     def _frame(self, points: Points) -> dict[str, np.ndarray]:
-        """Return the variables; `viscosity` is that of the eddies alone."""
+        """Interpolate points to the grid and project; return velocities and, as `viscosity`, the eddy viscosity."""
         dim, wind = self.grid.dim, self._site.wind
         if not np.array_equal(points.place, self._place):
             self._place, known = points.place, Interpolation(points.place)
@@ -161,14 +161,14 @@ class ImportedFilm:
         return frame
 
     def _onto(self, interpolate: Callable, values: np.ndarray) -> np.ndarray:
-        """Values at the points on the grid, without the axis across the plane of a 2-D run."""
+        """Return interpolated values on the grid; a 2-D run drops the axis normal to its plane."""
         result = np.array(interpolate(values))
         return result[..., 0] if result.ndim > self.grid.dim else result
 
 
 @ti.data_oriented
 class ImportedFlow(PlayedWind):
-    """Imported flow of another program (CFD)."""
+    """Flow that another program (CFD) computed, played back from its imported files."""
 
     frames: ImportedFilm
 

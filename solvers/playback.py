@@ -52,7 +52,7 @@ class Frames(Protocol):
 
 
 class FramePlayer:
-    """Player of frames: sets fields to the recorded values at the simulated time.
+    """Player of recorded frames: sets fields on the device to the recorded values at the simulated time.
 
     names: variables to play; margin: ghost layers of their values. prepare: function that the reading thread applies to
     a frame, (values per name, maxima); without it, each frame is read when due and holds until the next frame.
@@ -69,7 +69,7 @@ class FramePlayer:
         margin: int,
         prepare: Callable[[dict[str, np.ndarray]], FrameValues] | None = None,
     ):
-        """`begin` shows the first frame."""
+        """Create the fields; they are empty until `begin` shows the first frame."""
         self.film, self.grid, self.names, self.margin = film, grid, names, margin
         self.prepare = prepare
         self.now = {name: grid.field() for name in names}
@@ -80,7 +80,7 @@ class FramePlayer:
             self._pool = ThreadPoolExecutor(1, "film")
 
     def begin(self, model: Played, t: float) -> None:
-        """Start at simulated time t [s], with the rate and start time of the model."""
+        """Start playback at simulated time t [s]; model: settings with the start time, the rate and the loop."""
         self.model, self.times = model, self.film.times
         steps = np.diff(self.times)
         self.period = self.times[-1] - self.times[0] + (np.median(steps) if len(steps) else np.inf)
@@ -90,7 +90,7 @@ class FramePlayer:
         self.show(t)
 
     def show(self, t: float) -> None:
-        """Set the fields to those of simulated time t [s]."""
+        """Set the fields to the recorded values at simulated time t [s]."""
         first = self.times[0]
         time = self.model.start + self.model.rate * t
         if self.model.loop and np.isfinite(self.period):
@@ -104,14 +104,14 @@ class FramePlayer:
         self._reached = time
 
     def _snapped(self, time: float) -> float:
-        """Return the time of the frame that equals `time` up to the rounding of sums of ticks, otherwise `time`."""
+        """Return the time of a frame that equals `time` [s] up to rounding errors; otherwise `time` itself."""
         near = CLOSE * max(1.0, abs(time))
         n = int(np.searchsorted(self.times, time - near))
         equal = n < len(self.times) and self.times[n] <= time + near
         return float(self.times[n]) if equal else time
 
     def _change(self, n: int) -> None:
-        """Put frame n on the device and, for interpolation, frame n + 1; start to read frame n + 2."""
+        """Put frame n on the device and, for interpolation, frame n + 1; start to read frame n + 2 from the disk."""
         if self.prepare:
             numbers = (n, self._next(n), self._next(self._next(n)))
             self._frames = {k: self._frames.get(k) or self._pool.submit(self._read, k) for k in numbers}
@@ -175,7 +175,7 @@ class PlayedWind(Carrier):
         self._set_maxima()
 
     def _prepare(self, frame: dict[str, np.ndarray]) -> FrameValues:
-        """Return values with a ghost layer, and maxima: flow out of a cell over its volume [1/s], viscosity, speed."""
+        """Return a frame with a ghost layer, and its maxima: outflow of a cell over volume [1/s], viscosity, speed."""
         values, faces = dict(frame), []
         for d, name in enumerate(self.speed_names):
             u = frame[name]
@@ -191,7 +191,7 @@ class PlayedWind(Carrier):
         self.outflow_rate, self.max_viscosity, self.max_speed = (float(value) for value in known)
 
     def stable_dt(self, t: float = 0.0) -> float:
-        """Return the longest step [s] with which dispersed gas follows the flow; infinite without such gas."""
+        """Return the longest stable time step [s] of gas that this flow carries; infinite if it carries none."""
         return inf if not self.carries else 0.5 / max(self.outflow_rate, 1e-9)
 
     def advance(self, t: float, dt: float) -> None:
@@ -201,7 +201,7 @@ class PlayedWind(Carrier):
 
 @ti.data_oriented
 class PlayedGas(GridGas):
-    """Recorded gas. Frames are checked when read."""
+    """Playback of a recorded gas as a concentration field on the grid. Frames are checked when read."""
 
     STATE = ("film",)
 
@@ -220,7 +220,7 @@ class PlayedGas(GridGas):
         self.film.begin(model, t)
 
     def _prepare(self, frame: dict[str, np.ndarray]) -> FrameValues:
-        """Return values [kg/m³] with all ghost layers."""
+        """Return a frame's concentrations [kg/m³] with all ghost layers, by name; no maxima (None)."""
         return {name: self.grid.pad(self.density * values) for name, values in frame.items()}, None
 
     def advance(self, t: float, dt: float) -> None:
@@ -228,12 +228,12 @@ class PlayedGas(GridGas):
 
 
 def variable(n: int) -> str:
-    """Return the name of the n-th gas in a shared film."""
+    """Return the variable name of the n-th gas in the flow recording that the runs of a study share."""
     return f"gas_{n}"
 
 
 class TickFilm:
-    """Holder of a shared film; between two runs the film may be replaced by a film of equal shape and variables.
+    """Holder of a recording that runs share; between two runs another of equal shape and variables may replace it.
 
     wind: whether the film holds the wind; gases: paths of the gases in the film.
     """
@@ -253,7 +253,7 @@ class TickFilm:
 
 @ti.data_oriented
 class TickWind(Wind):
-    """Wind of a shared film. No gas is dispersed in this wind: the film holds the gas too."""
+    """Wind from a recording that the runs of a study share. It carries no gas: the recording holds the gas too."""
 
     STATE = ("film",)
 
@@ -276,10 +276,10 @@ class TickWind(Wind):
 
 @ti.data_oriented
 class TickGas(PlayedGas):
-    """Gas of a shared film."""
+    """Gas from a recording that the runs of a study share."""
 
     def __init__(self, film: TickFilm, number: int, model: PureGas, grid: Grid, air: Air, t: float):
-        """number: index of the gas in the film."""
+        """Create the field of the gas; number: index of the gas in the shared recording."""
         self.grid, self.dim = grid, grid.dim
         # in trees of their own, as a solver's fields: otherwise LLVM sums in another order, and the last bit may differ
         self.air = grid.field()

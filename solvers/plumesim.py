@@ -26,35 +26,35 @@ ROUNDING = 1.000001  # factor on a radius, so that points at the radius count
 
 
 def density_per_percent(gas: PercentGas) -> float:
-    """Concentration [kg/m³] of 1 % of the full scale."""
+    """Return the concentration [kg/m³] of 1 % of the gas's full scale."""
     return 0.01 * gas.full_scale_ppm / gas.vapour.ppm_per_density
 
 
 def periods(time: float, period: float) -> int:
-    """Number of whole periods in a time."""
+    """Return the number of whole periods in a time, rounded down; negative before 0."""
     return floor(min(max(time / period, -MOST_PERIODS), MOST_PERIODS) + 1e-6)
 
 
 @ti.data_oriented
 class PointFilm:
-    """Player of frames of points: sets a point cloud to the frame at the simulated time."""
+    """Player of frames of points with values: sets a point cloud on the device to the frame of the simulated time."""
 
     STATE = ("cloud", "shown")
 
     def __init__(self, model: PointPlayback, frames: PointFrames, extent: tuple[float, ...], values: int):
-        """values: number of values per point. `begin` shows the first frame."""
+        """Create the cloud; `begin` shows the first frame. values: number of values per point."""
         self.frames, self.interpolates = frames, model.interpolate
         self.cloud = PointCloud(extent, frames.cell, values, int(np.diff(frames.begin).max()))
 
     def begin(self, model: PointPlayback, t: float, value: np.ndarray) -> None:
-        """Show simulated time t [s], played as the model says; value: (n, values) of all points of the frames."""
+        """Start at simulated time t [s]; value: (n, values) for all points; model: start, rate, loop and offset."""
         self.model, self.value = model, value
         self.place = self.frames.place + np.array(model.offset)
         self.shown = -1
         self.show(t)
 
     def show(self, t: float) -> None:
-        """Put the points of simulated time t [s] into the cloud."""
+        """Put the points of the frame at simulated time t [s] into the cloud."""
         n = self.frame_at(t)
         if n != self.shown:
             points = self.frames.frame(n)
@@ -62,19 +62,19 @@ class PointFilm:
             self.shown = n
 
     def frame_at(self, t: float) -> int:
-        """The frame of simulated time t [s]."""
+        """Return the index of the frame that is played at simulated time t [s]."""
         n = periods(self.model.start + self.model.rate * t, self.frames.period)
         return n % len(self.frames) if self.model.loop else min(max(n, 0), len(self.frames) - 1)
 
     @ti.func
     def at(self, x: Template):
-        """Return the values at point x [m]."""
+        """Return the values of the present frame at point x [m]: interpolated, or those of the nearest point."""
         return self.cloud.between(x) if ti.static(self.interpolates) else self.cloud.nearest(x)
 
 
 @ti.data_oriented
 class PointGas(Gas):
-    """Gas given at points. The frames were checked when they were read."""
+    """Gas whose concentration is given at points in recorded frames, which were checked when read."""
 
     STATE = ("film",)
 
@@ -98,7 +98,7 @@ class PointGas(Gas):
 
 @ti.data_oriented
 class PointWind(Wind):
-    """Wind given at points, zero elsewhere."""
+    """Wind that is given at points in recorded frames, and zero farther from them."""
 
     STATE = ("film",)
 
@@ -130,7 +130,7 @@ class PointWind(Wind):
 
 @ti.data_oriented
 class ProgramPuff(Gas):
-    """PlumeSim's Gaussian puff on nodes, its spread counted in frames.
+    """Gaussian puff as the program PlumeSim computes it: on nodes, with a spread that grows from frame to frame.
 
     Fields, for the axes x and y: release [m], lowest and highest number of a node, spread [m² per frame]; number:
     number of the present frame.
@@ -166,7 +166,7 @@ class ProgramPuff(Gas):
         self._show(t)
 
     def frame_at(self, t: float) -> int:
-        """Number of the frame of simulated time t [s], from 1 on."""
+        """Return the number, from 1 on, of the puff's frame at simulated time t [s]; the last frames repeat."""
         gas = self.model
         n = 1 + max(0, periods(gas.start + t, gas.period))
         return n if n <= gas.last else gas.repeat_from + (n - gas.last - 1) % (gas.last - gas.repeat_from + 1)
@@ -179,7 +179,7 @@ class ProgramPuff(Gas):
 
     @ti.func
     def concentration(self, x: Template, t: float):
-        """Concentration [kg/m³] at the node nearest to x [m], at the player's time."""
+        """Return the concentration [kg/m³] of the node nearest to x [m] in the present frame; 0 if none is near."""
         n, cell = self.number[None], self.cell[None]
         gap2, exponent = 0.0, 0.0
         for d in ti.static(range(2)):
@@ -191,7 +191,7 @@ class ProgramPuff(Gas):
 
 
 def meandering_points(gas: PlumeSimMeander, length: float, rng: np.random.Generator) -> np.ndarray:
-    """Positions (n, 2) [m] of the plume's points; length: size of the domain along x [m]."""
+    """Draw the random points (n, 2) [m] of PlumeSim's meandering plume; length: of the domain along x [m]."""
     x0, y0 = gas.release_point
     step = (length - x0) / STATIONS
     stations = x0 + step * np.arange(STATIONS)
@@ -206,7 +206,7 @@ def meandering_points(gas: PlumeSimMeander, length: float, rng: np.random.Genera
 
 @ti.data_oriented
 class ProgramMeander(Gas):
-    """PlumeSim's meandering plume: number of points nearby, over the number near its start."""
+    """Meandering plume of the program PlumeSim: number of points near a position over that near the release."""
 
     def __init__(
         self,
@@ -216,7 +216,7 @@ class ProgramMeander(Gas):
         seed: int = 0,
         name: str = "gas",
     ):
-        """name: name of the gas."""
+        """Draw the points of the plume; name: of the gas, which selects its random numbers."""
         self.name, self.length = name, extent[0]
         capacity = len(meandering_points(gas, self.length, generator(seed, name)))
         self.cloud = PointCloud(extent, ROUNDING * gas.radius, 1, capacity)

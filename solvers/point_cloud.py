@@ -20,7 +20,7 @@ SLACK = 1.001  # of a bin's width: the device finds bins of positions in f32
 
 @ti.data_oriented
 class PointCloud:
-    """Points that can be looked up from positions in [0, extent] (x, y) [m].
+    """Cloud of points with values, to be looked up from positions in [0, extent] (x, y) [m].
 
     reach [m]: points count below this distance; values: number of values per point; capacity: largest number of points.
     Fields: points sorted by bins, with position, value and order (original number); first: first point of each bin.
@@ -41,7 +41,7 @@ class PointCloud:
         self._put = uploader(self.first, self.order, self.place, self.value)
 
     def set(self, place: np.ndarray, value: np.ndarray) -> None:
-        """Replace the points by points (n, 2) with values (n, values); points out of reach are left out."""
+        """Replace all points by points (n, 2) [m] with values (n, values); those out of reach are left out."""
         near = np.flatnonzero(within_reach(place, self.extent, self.reach))
         place, value = place[near], value[near]
         column, row = (np.clip((place[:, d] / self.edge).astype(int), 0, self.bins[d] - 1) for d in range(2))
@@ -52,18 +52,18 @@ class PointCloud:
         self._put(first, *(self._filled(of_each) for of_each in (sort, place[sort], value[sort])))
 
     def _filled(self, values: np.ndarray) -> np.ndarray:
-        """Values of `capacity` points."""
+        """Return the values followed by zeros, `capacity` in number."""
         return np.concatenate([values, np.zeros((self.capacity - len(values), *values.shape[1:]))])
 
     @ti.func
     def _bins(self, x: Template, d: Template):
-        """First and last bin along axis d that may hold points near x."""
+        """Return the first and the last bin along axis d that may hold points within reach of x."""
         middle = ti.math.clamp(ti.cast(ti.floor(x[d] / self.edge), ti.i32), 0, self.bins[d] - 1)
         return ti.max(middle - 1, 0), ti.min(middle + 1, self.bins[d] - 1)
 
     @ti.func
     def nearest(self, x: Template):
-        """Return the values of the nearest point closer than `reach`, the first of equally near points; or zero."""
+        """Return the values of the point nearest to x within `reach`, of equally near ones the first; else zero."""
         best, winner = ti.cast(self.reach * self.reach, ti.f32), -1
         left, right = self._bins(x, 0)
         low, high = self._bins(x, 1)
@@ -82,7 +82,7 @@ class PointCloud:
 
     @ti.func
     def between(self, x: Template):
-        """Mean of the values with weights (1 - |dx|/reach)(1 - |dy|/reach); tends to zero where the weights do.
+        """Return the mean of the values with weights (1 - |dx|/reach)(1 - |dy|/reach); 0 far from all points.
 
         On a lattice of spacing `reach` this is the bilinear interpolation. Up to half a cell beyond the last nodes, at
         the ends and corners of a domain with nodes at the cell centres, the result is still the mean.
@@ -101,7 +101,7 @@ class PointCloud:
 
     @ti.func
     def count(self, x: Template):
-        """Number of points closer than `reach`."""
+        """Return the number of points that are closer to x than `reach`."""
         found = 0
         left, right = self._bins(x, 0)
         low, high = self._bins(x, 1)
@@ -114,5 +114,5 @@ class PointCloud:
 
 
 def within_reach(place: np.ndarray, extent: np.ndarray | tuple[float, ...], reach: float) -> np.ndarray:
-    """Return a mask of the points (n, 2) that are within reach of [0, extent] (x, y)."""
+    """Return a mask of the points (n, 2) [m] that are within `reach` of the rectangle [0, extent] (x, y)."""
     return np.all((place > -reach) & (place < np.asarray(extent)[:2] + reach), axis=1)

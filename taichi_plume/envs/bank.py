@@ -1,6 +1,6 @@
 """Bank of recorded flow and gas for reinforcement learning, solved once per scenario; see solvers/film_bank.py.
 
-On disk a bank is a zarr group. A hash of all that affects the recorded airs identifies the scenario.
+On disk a bank is a zarr group. A hash of all that affects the recorded flow realisations identifies the scenario.
 """
 
 import hashlib
@@ -39,7 +39,7 @@ MOST = 2**31 - 1  # most elements of a field, as Taichi's indices have 32 bits
 
 @dataclass(frozen=True)
 class Bank:
-    """Films of a scenario's airs, all of equal length; values, scale, air: see `FilmBank`.
+    """Recordings (films) of a scenario's flow realisations, all of equal length; values, scale, air: see `FilmBank`.
 
     sources: source positions of each gas in each film [m], (sources, 2); key: hash of all that affects the films.
     """
@@ -55,16 +55,16 @@ class Bank:
 
     @property
     def films(self) -> int:
-        """Number of films."""
+        """Number of recordings, one per realisation of the flow."""
         return self.values.shape[0]
 
     @property
     def length(self) -> float:
-        """Time of the last frame [s]; the first frame is at 0."""
+        """Duration of each recording [s]: the time of its last frame; the first is at 0."""
         return (self.values.shape[1] - 1) * self.frame
 
     def write(self, path: Path) -> None:
-        """Write the bank as a zarr group; an existing bank is replaced. Raises OSError."""
+        """Write the bank as a zarr group, in place of an existing bank. Raises ValueError for other files, OSError."""
         from taichi_plume.files import disk, zarr_groups
 
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -91,7 +91,7 @@ class Bank:
 
 
 def require_bank(path: Path) -> None:
-    """Raise ValueError unless a path holds only a bank, so that no other file is replaced."""
+    """Raise ValueError unless a path holds nothing but a bank, so that no other file is ever overwritten."""
     read(path)
     others = {file.name for file in path.iterdir()} - {"zarr.json", *ARRAYS}
     if others or path.is_symlink():
@@ -100,7 +100,7 @@ def require_bank(path: Path) -> None:
 
 
 def read(path: Path) -> Bank:
-    """Read a bank from a zarr group. Raises ValueError with a one-line message if the bank is missing or damaged."""
+    """Read a bank of recordings from a zarr group. Raises ValueError, in one line, if missing or damaged."""
     from taichi_plume.files import zarr_groups
 
     makes = "python -m taichi_plume.envs makes banks"
@@ -138,9 +138,9 @@ def read(path: Path) -> Bank:
 
 
 def airs(scenario: Scenario) -> list[Scenario]:
-    """Return the airs of a task, each as a scenario without robots: one per film to play, or one per seed.
+    """Return one scenario without robots for each flow realisation to record: per film to play back, or per seed.
 
-    Frames are whole ticks apart. If the air does not depend on random numbers there is one air for any `task.airs`.
+    Frames are whole control periods apart. Without random numbers in the flow there is only one realisation.
     """
     task = scenario.task
     frame = frame_of(scenario)
@@ -154,12 +154,12 @@ def airs(scenario: Scenario) -> list[Scenario]:
 
 
 def frame_of(scenario: Scenario) -> float:
-    """Return the time between frames [s], rounded to whole ticks."""
+    """Return the time between recorded frames [s], rounded to whole control periods, at least one."""
     return max(1, round(scenario.task.frame / scenario.tick)) * scenario.tick
 
 
 def _playing(scenario: Scenario, file: str) -> Scenario:
-    """Return the scenario with another film in all playbacks. Raises ValueError if there is no playback."""
+    """Return the scenario with `file` as the recording that wind and gas play back. Raises ValueError if none does."""
     gases = {
         path: gas.model_copy(update={"file": file})
         for path, gas in scenario.gases
@@ -176,7 +176,7 @@ def _playing(scenario: Scenario, file: str) -> Scenario:
 
 
 def key_of(scenario: Scenario, folder: Path) -> str:
-    """Return the hash of all that affects a bank: the airs, frames and heights. Raises OSError."""
+    """Return the hash of all that affects a bank: flow realisations, frame interval, sensor heights. Raises OSError."""
     digests, checks = Digests(folder), Checks(folder, allow_outside=True)
     ids = []
     for air in airs(scenario):
@@ -187,7 +187,7 @@ def key_of(scenario: Scenario, folder: Path) -> str:
 
 
 def heights(scenario: Scenario) -> tuple[float, ...]:
-    """Return the heights of the learners' anemometer and gas sensor [m]; none in 2-D."""
+    """Return the heights [m] of the learning robots' anemometer and first gas sensor; none in 2-D."""
     if scenario.domain.dim == 2:
         return ()
     sensors = scenario.learners.sensors
@@ -197,7 +197,7 @@ def heights(scenario: Scenario) -> tuple[float, ...]:
 def bank_of(
     scenario: Scenario, folder: Path, bank: Bank | str | Path | None = None, allow_outside: bool = False
 ) -> Bank:
-    """Return the given bank of a scenario, or record one. Raises ValueError for the bank of another scenario."""
+    """Return the bank given, as object or path, or record one if None. Raises ValueError if of another scenario."""
     if bank is None:
         return record(scenario, folder, allow_outside)
     if not isinstance(bank, Bank | str | Path):
@@ -221,7 +221,7 @@ def record(
     allow_outside: bool = False,
     tell: Callable[[int, int], object] | None = None,
 ) -> Bank:
-    """Solve all airs of a scenario and record wind and gas at the sensors' heights. Taichi must have been started.
+    """Simulate all flow realisations of a scenario; return wind and gas at sensor height. Taichi must be running.
 
     tell: called with the numbers of finished and of all films. Raises ScenarioError for a faulty scenario, ValueError
     if the bank does not fit into memory, UnstableError.
@@ -262,7 +262,7 @@ def record(
 
 
 def check(scenario: Scenario) -> int:
-    """Return the number of frames of each film.
+    """Return the number of frames in each recording of a bank for this scenario.
 
     Raises ValueError if the films do not fit into memory, ScenarioError as `require_parted` does.
     """
@@ -306,7 +306,7 @@ class _Filming:
         sim.observers.append(Every(frame, self.keep))
 
     def keep(self, sim: Simulation) -> None:
-        """Record the next frame."""
+        """Record wind and gas of the simulation's present time as the next frame; do nothing when all are recorded."""
         if self.count >= len(self.values):
             return
         frame = self.values[self.count]
@@ -325,7 +325,7 @@ class _Filming:
 
 
 def _levels(n: int, at: float) -> tuple[list[int], list[float]]:
-    """Return the indices and weights of the layers, of n, for interpolation at a height of `at` cells."""
+    """Return indices and weights of the grid layers, of n, around a height of `at` cells, for interpolation."""
     at = min(max(at - 0.5, 0.0), n - 1.0)
     low = min(int(at), max(n - 2, 0))
     share = at - low
@@ -333,6 +333,6 @@ def _levels(n: int, at: float) -> tuple[list[int], list[float]]:
 
 
 def _at_height(cells: np.ndarray, air: np.ndarray, levels: list[int], shares: list[float]) -> np.ndarray:
-    """Return cells (nx, ny, nz) at a height, linear between the layers that hold air."""
+    """Return cell values (nx, ny) at a height, interpolated from (nx, ny, nz) between those layers that hold air."""
     weight = air[:, :, levels] * np.array(shares)
     return (weight * cells[:, :, levels]).sum(axis=2) / np.maximum(weight.sum(axis=2), 1e-6)

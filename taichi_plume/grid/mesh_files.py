@@ -1,4 +1,4 @@
-"""Meshes of STL, OBJ and PLY files: read whole, with every count and index in range, or rejected.
+"""Triangle meshes of STL, OBJ and PLY files: read whole, with every count and index in range, or rejected.
 
 Libraries read parts of a damaged file, and open3d ends the process at an index out of range. Size and grammar of an STL
 file can be checked; an OBJ file has no counts, so bodies missing at the end of the file are not detected.
@@ -31,7 +31,7 @@ class MeshError(ShapeError):
 
 
 def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return the vertices (n, 3), as in the file, and triangles (m, 3), indices of vertices. Raises MeshError."""
+    """Return vertices (n, 3), in the file's units, and triangles (m, 3), as indices of vertices. Raises MeshError."""
     content = content_of(path, LARGEST_FILE, MeshError, path.name)
     reader = READERS.get(path.suffix.lower())
     if reader is None:
@@ -69,7 +69,7 @@ def _stl(content: bytes) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _facets(content: bytes) -> np.ndarray:
-    """Return the corners (3 m, 3) of the facets of an STL file of text."""
+    """Return the corners (3 m, 3) of the m triangles of an STL text file. Raises DamagedError."""
     text, at, ended = _text(content).lower(), 0, True
     words: list[str] = []
     while ended and (solid := SOLID.match(text, at)):
@@ -114,7 +114,7 @@ def _obj(content: bytes) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _index(word: str, count: int, line: int) -> int:
-    """Return the index from 0 on of a corner such as 3, 3/1, 3//2 or -1, the last of `count` vertices so far."""
+    """Return the index from 0 on of a face's corner in OBJ: 3, 3/1, 3//2, or -1 for the last of `count` vertices."""
     number = word.partition("/")[0]
     if not re.fullmatch(r"-?[0-9]{1,15}", number):
         raise DamagedError(f"line {line}: '{visible(word, LONGEST_VALUE)}' is no corner of a face")
@@ -126,7 +126,7 @@ def _index(word: str, count: int, line: int) -> int:
 
 
 def _text(content: bytes) -> str:
-    """Return the text of a file; comments and names may have any bytes, the rest is ASCII."""
+    r"""Return the text of a mesh file with line ends "\n"; bytes that are not UTF-8 are replaced."""
     return content.decode("utf-8", "replace").replace("\r\n", "\n").replace("\r", "\n")
 
 

@@ -1,4 +1,4 @@
-"""Closed bodies from mesh files (STL, OBJ, PLY): signed distance, inside test and shadow, by open3d."""
+"""Obstacles from closed bodies in mesh files (STL, OBJ, PLY): signed distance, inside test and shadow, by open3d."""
 
 import ctypes
 from collections.abc import Callable
@@ -60,7 +60,7 @@ class Solid(Shape):
         return _least(points, [scene.compute_signed_distance for scene in self._scenes])
 
     def horizontal_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
-        """Return the distance [m] from points (..., 2) to the shadow of the part between these heights.
+        """Return the distance [m] in the plane from points (..., 2) to the bodies' shadow from `low` to `high` [m].
 
         Inside the shadow it is the negative distance to the next edge of a triangle.
         """
@@ -74,7 +74,7 @@ class Solid(Shape):
         return -_least(points, [scene.compute_occupancy for scene in self._scenes], sign=-1.0) > 0.5
 
     def _shadow_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
-        """Return the distance [m] to the nearest edge of a triangle cut to the layer; the outline consists of edges."""
+        """Return the distance [m] to the shadow of the bodies between two heights; negative inside it."""
         shadow = np.full(points.shape[:-1], inf)
         for scene, triangles in zip(self._scenes, self._bodies, strict=True):
             edges = _edges_between(self.vertices[triangles], low, high)
@@ -91,7 +91,7 @@ class Solid(Shape):
 
 @cache
 def _open3d() -> Any:
-    """Import open3d, which takes 2 s and 100 MB, so only for scenarios with meshes. Raises MeshError without it."""
+    """Import and return open3d, which takes 2 s and 100 MB, so only for scenarios with meshes. Raises MeshError."""
     with suppress(ImportError, OSError):
         import libusb_package
 
@@ -113,7 +113,7 @@ def _at_height(points: np.ndarray, z: float) -> np.ndarray:
 
 
 def _bodies_of(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the vertices (n, 3), triangles (m, 3) and the number of the body that each triangle belongs to (m,)."""
+    """Return the vertices (n, 3), the triangles (m, 3) and each triangle's body number (m,) of a mesh file."""
     vertices, triangles = read_mesh(path)
     o3d = _open3d()
     mesh = o3d.geometry.TriangleMesh(
@@ -145,7 +145,7 @@ def _bodies_of(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _check_edges(path: Path, vertices: np.ndarray, triangles: np.ndarray) -> None:
-    """Raise MeshError if too many triangles share an edge."""
+    """Raise MeshError if far too many triangles share an edge; a closed body has two at each."""
     ends = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1).astype(np.int64)
     edges, counts = np.unique(ends[:, 0] * len(vertices) + ends[:, 1], return_counts=True)
     if counts.max() > MOST_AT_EDGE:
@@ -171,7 +171,7 @@ _scenes: "WeakSet[Any]" = WeakSet()  # vertices in use
 
 
 def _least(points: np.ndarray, queries: list[Callable], sign: float = 1.0) -> np.ndarray:
-    """Return the least of sign·query over the queries of scenes at points (..., 3)."""
+    """Return the smallest value of sign * query(point) over all `queries`, at each of the points (..., 3)."""
     flat = points.reshape(-1, 3).astype(np.float32)
     least = np.full(len(flat), inf)
     for begin in range(0, len(flat), CHUNK):
@@ -183,7 +183,7 @@ def _least(points: np.ndarray, queries: list[Callable], sign: float = 1.0) -> np
 
 
 def _blocked_upwards(scene: Any, points: np.ndarray, length: float) -> np.ndarray:
-    """Return whether a surface lies within `length` [m] above points (..., 3)."""
+    """Return whether a surface of the scene lies within `length` [m] vertically above each point (..., 3)."""
     flat = points.reshape(-1, 3)
     rays = np.concatenate([flat, np.broadcast_to([0.0, 0.0, 1.0], flat.shape)], axis=1).astype(np.float32)
     blocked = scene.test_occlusions(_open3d().core.Tensor(rays), tnear=0.0, tfar=length)
@@ -191,7 +191,7 @@ def _blocked_upwards(scene: Any, points: np.ndarray, length: float) -> np.ndarra
 
 
 def _edges_between(corners: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Return the edges (n, 2, 2) in the plane of the triangles (m, 3, 3) cut to low <= z <= high."""
+    """Cut triangles (m, 3, 3) to the layer low <= z <= high; return their edges seen from above (n, 2, 2)."""
     start, way = corners, np.roll(corners, -1, axis=1) - corners
     rise = way[..., 2]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -212,7 +212,7 @@ def _edges_between(corners: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def _curtain(edges: np.ndarray) -> Any:
-    """Return a scene in which the distance of a point at z = 0 is that to the nearest of the edges (n, 2, 2)."""
+    """Return an open3d scene to measure distances in the plane z = 0: each edge (n, 2, 2) is a vertical wall."""
     bottom, top = _at_height(edges, -1.0), _at_height(edges, 1.0)
     corners = np.concatenate([bottom, top], axis=1).reshape(-1, 3)
     first = 4 * np.arange(len(edges))[:, None]

@@ -1,4 +1,4 @@
-"""PLY files, text or binary: a header that lists elements and their counts, then exactly these elements.
+"""PLY mesh files, text or binary: a header that lists elements and their counts, then exactly these elements.
 
 trimesh is not used: it refuses binary files whose lists differ in length (triangles and quads) and comments in Latin-1,
 and cuts every polygon into a fan, even if the polygon is not convex.
@@ -25,7 +25,7 @@ CORNERS = ("vertex_indices", "vertex_index")
 
 @dataclass
 class Element:
-    """Element of `count` rows of properties: name, type of a list's length (None: single value), type of the values."""
+    """Table of `count` rows; properties: name, type of a list's length (None for a single value), type of values."""
 
     name: str
     count: int
@@ -33,7 +33,7 @@ class Element:
 
 
 def read_ply(content: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """Return the vertices (n, 3) and triangles (m, 3), indices of vertices. Raises DamagedError."""
+    """Return vertices (n, 3) and triangles (m, 3), as indices of vertices, of a PLY file. Raises DamagedError."""
     head = content[:LONGEST_HEADER]
     start = re.match(rb"ply[ \t\r]*\n", head)
     found = start and re.compile(rb"\nend_header[ \t]*\r?\n").search(head, start.end() - 1)
@@ -58,7 +58,7 @@ def read_ply(content: bytes) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _header(text: str) -> tuple[str, list[Element]]:
-    """Return the order of bytes, "" of text, and the elements. Numbers of a text have the type float64."""
+    """Return the byte order ("" for a text file) and the elements of a PLY header. Numbers of a text are float64."""
     order, elements = None, []
     for line in text.splitlines():
         match line.split():
@@ -85,7 +85,7 @@ def _header(text: str) -> tuple[str, list[Element]]:
 
 
 def _is_type(length: list[str], kind: str) -> bool:
-    """Return whether the words of a property are a type, or 'list' and two types."""
+    """Return whether the type of a PLY property is valid: a known type, or 'list' and two known types."""
     return kind in TYPES and (not length or (len(length) == 2 and length[0] == "list" and length[1] in TYPES))
 
 
@@ -103,7 +103,7 @@ def _triangles(vertices: np.ndarray, polygons: np.ndarray | list[np.ndarray]) ->
 
 
 def numbers(words: Iterable[str | bytes]) -> np.ndarray:
-    """Return words as numbers. Raises DamagedError."""
+    """Return an array of the numbers that the words of a text represent. Raises DamagedError."""
     try:
         return np.fromiter(map(float, words), float)
     except ValueError as error:
@@ -111,17 +111,17 @@ def numbers(words: Iterable[str | bytes]) -> np.ndarray:
 
 
 class _Body:
-    """Values after the header, element by element."""
+    """Reader of the values that follow the header of a PLY file, one element after the other."""
 
     def __init__(self, content: memoryview):
         self.content, self.at = content, 0
 
     def left(self) -> int:
-        """Return the number of bytes that belong to no element."""
+        """Return the number of bytes of the file that have not been read yet."""
         return len(self.content) - self.at
 
     def columns(self, element: Element) -> dict[str, Any]:
-        """Return the columns by name: values (count,), lists (count, length), or a Python list if lengths differ."""
+        """Return an element's values by property: (count,), lists (count, length), or a list of arrays if unlike."""
         if not element.count or not element.properties:
             return {name: np.empty(0 if length is None else (0, 3)) for name, length, _ in element.properties}
         least = sum((kind if length is None else length).itemsize for _, length, kind in element.properties)
@@ -151,7 +151,7 @@ class _Body:
         }
 
     def _row(self, element: Element) -> list[np.ndarray]:
-        """Return the values of each property of the next row."""
+        """Read the next row of an element; return the values of each property as an array."""
         row = []
         for _, length, kind in element.properties:
             count = 1.0 if length is None else float(self._take(length, 1, element)[0])

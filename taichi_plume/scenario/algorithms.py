@@ -1,4 +1,4 @@
-"""The search algorithms of a scenario and their parameters."""
+"""The search algorithms that robots of a scenario may use, and their parameters."""
 
 from typing import Annotated, Any, ClassVar, Literal
 

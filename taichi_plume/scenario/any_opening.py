@@ -62,7 +62,7 @@ class AnyOpening(Model):
 
     @property
     def label(self) -> str:
-        """Name in recordings."""
+        """Name of the opening in recordings; by default, its kind."""
         return vars(self)["kind"]
 
     @property
@@ -71,15 +71,15 @@ class AnyOpening(Model):
         return self.blows or self.lets_out
 
     def top_speed(self, domain: Domain) -> float:
-        """Return the largest prescribed speed [m/s]."""
+        """Return the largest speed [m/s] that the opening prescribes at any time; 0 if it prescribes none."""
         return 0.0
 
     def inflow(self, t: float, domain: Domain) -> float:
-        """Return the flow rate that is blown in at time t [m³/s]."""
+        """Return the flow rate [m³/s] that the opening blows into the room at time t [s]; negative if drawn out."""
         return 0.0
 
     def clashes(self, where: str, number: int, context: Context) -> Iterator[str]:
-        """Yield errors of the position of this opening, number `number` of all openings."""
+        """Yield errors of this opening's position. number: its index in the list; where: its path, for messages."""
         raise NotImplementedError
 
 

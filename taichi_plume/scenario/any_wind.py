@@ -1,4 +1,4 @@
-"""Base class of the winds: expected speeds and time steps (CFL condition)."""
+"""Base class of the winds of a scenario: expected air speeds and time steps (CFL condition)."""
 
 from math import inf
 from typing import TYPE_CHECKING, ClassVar
@@ -28,18 +28,18 @@ class AnyWind(Model):
     """The wind itself if it is uniform."""
 
     def top_speed(self, scenario: "Scenario") -> float | None:
-        """Return the largest prescribed speed [m/s]; None if the files decide."""
+        """Return the largest prescribed wind speed [m/s] of a scenario; None if only recorded files decide it."""
         return None
 
     def axes_speed(self, scenario: "Scenario") -> float:
-        """Return the expected largest sum of |u| over the axes [m/s]; 0 if steps do not depend on it."""
+        """Return the expected largest |u| + |v| + |w| [m/s], gusts included; 0 if time steps do not depend on it."""
         return GUST * (self.top_speed(scenario) or 0.0)
 
     def longest_step(self, scenario: "Scenario") -> float:
-        """Return about the longest step [s] that the CFL condition allows."""
+        """Return about the longest time step [s] that the CFL condition allows; infinite without a speed."""
         speed = self.axes_speed(scenario)
         return scenario.domain.spacing / speed if speed else inf
 
     def moving(self, whole: float) -> float:
-        """Return the part of the `whole` time [s] in which the wind changes."""
+        """Return for how much of a run of `whole` seconds the wind changes [s]; here, all of it."""
         return whole

@@ -35,12 +35,12 @@ class Declares(AnyAlgorithm):
 
     @property
     def least_spread(self) -> float:
-        """Least possible spread of the belief [m], that of a single cell."""
+        """Smallest possible spread [m] of the belief about the source: that of a belief in a single cell."""
         return vars(self)["cell"] / sqrt(6.0)
 
     @model_validator(mode="after")
     def _never_declares(self) -> Self:
-        """Set the default to null if the belief is never narrow enough, so that the written scenario is valid."""
+        """Set the default `declare_spread` to null if a belief on cells of this size can never be that narrow."""
         if "declare_spread" not in self.model_fields_set and not self._reaches(self.declare_spread):
             object.__setattr__(self, "declare_spread", None)  # not among the keys that the user set
         return self
@@ -88,12 +88,12 @@ class AnyInfotaxis(Listening, Declares):
 
     @property
     def reach(self) -> float:
-        """Length lambda that patches travel across the wind [m]."""
+        """Length lambda [m] over which detections of gas patches fade: sqrt(D tau / (1 + V² tau / (4 D)))."""
         D, V, tau = self.diffusivity, self.wind_speed, self.lifetime
         return sqrt(D * tau / (1.0 + V**2 * tau / (4.0 * D)))
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
-        """Belief of every robot, and probabilities of a detection on half cells around it."""
+        """Return the memory [bytes] of every robot's belief, and of a table of detection probabilities by distance."""
         cells = floor.size[0] * floor.size[1] / self.cell**2
         chances = 16.0 * (floor.size[0] ** 2 + floor.size[1] ** 2) / self.cell**2
         return 4.0 * (group.count * group.trials * cells + chances)
@@ -155,11 +155,11 @@ class ParticleFilter(Casting, Declares):
 
     @property
     def releases(self) -> int:
-        """Number of periods for which the wind is kept."""
+        """Number of past periods for which each robot stores the measured wind: memory / period, at least 1."""
         return max(1, ceil(self.memory / self.period - 1e-9))
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
-        """Particles (twice during resampling), wind, estimates and belief of every robot."""
+        """Return the memory [bytes] of all robots: particles (twice while resampled), wind, estimates, belief."""
         each = 20.0 * self.particles + 20.0 * (self.releases + 1) + 8.0 * self.estimates
         belief = 2 * 4.0 * floor.size[0] * floor.size[1] / self.cell**2
         return group.count * group.trials * (each + belief)
@@ -206,7 +206,7 @@ class HitMap(Listening, Declares):
     """Distance kept to walls and other robots."""
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
-        """Belief of every robot, and paths of gas and of robots between all cells."""
+        """Return the memory [bytes] of every robot's belief, and of gas and robot paths between all pairs of cells."""
         cells = floor.size[0] * floor.size[1] / self.cell**2
         return 4.0 * group.count * group.trials * cells + 2 * 6.0 * cells**2
 

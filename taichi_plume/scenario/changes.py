@@ -1,4 +1,4 @@
-"""Changes of the data of a scenario by paths of keys, for overrides and studies."""
+"""Changes of the data of a scenario at paths of keys such as ``robots[0].count``, for overrides and studies."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -16,12 +16,12 @@ Data = dict[str, Any]
 
 
 def steps_of(path: str) -> list[str]:
-    """Return the keys of a path; ``robots.0.count`` and ``robots[0].count`` are the same."""
+    """Return the keys along a path as texts; ``robots.0.count`` and ``robots[0].count`` both give three."""
     return re.sub(r"\[(\d+)\]", r".\1", str(path).strip()).split(".")
 
 
 def path_of(steps: Sequence[int | str]) -> str:
-    """Return the path of some keys: ``wind.openings[0].speed`` for ["wind", "openings", 0, "speed"]."""
+    """Return the path of successive keys: ``wind.openings[0].speed`` for ["wind", "openings", 0, "speed"]."""
     text = ""
     for step in steps:
         if isinstance(step, int) or step.isdecimal():
@@ -32,13 +32,13 @@ def path_of(steps: Sequence[int | str]) -> str:
 
 
 def shown(value: object) -> str:
-    """Return a value in a few characters."""
+    """Return a value as a short text for error messages: its repr, cut to 48 characters, or "nothing" for None."""
     text = "nothing" if value is None else repr(value)
     return text if len(text) <= LONGEST_GOT else text[: LONGEST_GOT - 3] + "..."
 
 
 def yaml_value(value: object, depth: int = 0) -> Any:
-    """Return a value of Python in the types that YAML has: tuples and arrays become lists, paths become texts.
+    """Return a Python value in the types of YAML: tuples and arrays become lists, file paths become texts.
 
     Raises LineError if the value is nested too deeply.
     """
@@ -54,9 +54,9 @@ def yaml_value(value: object, depth: int = 0) -> Any:
 
 
 def changed(data: Mapping[str, Any], changes: Mapping[str, object]) -> Data:
-    """Return the data with other values at some paths. `data` is not changed; equal parts are shared.
+    """Return a copy of `data` with new values at the paths of `changes`. Unchanged sections are shared, not copied.
 
-    Raises LineError.
+    Raises LineError if a path does not fit the data.
     """
     new: Data = dict(data)
     ours: dict[int, object] = {id(new): new}  # copies, which may be changed; kept alive, so that ids stay
@@ -66,7 +66,7 @@ def changed(data: Mapping[str, Any], changes: Mapping[str, object]) -> Data:
 
 
 def _put(data: Data, parts: Sequence[str], value: object, ours: dict[int, object]) -> None:
-    """Put a value into data. Sections on the path are copied unless they are `ours`, as aliases may share them."""
+    """Set the value at a path of keys in `data`. Sections on the way are copied unless their id is in `ours`."""
     if not all(parts):
         raise LineError("must be the path of a key, such as robots.0.count")
     if len(parts) > DEEPEST:
@@ -97,7 +97,7 @@ def _put(data: Data, parts: Sequence[str], value: object, ours: dict[int, object
 
 
 def _no_list(parts: Sequence[str], empty: bool) -> str:
-    """Return a message about an item of a missing list; empty: whether its key has no value."""
+    """Return an error message about an item of a missing list; empty: whether the list's key exists without a value."""
     from taichi_plume.scenario.keys import misspelt  # all sections: slow, only for errors
 
     path, state = path_of(parts), "is empty" if empty else "is not in the file"
@@ -105,7 +105,7 @@ def _no_list(parts: Sequence[str], empty: bool) -> str:
 
 
 def _index(items: list, part: str, above: str) -> int:
-    """Return the index of an item of a list. Raises LineError."""
+    """Return a text as the index of an item of a list. Raises LineError if the text is no valid index."""
     if not part.isdecimal():
         last = f"from 0 to {len(items) - 1}" if len(items) > 1 else "0"
         raise LineError(f"{above} is a list: '{part}' must be the index of an item, {last}")

@@ -1,4 +1,4 @@
-"""Checks of a whole scenario: errors and warnings of all sections, and their positions in the room."""
+"""Checks of a whole scenario: errors and warnings of all sections, and the positions in the room that these concern."""
 
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
@@ -21,7 +21,7 @@ FIRST = ("obstacles", "gas", "arena", "robots", "wind")  # these come first in m
 
 
 def every(scenario: Scenario) -> Iterator[tuple[str, Model]]:
-    """Yield every section with its path, in the order of messages; the scenario itself comes last."""
+    """Yield (path, section) for every section of a scenario, in the order of messages; the scenario itself is last."""
     for key in sorted(
         Scenario.model_fields, key=lambda key: FIRST.index(key) if key in FIRST else len(FIRST)
     ):
@@ -30,23 +30,23 @@ def every(scenario: Scenario) -> Iterator[tuple[str, Model]]:
 
 
 def early_errors(scenario: Scenario) -> list[str]:
-    """Return errors ``path: message`` of the dimension (2-D or 3-D) and the memory, before files are opened."""
+    """Return errors ``path: message`` that need no input files: wrong dimension (2-D or 3-D), too much memory."""
     dim = scenario.domain.dim
     lines = [line for where, section in every(scenario) for line in section.dimension_errors(where, dim)]
     return lines or list(too_large(scenario))
 
 
 def remarks(scenario: Scenario, resources: "Resources") -> list[str]:
-    """Return warnings ``path: message`` of a scenario without errors."""
+    """Return the warnings of a scenario without errors, each as a line ``path: message``."""
     context = Context(scenario, resources)
     lines = [line for where, section in every(scenario) for line in section.remarks(where, context)]
     return [*lines, *warnings.remarks(context)]
 
 
 def problems(scenario: Scenario, resources: "Resources") -> list[str]:
-    """Return the other errors of a scenario whose files have been opened.
+    """Return the errors of a scenario whose input files have been opened, each as a line ``path: message``.
 
-    Errors of files are reported alone: the other checks need all files and shapes.
+    If files could not be read, only these errors are returned: the other checks need all files and shapes.
     """
     context = Context(scenario, resources)
     if resources.faults:
@@ -58,7 +58,7 @@ def problems(scenario: Scenario, resources: "Resources") -> list[str]:
 def numbered(
     remarks: Sequence[str], scenario: Scenario, resources: "Resources"
 ) -> list[tuple[int, tuple[float, ...]]]:
-    """Return the number (from 1) and the position [m] (2 or 3 coordinates) of each warning that has a position."""
+    """Return (number from 1, position [m] with 2 or 3 coordinates) for each of these warnings that has a position."""
     places: dict[str, tuple[float, ...]] = {}
     for key in Scenario.model_fields:
         for where, section in sections(vars(scenario)[key], key):
@@ -77,7 +77,7 @@ def numbered(
 def _place(
     where: str, section: Model, scenario: Scenario, resources: "Resources"
 ) -> Sequence[float] | np.ndarray | None:
-    """Return the position [m] of a section; None for a section without a position."""
+    """Return the position [m] that represents a section, such as its centre; None for a section without one."""
     extent = scenario.domain.extent
     if isinstance(section, Located):
         return section.position

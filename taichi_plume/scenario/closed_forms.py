@@ -34,11 +34,11 @@ class ClosedForm(OneGas):
         return least / 16.0 if self.jumps else least
 
     def reflecting(self, dim: int) -> tuple[Face, ...]:
-        """Return the faces that let no gas through, in `dim` dimensions."""
+        """Return the faces of the domain that reflect the gas: `walls` or, by default, in 3-D the floor ("z-")."""
         return (("z-",) if dim == 3 else ()) if self.walls is None else self.walls
 
     def begins_in(self, radius: float, domain: Domain) -> float:
-        """Return rate/(speed x peak concentration) of a Gaussian with this standard deviation."""
+        """Return the effective cross-section [m²] of a Gaussian plume of this standard deviation [m] at its source."""
         return sqrt(2.0 * pi) * radius * domain.depth if domain.dim == 2 else 2.0 * pi * radius**2
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
@@ -52,7 +52,7 @@ class ClosedForm(OneGas):
             yield from self.in_wind(where, wind.uniform, context)
 
     def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
-        """Yield errors of the gas in this wind. Reflection is exact where air moves along a wall."""
+        """Yield errors of this gas in a uniform wind, which must not blow through a reflecting face of the domain."""
         dim = context.domain.dim
         for face in self.reflecting(dim):
             d = "xyz".index(face[0])
@@ -99,7 +99,7 @@ class GaussianPuffGas(ClosedForm):
 
     @property
     def sources(self) -> tuple[Release, ...]:
-        """Positions that the robots search for."""
+        """The releases of puffs: the positions that robots search for."""
         return self.releases
 
     def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
@@ -197,7 +197,7 @@ class GaussianPlumeGas(WindPlume):
         yield from _numbers(f"{where}.diffusivity", self.diffusivity, across, " across the wind")
 
     def growth(self, axes: int, speed: float) -> np.ndarray:
-        """Return b, c and d (axes, 3) of the variance radius² + (b radius + c) x + d x² across a wind of this speed."""
+        """Return b, c, d (axes, 3) of the variance radius² + (b radius + c) x + d x² at a distance x downwind."""
         zero = np.zeros(axes)
         if self.intensity is not None:  # (radius + intensity x)²
             intensity = np.broadcast_to(self.intensity, axes)
@@ -230,13 +230,13 @@ class MeanderingGas(WindPlume):
         yield from super().in_wind(where, wind, context)
 
     def growth(self, axes: int, speed: float) -> np.ndarray:
-        """Return the growth of the variance, see `GaussianPlumeGas.growth`."""
+        """Return (axes, 3) coefficients 0, 0, slope² of the variance radius² + (slope x)² at a distance x downwind."""
         zero, slope = np.zeros(axes), np.array([self.width_slope, self.height_slope])[:axes]
         return np.stack([zero, zero, slope**2], axis=1)
 
 
 def _numbers(path: str, given: tuple[float, ...] | None, most: int, where: str) -> Iterator[str]:
-    """Yield an error if a list has neither one number nor one for each of `most` axes."""
+    """Yield an error if a list has neither one number nor `most` numbers. path, where: parts of the message."""
     if given is not None and len(given) not in (1, most):
         each = f", or one for each of the {most} axes{where}" if most > 1 else ""
         yield f"{path}: has {len(given)} numbers; give one{each}"

@@ -1,4 +1,4 @@
-"""The simulated box, the arena of the robots, positions in the box, and the context of checks."""
+"""The simulated box, the rectangle of floor for the robots (arena), positions in the box, and the context of checks."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,18 +19,18 @@ ROUNDING = 0.1  # of an extent: a larger change by whole cells makes another dom
 
 @dataclass(frozen=True)
 class Context:
-    """Context of the checks: a scenario and its opened files."""
+    """Data that every check of a scenario needs: the scenario and its opened input files."""
 
     scenario: "Scenario"
     resources: "Resources"
 
     @property
     def domain(self) -> "Domain":
-        """The simulated box."""
+        """The simulated box of the scenario."""
         return self.scenario.domain
 
     def outside(self, points: np.ndarray) -> str | None:
-        """Return the place of the first point (n, dim) [m] outside the domain, in words; None if all are inside."""
+        """Return a message about the first of points (n, dim) [m] outside the domain; None if all are inside."""
         for axis, length, along in zip("xyz", self.domain.extent, points.T, strict=False):
             beyond = along[(along < 0) | (along > length)]
             if len(beyond):
@@ -39,12 +39,12 @@ class Context:
 
 
 def span(axis: str, low: float, high: float) -> str:
-    """Return a range along an axis in words."""
+    """Return a range of coordinates as text, such as "x 0 to 4 m"."""
     return f"{axis} {low:.4g} to {high:.4g} m"
 
 
 def starts_late(where: str, start: float, context: Context) -> Iterator[str]:
-    """Yield an error if a recording starts [s] after the end of the run."""
+    """Yield an error if the time `start` [s] of a recording, whose path is `where`, is after the end of the run."""
     end = context.scenario.duration
     if start > end:
         yield f"{where}.start: {start:g} s is after the end at {end:g} s; start it earlier"
@@ -65,26 +65,26 @@ class Domain(Model):
 
     @property
     def dim(self) -> int:
-        """2 or 3."""
+        """Number of dimensions of the run: 2 or 3."""
         return len(self.size)
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Cells per axis."""
+        """Number of grid cells along each axis."""
         return tuple(max(1, round(extent / self.spacing)) for extent in self.size)
 
     @property
     def extent(self) -> tuple[float, ...]:
-        """Extent per axis in whole cells [m]."""
+        """Length of the domain along each axis [m], rounded to whole grid cells."""
         return tuple(n * self.spacing for n in self.shape)
 
     @property
     def box(self) -> str:
-        """Extent of the floor in words."""
+        """Extent of the floor as text, such as "x 0 to 4 m, y 0 to 3 m"."""
         return f"{span('x', 0, self.extent[0])}, {span('y', 0, self.extent[1])}"
 
     def rounded(self, where: str) -> Iterator[str]:
-        """Yield a line for each axis whose size differs too much from whole cells."""
+        """Yield an error for each axis with fewer than 2 cells, or that rounding to cells changes by over 10 %."""
         for axis, (extent, n) in enumerate(zip(self.size, self.shape, strict=True)):
             if n < 2:
                 advice = "; two numbers in domain.size make a 2-D run" if axis == 2 else ""
@@ -109,11 +109,11 @@ class Arena(Model):
 
     @property
     def size(self) -> tuple[float, float]:
-        """Edges [m]."""
+        """Edge lengths of the rectangle along x and y [m]."""
         return self.high[0] - self.low[0], self.high[1] - self.low[1]
 
     def fault(self, extent: tuple[float, ...]) -> str | None:
-        """Return an error if the arena does not fit a floor of this extent [m]."""
+        """Return an error if the arena does not lie within a floor of this extent [m]; None if it does."""
         for axis, low, high, length in zip("xy", self.low, self.high, extent, strict=False):
             if not 0 <= low < high <= length + 1e-9:
                 return (

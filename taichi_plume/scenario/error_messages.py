@@ -1,4 +1,4 @@
-"""Error messages of a line each for the validation errors of pydantic, with hints at what was probably meant."""
+"""One-line error messages for the validation errors of pydantic, with hints at what the user probably meant."""
 
 import re
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ _NO_KIND = "\0"  # stands for a missing kind, so that pydantic lists the known o
 
 
 def explain(error: ValidationError, data: Data, top: type[Model] | TypeAdapter = Scenario) -> list[str]:
-    """Return a line for each error in `data`; top: the expected type of `data`."""
+    """Return one readable line ``path: message`` for each error of pydantic; top: the type that `data` should have."""
     faults = error.errors(include_url=False)
     nameless = [
         _walk(fault["loc"], data)
@@ -43,7 +43,7 @@ def explain(error: ValidationError, data: Data, top: type[Model] | TypeAdapter =
 
 
 def _line(fault: ErrorDetails, data: Data, top: type[Model]) -> str | None:
-    """Return `path: message` for an error of pydantic; None if another error says it better."""
+    """Return the message ``path: text`` for one pydantic error; None if another error describes the fault better."""
     kind, got, context = fault["type"], fault["input"], fault.get("ctx", {})
     steps = _walk(fault["loc"], data, absent=kind == "missing")
     member = fault["loc"][-1] if fault["loc"] else ""
@@ -124,7 +124,7 @@ def _line(fault: ErrorDetails, data: Data, top: type[Model]) -> str | None:
 
 
 def _meant_kind(tag: str, names: Sequence[str], top: type[Model]) -> str:
-    """Return a hint about an unknown kind: a similar kind, a sensor's model, or a kind of another section."""
+    """Return a hint about an unknown `kind`: a similar kind, a sensor model, or the section that has this kind."""
     if "mox" in names and (model := nearest(tag, MOX_MODELS, cutoff=0.8)):
         return f"did you mean kind: mox, model: {model}? "
     text = hint(tag, names)
@@ -133,7 +133,7 @@ def _meant_kind(tag: str, names: Sequence[str], top: type[Model]) -> str:
 
 
 def _lost_kind(steps: Sequence[int | str], data: Data) -> str:
-    """Return a hint about a section without a kind: a key that may contain it."""
+    """Return a hint for a section without a key `kind`: a key such as "kind:mox" or "type" that was meant as `kind`."""
     section = _at(data, steps)
     for key, value in section.items() if isinstance(section, dict) else ():
         if key.startswith("kind:"):
@@ -144,7 +144,7 @@ def _lost_kind(steps: Sequence[int | str], data: Data) -> str:
 
 
 def _unknown_key(message: str, context: dict, steps: Sequence[int | str], top: type[Model]) -> str:
-    """Return a message about an unknown key, with the sections that have a key of this name."""
+    """Return the message about an unknown key, with the sections that do have a key of this name, or another hint."""
     key, allowed = context["key"], context["allowed"].split(", ")
     close = meant_key(key, allowed, cutoff=0.8)
     there = [] if close or top is Model else homes(key, steps, top)
@@ -160,7 +160,7 @@ def _unknown_key(message: str, context: dict, steps: Sequence[int | str], top: t
 
 
 def _keys_there(steps: Sequence[int | str], got: object, top: type[Model]) -> str:
-    """Return a hint at the kinds or keys of a section whose value is no mapping."""
+    """Return a hint for a section whose value `got` is no mapping: the kinds or keys that the section may have."""
     models = sections_at(steps, top)
     kinds = [own_kind(model) for model in models if own_kind(model)]
     if kinds:
@@ -175,7 +175,7 @@ def _keys_there(steps: Sequence[int | str], got: object, top: type[Model]) -> st
 
 
 def _as_list(got: object, key: Facts | None) -> str:
-    """Return a hint about a value that should be a list."""
+    """Return a hint on how to write a list, for a value `got` that should be one; key: facts about its key."""
     if isinstance(got, str | dict) and key is not None and "quantit" in key.type:
         return f"; write it in brackets, such as [1, 2]: a {key.type}{_axes(key)}"
     if isinstance(got, dict):
@@ -184,20 +184,20 @@ def _as_list(got: object, key: Facts | None) -> str:
 
 
 def _axes(key: Facts) -> str:
-    """Return the axes of a list of coordinates, from their type or meaning."""
+    """Return the axes of a list of coordinates, such as ": x and y", as its type or meaning says; otherwise ""."""
     if key.type.endswith("one per axis") or "in 3-D along z" in key.meaning:
         return ": x, y and in 3-D z"
     return ": x and y" if re.search(r"\bx and y\b", key.meaning) else ""
 
 
 def _comma(got: object) -> str:
-    """Return a hint about a number with a comma."""
+    """Return a hint for a text with a decimal comma, such as "0,5"; "" for any other value."""
     match = re.match(r"\s*([-+]?\d+),(\d+)", got) if isinstance(got, str) else None
     return f"; write decimals with a point, thousands without a comma: {match[1]}.{match[2]}" if match else ""
 
 
 def _at(data: Data, steps: Sequence[int | str]) -> Any:
-    """Return the value at a path of data."""
+    """Return the value found in `data` by following the keys and list indices `steps`."""
     value: Any = data
     for step in steps:
         value = value[step]
@@ -205,7 +205,7 @@ def _at(data: Data, steps: Sequence[int | str]) -> Any:
 
 
 def _facts(steps: Sequence[int | str], data: Data, top: type[Model]) -> Facts | None:
-    """Return the facts about the key at a path, for the kind in the data; None if ambiguous."""
+    """Return the facts about the key at a path, for the section's kind in `data`; None if ambiguous."""
     path = list(steps)
     while path and isinstance(path[-1], int):
         path.pop()
@@ -219,9 +219,9 @@ def _facts(steps: Sequence[int | str], data: Data, top: type[Model]) -> Facts | 
 
 
 def _walk(location: tuple[int | str, ...], data: Data, absent: bool = False) -> list[int | str]:
-    """Return the YAML path of an error: pydantic's location without names of union members.
+    """Return the keys and indices of an error in the YAML data: pydantic's location without names of union members.
 
-    absent: the last step is a key that is missing.
+    absent: whether the last step is a key that is missing from the data.
     """
     steps: list[int | str] = []
     place: Any = data

@@ -103,24 +103,24 @@ class Replay(AnyAlgorithm):
             yield f"{where}.file: its last pose is at {last:.4g} s of the run; from then on the robots stand there"
 
     def _positions(self, where: str, context: Context) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-        """Yield name, positions (n, 2) [m] and whether each is inside the domain, for each robot of the team."""
+        """Yield for each robot: name, recorded positions (n, 2) [m], and whether each is inside the domain (n,)."""
         size = np.array(context.domain.extent[:2])
         for path in self.chosen(context.resources.ways[where], _group(where, context).count):
             position = path.place[:, :2] + self.origin
             yield path.name, position, np.asarray(((position > 0.0) & (position < size)).all(axis=1))
 
     def chosen(self, recorded: "Sequence[Way]", count: int) -> "list[Way]":
-        """Return the recorded paths of the robots of the team."""
+        """Return the recorded paths for `count` robots: those listed in `robots`, otherwise the first ones."""
         if not self.robots:
             return list(recorded[:count])
         by_name = {path.name: path for path in recorded}
         return [by_name[name] for name in self.robots]
 
     def begin_of(self, chosen: "Sequence[Way]") -> float:
-        """Return the time of the recording at which the run starts [s]."""
+        """Return the time [s] in the recording at which the run starts: its earliest pose plus `start`."""
         return float(min(path.t[0] for path in chosen)) + self.start
 
 
 def _group(where: str, context: Context) -> "Group":
-    """Return the group whose algorithm has this path."""
+    """Return the group of robots whose algorithm has the path `where`, such as ``robots[0].algorithm``."""
     return next(group for n, group in enumerate(context.scenario.robots) if where == f"robots[{n}].algorithm")

@@ -1,4 +1,4 @@
-"""Facts about a key of a section, read from its model: meaning, type, unit, limits and default."""
+"""Facts about a key of a scenario's section, read from its pydantic model: meaning, type, unit, limits and default."""
 
 import ast
 import inspect
@@ -25,7 +25,7 @@ UNIONS = (Union, types.UnionType)
 
 @dataclass(frozen=True)
 class Facts:
-    """Facts about a key. A quantity is a number in `unit`, or a text with another unit such as "20 cm".
+    """Facts about a key of a scenario, as texts. A quantity is a number in `unit`, or a text such as "20 cm".
 
     limits: smallest and largest number; default: empty if the key has to be given.
     """
@@ -38,12 +38,12 @@ class Facts:
 
     @property
     def brief(self) -> str:
-        """First sentence of the meaning, and the unit."""
+        """First sentence of the key's meaning, and its unit in brackets."""
         return first_sentence(self.meaning) + (f" [{self.unit}]" if self.unit else "")
 
     @property
     def figures(self) -> str:
-        """Type, unit, limits and default in a line."""
+        """Type, unit, limits and default of the key as one line of text."""
         unit = f" [{self.unit}]" if self.unit else ""
         default = f"default: {self.default}" if self.default else "has to be given"
         return "; ".join(filter(None, (self.type + unit, self.limits, default)))
@@ -62,7 +62,7 @@ def facts(model: type[Model], key: str) -> Facts:
 
 @cache
 def quantity_unit(model: type[Model], key: str) -> str:
-    """Return the unit of the numbers and texts of a key; "" if it takes no texts or several units."""
+    """Return the unit of a key that takes quantities; "" if it takes plain numbers or several units."""
     whole = _whole(model.model_fields[key])
     units = {_limits(marks)[0] for _, marks in _numbers(whole)}
     return units.pop() if len(units) == 1 and "quantit" in _type(whole) else ""
@@ -70,10 +70,10 @@ def quantity_unit(model: type[Model], key: str) -> str:
 
 @cache
 def meanings(model: type[Model]) -> dict[str, str]:
-    """Return the meaning of each key: the text below it in its class, or in a base class. A `kind` means its section.
+    """Return the meaning of each key of a section: the text below the key in its class or a base class.
 
-    pydantic's `use_attribute_docstrings` would read all sources at every start: importing the scenario then takes 1.6
-    times as long.
+    The key `kind` gets the purpose of its section. pydantic's `use_attribute_docstrings` would read all sources at
+    every start: importing the scenario then takes 1.6 times as long.
     """
     texts = {"kind": purpose(model)}
     for base in reversed(model.__mro__):
@@ -100,7 +100,7 @@ def first_sentence(text: str) -> str:
 
 
 def models_in(kind: object) -> Iterator[tuple[type[Model], int]]:
-    """Yield the sections in a type, each with the number of lists and mappings around it."""
+    """Yield the classes of sections within a type annotation, each with the number of lists and mappings around it."""
     if isinstance(kind, FieldInfo):
         kind = _whole(kind)
     if get_origin(kind) is Annotated:
@@ -115,19 +115,19 @@ def models_in(kind: object) -> Iterator[tuple[type[Model], int]]:
 
 
 def own_kind(model: type[Model]) -> str:
-    """Return the kind of a section; "" if it has none or several."""
+    """Return the only value that the key `kind` of a section can have; "" if it has none or several."""
     field = model.model_fields.get("kind")
     names = get_args(field.annotation) if field and get_origin(field.annotation) is Literal else ()
     return names[0] if len(names) == 1 else ""
 
 
 def _whole(field: FieldInfo) -> object:
-    """Return the annotated type of a field."""
+    """Return the type of a pydantic field together with its annotations, as ``Annotated[...]``."""
     return Annotated[(field.annotation, *field.metadata)] if field.metadata else field.annotation
 
 
 def _numbers(kind: object, marks: tuple = ()) -> Iterator[tuple[object, tuple]]:
-    """Yield the types of numbers and formulas in a type outside of sections, each with its annotations."""
+    """Yield each type of number or formula within a type annotation, with its annotations. Sections are not entered."""
     bare, more = (get_args(kind)[0], get_args(kind)[1:]) if get_origin(kind) is Annotated else (kind, ())
     formula = bare is str and any(isinstance(mark, Quantity) for mark in more)
     if bare in (float, int) or formula:
@@ -143,7 +143,7 @@ def _numbers(kind: object, marks: tuple = ()) -> Iterator[tuple[object, tuple]]:
 
 
 def _limits(marks: tuple) -> tuple[str, str]:
-    """Return unit and limits of a number with these annotations."""
+    """Return the unit and the limits, such as "0 to 10", of a number with these annotations; "" if there is none."""
     unit, zero, below, lows, highs = "", False, "", [-inf], [inf]
     for mark in marks:
         if isinstance(mark, Quantity):
@@ -163,14 +163,14 @@ def _limits(marks: tuple) -> tuple[str, str]:
 
 
 def _shown(value: float) -> str:
-    """Return a number in its usual form."""
+    """Return a number as text: whole numbers without a point, others to six digits with a short exponent."""
     if value == int(value) and abs(value) < 1e7:
         return str(int(value))
     return re.sub(r"e\+?(-?)0*(?=\d)", r"e\1", f"{value:g}")
 
 
 def _type(kind: object, marks: tuple = ()) -> str:
-    """Return a type in words."""
+    """Return a type annotation in words, such as "list of 2 quantities"; marks: annotations around it."""
     if get_origin(kind) is Annotated:
         return _type(get_args(kind)[0], (*get_args(kind)[1:], *marks))
     units = any(isinstance(mark, Quantity) and mark.unit for mark in marks)
@@ -199,7 +199,7 @@ def _type(kind: object, marks: tuple = ()) -> str:
 
 
 def _list(parts: tuple, marks: tuple) -> str:
-    """Return a type of lists in words."""
+    """Return the type of a list in words, from the types of its items and the annotations (marks) around the list."""
     item = _type(parts[0])
     first, _, rest = item.partition(" of ")
     plural = "quantities" if first == "quantity" else item if first == "one" else f"{first}s"

@@ -1,4 +1,4 @@
-"""Formulas of the position, such as ``-cos(pi*x)*sin(pi*y)``: Python's arithmetic with a list of allowed functions.
+"""Formulas in the coordinates, such as ``-cos(pi*x)*sin(pi*y)``: Python's arithmetic with a list of allowed functions.
 
 A formula is parsed, never executed: each node of its syntax tree is looked up here. All numbers are f64, so that no
 power takes long. An undefined value becomes nan or inf, which the caller has to refuse.
@@ -53,9 +53,9 @@ class FormulaError(ValueError):
 
 
 def evaluate(text: str, places: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the values of a formula at `places`: broadcastable coordinates [m] by axis, and sizes of units by name.
+    """Return the values of a formula as an array; undefined values are nan or inf. Raises FormulaError.
 
-    Undefined values are nan or inf. Raises FormulaError.
+    places: values of the names in it: coordinates x, y, z [m] as broadcastable arrays, and sizes of units such as ppm.
     """
     with np.errstate(all="ignore"):
         return np.asarray(_value(_tree(text), places, 0), float)
@@ -74,7 +74,7 @@ def _tree(text: str) -> ast.expr:
 
 
 def _value(node: ast.AST, places: dict[str, np.ndarray], depth: int) -> np.ndarray | np.float64:
-    """Return the value of a node of the syntax tree."""
+    """Return the value of a node of the formula's syntax tree; places: values of names. Raises FormulaError."""
     if depth > DEEPEST:
         raise FormulaError(f"is nested deeper than {DEEPEST} levels")
     match node:
@@ -118,7 +118,7 @@ def _number(value: Any) -> float:
 
 
 def _parsed(value: object, unit: str) -> float | None:
-    """Return a value as number in `unit`; None for a formula."""
+    """Return a number, or a text such as "20 cm", as a number in `unit`; None for other values, such as formulas."""
     try:
         return parse(value, unit)
     except PydanticCustomError:
@@ -126,9 +126,9 @@ def _parsed(value: object, unit: str) -> float | None:
 
 
 def formula(unit: str, **others: float) -> Any:
-    """Return the annotated type of a formula, or a number, for a quantity in `unit` [SI].
+    """Return the annotated type of a key that takes a formula, a number or a quantity such as "20 cm" in `unit` [SI].
 
-    others: units that are names in the formula, as their size is known only later ("420 ppm" is "420*ppm"), with their
+    others: units that stay names in the formula, as their size is known only later ("420 ppm" is "420*ppm"), with their
     largest numbers.
     """
 

@@ -1,4 +1,4 @@
-"""Gas sensors: the dynamics (lag) and noise of all kinds; photo-ionisation detectors, lasers and ideal sensors."""
+"""Gas sensors: lag and noise of all kinds; photo-ionisation detectors, open-path lasers and ideal sensors."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -57,26 +57,26 @@ class GasSensor(Model):
 
     @property
     def signal(self) -> Signal:
-        """Dynamics (lag) and noise."""
+        """Time constants of the lag, and noise, of the sensor's signal."""
         raise NotImplementedError
 
     cycled: ClassVar[bool] = False
     """Whether the sensor works in cycles of a heater."""
 
     def weight(self, species: str) -> float:
-        """Return the weight of a ppm of a species."""
+        """Return how much 1 ppm of a species counts in the sensor's response; 0 for a species without effect."""
         raise NotImplementedError
 
     def bend(self, species: str) -> tuple[float, float] | None:
-        """Return c1 [ppm] and p of a power law a ((1 + c/c1)^p - 1) of a species, a its `weight`; else None."""
+        """Return c1 [ppm] and p of the response a ((1 + c/c1)^p - 1) to a species, a its `weight`; None if linear."""
         return None
 
     def reads(self, species: str, ppm: float) -> float:
-        """Return the stationary reading [ppm] of a concentration [ppm] of a single species."""
+        """Return the steady reading [ppm] in air with this concentration [ppm] of a single species."""
         return self.weight(species) * ppm
 
     def _lags(self, rise: float, decay: float) -> tuple[float, float]:
-        """Return the time constants of rise and decay [s], with these defaults."""
+        """Return the time constants of rise and decay [s]; the arguments are used where the scenario gives none."""
         return (
             rise if self.rise_time is None else self.rise_time,
             decay if self.decay_time is None else self.decay_time,
@@ -152,7 +152,7 @@ class PidSensor(GasSensor):
 
     @property
     def factors(self) -> dict[str, float]:
-        """Correction factors of all known species."""
+        """Correction factors by species: ppm of the species that give the same signal as 1 ppm of isobutylene."""
         return PID_FACTORS | self.correction
 
     def problems(self, where: str, context: Context) -> Iterator[str]:

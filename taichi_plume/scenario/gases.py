@@ -1,4 +1,4 @@
-"""Kinds of gas: convection-diffusion on the grid (Eulerian), puffs, playback, and mixtures."""
+"""Kinds of gas in a scenario: on the grid (Eulerian convection-diffusion), as puffs, played back, and mixtures."""
 
 from collections.abc import Iterator, Mapping
 from math import pi
@@ -45,7 +45,7 @@ class EulerianGas(OneGas):
     """Walls and obstacles that take up or emit gas; unless named, none do."""
 
     def begins_in(self, radius: float, domain: Domain) -> float:
-        """Return the cross-section of the source, of at least a cell."""
+        """Return the cross-section [m²] of a source of this radius [m], which is taken as half a cell at least."""
         r = max(radius, 0.5 * domain.spacing)
         return 2.0 * r * domain.depth if domain.dim == 2 else pi * r**2
 
@@ -197,11 +197,11 @@ class MixtureGas(Model):
     """The gases, each with all keys of a `gas` section of its own. Equal species add up."""
 
     def alone(self, where: str) -> "tuple[tuple[str, PureGas], ...]":
-        """Return every gas of one species, with its path."""
+        """Return (path, gas) of each part of the mixture, a gas of one species; where: path of the mixture."""
         return tuple((f"{where}.parts[{n}]", part) for n, part in enumerate(self.parts))
 
     def replaced(self, where: str, others: "Mapping[str, PureGas]") -> "MixtureGas":
-        """Return the mixture with other gases at some paths."""
+        """Return a copy in which the gases at the paths in `others` are replaced; where: path of the mixture."""
         parts = tuple(others.get(path, part) for path, part in self.alone(where))
         return self.model_copy(update={"parts": parts})
 

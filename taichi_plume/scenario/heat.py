@@ -1,4 +1,4 @@
-"""Buoyancy (Boussinesq): heaters, surfaces of given temperature (Dirichlet) and heavy gas."""
+"""Buoyancy (Boussinesq) in a scenario: heaters, surfaces of given temperature (Dirichlet) and heavy gas."""
 
 from collections.abc import Iterator
 from math import copysign, pi, sqrt
@@ -69,15 +69,15 @@ class Heat(Surfaces):
 
     @property
     def volume_expansion(self) -> float:
-        """Relative change of the volume per kelvin [1/K]."""
+        """Thermal expansion coefficient of the air [1/K]: `expansion`, by default 1 / reference temperature."""
         return 1.0 / self.reference if self.expansion is None else self.expansion
 
     def rising_speed(self, power: float, length: float) -> float:
-        """Return the speed [m/s] that air gains over a length [m] above a heater of this power [W]."""
+        """Return the updraught speed [m/s] that air gains over a length [m] above a heater of this power [W]."""
         return (9.81 * self.volume_expansion * abs(power) / (self.capacity * length)) ** (1 / 3)
 
     def top_speed(self, length: float) -> float:
-        """Return the speed [m/s] that air gains over a length [m] at the surfaces or above a heater."""
+        """Return the largest expected buoyant speed [m/s] over a length [m], at warm surfaces or above heaters."""
         surfaces = [*self.walls, *self.obstacles]
         differences = [abs(surface.temperature - self.reference) for surface in surfaces]
         rise = 9.81 * self.volume_expansion
@@ -89,9 +89,9 @@ class Heat(Surfaces):
 
     @property
     def likely(self) -> list[float]:
-        """Expected temperatures of the air [K]: the given ones, and about that over each heater.
+        """Expected temperatures of the air [K]: reference, surfaces, and an estimate above each heater.
 
-        Heat rises through the width of the heater with the speed of its radius; twice the mean, as it is uneven.
+        The heat rises through the heater's width with the speed gained over its radius. The estimate is twice the mean.
         """
         temperatures = [self.reference, *(surface.temperature for surface in (*self.walls, *self.obstacles))]
         for heater in self.heaters:
@@ -114,7 +114,7 @@ class Buoyancy(Model):
     """Temperature of the air and its heat sources; unless given, it is not computed and has no effect."""
 
     def pull(self, dim: int) -> tuple[float, ...]:
-        """Return gravity [m/s²] in `dim` dimensions."""
+        """Return the gravity vector [m/s²] for `dim` dimensions; by default 9.81 downward along the last axis."""
         return self.gravity or (0.0,) * (dim - 1) + (-9.81,)
 
     def dimension_errors(self, where: str, dim: int) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Imported wind: flow files of other programs, and checks of their position in the domain."""
+"""Imported wind: flow files of other programs, and checks that they cover the simulated domain."""
 
 from collections.abc import Iterator
 from math import prod
@@ -58,7 +58,7 @@ class ImportedWind(AnyWind, Played):
             yield f"{where}.height: is for 2-D runs; remove it, or give domain.size two numbers"
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:
-        """Check the first and the last file; the others are read at the start of the run."""
+        """Yield errors found in the first and last wind file; the other files are read at the start of the run."""
         site = context.resources.site
         assert site is not None
         low, high = site.levels
@@ -82,7 +82,7 @@ class ImportedWind(AnyWind, Played):
                 yield from self._in_cubes(site, site.cubes, context)
 
     def _beyond_cubes(self, site: "Site", context: Context) -> Iterator[str]:
-        """Yield an error for each axis along which the domain exceeds the occupancy grid."""
+        """Yield an error for each axis along which the domain reaches beyond GADEN's occupancy grid."""
         if site.cubes is None:
             return
         slack = ROUNDING * context.domain.spacing
@@ -92,7 +92,7 @@ class ImportedWind(AnyWind, Played):
                 yield _outside(site, a, (0.0, extent), (low, high), f"{self.occupancy} has cells")
 
     def _without_wind(self, site: "Site", context: Context) -> Iterator[str]:
-        """Yield an error for each axis along which cells of air lie outside the points of the wind file."""
+        """Yield an error for each axis along which grid cells with air lie beyond the points of the wind file."""
         cells = np.argwhere(~context.resources.solid())
         if not len(cells):
             yield f"wind.occupancy: {self.occupancy}: leaves no air in the domain"
@@ -106,7 +106,7 @@ class ImportedWind(AnyWind, Played):
                 yield _outside(site, a, (low, high), (site.low[a], site.high[a]), have)
 
     def _in_cubes(self, site: "Site", cubes: "Cubes", context: Context) -> Iterator[str]:
-        """Yield errors for sources and robots inside the occupancy grid's obstacles."""
+        """Yield errors of a raised floor, and of sources and robots inside obstacles, in GADEN's occupancy grid."""
         file = self.occupancy
         if context.scenario.robots and context.scenario.domain.dim == 3:
             floor = int((~cubes.solid).any(axis=(0, 1)).argmax())  # the lowest layer with air
@@ -131,7 +131,7 @@ class ImportedWind(AnyWind, Played):
 
 
 def _outside(site: "Site", axis: int, air: tuple[float, float], known: tuple[float, float], have: str) -> str:
-    """Return an error about the domain along an axis; air, known: ranges [m] in coordinates of the domain."""
+    """Return an error: along an axis the range `air` [m] of the domain reaches beyond the range `known` of a file."""
     x, origin = "xyz"[axis], site.origin[axis]
     (a, b), (low, high) = air, known
     places = [f"{round(origin + place, 6) + 0.0:g}" for place in (a, b, low, high)]

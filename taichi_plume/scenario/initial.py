@@ -1,4 +1,4 @@
-"""Initial conditions of wind, gas and temperature: formulas of the position, or a moment of a film."""
+"""Initial conditions of wind, gas and temperature: formulas of the position, or a frame of a recorded run (film)."""
 
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
@@ -23,7 +23,7 @@ NO_UNITS: Units = {}
 
 
 def units_of(species: Species) -> Units:
-    """Return the units that are names in formulas of a concentration [kg/m³]."""
+    """Return the size [kg/m³] of units such as ppm that formulas of this species' concentration may contain."""
     return {"ppm": np.array(1.0 / species.ppm_per_density)}
 
 
@@ -39,14 +39,14 @@ class Initial(Model):
 
     @property
     def formulas(self) -> tuple[tuple[str, str], ...]:
-        """Key and text of each formula, one per axis of a vector; none for a film."""
+        """Key and text of each formula: one per axis for a vector; none if a recorded film gives the values."""
         given = vars(self)[self.key]
         if isinstance(given, tuple):
             return tuple((f"{self.key}[{d}]", text) for d, text in enumerate(given))
         return () if given is None else ((self.key, given),)
 
     def values(self, points: np.ndarray, units: Units = NO_UNITS) -> np.ndarray:
-        """Return the values of the formulas (formulas, ...) at points (..., dim) [m]; nan and inf if undefined."""
+        """Return the values of all formulas (formulas, ...) at points (..., dim) [m]; nan or inf if undefined."""
         places = dict(zip(AXES, np.moveaxis(points, -1, 0), strict=False)) | units
         arrays = [evaluate(text, places) for _, text in self.formulas]
         return np.array([np.broadcast_to(values, points.shape[:-1]) for values in arrays])
@@ -54,18 +54,18 @@ class Initial(Model):
     def on_grid(
         self, domain: "Domain", units: Units = NO_UNITS
     ) -> Iterator[tuple[str, list[np.ndarray], np.ndarray]]:
-        """Yield key, coordinates and values of each formula on the grid. Raises FormulaError."""
+        """Yield the key, coordinates and values of each formula on the grid. Raises FormulaError."""
         for d, (key, text) in enumerate(self.formulas):
             places = self._places(domain, d)
             values = evaluate(text, dict(zip(AXES, places, strict=False)) | units)
             yield key, places, np.broadcast_to(values, np.broadcast_shapes(*(axis.shape for axis in places)))
 
     def _units(self, where: str, context: Context) -> Units:
-        """Return the sizes of units that are names in formulas; `where` is the path of the section."""
+        """Return the sizes of units such as ppm that the formulas may contain, by name; where: path of the section."""
         return NO_UNITS
 
     def _places(self, domain: "Domain", d: int) -> list[np.ndarray]:
-        """Return the centres of the cells."""
+        """Return the coordinates [m] of the cell centres along each axis, shaped for broadcasting."""
         return _lattice([(np.arange(n) + 0.5) * domain.spacing for n in domain.shape])
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
@@ -131,12 +131,12 @@ class InitialWind(FilmedInitial):
     whole free of divergence."""
 
     def _places(self, domain: "Domain", d: int) -> list[np.ndarray]:
-        """Return the faces across axis d."""
+        """Return the coordinates [m] of the cell faces normal to axis d, along each axis, shaped for broadcasting."""
         shape = [n + (a == d) for a, n in enumerate(domain.shape)]
         return _lattice([(np.arange(n) + 0.5 * (a != d)) * domain.spacing for a, n in enumerate(shape)])
 
     def top_speed(self, domain: "Domain") -> float:
-        """Return the largest component [m/s] of the formulas."""
+        """Return the largest magnitude [m/s] of a velocity component that the formulas give on the grid."""
         try:
             arrays = [np.abs(values) for _, _, values in self.on_grid(domain)]
         except FormulaError:
@@ -154,7 +154,7 @@ class InitialGas(FilmedInitial):
     ppm is the density of one, so that "420*ppm + 1e-5*x" adds both."""
 
     def _units(self, where: str, context: Context) -> Units:
-        """Return the size of one ppm of the gas of the section."""
+        """Return the size [kg/m³] of one ppm of the gas to which this section belongs, by the name "ppm"."""
         return units_of(dict(context.scenario.gases)[where.removesuffix(".initial")].vapour)
 
 
@@ -167,12 +167,12 @@ class InitialHeat(Initial):
 
 
 def _lattice(axes: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return broadcastable coordinates along each axis."""
+    """Return the coordinates of each axis, shaped so that they broadcast to a grid."""
     return [axis.reshape([-1 if a == b else 1 for b in range(len(axes))]) for a, axis in enumerate(axes)]
 
 
 def _first(bad: np.ndarray, places: list[np.ndarray], values: np.ndarray, context: Context) -> str | None:
-    """Return value and position of the first bad point outside of all obstacles; None if there is none."""
+    """Return the value and position, in words, of the first bad grid point outside all standing obstacles, or None."""
     where = np.argwhere(bad)
     points = np.stack([axis.ravel()[where[:, a]] for a, axis in enumerate(places)], axis=-1)
     free = np.ones(len(points), bool)

@@ -1,4 +1,4 @@
-"""Input files of a scenario, and checks that they lie inside its folder."""
+"""Input files that a scenario names, and checks that they lie inside the scenario's folder."""
 
 import os
 import re
@@ -17,7 +17,7 @@ NUMBER = re.compile(r"%[0-9]*[dg]")  # stands for a number in the name of severa
 
 
 def input_files(scenario: Scenario) -> Iterator[tuple[str, str]]:
-    """Yield each input file: the path of its key, such as ``obstacles[0].file``, and its name.
+    """Yield each input file of a scenario: the path of its key, such as ``obstacles[0].file``, and the file name.
 
     A key with several names has a path for each, such as ``task.films[0]``.
     """
@@ -31,9 +31,9 @@ def input_files(scenario: Scenario) -> Iterator[tuple[str, str]]:
 
 
 def input_paths(scenario: Scenario, file: Path, opened: Mapping[str, Sequence[Path]]) -> list[Path]:
-    """Return the scenario's own `file`, then all input files; a film is a folder.
+    """Return the files to read for a scenario: its own `file`, then all input files (a recorded film is a folder).
 
-    opened: `files` of the scenario's resources.
+    opened: files that were opened for each section, by its path.
     """
     named = [
         path for where, name in input_files(scenario) for path in read_for(where, name, file.parent, opened)
@@ -42,9 +42,9 @@ def input_paths(scenario: Scenario, file: Path, opened: Mapping[str, Sequence[Pa
 
 
 def read_for(where: str, name: str, folder: Path, opened: Mapping[str, Sequence[Path]]) -> list[Path]:
-    """Return the files that are read for a key with this name; `opened` as in `input_paths`.
+    """Return the files that are read for the key `where` with the file name `name`; opened: as in `input_paths`.
 
-    A folder of which single files were opened, such as a case of OpenFOAM, stands for these files.
+    If only some files of a folder were opened, as of an OpenFOAM case, these are returned instead of the folder.
     """
     known = opened.get(where.rpartition(".")[0], ())
     return list(
@@ -53,30 +53,29 @@ def read_for(where: str, name: str, folder: Path, opened: Mapping[str, Sequence[
 
 
 def files_of(folder: Path, name: str) -> list[Path]:
-    """Return the files of a name in `folder`: a file, a film or all files with numbers in their names; pictures of
-    maps."""
+    """Return the files of a name in `folder`: one, all that fit a %d or %g in it, and the pictures of maps."""
     files = [Path(path) for path in _written(os.path.join(folder, name))]
     pictures = [image_of(file) for file in files if file.suffix in SUFFIXES]
     return [*files, *(picture for picture in pictures if picture is not None)]
 
 
 def _written(path: str) -> list[str]:
-    """Return the files of a path with a number in it, or the path itself."""
+    """Return the existing files that fit a path with a number such as %03d; the path itself if it has no number."""
     if not NUMBER.search(path):
         return [path]
     return sorted(glob("*".join(map(escape, NUMBER.split(path)))))
 
 
 def outside(folder: Path, name: str) -> bool:
-    """Return whether a file of this name, or of several with %d or %g, lies outside `folder` after following links."""
+    """Return whether a file of this name, which may contain %d or %g, lies outside `folder` after following links."""
     path = os.path.join(folder, name)
     return not all(inside(file, folder) for file in (path, *_written(path)))
 
 
 def strangers(scenario: Scenario, folder: Path, named: Collection[str] = ()) -> list[str]:
-    """Return an error for each input file outside `folder`; guard/opening.py checks the files that those name.
+    """Return an error for each input file outside `folder`; files that these name are checked by guard/opening.py.
 
-    named: paths of keys that the user gave explicitly; these and the keys below them are allowed.
+    named: paths of keys that the user gave explicitly; files of these keys, and of keys below them, are allowed.
     """
     return [
         f"{where}: {visible(name, LONGEST_VALUE)} {OUTSIDE}"

@@ -1,4 +1,4 @@
-"""All keys by path, such as ``wind.openings[].speed``: for the reference, hints in messages, and printed help.
+"""All keys of a scenario by path, such as ``wind.openings[].speed``: for reference pages, hints and printed help.
 
 In all functions `top` is the section at the root of the paths: a scenario, or a study.
 """
@@ -25,7 +25,7 @@ from taichi_plume.scenario.vocabulary import Model
 
 @dataclass(frozen=True)
 class Key:
-    """A key at its place. kinds: kinds of sections with this key; empty if all have it."""
+    """A key at one path of a scenario. kinds: kinds of the section that have this key; empty if all have it."""
 
     path: str
     name: str
@@ -35,10 +35,10 @@ class Key:
 
 @dataclass
 class Place:
-    """Place of a section, or of several kinds of sections; `path` is empty for the scenario itself.
+    """Path at which a scenario has a section, perhaps of several kinds; empty for the scenario itself.
 
-    models: possible sections, each with its kinds or, without any, those of the enclosing section. within: kinds of the
-    enclosing section that have this place; empty if all have it. same_as: path where the same sections are documented.
+    models: possible section classes, each with its kinds or, without any, those of the enclosing section. within: kinds
+    of the enclosing section that have this path; empty if all have it. same_as: path that documents the same sections.
     """
 
     path: str
@@ -48,12 +48,12 @@ class Place:
 
     @property
     def kinds(self) -> dict[str, type[Model]]:
-        """Possible sections by the names of their kinds."""
+        """Possible section classes at this path, by the name of their kind."""
         return {own_kind(model): model for model in self.models if own_kind(model)}
 
     @property
     def keys(self) -> list[Key]:
-        """Keys of all kinds, several times if they differ; without the key `kind`."""
+        """Keys of all kinds of section at this path, without `kind`; a key that differs between kinds is repeated."""
         kinds_of: dict[tuple[str, Facts], list[str]] = {}
         for model, kinds in self.models.items():
             for name in model.model_fields:
@@ -74,7 +74,7 @@ class Place:
 
 @cache
 def places(top: type[Model] = Scenario) -> Mapping[str, Place]:
-    """Return all places by path, from the top inward. Of equal sections only the outermost is documented."""
+    """Return all sections by path, from the top inward. Of equal sections only the outermost is documented."""
     whole = Place("", {top: []})
     found, seen, level = {"": whole}, {top}, [whole]
     while level:
@@ -96,7 +96,7 @@ def places(top: type[Model] = Scenario) -> Mapping[str, Place]:
 
 
 def _add_below(place: Place, below: dict[str, Place]) -> None:
-    """Add the places of the sections inside those of `place`."""
+    """Add to `below`, by path, the sections that lie directly inside the section `place`."""
     for model, kinds in place.models.items():
         for name, key in model.model_fields.items():
             for part, depth in models_in(key):
@@ -109,20 +109,19 @@ def _add_below(place: Place, below: dict[str, Place]) -> None:
 
 
 def flat(path: str) -> str:
-    """Return a path without positions in lists: ``wind.openings.0.speed`` and ``wind.openings[].speed`` are the
-    same."""
+    """Return a path without list indices: both ``a.0.b`` and ``a[].b`` give ``a.b``."""
     return re.sub(r"\[\d*\]|\.\d+(?=\.|$)", "", path.strip())
 
 
 def all_keys(top: type[Model] = Scenario) -> Iterator[Key]:
-    """Yield every key of every place, once."""
+    """Yield every key of every section once; repeated sections are left out."""
     for place in places(top).values():
         if not place.same_as:
             yield from place.keys
 
 
 def look_up(text: str, top: type[Model] = Scenario) -> tuple[list[Place], list[Key]]:
-    """Return the sections and keys whose path equals or ends with a text, or else the sections with such a kind."""
+    """Return the sections and keys whose path equals or ends with a text; failing that, sections of such a kind."""
     path = flat(text)
     for place in places(top).values():
         if place.same_as and f"{path}.".startswith(f"{flat(place.path)}."):
@@ -137,7 +136,7 @@ def look_up(text: str, top: type[Model] = Scenario) -> tuple[list[Place], list[K
 
 
 def sections_at(steps: Sequence[int | str], top: type[Model] = Scenario) -> list[type[Model]]:
-    """Return the possible sections at a path, single or in a list."""
+    """Return the classes of the sections that may stand at a path of keys, also as items of a list there."""
     models = [top]
     for step in steps:
         if isinstance(step, str) and not step.isdecimal():
@@ -147,7 +146,7 @@ def sections_at(steps: Sequence[int | str], top: type[Model] = Scenario) -> list
 
 
 def misspelt(steps: Sequence[str], top: type[Model] = Scenario) -> str | None:
-    """Return a message about the first unknown key of a path; None if all are known."""
+    """Return an error message about the first unknown key along a path; None if all keys are known."""
     for n, step in enumerate(steps):
         models = sections_at(steps[:n], top)
         known = dict.fromkeys(key for model in models for key in model.model_fields)
@@ -160,7 +159,7 @@ def misspelt(steps: Sequence[str], top: type[Model] = Scenario) -> str | None:
 
 
 def homes(name: str, of: Sequence[int | str] = (), top: type[Model] = Scenario) -> list[str]:
-    """Return the paths and kinds of sections with a key of this name: those nearest to the path `of` first."""
+    """Return the paths and kinds of sections that have a key of this name, those nearest to the path `of` first."""
     paths = []
     for place in places(top).values():
         models = [model for model in place.models if name in model.model_fields]
@@ -173,18 +172,18 @@ def homes(name: str, of: Sequence[int | str] = (), top: type[Model] = Scenario) 
 
 
 def kinds_at(name: str, top: type[Model] = Scenario) -> list[str]:
-    """Return the paths of the sections that have a kind of this name."""
+    """Return the paths of the sections of which a kind has this name."""
     return [place.path for place in places(top).values() if name in place.kinds and not place.same_as]
 
 
 def _shared(path: str, steps: Sequence[int | str]) -> int:
-    """Return the number of common first steps of two paths."""
+    """Return how many keys two paths have in common at their start; list indices do not count."""
     pairs = zip(flat(path).split("."), [step for step in steps if isinstance(step, str)], strict=False)
     return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
 
 
 def near(text: str, top: type[Model] = Scenario) -> list[str]:
-    """Return paths, names and kinds with a similar spelling."""
+    """Return known key paths, or else key names and kinds, spelled like a text; at most three."""
     known = [flat(key.path) for key in all_keys(top)]
     kinds = [kind for place in places(top).values() for kind in place.kinds]
     path = flat(text)
@@ -198,12 +197,12 @@ WIDEST = 100  # columns of a text that is read
 
 
 def print_schema(top: type[Model]) -> int:
-    """Print the JSON schema of files with this section at the top. Return the exit code."""
+    """Print the JSON schema of files whose root is the section `top`. Return the exit code 0."""
     return _print(json.dumps(top.model_json_schema(), indent=2))
 
 
 def print_key(text: str, top: type[Model]) -> int:
-    """Print the meaning of keys or sections of this path, name or kind. Return the exit code.
+    """Print the meaning of the keys and sections with this path, name or kind. Return the exit code 0.
 
     Raises InputError if there is no such key.
     """
@@ -227,7 +226,7 @@ def _print(text: str) -> int:
 
 
 def _of_key(key: Key, wide: int) -> Iterator[str]:
-    """Yield lines about a key."""
+    """Yield lines of printed help about a key, at most `wide` characters long."""
     yield key.path + (f"   (kind: {', '.join(key.kinds)})" if key.kinds else "")
     yield from _filled(key.facts.meaning, wide, 2)
     yield from _filled(key.facts.figures, wide, 2)
@@ -236,7 +235,7 @@ def _of_key(key: Key, wide: int) -> Iterator[str]:
 
 
 def _of_section(place: Place, kind: str, wide: int) -> Iterator[str]:
-    """Yield lines about a section, or only one kind of it: purpose; meaning, unit and default of each key."""
+    """Yield lines of help about a section, or its kind `kind` alone: purpose, then meaning and default of each key."""
     yield place.path + (f"   (in a section of kind {', '.join(place.within)})" if place.within else "")
     models = [model for name, model in place.kinds.items() if kind in ("", name)]
     for model in models or list(place.models):

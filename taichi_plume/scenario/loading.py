@@ -1,4 +1,4 @@
-"""Loading of scenarios from YAML, with an error message of one line for each fault."""
+"""Loading of scenarios from YAML, with a one-line error message for each fault."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -18,8 +18,7 @@ NEEDS = "a scenario needs at least duration, domain, wind and gas"
 
 
 class ScenarioError(InputError):
-    """A scenario that cannot be run. `faults`: all errors, each a line with the YAML path first; `lines`: shown
-    ones."""
+    """A scenario that cannot be run. faults: all errors, each a line with its YAML path; lines: those shown."""
 
     def __init__(self, lines: Sequence[str]):
         self.faults = [visible(line) for line in lines]
@@ -29,7 +28,7 @@ class ScenarioError(InputError):
 
 
 def read_mapping(path: Path, needs: str) -> Data:
-    """Return the data of a YAML file. needs: the required keys in words. Raises ScenarioError."""
+    """Return the keys and values of a YAML file. needs: hint for an empty file. Raises ScenarioError."""
     try:
         data = parse(read_text(path))
     except LineError as fault:
@@ -46,9 +45,9 @@ def read_scenario(
     overrides: Sequence[str] = (),
     expand: Callable[[Data], Data] | None = None,
 ) -> Scenario:
-    """Return the scenario of a YAML file or of data, with overrides such as ``robots.0.count=3``; opens no other file.
+    """Return the scenario of a YAML file or a mapping, with overrides like ``robots.0.count=3``; opens no other file.
 
-    expand: applied to the data before the overrides. Raises ScenarioError.
+    expand: function applied to the data before the overrides. Raises ScenarioError.
     """
     data = read_mapping(source, NEEDS) if isinstance(source, Path) else of_python(source)
     where = f"{source}: " if isinstance(source, Path) else ""
@@ -70,7 +69,7 @@ def read_scenario(
 
 
 def of_python(values: Mapping[str, object]) -> Data:
-    """Return values from Python in the types that YAML has. Raises ScenarioError."""
+    """Return a mapping of Python values in the types of YAML, such as lists for tuples. Raises ScenarioError."""
     if not isinstance(values, Mapping):
         raise ScenarioError([f"got {shown(values)}; give a dict of keys and values"])
     try:
@@ -80,7 +79,7 @@ def of_python(values: Mapping[str, object]) -> Data:
 
 
 def scenario_of(data: Mapping[str, Any], changes: Mapping[str, object]) -> Scenario:
-    """Return the scenario of these data with other values at paths of keys such as ``robots[0].count``.
+    """Return the scenario of `data` with new values at the paths of `changes`, such as ``robots[0].count``.
 
     Values may be sections and lists. Raises ScenarioError.
     """
@@ -91,7 +90,7 @@ def scenario_of(data: Mapping[str, Any], changes: Mapping[str, object]) -> Scena
 
 
 def scenario_from(data: Data) -> Scenario:
-    """Return the scenario of these data, as YAML has them. Raises ScenarioError."""
+    """Return the validated scenario of data read from YAML. Raises ScenarioError, with a line for each fault."""
     try:
         scenario = Scenario.model_validate(data)
     except ValidationError as error:
@@ -104,16 +103,16 @@ def scenario_from(data: Data) -> Scenario:
 
 
 def _values(data: object) -> int:
-    """Return the number of values and keys in the YAML of `data`."""
+    """Return how many values and keys the YAML of `data` has, to limit its size."""
     if isinstance(data, dict):
         return 1 + sum(1 + _values(part) for part in data.values())
     return 1 + sum(map(_values, data)) if isinstance(data, list) else weight(data)
 
 
 def load_part(text: str, where: str, kind: Any) -> Any:
-    """Return a section of this type from YAML such as ``{kind: gmrf, cell: 0.1}``; where: its name in messages.
+    """Return a section of the type `kind` from YAML text such as ``{kind: gmrf, cell: 0.1}``.
 
-    Raises ScenarioError.
+    where: name of the section in messages. Raises ScenarioError.
     """
     try:
         data = {where: parse(text)}
@@ -130,12 +129,12 @@ def load_part(text: str, where: str, kind: Any) -> Any:
 
 
 def overridden(overrides: Sequence[str]) -> list[str]:
-    """Return the paths of the keys in overrides, such as ``robots[0].count``."""
+    """Return the paths of the keys that overrides such as ``robots.0.count=3`` set, as ``robots[0].count``."""
     return [path_of(steps_of(override.partition("=")[0])) for override in overrides]
 
 
 def _overridden(data: Data, override: str) -> Data:
-    """Return the data with an override ``path.to.key=value``."""
+    """Return a copy of `data` with an override ``path.to.key=value`` applied. Raises LineError."""
     path, equals, text = override.partition("=")
     if not equals or not all(steps_of(path)):
         raise LineError("must be path.to.key=value, such as robots.0.count=3")

@@ -1,4 +1,4 @@
-"""Online gas maps: time series, inverse distance, Kernel DM+V and Gaussian Markov random field."""
+"""Online gas maps of a scenario: time series, inverse distance, Kernel DM+V and Gaussian Markov random field."""
 
 from collections.abc import Iterator
 from math import ceil, prod
@@ -30,14 +30,13 @@ class AnyMap(Model):
     """Edge of the square cells of the map."""
 
     def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, float | None]:
-        """Return the `times` with which a map of a log of this `duration` [s] forgets nothing; size: of the floor
-        [m]."""
+        """Return values of the keys `times` with which a map of a log uses all of it; duration [s]; size: floor [m]."""
         return {}
 
     def bytes(self, size: tuple[float, ...], readings: float) -> float:
-        """Return about the memory per trial on a floor of this size [m]: fields and solver.
+        """Return about the memory [bytes] of a map per trial on a floor of this size [m], its solver included.
 
-        readings: of the robots of a trial, per second.
+        readings: gas readings per second of all robots of a trial.
         """
         return 40.0 * prod(extent / self.cell for extent in size[:2])
 
@@ -47,7 +46,7 @@ class AnyMap(Model):
             yield f"{where}.window: {window:g} s is longer than duration: {context.scenario.duration:g} s; lower it"
 
     def grid_error(self, where: str, size: tuple[float, ...]) -> str | None:
-        """Return an error about too many or too few cells on a floor of this size [m]."""
+        """Return an error if a floor of this size [m] has too many or too few map cells; None otherwise."""
         return ill_sized(f"{where}.cell", self.cell, size, MOST_CELLS)
 
 
@@ -90,9 +89,9 @@ class TimeSeriesMap(SnapshotMap):
             yield f"sees no past snap: (1 - alpha) time_scale window = {age:g} must be below beta {self.beta:g}"
 
     def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, float | None]:
-        """Choose ages up to half of the neighbourhood, for the oldest reading.
+        """Return `window` and `time_scale` so that even the oldest reading of a log counts: its age is half of `beta`.
 
-        Snaps of a long log, or on a large floor, are longer.
+        In a long log, or on a large floor, the window is lengthened to limit memory and work.
         """
         count = min(LOG_SNAPS, ceil(duration / self.window) or 1)
         terms = prod(extent / self.cell for extent in size) * (
@@ -122,11 +121,11 @@ class TimeSeriesMap(SnapshotMap):
 
     @property
     def lags(self) -> float:
-        """Number of past snaps within the neighbourhood."""
+        """Number of past time windows whose readings still count in the map."""
         return self.beta / ((1.0 - self.alpha) * self.time_scale * self.window)
 
     def bytes(self, size: tuple[float, ...], readings: float) -> float:
-        """Add the memory of the past snaps within the neighbourhood: samples or cells."""
+        """Return the memory [bytes] of the map, with the stored samples or cells of past time windows."""
         if self.raw_samples:
             return super().bytes(size, readings) * (1.0 + self.lags)
         long, short = sorted((extent / self.cell for extent in size[:2]), reverse=True)

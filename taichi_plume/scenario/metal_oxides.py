@@ -1,4 +1,4 @@
-"""Metal-oxide gas sensors: response, time constants and load resistor by the maker's name; their section.
+"""Metal-oxide gas sensors: response, time constants and load resistor by the maker's name; their section of a scenario.
 
 To add a sensor: an entry in `MOX_MODELS`.
 """
@@ -51,11 +51,11 @@ class MoxModel:
     filtered: frozenset[str] = frozenset()
 
     def curve(self, gas: str) -> tuple[float, float] | None:
-        """Return c0 [ppm] and b of a gas; None if unknown."""
+        """Return c0 [ppm] and b of the response (1 + c/c0)^-b to a gas; None if the data sheet has none."""
         return (self.c0, self.b) if gas == self.gas else self.others.get(gas)
 
     def feels(self, gas: str) -> bool:
-        """Return whether the sensor can respond to a gas, known or not."""
+        """Return whether the sensor may respond to a gas: a known curve, or neither inert, oxidising nor filtered."""
         return gas in (self.gas, *self.others) or gas not in INERT | OXIDISING | self.filtered
 
 
@@ -120,7 +120,7 @@ class Heater(Model):
 
     @property
     def slowness(self) -> float:
-        """Reaction rate while cold over the rate while hot."""
+        """Reaction rate of the film while cold over that while hot (Arrhenius law)."""
         return exp(-self.activation_energy / BOLTZMANN * (1.0 / self.cold - 1.0 / self.hot))
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
@@ -182,7 +182,7 @@ class MoxSensor(GasSensor):
 
     @property
     def signal(self) -> Signal:
-        """Dynamics and noise of ln(R_air/R)."""
+        """Lag and noise of the logarithm ln(R_air/R) of the sensor's resistance."""
         model = MOX_MODELS[self.model]
         rise, decay = self._lags(*((ONSET, RECOVERY) if self.heater else (model.rise, model.decay)))
         warmer = (self.air_temperature or CALIBRATED_AT[0]) - CALIBRATED_AT[0]
@@ -204,7 +204,7 @@ class MoxSensor(GasSensor):
         return self.heater is not None
 
     def curve(self, species: str) -> tuple[float, float] | None:
-        """Return c0 [ppm] and b of a species alone; None if the sensor does not respond."""
+        """Return c0 [ppm] and b of the response (1 + c/c0)^-b to a single species; None without any response."""
         model = MOX_MODELS[self.model]
         if species in self.sensitivity:
             share = self.sensitivity[species]
@@ -212,7 +212,7 @@ class MoxSensor(GasSensor):
         return model.curve(species) or ((model.c0, model.b) if model.feels(species) else None)
 
     def weight(self, species: str) -> float:
-        """Return the weight of a ppm of a species, in ppm of the model's own gas; with another b, see `bend`."""
+        """Return the ppm of the model's own gas to which 1 ppm of a species is equal; for another b, see `bend`."""
         model, curve = MOX_MODELS[self.model], self.curve(species)
         if curve is None or species in self.sensitivity:
             return self.sensitivity.get(species, 0.0)
@@ -230,7 +230,7 @@ class MoxSensor(GasSensor):
 
     @property
     def reading_curve(self) -> tuple[float, float]:
-        """c0 [ppm] and b of the gas for which the sensor is calibrated."""
+        """c0 [ppm] and b of the response to the gas for which the sensor is calibrated."""
         model = MOX_MODELS[self.model]
         return self.curve(self.calibrated_for or model.gas) or (model.c0, model.b)
 

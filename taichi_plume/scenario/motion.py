@@ -38,7 +38,7 @@ class Motion(Model):
                 yield f"times must ascend from above 0: path[{n}] has {b:g} s after {a:g} s"
 
     def place(self, center: tuple[float, ...], t: float) -> tuple[float, float]:
-        """Return the centre at time t [s], x and y [m]; `center` at t = 0."""
+        """Return the centre x, y [m] of the obstacle at time t [s]; center: the centre at t = 0."""
         times = [0.0, *(point[0] for point in self.path)]
         if self.loop:
             t %= times[-1]
@@ -53,12 +53,12 @@ class Motion(Model):
         return x + part * (next_x - x), y + part * (next_y - y)
 
     def legs(self, center: tuple[float, ...]) -> list[tuple[float, float, float]]:
-        """Return start [s], end [s] and speed [m/s] of each path segment."""
+        """Return start [s], end [s] and speed [m/s] of each path segment; center: the obstacle's centre at t = 0."""
         points = [(0.0, center[0], center[1]), *self.path]
         return [(a[0], b[0], hypot(b[1] - a[1], b[2] - a[2]) / (b[0] - a[0])) for a, b in pairwise(points)]
 
     def clashes(self, where: str, center: tuple[float, ...], shape: Shape, domain: Domain) -> Iterator[str]:
-        """Yield errors: path outside the domain, body too fast or too thin for the grid; `where` is obstacles[n]."""
+        """Yield errors: path outside the domain, body too fast or too thin for the grid; where: the obstacle's path."""
         for k, point in enumerate(self.path):
             for axis, x, length in zip("xy", point[1:], domain.extent, strict=False):
                 if not 0 <= x <= length:

@@ -77,22 +77,22 @@ class AnyObstacle(Model):
     """Smallest thickness [m]; 0 if unknown."""
 
     def _finer(self, size: np.ndarray, domain: Domain) -> str:
-        """Return advice about parts that are too thin."""
+        """Return advice for an obstacle of this size [m], too thin for the grid: a finer grid or another unit."""
         if self.thinnest:
             return f"use a domain.spacing of {2 * self.thinnest:.3g} m or less, or make it thicker"
         return f"{self._another_scale(size, domain)}lower domain.spacing, or make it thicker"
 
     def _another_scale(self, size: np.ndarray, domain: Domain) -> str:
-        """Return a hint at the unit of the file in which the obstacle would fit; size: the present one [m]."""
+        """Return a hint at the unit of a mesh file in which an obstacle of this size [m] would fit; "" if none."""
         return ""
 
     def surface(self, domain: Domain) -> float:
-        """Return about the surface area [m²], in 2-D the length of the outline [m]; infinite for a file."""
+        """Return about the surface area [m²], in 2-D the outline's length [m]; infinite if only a file knows it."""
         return inf
 
 
 def _upright(around: float, area: float, height: float, domain: Domain) -> float:
-    """Return the surface of an upright body; around: length of its outline [m]; area: of its footprint [m²]."""
+    """Return the surface of an upright body; around: length of its outline [m], in 2-D the result; area: of its top."""
     return around if domain.dim == 2 else around * min(height, domain.size[2]) + 2.0 * area
 
 
@@ -125,12 +125,12 @@ class Box(AnyObstacle):
 
     @property
     def disc(self) -> float:
-        """Radius of the disc around its base, by which robots perceive it while it moves [m]."""
+        """Radius [m] of the disc around the box's base, as which robots perceive a moving box."""
         return hypot(*self.size[:2]) / 2
 
     @property
     def span(self) -> tuple[float, float]:
-        """Lowest and highest point [m], in 3-D."""
+        """Heights of the lowest and the highest point of the box in 3-D [m]."""
         return self.center[-1] - self.size[-1] / 2, self.center[-1] + self.size[-1] / 2
 
     @property
@@ -143,7 +143,7 @@ class Round(AnyObstacle):
 
     @property
     def disc(self) -> float:
-        """Radius [m] of the disc by which robots perceive it while it moves."""
+        """Radius [m] of the disc as which robots perceive the obstacle while it moves."""
         return vars(self)["radius"]
 
     @property
@@ -172,7 +172,7 @@ class Cylinder(Round):
 
     @property
     def span(self) -> tuple[float, float]:
-        """Lowest and highest point [m], in 3-D."""
+        """Heights of the lowest and the highest point of the cylinder in 3-D [m]; the highest may be infinite."""
         return self.base, inf if self.height is None else self.base + self.height
 
     @property
@@ -196,7 +196,7 @@ class Sphere(Round):
 
     @property
     def span(self) -> tuple[float, float]:
-        """Lowest and highest point [m], in 3-D."""
+        """Heights of the lowest and the highest point of the sphere in 3-D [m]."""
         return self.center[-1] - self.radius, self.center[-1] + self.radius
 
     @property
@@ -241,7 +241,7 @@ class Mesh(Standing):
     """Height at which a 2-D run cuts the mesh, once it has been moved."""
 
     def _another_scale(self, size: np.ndarray, domain: Domain) -> str:
-        """Return the scale of a common unit in which the mesh fits the domain."""
+        """Return a hint at the length unit of the file in which the mesh would fit the domain; "" if none."""
         most = max(domain.extent)
         for factor, unit in UNITS.items():
             if 0.03 * most <= factor * size.max() <= most:
@@ -315,12 +315,12 @@ def _twice_area(corners: np.ndarray) -> float:
 
 
 def _crossing(corners: np.ndarray, least: float) -> tuple[int, int] | None:
-    """Return the first two edges of a polygon that cross. A corner and an edge with less area than `least` touch."""
+    """Return the first two edges of a polygon that cross, or None. Within an area `least` a corner only touches."""
     ends = np.roll(corners, -1, axis=0)
     along = (ends - corners)[:, None]
 
     def left(points: np.ndarray) -> np.ndarray:
-        """Return the side (1, 0, -1) of each edge (row) on which each point (column) lies."""
+        """Return on which side (1, 0, -1) of each edge (row) each point (column) lies."""
         arm = points[None] - corners[:, None]
         twice_area = along[..., 0] * arm[..., 1] - along[..., 1] * arm[..., 0]
         return np.sign(np.where(np.abs(twice_area) > least, twice_area, 0.0))

@@ -1,4 +1,4 @@
-"""Boundary conditions of the flow: inlets, outlets and fans, slip, moving and periodic walls."""
+"""Openings of a scenario (boundary conditions of the flow): inlets, outlets, fans; slip, moving and periodic walls."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -45,7 +45,7 @@ class Jet(Scheduled, Vent):
 
     @property
     def blows(self) -> bool:
-        """Whether the speed is prescribed; otherwise the opening is an outlet."""
+        """Whether the opening has a prescribed speed; without one it is an outlet."""
         return self.speed is not None
 
     @property
@@ -130,7 +130,7 @@ class Fan(Jet):
         return self.curve is not None
 
     def top_speed(self, domain: Domain) -> float:
-        """With a curve, the speed at zero pressure rise."""
+        """Return the largest speed [m/s] of the fan; with a fan curve, its speed at zero pressure rise at least."""
         free = self.curve.flow / self.area(domain.extent, domain.depth) if self.curve else 0.0
         return max(free, super().top_speed(domain))
 
@@ -196,7 +196,7 @@ class MovingWall(Scheduled, FaceOpening):
         return velocity
 
     def mean_velocity(self, begin: float, end: float) -> np.ndarray:
-        """Return the mean velocity between two times [m/s], per axis of the run; at a single time, its value."""
+        """Return the wall's mean velocity [m/s] between two times, per axis; if these are equal, its velocity then."""
         if not begin < end:
             return self._velocity_at(end)
         times = [begin, *sorted(time for time in self.knots if begin < time < end), end]

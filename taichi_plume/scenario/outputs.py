@@ -1,4 +1,4 @@
-"""Outputs of a run: recording, checkpoints, forces, films and PlumeSim logs."""
+"""Output files of a run as sections of a scenario: recording, checkpoints, forces, films and PlumeSim logs."""
 
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal
@@ -23,7 +23,7 @@ class Section(Model):
     either, in the middle."""
 
     def normal(self, extent: Sequence[float]) -> int:
-        """Return the axis normal to the slice, in a domain of this extent."""
+        """Return the index of the axis normal to the slice (0: x, 1: y), in a domain of this extent [m]."""
         along_x = extent[0] >= extent[1] if self.plane is None else self.plane == "xz"
         return 1 if along_x else 0
 

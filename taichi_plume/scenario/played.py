@@ -1,4 +1,4 @@
-"""Playback of recorded winds and gases: frames of an earlier run, pictures of a movie, points of PlumeSim."""
+"""Playback of recorded winds and gases: frames of an earlier run, pictures of a movie, points in logs of PlumeSim."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
@@ -26,7 +26,7 @@ class Played(Model):
     """Time of the frames that is shown when the robots start."""
 
     def too_late(self, where: str, file: object, last: float) -> Iterator[str]:
-        """Yield an error if the playback starts after the last time [s] of its file."""
+        """Yield an error if playback without loop starts after the last time [s] of the recorded `file`."""
         if self.start > last and not self.loop:
             yield f"{where}.start: {self.start:g} s is after the end of {file} at {last:g} s"
 
@@ -60,7 +60,7 @@ class Playback(Played):
         yield from self.too_late(where, film.path, film.times[-1])
 
     def _another_domain(self, film: "Film", context: Context) -> Iterator[str]:
-        """Yield an error if the domain is not that of the film."""
+        """Yield an error if the grid of the recorded run differs from that of the scenario."""
         domain = context.domain
         if domain.shape != film.shape or abs(domain.spacing - film.dx) > 1e-6 * film.dx:
             size = ", ".join(f"{n * film.dx:.6g}" for n in film.shape)
@@ -138,7 +138,7 @@ class PlumeSimWind(AnyWind, PlumeSimLog):
 
 
 def _cells(shape: tuple[int, ...], dx: float) -> str:
-    """Return the size of a grid in words."""
+    """Return the size of a grid in words, such as "80 x 60 cells of 0.05 m"."""
     return f"{' x '.join(map(str, shape))} cells of {dx:g} m"
 
 
@@ -172,7 +172,7 @@ class MovieGas(OneGas, Played):
 
     @property
     def density_per_unit(self) -> float:
-        """Concentration [kg/m³] of the value 1 in the file."""
+        """Concentration [kg/m³] for the pixel value 1 of the movie's file."""
         return self.ppm_per_unit / self.vapour.ppm_per_density
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:

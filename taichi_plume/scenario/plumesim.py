@@ -1,4 +1,4 @@
-"""Plumes of PlumeSim and Fluent, in percent of a full scale."""
+"""Plumes of the programs PlumeSim and Fluent in a scenario: concentrations in percent of a full scale."""
 
 import re
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ class PercentGas(OneGas):
 
     @property
     def finest(self) -> float | None:
-        """Return the distance of sample points, see `OneGas.finest`; readings jump from node to node."""
+        """Distance [m] of sample points for line integrals through this gas: an eighth of its cell or radius."""
         width = vars(self).get("cell") or vars(self).get("radius")
         return width / 8.0 if width else None
 
@@ -134,13 +134,13 @@ class PlumeSimMeander(PercentGas):
 
 
 def _release(where: str, point: tuple[float, float], context: Context) -> Iterator[str]:
-    """Yield an error if a release is outside the domain."""
+    """Yield an error if a release point (x, y) [m] is outside the domain; where: path of the gas."""
     if outside := context.outside(np.array([point])):
         yield f"{where}.release_point: {outside}; move the release in"
 
 
 def nodes(where: str, cell: float, domain: Domain) -> Iterator[str]:
-    """Yield errors about nodes `cell` [m] apart: too many or none on the domain."""
+    """Yield errors if a lattice of nodes `cell` [m] apart has too many nodes or is wider than the domain."""
     number = prod(width / cell for width in domain.extent[:2])
     if number > MOST_NODES:
         yield f"{where}.cell: {cell:g} m makes {number:.3g} nodes, at most {MOST_NODES} are allowed; raise it"

@@ -1,4 +1,4 @@
-"""Policies (reinforcement learning): observations, actions and the file of the network."""
+"""Policies of reinforcement learning as search algorithms: observations, actions and the file of the network."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
@@ -78,7 +78,7 @@ class Policy(AnyAlgorithm):
             yield "memory: is empty; give a time for the entry 'memory', or do not observe it"
 
     def ticks(self, tick: float) -> int:
-        """Return the number of ticks between two decisions; tick [s]."""
+        """Return the number of control periods of `tick` seconds between two decisions of the policy."""
         return max(1, round(self.period / tick))
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:

@@ -30,12 +30,12 @@ class Probe(Model):
 
     @property
     def places(self) -> np.ndarray:
-        """Positions of the points, (n, dim) [m]."""
+        """Positions of the probe's points (n, dim) [m]."""
         raise NotImplementedError
 
     @property
     def size(self) -> int:
-        """Number of points."""
+        """Number of points of the probe."""
         return 1
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
@@ -127,16 +127,16 @@ class Probes(Model):
 
     @property
     def size(self) -> int:
-        """Number of points."""
+        """Number of points of all probes together."""
         return sum(probe.size for probe in self.points)
 
     def samples(self, scenario: "Scenario") -> float:
-        """Return about the number of samples."""
+        """Return about how many times a run samples every point."""
         step = min(scenario.tick, scenario.wind.longest_step(scenario))
         return (scenario.duration - self.start) / (step if self.every == "step" else self.every)
 
     def bytes(self, scenario: "Scenario") -> float:
-        """Return about the size of probes.parquet [bytes]."""
+        """Return about the size [bytes] of the file probes.parquet of a run."""
         numbers = scenario.domain.dim + 1 + len(scenario.gases)
         return self.samples(scenario) * self.size * numbers * BYTES_PER_NUMBER
 

@@ -1,4 +1,4 @@
-"""Velocity profiles of an inlet (log law, power law, table) by the height over walls."""
+"""Velocity profiles of an inlet by the distance from adjacent walls: log law, power law, table."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -31,21 +31,21 @@ class HeightProfile(Model):
     """Faces from which heights are measured, such as z- for the floor; with several, from the nearest."""
 
     def height_at(self, points: Sequence[np.ndarray], extent: Sequence[float]) -> np.ndarray:
-        """Return the height [m] of points, given by coordinates along each axis, in a domain of this extent."""
+        """Return the distance [m] of points from the nearest of `walls`; points: coordinates along each axis [m]."""
         faces = [("xyz".index(face[0]), face[1] == "+") for face in self.walls]
         return np.min([extent[a] - points[a] if far else points[a] for a, far in faces], axis=0)
 
     def shape(self, heights: np.ndarray, inside: np.ndarray) -> np.ndarray:
-        """Return the speed at points over their largest speed; 0 for points outside the opening."""
+        """Return the speed at these heights [m] over their largest speed; 0 where `inside` (of the inlet) is False."""
         speeds = np.where(inside, np.maximum(self._speeds(heights, heights[inside]), 0.0), 0.0)
         return speeds / max(float(speeds.max(initial=0.0)), 1e-30)
 
     def _speeds(self, heights: np.ndarray, of_opening: np.ndarray) -> np.ndarray:
-        """Return the speed at points in any unit; of_opening: heights of points all over the opening."""
+        """Return the speed at `heights` [m] in any unit; of_opening: heights of points all over the inlet."""
         raise NotImplementedError
 
     def errors(self, where: str, region: Region, domain: Domain) -> Iterator[str]:
-        """Yield errors of the profile for an opening of this region."""
+        """Yield errors of the profile for an inlet that covers this region of a face; where: the profile's path."""
         if any(wall[0] == region.face[0] for wall in self.walls):
             yield f"{where}.walls: the inlet is on face {region.face} itself; name an adjacent face"
             return
@@ -56,7 +56,7 @@ class HeightProfile(Model):
         yield from self._mismatches(where, self.height_at(points, domain.extent), domain)
 
     def _mismatches(self, where: str, heights: np.ndarray, domain: Domain) -> Iterator[str]:
-        """Yield errors of the profile over an opening with these heights."""
+        """Yield an error if no air flows in at points of the inlet with these heights over the walls [m]."""
         if not self.shape(heights, np.ones(heights.shape, bool)).any():
             yield f"{where}: is zero {self._over(heights)}: no air comes in"
 
@@ -77,7 +77,7 @@ class LogProfile(HeightProfile):
     _one_parameter = exactly_one("roughness", "friction")
 
     def _speeds(self, heights: np.ndarray, of_opening: np.ndarray) -> np.ndarray:
-        """With a friction velocity u*, the mean of u*/0.41 ln(h/z0) over the opening is the mean speed."""
+        """Return ln(h/z0) at heights h. By a friction factor u*/U, z0 is such that u*/0.41 ln(h/z0) has the mean U."""
         logs = np.log(np.maximum(heights, 1e-12))
         if self.roughness is not None:
             return logs - np.log(self.roughness)

@@ -1,4 +1,4 @@
-"""Physical quantities: numbers in SI units or texts with a unit such as ``"20 cm"``, and how they are printed."""
+"""Physical quantities: numbers in SI units or texts such as ``"20 cm"``; parsing, limits and printing with units."""
 
 import re
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ USUAL = {
 
 @dataclass(frozen=True)
 class Quantity:
-    """Mark of numbers: unit, smallest and largest value; or_zero: 0 is allowed besides."""
+    """Annotation of a numeric type: its unit, smallest and largest value; or_zero: 0 is allowed besides."""
 
     unit: str
     least: float
@@ -49,7 +49,7 @@ def _registry():
 
 
 def fault(message: str, context: dict[str, object] | None = None) -> PydanticCustomError:
-    """Return a validation error made from the template of a message; `context` fills its braces."""
+    """Return a pydantic validation error with this message; `context` fills the braces in the message."""
     return PydanticCustomError("fault", message, context)  # type: ignore[arg-type]
 
 
@@ -87,14 +87,14 @@ def parse(value: object, unit: str) -> float:
 
 
 def _as_written(value: float) -> float:
-    """Return a converted number without the rounding error of its factor: 20 mg/s is 2e-05 kg/s, to the last digit."""
+    """Return a converted number without rounding error beyond 15 digits: 20 mg/s becomes exactly 2e-05 kg/s."""
     return float(f"{value:.15g}")
 
 
 def quantity(unit: str, least: float, most: float, likely: str = "", or_zero: bool = False) -> Any:
-    """Return the annotated type of a quantity in `unit` [SI].
+    """Return the annotated type of a key that takes a number in `unit` [SI] or a text such as "20 cm".
 
-    A number below `least` or above `most` is an error, perhaps meant in the unit `likely`. or_zero: 0 is allowed.
+    Outside of `least` to `most` is an error that asks if the unit `likely` was meant. or_zero: 0 is allowed.
     """
 
     def plausible(value: float) -> float:
@@ -116,19 +116,20 @@ def quantity(unit: str, least: float, most: float, likely: str = "", or_zero: bo
 
 
 def number(least: float, most: float, unit: str = "") -> Any:
-    """Return the annotated type of a plain number between two limits, without texts; unit: its unit."""
+    """Return the annotated type of a key that takes only a plain number between two limits; unit: its unit."""
     return Annotated[float, Field(ge=least, le=most, allow_inf_nan=False), Quantity(unit, least, most)]
 
 
 def round_up(value: float) -> float:
-    """Return `value` rounded up to two digits."""
+    """Return `value` rounded up to two significant digits."""
     unit = 10.0 ** (floor(log10(value)) - 1)
     return ceil(value / unit - 1e-9) * unit
 
 
 def ill_sized(key: str, cell: float, size: Sequence[float], most: int) -> str | None:
-    """Return an error about square cells of this edge [m] that are more than `most`, or wider than a floor of this
-    size [m]; key: path of the edge.
+    """Return an error if square cells of this edge [m] are more than `most` or wider than a floor of this size [m].
+
+    key: path of the edge.
     """
     area = size[0] * size[1]
     if area / cell > most * cell:
@@ -162,7 +163,7 @@ _READ_ONLY = {"km/h", "m^3/h", "g/h", "degC", "km", "hPa", "cm^2/s", "%"}  # in 
 
 
 def short(value: float) -> str:
-    """Return the shortest text of a number to 15 digits, such as 2e-5 for 1.9999999999999998e-05."""
+    """Return a number as the shortest text with up to 15 digits, such as 2e-5 for 1.9999999999999998e-05."""
     text = f"{value:.15g}"
     return (
         repr(float(text)).removesuffix(".0")
@@ -172,7 +173,7 @@ def short(value: float) -> str:
 
 
 def with_unit(value: float, unit: str) -> str:
-    """Return a number with its unit in a sensible scale, such as "20 mg/s" for 2e-5 kg/s; without a unit the number.
+    """Return a number in `unit` as text with a handy unit, such as "20 mg/s" for 2e-5 kg/s; without unit, the number.
 
     The text reads back as the same value to 15 digits.
     """
@@ -190,5 +191,5 @@ def with_unit(value: float, unit: str) -> str:
 
 
 def units_like(unit: str) -> str:
-    """Return the units that a key in `unit` takes, for messages."""
+    """Return the units that a key in `unit` accepts, as a list in words for messages."""
     return ", ".join(SCALES.get(unit, [unit]))

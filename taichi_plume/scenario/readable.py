@@ -1,4 +1,4 @@
-"""Readable YAML of a scenario: numbers with sensible units, all keys or those of the user."""
+"""Readable YAML of a scenario: numbers with handy units; all keys, or only those that the user set."""
 
 import io
 from typing import Any
@@ -14,7 +14,7 @@ FOLDED = 200  # characters that an item of a list may take and still be written 
 
 
 def readable(part: Model, own: bool = False) -> dict[str, object]:
-    """Return keys and values of a section as YAML has them; own: only the keys set in the file or by an override.
+    """Return keys and values of a section as YAML types; own: only the keys set in the file or by an override.
 
     An explicit null is written if the user set the key to null, or the default is another value.
     """
@@ -27,7 +27,7 @@ def readable(part: Model, own: bool = False) -> dict[str, object]:
 
 
 def _plain(value: object, unit: str, own: bool) -> object:
-    """Return a value as YAML has it."""
+    """Return a value in the types of YAML; numbers become texts with a handy unit if `unit` is not empty."""
     if isinstance(value, Model):
         return readable(value, own)
     if isinstance(value, tuple | list):
@@ -40,7 +40,7 @@ def _plain(value: object, unit: str, own: bool) -> object:
 
 
 def own_keys(scenario: Model) -> str:
-    """Return the keys that the user wrote as YAML; short collections take a line or two."""
+    """Return YAML of the keys that the user set; lists and mappings that fit take one line."""
     node = _Dumper(io.StringIO(), sort_keys=False).represent_data(readable(scenario, own=True))
     _fold(node, 0)
     node.flow_style = False
@@ -48,7 +48,7 @@ def own_keys(scenario: Model) -> str:
 
 
 def all_keys(scenario: Model) -> str:
-    """Return all keys with their values as YAML, a key in each line."""
+    """Return YAML of all keys of a scenario with their values, defaults included, one key per line."""
     return yaml.dump(
         readable(scenario),
         Dumper=_Dumper,
@@ -61,20 +61,20 @@ def all_keys(scenario: Model) -> str:
 
 class _Dumper(yaml.SafeDumper):
     def represent_mapping(self, tag: str, mapping: Any, flow_style: bool | None = None) -> yaml.MappingNode:
-        """Write each key into a line of its own; of lists, only those of numbers and names are written in a line."""
+        """Write each key of a mapping on a line of its own; only lists of numbers and names go on one line."""
         return super().represent_mapping(tag, mapping, flow_style=not mapping)
 
     def ignore_aliases(self, data: object) -> bool:
-        """Write equal values without aliases."""
+        """Write repeated values in full, without YAML anchors and aliases."""
         return True
 
     def write_plain(self, text: str, split: bool = True) -> None:
-        """Write a number and its unit in one line."""
+        """Write a text without breaking it, so that a number and its unit stay on one line."""
         super().write_plain(text, False)
 
 
 def _fold(node: yaml.Node, column: int, most: int = LONGEST) -> int:
-    """Set collections that fit into one line from a column on to flow style. Return the width in characters."""
+    """Set YAML collections that fit into one line from a column on to flow style. Return their width in characters."""
     if isinstance(node, yaml.ScalarNode):
         return len(node.value) + 2
     assert isinstance(node, yaml.CollectionNode)

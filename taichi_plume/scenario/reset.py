@@ -1,4 +1,4 @@
-"""Differences between scenarios that a reset cannot apply, as fields, tables and kernels depend on them."""
+"""Differences between two scenarios that a reset of a simulation cannot apply, as fields and kernels depend on them."""
 
 from collections.abc import Iterator
 
@@ -12,7 +12,7 @@ Fixed = tuple[str, object]
 
 
 def differences(old: Model, new: Model) -> list[str]:
-    """Return a line for each difference that a simulation assembled from `old` cannot take.
+    """Return a line for each difference of `new` that a simulation assembled from `old` cannot take by a reset.
 
     Floats may differ unless they are marked COMPILED, and so may all keys marked FREE. All else has to be equal: kinds,
     names, whole numbers, lengths of lists, and which keys are given.
@@ -31,12 +31,12 @@ def differences(old: Model, new: Model) -> list[str]:
 
 
 def structure(scenario: Model) -> str:
-    """Return a text that is equal for two scenarios if and only if they have no `differences`."""
+    """Return a text that is equal for two scenarios if and only if a reset can change one into the other."""
     return repr(sorted((path, fixed) for path, (fixed, _) in _fixed(scenario, ())))
 
 
 def _fixed(value: object, path: Path, compiled: bool = False) -> Iterator[tuple[Path, Fixed]]:
-    """Yield all values that must not change, by path: a section or list before its content."""
+    """Yield (path, (text of what a reset cannot change, value)), a section or list before its content."""
     if isinstance(value, Model):
         model = type(value)
         yield path, (f"{model.__module__}.{model.__qualname__}", value)
@@ -60,7 +60,7 @@ def _fixed(value: object, path: Path, compiled: bool = False) -> Iterator[tuple[
 
 
 def _line(path: str, old: object, new: object) -> str:
-    """Return a message about a value that differs."""
+    """Return a message about the key at `path`, whose old and new value differ."""
     if isinstance(old, Model) and isinstance(new, Model):
         path = f"{path}.kind" if path else "kind"
         return f"{path}: was {_kind(old)}, is {_kind(new)}"
@@ -68,12 +68,12 @@ def _line(path: str, old: object, new: object) -> str:
 
 
 def _kind(model: Model) -> str:
-    """Return the kind of a section, or the name of its class."""
+    """Return the value of the key `kind` of a section, or the name of its class."""
     return vars(model).get("kind", type(model).__name__)
 
 
 def _shown(value: object) -> str:
-    """Return a value in a few words: the length of a list, the kind of a section."""
+    """Return a value in a few words for messages: for a list its length, for a section its kind."""
     if value is None:
         return "not given"
     if isinstance(value, Model):

@@ -96,7 +96,7 @@ class Group(Model):
 
     @property
     def start_altitude(self) -> float:
-        """Height of the bodies over the floor at the start [m]."""
+        """Height of the lower ends of the robots' bodies over the floor at the start [m]; 0 unless drones."""
         return self.start.low_end(self.body)
 
     @property
@@ -105,11 +105,11 @@ class Group(Model):
         return self.algorithm.own_speed == 0
 
     def time(self, end: float) -> float:
-        """Return the time of the search until `end` [s]; 0 before `begin`."""
+        """Return how long the group has searched at time `end` [s]; 0 before its search begins."""
         return max(0.0, end - self.begin)
 
     def oversize(self, floor: Arena) -> str | None:
-        """Return an error `key: message` if the robots are too large or too many for the floor."""
+        """Return an error `key: message` if the robots are too wide or too many for the floor; otherwise None."""
         width, radius = min(floor.size), self.body.radius
         if 2 * radius > width:
             return f"body.radius: a robot {2 * radius:g} m wide does not fit on a floor {width:g} m wide; lower it"
@@ -119,7 +119,7 @@ class Group(Model):
         return None
 
     def places(self, floor: Arena) -> np.ndarray | None:
-        """Return the start positions (count, 2) [m]; None if they are drawn, or the robots do not fit."""
+        """Return the start positions (count, 2) [m]; None if drawn at random, too few, or not fitting the floor."""
         return None if self.oversize(floor) else self.start.places(self.count)
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
@@ -164,7 +164,7 @@ class Group(Model):
                 yield f"{where}.algorithm.{key}: {speed:g} m/s is more than body.max_speed; {most:g} m/s are used"
 
     def _wake(self, where: str, context: Context) -> Iterator[str]:
-        """Yield errors of a wake: it takes computed air, shared by no other trial, and bodies of a cell or more."""
+        """Yield errors if the robots cannot disturb the air, which must be computed for one trial on a fine grid."""
         wind = context.scenario.wind
         if wind.computed is None:
             yield f"{where}.wake: a wind of kind {wind.kind} is not disturbed; use wind.kind: cfd, or remove the wake"
@@ -188,7 +188,7 @@ class Group(Model):
             )
 
     def _heights(self, where: str, ceiling: float) -> Iterator[str]:
-        """Yield errors of bodies and sensors above the ceiling [m]."""
+        """Yield errors of the robots' bodies and sensors that reach above the ceiling [m]."""
         heights = {
             "body.height": self.body.height,
             **{f"{path}.height": sensor.height for path, sensor in self.sensors.placed()},
@@ -204,14 +204,14 @@ class Group(Model):
                 )
 
     def _flight(self, where: str) -> Iterator[str]:
-        """Yield errors of keys that only drones, or only robots with wheels, have."""
+        """Yield errors of keys that only drones have on robots with wheels, and vice versa."""
         if self.start.altitude is not None and not self.body.flies:
             yield f"{where}.start.altitude: is for drones; give body.kind: drone, or remove it"
         if self.odometry is not None and self.body.flies:
             yield f"{where}.odometry: a {self.body.kind} has no wheels; remove it"
 
     def _found_at_once(self, where: str, context: Context) -> Iterator[str]:
-        """Yield an error about the first robot that starts within reach of a source."""
+        """Yield an error if a robot starts within `reach` of a source, which it would find at once."""
         places = self.start.places(self.count)
         if places is None:
             return

@@ -34,7 +34,7 @@ MOST_TICKS = 2e9  # kernels count them in 32 bits
 
 
 def _or_a_project(schema: dict[str, Any]) -> None:
-    """Make the required keys optional for a file that names a project of GADEN."""
+    """Make the required keys optional in the JSON schema if the file names a project of GADEN."""
     schema["anyOf"] = [{"required": schema.pop("required")}, {"required": ["gaden"]}]
 
 
@@ -106,7 +106,7 @@ class Scenario(Model):
         return value
 
     def changed(self, changes: Mapping[str, object]) -> "Scenario":
-        """Return the scenario with other values at the paths of keys, such as ``{"robots.0.count": 3}``.
+        """Return a copy of the scenario with new values at paths of keys, such as ``{"robots.0.count": 3}``.
 
         Values are as in YAML: numbers, texts such as "5 cm", lists, dicts. Raises ScenarioError, a line for each fault.
         """
@@ -116,62 +116,62 @@ class Scenario(Model):
 
     @property
     def floor(self) -> Arena:
-        """Part of the floor for the robots."""
+        """Rectangle of floor that the robots may use: the arena, by default the whole floor."""
         width, length = self.domain.extent[:2]
         return self.arena or Arena(low=(0.0, 0.0), high=(width, length))
 
     @property
     def gases(self) -> tuple[tuple[str, PureGas], ...]:
-        """Every gas of one species, with its path in the scenario."""
+        """All gases of a single species with their paths in the scenario, such as ``gas.parts[0]``."""
         return self.gas.alone("gas")
 
     def with_gases(self, others: Mapping[str, PureGas]) -> "Scenario":
-        """Return the scenario with other gases at some paths."""
+        """Return a copy of the scenario in which the gases at the paths in `others` are replaced."""
         return self.model_copy(update={"gas": self.gas.replaced("gas", others)}) if others else self
 
     @property
     def believers(self) -> tuple[Group, ...]:
-        """Groups whose robots keep a belief about the source."""
+        """Groups of robots that estimate the source's position as a probability distribution (belief)."""
         return tuple(group for group in self.robots if group.algorithm.believes)
 
     @property
     def seed_of_air(self) -> int:
-        """Seed of wind and gas."""
+        """Seed of the random numbers of wind and gas: `air_seed`, by default `seed`."""
         return self.seed if self.air_seed is None else self.air_seed
 
     @property
     def seeds(self) -> dict[str, int]:
-        """Seeds as runs report them: `seed` and, if given, `air_seed`."""
+        """Seeds for the report of a run: `seed` and, if given, `air_seed`."""
         return {"seed": self.seed} | ({} if self.air_seed is None else {"air_seed": self.air_seed})
 
     @property
     def air_by_chance(self) -> bool:
-        """Whether wind or gas depend on the seed."""
+        """Whether wind or gas differ from seed to seed."""
         return self.wind.by_chance or self.gas.by_chance or any(group.wake for group in self.robots)
 
     @property
     def openings(self) -> tuple[Opening, ...]:
-        """Openings of a computed flow."""
+        """Openings (inlets, outlets, walls) of the flow if it is computed; otherwise none."""
         return self.wind.computed.openings if self.wind.computed else ()
 
     @property
     def screens(self) -> tuple[AnyScreen, ...]:
-        """Screens of a computed flow."""
+        """Permeable screens in the flow if it is computed; otherwise none."""
         return self.wind.computed.screens if self.wind.computed else ()
 
     @property
     def buoyancy(self) -> Buoyancy | None:
-        """Buoyancy of a computed flow."""
+        """Settings of buoyancy if the flow is computed with it; otherwise None."""
         return self.wind.computed.buoyancy if self.wind.computed else None
 
     @property
     def heat(self) -> Heat | None:
-        """Heat of a computed flow, with heaters and warm walls."""
+        """Settings of the air temperature, heaters and warm walls if it is computed; otherwise None."""
         return self.buoyancy.heat if self.buoyancy else None
 
     @property
     def sources(self) -> tuple[tuple[str, AnySource], ...]:
-        """Every source of every gas, with its path in the scenario."""
+        """All sources of all gases with their paths in the scenario, such as ``gas.sources[0]``."""
         return tuple(
             (f"{path}.{gas.sources_key}[{n}]", source)
             for path, gas in self.gases
@@ -180,7 +180,7 @@ class Scenario(Model):
 
     @property
     def learners(self) -> Group:
-        """The group that learns in environments: the first with a policy, or the first of all, which then gets one.
+        """Group of robots that learns in environments: the first with a policy, or else the first, with a new policy.
 
         Raises ValueError where the scenario has no robots.
         """
@@ -193,12 +193,12 @@ class Scenario(Model):
 
     @property
     def first_tick(self) -> int:
-        """First tick of the run: the warm-up in whole ticks, negative."""
+        """Number of the run's first control period: minus the number of those in the warm-up."""
         return -ceil(self.warm_up / self.tick - 1e-9)
 
     @property
     def last_tick(self) -> int:
-        """Last tick of the run: the duration in whole ticks."""
+        """Number of the run's last control period: the duration in control periods, rounded up."""
         return ceil(self.duration / self.tick - 1e-9)
 
     def dimension_errors(self, where: str, dim: int) -> Iterator[str]:
@@ -225,7 +225,7 @@ class Scenario(Model):
         yield from self._too_many_messages()
 
     def _too_many_messages(self) -> Iterator[str]:
-        """Yield an error if the messages of all groups together are too many, though those of each group are not."""
+        """Yield an error if the robots' messages of all groups together are too many, but those of no single group."""
         talking = [(f"robots[{n}]", group) for n, group in enumerate(self.robots) if group.algorithm.talks]
         alone = any(line for where, group in talking for line in too_many_messages(where, [group]))
         if len(talking) > 1 and not alone:

@@ -1,4 +1,4 @@
-"""Screens across the domain that let air through against a resistance (pressure drop)."""
+"""Screens of a scenario: slabs across the domain that let air through against a pressure drop."""
 
 from collections.abc import Iterator
 from typing import Annotated, ClassVar, Literal
@@ -32,7 +32,7 @@ class Screen(Window):
         return self.at
 
     def losses(self, viscosity: float) -> tuple[float, float]:
-        """Return a [m/s] and b [-] of the pressure drop over the density, (a + b |u|) u at a velocity u [m/s]."""
+        """Return a [m/s] and b [-] of the pressure drop over the density, (a + b |u|) u, at air velocity u [m/s]."""
         raise NotImplementedError
 
     def problems(self, where: str, context: Context) -> Iterator[str]:

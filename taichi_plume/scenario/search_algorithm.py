@@ -43,15 +43,15 @@ class AnyAlgorithm(Model):
         return vars(self).get("threshold_ppm")
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        """Yield errors of the algorithm for these robots on this floor; `where` is the group."""
+        """Yield errors of the algorithm for these robots on this floor; where: path of the group, such as robots[0]."""
         yield from ()
 
     def grid_error(self, where: str, floor: "Arena") -> str | None:
-        """Return an error if a grid of the algorithm has too many or too few cells; `where` is the group."""
+        """Return an error if a grid of the algorithm has too many or too few cells; where: path of the group."""
         return None
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
-        """Return about the memory that the robots of all trials need; tick: control period [s]."""
+        """Return about the memory [bytes] that the algorithm needs for all trials; tick: control period [s]."""
         return 0.0
 
 

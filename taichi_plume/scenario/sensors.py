@@ -44,17 +44,17 @@ class Anemometer(Model):
 
     @property
     def least(self) -> float:
-        """Smallest measured speed [m/s]."""
+        """Threshold [m/s]: at lower speeds the anemometer reads zero."""
         return WIND_THRESHOLD[self.kind] if self.threshold is None else self.threshold
 
     @property
     def time_constant(self) -> float:
-        """Time constant of the lag [s]."""
+        """Time constant of the anemometer's lag [s]."""
         return WIND_LAG[self.kind] if self.lag is None else self.lag
 
     @property
     def scatter(self) -> tuple[float, float]:
-        """Standard deviation per component [m/s] in calm air, and its growth per speed."""
+        """Standard deviation of the noise per component [m/s] in calm air, and its growth per wind speed [-]."""
         if self.noise is not None or self.kind == "ideal":
             return self.noise or 0.0, 0.0
         return WIND_NOISE, WIND_NOISE_RELATIVE
@@ -65,7 +65,7 @@ MOST_NOSES = 8
 
 
 def _one_or_several(value: object) -> str:
-    """Return the tag of a gas sensor or of a list of them."""
+    """Return the tag "several" for a list of gas sensors, "one" for a single sensor."""
     return "several" if isinstance(value, list | tuple) else "one"
 
 
@@ -84,16 +84,16 @@ class Sensors(Model):
 
     @property
     def noses(self) -> "tuple[MoxSensor | PidSensor | TdlasSensor | IdealGasSensor, ...]":
-        """The gas sensors."""
+        """All gas sensors of a robot."""
         return self.gas if isinstance(self.gas, tuple) else (self.gas,)
 
     @property
     def nose(self) -> "MoxSensor | PidSensor | TdlasSensor | IdealGasSensor":
-        """The first gas sensor."""
+        """The robot's first gas sensor."""
         return self.noses[0]
 
     def placed(self) -> Iterator[tuple[str, GasSensor | Anemometer]]:
-        """Yield all sensors with their paths."""
+        """Yield (path, sensor) for each gas sensor and the anemometer, such as ``sensors.gas[0]``."""
         several = isinstance(self.gas, tuple)
         for n, sensor in enumerate(self.noses):
             yield f"sensors.gas[{n}]" if several else "sensors.gas", sensor

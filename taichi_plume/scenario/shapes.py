@@ -1,4 +1,4 @@
-"""Geometric shapes of the obstacles."""
+"""Geometric shapes of a scenario's obstacles, by the kind of obstacle."""
 
 from collections.abc import Callable
 from math import inf
@@ -23,10 +23,10 @@ SHAPES: dict[str, Callable[[Any, tuple[float, ...], Path], Shape]] = {
 
 
 def shape(obstacle: Obstacle, domain: Domain, folder: Path) -> Shape:
-    """Return the shape of an obstacle; its input file lies in `folder`. Raises ShapeError."""
+    """Return the geometric shape of an obstacle; folder: where its input file lies, if any. Raises ShapeError."""
     return SHAPES[obstacle.kind](obstacle, domain.extent, folder)
 
 
 def _ceiling(extent: tuple[float, ...]) -> float:
-    """Return the height of the ceiling [m]; infinite in 2-D."""
+    """Return the height of the ceiling [m] of a domain of this extent [m]; infinite in 2-D."""
     return extent[2] if len(extent) == 3 else inf

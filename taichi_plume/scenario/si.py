@@ -1,4 +1,4 @@
-"""Types of numbers in a scenario: quantities in SI units with their limits, other numbers, points and vectors."""
+"""Types of numbers in a scenario: quantities in SI units with their limits, plain numbers, points and vectors."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""Size of a scenario: cells, memory, disk space, steps and time of a run, and other derived quantities."""
+"""Size of a scenario's run: cells, memory, disk space, steps and computing time, and other derived quantities."""
 
 from collections.abc import Iterator
 from math import ceil, prod
@@ -28,7 +28,7 @@ CELL_STEPS_PER_SECOND = {2: 3e6, 3: 5e6}  # rough: wind and gas on a few CPU cor
 
 
 def estimate(scenario: Scenario) -> dict[str, float]:
-    """Return about the cells, memory and disk [bytes], flow steps and seconds on a few CPU cores of a run."""
+    """Return estimates for a run: cells, memory and disk [bytes], flow steps, their length [s], seconds on a CPU."""
     domain, wind, tick = scenario.domain, scenario.wind, scenario.tick
     cells = prod(domain.shape)
     whole = scenario.warm_up + scenario.duration
@@ -45,7 +45,7 @@ def estimate(scenario: Scenario) -> dict[str, float]:
 
 
 def _bytes(scenario: Scenario, cells: float) -> float:
-    """Return the memory [bytes] of a scenario with this number of cells."""
+    """Return the memory [bytes] of a run of the scenario if its grid had this number of cells."""
     domain = scenario.domain
     per_cell = BYTES_PER_CELL[domain.dim] + BYTES_PER_GAS * (len(scenario.gases) - 1)
     spacing = (prod(domain.size) / cells) ** (1.0 / domain.dim) if cells else domain.spacing
@@ -53,7 +53,7 @@ def _bytes(scenario: Scenario, cells: float) -> float:
 
 
 def _files(scenario: Scenario) -> dict[str, float]:
-    """Return the bytes of the large files of a run, by their names; without checkpoints."""
+    """Return the size [bytes] of each large file that a run writes, by file name; checkpoints are left out."""
     domain, whole = scenario.domain, scenario.warm_up + scenario.duration
     films, log = scenario.fields, scenario.plumesim_log
     pixels = [min(n, MOST_PIXELS) for n in domain.shape]
@@ -81,7 +81,7 @@ def _files(scenario: Scenario) -> dict[str, float]:
 
 
 def _others(scenario: Scenario) -> dict[str, float]:
-    """Return the bytes that do not depend on the grid, by the path of the section."""
+    """Return the memory [bytes] of robots, algorithms and gases besides fields on the grid, by the section's path."""
     floor, tick = scenario.floor, scenario.tick
     sizes = {"robots": _robots(scenario) * float(BYTES_PER_ROBOT)}
     for n, group in enumerate(scenario.robots):
@@ -97,7 +97,7 @@ def _robots(scenario: Scenario) -> int:
 
 
 def _of_solver(scenario: Scenario, cells: float, spacing: float) -> float:
-    """Return the bytes of the pressure solver beyond fast transforms and multigrid.
+    """Return the memory [bytes] of the pressure solver besides fast transforms and multigrid.
 
     Obstacles and partly open faces need a capacitance matrix or, if that is too large in 2-D, sparse factors.
     """
@@ -117,7 +117,7 @@ def _of_solver(scenario: Scenario, cells: float, spacing: float) -> float:
 
 
 def too_large(scenario: Scenario) -> Iterator[str]:
-    """Yield errors about too many or too few cells, and too much memory."""
+    """Yield errors of a scenario that has too many or too few cells, or needs more memory than is free."""
     domain = scenario.domain
     cells = prod(max(1.0, extent / domain.spacing) for extent in domain.size)
     if grids := list(_grid_errors(scenario)):
@@ -161,7 +161,7 @@ def too_large(scenario: Scenario) -> Iterator[str]:
 
 
 def _grid_errors(scenario: Scenario) -> Iterator[str]:
-    """Yield errors about grids of algorithms and maps with too many or too few cells."""
+    """Yield errors of search algorithms and gas maps whose own grids have too many or too few cells."""
     domain, floor = scenario.domain, scenario.floor
     lines = [gas_map.grid_error(f"maps[{n}]", domain.size) for n, gas_map in enumerate(scenario.maps)]
     if floor.fault(domain.extent) is None:
@@ -171,14 +171,14 @@ def _grid_errors(scenario: Scenario) -> Iterator[str]:
 
 
 def memory(amount: float) -> str:
-    """Return an amount of bytes in words."""
+    """Return a number of bytes as text, such as "1.2 GB"."""
     if amount < 9.95e8:
         return f"{max(amount / 1e6, 1.0):.2g} MB" if amount < 9.95e7 else f"{amount / 1e6:.0f} MB"
     return f"{amount / 1e9:,.0f} GB" if amount >= 1e11 else f"{amount / 1e9:.2g} GB"
 
 
 def derived(scenario: Scenario) -> Iterator[tuple[str, str]]:
-    """Yield the name and the text of each derived quantity."""
+    """Yield (name, text) for each derived quantity of a scenario: room, time, air, gas, robots, maps."""
     domain, size = scenario.domain, estimate(scenario)
     edges = " x ".join(with_unit(extent, "m") for extent in domain.extent)
     slab = "" if domain.dim == 3 else f", a layer of {with_unit(domain.depth, 'm')}"
@@ -211,7 +211,7 @@ def derived(scenario: Scenario) -> Iterator[tuple[str, str]]:
 
 
 def _air(scenario: Scenario, whole: float) -> Iterator[tuple[str, str]]:
-    """Yield the inflow of air, and Reynolds numbers of the room, of jets and of a cell."""
+    """Yield (name, text) on air changes in `whole` seconds, and on Reynolds numbers of room, jets and a cell."""
     domain, speed = scenario.domain, scenario.wind.top_speed(scenario)
     inflow = _inflow(scenario)
     if inflow > 0:
@@ -239,7 +239,7 @@ def _air(scenario: Scenario, whole: float) -> Iterator[tuple[str, str]]:
 
 
 def _gas(scenario: Scenario) -> Iterator[tuple[str, str]]:
-    """Yield the emission rate of each gas, and its concentration in well-mixed air."""
+    """Yield (name, text) on the emission rate of each gas, and its concentration in well-mixed air."""
     inflow, texts = _inflow(scenario), []
     for _, gas in scenario.gases:
         rates = [vars(source).get("rate") for source in gas.sources]
@@ -257,22 +257,22 @@ def _gas(scenario: Scenario) -> Iterator[tuple[str, str]]:
 
 
 def _inflow(scenario: Scenario) -> float:
-    """Return the flow rate into the room at the start [m³/s]."""
+    """Return the total flow rate of openings that blow air into the room at t = 0 [m³/s]."""
     openings = [opening for opening in scenario.openings if not opening.follows_pressure]
     return sum(max(0.0, opening.inflow(0.0, scenario.domain)) for opening in openings)
 
 
 def _volume(scenario: Scenario) -> float:
-    """Return the volume of the room with obstacles [m³]."""
+    """Return the volume of the room [m³], obstacles included."""
     return prod(scenario.domain.extent, start=1.0 if scenario.domain.dim == 3 else scenario.domain.depth)
 
 
 def _rounded(value: float) -> str:
-    """Return a number to two digits."""
+    """Return a number as text with two significant digits."""
     value = float(f"{value:.2g}")
     return f"{value:,.0f}" if value >= 10 else f"{value:g}"
 
 
 def _about(value: float, unit: str) -> str:
-    """Return a value to three digits, with a unit."""
+    """Return a value in `unit`, rounded to three digits, as text with a handy unit."""
     return with_unit(float(f"{value:.3g}"), unit)

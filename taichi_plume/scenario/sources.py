@@ -1,4 +1,4 @@
-"""Species, sources and dishes of gas, and the base class of the gases of one species."""
+"""Species, sources and evaporation dishes of gas in a scenario, and the base class of gases of one species."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, ClassVar, Self
@@ -31,14 +31,14 @@ class OtherSpecies(Model):
     @field_validator("name")
     @classmethod
     def _has_no_slash(cls, name: str) -> str:
-        """Names of variables in zarr, NetCDF and HDF5: a slash would start a group."""
+        """Return the name, or raise an error: in zarr, NetCDF and HDF5 files a slash in it would start a group."""
         if "/" in name or "\\" in name:
             raise fault(f"got '{name}': must be without '/' and '\\', as it names variables in files")
         return name
 
 
 def _known(value: object) -> object:
-    """Return the name of a known species, or the data of another one."""
+    """Return `value` if it is the name of a known species or the data of another one; otherwise raise an error."""
     if value in (None, *SPECIES) or isinstance(value, dict | OtherSpecies):
         return value
     meant = hint(value, SPECIES) if isinstance(value, str) else ""
@@ -131,7 +131,7 @@ class Target(Source):
 
 
 def never_emits(where: str, start: float | None, stop: float | None, context: Context) -> Iterator[str]:
-    """Yield warnings of an emission that starts after the end, or ends before the start, of the run."""
+    """Yield warnings of a source that starts after the end of the run, or stops before its start [s]."""
     scenario, first = context.scenario, 0.0 - context.scenario.warm_up
     if start is not None and start >= scenario.duration:
         yield f"{where}.start: {start:g} s is not before the end at {scenario.duration:g} s: it emits nothing"
@@ -140,7 +140,7 @@ def never_emits(where: str, start: float | None, stop: float | None, context: Co
 
 
 def dishes(where: str, species: Species, sources: Sequence[Source]) -> Iterator[str]:
-    """Yield errors of dishes whose species is no liquid, boils or lacks data; `where` is the gas."""
+    """Yield errors of evaporating sources whose species is no liquid, boils or lacks data; where: path of the gas."""
     for n, source in enumerate(sources):
         dish = source.dish
         if dish is None:
@@ -178,26 +178,26 @@ class OneGas(Model):
 
     @property
     def vapour(self) -> Species:
-        """The species."""
+        """Properties of the species of the gas."""
         if isinstance(self.species, str):
             return SPECIES[self.species]
         return Species(**self.species.model_dump())
 
     def begins_in(self, radius: float, domain: Domain) -> float | None:
-        """Return the initial cross-section [m²] of the plume of a source of this radius [m]; None if unknown."""
+        """Return the plume's cross-section [m²] at a source of this radius [m]; None if unknown."""
         return None
 
     finest: ClassVar[float | None] = None
     """Distance [m] of sample points for line integrals to a percent; None: the spacing of cells."""
 
     def bytes(self, dim: int) -> float:
-        """Return the memory [bytes] besides fields on the grid."""
+        """Return the memory [bytes] that the gas needs besides fields on the grid, in a `dim`-dimensional run."""
         return 0.0
 
     def alone(self, where: str) -> tuple[tuple[str, Self], ...]:
-        """Return every gas of one species, with its path."""
+        """Return (path, gas) of each gas of one species: here only the gas itself, whose path is `where`."""
         return ((where, self),)
 
     def replaced(self, where: str, others: "Mapping[str, OneGas]") -> "OneGas":
-        """Return the gas with other gases at some paths."""
+        """Return the gas that `others` has for the path `where` of this gas; by default this gas."""
         return others.get(where, self)

@@ -32,12 +32,12 @@ class Species:
 
     @property
     def ppm_per_density(self) -> float:
-        """ppm per kg/m³: the ideal gas law, ppm = 10⁶ c R T / (M p)."""
+        """Factor from density [kg/m³] to mole fraction [ppm], by the ideal gas law: 10⁶ R T / (M p)."""
         return 1e6 * GAS_CONSTANT * TEMPERATURE / (self.molar_mass * PRESSURE)
 
     @property
     def weight_per_density(self) -> float:
-        """Relative change of the air's density per kg/m³: (M/M_air - 1) x of a mole fraction x."""
+        """Relative change of the air's density per kg/m³ of the gas: (M/M_air - 1) x, with its mole fraction x."""
         return (self.molar_mass / AIR_MOLAR_MASS - 1.0) * 1e-6 * self.ppm_per_density
 
     def saturation(self, temperature: float, liquid: float) -> float:
@@ -70,7 +70,7 @@ _A, _C = 2.124903, -273.15  # log10 of Pa per mmHg; K of 0 °C
 def _liquid(
     name: str, molar_mass: float, diffusivity: float, antoine: tuple[float, float, float], latent_heat: float
 ) -> Species:
-    """Return a liquid species by Antoine's constants for mmHg and °C."""
+    """Return a species that is a liquid, from the constants of its Antoine equation for mmHg and °C."""
     a, b, c = antoine
     return Species(name, molar_mass, diffusivity, (a + _A, b, c + _C), latent_heat=latent_heat)
 

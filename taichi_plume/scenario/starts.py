@@ -34,21 +34,21 @@ class AnyStart(Model):
 
     @property
     def listed(self) -> np.ndarray:
-        """Positions (n, 2) [m] that the scenario lists."""
+        """Positions (n, 2) [m] that the scenario lists explicitly; none by default."""
         return np.empty((0, 2))
 
     def places(self, count: int) -> np.ndarray | None:
-        """Return the start positions (count, 2) [m]; None if they are drawn, or do not match the count."""
+        """Return the start positions (count, 2) [m]; None if drawn at random, or if the list has another length."""
         return None
 
     def low_end(self, body: "Body") -> float:
-        """Return the height of the lower end of a body over the floor at the start [m]."""
+        """Return the height [m] over the floor of the lower end of a robot's body at the start; 0 unless a drone."""
         if not body.flies:
             return 0.0
         return ALTITUDE if self.altitude is None else self.altitude
 
     def clashes(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
-        """Yield errors of the start positions of so many robots."""
+        """Yield errors of the start positions of `count` robots with this body; where: path of the start."""
         raise NotImplementedError
 
 
@@ -140,10 +140,10 @@ Start = Annotated[StartAt | StartLine | StartArea, Field(discriminator="kind")]
 def clearances(
     places: np.ndarray, height: float, context: Context, base: float = 0.0
 ) -> Iterator[tuple[str, str, np.ndarray, float]]:
-    """Yield each wall and obstacle that a body of this height with its lower end at `base` [m] may touch.
+    """Yield each wall and obstacle that a robot of this height, whose lower end is `base` [m] high, may touch.
 
-    Each with the names of its surface and its inside, the distance [m] from places (..., 2), negative inside, and the
-    least gap [m], which is larger for obstacles because of the resolution of the clearance map.
+    For each: the names of its surface and its inside, the distance [m] from positions (..., 2), negative inside, and
+    the least gap [m], which is larger for obstacles because of the resolution of the clearance map.
     """
     floor = context.scenario.floor
     low, high = np.array(floor.low), np.array(floor.high)
@@ -166,7 +166,7 @@ def clearances(
 def touching(
     where: str, body: "Body", places: np.ndarray, context: Context, base: float = 0.0
 ) -> Iterator[str]:
-    """Yield an error about the worst start in each wall or obstacle; base: height of the lower ends [m]."""
+    """Yield an error for each wall or obstacle that robots at these positions touch, about the worst of the robots."""
     for surface, beyond, distance, gap in clearances(places, body.height, context, base):
         least = body.radius + gap - 1e-9
         k = int(distance.argmin())
@@ -181,9 +181,9 @@ def touching(
 
 
 def too_close(names: list[tuple[str, int]], discs: list[tuple[np.ndarray, float]]) -> Iterator[str]:
-    """Yield an error about the two robots that overlap most, or nearly touch.
+    """Yield an error about the two robots that overlap most, or nearly touch, at the start.
 
-    names: path of the group and number in it, per robot. discs: places (n, 2) and radius [m], per group.
+    names: path of the group and number within the group, per robot; discs: positions (n, 2) and radius [m], per group.
     """
     from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 

@@ -1,4 +1,4 @@
-"""Suggestions for unknown names in messages: the nearest known name, and everyday words for the vocabulary's kinds."""
+"""Suggestions for unknown names in error messages: similar known names, and advice for words such as "door"."""
 
 import difflib
 import re
@@ -137,13 +137,13 @@ _NEAR = 0.6  # difflib's ratio of names that are written alike
 
 
 def plain(name: object) -> str:
-    """A name without capitals, spaces, dashes and underscores."""
+    """Return a name in lower case without spaces, dashes and underscores."""
     return re.sub(r"[\W_]+", "", str(name).casefold())
 
 
 @cache
 def _everyday() -> dict[str, list[str]]:
-    """Advice by the everyday word, written as `plain` writes it."""
+    """Return the advice for each everyday word such as "door"; the words are written as `plain` returns them."""
     found: dict[str, list[str]] = {}
     for advice, words in _EVERYDAY.items():
         for word in words.split():
@@ -152,7 +152,7 @@ def _everyday() -> dict[str, list[str]]:
 
 
 def nearest(got: object, names: Collection[str], cutoff: float = _NEAR) -> str:
-    """Return the name with the spelling nearest to `got`, ignoring capitals; "" if none. cutoff: difflib's ratio."""
+    """Return the one of `names` spelled most like `got`, ignoring capitals; "" if none. cutoff: least similarity."""
     folded, word = {name.casefold(): name for name in names}, str(got).strip().casefold()
     spelled = [name for name in names if plain(name) == plain(got)]
     if word not in folded and len(spelled) == 1:
@@ -162,7 +162,7 @@ def nearest(got: object, names: Collection[str], cutoff: float = _NEAR) -> str:
 
 
 def advice(got: object, names: Collection[str]) -> str:
-    """Advice for an everyday word that leads to one of the names, or to another section; "" for any other word."""
+    """Return advice for an everyday word that means one of `names`, or belongs to another section; "" otherwise."""
     hints = _everyday().get(plain(got), [])
     named = "|".join(map(re.escape, names))
     fits = [hint for hint in hints if re.search(rf"(kind:|species:) ({named})(?![\w-])", hint)]
@@ -171,14 +171,14 @@ def advice(got: object, names: Collection[str]) -> str:
 
 
 def meant_key(got: object, keys: Collection[str], cutoff: float = _NEAR) -> str:
-    """Key that was probably meant: a key written alike, or a synonym; "" if there is no such key."""
+    """Return the key that was probably meant by `got`: spelled alike or a synonym; "" if there is none."""
     close = nearest(got, keys, cutoff)
     same = {plain(word) for group in _SYNONYMS if plain(got) in map(plain, group) for word in group}
     return close or next((key for key in keys if plain(key) in same), "")
 
 
 def hint(got: object, names: Collection[str]) -> str:
-    """Hint for a message about a kind or a name that is not allowed: "", or a text to put before the allowed names."""
+    """Return a hint about a name `got` that is not one of `names`, to stand before their list in a message; or ""."""
     close = nearest(got, names)
     if plain(close) != plain(got) and (text := advice(got, names)):
         return f"{text}; "

@@ -75,7 +75,7 @@ class Inflow(Model):
     _ordered = ordered_schedule()
 
     def at(self, t: float) -> float:
-        """Return the concentration [ppm] at time t [s]."""
+        """Return the concentration [ppm] of the inflowing air at time t [s]."""
         return [self.concentration, *(step.concentration for step in self.schedule if step.at <= t)][-1]
 
 
@@ -117,7 +117,7 @@ class GasSurfaces(Surfaces):
 
 
 def inflow_faults(where: str, inflow: tuple[Inflow, ...], context: Context) -> Iterator[str]:
-    """Yield errors about unknown or closed openings, and openings with two entries."""
+    """Yield errors of inflow concentrations whose opening is unknown, closed, or listed twice."""
     openings = context.scenario.openings
     for n, entry in enumerate(inflow):
         path = f"{where}[{n}].opening"

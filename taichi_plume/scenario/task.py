@@ -1,4 +1,4 @@
-"""A scenario as a task to learn: episodes, flow realisations (airs) and rewards. See taichi_plume.envs."""
+"""A scenario as a reinforcement learning task: episodes, realisations of the flow (airs) and rewards."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -61,7 +61,7 @@ class Task(Model):
 
     @property
     def length(self) -> float:
-        """Length of each recording [s]."""
+        """Length of each recording of wind and gas [s]; by default two episodes."""
         return 2.0 * self.episode if self.film is None else self.film
 
     def problems(self, where: str, context: "Context") -> Iterator[str]:

@@ -27,7 +27,7 @@ class Neighbourhood(Model):
 
     @property
     def limit(self) -> float:
-        """Largest distance [m] of neighbours, their number, or the probability of being one."""
+        """The one number of a neighbourhood: largest distance [m], number or probability of neighbours."""
         (limit,) = (value for key, value in vars(self).items() if key != "kind")
         return float(limit)
 
@@ -173,7 +173,7 @@ class Sweep(Repelled):
     avoidance: si.Length = 0.05
 
     def lanes(self, size: Sequence[float] | np.ndarray, robots: int) -> tuple[int, int]:
-        """Return the axis of the lanes and their number on a floor of this size [m]: at least one per robot."""
+        """Return the axis (0: x, 1: y) and number of lanes on a floor of this size [m], at least one per robot."""
         axis = int(size[1] > size[0]) if self.along is None else "xy".index(self.along)
         return axis, max(ceil(size[1 - axis] / self.lane - 1e-9), robots)
 
@@ -233,7 +233,7 @@ class LeastKnown(Repelled):
 
 
 def too_many_messages(where: str, groups: "Sequence[Group]") -> Iterator[str]:
-    """Yield an error if the messages of these groups, in one table as wide as the largest team, are too many."""
+    """Yield an error if these groups' robots would store too many messages, one per robot and possible sender."""
     last = groups[-1]
     pairs = sum(group.count * group.trials for group in groups) * max(group.count for group in groups)
     if pairs > MOST_PAIRS:

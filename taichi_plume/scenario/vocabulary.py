@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Mark(Enum):
-    """Mark of a key, such as ``Annotated[Length, COMPILED]``; the value is its meaning."""
+    """Annotation of a key of a scenario, such as ``Annotated[Length, COMPILED]``; the value explains it."""
 
     COMPILED = """A number on which shapes of fields, tables or kernels depend. They depend on kinds, names, counts and
     lengths of lists anyway. All other numbers reach kernels at run time: a reset may change them, see
@@ -33,7 +33,7 @@ COMPILED, FREE, INPUT_FILE, SPATIAL, PLANE = Mark
 
 @dataclass(frozen=True)
 class Vector:
-    """Mark of a list with a number per axis of the run, or of a plane in it, which has one axis `fewer`."""
+    """Annotation of a list with a number per axis of the run, or of a plane in it, which has one axis `fewer`."""
 
     fewer: int
 
@@ -43,7 +43,7 @@ PER_FACE = Vector(1)
 
 
 def one_or_several(item: Any, most: int) -> Any:
-    """Return the annotated type of a single item, or of a list of up to `most` of them."""
+    """Return the annotated type of a key that takes a single item or a list of up to `most`; stored as a tuple."""
     return Annotated[
         tuple[item, ...],
         Field(min_length=1, max_length=most),
@@ -64,25 +64,25 @@ Color = tuple[int, int, int]
 
 @cache
 def marked(model: type["Model"], key: str, mark: Mark) -> bool:
-    """Return whether a key of a model, or a part of its type, has a mark."""
+    """Return whether a key of a section, or a part of its type, is annotated with this mark."""
     return any(other is mark for other in _marks(model, key))
 
 
 @cache
 def vector(model: type["Model"], key: str) -> Vector | None:
-    """Return the mark of a list with a number per axis; None if the key, and all parts of its type, lack one."""
+    """Return the annotation of a key that is a list with a number per axis; None if it has no such annotation."""
     return next((mark for mark in _marks(model, key) if isinstance(mark, Vector)), None)
 
 
 def _marks(model: type["Model"], key: str) -> Iterator[object]:
-    """Yield the annotations of a key of a model and within its type."""
+    """Yield the annotations of a key of a section and those within its type."""
     field = model.model_fields[key]
     yield from field.metadata
     yield from _annotations(field.annotation)
 
 
 def _annotations(kind: object) -> Iterator[object]:
-    """Yield the annotations within a type, outside of models."""
+    """Yield the annotations within a type, without entering the classes of sections."""
     if get_origin(kind) is Annotated:
         yield from get_args(kind)[1:]
     for part in get_args(kind):
@@ -96,12 +96,12 @@ class Model(BaseModel):
 
     @property
     def by_chance(self) -> bool:
-        """Whether the section has random values, drawn from the seed; by default, whether a part of it has some."""
+        """Whether the section draws random values from the seed; by default, whether a section within it does."""
         values = (value if isinstance(value, tuple) else (value,) for value in vars(self).values())
         return any(part.by_chance for parts in values for part in parts if isinstance(part, Model))
 
     def model_copy(self, *, update: Mapping[str, object] | None = None, deep: bool = False) -> Self:
-        """Return a copy with other values. Raises ScenarioError, with a line per unknown key and bad value."""
+        """Return a copy with the values in `update`. Raises ScenarioError, with a line per unknown key or bad value."""
         # these import this module
         from taichi_plume.scenario.error_messages import explain
         from taichi_plume.scenario.loading import ScenarioError, of_python
@@ -150,10 +150,10 @@ class Model(BaseModel):
         return data
 
     def dimension_errors(self, where: str, dim: int) -> Iterator[str]:
-        """Yield an error for each key that does not fit a run in `dim` dimensions.
+        """Yield an error for each key that does not fit a run in `dim` dimensions; where: path of the section.
 
-        Here and below an error is a line: path of the key (`where` is that of the section), what is wrong, what is
-        allowed.
+        An error is a line: path of the key, what is wrong, and what is allowed. The same holds for `unusable` and
+        `problems`.
         """
         model = type(self)
         for key in model.model_fields:
@@ -171,20 +171,20 @@ class Model(BaseModel):
                         yield f"{where}.{key}{place}: '{name}' does not exist in a 2-D run; use x or y"
 
     def unusable(self, where: str, context: "Context") -> Iterator[str]:
-        """Yield errors in the content of input files, without which the other checks are impossible."""
+        """Yield errors in the content of input files, which make the other checks impossible; none by default."""
         yield from ()
 
     def problems(self, where: str, context: "Context") -> Iterator[str]:
-        """Yield the other errors."""
+        """Yield the errors of a section whose input files are readable; none by default."""
         yield from ()
 
     def remarks(self, where: str, context: "Context") -> Iterator[str]:
-        """Yield warnings: values that are allowed but probably not meant, of a section without errors."""
+        """Yield warnings about values that are allowed but probably not meant, of a section without errors."""
         yield from ()
 
 
 def consistency_check(errors: Callable[[Any], Iterator[str]]) -> Any:
-    """Return a validator of sections that raises the first error which this method or function yields."""
+    """Return a pydantic validator of a section that raises the first error which this method or function yields."""
 
     def check(section: Model) -> Model:
         if line := next(errors(section), ""):
@@ -195,7 +195,7 @@ def consistency_check(errors: Callable[[Any], Iterator[str]]) -> Any:
 
 
 def exactly_one(*keys: str, least: int = 1) -> Any:
-    """Return a validator of sections in which one of two keys has to be given; least: 0 if neither is needed."""
+    """Return a pydantic validator: exactly one of two keys must be given; with least=0, at most one."""
 
     @consistency_check
     def check(section: Model) -> Iterator[str]:
@@ -210,7 +210,7 @@ not_both = partial(exactly_one, least=0)
 
 
 def stop_after_start() -> Any:
-    """Return a validator of sections with the optional times `start` and `stop`."""
+    """Return a pydantic validator: the time `stop` must be later than `start`, if both are given."""
 
     @consistency_check
     def check(section: Model) -> Iterator[str]:
@@ -222,7 +222,7 @@ def stop_after_start() -> Any:
 
 
 def ordered_schedule() -> Any:
-    """Return a validator of sections with a `schedule` of changes."""
+    """Return a pydantic validator: the changes in `schedule` must be ordered by their times `at`."""
 
     @consistency_check
     def check(section: Model) -> Iterator[str]:
@@ -234,7 +234,7 @@ def ordered_schedule() -> Any:
 
 
 def sections(part: object, where: str) -> Iterator[tuple[str, Model]]:
-    """Yield a section, or those of a list, and all sections below, each with its path."""
+    """Yield (path, section) for a section, or those of a list, and for all sections inside; where: its path."""
     if isinstance(part, Model):
         yield where, part
         for key in type(part).model_fields:

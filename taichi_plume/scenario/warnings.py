@@ -1,4 +1,4 @@
-"""Warnings about combinations of sections that are allowed but probably not meant.
+"""Warnings about combinations of a scenario's values that are allowed but probably not meant.
 
 A warning is a line and cheap to compute; uncertain ones keep a wide margin, so that they are seldom wrong.
 """
@@ -33,14 +33,14 @@ JET = 0.25  # growth of a jet's half width with the distance: beyond, the air re
 
 
 class Course(NamedTuple):
-    """Direction of all air of a room, as a unit vector, and its largest speed [m/s]."""
+    """Common flow direction of all air in a room, as a unit vector, and its largest speed [m/s]."""
 
     along: np.ndarray
     speed: float
 
 
 def course(context: Context) -> Course | None:
-    """Return direction and largest speed of the air if all flows one way: in a uniform wind, or from face to face."""
+    """Return direction and top speed of air that all flows one way: uniform wind, or face to face; otherwise None."""
     scenario, dim = context.scenario, context.domain.dim
     uniform, speed = scenario.wind.uniform, scenario.wind.top_speed(scenario)
     if not speed:
@@ -66,7 +66,7 @@ def course(context: Context) -> Course | None:
 
 
 def remarks(context: Context) -> Iterator[str]:
-    """Yield the warnings of a scenario without errors."""
+    """Yield all warnings about combinations of values in a scenario without errors."""
     where = course(context)
     yield from _air(context, where)
     yield from _narrow(context)
@@ -108,7 +108,7 @@ def _air(context: Context, where: Course | None) -> Iterator[str]:
 
 
 def _narrow(context: Context) -> Iterator[str]:
-    """Yield warnings of openings, heaters and obstacles that span too few cells of a computed flow."""
+    """Yield warnings of openings, heaters and obstacles that span too few grid cells of a computed flow."""
     scenario, dx = context.scenario, context.domain.spacing
     for n, opening in enumerate(scenario.openings):
         if opening.blows and opening.region is not None and opening.region.center is not None:
@@ -143,7 +143,7 @@ def _narrow(context: Context) -> Iterator[str]:
 
 
 def _emitters(context: Context) -> list[tuple[str, AnySource, PureGas]]:
-    """Return path, source and gas of every source."""
+    """Return (path, source, its gas) for every gas source of the scenario."""
     gases = dict(context.scenario.gases)
     return [(path, source, gases[path.rpartition(".")[0]]) for path, source in context.scenario.sources]
 
@@ -151,7 +151,7 @@ def _emitters(context: Context) -> list[tuple[str, AnySource, PureGas]]:
 def _source(
     path: str, source: AnySource, gas: PureGas, context: Context, where: Course | None
 ) -> Iterator[str]:
-    """Yield warnings of a source that is too small for the grid, or whose gas reaches nobody."""
+    """Yield warnings of a gas source that is too small for the grid, close to the outlet, or beside all jets."""
     scenario, domain = context.scenario, context.domain
     if gas.on_grid and source.radius < 0.5 * domain.spacing * (1 - 1e-6):
         yield (
@@ -173,7 +173,7 @@ def _source(
 
 
 def _in_jet(region: Region, point: np.ndarray, context: Context) -> bool:
-    """Return whether a point lies inside the expected jet of an opening."""
+    """Return whether a point [m] lies inside the expected, widening jet of an opening at this region of a face."""
     center, half = map(np.array, region.rectangle(context.domain.extent))
     away = abs(point[region.axis] - region.level(context.domain.extent))
     apart = np.abs(point[region.along(context.domain.dim)] - center)
@@ -181,9 +181,9 @@ def _in_jet(region: Region, point: np.ndarray, context: Context) -> bool:
 
 
 def peak(gas: PureGas, source: AnySource, context: Context, slow: bool = True) -> float | None:
-    """Return about the largest concentration [ppm] at a source; None if unknown.
+    """Return about the largest concentration [ppm] of a gas at its source; None if it cannot be estimated.
 
-    slow: in the slowest expected air; otherwise in the fastest.
+    slow: whether to assume the slowest expected air; otherwise the fastest.
     """
     scenario = context.scenario
     dish, rate = vars(source).get("dish"), vars(source).get("rate")
@@ -203,14 +203,14 @@ def peak(gas: PureGas, source: AnySource, context: Context, slow: bool = True) -
 
 
 def _peaks(context: Context) -> list[float] | None:
-    """Return the peak concentration [ppm] of each source; None if one is unknown."""
+    """Return about the largest concentration [ppm] at each source; None if that of any source is unknown."""
     peaks = [peak(gas, source, context) for _, source, gas in _emitters(context)]
     known = [ppm for ppm in peaks if ppm is not None]
     return known if known and len(known) == len(peaks) else None
 
 
 def _concentrations(context: Context) -> Iterator[str]:
-    """Yield warnings of concentrations above pure gas, and of a colour scale that shows none."""
+    """Yield warnings of concentrations above pure gas, and of a colour scale that starts above those that occur."""
     recording = context.scenario.recording
     for path, source, gas in _emitters(context):
         least = peak(gas, source, context, slow=False)
@@ -235,7 +235,7 @@ def _concentrations(context: Context) -> Iterator[str]:
 
 
 def _group(path: str, group: Group, context: Context, where: Course | None) -> Iterator[str]:
-    """Yield warnings of a group of robots."""
+    """Yield warnings of a group of robots: search time, sensors, start, time step; path: of the group."""
     if group.begin >= context.scenario.duration:
         yield f"{path}.begin: {group.begin:g} s is not before the end at {context.scenario.duration:g} s; lower it"
         return
@@ -264,13 +264,13 @@ def _group(path: str, group: Group, context: Context, where: Course | None) -> I
 
 
 def _time(group: Group, context: Context) -> str:
-    """Return the time of the search of a group in words."""
+    """Return in words how long a group of robots may search."""
     duration = context.scenario.duration
     return f"the {group.time(duration):g} s after begin" if group.begin else f"the duration of {duration:g} s"
 
 
 def _smells(path: str, group: Group, context: Context) -> Iterator[str]:
-    """Yield warnings of thresholds that noise crosses, or that no reading reaches."""
+    """Yield warnings of detection thresholds that sensor noise alone crosses, or that no reading reaches."""
     sensor, threshold = group.sensors.nose, group.algorithm.threshold
     if not threshold:
         return
@@ -301,7 +301,7 @@ def _smells(path: str, group: Group, context: Context) -> Iterator[str]:
 
 
 def _starts(path: str, group: Group, context: Context, where: Course | None) -> Iterator[str]:
-    """Yield warnings of robots that cannot reach a source, or start upwind of all."""
+    """Yield warnings of robots that cannot reach a source in time, or all start upwind of every source."""
     scenario, floor = context.scenario, context.scenario.floor
     sources = np.array([source.position[:2] for _, source in scenario.sources])
     if not len(sources) or not group.reach:

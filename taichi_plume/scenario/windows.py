@@ -1,4 +1,4 @@
-"""Windows: parts of a plane (rectangles and discs) on the faces of the domain or across the domain."""
+"""Windows: rectangles and discs in a plane, on the faces of a scenario's domain or across the domain."""
 
 from collections.abc import Iterator
 from math import pi, prod
@@ -46,7 +46,7 @@ class Window(Model):
 
     @property
     def normal(self) -> int:
-        """Axis normal to the plane."""
+        """Index of the axis normal to the window's plane (0: x, 1: y, 2: z)."""
         raise NotImplementedError
 
     def level(self, extent: tuple[float, ...]) -> float:
@@ -54,11 +54,11 @@ class Window(Model):
         raise NotImplementedError
 
     def along(self, dim: int) -> list[int]:
-        """Return the axes of the plane, in x, y, z order."""
+        """Return the indices of the axes in the window's plane, in a domain with `dim` dimensions."""
         return [a for a in range(dim) if a != self.normal]
 
     def rectangle(self, extent: tuple[float, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return centre and half widths [m] of the window, or of the square around the disc."""
+        """Return centre and half widths [m] of the window, for a disc of the square around it; by default, of all."""
         whole = tuple(extent[a] for a in self.along(len(extent)))
         if self.center is None:
             return tuple(w / 2 for w in whole), tuple(w / 2 for w in whole)
@@ -66,13 +66,13 @@ class Window(Model):
         return self.center, tuple(w / 2 for w in size)
 
     def bounds(self, extent: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the lower and upper corner [m] of the rectangle, cut at the ends of the domain."""
+        """Return the lower and upper corner [m] of the window's rectangle, cut at the ends of the domain."""
         center, half = map(np.array, self.rectangle(extent))
         sides = [extent[a] for a in self.along(len(extent))]
         return np.maximum(center - half, 0.0), np.minimum(center + half, sides)
 
     def is_disc(self, dim: int) -> bool:
-        """Return whether the window is round: in 2-D a disc is a slot."""
+        """Return whether the window is round in a run with `dim` dimensions; in 2-D a disc is a slot."""
         return self.diameter is not None and dim == 3
 
     def area(self, extent: tuple[float, ...], depth: float) -> float:
@@ -83,7 +83,7 @@ class Window(Model):
         return prod(2 * h for h in half) * (depth if len(extent) == 2 else 1.0)
 
     def beyond(self, domain: Domain) -> str:
-        """Return in which range the window exceeds the domain, and advice; empty if inside."""
+        """Return a message with the range in which the window exceeds the domain, and advice; empty if inside."""
         center, half = self.rectangle(domain.extent)
         for a, c, h in zip(self.along(domain.dim), center, half, strict=True):
             axis, length = "xyz"[a], domain.extent[a]
@@ -96,7 +96,7 @@ class Window(Model):
         return ""
 
     def covered(self, domain: Domain) -> np.ndarray:
-        """Return the centres (n, dim - 1) [m] of the covered cells, in the plane's own axes."""
+        """Return the centres (n, dim - 1) [m] of the grid cells that the window covers, in the plane's own axes."""
         center, half = map(np.array, self.rectangle(domain.extent))
         axes = self.along(domain.dim)
         ranges = [(np.arange(domain.shape[a]) + 0.5) * domain.spacing for a in axes]
@@ -114,7 +114,7 @@ class Region(Window):
 
     @property
     def axis(self) -> int:
-        """Axis normal to the face."""
+        """Index of the axis normal to the face (0: x, 1: y, 2: z)."""
         return "xyz".index(self.face[0])
 
     @property
@@ -123,14 +123,14 @@ class Region(Window):
 
     @property
     def side(self) -> int:
-        """0 at the lower end of the axis, 1 at the upper."""
+        """0 for the face at the lower end of the axis, 1 for that at the upper end."""
         return int(self.face[1] == "+")
 
     def level(self, extent: tuple[float, ...]) -> float:
         return extent[self.axis] if self.side else 0.0
 
     def on_its_face(self, where: str, context: Context) -> Iterator[str]:
-        """Yield an error if the region exceeds its face or covers no cells with air."""
+        """Yield an error if the region exceeds its face of the domain, or covers no grid cells with air."""
         domain = context.domain
         beyond = self.beyond(domain)
         if beyond:
@@ -153,7 +153,7 @@ class Region(Window):
             )
 
     def open_share(self, context: Context, with_plates: bool = True) -> float:
-        """Return the open area fraction: faces of cells that no standing obstacle closes; 1 without obstacles.
+        """Return which fraction of the region's grid faces no standing obstacle closes; 1 without obstacles.
 
         A face is closed if obstacles cover more than half of the face or of the cell behind, at sampled points.
         with_plates: whether obstacles thinner than half a cell close a face. The flow solver resolves only walls of
@@ -199,7 +199,7 @@ class Region(Window):
         return float(((face <= 0.5) & (cell <= 0.5 + 1e-6)).mean())
 
     def overlaps(self, other: "Region", domain: Domain) -> bool:
-        """Return whether two regions are on the same face and share more than their rims."""
+        """Return whether this and another region are on the same face and share more than their rims."""
         if self.face != other.face:
             return False
         rim = 1e-6 * domain.spacing

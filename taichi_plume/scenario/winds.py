@@ -1,4 +1,4 @@
-"""Kinds of wind: computed (Navier-Stokes), uniform with gusts, frozen and synthetic; turbulence models."""
+"""Kinds of wind in a scenario: computed (Navier-Stokes), uniform with gusts, frozen, synthetic; turbulence models."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -141,7 +141,7 @@ class CfdWind(AnyWind):
         yield from lines or self._net_inflow(where, context)
 
     def _net_inflow(self, where: str, context: Context) -> Iterator[str]:
-        """Yield an error if inflow and outflow of incompressible air do not balance without an outlet."""
+        """Yield an error if, without an outlet, the openings at any time blow in more or less air than out."""
         if any(opening.lets_out for opening in self.openings):
             return
         for n, opening in enumerate(self.openings):
@@ -182,7 +182,7 @@ class Gusts(Model):
         return self.intensity > 0 or self.vertical > 0
 
     def deviations(self, dim: int) -> tuple[float, ...]:
-        """Return the standard deviation of each crosswind over the mean speed."""
+        """Return the standard deviations of the crosswind gusts over the mean speed: lateral and, in 3-D, vertical."""
         return (self.intensity, self.vertical)[: dim - 1]
 
 
@@ -202,7 +202,7 @@ class UniformWind(AnyWind):
 
     @property
     def frame(self) -> np.ndarray:
-        """Unit vectors along the mean wind, horizontally across it and, in 3-D, upward across both; x in still air."""
+        """Rows are unit vectors: along the mean wind (x if still), level across it and, in 3-D, across both."""
         dim = len(self.velocity)
         along = np.array(self.velocity) / self.speed if self.speed else np.eye(dim)[0]
         level = hypot(*along[:2])
@@ -300,11 +300,11 @@ class SyntheticWind(AnyWind):
     by_chance: ClassVar[bool] = True
 
     def shortest_on(self, spacing: float) -> float:
-        """Return the wavelength of the smallest eddies [m] on cells of `spacing` [m]."""
+        """Return the wavelength [m] of the smallest eddies on grid cells of `spacing` [m]."""
         return self.shortest or max(0.1, 4 * spacing)
 
     def top_speed(self, scenario: "Scenario") -> float:
-        """Return a speed [m/s] that the wind exceeds in one of ten thousand places."""
+        """Return a speed [m/s] that only one position in ten thousand exceeds."""
         return 2.0 * hypot(self.speed, self.circulation)
 
     def axes_speed(self, scenario: "Scenario") -> float:
