@@ -41,7 +41,7 @@ class Acquisition:
 
     @ti.func
     def listen(self, n):
-        """Advance robot n's acquisition by a tick of standing still; return whether the acquisition is complete."""
+        """Advance robot n's acquisition by a control period of standing; return whether the acquisition is complete."""
         i = self.robot[n]
         if self.since[n] == 0:
             self.total[n] = 0.0

@@ -40,9 +40,9 @@ class Algorithm(Protocol):
 class KernelAlgorithm:
     """Base class of search algorithms in Taichi kernels. tick: control period [s].
 
-    A subclass defines `numbers`, allocates its fields and parts in `_allocate`, and overrides `_step`, a tick of a
-    robot, and `_start`, the initial state of a robot if it is not zero. In these methods robot n of the algorithm is
-    robot i = `robot[n]` of the swarm, and `p.threshold[n]` is the parameter "threshold" of its group.
+    A subclass defines `numbers`, allocates its fields and parts in `_allocate`, and overrides `_step`, the
+    commands of a robot for a tick, and `_start`, the initial state of a robot if not zero. In these methods robot n of
+    the algorithm is robot i = `robot[n]` of the swarm, and `p.threshold[n]` is the parameter "threshold" of its group.
     """
 
     PER_GROUP: bool = False

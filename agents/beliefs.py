@@ -30,9 +30,7 @@ class Believer(Protocol):
     """Lower corner (2,) [m] of the belief maps."""
 
     def beliefs(self) -> np.ndarray:
-        """Return each robot's probability of the source in each cell, (robots, nx, ny), in the order of `members`; sum
-        1.
-        """
+        """Return the source's probability in each map cell, (robots, nx, ny); the cells of each robot sum to 1."""
         ...
 
 

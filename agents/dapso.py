@@ -146,7 +146,7 @@ class Dapso(KernelAlgorithm):
 
     @ti.func
     def _choose(self, n, tick, t):
-        """Choose robot n's next way point w and its state, and send p and f(p) to its team."""
+        """Choose robot n's next way point w and its state, and send its best position p and f(p) to teammates."""
         i = self.robot[n]
         x, p = self.swarm.believed_position[i], self.best_place[n]
         most, g = self._best_known(n, tick, t)
@@ -198,7 +198,7 @@ class Dapso(KernelAlgorithm):
 
     @ti.func
     def _is_neighbour(self, n, m, tick, t):
-        """Return 1 if teammate m, who has sent a message, is a neighbour of robot n at this tick, else 0."""
+        """Return 1 if teammate m, who has sent a message, is now a neighbour of robot n, else 0."""
         result = 0
         if self.p.neighbours[n] == SEARCH_SPACE:
             apart = self.radio.sender[n, m] - self.swarm.believed_position[self.robot[n]]

@@ -4,7 +4,7 @@ AWAITED   no order has arrived for the robot yet: the robot stands
 DRIVEN    the robot carries out the last order
 LOST      no order has arrived for too long: the robot stands
 
-Only the service knows which client drives which robot; the service sets the orders after every tick.
+Only the service knows which client drives which robot; the service sets the orders after every time step.
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ FLOWN = (Columns.left_command, Columns.climb_command, Columns.ordered_altitude)
 
 @dataclass
 class Orders:
-    """Commands of clients to the robots of a group, trial by trial, for the next tick.
+    """Commands of clients to the robots of a group, trial by trial, for the next time step.
 
     state (size,): AWAITED, DRIVEN or LOST; speed [m/s] and turn_rate [rad/s] (size,). For placed robots: position
     (size, 2) [m], NaN: stays, and heading (size,) [rad]. declared (size, 2) [m]: source positions, NaN: none. For
@@ -101,7 +101,7 @@ class ExternalAlgorithm:
         return {"altitude": np.zeros(self.size, np.float32)} | read
 
     def order(self, orders: Orders, t: float) -> None:
-        """Write the clients' orders for the next tick to the robots; t: present time [s]."""
+        """Write the clients' orders for the next time step to the robots; t: present time [s]."""
         ordered = [orders.state, orders.speed, orders.turn_rate, orders.position, orders.heading]
         if self.flies:
             ordered += [orders.left, orders.climb, orders.altitude]

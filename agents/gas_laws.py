@@ -31,7 +31,7 @@ INJECTED = np.geomspace(5.0, 1000.0, 14)  # ppm, concentrations injected in a ca
 
 class Law(Protocol):
     """Static law of all gas sensors of a kind, from concentration to signal y and back. The ti.funcs take the index n
-    of a robot among the members. slot: number of the gas sensor on each robot.
+    of a robot among the robots with such a sensor. slot: number of the gas sensor on each robot.
     """
 
     HAS_RESISTANCE: bool

@@ -20,7 +20,7 @@ from taichi_plume.grid.series import Series
 class Readers(Protocol):
     """Protocol of the robots' fields that gas maps read.
 
-    members[trial, :team_size[trial]]: indices of its robots. Only maps that follow the wind use wind and wind_known.
+    members[trial, :team_size[trial]]: robots of a trial. Only maps that follow the wind use wind and wind_known.
     """
 
     members: Field
@@ -116,7 +116,7 @@ def window_of(t: np.ndarray | float, window: float, dt: float) -> np.ndarray:
 
 
 def windows(t: float, window: float, dt: float) -> tuple[int, int]:
-    """Return how many time windows [s] had ended before the readings at time t [s], and with them; dt: tick [s]."""
+    """Return how many time windows [s] had ended before the readings at time t [s], and with them; dt: step [s]."""
     slack = 1e-6 * dt  # t has rounding errors
     return int(window_of(t, window, dt)), floor((t + slack) / window)
 

@@ -1,9 +1,9 @@
 """Gas sensors: signal with sensor lag (rise and decay time constants), drift and noise, and the reading from it.
 
 The static law of `gas_laws` maps the concentration to a goal y. The signal follows with separate time constants for
-rise and decay, solved exactly over a tick; a fraction may decay more slowly. A reading is the present signal, or the
-mean since the previous reading, with drift, white noise of samples and of the reading, room climate and heater warm-up.
-The calibration converts a reading to ppm, never negative. Between readings the last reading is held.
+rise and decay, solved exactly over a time step; a fraction may decay more slowly. A reading is the present signal, or
+the mean since the previous reading, with drift, white noise of samples and of the reading, room climate and heater
+warm-up. The calibration converts a reading to ppm, never negative. Between readings the last reading is held.
 """
 
 from collections.abc import Sequence
@@ -69,7 +69,7 @@ class GasSensors:
 
     @ti.func
     def _follow(self, signal: Template, n, goal, decay, decay_rest):
-        """Advance the lag of sensor n's signal towards `goal` by a tick; return the signal and its mean in the tick."""
+        """Advance sensor n's signal towards `goal` by a time step of lag; return signal and mean of the step."""
         rises = goal > signal[n]
         way = signal[n] - goal
         signal[n] = goal + way * (1.0 - ti.select(rises, self.p.rise[n], decay))
@@ -130,7 +130,7 @@ class GasSensors:
 
     @ti.func
     def lag(self, n, tick, cold, goal, noise, drift, reading_noise):
-        """Return the signal of sensor n after a tick of sensor lag towards `goal`, with drift and noise.
+        """Return the signal of sensor n after a time step of sensor lag towards `goal`, with drift and noise.
 
         cold: remaining fraction of the heater warm-up; noise, drift, reading_noise: normal deviates from `draw`.
         """
@@ -147,7 +147,7 @@ class GasSensors:
     @ti.func
     def with_noise(self, n, tick, cold, y, mean, noise, drift, reading_noise):
         """Return the signal of sensor n with drift, noise, room climate and warm-up added. y: signal after the lag;
-        mean: mean of the signal over the tick; other arguments: see `lag`.
+        mean: mean of the signal over the time step; other arguments: see `lag`.
         """
         if self.p.drift[n] > 0.0:
             self.baseline[n] = self.baseline[n] + self.p.drift[n] * drift
@@ -163,7 +163,7 @@ class GasSensors:
 
     @ti.func
     def read(self, n, i, tick, r, ppm):
-        """Write gas [ppm] and resistance r [ohm] to robot i's columns if its sensor n is due at this tick."""
+        """Write gas [ppm] and resistance r [ohm] to robot i's columns if its sensor n is due at time step `tick`."""
         if self.is_due(n, tick):
             self.reading[i] = ppm
             if ti.static(self.law.HAS_RESISTANCE):

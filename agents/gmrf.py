@@ -66,7 +66,7 @@ class MarkovMap(GasMap):
         self._solved: list[np.ndarray] | None = None
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
-        """Add the robots' readings at time t [s]; the tick that reaches a multiple of the window ends the window."""
+        """Add the robots' readings at time t [s]; a time window ends when t reaches a multiple of its length."""
         before, now = windows(t, self.model.window, dt)
         self._end_windows(before)  # no readings since the windows ended
         _collect(swarm.members, swarm.team_size, swarm.believed_position, swarm.reading, self.extent, self.cell,

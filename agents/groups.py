@@ -41,7 +41,7 @@ class GroupRange:
         return self.model.body.max_speed if given is None else given
 
     def waits(self, tick: float) -> int:
-        """Return the number of ticks before the group's robots get their first command; tick: control period [s]."""
+        """Return the number of control periods before the group's robots get a command; tick: control period [s]."""
         return floor(self.model.begin / tick + 1e-6)
 
     def generators(self, seed: int, name: str) -> list[np.random.Generator]:

@@ -5,8 +5,8 @@ The film reacts at a rate that grows with its temperature. The signal y follows 
     dy/dt = (y* - y) k(t)/tau,      k = k_hot in the first part of a cycle, k_cold = slowness k_hot in the rest,
 
 with k of mean 1, so that tau is the time constant over whole cycles. While the goal is constant, y is solved exactly:
-y approaches the goal by exp(-H/tau) with H the integral of k, for ticks and cycles of any length. The reading is y at
-the end of the last hot part.
+y approaches the goal by exp(-H/tau) with H the integral of k, for time steps and cycles of any length. The reading is y
+at the end of the last hot part.
 """
 
 from collections.abc import Sequence
@@ -78,7 +78,7 @@ class HeatedSensors(GasSensors):
 
     @ti.func
     def _go(self, signal: Template, held: Template, n, tick, goal, per_decay):
-        """Advance the lag of sensor n's signal by a tick; return its value at the end of the last hot part."""
+        """Advance sensor n's signal by a time step of lag; return the signal at the end of the last hot part."""
         begin = self.phase(n, tick - 1)
         end = begin + self.cycle.turn[n]
         per = ti.select(goal > signal[n], self.cycle.per_rise[n], per_decay)

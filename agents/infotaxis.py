@@ -104,7 +104,7 @@ class AnyInfotaxis(KernelAlgorithm):
 
     @ti.func
     def _search(self, n, tick, t, dt):
-        """Execute a tick of robot n's search: sample gas, update the belief, choose a move, or drive."""
+        """Execute a control period of robot n's search: sample gas, update the belief, choose a move, or drive."""
         i = self.robot[n]
         if self.swarm.wind_known[i] == 1:
             self.downwind[n] += self.swarm.wind[i]

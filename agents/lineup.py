@@ -190,7 +190,7 @@ class LineUp(KernelAlgorithm):
 
     @ti.func
     def _advance(self, k, dt):
-        """Move line k across the wind for a tick of dt [s]. The line stands while it waits for stragglers."""
+        """Move team k's line across the wind for a time step dt [s]; the line stands while stragglers are missing."""
         waits = 0
         first = self.first[k]
         for n in range(first, first + self.p.count[first]):

@@ -67,8 +67,8 @@ def entries(model: Policy, mates: int, sensors: int = 1) -> Iterator[tuple[str, 
 class Observation:
     """Observations of a group's learnt policy. tick: control period [s].
 
-    names, low, high: names and bounds of the `size` components of an observation. Call `follow` once a tick, after the
-    sensors; `write` at each decision, and `remember` its action; `clear` when a robot restarts.
+    names, low, high: names and bounds of the `size` components of an observation. Call `follow` in each control
+    period, after the sensors; `write` at each decision, and `remember` its action; `clear` when a robot restarts.
     """
 
     STATE: tuple[str, ...] = ("averages", "before", "past", "action")
@@ -142,7 +142,7 @@ class Observation:
 
     @ti.func
     def follow(self, n, dt):
-        """Update the running averages of robot n's gas entry by the reading of a tick."""
+        """Update the running averages of robot n's gas observation by the present reading."""
         if ti.static("memory" in self.kinds):
             gas = self.gas(n)
             for k in ti.static(range(self.times)):

@@ -3,12 +3,12 @@
 Systematic errors after Borenstein & Feng, IEEE Trans. Robotics and Automation 12 (1996) 869-880, doi:10.1109/70.544770:
 wrong wheel size (a), wrong wheel base (b) and unequal wheels (c). Random errors as in the odometry motion model of
 Thrun, Burgard & Fox, Probabilistic Robotics (2005), section 5.4: turns and distances both cause errors of heading and
-of distance. For a tick in which a robot turns by w [rad] and drives s [m] (backwards s < 0), the odometer reads
+of distance. For a time step in which a robot turns by w [rad] and drives s [m] (backwards s < 0), the odometer reads
 
     w' = (1 + b) w + c s + N(0, k1 |w| + k2 |s|)
     s' = (1 + a) s + N(0, k3 |s| + k4 |w|)
 
-Variances grow with |w| and |s|, not with their squares as in the book, so that errors do not depend on the tick (as in
+Variances grow with |w| and |s|, not with their squares as in the book, so that errors do not depend on the step (as in
 Kleeman, Odometry error covariance estimation for two wheel robot vehicles, 1995). Wheels do not slip: at contact the
 odometer reads the true distance.
 """

@@ -7,11 +7,11 @@
 
 Files are executed only with --allow-code; modules that a file imports have to be installed, or on the PYTHONPATH.
 
-The class is instantiated once per group, with the scenario's `parameters` as keywords, and called each tick with all
-robots of all trials of the group; its state from tick to tick is in its own attributes. A run can be resumed if the
-algorithm has ``state()``, which returns its whole state as plain data (numbers, texts, arrays, lists, dicts), and
-``restore(state)``. Robots of a team send each other messages of as many numbers as the class states, ``MESSAGE = 3``,
-within the group's `communication`.
+The class is instantiated once per group, with the scenario's `parameters` as keywords, and called in each time step
+(tick) with all robots of all trials of the group; its state between calls is in its own attributes. A run can be
+resumed if the algorithm has ``state()``, which returns its whole state as plain data (numbers, texts, arrays, lists,
+dicts), and ``restore(state)``. Robots of a team (a group's robots in one trial) send each other messages of as many
+numbers as the class states, ``MESSAGE = 3``, within the group's `communication`.
 """
 
 import inspect
@@ -53,7 +53,7 @@ class UserState:
 
 
 class Messages:
-    """Radio messages of several numbers between the robots of each team; the radio decides which robots receive them.
+    """Radio messages of several numbers between the robots of each team; `radio` decides which robots receive them.
 
     words: count of numbers in a message. heard (size, count, words): last message from each teammate, NaN if none;
     heard_at (size, count): time of that message [s].
@@ -77,7 +77,7 @@ class Messages:
         self.heard, self.heard_at = np.full((*shape, self.words), np.nan), np.full(shape, np.nan)
 
     def deliver(self, outputs: Outputs, tick: int, t: float) -> None:
-        """Deliver the messages that robots sent in this tick, at time t [s], to the teammates that receive them."""
+        """Deliver the messages that robots sent in this time step, at time t [s], to the teammates in radio contact."""
         if not outputs.speaks.any():
             return
         self._put_speakers(outputs.speaks)

@@ -43,9 +43,9 @@ class Robots(KnownAttributes):
     robots of a team, MESSAGE), the last message from each mate, NaN if none, and `heard_at` (n, robots of a team), its
     time [s]. Write: `speed` [m/s]; `turn_rate` [rad/s]; `state`, whole numbers that index the algorithm's STATE_NAMES.
     Other attributes cannot be set: AttributeError. Call: `turn_to`, `declare`, `tell`; `said` holds the declarations
-    and messages of this tick.
+    and messages of this time step.
 
-    Of drones also, read: `altitude` [m]. Write: `left_speed` [m/s], `climb_rate` [m/s]. Call in each tick: `go_to`.
+    Of drones also, read: `altitude` [m]. Write: `left_speed` [m/s], `climb_rate` [m/s]. Call in each step: `go_to`.
     """
 
     altitude: np.ndarray
@@ -85,7 +85,7 @@ class Robots(KnownAttributes):
             self._open()
 
     def turn_to(self, course: ArrayLike) -> None:
-        """Set turn rates that bring the headings to `course` [rad] within a tick, or as soon as the bodies can."""
+        """Set turn rates that bring the headings to `course` [rad] within a time step, or as soon as the bodies can."""
         off = np.asarray(course) - self.heading
         self.turn_rate = (off - 2 * np.pi * np.round(off / (2 * np.pi))) / self.dt
 
@@ -97,7 +97,7 @@ class Robots(KnownAttributes):
         heading: ArrayLike | None = None,
         which: ArrayLike | None = None,
     ) -> None:
-        """Command drones to fly straight to a position in this tick, as fast as they can stop there.
+        """Command drones to fly straight to a position in this time step, as fast as they can stop there.
 
         x, y, z [m], z of the lower end of the body, and heading [rad], by default controlled by `turn_rate`: a number
         for all drones or one each. which: as for `declare`, by default all. Raises ValueError.
@@ -129,7 +129,7 @@ class Robots(KnownAttributes):
         self.said.places[indices] = places
 
     def tell(self, values: ArrayLike, which: ArrayLike | None = None) -> None:
-        """Send a message to the senders' teams; teammates within range receive the message a tick later.
+        """Send a message to the senders' teams; teammates in range receive it a time step later.
 
         values: (MESSAGE,) or a row per sender (k, MESSAGE). which: senders as for `declare`, by default all. Raises
         ValueError.

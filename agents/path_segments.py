@@ -23,7 +23,7 @@ NEAR_BY_WHEELS = 2e-3  # rad, tolerance of robots with odometry errors
 
 @ti.data_oriented
 class Legs:
-    """Path segments of robots: call `set_out` once, then `advance` each tick until it returns False.
+    """Path segments of robots: call `set_out` once, then `advance` in each time step until it returns False.
 
     parameters: must include the entries of `Legs.numbers`; robots turn as fast as their bodies can.
     """
@@ -57,7 +57,7 @@ class Legs:
 
     @ti.func
     def advance(self, n, dt: float):
-        """Write robot n's commands for the next tick of dt [s]; return False when the path segment is completed."""
+        """Write robot n's commands for the next time step dt [s]; return False when the path segment is completed."""
         i = self.robot[n]
         driven = self.swarm.odometer[i] - self.mark[n]
         bump = self.swarm.blocked[i] == 1

@@ -35,7 +35,7 @@ PUSHES = 4  # corrections that move a way point out of obstacles
 
 @ti.data_oriented
 class Potential:
-    """Potential-field commands for robots: call `set_out` with each new way point, then `drive` each tick.
+    """Potential-field commands for robots: call `set_out` with each new way point, then `drive` in each time step.
 
     parameters: must include the entries of `Potential.numbers`. Robots that never `set_out` start with `mark` inf.
     """
@@ -109,7 +109,7 @@ class Potential:
 
     @ti.func
     def drive(self, n, goal, dt: float):
-        """Write the commands of robot n for the next tick of dt [s] towards the way point `goal` [m]."""
+        """Write the commands of robot n for the next time step of dt [s] towards the way point `goal` [m]."""
         i = self.robot[n]
         way = goal - self.swarm.believed_position[i]
         distance = way.norm()

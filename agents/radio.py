@@ -1,7 +1,7 @@
-"""Radio communication in a team: short messages that reach mates within range, unless lost.
+"""Radio communication in a team (a group's robots in one trial): short messages to teammates in range, some lost.
 
 A message is a value and a position, with the time and the sender's believed position. Each robot stores the last
-message of each mate.
+message of each teammate.
 """
 
 import numpy as np
@@ -42,7 +42,7 @@ class Radio:
 
     @staticmethod
     def numbers(group: GroupRange) -> Numbers:
-        """Return a group's kernel parameters: team size, robot numbers in teams, range [m], loss probability."""
+        """Return a group's kernel parameters: robots per team, numbers in the team, range [m], loss probability."""
         model = group.model.communication
         return {
             "count": group.count,  # robots of a team
@@ -68,7 +68,7 @@ class Radio:
             self.time[n, m] = NEVER
 
     def deliver(self, tick: int, t: float) -> None:
-        """Deliver the messages queued in this tick, at time t [s], to teammates in range; some are lost at random."""
+        """Deliver the messages queued in this step, at time t [s], to teammates in range; some are lost at random."""
         self._deliver(tick, t)
 
     @ti.kernel

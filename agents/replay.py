@@ -4,7 +4,7 @@ WAITING    the recording has not started: the robot stays at its first pose
 REPLAYED   the robot is at its recorded pose, interpolated linearly
 ENDED      the recording is over: the robot stays at its last pose
 
-Obstacles do not stop these robots. Each recorded reading is compared with the simulated one of its tick.
+Obstacles do not stop these robots. Each recorded reading is compared with the simulated reading of that time step.
 """
 
 from collections.abc import Sequence
@@ -39,7 +39,7 @@ class ReplayAlgorithm:
         self.begin()
 
     def begin(self) -> None:
-        """Restart the replay: choose paths, clear the comparison, order the poses at the end of the first tick."""
+        """Restart the replay: choose paths, clear the comparison, order the poses at the end of the first time step."""
         (group,) = self.members.groups
         model = cast(Replay, group.model.algorithm)
         self.chosen = model.chosen(self.ways, group.count)

@@ -90,7 +90,7 @@ class Snapshots:
         return (self.ended - 1) % self.depth
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
-        """Add the readings at time t [s], once; the tick that reaches a multiple of the window ends a snapshot."""
+        """Add the readings at time t [s], once; a snapshot (time window) ends if t reaches a multiple of its length."""
         if t <= self.time:
             return  # done for another map
         self.time = t

@@ -1,6 +1,6 @@
 """Swarm: pose, kinematics (unicycle, differential drive, drone) and readings of all robots, without any overlap.
 
-A body is an upright disc that drives like a unicycle, or flies (see `flight`). Per tick a body moves along the chord of
+A body is an upright disc that drives like a unicycle, or flies (see `flight`). Per step a body moves along the chord of
 its arc; a collision cuts the move short, and the rest of the move slides along the obstacle. Robots of a trial move one
 after the other, each among the new positions of the robots before. Trials neither sense nor touch each other.
 """
@@ -180,7 +180,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
             self._put_discs([motion.place(center, t) for motion, center in self.walkers])
 
     def _push(self, t: float, dt: float) -> None:
-        """Push robots aside that moving obstacles run into during the tick of dt [s] that ends at t [s].
+        """Push robots aside that moving obstacles run into during the time step of dt [s] that ends at t [s].
 
         An obstacle that is fast for its size moves in substeps of at most half its radius.
         """
@@ -191,7 +191,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
             self._give_way(1.0 / dt, dt if n == parts else 0.0)
 
     def move(self, tick: int, t: float, dt: float) -> None:
-        """Move all robots by their commands for a tick of dt [s] that ends at t [s], unless their search is over."""
+        """Move all robots by their commands for a time step dt [s] that ends at t [s], unless their search is over."""
         if self.count:
             self._walk(t)
             self._move(tick, t, dt)
@@ -218,7 +218,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     @ti.kernel
     def _give_way(self, rate: float, dt: float):
-        """Push robots out of moving obstacles. rate: 1/tick [1/s]; dt: added to `pinned_time` of robots stuck [s]."""
+        """Push robots out of moving obstacles. rate: 1/step [1/s]; dt: added to `pinned_time` of stuck robots [s]."""
         ti.loop_config(serialize=ti.static(runs_serially(self.count)))
         for k in range(self.trials):
             for m in range(self.team_size[k]):
@@ -244,7 +244,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     @ti.func
     def go(self, i, k, tick, t, dt):
-        """Move robot i of trial k for a tick dt [s] that ends at t [s], and note whether it finds a source."""
+        """Move robot i of trial k for a time step dt [s] that ends at t [s], and note whether it finds a source."""
         before = self.blocked[i]
         self.blocked[i] = 0
         self.velocity[i] = ti.Vector([0.0, 0.0])
@@ -269,7 +269,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     @ti.func
     def _go_on(self, i, k, tick, dt):
-        """Move robot i of trial k through a tick of dt [s] by its kinematics: drive or fly."""
+        """Move robot i of trial k through a time step of dt [s] by its kinematics: drive or fly."""
         if ti.static(self.flies):
             if self.wings[i] == 1.0:
                 begin = self.position[i]

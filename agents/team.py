@@ -99,7 +99,7 @@ def teams(
     networks: Mapping[str, Network] | None = None,
     ways: Mapping[str, Sequence[Way]] | None = None,
 ) -> list[Team]:
-    """Return a team for each kind of algorithm and starting time, or for each group if the class is `PER_GROUP`.
+    """Return a `Team` (groups and the algorithm that drives them) per kind of algorithm and start time, or per group.
 
     own: users' classes, networks: networks of policies, ways: recorded paths, by the names of their groups.
     """

@@ -106,7 +106,7 @@ def _from_cells(
     strip: Template, weighted: Template, weights: Template, snap: int, offsets: Template, closeness: Template,
     margin: int, numerator: Template, denominator: Template,
 ):  # fmt: skip
-    """Compute both sums of eq 6 for snapshot `snap` from cells, along y in strips that fit into registers."""
+    """Compute numerator and denominator of eq 6 at snapshot (time window) `snap` from cells of earlier snapshots."""
     nx, ny = ti.static(numerator.shape[1], numerator.shape[2])
     for k, i, part in ti.ndrange(numerator.shape[0], nx, (ny + strip - 1) // strip):
         first = part * strip
@@ -142,7 +142,7 @@ def _from_samples(
     samples: Template, taken: Template, snap: int, depth: int, cell: float, alpha: float, beta: float, lag_age: float,
     numerator: Template, denominator: Template,
 ):  # fmt: skip
-    """Compute both sums of eq 6 for snapshot `snap` from the samples of the last `depth` snapshots."""
+    """Compute numerator and denominator of eq 6 at snapshot (time window) `snap` from `depth` earlier snapshots."""
     for k, i, j in numerator:
         center = (ti.Vector([i, j]) + 0.5) * cell
         a = 0.0

@@ -175,7 +175,7 @@ class PlumeTracker(KernelAlgorithm):
 
     @ti.func
     def _steer(self, n, dt):
-        """Write robot n's commands: turn towards its course, more slowly ahead the larger the heading error."""
+        """Command robot n to turn to its driving direction, and to drive slower the larger the heading error is."""
         i = self.robot[n]
         course = self._course(n)
         error = wrap(direction(course.y, course.x) - self.swarm.believed_heading[i])

@@ -16,7 +16,7 @@ EPISODE = 0x45504953  # separates the draws for an episode from the draws in it
 class Trials:
     """Clocks, seeds and sources of `count` trials that restart independently, each with `team` consecutive robots.
 
-    age: ticks of `tick` [s] since the start of the episode. goes: whether the trial takes part in this tick; other
+    age: ticks of `tick` [s] since the start of the episode. goes: whether the trial takes part in this time step; other
     robots neither move nor sense. seed: two words of the trial; its episodes follow from them, numbered by `episode`.
     key, salt: key and offset of the episode's random streams. side: -1 where the world is mirrored, else 1.
     """
@@ -86,7 +86,7 @@ class OwnClocks:
 
     @ti.func
     def clock(self, i, tick, t):
-        """Return the tick and the time [s] in the trial of robot i; tick, t: those of the run."""
+        """Return the time step's index and the time [s] in robot i's trial, which may restart; tick, t: of the run."""
         now, at = tick, t
         if ti.static(self.apart):
             now = self.episodes.age[self.episodes.of(i)]

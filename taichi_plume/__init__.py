@@ -61,7 +61,7 @@ __all__ = ["RunFolderError", "Scenario", "Simulation", "load_scenario", "open_ru
 
 
 def __getattr__(name: str) -> object:
-    """Import a public name at its first use: `import taichi_plume` alone is instant."""
+    """Import and return a public name of the package at its first use, so that `import taichi_plume` is fast."""
     where = {
         "RunFolderError": "files.run_folder",
         "Scenario": "scenario.scenario",

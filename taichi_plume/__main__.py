@@ -55,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def command(name: str = "") -> NoReturn:
-    """Run the command line and end the process with its exit code. name: the command, if it is no argument."""
+    """Run this process's command line and exit with its code. name: the command, unless the first argument names it."""
     leave(main([name, *sys.argv[1:]] if name else None))
 
 

@@ -3,7 +3,7 @@
     from taichi_plume.client import Team
 
     with Team("127.0.0.1:7447", group="robots") as team:
-        for now in team:                                  # once per tick
+        for now in team:                                  # once per control period (tick)
             upwind = np.arctan2(-now.wind[:, 1], -now.wind[:, 0])
             team.drive(speed=0.1, turn_rate=upwind - now.heading)
 
@@ -31,7 +31,7 @@ Maybe = ArrayLike | None
 
 @dataclass(frozen=True)
 class Readings:
-    """Readings of a team at time t [s], arrays over its n robots.
+    """Sensor readings of n external robots at time t [s], as arrays over the robots; tick: number of the time step.
 
     robot: numbers in the group. position (n, 2) [m] and heading [rad] as the robots estimate them, altitude [m] of
     drones; gas [ppm, or ppm m of a laser] and resistance [ohm], NaN without a metal oxide, of the first gas sensor;
@@ -59,7 +59,7 @@ class Readings:
 
 
 class Team(KnownAttributes):
-    """The robots of an external group, or some of them.
+    """Connection of a client to the robots of an external group, or to some of them: readings in, commands out.
 
     where: HOST:PORT of the service. group: name in the scenario. robots: numbers of the robots, trial by trial; default
     all. token: of the service; default from the environment (TAICHI_PLUME_TOKEN). patience: longest silence of the
@@ -95,13 +95,13 @@ class Team(KnownAttributes):
         self.close()
 
     def close(self) -> None:
-        """Disconnect. The robots then count as lost and stand still."""
+        """Disconnect from the service. The robots then count as lost and stand still."""
         self._session.close()
 
     # ------------------------------------------------------------ in
 
     def __iter__(self) -> Iterator[Readings]:
-        """Yield the newest readings until the run is over. Readings of missed ticks are skipped.
+        """Yield the newest readings until the run is over. Readings of missed time steps are skipped.
 
         Raises ConnectionError if no readings arrive within `patience`.
         """
@@ -115,8 +115,8 @@ class Team(KnownAttributes):
             )
 
     def wait(self, seconds: float | None = None) -> Readings | None:
-        """Wait for the readings of a new tick, at most `seconds` (default `patience`), and return them; None if the run
-        is over or the time has passed. Raises ValueError for unknown robots.
+        """Wait at most `seconds` (default `patience`) for a new time step; return its readings, or None if the run is
+        over or the time has passed. Raises ValueError for unknown robots.
         """
         with self._news:
             seconds = self.patience if seconds is None else seconds
@@ -134,7 +134,7 @@ class Team(KnownAttributes):
         return self._newest is not None and self._newest.tick > self._shown
 
     def _hear(self, sample: Any) -> None:
-        """Store received readings; called in a thread of zenoh."""
+        """Decode and store the readings of a received zenoh message and wake `wait`; called in a thread of zenoh."""
         fault, now = "", None
         try:
             message = ros.decode(ros.READINGS, sample.payload.to_bytes())
@@ -209,7 +209,7 @@ class Team(KnownAttributes):
 
 
 def _numbers(robots: ArrayLike) -> np.ndarray:
-    """Return numbers of robots as an array. Raises ValueError."""
+    """Return robot numbers, checked to be whole and not negative, as an array (n,). Raises ValueError."""
     given = np.atleast_1d(np.asarray(robots))
     if given.ndim != 1 or not len(given) or not np.issubdtype(given.dtype, np.integer) or given.min() < 0:
         raise ValueError(f"robots: got {robots!r}, must be whole numbers from 0 on")
@@ -217,7 +217,7 @@ def _numbers(robots: ArrayLike) -> np.ndarray:
 
 
 def _spread(name: str, value: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
-    """Return a value for all robots, or one per robot, broadcast to a shape. Raises ValueError."""
+    """Return one value for all robots, or one per robot, broadcast to `shape`. Raises ValueError."""
     given = np.asarray(value, float)
     try:
         return np.broadcast_to(given, shape)
@@ -228,7 +228,7 @@ def _spread(name: str, value: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _readings(message: Any, robots: slice | np.ndarray) -> Readings:
-    """Return the readings of some robots of a message."""
+    """Return the readings of the selected robots, taken from a decoded message of the service."""
     count = len(message.robot)
     gases, resistances = (each.reshape(count, -1)[robots] for each in (message.gas, message.resistance))
     fields: dict[str, Any] = vars(message)
@@ -248,7 +248,7 @@ def _readings(message: Any, robots: slice | np.ndarray) -> Readings:
 
 
 def _connected(where: str, token: str | None, patience: float) -> "zenoh.Session":
-    """Return a session with a service; retry for `patience` while the service starts. Raises ConnectionError."""
+    """Return a zenoh session with the service at HOST:PORT, retried for `patience` [s]. Raises ConnectionError."""
     from argparse import ArgumentTypeError
 
     try:

@@ -67,7 +67,7 @@ class Mapper(Protocol):
     errors: Series
 
     def update(self, swarm: "Swarm", t: float, dt: float) -> None:
-        """Add the robots' readings at time t [s], the end of a tick of dt [s]."""
+        """Add the robots' readings at time t [s], the end of a time step of dt [s]."""
         ...
 
     def estimate(self) -> np.ndarray:
@@ -108,7 +108,7 @@ class Every:
     _last_tick: int | None = field(default=None, repr=False)
 
     def call_if_due(self, sim: "Simulation", force: bool = False) -> None:
-        """Call the function if a multiple of the period was reached, or by `force`; at most once per tick."""
+        """Call the function if a multiple of `period` was reached or `force` is set; at most once per time step."""
         if (sim.tick < 0 and not self.warm_up) or sim.tick == self._last_tick:
             return
         index = (sim.t + 1e-9 * sim.dt) // self.period
@@ -119,7 +119,7 @@ class Every:
 
 @dataclass
 class EveryStep:
-    """Observer: function called with the simulation and the time [s], at the start and after every air step."""
+    """Observer: function called with the simulation and the time [s], at the start and after every step of the flow."""
 
     STATE: ClassVar[tuple[str, ...]] = ("_step",)
 
@@ -127,7 +127,7 @@ class EveryStep:
     _step: int = field(default=-1, repr=False)
 
     def call_if_due(self, sim: "Simulation", t: float) -> None:
-        """Call the function with the simulation and time t [s], at most once per step."""
+        """Call the function with the simulation and time t [s], at most once per step of the flow."""
         if sim.steps != self._step:
             self._step = sim.steps
             self.function(sim, t)
@@ -144,10 +144,10 @@ def check_gas(sim: "Simulation") -> None:
 
 @dataclass
 class Simulation:
-    """Run of a scenario. Time t = tick dt is 0 when the robots start; the warm-up has negative ticks.
+    """Run of a scenario in time steps (ticks) of dt [s]. t = tick dt is 0 when robots start, negative in the warm-up.
 
-    Order of a tick: wind and gas advance together in steps within the wind's CFL limit, robots move by their commands,
-    sensors measure, maps add the readings, algorithms act, and observers that are due are called.
+    Order of a time step: wind and gas advance together in substeps within the wind's CFL limit, robots move by their
+    commands, sensors measure, maps add the readings, algorithms act, and observers that are due are called.
     """
 
     scenario: Scenario
@@ -218,7 +218,7 @@ class Simulation:
         return [names[number] for number in sorted(names)]
 
     def run(self) -> None:
-        """Run the simulation to its end. Raises UnstableError after observers were called up to the last good tick."""
+        """Run the simulation to its end. Raises UnstableError; observers were called up to the last good step."""
         self._begun = time.perf_counter()
         try:
             self.observe()

@@ -151,7 +151,7 @@ def build(
 
 
 class Stirring:
-    """Moving obstacles and wakes of robots, which stir the air.
+    """Moving obstacles and wakes of robots, which exert drag on the air.
 
     makers: functions that take the open fractions of the cell faces and return the drag of an obstacle or a group.
     """
@@ -190,7 +190,7 @@ class Stirring:
 
 
 def ways(scenario: Scenario, resources: Resources, cubes: Cubes | None) -> tuple[ClearanceMap, list[int]]:
-    """Return the map of distances to obstacles, and the indices of moving obstacles at the altitudes of robots."""
+    """Return a map of distances to standing obstacles, and the indices of moving obstacles at the robots' altitudes."""
     flying = [group for group in scenario.robots if group.body.flies]
     driving = [group for group in scenario.robots if not group.body.flies]
     standing: list[Any] = [shape for shape in resources.standing if shape is not None]
@@ -214,7 +214,7 @@ def ways(scenario: Scenario, resources: Resources, cubes: Cubes | None) -> tuple
 
 
 def _box(scenario: Scenario, resources: Resources) -> tuple[Grid, Air]:
-    """Return the grid and its air (fluid fractions of the cells)."""
+    """Return the grid of the domain, and the open (fluid) fractions of its cells and faces."""
     film = resources.films.get("wind")
     openings = scenario.openings
     grid = Grid.of(scenario.domain, film.periodic if film else periodic_axes(openings, scenario.domain.dim))
@@ -226,7 +226,7 @@ def _box(scenario: Scenario, resources: Resources) -> tuple[Grid, Air]:
 
 
 def _around(scenario: Scenario, grid: Grid, air: Air) -> Surroundings:
-    """Return the surfaces that stop laser beams, and the distance of gas samples along a beam."""
+    """Return the surroundings of laser gas sensors: surfaces that stop beams, and the sampling step along a beam."""
     finest = [gas.finest for _, gas in scenario.gases if gas.finest is not None]
     level = LevelSet(air, grid) if (air.volume < 1.0).any() else None
     return Surroundings(level, grid.extent, min([grid.dx / 8.0, *finest]), grid.dx)
@@ -257,7 +257,7 @@ def _gas(context: Context, path: str, wind: Wind, film: TickFilm | None) -> Gas:
 
 
 def _weights(scenario: Scenario) -> dict[str, float]:
-    """Relative change of the air's density per kg/m³ of each gas with solutal buoyancy."""
+    """Return the relative change of the air's density per kg/m³ of each gas with solutal buoyancy, by the gas's key."""
     if scenario.buoyancy is None or not scenario.buoyancy.solutal:
         return {}
     return {path: model.vapour.weight_per_density for path, model in scenario.gases if model.weighs}
@@ -299,7 +299,7 @@ def _drivers(
 
 
 def _places(scenario: Scenario) -> np.ndarray:
-    """Positions of the sources, (m, 3) [m]; in 2-D on the floor."""
+    """Return the positions of the gas sources, (m, 3) [m]; in 2-D z is 0."""
     places = np.zeros((len(scenario.sources), 3))
     for row, (_, source) in zip(places, scenario.sources, strict=True):
         row[: len(source.position)] = source.position
@@ -307,14 +307,14 @@ def _places(scenario: Scenario) -> np.ndarray:
 
 
 def _start_generator(seed: int, group: int, trial: int) -> np.random.Generator:
-    """Random generator of the start positions and headings of a group's trial."""
+    """Return the random generator for the start positions and headings of a robot group in a trial."""
     return generator(seed, f"start of group {group}, trial {trial}")
 
 
 def _starts(
     scenario: Scenario, clearance: ClearanceMap, walkers: list[Obstacle]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Start positions of all robots (n, 2) [m], and headings (n,) [rad]."""
+    """Return start positions (n, 2) [m] and headings (n,) [rad] of all robots. Raises ScenarioError."""
     trials = np.arange(max((group.trials for group in scenario.robots), default=1))
     occupied = [
         Placed(np.tile(walker.center[:2], (len(trials), 1)), walker.disc, trials) for walker in walkers

@@ -29,8 +29,8 @@ class Context:
     """Scenario, files, grid and shared fields from which the solvers of wind and gas are constructed.
 
     scalars: concentrations on the grid of the gases that make the air heavier (buoyancy), by their paths in the
-    scenario. weighing: the same, with their weights. resistances: functions that take the open fractions of the cell
-    faces and return the drag of a moving obstacle or of robots' wakes.
+    scenario. weighing: the same, with the density change per kg/m³. resistances: functions that take the open
+    fractions of the cell faces and return the drag of a moving obstacle or of robots' wakes.
     """
 
     scenario: Scenario

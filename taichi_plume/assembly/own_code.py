@@ -14,8 +14,8 @@ DIGITS = 16  # of a SHA-256 that are shown
 def execute(prepared: Prepared, allow: bool, ask: bool = False, without: Collection[str] = ()) -> None:
     """Execute the files of own algorithms and store their classes in the resources.
 
-    allow: whether that is permitted; ask: whether to ask at a terminal otherwise. without: names of groups whose
-    classes are given. Raises ScenarioError without permission, or if a file holds no algorithm.
+    allow: whether execution is permitted; ask: else ask the user at a terminal. without: names of robot groups whose
+    files are not executed. Raises ScenarioError without permission, or if a file holds no algorithm.
     """
     paths = {f"robots[{n}].algorithm": group.name for n, group in enumerate(prepared.scenario.robots)}
     code = prepared.resources.code
@@ -39,7 +39,7 @@ def execute(prepared: Prepared, allow: bool, ask: bool = False, without: Collect
 
 
 def has_permission(where: str, digest: str) -> bool:
-    """Ask the user for permission; without a terminal the answer is no."""
+    """Ask the user at the terminal whether a Python file may be executed; return False without a terminal."""
     if not (sys.stdin and sys.stdin.isatty() and sys.stderr.isatty()):
         return False
     about = f"holds Python code, which will run with all your rights (SHA-256 {digest[:DIGITS]}...)."

@@ -25,7 +25,7 @@ class Prepared(NamedTuple):
 
 
 class StructureError(ScenarioError):
-    """A scenario with another structure than the assembled simulation."""
+    """Error: a scenario's structure (kinds, counts, shapes) differs from that of the assembled simulation."""
 
 
 def load_scenario(
@@ -36,9 +36,9 @@ def load_scenario(
 ) -> Scenario:
     """Return the checked scenario of a YAML file or of a dict with the same keys; no code is executed.
 
-    overrides: such as ``robots.0.count=3``. allow_outside: whether named files may lie outside the scenario's folder;
-    those in overrides always may. folder: of the files of a dict, by default the working folder. Raises
-    ScenarioError, with a line for each fault.
+    overrides: changes such as ``robots.0.count=3``. allow_outside: whether files may lie outside the scenario's
+    folder; files named in overrides always may. folder: folder of the files that a dict names, by default the working
+    folder. Raises ScenarioError, with a line for each fault.
     """
     return load(source, overrides, allow_outside, folder).scenario
 
@@ -49,7 +49,7 @@ def load(
     allow_outside: bool = False,
     folder: str | Path | None = None,
 ) -> Prepared:
-    """Load a scenario as `load_scenario` does, with its opened files. Raises ScenarioError."""
+    """Load and check a scenario like `load_scenario`; return it with its opened files. Raises ScenarioError."""
     if isinstance(source, str | Path):
         source = Path(source)
         path, where = source, f"{source}: "
@@ -82,9 +82,9 @@ def load(
 def expanded(
     data: dict[str, Any], path: Path, allow_outside: bool = False
 ) -> tuple[dict[str, Any], list[str], list[Path]]:
-    """Replace the GADEN project that a scenario's file may name by the keys of a scenario.
+    """Replace the key `gaden` of a scenario, if given, by the keys that describe the named GADEN project.
 
-    Returns the data, remarks on settings that could not be converted, and the files read. Raises ScenarioError.
+    Returns the keys, remarks on settings that could not be converted, and the files read. Raises ScenarioError.
     """
     if data.get("gaden") is None:
         return data, [], []
@@ -101,7 +101,7 @@ def expanded(
 def checked(
     scenario: Scenario, folder: Path, allow_outside: bool = False, named: Collection[str] = ()
 ) -> Prepared:
-    """Open the files of a scenario as `prepare` does and run all checks. Raises ScenarioError."""
+    """Open the files of a scenario (see `prepare`), run all checks and return both. Raises ScenarioError."""
     _require_scenario(scenario)
     faults = checks.early_errors(scenario)
     if not faults:
@@ -114,14 +114,14 @@ def checked(
 
 
 def _require_scenario(scenario: object) -> None:
-    """Raise ScenarioError for a path or a dict in place of a scenario."""
+    """Raise ScenarioError if the argument is no Scenario, such as a path or a dict."""
     if not isinstance(scenario, Scenario):
         what = f"got {type(scenario).__name__}; load_scenario returns the scenario of a YAML file or a dict"
         raise ScenarioError([f"scenario: {what}"])
 
 
 def again(prepared: Prepared, scenario: Scenario) -> Prepared:
-    """Combine another scenario of the same structure with the files that `prepared` holds open.
+    """Check another scenario of the same structure and return it with the opened files of `prepared`, for a reset.
 
     Raises ScenarioError: StructureError if the structure differs, else if a check fails.
     """
@@ -142,7 +142,7 @@ def again(prepared: Prepared, scenario: Scenario) -> Prepared:
 def prepare(
     scenario: Scenario, folder: Path, allow_outside: bool = False, named: Collection[str] = ()
 ) -> Prepared:
-    """Open the files of a scenario in `folder`; record errors of unusable files for the later checks.
+    """Open a scenario's files in `folder`; return both. Errors of unusable files are stored for the later checks.
 
     Raises ScenarioError if a file lies outside `folder`, unless `allow_outside` is set or its key is in `named`.
     """

@@ -1,4 +1,4 @@
-"""The commands: their options, what they print and their exit codes."""
+"""Command-line interface: options, printed output and exit code of each command."""
 
 MAY_IMPORT: tuple[str, ...] = (
     "assembly",

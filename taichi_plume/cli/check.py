@@ -30,9 +30,9 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 
 def print_check(prepared: Prepared, out: Path | None = None, whole: bool = False) -> None:
-    """Print the keys, derived quantities, unlikely settings and the size; draw the scene.
+    """Print a scenario's keys, derived quantities, unlikely settings and expected size; draw the scene as a PNG.
 
-    out: the run's folder; whole: print all keys with their defaults and meanings, instead of the user's alone.
+    out: the run's folder, for the PNG; whole: print all keys with defaults and meanings, instead of the user's keys.
     """
     scenario = prepared.scenario
     wide = shutil.get_terminal_size((WIDTH, 24)).columns if sys.stdout.isatty() else WIDTH
@@ -57,7 +57,7 @@ def print_check(prepared: Prepared, out: Path | None = None, whole: bool = False
 
 
 def duration(seconds: float) -> str:
-    """Return a duration [s] as text, in seconds, minutes or hours."""
+    """Return a duration, given in seconds, as text in seconds, minutes or hours."""
     if seconds < 100:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.0f} h"
@@ -98,7 +98,7 @@ def _tree(text: str) -> yaml.Node:
 
 
 def _keys(node: yaml.Node, part: object) -> Iterator[tuple[int, str, str, int]]:
-    """Yield line, name and explanation of each key below a node of the YAML tree, and the number of its lines."""
+    """Yield (line, name, explanation, number of lines) of each key below a YAML node; part: its scenario section."""
     if isinstance(part, tuple):
         for child, item in zip(node.value, part, strict=True):
             if isinstance(item, Model):
@@ -113,7 +113,7 @@ def _keys(node: yaml.Node, part: object) -> Iterator[tuple[int, str, str, int]]:
 
 
 def draw_scene(prepared: Prepared, path: Path) -> str | None:
-    """Draw the scene as a PNG at `path` and return None, or why that failed. Only an earlier picture is replaced."""
+    """Draw the scene into a PNG file and return None, or the reason of a failure. A file that is no PNG is kept."""
     try:
         if path.exists() and not _is_png(path):
             return "is no picture, and stays as it is"

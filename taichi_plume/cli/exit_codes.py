@@ -1,4 +1,4 @@
-"""Exit codes of exceptions, in one table for all commands."""
+"""Conversion of exceptions to error messages and exit codes, the same for all commands."""
 
 import traceback
 from collections.abc import Callable

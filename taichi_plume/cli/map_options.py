@@ -29,7 +29,7 @@ class _Parser(Parser):
 
 
 def arguments(argv: Sequence[str]) -> tuple[argparse.Namespace, Map]:
-    """Parse the options and return them with the model of the map. Raises InputError."""
+    """Parse the command line of `maps`; return the options and the section of the chosen gas map. Raises InputError."""
     first = _Parser(add_help=False, allow_abbrev=False)
     option(first, "--map", str, "MAP", "", action="append", default=[])
     option(first, "--kind", str, "KIND", "")
@@ -53,7 +53,7 @@ def arguments(argv: Sequence[str]) -> tuple[argparse.Namespace, Map]:
 
 
 def _options(end: str) -> _Parser:
-    """Return the parser of all options. end: last part of the help."""
+    """Return the parser of all options of `maps`. end: last part of the help text."""
     parser = _Parser(
         prog="python -m taichi_plume.maps",
         description="Make a gas map of recorded readings.",
@@ -102,7 +102,7 @@ def _of_bags(group: argparse._ArgumentGroup) -> None:
 
 
 def bag_options(args: argparse.Namespace) -> BagOptions:
-    """Return the selection of a bag's topics and units."""
+    """Return the topics, frames, sensor and units by which a ROS bag is read, from the parsed command line."""
     topics, poses, wind = tuple(args.topic), tuple(args.pose), tuple(args.wind)
     return BagOptions(
         topics, poses, wind, args.frame, args.sensor, args.units, args.model, args.air, args.upwind
@@ -110,14 +110,14 @@ def bag_options(args: argparse.Namespace) -> BagOptions:
 
 
 def _kinds() -> str:
-    """Return the help on all kinds of maps."""
+    """Return the help text on all kinds of gas maps."""
     lines = [_item(kind, purpose(model)) for kind, model in KINDS.items()]
     whole = _whole_log("unless its parameters limit the age of readings, as those of online maps do.")
     return "\n".join(["kinds of maps; --kind KIND --help lists the parameters of one:", *lines, "", whole])
 
 
 def _parameters(model: Map) -> str:
-    """Return the help on the parameters of a kind of map."""
+    """Return the help text on the parameters of the gas map's kind."""
     lines = [f"parameters of a {model.kind} map, --map '{{kind: {model.kind}, NAME: VALUE, ...}}':"]
     for name, field in type(model).model_fields.items():
         if name != "kind":
@@ -142,7 +142,7 @@ def _item(name: str, text: str) -> str:
 
 
 def _quantity(kind: Any) -> Callable[[str], float]:
-    """Type of an option that takes a quantity of this kind, with or without a unit."""
+    """Return an argparse type for quantities of a kind (length, resistance, ...), given with or without a unit."""
 
     def read(text: str) -> float:
         try:

@@ -39,7 +39,7 @@ MOST_OBLONG = 4.0  # of a picture
 
 
 def write(gas_map: GasMap, readings: Readings, size: tuple[float, float], folder: Path) -> None:
-    """Write FILES into an existing folder."""
+    """Write a gas map into an existing folder: map.csv, map.png and scores.json; size: of the floor [m]."""
     from taichi_plume.running.result import plain
 
     nx, ny = gas_map.estimate.shape
@@ -144,7 +144,7 @@ def _used(scores: dict[str, Any], times: Sequence[str]) -> str:
 
 
 def _is_map(folder: Path) -> bool:
-    """Return whether the scores.json of a folder is that of a gas map."""
+    """Return whether a folder holds a gas map, by the keys of its scores.json."""
     from taichi_plume.files.run_folder import read_json
 
     return read_json(folder / "scores.json").keys() >= {"kind", "readings", "known_fraction"}

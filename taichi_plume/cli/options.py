@@ -39,20 +39,20 @@ OTHER_MAPS = "read maps and meshes outside the run's folder that are not those o
 
 
 def add(parser: _ActionsContainer, *names: str, **changes: Any) -> None:
-    """Add shared arguments to a parser. changes: keywords of `add_argument` that differ for this command."""
+    """Add arguments of OPTIONS, by name, to a parser. changes: keywords of `add_argument` to override."""
     for name in names:
         parser.add_argument(name, **OPTIONS[name] | changes)
 
 
 def flag(parser: _ActionsContainer, name: str, meaning: str) -> None:
-    """Add an option without a value."""
+    """Add a boolean option to a parser: true if given; meaning: help text."""
     parser.add_argument(name, action="store_true", help=meaning)
 
 
 def option(
     parser: _ActionsContainer, name: str, kind: Callable[[str], Any], value: str, meaning: str, **more: Any
 ) -> None:
-    """Add an option with a value, which the help calls `value`. kind: its type; more: keywords of `add_argument`."""
+    """Add an option with a value to a parser. kind: argparse type; value, meaning: placeholder and text of the help."""
     parser.add_argument(name, type=kind, metavar=value, help=meaning, **more)
 
 
@@ -70,7 +70,7 @@ def _number(kind: type[Number], allowed: Callable[[float], bool], words: str) ->
 
 
 def whole_number(least: int, most: int) -> Callable[[str], int]:
-    """Type of an option that takes a whole number from `least` to `most`."""
+    """Return an argparse type that accepts whole numbers from `least` to `most`."""
     return _number(int, lambda value: least <= value <= most, f"a whole number from {least} to {most}")
 
 

@@ -62,7 +62,7 @@ def _new(args: argparse.Namespace) -> int:
 
 
 def _resume(args: argparse.Namespace) -> int:
-    """Resume an interrupted run."""
+    """Resume an interrupted run from the checkpoint in its folder; return the exit code."""
     from taichi_plume.assembly.own_code import execute
     from taichi_plume.assembly.prepare import load
     from taichi_plume.files.run_folder import RunFolder

@@ -1,8 +1,8 @@
 """``python -m taichi_plume.serve scenario.yaml`` runs a scenario in real time, with robots from outside.
 
 Robots of groups with ``algorithm: {kind: external}`` are driven by clients (see taichi_plume.client), by ROS 2 nodes
-through a zenoh bridge, or manually from Foxglove; topics are those of `topics`. The service accepts
-connections from this machine only, unless another address is given. That takes a token for the service and for clients,
+through a zenoh bridge, or manually from Foxglove; serve/topics.py lists the topics. The service accepts connections
+from this machine only, unless another address is given. Another address needs a token for the service and the clients,
 in the environment variable TAICHI_PLUME_TOKEN. Web pages cannot connect unless the origin of their site is allowed.
 Files and exit codes are those of ``python -m taichi_plume.run``; such a run cannot be resumed.
 """
@@ -94,7 +94,7 @@ def _require_names(file: Path, names: Sequence[str]) -> None:
 
 @contextmanager
 def _links(args: argparse.Namespace, name: str) -> "Iterator[list[Link]]":
-    """Open transports. Raises LinkError if an address cannot be used."""
+    """Open the links to clients (zenoh, WebSocket unless port 0) and close them on exit. Raises LinkError."""
     from taichi_plume.serve.websocket_link import WebSocketLink
     from taichi_plume.serve.zenoh_link import ZenohLink
 

@@ -87,7 +87,7 @@ def _folder(source: Path) -> Path:
 
 
 def _print(plume: "Statistics") -> None:
-    """Print the main results."""
+    """Print the main statistics of a plume: samples, threshold, power laws, whiffs that sensors keep, notes."""
     points = sum(len(part.probe.places) for part in plume.probes)
     say(
         f"{plume.gas}: {points:,} points, {plume.samples:,} samples from {plume.begin:.4g} to {plume.end:.4g} s; "

@@ -46,7 +46,7 @@ def _study(args: argparse.Namespace) -> int:
 
 
 def _report(argv: Sequence[str]) -> int:
-    """Run the command line of `study report`."""
+    """Run the command line of `study report`, which writes a study's tables and page again; return the exit code."""
     description = "Write the tables and the page of a study again, of all runs that are done."
     parser = Parser(prog="python -m taichi_plume.study report", description=description)
     parser.add_argument("out", type=Path, metavar="DIR", help="the study's folder, such as studies/NAME")

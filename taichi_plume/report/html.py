@@ -21,7 +21,7 @@ Rows = Sequence[Sequence[object]]
 
 @dataclass
 class Image:
-    """Figure: PNG, title of a line, and caption."""
+    """Figure of an HTML page: PNG bytes, a title of one line, and a caption."""
 
     png: bytes
     title: str
@@ -29,13 +29,13 @@ class Image:
 
     @property
     def address(self) -> str:
-        """The PNG as a data URL."""
+        """The figure's PNG as a data URL (base64), which embeds the image in the page."""
         return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
 
 
 @dataclass
 class Table:
-    """Table: rows under their heads, with a caption."""
+    """Table of an HTML page: rows of cells, heads of the columns, and a caption."""
 
     rows: Rows
     heads: Sequence[str] = ()
@@ -44,7 +44,7 @@ class Table:
 
 @dataclass
 class Section:
-    """Section of a page, in reading order: lines, images, tables. code: lines are commands."""
+    """Section of an HTML page: lines of text, then images, then tables. key: anchor; code: the lines are commands."""
 
     title: str
     key: str
@@ -54,17 +54,17 @@ class Section:
     code: bool = False
 
     def image(self, png: bytes, title: str, caption: str) -> None:
-        """Add a figure."""
+        """Append a figure to the section: PNG bytes, title and caption."""
         self.images.append(Image(png, title, caption))
 
     def table(self, rows: Rows, heads: Sequence[str] = (), caption: str = "") -> None:
-        """Add a table, unless it has no rows."""
+        """Append a table to the section; without rows do nothing."""
         if rows:
             self.tables.append(Table(rows, heads, caption))
 
     @property
     def empty(self) -> bool:
-        """Whether the section has no contents."""
+        """True if the section has no lines, no images and no tables."""
         return not (self.lines or self.images or self.tables)
 
 
@@ -80,10 +80,10 @@ def write(
     what: str = "report of a run",
     about: str = "Report of a run of taichi_plume",
 ) -> Path:
-    """Write a page of the sections that are not empty; return the page's path. Raises OSError.
+    """Write an HTML page of the sections that are not empty to `path`; return the path. Raises OSError.
 
-    name: heading; status: word in a box, green if `good`, else red; message: line beside the box. about: line below,
-    followed by the lines of `began`. what: follows the name in the title of the window.
+    name: heading; status: word in a box, green if `good`, else red; message: line beside the box. about: line below
+    the box, followed by the lines of `began`. what: text after the name in the window's title.
     """
     import jinja2
 
@@ -100,5 +100,5 @@ def write(
 
 
 def shown(text: object, longest: int | None = LONGEST) -> str:
-    """Return a text like `visible`, but with non-breaking spaces unchanged."""
+    """Return a text with control characters escaped, cut to `longest` characters; non-breaking spaces are kept."""
     return NO_BREAK.join(visible(part, longest) for part in str(text).split(NO_BREAK))

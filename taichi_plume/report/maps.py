@@ -43,17 +43,17 @@ class BeliefAtEnd(NamedTuple):
 
 
 def maps_of(folder: Path) -> list[MapAtEnd]:
-    """Return the maps of a run, empty if there are none. Raises RunFolderError."""
+    """Return the gas maps of a run's first trial from the run folder; [] if there are none. Raises RunFolderError."""
     return _read(folder, "maps", _map)
 
 
 def beliefs_of(folder: Path) -> list[BeliefAtEnd]:
-    """Return the beliefs of a run, empty if there are none. Raises RunFolderError."""
+    """Return the belief maps in a run folder, one per group; [] if there are none. Raises RunFolderError."""
     return _read(folder, "beliefs", _belief)
 
 
 def _read(folder: Path, kind: Literal["maps", "beliefs"], make: Callable[[Any], Part]) -> list[Part]:
-    """Read the maps or beliefs of a run folder, made by `make`; [] without the file. Zarr is faster than xarray."""
+    """Read each map or belief of a run folder and convert its Zarr group by `make`; return [] without the file."""
     path = folder / NAME
     if not path.exists():
         return []
@@ -85,7 +85,7 @@ def _belief(group: Any) -> BeliefAtEnd:
 
 
 def beside_truth(run: Run, maps: Sequence[MapAtEnd]) -> bytes:
-    """Draw each map's estimate on the left, the truth on the right, on a common scale and in one pair of axes."""
+    """Return a PNG with each gas map's estimate on the left and the true gas on the right, on one colour scale."""
     width, length = run.scenario.domain.extent[:2]
     scale = run.scenario.recording.range_ppm
     inches = min(MAPS / (2.05 * width), TALLEST_MAP / length)  # per metre
@@ -115,7 +115,7 @@ def beside_truth(run: Run, maps: Sequence[MapAtEnd]) -> bytes:
 
 
 def beside_sources(run: Run, beliefs: Sequence[BeliefAtEnd]) -> bytes:
-    """Draw each belief over the arena with its sources, two in a row."""
+    """Return a PNG with each belief map of the source position, and the true sources, two maps in a row."""
     width, length = run.scenario.domain.extent[:2]
     columns = min(2, len(beliefs))
     rows = -(-len(beliefs) // columns)
@@ -147,7 +147,7 @@ def _draw(
     corner: tuple[float, float],
     scale: tuple[float, float],
 ) -> "AxesImage":
-    """Draw a map on the arena with its sources, on a logarithmic scale; corner: of the arena on the axes."""
+    """Draw a map (ny, nx) and the sources on the floor, in logarithmic colours; corner: the floor's, on the axes."""
     width, length = run.scenario.domain.extent[:2]
     axes.add_patch(Rectangle(corner, width, length, facecolor="#d5dbe1", zorder=0))
     places = logarithmic(values, *scale)
@@ -160,7 +160,7 @@ def _draw(
 
 
 def belief_rows(groups: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
-    """Return the group and the scores of its beliefs at the end, for each group of a result."""
+    """Return a table row for each group of a result: name, and scores of the group's belief maps at the end."""
 
     def text(value: float | None) -> str:
         return "-" if value is None else f"{value:.3g}"

@@ -14,7 +14,7 @@ from taichi_plume.scenario.windows import Window
 
 
 def windows(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool) -> None:
-    """Draw openings and screens."""
+    """Draw the openings (inlets, outlets, periodic sides) and screens of a scenario; sizes: whether to write names."""
     named = sizes and plane == ABOVE
     shown: set[tuple[str | None, str]] = set()
     for opening in scenario.openings:
@@ -50,7 +50,7 @@ def one_window(
     way: int,
     combed: bool = False,
 ) -> None:
-    """Draw a window as a thick line if seen edge on, else by its outline; way: +1 inflow, -1 outflow."""
+    """Draw an opening as a thick line if seen edge on, else its outline; way: arrows inward +1, outward -1, none 0."""
     extent, normal = scenario.domain.extent, window.normal
     if normal not in plane:
         (x, y), (w, h) = window.rectangle(extent)
@@ -95,7 +95,7 @@ def _slide(
     color: ColorType,
     plane: tuple[int, int],
 ) -> None:
-    """Draw an arrow along a sliding wall."""
+    """Draw an arrow in the direction in which a sliding wall moves, if the wall is seen edge on."""
     way = np.array([velocity[d] for d in plane], float)
     if region.normal not in plane or not hypot(*way) > 0:
         return
@@ -111,12 +111,12 @@ Ends = tuple[float, float]
 
 
 def _ends(normal: int, level: float, low: float, high: float, plane: tuple[int, int]) -> tuple[Ends, Ends]:
-    """Return x and y of the ends of a line across the axis `normal`."""
+    """Return the x pair and y pair of a line at `level` of axis `normal`, from `low` to `high` on the other axis."""
     return ((level, level), (low, high)) if plane[0] == normal else ((low, high), (level, level))
 
 
 def wind(axes: Axes, scenario: Scenario, plane: tuple[int, int]) -> None:
-    """Draw an arrow and a speed for a wind of given velocity."""
+    """Draw an arrow, labelled with the speed, if the scenario's wind is given by a velocity; else nothing."""
     velocity = vars(scenario.wind).get("velocity")
     if velocity is None:
         return

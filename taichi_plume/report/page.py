@@ -24,7 +24,7 @@ Value = TypeVar("Value")
 def write(run: Run, tolerant: bool | None = None) -> Path:
     """Write the report of a run into the run's folder; return the path.
 
-    tolerant: whether unreadable files only cause a note on the page; the default for unfinished runs. Raises
+    tolerant: whether unreadable files only cause a note on the page; by default only for unfinished runs. Raises
     RunFolderError and OSError.
     """
     parts = Parts(run, run.unfinished if tolerant is None else tolerant)
@@ -36,7 +36,7 @@ def write(run: Run, tolerant: bool | None = None) -> Path:
 
 
 class Parts:
-    """Sections of a run's report, in their order. A reading error is raised or, if tolerant, noted on the page."""
+    """Sections of the HTML report of a run. A reading error is raised or, if `tolerant`, noted on the page."""
 
     def __init__(self, run: Run, tolerant: bool):
         self.run, self.tolerant = run, tolerant
@@ -54,7 +54,7 @@ class Parts:
             return without
 
     def all(self) -> Iterator[Section]:
-        """Yield each section; some may be empty."""
+        """Yield the sections of the report in reading order; some may be empty."""
         yield self._of_result(self.words)
         yield self.setting()
         yield self._of_result(self.trials)
@@ -66,7 +66,7 @@ class Parts:
             yield make()
 
     def _of_result(self, make: Callable[[], Section]) -> Section:
-        """Return a section of the result, which may have any contents if another version wrote the result."""
+        """Return the section that `make` builds from the run's result; an unusable result counts as a reading error."""
 
         def section() -> Section:
             try:
@@ -81,7 +81,7 @@ class Parts:
         return self._tried(section, Section("", ""))
 
     def words(self) -> Section:
-        """Return the result as printed by the command."""
+        """Return the report's section with the run's result in words, as the run command prints the result."""
         section = Section("The result in words", "words")
         if self.result:
             section.table(summary.summary(self.result)[1:])
@@ -96,7 +96,7 @@ class Parts:
         return section
 
     def setting(self) -> Section:
-        """Return the scene and the key facts."""
+        """Return the report's section with a drawing of the scene and a table of key facts."""
         run = self.run
         seen = "from above" if run.scenario.domain.dim == 2 else "from above and from the side"
         robots = "; coloured discs are the robots at their start" if run.scenario.robots else ""
@@ -107,7 +107,7 @@ class Parts:
         return section
 
     def trials(self) -> Section:
-        """Return success and times with their intervals."""
+        """Return the report's section with each group's success rate and search times, with 95 % intervals."""
         section = Section("Success and times", "trials")
         groups = self.result.get("groups", [])
         searched = [group for group in groups if not group["no_search"]]
@@ -129,7 +129,7 @@ class Parts:
         return section
 
     def plume(self) -> Section:
-        """Return the mean pictures of the recording with tracks."""
+        """Return the report's section with the time mean of each recorded picture, and the robots' paths on top."""
         run = self.run
         section = Section("Gas and paths of the robots", "plume")
         spacing = max(run.scenario.duration + run.scenario.warm_up, 1e-3) / MOST_FRAMES
@@ -157,7 +157,7 @@ class Parts:
         return section
 
     def _pictures(self, spacing: float) -> dict[str, Picture]:
-        """Return pictures of the first plane of each kind; of the column instead of the slice if there are both."""
+        """Return recorded pictures of the first plane of each kind, by name; the gas column replaces the gas slice."""
         if not (self.run.has("recording.rrd") or self.run.has("fields.zarr")):
             return {}
         names = [name for name in self.run.planes.names() if name.count("_") == 1]
@@ -174,7 +174,7 @@ class Parts:
         return captions.TRAILS.format(part=(captions.DECLARED if declared else "") + part)
 
     def smelt(self) -> Section:
-        """Return readings and behaviour."""
+        """Return the report's section with a plot of sensor readings and algorithm states over time."""
         section = Section("Sensor readings and behaviour", "smelt")
         if self.tracks and max(len(track.t) for track in self.tracks) > 1:
             some = min(len(self.tracks), figures.MOST_SERIES)
@@ -187,7 +187,7 @@ class Parts:
         return section
 
     def maps(self) -> Section:
-        """Return maps beside the truth, and their scores."""
+        """Return the report's section with gas maps beside the true gas, and the scores of the maps."""
         section = Section("Gas maps beside the truth", "maps")
         if not self.run.scenario.maps:
             return section
@@ -211,7 +211,7 @@ class Parts:
         return section
 
     def beliefs(self) -> Section:
-        """Return the beliefs about the source position, and their scores."""
+        """Return the report's section with belief maps of the source position, and the scores of the beliefs."""
         section = Section("Beliefs about the source's position", "beliefs")
         results = self.result.get("beliefs", [])
         made = self._tried(lambda: maps.beliefs_of(self.run.folder), []) if results else []
@@ -224,7 +224,7 @@ class Parts:
         return section
 
     def balance(self) -> Section:
-        """Return the gas budget, and the quality of the flow solution."""
+        """Return the report's section with the mass balance of the gas, and the quality of the flow solution."""
         section = Section("Gas budget and numerics", "balance")
         section.table(facts.budget(self.result), ("gas", "mass"), captions.BUDGET)
         section.table(facts.flow(self.result), ("air", "value", "meaning"))
@@ -233,13 +233,13 @@ class Parts:
         return section
 
     def notes(self) -> Section:
-        """Return warnings, and the missing contents of this page."""
+        """Return the report's section with the run's warnings, and notes on data that could not be read."""
         remarks = self.run.result.get("remarks")
         lines = [text for text in remarks if isinstance(text, str)] if isinstance(remarks, list) else []
         return Section("Notes", "notes", lines=lines + self.lacks)
 
     def citing(self) -> Section:
-        """Return software and papers."""
+        """Return the report's section on citing: version of the software, and papers behind the models used."""
         version = self.run.result.get("version", "of unknown version")
         section = Section("How to cite", "citing")
         section.lines.append(captions.CITE.format(version=version))
@@ -247,7 +247,7 @@ class Parts:
         return section
 
     def again(self) -> Section:
-        """Return command, versions, files."""
+        """Return the report's section on repeating the run: the command, and a table of the run's files."""
         section = Section("How to run it again", "again", code=True)
         section.lines += filter(None, self.run.header[:1])
         section.table(facts.files(self.run), ("file", "size", "contents"))

@@ -1,6 +1,6 @@
-"""Gas over the scene, with wind and robots, at any moment of a run: for pictures, films and the report.
+"""Drawing of recorded gas over the scene, with wind and robots, at any moment of a run: for pictures, films, reports.
 
-The artists of moving parts are updated: a film draws walls, scales and letters once.
+Only the artists of moving parts are updated for a new time, so a film draws walls, scales and text once.
 """
 
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ BAR = 1.15
 
 
 class PlumeView:
-    """View of a picture's plane of a run, drawn on axes; `show` updates the view to a time.
+    """Matplotlib view of one plane of a run: recorded gas, scene, wind and robots; `show` updates the view to a time.
 
     moving: artists that `show` changes.
     """
@@ -75,7 +75,7 @@ class PlumeView:
         self.moving: list[Artist] = [*drawn, *self.crosses]
 
     def show(self, t: float, pixels: np.ndarray, arrows: Arrows | None = None) -> None:
-        """Show the pixels (rows, columns) of a picture, on its scale of bytes, and everything else at time t [s]."""
+        """Update the view to time t [s]: gas by pixels (rows, columns) of 0 to 255, wind arrows, obstacles, robots."""
         self.image.set_data(pixels)
         for patch, model in self.walkers:
             place = (*model.motion.place(model.center, t), 0.0)
@@ -105,7 +105,7 @@ class PlumeView:
         )
 
     def _body(self, track: Track, n: int) -> np.ndarray:
-        """Return the outline of a robot: a disc with a pointed front or, from the side, a box."""
+        """Return the outline (corners, 2) [m] of a robot at row n of its track: a pointed disc, from the side a box."""
         x, y, z, heading = (float(track.values[name][n]) for name in ("x", "y", "z", "heading"))
         place = (x, y)
         radius = max(track.group.body.radius, BODY * self.length)
@@ -117,25 +117,25 @@ class PlumeView:
 
 
 def has_declared(track: Track) -> bool:
-    """Return whether a robot has declared a source."""
+    """Return whether the robot of a track has declared a source position at any time of the run."""
     return bool(track.values["declarations"].any())
 
 
 def declared_mark(axes: Axes, color: str) -> Line2D:
-    """Return the cross for the source position that a robot of this colour declares, without a position yet."""
+    """Return a new cross, still without a position, for the source position that a robot of this colour declares."""
     how: dict[str, Any] = {"linestyle": "none", "marker": "X", "markersize": 11, "markeredgewidth": 1.6}
     return axes.plot([], [], color=color, zorder=12, **how)[0]
 
 
 def put_mark(mark: Line2D, declared: tuple[np.ndarray, bool] | None) -> None:
-    """Move a cross to a declared position, with a green rim if it is right and a red rim if it is wrong."""
+    """Move a cross to a declared source position, its rim green if the position is right, else red; None hides it."""
     place, right = declared or (np.zeros((0, 2)), False)
     mark.set_data(*np.atleast_2d(place).T)
     mark.set_markeredgecolor(look.FOUND if right else look.WRONG)
 
 
 def arrow_outlines(tails: np.ndarray, ways: np.ndarray) -> np.ndarray:
-    """Return slim arrows (n, 7, 2) in the plane, with heads in proportion; tails, ways (n, 2) [m]."""
+    """Return outlines (n, 7, 2) of slim arrows; tails: start points, ways: vectors from tail to tip, (n, 2) [m]."""
     along, across = ways[:, None], np.stack([-ways[:, 1], ways[:, 0]], axis=-1)[:, None]
     shape = np.array(
         [[0, 0.028], [0.62, 0.028], [0.62, 0.15], [1, 0], [0.62, -0.15], [0.62, -0.028], [0, -0.028]]
@@ -152,7 +152,7 @@ def figure_of(
     letters: float = 1.0,
     wind: bool = True,
 ) -> tuple[Figure, PlumeView]:
-    """Return a figure `width` inches wide and its view, with a colour bar and a legend; letters: size over 9 points."""
+    """Return a figure `width` inches wide with a picture, colour bar and legend, and its view; letters: text size/9."""
     extent = run.scenario.domain.extent
     sides = [extent[d] for d in look.PLANES[picture.axes]]
     left, right, below, above = (letters * part for part in (BESIDE, BAR, BELOW, ON_TOP))
@@ -182,7 +182,7 @@ def figure_of(
 
 
 def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> None:
-    """Add the legend of a picture, in a row on top."""
+    """Add a legend of all markers in one row, its upper left corner at the fractions x, y of the figure."""
 
     def mark(label: str, **how: Any) -> Line2D:
         return Line2D([], [], linestyle=how.pop("linestyle", "none"), label=label, **how)
@@ -223,10 +223,10 @@ def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> No
 
 
 def _around(length: float, longest: float) -> tuple[float, float]:
-    """Return the limits of an axis: the room with a small margin."""
+    """Return the limits [m] of an axis along which the room has `length` [m]; margin: 2.5 % of `longest` [m]."""
     return -0.025 * longest, length + 0.025 * longest
 
 
 def _even(inches: float, dpi: float) -> float:
-    """Return a length of a whole, even number of pixels, as films need it."""
+    """Return a length [inches] rounded to an even number of pixels, as video encoders need."""
     return 2 * round(inches * dpi / 2) / dpi

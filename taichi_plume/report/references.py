@@ -72,7 +72,7 @@ WINDS: dict[str, str] = {
 
 
 def papers(scenario: Scenario) -> list[tuple[str, str]]:
-    """Return the name of each part of a run that rests on papers, and the papers; a kind once."""
+    """Return (name, papers) of each search algorithm, gas map, gas and wind of a scenario that is based on papers."""
     used = [(SEARCHES, "search algorithm", group.algorithm.kind) for group in scenario.robots]
     used += [(MAPS, "gas map", gas_map.kind) for gas_map in scenario.maps]
     used += [(GASES, "gas", gas.kind) for _, gas in scenario.gases]

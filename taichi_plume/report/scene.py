@@ -39,11 +39,11 @@ def draw(
     plane: tuple[int, int] = ABOVE,
     starts: bool = True,
 ) -> list[Artist]:
-    """Draw walls, openings, screens, obstacles, heaters, sources, the robots' arena and starts.
+    """Draw walls, openings, screens, obstacles, heaters, sources, the robots' arena and start positions.
 
-    shapes: of the obstacles, and cubes of an imported wind; unless given, of the obstacles without a file. sizes:
-    whether names and sizes are written. plane: `ABOVE`, in 3-D also `SIDE` or `FRONT`. Returns the artists of the
-    shapes.
+    shapes: obstacles, and cubes of an imported wind; by default all obstacles without a file. sizes: whether names
+    and sizes are written. plane: `ABOVE`, in 3-D also `SIDE` or `FRONT`. starts: whether start positions are drawn.
+    Returns the artists of the shapes.
     """
     extent = scenario.domain.extent
     a, b = plane
@@ -80,7 +80,7 @@ def draw(
 
 
 def simple_shapes(scenario: Scenario) -> list[Shape]:
-    """Return the shapes of the obstacles that are not read from a file."""
+    """Return the shapes of a scenario's obstacles, except obstacles that are read from a file."""
     obstacles = [obstacle for obstacle in scenario.obstacles if "file" not in vars(obstacle)]
     return [shape(obstacle, scenario.domain, Path()) for obstacle in obstacles]
 
@@ -91,9 +91,9 @@ def picture(
     dpi: float = 110,
     numbers: Sequence[tuple[int, tuple[float, ...]]] = (),
 ) -> bytes:
-    """Return the scene as a PNG: from above and, in 3-D, from the side below, on one scale.
+    """Return a PNG of the scene: seen from above and, in 3-D, below that seen from the side, on the same scale.
 
-    numbers: numbers drawn at positions [m].
+    numbers: (number, position [m]) of labels to draw.
     """
     extent = scenario.domain.extent
     planes = [ABOVE] if len(extent) == 2 else [ABOVE, SIDE]
@@ -115,19 +115,19 @@ def picture(
 
 
 def _sides(extent: tuple[float, ...], plane: tuple[int, int]) -> tuple[float, float]:
-    """Return the width and height of a drawing with names around it [m]."""
+    """Return the width and height [m] of a drawing of the room in a plane, with the margin for names."""
     margin = 2 * MARGIN * max(extent[d] for d in plane)
     return extent[plane[0]] + margin, extent[plane[1]] + margin
 
 
 def save_check(prepared: "Prepared", path: Path) -> None:
-    """Write the scene of a checked scenario as a PNG, with the numbers of its warnings. Raises OSError."""
+    """Write a drawing of a checked scenario to a PNG file; its warnings are marked by numbers. Raises OSError."""
     numbers = numbered(prepared.resources.remarks, prepared.scenario, prepared.resources)
     path.write_bytes(picture(prepared.scenario, all_shapes(prepared), 150, numbers))
 
 
 def _numbers(axes: Axes, numbers: Sequence[tuple[int, tuple[float, ...]]]) -> None:
-    """Draw numbers in discs, numbers of one position side by side."""
+    """Draw each (number, position [m]) as a number in a disc; numbers at the same position stand side by side."""
     beside: dict[tuple[float, ...], int] = {}
     for number, place in numbers:
         n = beside[place] = beside.get(place, -1) + 1
@@ -139,7 +139,7 @@ def _numbers(axes: Axes, numbers: Sequence[tuple[int, tuple[float, ...]]]) -> No
 
 
 def all_shapes(prepared: "Prepared") -> list[Shape]:
-    """Return the shapes of the obstacles, and the cubes of an imported wind."""
+    """Return the shapes of a checked scenario's obstacles and, if its wind is imported, the wind's solid cubes."""
     resources = prepared.resources
     cubes = resources.site.cubes if resources.site is not None else None
     return [*resources.obstacles, *([cubes] if cubes is not None else [])]
@@ -149,7 +149,7 @@ def all_shapes(prepared: "Prepared") -> list[Shape]:
 
 
 def _sources(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool) -> None:
-    """Draw sources with their emission, and heaters."""
+    """Draw gas sources, heaters and heated or cooled walls, with labels if `sizes`."""
     named = sizes and plane == ABOVE and len(scenario.sources) <= MOST_LABELS
     for _, source in scenario.sources:
         place = _place(source.position, plane)
@@ -176,7 +176,7 @@ def _place(position: tuple[float, ...], plane: tuple[int, int]) -> tuple[float, 
 
 
 def _given_off(source: AnySource) -> str:
-    """Return the emission of a source in a few words."""
+    """Return the label of a gas source: its emission rate, or the diameter of its dish."""
     if isinstance(source, Source) and source.dish is not None:
         return f"source, dish of {100 * source.dish.diameter:.3g} cm"
     rate = vars(source).get("rate")
@@ -184,7 +184,7 @@ def _given_off(source: AnySource) -> str:
 
 
 def _starts(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool) -> None:
-    """Draw the robots' starts: the bodies, or the area in which positions are random."""
+    """Draw robots at their start positions or, for random positions, the rectangle that contains the starts."""
     first = 0
     named = sizes and plane == ABOVE and len(scenario.robots) <= MOST_LABELS
     for group in scenario.robots:

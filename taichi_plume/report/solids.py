@@ -1,4 +1,4 @@
-"""Drawings of obstacles: outlines of their shadows seen from above or from the side."""
+"""Drawings of obstacles: outlines of their projections, seen from above or from the side."""
 
 from collections.abc import Callable
 from typing import Any, Protocol, TypeGuard
@@ -23,18 +23,18 @@ Style = dict[str, Any]
 
 
 class Cubes(Protocol):
-    """Occupancy of an imported wind: `files.gaden.Cubes`, whose import would start Taichi."""
+    """Protocol of the solid cells of an imported wind; stands for `files.gaden.Cubes`, whose import starts Taichi."""
 
     solid: np.ndarray
     size: float
 
     def visible(self, extent: Any) -> np.ndarray:
-        """Return the centres of the cubes at a surface."""
+        """Return the centres (n, dim) [m] of the solid cubes at the surface, within `extent` [m]."""
         ...
 
 
 def solid(axes: Axes, shape: Shape, plane: tuple[int, int]) -> Artist:
-    """Draw an obstacle by the outline of its shadow along the third axis."""
+    """Draw the outline of an obstacle's projection on a plane; return the artist."""
     if _is_cubes(shape):
         places = shape.visible([np.inf] * len(shape.solid.shape))
         corners = np.unique(np.round(places[:, list(plane)] - shape.size / 2, 6), axis=0)
@@ -52,7 +52,7 @@ def _is_cubes(shape: Shape) -> TypeGuard[Cubes]:
 
 
 def _bounds(shape: Shape, plane: tuple[int, int], style: Style) -> Patch:
-    """Return the rectangle around an obstacle, which an upright body fills when seen from the side."""
+    """Return the bounding rectangle of an obstacle in a plane; upright bodies seen from the side fill the rectangle."""
     low, high = shape.low[list(plane)], shape.high[list(plane)]
     return Rectangle((low[0], low[1]), high[0] - low[0], high[1] - low[1], **style)
 
@@ -75,7 +75,7 @@ def _ball(shape: Ball, plane: tuple[int, int], style: Style) -> Patch:
 
 
 def _mesh(shape: Solid, plane: tuple[int, int], style: Style) -> Patch:
-    """Return the shadow of a mesh: all triangles, turned one way, as one path; in a flat run the section."""
+    """Return the projection of a mesh on a plane: all its triangles, as one path; in a 2-D run its cross-section."""
     if len(shape.low) == 2:
         return _section(shape, style)
     corners = shape.vertices[shape.triangles][..., list(plane)]
@@ -86,14 +86,14 @@ def _mesh(shape: Solid, plane: tuple[int, int], style: Style) -> Patch:
 
 
 def _polygons(corners: np.ndarray, style: Style) -> Patch:
-    """Return polygons (m, corners, 2) as a single path."""
+    """Return one patch of m closed polygons, given by their corners (m, corners, 2)."""
     codes = [Outline.MOVETO, *[Outline.LINETO] * (corners.shape[1] - 1), Outline.CLOSEPOLY]
     points = np.concatenate([corners, corners[:, :1]], axis=1).reshape(-1, 2)
     return PathPatch(Outline(points, np.tile(codes, len(corners))), **style)
 
 
 def _section(shape: Solid, style: Style) -> Patch:
-    """Return the section of a mesh by the plane of a flat run."""
+    """Return the cross-section of a mesh in a 2-D run: the zero contour of its signed distance."""
     pad = 0.02 * (shape.high - shape.low).max()
     x, y = (
         np.linspace(low - pad, high + pad, SECTION_NODES)
@@ -107,7 +107,7 @@ def _section(shape: Solid, style: Style) -> Patch:
 
 
 def _plan(shape: FloorPlan, plane: tuple[int, int], style: Style) -> Patch:
-    """Return the walls of a map, seen from above."""
+    """Return the walls of a floor plan (occupancy grid), seen from above, as one patch of rectangles."""
     walls = shape.rectangles(MOST_RECTANGLES)
     if not len(walls):
         return _bounds(shape, plane, style)
@@ -127,7 +127,7 @@ OUTLINES: dict[type, Callable[[Any, tuple[int, int], Style], Patch]] = {
 
 
 def name(axes: Axes, shape: Shape) -> None:
-    """Write the kind and size of an obstacle below it."""
+    """Write the kind and size of an obstacle below the obstacle's drawing."""
     if shape.model is None:
         return
     values = vars(shape.model)

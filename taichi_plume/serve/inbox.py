@@ -2,7 +2,7 @@
 
 A message is counted as
 
-    taken        the robots execute the command in the next tick
+    taken        the robots execute the command in the next time step (tick)
     malformed    wrong type, unknown robots or values that are not numbers
     oversized    longer than any valid message of the group; not decoded
     late         answers readings that are too old, or arrived after a newer command
@@ -221,7 +221,7 @@ class Inbox:
     # ------------------------------------------------------------ the thread of the clock
 
     def published(self, tick: int, oldest: int) -> None:
-        """Note that the readings of `tick` were sent; commands that answer ticks before `oldest` are now late."""
+        """Note that readings of time step `tick` were sent; commands that answer steps before `oldest` are now late."""
         with self.news:
             self.tick, self.oldest = tick, oldest
 
@@ -239,7 +239,7 @@ class Inbox:
         return ~np.isfinite(self.heard)
 
     def orders(self) -> Orders:
-        """Return the robots' orders for the next tick; robots that are lost or not connected yet stand still."""
+        """Return the robots' orders for the next time step; robots that are lost or not connected yet stand still."""
         with self.news:
             lost, awaited = self.lost(), self.awaited()
             state = np.where(awaited, AWAITED, np.where(lost, LOST, DRIVEN))

@@ -1,9 +1,9 @@
 """Real-time clock of a served run: start of ticks, messages after each tick, waiting for external robots.
 
-In real time a tick takes as long on the clock as in the simulation. At its start the robots get the commands received
-so far; at its end their readings are sent. If a tick ends late, it counts as missed and the simulation catches up; if
-the delay exceeds SLIP seconds, the schedule is shifted. With `wait`, the next tick starts when all robots that are not
-lost have answered the readings of this tick: then results do not depend on the speed of any computer.
+In real time a time step (tick) lasts as long on the clock as in the simulation. At its start the robots get the
+commands received so far; at its end their readings are sent. If a tick ends late, it counts as missed and the
+simulation catches up; if the delay exceeds SLIP seconds, the schedule is shifted. With `wait`, the next tick starts
+when all robots that are not lost have answered this tick's readings: results are then independent of computer speed.
 """
 
 import gc
@@ -35,7 +35,7 @@ SHOWN = 6  # largest number of robots named in a message
 
 
 class Pace(NamedTuple):
-    """Timing of a served run. speed: simulated over clock time, inf for as fast as possible; wait: whether each tick
+    """Timing of a served run. speed: simulated over clock time, inf for as fast as possible; wait: whether each step
     waits for the robots' answers; at_once: whether the run starts before all robots have connected.
     """
 
@@ -201,7 +201,7 @@ class Service:
                     link.publish(message.topic, data)
 
     def keep_time(self) -> None:
-        """Wait for the start of the next tick, then pass the clients' commands to the robots."""
+        """Wait for the start of the next time step, then pass the clients' commands to the robots."""
         sim = self.sim
         self.ticks = max(0, sim.tick)
         if sim.tick == 0:
