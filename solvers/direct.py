@@ -111,7 +111,7 @@ class FastTransforms:
         return [transform(np.eye(self.grid.shape[d]), kind, axis=0).astype(np.float32) for transform in make]
 
     def forward(self, x: np.ndarray) -> np.ndarray:
-        """Return the modes' amplitudes in x, an f32 array of the grid's shape reversed; x may be overwritten."""
+        """Transform x, f32 with the grid's axes reversed, and return the amplitudes of its modes; may overwrite x."""
         for d, (there, _) in self.dense.items():
             x = along(there, x, d)
         for (odd, kind), axes in self.transforms.items():

@@ -271,7 +271,7 @@ def eddy_viscosity(m: Template, I):
 
 
 def through(m: Momentum, d: int, e: int, last: bool) -> Callable:
-    """Return the flux of u_d through lower e-sides as the formula of a sweep over the faces of axis d."""
+    """Return a ti.func of a face of axis d: the flux of u_d through the lower e-side of the volume around it."""
 
     @ti.func
     def formula(I):

@@ -235,7 +235,7 @@ def variable(n: int) -> str:
 class TickFilm:
     """Holder of a recording that runs share; between two runs another of equal shape and variables may replace it.
 
-    wind: whether the film holds the wind; gases: paths of the gases in the film.
+    wind: whether the film holds the wind; gases: paths, in the scenario, of the gases that the film holds.
     """
 
     film: "AirFilm"

@@ -26,7 +26,7 @@ ROUNDING = 1.000001  # factor on a radius, so that points at the radius count
 
 
 def density_per_percent(gas: PercentGas) -> float:
-    """Return the concentration [kg/m³] of 1 % of the gas's full scale."""
+    """Return the concentration [kg/m³] of one percent, the unit of PlumeSim's plumes (100 %: `full_scale_ppm`)."""
     return 0.01 * gas.full_scale_ppm / gas.vapour.ppm_per_density
 
 

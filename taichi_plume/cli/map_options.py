@@ -86,7 +86,7 @@ def _options(end: str) -> _Parser:
 def _of_bags(group: argparse._ArgumentGroup) -> None:
     for name, what in {
         "--topic": "of gas; repeat it for several robots (default: all of the type)",
-        "--pose": "pose of the robot, for each --topic (default: by frames, or its neighbour)",
+        "--pose": "pose of the robot, for each --topic (default: by frames, or the topic with the closest name)",
         "--wind": "of wind, for each --topic (default: its neighbour, if there is any)",
     }.items():
         option(group, name, str, "TOPIC", what, action="append", default=[])

@@ -138,7 +138,7 @@ def _used(scores: dict[str, Any], times: Sequence[str]) -> str:
         f"{name}: {'null' if value is None else f'{value:.4g}'}"
         for name, value in scores["chosen_for_the_log"].items()
     ]
-    text += f", with {', '.join(chosen)} for the whole log" if chosen else ""
+    text += f"; chosen so that no reading is forgotten: {', '.join(chosen)}" if chosen else ""
     left_out = f"; {scores['left_out']:,} left out, as no number or off the floor"
     return text + left_out * bool(scores["left_out"])
 

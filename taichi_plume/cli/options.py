@@ -39,7 +39,7 @@ OTHER_MAPS = "read maps and meshes outside the run's folder that are not those o
 
 
 def add(parser: _ActionsContainer, *names: str, **changes: Any) -> None:
-    """Add arguments of OPTIONS, by name, to a parser. changes: keywords of `add_argument` to override."""
+    """Add the named OPTIONS to a parser. changes: keywords of `add_argument` that override those of each."""
     for name in names:
         parser.add_argument(name, **OPTIONS[name] | changes)
 

@@ -17,7 +17,7 @@ MEASURED = (
     "one search, if all airs have equal results, or if there are fewer than five airs. "
     "If the air does not depend on random numbers, success has Wilson's interval over the searches.",
     "All algorithms have the same robot, sensors, time, airs and starts: start k of air n is the same position for all "
-    "of them. One robot searches, except for DAPSO, a swarm of five robots, whose time is that of the first robot. "
+    "of them. One robot searches, except for DAPSO, a swarm of five, whose time is that of the first to find a source. "
     "All algorithms have their defaults and are given these facts of the plume: threshold_ppm, a tenth of the highest "
     "mean concentration in the start area, at least 2 ppm, and the mean wind speed.",
 )

@@ -199,7 +199,7 @@ class Film:
             return self.arrays[name][...].T
 
     def air(self) -> "Air":
-        """Return the air fractions of cells and faces around the film's obstacles; surfaces name no obstacle."""
+        """Read the film's air fractions of cells and faces. It does not tell which obstacle is near (body: -1)."""
         from taichi_plume.grid.cut_cells import Air  # imports Taichi, which readers of a film do not need
 
         area = tuple(self.still(f"area_{name}").astype(float) for name in VELOCITIES[: len(self.shape)])

@@ -103,7 +103,7 @@ class Inbox:
     def _take_commands(self, given: RosMessage) -> None:
         robots = given.robot.astype(np.int64)
         if not len(robots):
-            raise MalformedError("names no robot")
+            raise MalformedError("its field 'robot' is empty; give robot numbers")
         if robots.max() >= self.size:
             raise MalformedError(f"robot {robots.max()} does not exist; allowed: 0 to {self.size - 1}")
         if given.tick > self.tick:

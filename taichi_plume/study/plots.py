@@ -83,7 +83,7 @@ def interval_bar(axes: "Axes", place: int, quantity: Quantity, estimate: Estimat
 def _panels(
     count: int, draw: Callable[["Axes", int], None], rows: int, tall: float = TALL, legend: str = ""
 ) -> bytes:
-    """Return a PNG of `count` panels in `rows` rows; draw(axes, n) draws panel n. legend: its title, "" for none."""
+    """Return a PNG of `count` panels in `rows` rows; draw(axes, n) draws panel n. legend: title of a legend, if any."""
     with look.styled({"text.parse_math": False}):
         below = 0.45 if legend else 0.0
         figure = look.figure(WIDE, tall * rows + below, DPI)

@@ -159,7 +159,7 @@ class Points:
         return (by.var(ddof=1) / by.size()).to_dict()
 
     def frame(self) -> "pd.DataFrame":
-        """Return a data frame: mean, interval, sentence (`_words`) of each quantity; units in `attrs`."""
+        """Return a row per point and group: mean, interval and words of each quantity; units in `attrs`."""
         import pandas as pd
 
         made: Row = {name: self.table[name] for name in self.table.columns}

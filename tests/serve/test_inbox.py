@@ -152,7 +152,7 @@ def test_texts_in_json(velocities, lines):
     [
         (b"hello", "is no taichi_plume_msgs"),
         (commands(), "speed has 0 entries, robot has 1"),
-        (commands(robot=()), "names no robot"),
+        (commands(robot=()), "'robot' is empty"),
         (drive(robot=(3,)), "robot 3 does not exist; allowed: 0 to 2"),
         (drive(robot=(2**32 - 1,)), "robot 4294967295 does not exist; allowed: 0 to 2"),
         (drive(speed=np.nan), "speed of robot 0 is no number"),
