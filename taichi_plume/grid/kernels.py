@@ -79,7 +79,6 @@ def _restart(arch: object, debug: bool, threads: int | None) -> None:
             default_fp=ti.f32,
             default_ip=ti.i32,
             log_level=ti.ERROR,
-            advanced_optimization=False,  # LLVM does the same: a third less time to compile, kernels equally fast
             unrolling_limit=0,  # no warning where more than 32 fields are filled at once
             **_cache(),
             **checks,
@@ -260,7 +259,7 @@ def _launcher(kernel: Any) -> Callable[..., None]:
         if impl.get_runtime().prog is not program or program is None:
             if not is_running():
                 raise EngineError
-            with data_flow_by_llvm():
+            with optimised_by_llvm():
                 kernel(a, b)
                 program = impl.get_runtime().prog
                 (traced,) = kernel._primal.compiled_kernels.values()
@@ -275,14 +274,15 @@ def _launcher(kernel: Any) -> Callable[..., None]:
 
 
 @contextlib.contextmanager
-def data_flow_by_llvm() -> Iterator[None]:
-    """Context in which kernels compile without Taichi's store-to-load analysis, which LLVM then does.
+def optimised_by_llvm() -> Iterator[None]:
+    """Context in which kernels compile without Taichi's store-to-load analysis and simplifications: LLVM repeats them.
 
-    The analysis takes up to half of the compile time, as it grows with the square of a kernel's length. The V-cycle
-    needs it: without it Taichi 1.7 gives LLVM faulty code for those kernels, and aborts.
+    They take half to two thirds of the compile time and grow with the square of a kernel's length. The V-cycle and
+    pushed robots need them: without them Taichi 1.7 gives LLVM faulty code for those kernels, and aborts.
     """
-    before, ti.cfg.cfg_optimization = ti.cfg.cfg_optimization, not on_cpu()
+    before = ti.cfg.cfg_optimization, ti.cfg.advanced_optimization
+    ti.cfg.cfg_optimization = ti.cfg.advanced_optimization = not on_cpu()
     try:
         yield
     finally:
-        ti.cfg.cfg_optimization = before
+        ti.cfg.cfg_optimization, ti.cfg.advanced_optimization = before
