@@ -77,12 +77,11 @@ def _well_mixed(dim: int) -> Case:
         partial(well_mixed, dim=dim),
         coarse=(40,) if dim == 2 else (20,),
         fine=(40, 80) if dim == 2 else (20, 40),
-        slow=dim == 3,
         expected={norm: Expected(tolerance=1e-5) for norm in ("c, steady flow", "c, unsteady flow")},
     )
 
 
-def _mass_budget(name: str, dim: int, end: float, coarse: tuple[int, ...], fine: int, slow: bool) -> Case:
+def _mass_budget(name: str, dim: int, end: float, coarse: tuple[int, ...], fine: int) -> Case:
     return Case(
         f"mass_budget_{name}",
         f"a source in the arena with gusts, obstacles and openings, {end:g} s in {dim}-D",
@@ -90,7 +89,6 @@ def _mass_budget(name: str, dim: int, end: float, coarse: tuple[int, ...], fine:
         partial(mass_budget, dim=dim, end=end),
         coarse=coarse,
         fine=(fine // 2, fine),
-        slow=slow,
         expected={"mass": EXACT, "below 0": NONE},
     )
 
@@ -98,7 +96,7 @@ def _mass_budget(name: str, dim: int, end: float, coarse: tuple[int, ...], fine:
 CASES = (
     _well_mixed(2),
     _well_mixed(3),
-    _mass_budget("2d", 2, 10.0, (40,), 80, slow=False),
-    _mass_budget("3d", 3, 4.0, (20,), 40, slow=True),
-    _mass_budget("300_s", 2, 300.0, (), 80, slow=True),
+    _mass_budget("2d", 2, 10.0, (40,), 80),
+    _mass_budget("3d", 3, 4.0, (20,), 40),
+    _mass_budget("300_s", 2, 300.0, (), 80),
 )

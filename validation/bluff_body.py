@@ -119,7 +119,6 @@ CASES = (
         bluff_body,
         coarse=(8,),
         fine=(8, 16, 24),
-        slow=True,
         expected={
             "drag coefficient": Expected(tolerance=0.15),
             "wake deficit": Expected(tolerance=0.15),

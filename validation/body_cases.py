@@ -198,7 +198,6 @@ CASES = (
         cylinder,
         coarse=(10,),
         fine=(10, 20),
-        slow=True,
         expected=both_steps(
             {
                 "drag coefficient": Expected(tolerance=0.03, at=20),
@@ -213,7 +212,6 @@ CASES = (
         shedding,
         coarse=(10,),
         fine=(10, 20),
-        slow=True,
         expected=both_steps(
             {
                 "Strouhal number": Expected(tolerance=0.0167),
@@ -229,7 +227,6 @@ CASES = (
         shedding_positions,
         coarse=(),
         fine=(10, 20),
-        slow=True,
         expected={"lift amplitude, worst position": Expected(tolerance=0.08, at=20)},
     ),
     Case(
@@ -239,7 +236,6 @@ CASES = (
         pipe,
         coarse=(8, 16),
         fine=(8, 16, 32),
-        slow=True,
         expected={"flow rate": Expected(order=0.9, tolerance=0.02, at=32)},
     ),
     Case(
@@ -249,7 +245,6 @@ CASES = (
         oblique_channel,
         coarse=(16,),
         fine=(32, 64),
-        slow=True,
         expected={"flow rate": Expected(tolerance=0.08), "divergence": Expected(tolerance=1e-5)},
     ),
 )

@@ -83,8 +83,6 @@ class Case:
     coarse: tuple[int, ...]
     fine: tuple[int, ...]
     expected: Mapping[str, Expected]
-    slow: bool = False
-    """True if the coarse resolutions take longer than a few seconds."""
     discussion: str = ""
     """Text of the report: which results are reproduced, which are not, and why."""
 

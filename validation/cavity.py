@@ -98,7 +98,6 @@ def _cavity(reynolds: int, fine: tuple[int, ...]) -> Case:
         partial(cavity, reynolds=reynolds),
         coarse=() if reynolds == 400 else (32,),
         fine=fine,
-        slow=reynolds > 100,
         expected=both_steps({"u(0.5, y), largest": Expected(tolerance=0.005, at=fine[-1])}),
     )
 

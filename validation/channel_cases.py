@@ -107,7 +107,6 @@ def _duct(aspect: int) -> Case:
         partial(duct, aspect=aspect),
         coarse=(16,) if aspect == 1 else (),
         fine=(16, 32),
-        slow=True,
         expected={"u_max / u_mean": HALF_A_PERCENT, "u_mean": HALF_A_PERCENT},
     )
 
@@ -120,7 +119,6 @@ CASES = (
         poiseuille,
         coarse=(8, 16),
         fine=(16, 32),
-        slow=True,
         expected={
             "u / u_max, largest": Expected(order=1.9, tolerance=0.005, at=32),
             "pressure gradient": Expected(order=1.75, tolerance=0.005, at=32),
@@ -133,7 +131,6 @@ CASES = (
         poiseuille_start,
         coarse=(32, 64),
         fine=(32, 64),
-        slow=True,
         expected={"u, rms": SECOND_ORDER},
     ),
     Case(
@@ -143,7 +140,6 @@ CASES = (
         couette_start,
         coarse=(8, 16),
         fine=(32, 64),
-        slow=True,
         expected={"u, rms": SECOND_ORDER},
     ),
     _duct(1),

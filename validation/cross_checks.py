@@ -97,7 +97,6 @@ def _room(dim: int) -> Case:
         partial(honeycombs, dim=dim),
         coarse=(40,) if dim == 2 else (16,),
         fine=(80,),
-        slow=dim == 3,
         expected=AIR_BALANCE,
     )
 
@@ -112,7 +111,6 @@ CASES = (
         fan,
         coarse=(20,),
         fine=(40,),
-        slow=True,
         expected=AIR_BALANCE,
     ),
     Case(
@@ -122,7 +120,6 @@ CASES = (
         one_layer,
         coarse=(20,),
         fine=(80,),
-        slow=True,
         expected={"u / u_max, largest": Expected(tolerance=2e-6)},
     ),
 )

@@ -256,7 +256,6 @@ def _of_scheme(convection: str) -> tuple[Case, ...]:
             partial(shear, convection=convection),
             coarse=(48, 96),
             fine=(48, 96),
-            slow=True,
             expected={
                 "sigma_xx": SECOND_ORDER,
                 "sigma_xy": EXACT if fifth else SECOND_ORDER,
@@ -279,7 +278,6 @@ def _of_scheme(convection: str) -> tuple[Case, ...]:
             partial(slotted_disc, convection=convection),
             coarse=(50, 100),
             fine=(50, 100),
-            slow=True,
             expected={
                 # a scheme of order p spreads a jump over h^(p/(p + 1)): exponent 2/3 with a limiter; the slot is narrow
                 "c, L1": Expected(order=0.6),

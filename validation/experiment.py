@@ -161,8 +161,6 @@ class Experiment:
     conditions: tuple[Condition, ...]
     trials: int = 200
     test_trials: int = 4
-    slow: bool = False
-    """True if the trials of the tests take longer than a few seconds."""
     discussion: str = ""
     """Text of the report: which results are reproduced, which are not, and why."""
 

@@ -247,7 +247,6 @@ CASES = (
         partial(taylor_green, dim=3),
         coarse=(),
         fine=(32, 64),
-        slow=True,
         expected=both_steps({"u, rms": SECOND_ORDER, "decay of the energy": SECOND_ORDER}),
     ),
     Case(
@@ -257,7 +256,6 @@ CASES = (
         kovasznay,
         coarse=(16, 32),
         fine=(32, 64),
-        slow=True,
         expected={"u, rms": SECOND_ORDER},
     ),
     Case(
@@ -278,7 +276,6 @@ CASES = (
         partial(ethier_steinman, viscosity=0.05),
         coarse=(8, 16),
         fine=(8, 16, 32),
-        slow=True,
         expected=both_steps({"u, rms": SECOND_ORDER}),
     ),
 )

@@ -167,7 +167,6 @@ def _heated_cavity(rayleigh: float, fine: tuple[int, ...], **reference: float) -
         partial(heated_cavity, rayleigh=rayleigh, **reference),
         coarse=(24,) if rayleigh > 1e4 else (),
         fine=fine,
-        slow=True,
         expected={
             norm: Expected(tolerance=0.015, at=fine[-1]) for norm in ("Nusselt number", "u_max", "v_max")
         },
@@ -182,7 +181,6 @@ CASES = (
         conduction,
         coarse=(16, 32),
         fine=(32, 64),
-        slow=True,
         expected={
             "theta / dT on the way, rms": SECOND_ORDER,
             "theta / dT in the end, largest": Expected(tolerance=5e-5),
@@ -197,7 +195,6 @@ CASES = (
         thermal_plume,
         coarse=(36,),
         fine=(36, 60),
-        slow=True,
         expected={
             **{f"flow rate at {z:g} m": Expected(tolerance=0.2) for z in HEIGHTS},
             "exponent from 5/3": Expected(tolerance=0.15),

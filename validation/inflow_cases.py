@@ -106,7 +106,6 @@ def _turbulence(length: float) -> Case:
         partial(inflow_turbulence, length=length),
         coarse=(20,) if length == 0.2 else (),
         fine=(25,),
-        slow=True,
         # intensities over 40 s have a standard error of 1.5 %
         expected={
             "intensity at the inlet": Expected(tolerance=0.04),
@@ -128,7 +127,6 @@ CASES = (
         oscillating_wall,
         coarse=(16, 32),
         fine=(32, 64),
-        slow=True,
         expected={"u, rms": Expected(order=1.7, tolerance=3e-4, at=32)},
     ),
 )

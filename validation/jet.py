@@ -95,9 +95,8 @@ CASES = (
         "decay and spread of a round jet in still air",
         "measured jets, see jet.py",
         fan_jet,
-        coarse=(6,),
+        coarse=(),
         fine=(6,),
-        slow=True,
         expected={
             "K from published": Expected(tolerance=DECAY[1]),
             "S from published": Expected(tolerance=SPREAD[1]),

@@ -104,9 +104,8 @@ CASES = (
         "fluctuations on the axis of a plume within 3 m, sources of 2 cm on cells of 5 cm",
         "about 1 at first, falling beyond; Fackrell & Robins 1982, J. Fluid Mech. 117, 1-26",
         on_the_axis,
-        coarse=(30,),
+        coarse=(),
         fine=(30, 120),
-        slow=True,
         expected={
             "c'/C at 0.25 m, off 1": Expected(tolerance=0.5),
             "c'/C at 1 m, off 1": Expected(tolerance=0.5),

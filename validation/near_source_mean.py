@@ -219,7 +219,6 @@ def _case(centimetres: int, about: str) -> Case:
         partial(near_source_mean, radius=0.01 * centimetres),
         coarse=(10, 20) if centimetres == 2 else (),
         fine=(10, 20, 40),
-        slow=True,
         expected=dict.fromkeys(("grid: flux", "grid: width", "puffs: flux"), Expected(tolerance=0.05))
         | dict.fromkeys(("grid: mean, where the kernel is narrow", "puffs: mean"), Expected(tolerance=0.15))
         | {"grid: mean, for a source as wide as the kernel": Expected(tolerance=0.1)},
@@ -246,7 +245,6 @@ CASES = (
         of_straying_puffs,
         coarse=(10,),
         fine=(10, 40),
-        slow=True,
         # about 500 independent puffs in the mean at 2 m: 1/sqrt(500)
         expected={"mean": Expected(tolerance=0.15)},
     ),

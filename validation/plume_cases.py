@@ -246,7 +246,6 @@ def _walls(dim: int) -> Case:
         partial(puff_between_walls, dim=dim),
         coarse=(24, 48) if dim == 2 else (),
         fine=(32, 64, 128)[: 5 - dim],
-        slow=dim == 3,
         expected={
             "images, c / c_max": EXACT,
             "grid, c / c_max, rms": SECOND_ORDER,
@@ -278,7 +277,6 @@ CASES = (
         plume_on_the_grid,
         coarse=(20, 40),
         fine=(20, 40, 80),
-        slow=True,
         expected={
             # cell mean and diffusion on the grid have an error of (1/24 + 1/12) (dx/s)² for a plume of s = 0.13 m;
             # errors of the source cell and of the limiter there hide the order
@@ -314,7 +312,6 @@ CASES = (
         whiffs,
         coarse=(6000,),
         fine=(6000,),
-        slow=True,
         # 0.065 by which the law differs over this range, plus two standard errors: about 1300 durations of nine
         # sensors in the same gusts count as 400 independent ones, with a standard deviation of 1.21 each
         expected={f"slope of {kind} + 3/2": Expected(tolerance=0.2) for kind in ("whiffs", "blanks")},

@@ -210,7 +210,6 @@ CASES = (
         spread,
         coarse=(STEPS[0], STEPS[-1]),
         fine=STEPS,
-        slow=True,
         # the 10,000 offsets of the puffs of a second give the deviation within 0.7 %
         expected={"spread at 4 m": Expected(tolerance=0.015)},
     ),
@@ -239,7 +238,6 @@ CASES = (
         plume,
         coarse=(30,),
         fine=(30, 120),
-        slow=True,
         # of a thousand puffs a second a tenth passes a point within its size: 1/sqrt(3000) in 30 s
         expected={"mean / largest, rms": Expected(tolerance=0.04)},
     ),
@@ -250,7 +248,6 @@ CASES = (
         well_mixed,
         coarse=(20,),
         fine=(20, 100),
-        slow=True,
         expected={
             # 1 by chance alone, plus three standard deviations of the rms over 1158 cells
             "number per cell, rms by chance": Expected(tolerance=1.0 + 3.0 / np.sqrt(2 * 1158)),
@@ -266,7 +263,6 @@ CASES = (
         on_the_grid,
         coarse=(30,),
         fine=(30, 60),
-        slow=True,
         # numerical diffusion widens the plume on the grid: agreement requires a plume several cells wide
         expected={
             "1 - correlation": Expected(tolerance=0.05),

@@ -82,7 +82,6 @@ CASES = (
         hovering_rotor,
         coarse=(4,),
         fine=(4, 8),
-        slow=True,
         expected={
             "momentum over thrust, error": Expected(tolerance=1e-3),
             "velocity through the disc over w, error": Expected(tolerance=0.1),

@@ -129,7 +129,6 @@ def _case(name: str, what: str, dim: int, openings: tuple[dict, ...], fine: tupl
         partial(room, dim=dim, openings=openings),
         coarse=(12,) if name == "" else (),
         fine=fine,
-        slow=dim == 3,
         expected=both_steps(dict.fromkeys(norms, Expected(tolerance=1e-5))),
     )
 

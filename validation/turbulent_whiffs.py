@@ -256,7 +256,6 @@ CASES = (
         turbulent_whiffs,
         coarse=(),
         fine=(600,),
-        slow=True,
         expected={
             f"{name}, {kind}: {norm}": Expected(tolerance=tolerance)
             for kind in GASES

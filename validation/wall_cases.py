@@ -153,7 +153,6 @@ CASES = (
         log_layer,
         coarse=(16,),
         fine=(16, 24),
-        slow=True,
         expected={
             "u / law, first cell": Expected(tolerance=0.1),
             "u / law, largest": Expected(tolerance=0.1),

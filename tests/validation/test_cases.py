@@ -9,11 +9,13 @@ from taichi_plume.validation.case import Case, examine
 from taichi_plume.validation.cases import CASES
 from taichi_plume.validation.experiment import Experiment
 
+QUICK = {"taylor_green_2d", "poiseuille", "puff_at_rest_2d"}
+
 
 def of_kind(kind):
-    """The names of the cases, marked where they are slow."""
+    """The names of the cases, marked as slow but for a few."""
     return [
-        pytest.param(name, marks=pytest.mark.slow if case.slow else ())
+        pytest.param(name, marks=() if name in QUICK else pytest.mark.slow)
         for name, case in CASES.items()
         if isinstance(case, kind) and getattr(case, "coarse", getattr(case, "test_trials", 1))
     ]
