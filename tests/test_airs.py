@@ -18,7 +18,7 @@ from taichi_plume.results.run import Run
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 SOURCE = {"position": (0.3, 0.5), "rate": 1e-6}
 EULERIAN = {"kind": "eulerian", "sources": [SOURCE]}
@@ -50,7 +50,6 @@ def test_air_that_is_steady_or_regular_is_not_drawn(wind, gas):
     assert not room(wind, gas).air_by_chance
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wind", "gas", "drawn"),
     [
@@ -127,7 +126,6 @@ def test_the_seed_of_the_air_is_that_of_wind_and_gas_alone():
     assert np.array_equal(fresh[2, 5][1], stories[2, 5][1], equal_nan=True)
 
 
-@pytest.mark.slow
 def test_a_run_tells_both_seeds_where_it_tells_one(tmp_path):
     wanted = {"seed": 5, "air_seed": 77, "duration": 0.5, "wind": cfd(INLET), "fields": {"rate": 2}}
     wanted |= {"maps": [{"kind": "kernel_dmv", "cell": 0.2}]}

@@ -20,7 +20,7 @@ from taichi_plume.files.readings import read
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.results import bag_of_fields, bag_of_run
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 BEGIN = 1_700_000_000.0
 TOPICS = {"topic": "gas", "pose": "odom"}
 
@@ -331,7 +331,6 @@ def test_the_maps_command_takes_a_bag(run, bag, tmp_path, capsys):
         assert error.count("\n") == 1
 
 
-@pytest.mark.slow
 def test_a_run_again_on_its_own_ways_reads_the_same(run, tmp_path):
     """Its robots are put where they were and their sensors have the same noise: so they read the same."""
     bag_of_run.write(open_run(run), tmp_path / "bag", bag_of_run.Choice())

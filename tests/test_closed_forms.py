@@ -10,6 +10,8 @@ from scripts import read_result
 
 from taichi_plume.cli import run
 
+pytestmark = pytest.mark.slow
+
 SOURCE = {"position": [0.6, 1.0, 0.2], "rate": "5 mg/s"}
 KINDS = {
     "continuous": {"diffusivity": 0.01, "sources": [SOURCE]},
@@ -73,7 +75,6 @@ def test_a_robot_finds_where_a_puff_came_from(tmp_path):
     assert read_result(tmp_path / "a")["groups"][0]["success_rate"] == 1.0
 
 
-@pytest.mark.slow
 def test_a_film_of_puffs_can_be_played(tmp_path):
     scenario(tmp_path / "s.yaml", {"kind": "gaussian_puff"} | KINDS["gaussian_puff"], 2, gusts=True)
     options = ("--set", "gas={kind: playback, file: a/fields.zarr}", "--set", "fields.rate=1")

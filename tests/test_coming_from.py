@@ -65,6 +65,7 @@ def test_there_are_scenarios_on_the_pages():
     assert {page for page, _ in BLOCKS} == {"plumesim", "plume-nav-sim"}
 
 
+@pytest.mark.slow
 def test_the_static_gaussian_is_what_its_page_says(files):
     text = next(text for _, text in BLOCKS if "static_gaussian" in text)
     (files / "gaussian.yaml").write_text(text, encoding="utf-8")
@@ -85,6 +86,7 @@ def test_gaden_s_room_runs_with_the_gas_of_its_filaments(files):
     assert emitted == pytest.approx(10 * mole * 46.069e-3 * 3.0, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_movie_is_played_as_it_is(files):
     text = next(text for _, text in BLOCKS if "name: movie" in text)
     (files / "movie.yaml").write_text(text, encoding="utf-8")

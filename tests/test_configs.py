@@ -56,10 +56,6 @@ def casting_room(result):
     assert other["correlation"][-1] > 0.3
 
 
-def arena_3d(result):
-    assert result["simulated_s"] == pytest.approx(70.0)
-
-
 def frozen_room(result):
     assert result["groups"][0]["success_rate"] > 0.9
 
@@ -77,13 +73,20 @@ def odor_mapping(result):
         assert None not in scores["peak_distance_m"]
 
 
+OPTIONS = {
+    "frozen_room": ["--no-recording"],
+    "arena_3d": ["--duration", "10"],
+    "fan_array": ["--duration", "8"],
+}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "found", "gas_error", "divergence", "story"),
     [
         ("casting_room", 3, 1e-5, 1e-4, casting_room),
         ("puffs_arena", 1, 1e-6, None, None),
-        ("arena_3d", 1, 1e-5, 1e-4, arena_3d),
+        ("arena_3d", 0, 1e-5, 1e-4, None),
         ("fan_array", 0, 1e-5, None, None),
         ("dapso_arena", 0, None, None, dapso_arena),
         ("odor_mapping_dapso", 0, None, None, odor_mapping),
@@ -92,7 +95,7 @@ def odor_mapping(result):
 )
 def test_a_config_is_the_story_of_its_header(tmp_path, name, found, gas_error, divergence, story):
     """found: least number of robots that find a source; gas_error, divergence: largest ones."""
-    options = {"frozen_room": ["--no-recording"], "fan_array": ["--duration", "15"]}.get(name, [])
+    options = OPTIONS.get(name, [])
     result = result_of(name, tmp_path, *options)
     assert sum(result["groups"][0]["per_trial"]["found"]) >= found
     assert gas_error is None or abs(result["gas"]["relative_error"]) <= gas_error
@@ -104,16 +107,14 @@ def test_a_config_is_the_story_of_its_header(tmp_path, name, found, gas_error, d
 
 @pytest.mark.slow
 def test_whiffs_is_the_story_of_its_header(tmp_path):
-    result = result_of("whiffs", tmp_path, "--no-recording")
+    """A short part of it; the law of durations takes its 240 s, see the case turbulent_whiffs of the validation."""
+    result = result_of("whiffs", tmp_path, "--no-recording", "--duration", "30")
     assert abs(result["gas"]["relative_error"]) <= 1e-6
     assert statistics([str(tmp_path), "--range", "0.8", "8", "--no-page"]) == 0
     told = json.loads((tmp_path / "statistics/statistics.json").read_text())
     assert told["longest_step_s"] == pytest.approx(0.025)
     (plumes,) = (one for one in told["probes"] if one["name"] == "all")
-    for kind in ("whiffs", "blanks"):
-        law = plumes[kind]["law"]
-        assert law["count"] > 300
-        assert law["value"] == pytest.approx(1.5, abs=0.25)  # 0.2, and what 240 s leave to chance
+    assert all(plumes[kind]["law"]["count"] > 30 for kind in ("whiffs", "blanks"))
     slow, fast = told["sensors"][:2]
     assert slow["share"] < 0.2
     assert fast["share"] > 0.8

@@ -21,7 +21,7 @@ from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scoring.trials import source_places, trial_outcomes
 from taichi_plume.serve.service import Pace, Service
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 SCENARIO = """
 duration: 60
@@ -168,7 +168,6 @@ robots:
 """
 
 
-@pytest.mark.slow
 def test_a_run_with_downwash_leaves_altitudes(tmp_path):
     (tmp_path / "wake.yaml").write_text(WAKE)
     options = ["--out", str(tmp_path / "out"), "--quiet", "--no-recording"]

@@ -19,7 +19,7 @@ from taichi_plume.scenario.outputs import Fields
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring import trials as scores
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 DRIFT, VISCOSITY, WIDTH = 0.3, 0.005, 0.08
 BOX: dict[str, Any] = yaml.safe_load(f"""

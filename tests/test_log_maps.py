@@ -15,7 +15,7 @@ from taichi_plume.files.readings import Readings
 from taichi_plume.results.recorded_maps import of_log
 from taichi_plume.scenario.maps import Map, TimeSeriesMap
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 SIZE = (2.0, 1.5)
 

@@ -20,7 +20,7 @@ from taichi_plume.grid import kernels
 from taichi_plume.running import robots_table
 from taichi_plume.scenario.maps import InverseDistanceMap, KernelMap, MarkovMap, TimeSeriesMap
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 SCENARIO = """
 name: readings
@@ -77,7 +77,6 @@ def recorded(tmp_path_factory):
     return sim.scenario, table.path, told
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("number", range(4))
 def test_readings_of_a_run_give_the_maps_of_the_run(recorded, number):
     scenario, table, told = recorded
@@ -98,7 +97,6 @@ def test_readings_of_a_run_give_the_maps_of_the_run(recorded, number):
     }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("number", [0, 1])
 def test_the_command_writes_map_picture_and_scores(recorded, number, tmp_path, capsys):
     _, table, told = recorded

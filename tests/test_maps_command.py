@@ -10,7 +10,7 @@ from readings_log import log
 from taichi_plume.cli import maps
 from taichi_plume.scenario.maps import TimeSeriesMap
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 GOOD = "t,x,y,reading\n1,0,0,2\n"
 
@@ -82,7 +82,6 @@ def test_help_tells_the_parameters_of_a_kind(kind, capsys):
     assert ("lambda_prior" in told) == (kind == "gmrf")
 
 
-@pytest.mark.slow
 def test_options_may_come_first(tmp_path):
     path = log(tmp_path / "a.csv", [(k, 0.1 * k, 0.5, 5.0) for k in range(10)])
     out = ["--size", "1", "1", "--out", str(tmp_path / "out")]
@@ -125,7 +124,6 @@ def test_readings_that_are_too_old_make_an_empty_map(tmp_path, capsys):
     assert (scores["known_fraction"], scores["peak"]["ppm"], scores["nlpd"]) == (0.0, None, None)
 
 
-@pytest.mark.slow
 def test_a_picture_of_a_long_floor_is_no_larger(tmp_path):
     path = log(tmp_path / "a.csv", [(1, 0.5, 0.5, 5.0), (9, 0.5, 0.5, 5.0)])
     out = tmp_path / "out"

@@ -63,6 +63,7 @@ def said(capsys):
     return read
 
 
+@pytest.mark.slow
 def test_names_of_files_and_folders(tmp_path, said):
     assert run.main([str(tmp_path / f"{WICKED}.yaml")]) == 2
     assert r"a\x1b]0;x\x07\x9b2J\u202e.yaml: cannot be read" in said()

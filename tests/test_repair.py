@@ -14,7 +14,7 @@ from taichi_plume.cli import report as report
 from taichi_plume.files import checkpoint, manifest
 from taichi_plume.running import result
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 
 @pytest.fixture

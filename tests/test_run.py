@@ -70,6 +70,7 @@ def readable(folder: Path) -> float:
     return pq.read_table(folder / "robots.parquet").column("t").to_numpy().max()
 
 
+@pytest.mark.slow
 def test_a_synthetic_room_tells_how_fast_its_air_mixes(scenario, capsys):
     keys = ("--set", "wind={kind: synthetic}", "--set", "domain={size: [2.0, 1.5, 1.0], spacing: 0.1}")
     source = "gas.sources.0.position=[0.4, 0.75, 0.5]"
@@ -95,6 +96,7 @@ def test_air_that_cannot_be_measured_costs_no_result(scenario, fake, monkeypatch
     assert "how fast the air mixes could not be measured: IndexError: off the grid" in told["remarks"][-1]
 
 
+@pytest.mark.slow
 def test_a_run_leaves_its_directory(scenario, capsys):
     assert run.main([str(scenario)]) == 0
     folder = Path("runs/small-1")
@@ -116,6 +118,7 @@ def test_remarks_are_printed_and_kept(scenario, fake, capsys):
     assert read_result(Path("out"))["remarks"] == [line.removeprefix("note: ") for line in lines]
 
 
+@pytest.mark.slow
 def test_it_can_be_run_again_as_it_is(scenario):
     assert run.main([str(scenario), "--quiet", "--no-recording", "--seed", "9", "--set", "robots.0.count=1",
                      "--set", "robots.0.start.positions=[[1.0, 1.0]]"]) == 0  # fmt: skip
@@ -195,6 +198,7 @@ def test_missing_device_is_told_and_leaves_earlier_results(scenario, monkeypatch
     assert not Path("runs").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="POSIX pipes")
 @pytest.mark.parametrize(
     "command",

@@ -21,7 +21,7 @@ from taichi_plume.results.export import export as write_export
 from taichi_plume.running.result import write_result
 from taichi_plume.scenario.scenario import Scenario
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 SCENARIO = """
 name: small
 duration: 2

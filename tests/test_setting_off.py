@@ -14,7 +14,7 @@ from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring import trials as scores
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 LATER = 1.3  # s, no whole number of ticks
 TICKS = 7  # until the first with a command, of 0.2 s: that after 1.2 s ends at 1.4 s

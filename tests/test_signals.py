@@ -18,6 +18,7 @@ from taichi_plume.simulation import Every
 pytestmark = [
     pytest.mark.usefixtures("taichi"),
     pytest.mark.skipif(os.name == "nt", reason="POSIX signals"),
+    pytest.mark.slow,
 ]
 SCENARIO = """
 duration: 2
@@ -110,7 +111,6 @@ def test_a_signal_before_files_are_begun_leaves_the_earlier_run(started, monkeyp
     assert {file.name: file.read_bytes() for file in Path("out").iterdir()} == kept
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("ignored", [False, True], ids=["ends", "was told to go on"])
 def test_a_terminal_that_is_closed_ends_a_run_in_order(tmp_path, ignored):
     """Its progress bar cannot be drawn any more; where the hang-up is ignored, the run goes on without."""

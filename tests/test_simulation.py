@@ -39,6 +39,7 @@ def room(taichi) -> Callable[..., Simulation]:
     return begun
 
 
+@pytest.mark.slow
 def test_the_warm_up_comes_before_zero_and_robots_wait(room):
     sim = room()
     seen = []
@@ -105,6 +106,7 @@ def test_air_that_cannot_leave_is_refused():
         small(obstacles=[WALL], robots=[])
 
 
+@pytest.mark.slow
 def test_a_balanced_pocket_is_fine():
     """A room without outlet may have two fans, one of which draws out what the other blows in."""
     wind = """
@@ -136,6 +138,7 @@ obstacles:
         small(sealed, robots=[])
 
 
+@pytest.mark.slow
 def test_a_fan_that_starts_hard_keeps_the_courant_number():
     fan = "{kind: fan, face: x-, center: [0.4], diameter: 0.4, speed: 0, schedule: [{at: 0, speed: 5}], ramp: 0}"
     sim = small(f"wind: {{kind: cfd, openings: [{fan}, {{kind: outlet, face: x+}}]}}", robots=[], warm_up=0.0)

@@ -11,7 +11,7 @@ from taichi_plume.running import result, summary
 from taichi_plume.scoring import trials as scores
 from taichi_plume.scoring.maps import MapScores
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 AREA = {"kind": "area", "low": [3, 0.5], "high": [3.8, 2.5]}
 PLACED = {"kind": "positions", "positions": [[3.0, 1.0]], "heading_deg": 0}

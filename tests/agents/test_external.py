@@ -11,7 +11,7 @@ from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import checked
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 IDEAL = {"kind": "ideal"}
 PLUME = {

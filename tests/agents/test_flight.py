@@ -78,6 +78,7 @@ def flight(taichi):
     return Flight()
 
 
+@pytest.mark.slow
 def test_a_velocity_is_reached_as_fast_as_the_drone_can_and_kept(flight):
     """Forward, left and up at once: the change of the vector is limited, each part of it by its own speed."""
     flight.put((1.0, 1.0, 0.5), heading=0.3, max_speed=0.5, max_climb=0.2, max_acceleration=1.0)

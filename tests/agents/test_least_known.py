@@ -79,6 +79,7 @@ def test_it_goes_on_from_the_middle_of_a_snap(begun):
     assert_array_equal(run.go(16)[1], rest)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_reached_is_left_alone():
     """A wall from end to end: the floor behind it is known least, and nobody goes there."""
     wall = Box(kind="box", center=(2.5, 1.5), size=(0.1, 3.0))

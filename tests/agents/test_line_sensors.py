@@ -15,7 +15,7 @@ from taichi_plume.grid.fields import ppm_at
 from taichi_plume.scenario.loading import scenario_from
 from taichi_plume.scenario.species import SPECIES
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 EXACT = {"kind": "tdlas", "noise_ppm_m": 0, "detection_limit_ppm_m": 0, "rise_time": 0, "decay_time": 0}
 METHANE = SPECIES["methane"].ppm_per_density

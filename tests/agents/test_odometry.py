@@ -24,7 +24,7 @@ from taichi_plume.scenario.algorithms import SurgeCast
 from taichi_plume.scenario.robots import Communication, Odometry
 from taichi_plume.scenario.search_algorithm import Spiral
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 EXACT = dict.fromkeys(Odometry.model_fields, 0.0)
 MANY = 4000  # robots: a variance is estimated to sqrt(2/MANY) = 2.2 % of it
@@ -325,7 +325,6 @@ def test_the_source_is_found_where_it_is():
 # ---------------------------------------------------------------- robots that live with it
 
 
-@pytest.mark.slow
 def test_turns_come_to_an_end_with_a_bad_odometer():
     """Spirals take but little longer: the robots do not dither about their courses."""
     model = Spiral(kind="spiral", arms=(0.3, 0.3, 0.3), settle=0.5, acquisition=1, minimum_ppm=100)
@@ -363,7 +362,6 @@ print(hashlib.sha256(b"".join(now[name].tobytes() for name in sorted(now))).hexd
 """
 
 
-@pytest.mark.slow
 def test_results_are_the_same_on_one_and_two_threads():
     program = PROGRAM.format(folder=str(Path(__file__).parent))
     one, two = (

@@ -115,6 +115,7 @@ def test_without_a_file_a_class_has_to_be_handed_over(path):
         assemble(scenario, path.parent)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("act", "told"),
     [
@@ -159,6 +160,7 @@ def result() -> dict:
 LACKS = "robots[0].algorithm: has no state() and restore(), without which a run cannot be resumed"
 
 
+@pytest.mark.slow
 def test_a_run_that_cannot_be_resumed_says_so_when_it_takes_long(started, capsys):
     assert started("") == 0
     said = capsys.readouterr().err
@@ -206,6 +208,7 @@ def test_a_state_that_is_no_plain_data(state, told):
     assert told in str(error.value)
 
 
+@pytest.mark.slow
 def test_a_failing_state_ends_a_run_whose_checkpoints_were_asked_for(started, capsys):
     """Otherwise the run matters more."""
     lines = "    def state(self):\n        1 / 0\n    def restore(self, state):\n        pass\n"
@@ -219,6 +222,7 @@ def test_a_failing_state_ends_a_run_whose_checkpoints_were_asked_for(started, ca
     assert told in result()["message"]
 
 
+@pytest.mark.slow
 def test_a_failing_restore_is_told_and_destroys_nothing(started, capsys, path):
     lines = "    def state(self):\n        return 1\n    def restore(self, state):\n        1 / 0\n"
     broken = "        if robots.t > 0.6 and not __import__('os').path.exists('mended'): 1 / 0\n"

@@ -13,7 +13,7 @@ from taichi_plume.grid import kernels
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.scenario import Scenario
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 PLACES = [[1.0, 1.0], [1.5, 1.0], [3.0, 1.0]]
 
@@ -106,7 +106,6 @@ def test_a_reset_and_a_checkpoint_keep_what_was_heard(near):
     np.testing.assert_array_equal(near.swarm.snapshot()["declarations"], late[1])
 
 
-@pytest.mark.slow
 def test_messages_are_lost_at_the_groups_rate():
     class Calls:
         MESSAGE = 1

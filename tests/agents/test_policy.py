@@ -19,7 +19,7 @@ from taichi_plume.scenario.scenario import Scenario
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 OBSERVE = ["wind", "gas", "bumper", "action"]  # upwind ahead, left, speed, gas, bumper, last speed and turn
 

@@ -15,7 +15,7 @@ from taichi_plume.running.result import _beside_recorded
 from taichi_plume.running.summary import _recorded_line
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 TIMES = np.arange(100.0, 104.01, 0.25)
 PLUME = {
     "kind": "gaussian_plume",

@@ -52,6 +52,7 @@ def test_states_have_their_names(kind):
         assert next((module[name] for module in modules if name in module), number) == number
 
 
+@pytest.mark.slow
 def test_they_begin_again_and_continue_from_a_saved_state(run):
     """To the bit, and without compiling anything."""
     run.begin(teams())

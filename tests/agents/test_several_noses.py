@@ -17,7 +17,7 @@ from taichi_plume.cli import run
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 TICK = 0.1
 PLACES = np.array([[1.0, 1.0], [2.0, 2.0], [3.0, 0.5], [1.0, 1.0]])

@@ -167,7 +167,7 @@ def test_random_spiral_needs_as_many_acquisitions_as_published():
         {"algorithm": Spiral(kind="spiral", random=True), "positions": ((x, 1.05),)} for x in (0.6, 0.9)
     ]
     # headings are across the way to the source, as in the paper
-    keys = {"heading_deg": 90.0, "trials": 400, "sources": [source], "reach": 0.185, "capture": "square"}
+    keys = {"heading_deg": 90.0, "trials": 100, "sources": [source], "reach": 0.185, "capture": "square"}
     run = Run(rivals, Script([0.0], 1.0), **keys)
     for _ in range(round(2 * 3600 / TICK)):
         run.step()

@@ -26,7 +26,7 @@ from taichi_plume.scenario.loading import scenario_from
 from taichi_plume.simulation import Every
 from taichi_plume.solvers.film_bank import FilmBank
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 POINTS = 200
 HERE = Path()

@@ -135,6 +135,7 @@ def follow(engine, told, mode):
     return np.stack(kept)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
 def test_single_engines_and_one_of_many_give_the_same(engines, mode):
     one, many = engines

@@ -105,6 +105,7 @@ def test_single_environments_give_the_episodes_of_a_vector_in_every_autoreset_mo
     assert not np.array_equal(several[0][0][0], several[1][0][0])
 
 
+@pytest.mark.slow
 def test_gymnasiums_checker_has_nothing_to_say(made):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -15,6 +15,8 @@ from refusals import refused
 from taichi_plume.files import bag_readings, bags
 from taichi_plume.files.bags import BagError
 
+pytestmark = pytest.mark.slow
+
 BOMB = 1 << 30  # bytes
 
 

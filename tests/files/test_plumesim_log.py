@@ -21,7 +21,7 @@ from taichi_plume.running.plume_log import PlumeLogger
 from taichi_plume.scenario.outputs import PlumeLog
 from taichi_plume.simulation import Every, Simulation
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 LIVE = """
 name: live
@@ -64,7 +64,6 @@ def changed(monkeypatch: pytest.MonkeyPatch, change: Callable[[Simulation], None
     monkeypatch.setattr(assembly, "build", build)
 
 
-@pytest.mark.slow
 def test_a_run_is_played_back_to_the_printed_digits(tmp_path, monkeypatch):
     """The same wind and gas on the nodes, at the frames' times."""
     (tmp_path / "live.yaml").write_text(LIVE)

@@ -9,9 +9,9 @@ from tests.fuzz.formats import FORMATS
 from tests.fuzz.scenarios import Fuzzing
 from tests.fuzz.watched import Outcome, told
 
-DAMAGED, MORE_DAMAGED = 60, 300
-MUTANTS, MORE_MUTANTS = 200, 1500
-RUN = 60.0  # s of wall time
+DAMAGED, MORE_DAMAGED = 30, 120
+MUTANTS, MORE_MUTANTS = 100, 500
+RUN = 25.0  # s of wall time
 
 
 def faults(outcomes: Iterable[tuple[str, Outcome]], meant: set[str]) -> str:
@@ -37,6 +37,7 @@ def test_damaged_files_are_read_or_refused_with_a_line(damaging, name, numbers):
     assert faults(damaging.outcomes(name, numbers), {"refused"}) == ""
 
 
+@pytest.mark.slow
 def test_mutants_load_or_are_refused_with_a_line(tmp_path):
     assert faults(Fuzzing(tmp_path, seed=6).loaded(range(MUTANTS)), {"accepted", "refused"}) == ""
 

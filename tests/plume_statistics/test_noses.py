@@ -6,7 +6,7 @@ import pytest
 from taichi_plume.scenario.sensors import IdealGasSensor, MoxSensor, PidSensor
 from taichi_plume.statistics.sensor_comparison import Nose, noses, readings, smelt
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 STEP = 0.01
 

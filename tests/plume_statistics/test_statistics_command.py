@@ -19,7 +19,7 @@ from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.scenario.metal_oxides import MOX_MODELS
 from taichi_plume.statistics import records
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 SCENARIO = """
 name: meander
@@ -186,7 +186,6 @@ def test_files_and_page(folder, tmp_path, capsys):
     assert len(pq.read_table(tmp_path / "other" / "statistics.parquet")) == 1
 
 
-@pytest.mark.slow
 def test_names_of_a_foreign_table_are_text(folder, tmp_path, capsys):
     copy = broken(folder, tmp_path, lambda copy: None)
     table = pq.read_table(copy / "probes.parquet")

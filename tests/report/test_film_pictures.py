@@ -46,6 +46,7 @@ def test_pictures_are_those_of_the_recording(folder):
         assert np.abs(one.data.astype(int) - other.data).max() <= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plane", ["slice", "section"])
 def test_arrows_point_where_those_of_the_recording_do(folder, plane):
     it = Run(folder, lenient=True)

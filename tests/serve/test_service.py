@@ -14,7 +14,7 @@ from taichi_plume.scenario.loading import scenario_from
 from taichi_plume.serve.service import Pace, Service
 
 pytest.importorskip("rosbags")
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 LASER = {"kind": "tdlas", "species": "ethanol", "left": 0.05, "bearing_deg": 90, "noise_ppm_m": 0}
 SCENARIO = {

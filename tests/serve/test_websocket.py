@@ -19,6 +19,8 @@ from taichi_plume.serve.address import origin
 from taichi_plume.serve.links import LinkError
 from taichi_plume.serve.websocket_link import WebSocketLink
 
+pytestmark = pytest.mark.slow
+
 APP = "https://app.foxglove.dev"
 GAS = "team_0/gas", "olfaction_msgs/msg/GasSensor"
 ENOUGH = 10.0

@@ -14,7 +14,7 @@ from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.grid.fields import ppm_at, velocity_at
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 BASE = """
 duration: 4

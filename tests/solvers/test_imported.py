@@ -22,7 +22,7 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.imported import ImportedFilm, ImportedFlow
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 SIZE = (1.6, 1.2, 0.4)
 LOW = (-5.0, 2.0, 0.5)  # the room's corner in the files
@@ -95,7 +95,6 @@ def imported(folder: Path, *overrides: str) -> SimpleNamespace:
     return SimpleNamespace(model=scenario.wind, grid=grid, air=air, wind=wind)
 
 
-@pytest.mark.slow
 def test_well_mixed_gas_stays_well_mixed(tmp_path):
     write(tmp_path / "wind_0.csv", swirl)
     write(tmp_path / "wind_1.csv", swirl, scale=-0.5)

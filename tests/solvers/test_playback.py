@@ -20,7 +20,7 @@ from taichi_plume.scenario.played import PlaybackWind
 from taichi_plume.simulation import Every, Simulation
 from taichi_plume.solvers.playback import PlayedGas, PlayedWind
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 LIVE = """
 seed: 3
@@ -81,7 +81,6 @@ def played(live, *overrides: str) -> Simulation:
     return assemble(scenario, live.folder)
 
 
-@pytest.mark.slow
 def test_wind_and_gas_are_those_that_were_recorded(live):
     sim = played(live, "gas={kind: playback, file: fields.zarr}")
     again = watched(sim)

@@ -27,7 +27,7 @@ from taichi_plume.solvers.plumesim import (
     meandering_points,
 )
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 EXTENT = (1.5, 1.0)
 RNG = np.random.default_rng(3)
@@ -256,7 +256,6 @@ robots:
 """
 
 
-@pytest.mark.slow
 def test_a_log_adds_to_a_computed_plume_and_robots_find_its_source(tmp_path):
     (tmp_path / "plume.pslog").write_text(LOG)
     sim = assemble(Scenario.model_validate(yaml.safe_load(MIXED)), tmp_path)

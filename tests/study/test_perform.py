@@ -41,6 +41,7 @@ def plain(records: Any) -> list[Any]:
     return [one._replace(cost=None) for one in records]
 
 
+@pytest.mark.slow
 def test_rows_and_outcomes_are_those_of_the_result_of_the_run_alone(tmp_path):
     base = changed(ROOM, name="alone", seed=3)
     outcomes = {
@@ -78,6 +79,7 @@ def test_rows_and_outcomes_are_those_of_the_result_of_the_run_alone(tmp_path):
     }
 
 
+@pytest.mark.slow
 def test_the_tables_hold_what_trials_with_moving_obstacles_count(tmp_path):
     motion = {"path": [[1.0, 1.9, 0.3], [2.0, 0.9, 1.1]]}
     walkers = [{"kind": "cylinder", "center": [0.9, 1.1], "radius": 0.3, "motion": motion}]
@@ -117,6 +119,7 @@ def test_what_was_numbers_by_another_structure_is_assembled_anew(tmp_path):
         assert len(record.trials) == trials
 
 
+@pytest.mark.slow
 def test_what_is_kept_is_a_run_folder_that_can_be_read_and_run_again(tmp_path):
     base = changed(ROOM, probes=PROBES)
     keep = ("robots.parquet", "report.html")
@@ -149,6 +152,7 @@ def test_probes_leave_no_folder_unless_asked_for(tmp_path):
     assert not list((tmp_path / "unfinished").iterdir())
 
 
+@pytest.mark.slow
 def test_a_run_that_fails_is_told_and_left_to_be_repeated_and_the_next_goes_on(tmp_path):
     base = own(tmp_path)
     changes = [{"duration": 0.4}, {"duration": 2.0}]

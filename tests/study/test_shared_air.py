@@ -14,7 +14,8 @@ from taichi_plume.study.perform import perform
 from taichi_plume.study.shared_air import solve_air
 from taichi_plume.study.sharing import why_not
 
-SLOW = pytest.mark.slow
+pytestmark = pytest.mark.slow
+
 KEEP = ("robots.parquet",)
 MAPS = {
     "mae": "maps.0.per_trial.mae_ppm.0",
@@ -118,7 +119,6 @@ def test_a_search_in_a_shared_air_is_that_in_its_own_to_the_bit(tmp_path):
     assert not differences(ROOM, tmp_path)
 
 
-@SLOW
 @pytest.mark.parametrize("case", CASES)
 def test_that_holds_of_other_airs(case, tmp_path):
     assert not differences(CASES[case], tmp_path)
@@ -146,7 +146,6 @@ def test_why_an_air_is_not_shared_is_said(sections, outcomes, share, keep, why):
     assert told is None if why is None else why in told
 
 
-@SLOW
 def test_gas_of_puffs_is_shared_by_its_cells_where_that_is_wanted(tmp_path):
     base = changed(ROOM, gas=ROOM["gas"] | {"kind": "puffs"})
     film = tmp_path / "one.zarr"

@@ -11,6 +11,8 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study import simulation_cache
 from taichi_plume.study.simulation_cache import Warm
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def prepared() -> Prepared:

@@ -8,7 +8,7 @@ from taichi_plume.validation import annex20, measured_air
 from taichi_plume.validation.flow_cases import velocities
 from taichi_plume.validation.measured_air import Times
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 
 def test_the_tables_hold_what_is_known_of_them():

@@ -9,7 +9,7 @@ from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.validation import backward_step as case
 from taichi_plume.validation.measured_air import Times
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 
 def test_the_layer_that_comes_in_is_the_measured_one():

@@ -14,6 +14,8 @@ from taichi_plume.validation.cases import CASES
 from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Tracks
 from taichi_plume.validation.report import plain
 
+pytestmark = pytest.mark.slow
+
 
 def unsolvable(n: int) -> dict[str, float]:
     raise RuntimeError("no steady state")
