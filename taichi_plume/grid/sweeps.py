@@ -113,6 +113,7 @@ def sweep(bodies: Sequence[Callable], outs: Sequence[Field | tuple[Field, ...]],
 
 
 BLOCK = 16  # rows swept in order, so that a flux between two rows is computed once
+CHUNK = 512  # iterations that Taichi gives a CPU thread at least
 
 
 def flux_sweep(
@@ -127,74 +128,80 @@ def flux_sweep(
     The net flux is the sum over axes e of the flux through the lower side, ``fluxes[n][e](I)``, less the flux through
     the upper side, which is the lower side of I + e. lasts: the fluxes along a row at the end of the range, too.
 
-    On a CPU the fluxes along a row and from a row to the next are computed once, for both volumes beside them.
+    On a CPU each flux is computed once, for both volumes beside it: strips of a row are swept row by row and layer by
+    layer, and the fluxes through their upper sides are stored for the next row and layer.
     """
     own, whole = _merged(bodies, ranges)
     dim = len(whole)
     (begin, end), (low, high) = whole[:2]
+    bottom = whole[2][0] if dim == 3 else 0
+    tops = tuple(axes[2][1] if dim == 3 else 1 for axes in own)
     (strips, width), blocks = _strips(end - begin), -(-(high - low) // BLOCK)
-    slabs = tuple(reversed(whole[2:]))
-    pairs, across = tuple(range(len(bodies))), tuple(range(2, dim))
+    pairs = tuple(range(len(bodies)))
     bodies, outs = tuple(bodies), tuple(outs)
     fluxes, lasts = tuple(tuple(per_axis) for per_axis in fluxes), tuple(lasts)
+    # fluxes from a layer to the next
+    upward = tuple(ti.field(ti.f32, (high, end)) for _ in pairs) if dim == 3 and on_cpu() else ()
 
     @ti.func
-    def index(J: Template, row, i):
+    def index(layer, row, i):
         I = ti.Vector.zero(ti.i32, dim)
         I[0], I[1] = i, row
-        for d in ti.static(across):
-            I[d] = J[dim - 1 - d]
+        if ti.static(dim == 3):
+            I[2] = layer
         return I
 
     @ti.func
-    def strip(J: Template, block, k, a, b):
+    def column(q: Template, block, k, a, b):
         first, start = begin + k * width, low + block * BLOCK
-        for q in ti.static(pairs):
-            count = ti.min(width, ti.static(own[q][0][1]) - first)
-            for d in ti.static(across):
-                if ti.static(own[q][d] != whole[d]):
-                    count = ti.select(J[dim - 1 - d] < ti.static(own[q][d][1]), count, 0)
+        count = ti.min(width, ti.static(own[q][0][1]) - first)
+        for layer in range(ti.static(bottom - (dim == 3)), ti.static(tops[q])):
             below = ti.Vector([0.0] * STRIP)
             for row in range(start - 1, ti.min(start + BLOCK, ti.static(own[q][1][1]))):
                 net = ti.Vector([0.0] * STRIP)
-                for n in range(count):
-                    above = fluxes[q][1](index(J, row + 1, first + n))
-                    net[n] = below[n] - above
-                    below[n] = above
+                if layer >= bottom:
+                    for n in range(count):
+                        above = fluxes[q][1](index(layer, row + 1, first + n))
+                        net[n] = below[n] - above
+                        below[n] = above
                 if row >= start:
-                    along = ti.Vector([0.0] * (STRIP + 1))
-                    for n in range(count):
-                        along[n] = fluxes[q][0](index(J, row, first + n))
-                    along[count] = lasts[q](index(J, row, first + count))
-                    for n in range(count):
-                        net[n] += along[n] - along[n + 1]
-                    for e in ti.static(across):
-                        for side in range(
-                            2
-                        ):  # not unrolled by Taichi, which halves the compile time, but by LLVM
-                            for n in range(count):
-                                I = index(J, row, first + n) + side * ti.Vector.unit(dim, e, ti.i32)
-                                net[n] += (1 - 2 * side) * fluxes[q][e](I)
-                    for n in range(count):
-                        net[n] = bodies[q](index(J, row, first + n), net[n], a, b)
-                    for n in range(count):
-                        outs[q][index(J, row, first + n)] = net[n]
+                    if ti.static(dim == 3):
+                        upper = ti.Vector([0.0] * STRIP)
+                        for n in range(count):
+                            upper[n] = fluxes[q][2](index(layer + 1, row, first + n))
+                        for n in range(count):
+                            net[n] += upward[q][row, first + n] - upper[n]
+                        for n in range(count):
+                            upward[q][row, first + n] = upper[n]
+                    if layer >= bottom:
+                        along = ti.Vector([0.0] * (STRIP + 1))
+                        for n in range(count):
+                            along[n] = fluxes[q][0](index(layer, row, first + n))
+                        along[count] = lasts[q](index(layer, row, first + count))
+                        for n in range(count):
+                            total = net[n] + (along[n] - along[n + 1])
+                            net[n] = bodies[q](index(layer, row, first + n), total, a, b)
+                        for n in range(count):
+                            outs[q][index(layer, row, first + n)] = net[n]
 
     @ti.func
-    def by_strip(a, b):
-        for J in ti.grouped(ti.ndrange(*slabs, blocks, strips)):
-            strip(J, J[dim - 2], J[dim - 1], a, b)
+    def in_order(a, b):
+        for block in range(blocks):
+            for q in ti.static(pairs):
+                for k in range(strips):
+                    column(q, block, k, a, b)
 
     @ti.func
-    def by_block(a, b):
-        for J in ti.grouped(ti.ndrange(*slabs, blocks)):
-            for k in range(strips):
-                strip(J, J[dim - 2], k, a, b)
+    def by_column(a, b):
+        for n in range(blocks * strips * CHUNK):
+            if n % CHUNK == 0:
+                for q in ti.static(pairs):
+                    column(q, n // (CHUNK * strips), n // CHUNK % strips, a, b)
 
     @ti.func
     def by_cell(a, b):
-        for J in ti.grouped(ti.ndrange(*slabs, (low, high), (begin, end))):
-            I = index(J, J[dim - 2], J[dim - 1])
+        for J in ti.grouped(ti.ndrange(*reversed(whole))):
+            I = ti.Vector([J[dim - 1 - d] for d in ti.static(range(dim))])
             for q in ti.static(pairs):
                 inside = True
                 for d in ti.static(range(dim)):
@@ -210,5 +217,4 @@ def flux_sweep(
     cells = prod(b - a for a, b in whole) * len(bodies)
     if not on_cpu():
         return Pass(by_cell, cells)
-    is_small = prod(b - a for a, b in slabs) * blocks < FEW_ROWS
-    return Pass(by_strip if is_small and cells > FEW_CELLS else by_block, cells)
+    return Pass(by_column if cells > FEW_CELLS else in_order, cells)
