@@ -15,7 +15,7 @@ from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box, Cylinder, Sphere
 from taichi_plume.scenario.shapes import shape
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 ROOM = Domain(size=(4.0, 3.0, 2.4), spacing=0.1)
 LOW_BOX = Box(kind="box", center=(2.0, 1.5, 0.4), size=(0.6, 0.6, 0.8))
@@ -78,7 +78,6 @@ def flight(taichi):
     return Flight()
 
 
-@pytest.mark.slow
 def test_a_velocity_is_reached_as_fast_as_the_drone_can_and_kept(flight):
     """Forward, left and up at once: the change of the vector is limited, each part of it by its own speed."""
     flight.put((1.0, 1.0, 0.5), heading=0.3, max_speed=0.5, max_climb=0.2, max_acceleration=1.0)

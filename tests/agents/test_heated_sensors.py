@@ -12,7 +12,7 @@ from taichi_plume.assembly.prepare import load
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.loading import ScenarioError
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 MODEL = {"kind": "mox", "model": "mics5524", "noise": 0.0, "period": 1e-4}
 C0, B = 1.6, 0.644

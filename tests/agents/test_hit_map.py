@@ -16,7 +16,7 @@ from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box
 from taichi_plume.scenario.shapes import shape
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 SIZE = (3.0, 2.2)
 CELL = 0.2
@@ -233,7 +233,6 @@ class Whiffs(Script):
         return ti.Vector([0.5, 0.0])
 
 
-@pytest.mark.slow
 def test_it_finds_and_declares_a_source_behind_a_wall():
     source = (0.5, 1.9)
     rivals = [{"algorithm": MODEL, "found": found, "trials": 30} for found in ("reached", "declared")]

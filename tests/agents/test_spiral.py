@@ -8,7 +8,7 @@ from scipy.signal import find_peaks
 from taichi_plume.agents.spiral import ACQUIRE, ESCAPE
 from taichi_plume.scenario.search_algorithm import Spiral
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 MODEL = Spiral(kind="spiral", minimum_ppm=1)
 
@@ -49,7 +49,6 @@ def test_bump_backs_off_turns_and_drives_the_rest(run):
     assert run.swarm.bumps.to_numpy()[0] == 1
 
 
-@pytest.mark.slow
 def test_a_bump_turns_to_the_side_of_the_best_acquisition():
     """At each bump in 90 s of 16 robots: side that a robot turns to, and that of the best of 10 acquisitions."""
     levels = np.random.default_rng(7).uniform(0.5, 5.0, 300)
@@ -156,7 +155,6 @@ def test_strict_minimum_forbids_hits_below_it(run):
     assert heard_in_turn(run, [0.3] * 5 + [0.45], strict_minimum=True)[2][-1] == 0
 
 
-@pytest.mark.slow
 def test_random_spiral_needs_as_many_acquisitions_as_published():
     """Gas plays no part: 38.6 and 28.3 acquisitions of 35.0 s (table 2 of the paper) test geometry and timing.
 

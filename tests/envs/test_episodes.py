@@ -255,6 +255,8 @@ def test_a_word_ends_an_episode(engines):
 
 def test_resets_compile_nothing(engines):
     for engine in engines:
+        engine.reset(seeds(engine.count))
+        engine.step(np.zeros((engine.count * TEAM, 3), np.float32))
         before = kernels.compiled()
         engine.reset(seeds(engine.count, 5))
         engine.reset(mask=np.arange(engine.count) == 0)

@@ -13,7 +13,7 @@ from refusals import cut_off
 from taichi_plume.files import run_folder, run_tables
 from taichi_plume.running import robots_table
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 
 def test_rows_count_once_wherever_the_finishing_is_killed(tmp_path, monkeypatch):

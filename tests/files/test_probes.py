@@ -20,7 +20,7 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.species import AIR_DENSITY
 from taichi_plume.simulation import Every
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 ROOM: dict[str, Any] = {
     "duration": 0.5,
@@ -87,7 +87,6 @@ def table_of(sim: Any, path: Path, **model: Any) -> ProbeTable:
     return table
 
 
-@pytest.mark.slow
 def test_rows_at_even_times_lie_between_those_of_steps(tmp_path):
     sim = assembled(ROOM)
     steps = table_of(sim, tmp_path / "steps.parquet", points=[LINE, POINT, GRID], every="step", start=-0.2)

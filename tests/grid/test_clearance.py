@@ -13,7 +13,7 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.obstacles import Box, Cylinder
 from taichi_plume.scenario.shapes import shape
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 
 @ti.kernel

@@ -10,6 +10,8 @@ from taichi_plume.grid import engine, kernels
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.loading import scenario_from
 
+pytestmark = pytest.mark.slow
+
 ROOM = yaml.safe_load("""
 duration: 1
 domain: {size: [1, 0.8], spacing: 0.1}
@@ -22,7 +24,6 @@ robots: [{count: 1, start: {kind: positions, positions: [[0.8, 0.4]]}, algorithm
 @pytest.mark.parametrize(
     "restart", [lambda: kernels.start("cpu", threads=1), lambda: ti.init(ti.cpu), ti.reset], ids=range(3)
 )
-@pytest.mark.slow
 def test_a_simulation_whose_engine_is_gone_refuses_every_use(taichi, restart):
     sim = assemble(scenario_from(ROOM))
     sim.advance()
@@ -102,7 +103,6 @@ def test_kernels_that_nothing_uses_are_forgotten(taichi):
 
 
 @pytest.mark.cpu
-@pytest.mark.slow
 def test_trees_of_fields_that_are_gone_make_room_and_the_others_keep_their_values(taichi):
     ti.reset()
     kernels.start("cpu", threads=1)

@@ -10,7 +10,7 @@ from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.results.film_pictures import FilmPictures
 from taichi_plume.results.run import Run
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 SCENARIO = """
 duration: 2
@@ -31,7 +31,6 @@ def folder(tmp_path_factory) -> Path:
     return path / "run"
 
 
-@pytest.mark.slow
 def test_pictures_are_those_of_the_recording(folder):
     it = Run(folder, lenient=True)
     recorded = it.planes.read(None, (0.4, 2.0))
@@ -46,7 +45,6 @@ def test_pictures_are_those_of_the_recording(folder):
         assert np.abs(one.data.astype(int) - other.data).max() <= 1
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("plane", ["slice", "section"])
 def test_arrows_point_where_those_of_the_recording_do(folder, plane):
     it = Run(folder, lenient=True)

@@ -12,7 +12,7 @@ from taichi_plume.scenario.species import AIR_DENSITY
 from taichi_plume.solvers.downwash import Downwash
 from taichi_plume.validation.flow_cases import advance, periodic, velocities
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 DX, SHAPE = 0.1, (12, 10, 14)
 BODY = Body(kind="drone", mass=0.4, rotor_radius=0.12, arm=0.15, radius=0.3)
@@ -104,7 +104,6 @@ def test_rotors_rest_on_the_floor_and_before_the_run(hover):
     assert hover.flow.max_speed == 0.0
 
 
-@pytest.mark.slow
 def test_strong_thrust_is_calm_for_the_steps_it_is_given(taichi):
     """30 kg on the grid of a drone of 0.4 kg, in a closed box: jets of 40 m/s, and still no divergence."""
     hover = Hover(cfd(), (False, False, False))

@@ -9,7 +9,7 @@ from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.validation.flow_cases import advance
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 RHO = 1.184
 WIDTH, DEPTH = 0.4, 0.5

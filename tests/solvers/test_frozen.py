@@ -13,7 +13,7 @@ from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.frozen import FrozenSolver
 from taichi_plume.solvers.gas import EulerianSolver
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 SHAPE = (24, 16)
 GRID = Grid(SHAPE, 0.05)
@@ -50,7 +50,6 @@ def fields_of(taichi) -> Callable[[FlowSolver], list[np.ndarray]]:
     return fields
 
 
-@pytest.mark.slow
 def test_flow_becomes_its_mean(frozen, fields_of, monkeypatch):
     states = []  # after each step, as the flow solver leaves it
     step = FlowSolver.advance

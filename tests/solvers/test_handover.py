@@ -16,7 +16,7 @@ from taichi_plume.solvers.prescribed import PrescribedWind
 from taichi_plume.solvers.puffs import PuffSolver
 from taichi_plume.solvers.uniform import UniformSolver
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 STILL = {"diffusivity": 0.0, "molar_mass": 0.05}
 
@@ -82,7 +82,6 @@ def test_no_gas_gets_behind_walls(dim):
     assert c[4:12, :8].min() > 0.0
 
 
-@pytest.mark.slow
 def test_budget_and_state_of_gas_that_goes_out_through_an_outlet():
     """Emitted is what puffs hold, what the grid holds and what has left by either; a saved run goes on to the bit."""
     grid = Grid((24, 16), 0.05, depth=0.5)
@@ -141,7 +140,6 @@ def kolmogorov(dissipation: float, x: np.ndarray, rng: np.random.Generator) -> n
     return (2.0 * np.sqrt(energy) * np.cos(phase)) @ across
 
 
-@pytest.mark.slow
 def test_puffs_grow_by_the_dissipation_of_the_turbulence_about_them():
     """Richardson's law in fields of Kolmogorov's spectrum; the mean over fields and places."""
     dissipation, dt, size = 2e-3, 1e-3, 0.01

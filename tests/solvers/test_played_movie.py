@@ -8,7 +8,7 @@ from taichi_plume.assembly.prepare import ScenarioError, load
 from taichi_plume.files.movie import means
 from taichi_plume.grid.fields import ppm_at
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 PICTURES = np.random.default_rng(5).random((3, 8, 10))  # of 10 cm: 1 x 0.8 m
 SCENARIO = """
 duration: 2 s

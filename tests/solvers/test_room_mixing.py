@@ -11,7 +11,7 @@ from taichi_plume.scenario.winds import SyntheticWind
 from taichi_plume.solvers import room_mixing
 from taichi_plume.solvers.synthetic import SyntheticSolver
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 SHAPES = [(60, 42), (30, 21, 12)]
 
@@ -112,7 +112,6 @@ def test_mirrors_face_each_other(air):
     np.testing.assert_allclose(wind.room.inside(far, np.full_like(far, -1.0)), near)
 
 
-@pytest.mark.slow
 def test_measuring_changes_nothing(air):
     grid, _, wind = air
     model = SyntheticWind(kind="synthetic", shortest=0.5)

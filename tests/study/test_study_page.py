@@ -17,6 +17,8 @@ from taichi_plume.study.results import cost_words
 from taichi_plume.study.store import table_of
 from taichi_plume.study.tables import make_tables, planned
 
+pytestmark = pytest.mark.slow
+
 WICKED = "<script>alert(1)</script>\x1b[31m & {{ name }}"
 
 

@@ -9,11 +9,11 @@ from taichi_plume.validation.case import Case, examine
 from taichi_plume.validation.cases import CASES
 from taichi_plume.validation.experiment import Experiment
 
-QUICK = {"taylor_green_2d", "poiseuille", "puff_at_rest_2d"}
+QUICK = {"puff_at_rest_2d"}
 
 
 def of_kind(kind):
-    """The names of the cases, marked as slow but for a few."""
+    """The names of the cases, marked as slow but for one."""
     return [
         pytest.param(name, marks=() if name in QUICK else pytest.mark.slow)
         for name, case in CASES.items()

@@ -4,6 +4,8 @@ import pytest
 
 from taichi_plume.validation.house import counted, main
 
+pytestmark = pytest.mark.slow
+
 FILES = {
     "taichi_plume/models.py": '''"""Two lines
 of docstring."""

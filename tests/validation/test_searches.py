@@ -13,7 +13,7 @@ from taichi_plume.validation import dapso_cases
 from taichi_plume.validation.plumesim_cases import LAMINAR, PLUME, arena, export, in_airs
 from taichi_plume.validation.searches import WAY, scenario_of, searches, spread
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 CONFIG = Path(__file__).parents[2] / "configs" / "plumesim_casting.yaml"
 
@@ -42,7 +42,6 @@ def test_what_is_wrong_with_a_scenario_is_told():
         scenario_of(arena(LAMINAR, PLUME | {"sources": [{"position": [9.0, 1.5], "rate": 1e-6}]}))
 
 
-@pytest.mark.slow
 def test_trials_of_all_airs_come_together():
     told: Any = in_airs(5, arena(LAMINAR, PLUME) | {"duration": 60.0}, "ways", airs=2)
     success, time, way, tracks = (told[name] for name in ("success", "time [s]", WAY, "ways"))
