@@ -10,7 +10,7 @@ from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.serial import runs_serially
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.grid.kernels import optimised_by_llvm
+from taichi_plume.grid.kernels import data_flow_by_llvm
 
 
 class Algorithm(Protocol):
@@ -85,7 +85,7 @@ class KernelAlgorithm:
         self._start_all()
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        with nullcontext() if self._compiled else optimised_by_llvm():
+        with nullcontext() if self._compiled else data_flow_by_llvm():
             self._step_all(tick, t, dt)
         self._compiled = True
 

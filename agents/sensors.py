@@ -15,7 +15,7 @@ from taichi_plume.agents.members import Members
 from taichi_plume.agents.serial import runs_serially
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.fields import Odour, Species, Wind
-from taichi_plume.grid.kernels import Template, on_cpu, optimised_by_llvm
+from taichi_plume.grid.kernels import Template, on_cpu
 
 STRIP = 16  # sensors computed together on a CPU: LLVM vectorises loops without global stores
 WARMING = 900.0  # s, time constant of the heater warm-up after a cold start: our choice
@@ -70,11 +70,10 @@ class Sensors:
     def measure(self, gas: Odour, wind: Wind, tick: int, t: float) -> None:
         """Update all readings from gas and wind at time t [s]; tick: number of the control period, from 1 on."""
         if self.count:
-            with optimised_by_llvm():
-                for sensor, anemometer in zip(self.noses, self.vanes, strict=True):
-                    self._sense(sensor, anemometer, gas, wind, tick, t, exp(-t / WARMING))
-                for sensor in self.others:
-                    self._sense(sensor, None, gas, wind, tick, t, exp(-t / WARMING))
+            for sensor, anemometer in zip(self.noses, self.vanes, strict=True):
+                self._sense(sensor, anemometer, gas, wind, tick, t, exp(-t / WARMING))
+            for sensor in self.others:
+                self._sense(sensor, None, gas, wind, tick, t, exp(-t / WARMING))
 
     @ti.kernel
     def _sense(

@@ -11,7 +11,7 @@ import taichi as ti
 
 from taichi_plume.agents.serial import runs_serially
 from taichi_plume.agents.trials import FAR
-from taichi_plume.grid.kernels import Template, on_cpu, optimised_by_llvm
+from taichi_plume.grid.kernels import Template, data_flow_by_llvm, on_cpu
 from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.starts import GAP, StartArea
@@ -111,7 +111,7 @@ class Rounds:
 
     def run(self, side: int, flags: "Array", actions: "Array", table: "Array", outcomes: "Array") -> None:
         """Execute the tasks flags[0] of all environments. side: half of `table` to which observations are written."""
-        with nullcontext() if self.begun else optimised_by_llvm():  # halves the compile time of a long kernel
+        with nullcontext() if self.begun else data_flow_by_llvm():  # halves the compile time of a long kernel
             self._run(side, self.ticks, self.dt, flags, actions, table, outcomes)
         self.begun = True
         if not on_cpu():  # torch uses another CUDA stream

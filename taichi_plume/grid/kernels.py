@@ -259,7 +259,7 @@ def _launcher(kernel: Any) -> Callable[..., None]:
         if impl.get_runtime().prog is not program or program is None:
             if not is_running():
                 raise EngineError
-            with optimised_by_llvm():
+            with data_flow_by_llvm():
                 kernel(a, b)
                 program = impl.get_runtime().prog
                 (traced,) = kernel._primal.compiled_kernels.values()
@@ -274,15 +274,15 @@ def _launcher(kernel: Any) -> Callable[..., None]:
 
 
 @contextlib.contextmanager
-def optimised_by_llvm() -> Iterator[None]:
-    """Context in which kernels compile without Taichi's store-to-load analysis and simplifications: LLVM repeats them.
+def data_flow_by_llvm() -> Iterator[None]:
+    """Context in which kernels compile without Taichi's store-to-load analysis, which LLVM then does.
 
-    They take half to two thirds of the compile time and grow with the square of a kernel's length. The V-cycle and
-    pushed robots need them: without them Taichi 1.7 gives LLVM faulty code for those kernels, and aborts.
+    The analysis takes up to half of the compile time, as it grows with the square of a kernel's length. The V-cycle
+    needs it: without it Taichi 1.7 gives LLVM faulty code for those kernels, and aborts. Taichi's other simplifications
+    (`advanced_optimization`) are needed too: without them the flow of the helium box is wrong by a factor of two.
     """
-    before = ti.cfg.cfg_optimization, ti.cfg.advanced_optimization
-    ti.cfg.cfg_optimization = ti.cfg.advanced_optimization = not on_cpu()
+    before, ti.cfg.cfg_optimization = ti.cfg.cfg_optimization, not on_cpu()
     try:
         yield
     finally:
-        ti.cfg.cfg_optimization, ti.cfg.advanced_optimization = before
+        ti.cfg.cfg_optimization = before
