@@ -141,7 +141,9 @@ def flux_sweep(
     bodies, outs = tuple(bodies), tuple(outs)
     fluxes, lasts = tuple(tuple(per_axis) for per_axis in fluxes), tuple(lasts)
     # fluxes from a layer to the next
-    upward = tuple(ti.field(ti.f32, (high, end)) for _ in pairs) if dim == 3 and on_cpu() else ()
+    upward: tuple[Field, ...] = (
+        tuple(ti.field(ti.f32, (high, end)) for _ in pairs) if dim == 3 and on_cpu() else ()
+    )
 
     @ti.func
     def index(layer, row, i):
