@@ -107,7 +107,7 @@ def test_a_config_is_the_story_of_its_header(tmp_path, name, found, gas_error, d
 
 @pytest.mark.slow
 def test_whiffs_is_the_story_of_its_header(tmp_path):
-    """A short part of it; the law of durations takes its 240 s, see the case turbulent_whiffs of the validation."""
+    """Run an eighth of it; the power law needs all, see the validation's cases whiffs and turbulent_whiffs."""
     result = result_of("whiffs", tmp_path, "--no-recording", "--duration", "30")
     assert abs(result["gas"]["relative_error"]) <= 1e-6
     assert statistics([str(tmp_path), "--range", "0.8", "8", "--no-page"]) == 0

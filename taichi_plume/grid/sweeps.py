@@ -140,7 +140,7 @@ def flux_sweep(
     pairs = tuple(range(len(bodies)))
     bodies, outs = tuple(bodies), tuple(outs)
     fluxes, lasts = tuple(tuple(per_axis) for per_axis in fluxes), tuple(lasts)
-    # fluxes from a layer to the next
+    # scratch: fluxes through the upper sides of a layer, which the next layer takes in
     upward: tuple[Field, ...] = (
         tuple(ti.field(ti.f32, (high, end)) for _ in pairs) if dim == 3 and on_cpu() else ()
     )
@@ -195,7 +195,7 @@ def flux_sweep(
 
     @ti.func
     def by_column(a, b):
-        for n in range(blocks * strips * CHUNK):
+        for n in range(blocks * strips * CHUNK):  # a column per chunk: threads divide the columns
             if n % CHUNK == 0:
                 for q in ti.static(pairs):
                     column(q, n // (CHUNK * strips), n // CHUNK % strips, a, b)
