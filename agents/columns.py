@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.serial import runs_serially
+from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.grid.kernels import Field
 
 Dtype = type[np.float32] | type[np.int32] | type[np.bool_]

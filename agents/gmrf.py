@@ -25,7 +25,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from taichi_plume.agents.gas_map import Floor, GasMap, Readers, cell_of, counts, window_of, windows
-from taichi_plume.agents.serial import runs_serially
+from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.grid.grid import centers
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import reader

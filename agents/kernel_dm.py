@@ -27,7 +27,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.gas_map import Floor, GasMap, Readers, cell_of, counts, ratio
-from taichi_plume.agents.serial import runs_serially
+from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.grid.kernels import STRIP, Field, Template, double_field
 from taichi_plume.grid.transfer import Numbers, reader
 from taichi_plume.scenario import maps as models

@@ -19,7 +19,7 @@ from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
-from taichi_plume.agents.serial import runs_serially
+from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.swarm import GroupRange
 from taichi_plume.agents.time_series import TimeSeriesMap
 from taichi_plume.grid.grid import centers

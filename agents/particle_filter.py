@@ -28,7 +28,7 @@ from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.releases import Releases
-from taichi_plume.agents.serial import runs_serially
+from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.grid.kernels import Field
 from taichi_plume.grid.rng import normal4, uniform4
 from taichi_plume.grid.transfer import reader

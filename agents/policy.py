@@ -11,7 +11,7 @@ import taichi as ti
 from taichi_plume.agents.commands import Commands
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.observation import Observation
-from taichi_plume.agents.serial import runs_serially
+from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.files.network import Network, NetworkError
 from taichi_plume.scenario.policy import Policy

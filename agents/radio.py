@@ -10,7 +10,7 @@ import taichi as ti
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
-from taichi_plume.agents.serial import runs_serially
+from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.grid.rng import uniform4
 
 NEVER = -1.0  # s, time of a message never received

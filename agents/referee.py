@@ -7,7 +7,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.columns import Columns
-from taichi_plume.agents.serial import runs_serially
+from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.grid.kernels import Template
 
 

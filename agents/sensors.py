@@ -12,7 +12,7 @@ from taichi_plume.agents.gas_sensors import GasSensors
 from taichi_plume.agents.heated_sensors import HeatedSensors
 from taichi_plume.agents.line_sensors import LineSensors, Surroundings
 from taichi_plume.agents.members import Members
-from taichi_plume.agents.serial import runs_serially
+from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.fields import Odour, Species, Wind
 from taichi_plume.grid.kernels import Template, on_cpu

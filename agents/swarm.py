@@ -17,7 +17,7 @@ from taichi_plume.agents.flight import FREE, Flying
 from taichi_plume.agents.groups import GroupRange, ranges
 from taichi_plume.agents.odometry import Odometry, Reckoning
 from taichi_plume.agents.referee import Referee
-from taichi_plume.agents.serial import runs_serially
+from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.trials import OwnClocks, Trials
 from taichi_plume.grid.elementary import cos_sin, wrap
 from taichi_plume.grid.kernels import Field

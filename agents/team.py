@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 import taichi as ti
 
 from taichi_plume.agents.algorithm import Algorithm
+from taichi_plume.agents.algorithm_table import ALGORITHMS
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.own_algorithm import OwnAlgorithm
 from taichi_plume.agents.policy import PolicyAlgorithm
 from taichi_plume.agents.replay import ReplayAlgorithm
-from taichi_plume.agents.search import ALGORITHMS
-from taichi_plume.agents.serial import runs_serially
+from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.files.network import Network
 from taichi_plume.files.trajectories import Way

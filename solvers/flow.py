@@ -27,7 +27,7 @@ from taichi_plume.solvers.continuity import correction, increased, net_inflow
 from taichi_plume.solvers.ghosts import Ghosts
 from taichi_plume.solvers.heat import HeatSolver
 from taichi_plume.solvers.momentum import BuoyantScalar, Momentum, eddy_viscosity, of_axis, opennesses
-from taichi_plume.solvers.prescribed import padded_faces
+from taichi_plume.solvers.prescribed_wind import padded_faces
 from taichi_plume.solvers.pressure import pressure_solver
 from taichi_plume.solvers.screens import Resistance, ScreenResistance
 from taichi_plume.solvers.surfaces import Surfaces

@@ -18,7 +18,7 @@ from taichi_plume.grid.kernels import Field, Template
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.closed_forms import ContinuousGas, GaussianPuffGas
 from taichi_plume.solvers.gaussian_kernels import FAR, bell, walls_along
-from taichi_plume.solvers.uniform import UniformSolver
+from taichi_plume.solvers.uniform_wind import UniformSolver
 
 FAINT = 16.0  # parts of an integral below exp(-FAINT) of the largest part are left out
 NODES = 32  # nodes of an integral over the logarithm of the age

@@ -18,8 +18,8 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.rng import generator
-from taichi_plume.scenario.any_opening import Vent
 from taichi_plume.scenario.heat import Heat
+from taichi_plume.scenario.opening_base import Vent
 from taichi_plume.solvers.convection import LIMITED
 from taichi_plume.solvers.openings import VENTS, Patch
 from taichi_plume.solvers.release import Release

@@ -20,13 +20,13 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.gases import PlaybackGas, PureGas
 from taichi_plume.scenario.imported_wind import ImportedWind
-from taichi_plume.scenario.played import MovieGas, PlaybackWind, Played
+from taichi_plume.scenario.playback import MovieGas, PlaybackWind, Played
 
 if TYPE_CHECKING:
     from taichi_plume.files.film import Film
     from taichi_plume.files.movie import Movie
     from taichi_plume.files.shared_film import AirFilm
-    from taichi_plume.solvers.imported import ImportedFilm
+    from taichi_plume.solvers.imported_flow import ImportedFilm
 
 VELOCITIES = ("u", "v", "w")  # in a shared film
 CLOSE = 1e-12  # relative difference up to which times are equal

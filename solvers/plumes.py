@@ -20,7 +20,7 @@ from taichi_plume.scenario.closed_forms import GaussianPlumeGas, MeanderingGas
 from taichi_plume.scenario.vocabulary import Face
 from taichi_plume.solvers.gaussian_kernels import bell, walls_along
 from taichi_plume.solvers.gusts import OrnsteinUhlenbeck
-from taichi_plume.solvers.uniform import UniformSolver, memory
+from taichi_plume.solvers.uniform_wind import UniformSolver, memory
 
 
 def most_walls(faces: tuple[Face, ...], dim: int) -> tuple[int, ...]:

@@ -14,7 +14,7 @@ from taichi_plume.grid.fields import Gas, Wind
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import generator
 from taichi_plume.grid.transfer import Numbers, uploader
-from taichi_plume.scenario.played import PlumeSimWind, PointPlayback
+from taichi_plume.scenario.playback import PlumeSimWind, PointPlayback
 from taichi_plume.scenario.plumesim import FluentGas, PercentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.solvers.point_cloud import PointCloud
 

@@ -37,7 +37,7 @@ from taichi_plume.solvers.puff_deposit import Deposit
 from taichi_plume.solvers.puff_growth import Growth
 from taichi_plume.solvers.puff_list import PuffList
 from taichi_plume.solvers.puff_walls import PuffWalls
-from taichi_plume.solvers.uniform import UniformSolver
+from taichi_plume.solvers.uniform_wind import UniformSolver
 
 FLUCTUATION = 0.05  # m/s, default of s in a wind without eddies
 GRAVITY = 9.81  # m/s²

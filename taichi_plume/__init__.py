@@ -50,7 +50,7 @@ if os.name == "posix" and not os.environ.keys() & {"HOME", "XDG_CACHE_HOME"}:
     os.environ["HOME"] = _home if os.path.isabs(_home) else "/"
 
 if TYPE_CHECKING:
-    from taichi_plume.assembly.prepare import load_scenario
+    from taichi_plume.assembly.preparation import load_scenario
     from taichi_plume.files.run_folder import RunFolderError
     from taichi_plume.results.run import open_run
     from taichi_plume.scenario.scenario import Scenario
@@ -66,7 +66,7 @@ def __getattr__(name: str) -> object:
         "RunFolderError": "files.run_folder",
         "Scenario": "scenario.scenario",
         "Simulation": "simulation",
-        "load_scenario": "assembly.prepare",
+        "load_scenario": "assembly.preparation",
         "open_run": "results.run",
     }
     if name not in where:

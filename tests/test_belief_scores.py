@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import load_scenario
+from taichi_plume.assembly.preparation import load_scenario
+from taichi_plume.execution import maps_output
+from taichi_plume.execution.result import result, write_result
 from taichi_plume.files import maps_file
 from taichi_plume.record.recorder import Recorder
 from taichi_plume.report.maps import belief_rows, beliefs_of
-from taichi_plume.running import final_maps
-from taichi_plume.running.result import result, write_result
 from taichi_plume.scoring.beliefs import OF_BELIEFS, BeliefScores, GroupBeliefs, beliefs
 from taichi_plume.scoring.maps import MapScores
 
@@ -69,7 +69,7 @@ def test_a_run_leaves_its_beliefs(tmp_path, taichi):
     scores, judge = BeliefScores(sim), MapScores(sim)
     recorder = Recorder(sim, tmp_path / "recording.rrd", "cpu", judge)
     sim.observers += [scores.observer(), *recorder.observers()]
-    writer = final_maps.MapsFile(sim, tmp_path / "maps.zarr", judge)
+    writer = maps_output.MapsFile(sim, tmp_path / "maps.zarr", judge)
     recorder.start()
     writer.start()
     sim.run()

@@ -10,7 +10,7 @@ import pytest
 import yaml
 from test_messages import FLOOR
 
-from taichi_plume.assembly.prepare import load
+from taichi_plume.assembly.preparation import load
 from taichi_plume.cli import check as checking
 from taichi_plume.cli import run
 from taichi_plume.files.run_folder import RunFolder, RunFolderError, to_yaml

@@ -12,7 +12,7 @@ import pytest
 import zarr
 
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import load, load_scenario
+from taichi_plume.assembly.preparation import load, load_scenario
 from taichi_plume.grid.fields import ppm_at
 
 pytestmark = pytest.mark.usefixtures("taichi")

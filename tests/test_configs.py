@@ -11,7 +11,7 @@ import pytest
 import yaml
 from scripts import read_result
 
-from taichi_plume.assembly.prepare import load
+from taichi_plume.assembly.preparation import load
 from taichi_plume.cli import run
 from taichi_plume.cli.statistics import main as statistics
 from taichi_plume.study.plan import load_plan

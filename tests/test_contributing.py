@@ -22,7 +22,7 @@ LISTS = {
     "taichi_plume/report/references.py",  # papers
 }
 NAMESAKES = {
-    "taichi_plume/study/model.py",  # a kind of study is called sweep, as an algorithm
+    "taichi_plume/study/study_keys.py",  # a kind of study is called sweep, as an algorithm
     "taichi_plume/files/network.py",  # a network's weights may be external
 }
 ROOMS = [ROOT / "taichi_plume", ROOT / "solvers", ROOT / "agents"]

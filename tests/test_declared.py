@@ -6,11 +6,11 @@ import pytest
 
 from taichi_plume.agents.columns import COLUMNS
 from taichi_plume.agents.groups import GroupRange
-from taichi_plume.running import result, summary
+from taichi_plume.execution import result, summary
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scoring import trials as scores
 from taichi_plume.scoring.declarations import OUTCOMES, declared_outcomes, has_declared
-from taichi_plume.study.rows import trial_rows
+from taichi_plume.study.table_rows import trial_rows
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 import pytest
 import yaml
 
-from taichi_plume.assembly.prepare import load
+from taichi_plume.assembly.preparation import load
 from taichi_plume.scenario.keys import all_keys
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.study.plan import load_plan

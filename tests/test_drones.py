@@ -8,15 +8,15 @@ from taichi_plume import open_run
 from taichi_plume.agents.casting_3d import RISE
 from taichi_plume.agents.external import Orders
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import load_scenario
+from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.cli import export, run
 from taichi_plume.contest.entrants import shipped
 from taichi_plume.envs.task import require_task
+from taichi_plume.execution.signals import SignalRequests
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_robots import TRANSFORMS
 from taichi_plume.grid.fields import ppm_at
 from taichi_plume.grid.state import State
-from taichi_plume.running.signals import SignalRequests
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scoring.trials import source_places, trial_outcomes
 from taichi_plume.serve.service import Pace, Service

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 from scripts import loaded
 
-from taichi_plume.assembly.prepare import load
+from taichi_plume.assembly.preparation import load
 
 ROOT = Path(__file__).resolve().parents[1]
 GALLERY = ROOT / "docs/gallery"

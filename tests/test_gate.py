@@ -9,7 +9,7 @@ import pytest
 
 from taichi_plume.assembly import own_code
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import load, load_scenario
+from taichi_plume.assembly.preparation import load, load_scenario
 from taichi_plume.cli import run
 from taichi_plume.files.own_class import OwnAlgorithmError, OwnFile, failures_told
 from taichi_plume.scenario.loading import ScenarioError

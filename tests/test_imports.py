@@ -73,10 +73,10 @@ def test_heavy_packages_are_imported_only_where_used():
     for imports, heavy in (
         ("taichi_plume", {"taichi", "numpy", "pydantic"}),
         (SCENARIO, HEAVY),
-        ("taichi_plume.assembly.prepare", HEAVY),
+        ("taichi_plume.assembly.preparation", HEAVY),
         ("taichi_plume.cli.run", HEAVY | {"pyarrow"}),
         ("taichi_plume.assembly.assemble", HEAVY - {"taichi", "scipy"} | {"scipy.signal", "scipy.stats"}),
-        ("taichi_plume.running.result, taichi_plume.solvers.gas", {"scipy.stats", "scipy.optimize"}),
+        ("taichi_plume.execution.result, taichi_plume.solvers.gas", {"scipy.stats", "scipy.optimize"}),
     ):
         code += [f"import {imports}", "taichi_plume.cli.run.main(['nowhere.yaml'])" * ("cli.run" in imports)]
         code += [f"print(*(set({sorted(heavy)}) & sys.modules.keys()))"]

@@ -9,7 +9,7 @@ import pytest
 from foam_case import Writer, box, decomposed
 from test_gaden_project import models, project
 
-from taichi_plume.assembly.prepare import load
+from taichi_plume.assembly.preparation import load
 from taichi_plume.files import openfoam
 from taichi_plume.scenario.input_files import input_paths
 from taichi_plume.scenario.loading import ScenarioError

@@ -9,8 +9,8 @@ import pytest
 from begun import assert_plain
 from scipy import stats
 
+from taichi_plume.execution import result
 from taichi_plume.grid.state import State
-from taichi_plume.running import result
 from taichi_plume.scoring import trials as scores
 from taichi_plume.scoring.maps import MapScores
 from taichi_plume.simulation import Every

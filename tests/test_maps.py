@@ -11,13 +11,13 @@ from scipy import stats
 from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.gmrf import MarkovMap as MarkovMapper
 from taichi_plume.agents.mapping import mappers
-from taichi_plume.agents.recorded import RecordedTeam
+from taichi_plume.agents.recorded_readings import RecordedTeam
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import load_scenario
+from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.cli import maps
+from taichi_plume.execution import robots_table
 from taichi_plume.files.readings import ReadingsError
 from taichi_plume.grid import kernels
-from taichi_plume.running import robots_table
 from taichi_plume.scenario.maps import InverseDistanceMap, KernelMap, MarkovMap, TimeSeriesMap
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]

@@ -7,7 +7,7 @@ import pytest
 from test_imports import PACKAGE, ROOMS, ROOT, tree
 
 from taichi_plume.cli import maps, run
-from taichi_plume.running.summary import print_summary
+from taichi_plume.execution.summary import print_summary
 
 PRINTER = ROOT / PACKAGE / "guard" / "terminal.py"
 OTHERS = {"start.py", "clock_rows.py", "jax_box.py"}  # of the benchmark, run beside other checkouts

@@ -11,8 +11,8 @@ from scripts import read_result
 from taichi_plume.assembly import assemble
 from taichi_plume.cli import repair, run
 from taichi_plume.cli import report as report
+from taichi_plume.execution import result
 from taichi_plume.files import checkpoint, manifest
-from taichi_plume.running import result
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 

@@ -9,9 +9,9 @@ import taichi as ti
 from scripts import read_result
 
 from taichi_plume.cli import run
+from taichi_plume.execution import resume
 from taichi_plume.files import checkpoint, manifest
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.running import resume
 from taichi_plume.simulation import Simulation
 from tests.fuzz import bases
 

@@ -16,9 +16,9 @@ from refusals import cut, flipped, gone, refused, unfinished
 
 from taichi_plume import RunFolderError, open_run
 from taichi_plume.cli import export, repair, run
+from taichi_plume.execution.result import write_result
 from taichi_plume.files import disk, manifest
 from taichi_plume.results.export import export as write_export
-from taichi_plume.running.result import write_result
 from taichi_plume.scenario.scenario import Scenario
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]

@@ -7,9 +7,9 @@ import pytest
 import yaml
 
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import checked
+from taichi_plume.assembly.preparation import checked
+from taichi_plume.execution.result import result
 from taichi_plume.grid.state import State
-from taichi_plume.running.result import result
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring import trials as scores

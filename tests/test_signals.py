@@ -11,8 +11,8 @@ from scripts import python, read_result
 
 from taichi_plume.assembly import assemble
 from taichi_plume.cli import run
-from taichi_plume.running import job as running
-from taichi_plume.running import outputs
+from taichi_plume.execution import execute as running
+from taichi_plume.execution import outputs
 from taichi_plume.simulation import Every
 
 pytestmark = [
@@ -141,7 +141,7 @@ def test_ctrl_c_while_python_ends_is_no_fault(tmp_path):
     program = """
 import os, signal, time
 from concurrent.futures import ThreadPoolExecutor
-from taichi_plume.running.signals import leave
+from taichi_plume.execution.signals import leave
 
 def late():
     time.sleep(0.3)

@@ -7,7 +7,7 @@ import fake_run
 import numpy as np
 import pytest
 
-from taichi_plume.running import result, summary
+from taichi_plume.execution import result, summary
 from taichi_plume.scoring import trials as scores
 from taichi_plume.scoring.maps import MapScores
 

@@ -17,10 +17,10 @@ from rich.text import Text
 
 from taichi_plume.cli.exit_codes import exit_code
 from taichi_plume.cli.options import add, whole_number
+from taichi_plume.execution.signals import leave
 from taichi_plume.files.disk import written_whole
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import Parser, say, terminal
-from taichi_plume.running.signals import leave
 
 if TYPE_CHECKING:
     from rich.console import Console

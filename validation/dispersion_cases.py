@@ -7,7 +7,7 @@ import numpy as np
 
 from taichi_plume.grid.grid import Grid
 from taichi_plume.solvers.gas import EulerianSolver
-from taichi_plume.solvers.prescribed import PrescribedWind
+from taichi_plume.solvers.prescribed_wind import PrescribedWind
 from taichi_plume.validation.case import SECOND_ORDER, Answer, Case, Curve, Expected
 from taichi_plume.validation.flow_cases import Errors, rms
 from taichi_plume.validation.setups import ethanol, gas_on, uniform

@@ -7,12 +7,12 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from taichi_plume.files.site import Site
+from taichi_plume.files.wind_site import Site
 from taichi_plume.grid.cut_cells import air_of
 from taichi_plume.grid.fields import velocity_at
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.imported_wind import ImportedWind
-from taichi_plume.solvers.imported import ImportedFilm, ImportedFlow
+from taichi_plume.solvers.imported_flow import ImportedFilm, ImportedFlow
 from taichi_plume.validation.case import SECOND_ORDER, Answer, Case, Curve, Expected
 
 HEADER = '"U:0","U:1","U:2","Points:0","Points:1","Points:2"'

@@ -13,9 +13,9 @@ import taichi as ti
 from scipy.special import k0
 from scipy.stats import poisson
 
+from taichi_plume.agents.algorithm_table import ALGORITHMS
 from taichi_plume.agents.infotaxis import STAY, AnyInfotaxis
 from taichi_plume.agents.members import Members
-from taichi_plume.agents.search import ALGORITHMS
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.rng import stream_id, uniform4

@@ -17,7 +17,7 @@ from pydantic import TypeAdapter
 
 from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.mapping import mappers
-from taichi_plume.agents.recorded import RecordedTeam
+from taichi_plume.agents.recorded_readings import RecordedTeam
 from taichi_plume.agents.time_series import neighbourhood
 from taichi_plume.scenario.maps import Map, TimeSeriesMap
 from taichi_plume.validation.mapping_scenario import SOURCES, SPEEDS, WINDOW, maps, persistence

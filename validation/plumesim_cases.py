@@ -17,10 +17,10 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from taichi_plume.assembly.assemble import assemble
+from taichi_plume.execution.plume_log import PlumeLogger
 from taichi_plume.files.plumesim_log import read_log
 from taichi_plume.files.point_frames import PointFrames
 from taichi_plume.grid.fields import ppm_at
-from taichi_plume.running.plume_log import PlumeLogger
 from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Results
 from taichi_plume.validation.searches import WAY, scenario_of, searches, spread

@@ -10,7 +10,7 @@ from taichi_plume.grid.fields import concentration_at
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.winds import SyntheticWind
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.synthetic import SyntheticSolver
+from taichi_plume.solvers.synthetic_flow import SyntheticSolver
 from taichi_plume.validation.case import Answer, Case, Curve, Expected
 from taichi_plume.validation.setups import cfd, gas_on, puffs_on, uniform
 

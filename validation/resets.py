@@ -23,12 +23,12 @@ import psutil
 import yaml
 
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import load_scenario
+from taichi_plume.assembly.preparation import load_scenario
+from taichi_plume.execution.result import result, write_result
+from taichi_plume.execution.robots_table import RobotTable
 from taichi_plume.files.run_folder import to_yaml
 from taichi_plume.grid import kernels
 from taichi_plume.guard.terminal import Parser, say
-from taichi_plume.running.result import result, write_result
-from taichi_plume.running.robots_table import RobotTable
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
 from taichi_plume.validation.case import Keys

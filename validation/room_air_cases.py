@@ -20,7 +20,7 @@ from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.winds import SyntheticWind
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.room_mixing import air_changes, diffusivity
-from taichi_plume.solvers.synthetic import SyntheticSolver
+from taichi_plume.solvers.synthetic_flow import SyntheticSolver
 from taichi_plume.validation.case import Curve
 from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Results, over_airs
 

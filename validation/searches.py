@@ -10,11 +10,11 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import checked
+from taichi_plume.assembly.preparation import checked
+from taichi_plume.execution.probes_table import ProbeTable
 from taichi_plume.files.run_tables import read
 from taichi_plume.grid import kernels
 from taichi_plume.results.run import Run
-from taichi_plume.running.probes_table import ProbeTable
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.trials import source_places, trial_outcomes, trial_summary
 from taichi_plume.simulation import Every, Simulation

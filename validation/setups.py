@@ -12,7 +12,7 @@ from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.openings import periodic_axes
 from taichi_plume.solvers.puffs import PuffSolver
-from taichi_plume.solvers.uniform import UniformSolver
+from taichi_plume.solvers.uniform_wind import UniformSolver
 
 Openings = list[dict] | tuple[dict, ...]
 

@@ -2,7 +2,7 @@
 393-402: a room with a dish of ethanol.
 
 Arena, dish, distances, robot, sensor and algorithms are the paper's. The room around the arena is not described; ours
-has 50 m³ of air that drifts at a few cm/s, see solvers/synthetic.py.
+has 50 m³ of air that drifts at a few cm/s, see solvers/synthetic_flow.py.
 """
 
 from math import sqrt

@@ -14,7 +14,7 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.closed_forms import MeanderingGas
 from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.plumes import Plumes
-from taichi_plume.solvers.uniform import UniformSolver
+from taichi_plume.solvers.uniform_wind import UniformSolver
 from taichi_plume.statistics import durations
 from taichi_plume.validation.case import Answer, Curve
 

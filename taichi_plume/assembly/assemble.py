@@ -15,11 +15,11 @@ from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import teams
-from taichi_plume.assembly.initial import begin_fields
-from taichi_plume.assembly.kinds import Context, make_gas, make_wind
+from taichi_plume.assembly.initial_conditions import begin_fields
 from taichi_plume.assembly.own_code import execute
-from taichi_plume.assembly.prepare import Prepared, again, checked
+from taichi_plume.assembly.preparation import Prepared, again, checked
 from taichi_plume.assembly.resources import Resources
+from taichi_plume.assembly.solver_table import Context, make_gas, make_wind
 from taichi_plume.files.gaden import Cubes
 from taichi_plume.files.network import Network, NetworkError
 from taichi_plume.files.trajectories import Way

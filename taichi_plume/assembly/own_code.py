@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Collection
 
-from taichi_plume.assembly.prepare import Prepared
+from taichi_plume.assembly.preparation import Prepared
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.guard.terminal import say
 from taichi_plume.scenario.loading import ScenarioError

@@ -17,8 +17,8 @@ from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.external import Replay
 from taichi_plume.scenario.gases import PlaybackGas, PureGas
 from taichi_plume.scenario.imported_wind import ImportedWind
-from taichi_plume.scenario.initial import InitialGas, InitialWind
-from taichi_plume.scenario.played import MovieGas, Playback, PlaybackWind, PlumeSimLog, PlumeSimWind
+from taichi_plume.scenario.initial_conditions import InitialGas, InitialWind
+from taichi_plume.scenario.playback import MovieGas, Playback, PlaybackWind, PlumeSimLog, PlumeSimWind
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas
 from taichi_plume.scenario.policy import Policy
 from taichi_plume.scenario.scenario import Scenario
@@ -27,8 +27,8 @@ from taichi_plume.scenario.vocabulary import Model
 if TYPE_CHECKING:  # they bring zarr and Taichi, for runs that need them
     from taichi_plume.files.film import Film
     from taichi_plume.files.movie import Movie
-    from taichi_plume.files.site import Site
     from taichi_plume.files.trajectories import Way
+    from taichi_plume.files.wind_site import Site
     from taichi_plume.grid.cut_cells import Air
 
 
@@ -184,8 +184,8 @@ def _movie(resources: Resources, path: str, model: MovieGas, folder: Path) -> No
 
 def _site(resources: Resources, path: str, model: ImportedWind, folder: Path) -> None:
     """Read the first and the last file of an imported wind."""
-    from taichi_plume.files.site import Site
     from taichi_plume.files.wind_points import WindFileError
+    from taichi_plume.files.wind_site import Site
 
     with _reported(resources, f"{path}.files", WindFileError):
         site = Site(model, resources.scenario.domain.dim, folder)

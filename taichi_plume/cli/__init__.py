@@ -10,7 +10,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "record",
     "report",
     "results",
-    "running",
+    "execution",
     "scenario",
     "serve",
     "statistics",

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import yaml
 
-from taichi_plume.assembly.prepare import Prepared
+from taichi_plume.assembly.preparation import Prepared
 from taichi_plume.files.disk import written_whole
 from taichi_plume.files.run_folder import CHECK
 from taichi_plume.guard.terminal import say
-from taichi_plume.scenario.facts import facts
-from taichi_plume.scenario.readable import all_keys, own_keys
+from taichi_plume.scenario.key_facts import facts
+from taichi_plume.scenario.readable_yaml import all_keys, own_keys
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.size import derived, estimate, memory
 from taichi_plume.scenario.vocabulary import Model

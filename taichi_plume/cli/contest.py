@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 
 from taichi_plume.cli.exit_codes import exit_code
 from taichi_plume.cli.options import add, flag, option, whole_number
+from taichi_plume.execution.signals import reader_may_leave
 from taichi_plume.guard.terminal import Parser, say
-from taichi_plume.running.signals import reader_may_leave
 
 if TYPE_CHECKING:
-    from taichi_plume.contest.play import Contest
+    from taichi_plume.contest.execution import Contest
 
 AIRS, SEARCHES = 8, 8
 QUICK_AIRS, QUICK_SEARCHES = 2, 4
@@ -31,24 +31,24 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _contest(args: argparse.Namespace, arguments: Sequence[str]) -> int:
-    from taichi_plume.contest import play
+    from taichi_plume.contest import execution
     from taichi_plume.contest.entrants import entrants, scenarios
-    from taichi_plume.contest.fixed import NAMES, QUICK, fixed
+    from taichi_plume.contest.fixed_scenarios import NAMES, QUICK, fixed
 
-    names = scenarios(play.chosen(args.scenarios), QUICK if args.quick else NAMES)
-    entries = entrants(play.chosen(args.algorithms), args.algorithm, args.policy)
+    names = scenarios(execution.chosen(args.scenarios), QUICK if args.quick else NAMES)
+    entries = entrants(execution.chosen(args.algorithms), args.algorithm, args.policy)
     _require_allowed(args)
     searches = args.searches or (QUICK_SEARCHES if args.quick else SEARCHES)
     chosen = tuple(fixed(name, args.seed, searches) for name in names)
     airs = args.airs or (QUICK_AIRS if args.quick else AIRS)
-    contest = play.Contest(args.out, chosen, tuple(entries), airs)
+    contest = execution.Contest(args.out, chosen, tuple(entries), airs)
     from taichi_plume.study.study_run import Wishes
 
     wishes = Wishes(
         args.out, args.workers, retry=args.retry, force=args.force, quiet=args.quiet, allow_code=bool(args.algorithm),
         allow_outside=True, report=False,
     )  # fmt: skip
-    code = play.play(contest, wishes)
+    code = execution.play(contest, wishes)
     _conclude(args, contest, ["python", "-m", "taichi_plume.contest", *arguments])
     return code
 

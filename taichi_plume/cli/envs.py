@@ -26,7 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _record(args: argparse.Namespace) -> int:
-    from taichi_plume.assembly.prepare import load
+    from taichi_plume.assembly.preparation import load
 
     prepared = load(args.task, args.set, args.allow_outside)
     from taichi_plume.envs import bank

@@ -37,7 +37,7 @@ def exit_code(
             file = error.filename2 or error.filename or out
             message = f"{file}: " * bool(file) + str(error.strerror or error)
         else:
-            from taichi_plume.running.job import explain  # imports rich and pyarrow
+            from taichi_plume.execution.execute import explain  # imports rich and pyarrow
 
             message = explain(error)[1]
         say(message, error=True)

@@ -14,7 +14,7 @@ from taichi_plume.files.bag_readings import UNITS, BagOptions
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import Parser
 from taichi_plume.scenario import si
-from taichi_plume.scenario.facts import facts, purpose
+from taichi_plume.scenario.key_facts import facts, purpose
 from taichi_plume.scenario.loading import ScenarioError, load_part
 from taichi_plume.scenario.maps import Map
 from taichi_plume.scenario.metal_oxides import MOX_MODELS

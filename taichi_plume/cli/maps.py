@@ -40,7 +40,7 @@ MOST_OBLONG = 4.0  # of a picture
 
 def write(gas_map: GasMap, readings: Readings, size: tuple[float, float], folder: Path) -> None:
     """Write a gas map into an existing folder: map.csv, map.png and scores.json; size: of the floor [m]."""
-    from taichi_plume.running.result import plain
+    from taichi_plume.execution.result import plain
 
     nx, ny = gas_map.estimate.shape
     i, j = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")
@@ -61,7 +61,7 @@ def write(gas_map: GasMap, readings: Readings, size: tuple[float, float], folder
 
 
 def _draw(gas_map: GasMap, readings: Readings, size: tuple[float, float], path: Path) -> None:
-    from taichi_plume.report.look import Figure
+    from taichi_plume.report.figure_style import Figure
 
     pictures = {"estimate [ppm]": gas_map.estimate, "weight, as power of ten": _log(gas_map.weight)}
     if gas_map.variance is not None:

@@ -1,4 +1,4 @@
-"""``python -m taichi_plume.repair RUN`` completes the files of a killed run, see `taichi_plume.running.repair`."""
+"""``python -m taichi_plume.repair RUN`` completes the files of a killed run, see `taichi_plume.execution.repair`."""
 
 import argparse
 from collections.abc import Sequence
@@ -20,8 +20,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _repair(args: argparse.Namespace) -> int:
+    from taichi_plume.execution.repair import complete, verify
     from taichi_plume.files.run_folder import RunFolder
-    from taichi_plume.running.repair import complete, verify
 
     if args.verify:
         return verify(args.run)

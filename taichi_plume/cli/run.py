@@ -12,8 +12,8 @@ from pathlib import Path
 
 from taichi_plume.cli.exit_codes import exit_code
 from taichi_plume.cli.options import add, flag, option
+from taichi_plume.execution.signals import reader_may_leave
 from taichi_plume.guard.terminal import Parser, say
-from taichi_plume.running.signals import reader_may_leave
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -29,7 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _new(args: argparse.Namespace) -> int:
     """Check the scenario of a new run and, without --check, execute the run; return the exit code."""
-    from taichi_plume.assembly.prepare import load
+    from taichi_plume.assembly.preparation import load
 
     given = {"seed": args.seed, "duration": args.duration}
     overrides = [*args.set, *(f"{key}={value}" for key, value in given.items() if value is not None)]
@@ -44,9 +44,9 @@ def _new(args: argparse.Namespace) -> int:
             print_check(prepared, args.out, args.all)
         return 0
     from taichi_plume.assembly.own_code import execute
+    from taichi_plume.execution.execute import Job, simulate
     from taichi_plume.files.run_folder import RunFolder
     from taichi_plume.grid import kernels
-    from taichi_plume.running.job import Job, simulate
     from taichi_plume.scenario.input_files import input_paths
 
     execute(prepared, args.allow_code, ask=True)
@@ -64,11 +64,11 @@ def _new(args: argparse.Namespace) -> int:
 def _resume(args: argparse.Namespace) -> int:
     """Resume an interrupted run from the checkpoint in its folder; return the exit code."""
     from taichi_plume.assembly.own_code import execute
-    from taichi_plume.assembly.prepare import load
+    from taichi_plume.assembly.preparation import load
+    from taichi_plume.execution.execute import Job, simulate
+    from taichi_plume.execution.resume import require_same, saved
     from taichi_plume.files.run_folder import RunFolder
     from taichi_plume.grid import kernels
-    from taichi_plume.running.job import Job, simulate
-    from taichi_plume.running.resume import require_same, saved
     from taichi_plume.scenario.input_files import input_paths
 
     with RunFolder.again(args.resume) as folder:

@@ -45,7 +45,7 @@ def _serve(args: argparse.Namespace) -> int:
     missing = [name for package, name in NEEDED.items() if find_spec(package) is None]
     if missing:
         raise InputError(f"needs {', '.join(missing)}: pip install 'taichi_plume[ros]'")
-    from taichi_plume.assembly.prepare import load
+    from taichi_plume.assembly.preparation import load
     from taichi_plume.scenario.loading import ScenarioError
 
     prepared = load(args.scenario, args.set, args.allow_outside)
@@ -58,9 +58,9 @@ def _serve(args: argparse.Namespace) -> int:
     for remark in () if args.quiet else prepared.resources.remarks:
         say(f"note: {remark}", error=True)
     from taichi_plume.assembly.own_code import execute
+    from taichi_plume.execution.execute import Job, simulate
     from taichi_plume.files.run_folder import RunFolder
     from taichi_plume.grid import kernels
-    from taichi_plume.running.job import Job, simulate
     from taichi_plume.scenario.input_files import input_paths
     from taichi_plume.serve.service import Pace, Service
 

@@ -23,9 +23,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _analyse(args: argparse.Namespace) -> int:
     sensors = [_sensor(text) for text in args.sensor]
-    from taichi_plume.statistics import source
+    from taichi_plume.statistics import computation
 
-    plume = source.of(
+    plume = computation.of(
         args.source, args.gas, args.probe, args.threshold, args.start,
         None if args.range is None else tuple(args.range), sensors,
     )  # fmt: skip

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from taichi_plume.cli.exit_codes import exit_code
 from taichi_plume.cli.options import add, flag, option, whole_number
+from taichi_plume.execution.signals import reader_may_leave
 from taichi_plume.guard.terminal import Parser
-from taichi_plume.running.signals import reader_may_leave
 
 
 def main(argv: Sequence[str] | None = None) -> int:

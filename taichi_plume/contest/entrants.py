@@ -11,9 +11,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
-from taichi_plume.contest.fixed import NAMES, Fixed
+from taichi_plume.contest.fixed_scenarios import NAMES, Fixed
 from taichi_plume.files.own_class import OwnAlgorithmError, OwnFile
-from taichi_plume.guard.opening import unopenable
+from taichi_plume.guard.safe_open import unopenable
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.algorithms import Algorithm
 from taichi_plume.scenario.loading import ScenarioError, read_mapping

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from taichi_plume.contest import captions, plots
-from taichi_plume.contest.fixed import Fixed
-from taichi_plume.contest.play import SCENARIOS, Contest
+from taichi_plume.contest.execution import SCENARIOS, Contest
+from taichi_plume.contest.fixed_scenarios import Fixed
 from taichi_plume.contest.standings import (
     DECLARED,
     ERROR,

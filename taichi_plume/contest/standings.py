@@ -5,12 +5,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from taichi_plume.contest.play import AXIS, Contest
+from taichi_plume.contest.execution import AXIS, Contest
 from taichi_plume.files import disk
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.scoring.declarations import OUTCOMES
+from taichi_plume.study.estimates import Quantity, estimated
 from taichi_plume.study.intervals import Estimate
-from taichi_plume.study.points import Quantity, estimated
 from taichi_plume.study.results import Results, open_study
 
 NAME = "contest"

@@ -17,19 +17,19 @@ from typing import Any
 import numpy as np
 import psutil
 
-from taichi_plume.assembly.prepare import checked
+from taichi_plume.assembly.preparation import checked
 from taichi_plume.envs.task import require_parted
 from taichi_plume.grid.fields import concentration_at, velocity_at
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.scenario.gases import PlaybackGas
-from taichi_plume.scenario.played import PlaybackWind
+from taichi_plume.scenario.playback import PlaybackWind
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.species import Species
 from taichi_plume.scenario.task import Task
 from taichi_plume.simulation import Every, Simulation
 from taichi_plume.solvers.film_bank import half
-from taichi_plume.study.checking import Checks
 from taichi_plume.study.ids import Digests
+from taichi_plume.study.scenario_checks import Checks
 from taichi_plume.study.shared_air import alone
 
 FORMAT = "taichi_plume bank 1"

@@ -21,9 +21,19 @@ from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.trials import Trials
 from taichi_plume.assembly.assemble import ways
-from taichi_plume.assembly.prepare import prepare
+from taichi_plume.assembly.preparation import prepare
 from taichi_plume.envs.bank import Bank, record
-from taichi_plume.envs.rounds import BEGIN, BEGIN_AGAIN, FIRST, INFO, KEEP, REST, STEP, Rounds, Starts
+from taichi_plume.envs.step_kernel import (
+    BEGIN,
+    BEGIN_AGAIN,
+    FIRST,
+    INFO,
+    KEEP,
+    REST,
+    STEP,
+    Starts,
+    StepKernel,
+)
 from taichi_plume.envs.task import require_task
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.rng import generator
@@ -52,8 +62,8 @@ class Episodes:
     `observations` (count robots, size) stay valid for one further step. The next step overwrites all other arrays:
     `rewards` (count robots,), `terminated`, `truncated` (count,), `final_observations` (like observations, set for
     environments whose episode ended and restarted by `same_step`), and `info`, per environment (INFO in
-    envs/rounds.py), of the episode of the last step. Raises ValueError with a one-line message if the scenario has no
-    robots or has moving obstacles, ImportError without torch.
+    envs/step_kernel.py), of the episode of the last step. Raises ValueError with a one-line message if the scenario
+    has no robots or has moving obstacles, ImportError without torch.
     """
 
     made_of: str = ""  # settings of the engine; runs_in: Taichi's runtime; see `task.open_episodes`
@@ -97,14 +107,14 @@ class Episodes:
         self.step_s, self.action_size = ticks * tick, self.commands.size
         self.most_steps = max(1, ceil(scenario.task.episode / self.step_s - 1e-6))
         self.names, self.low, self.high = self.observation.names, self.observation.low, self.observation.high
-        self.rounds = Rounds(self, films, bank, starts, ticks)
+        self.kernel = StepKernel(self, films, bank, starts, ticks)
         self.arrays = arrays
         self.begin()
 
     def begin(self) -> None:
         """Return to the state after construction, with new arrays and before the first episode; compile nothing."""
         self._allocate(self.arrays)
-        self.rounds.begun = False
+        self.kernel.begun = False
         self._seeds = np.random.SeedSequence(self.scenario.seed).generate_state(self.count, np.uint64)
 
     def _allocate(self, arrays: str) -> None:
@@ -130,7 +140,7 @@ class Episodes:
         self._outcomes: Array = zeros((n + len(INFO) * self.count,), dtype=real)
         self._flags: Array = zeros(
             (3, self.count), dtype=byte
-        )  # the action of `Rounds`, terminated, truncated
+        )  # the action of `StepKernel`, terminated, truncated
         self._actions: Array = zeros((n, self.action_size), dtype=real)
         self._views = self._table[:n], self._table[n : 2 * n]
         self.final_observations = self._table[2 * n :]
@@ -148,17 +158,17 @@ class Episodes:
         seeds: (count,) whole numbers from 0 to 2^64 - 1; by default the next episodes of the previous seeds. Only the
         first reset compiles kernels.
         """
-        if not self.rounds.begun:
+        if not self.kernel.begun:
             mask = None  # all environments have to begin
-        self._todo[:] = FIRST if seeds is not None or not self.rounds.begun else BEGIN
+        self._todo[:] = FIRST if seeds is not None or not self.kernel.begun else BEGIN
         if seeds is not None:
             given = np.asarray(seeds, np.uint64)
             chosen = np.ones(self.count, bool) if mask is None else np.asarray(mask, bool)
             self._seeds = np.where(chosen, given, self._seeds)
         if mask is not None:
             self._todo[~np.asarray(mask, bool)] = REST
-        if seeds is not None or not self.rounds.begun:
-            self.rounds.sow(self._seeds)
+        if seeds is not None or not self.kernel.begun:
+            self.kernel.sow(self._seeds)
         self._run()
 
     def step(self, actions: Array) -> None:
@@ -167,7 +177,7 @@ class Episodes:
         Raises ValueError with a one-line message if an action is not a number or out of range, or if an episode is over
         and autoreset is disabled. The state does not change then.
         """
-        if not self.rounds.begun:
+        if not self.kernel.begun:
             raise ValueError("no episode has begun; reset the environments first")
         self._take(actions)
         over = self.terminated | self.truncated
@@ -182,11 +192,11 @@ class Episodes:
             over = self.terminated | self.truncated
             if over.any():
                 self._todo[:] = KEEP + (BEGIN_AGAIN - KEEP) * over
-                self.rounds.run(self._side, self._flags, self._actions, self._table, self._outcomes)
+                self.kernel.run(self._side, self._flags, self._actions, self._table, self._outcomes)
 
     def _run(self) -> None:
         self._side = 1 - self._side
-        self.rounds.run(self._side, self._flags, self._actions, self._table, self._outcomes)
+        self.kernel.run(self._side, self._flags, self._actions, self._table, self._outcomes)
         self.observations = self._views[self._side]
 
     def _take(self, actions: Array) -> None:

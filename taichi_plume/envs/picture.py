@@ -20,7 +20,7 @@ DECADES = 3.0  # range of concentrations with different colours, below the large
 def picture(episodes: "Episodes", e: int) -> np.ndarray:
     """Return environment e as an image (height, width, 3) of uint8, y upwards; mirrored worlds are drawn unmirrored."""
     bank = episodes.bank
-    films: Any = episodes.rounds.films  # its fields are opaque to type checkers
+    films: Any = episodes.kernel.films  # its fields are opaque to type checkers
     film, gas = int(films.film[e]), int(films.gas_of[e])
     ppm = _gas(bank, film, gas, float(films.begin[e]) + float(films.now[e]))
     top = max(float(np.max(bank.scale[film], initial=0.0)) * 2.0**15, 1e-30)

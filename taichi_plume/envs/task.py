@@ -51,7 +51,7 @@ def open_task(
 
     overrides: changes to a file, such as ``task.airs=8``. Raises ValueError (ScenarioError), a line for each fault.
     """
-    from taichi_plume.assembly.prepare import checked, load
+    from taichi_plume.assembly.preparation import checked, load
 
     if isinstance(overrides, str):
         raise ValueError(f"overrides: got a text; give a list of texts, ['{visible(overrides)}']")
@@ -273,7 +273,7 @@ def options_of(given: object) -> Mapping[str, object]:
 
 
 def outcome(episodes: "Episodes", e: int) -> dict[str, float]:
-    """Return the outcome (INFO in envs/rounds.py) of environment e's last episode, by name."""
+    """Return the outcome (INFO in envs/step_kernel.py) of environment e's last episode, by name."""
     return {name: float(values[e]) for name, values in episodes.info.items()}
 
 

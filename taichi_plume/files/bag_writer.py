@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from taichi_plume.files import disk
 from taichi_plume.files import ros_messages as ros
-from taichi_plume.guard.opening import irregular, unopenable
+from taichi_plume.guard.safe_open import irregular, unopenable
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection

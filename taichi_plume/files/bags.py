@@ -12,8 +12,8 @@ import numpy as np
 
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.tables import LONGEST_TEXT, listed, plain
-from taichi_plume.guard.confined import MIB, ConfinedError, ConfinedProcess, Limits
-from taichi_plume.guard.opening import content_of, irregular, unopenable
+from taichi_plume.guard.safe_open import content_of, irregular, unopenable
+from taichi_plume.guard.sandbox import MIB, ConfinedError, ConfinedProcess, Limits
 from taichi_plume.guard.yaml_text import LineError, decode, parse
 
 if TYPE_CHECKING:

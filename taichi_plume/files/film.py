@@ -44,7 +44,7 @@ from taichi_plume.files.zarr_groups import (
     require_memory,
     stored_chunks,
 )
-from taichi_plume.guard.opening import unopenable
+from taichi_plume.guard.safe_open import unopenable
 from taichi_plume.scenario.sources import OtherSpecies
 
 if TYPE_CHECKING:

@@ -26,7 +26,7 @@ from taichi_plume.files import gaden, gaden_models
 from taichi_plume.files.gaden_models import OLD, configuration
 from taichi_plume.files.gaden_results import GASES
 from taichi_plume.files.wind_points import WindFileError
-from taichi_plume.guard.opening import require_inside, unopenable
+from taichi_plume.guard.safe_open import require_inside, unopenable
 from taichi_plume.scenario.loading import ScenarioError, read_mapping
 from taichi_plume.scenario.species import SPECIES
 

@@ -16,7 +16,7 @@ from typing import TypedDict
 
 from taichi_plume.files import disk
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.guard.opening import unopenable
+from taichi_plume.guard.safe_open import unopenable
 
 NAME = "manifest.json"
 LARGEST = 1 << 24  # bytes

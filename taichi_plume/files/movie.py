@@ -15,10 +15,10 @@ import numpy as np
 from taichi_plume.files.bounded_codecs import unpack
 from taichi_plume.files.film import FilmError
 from taichi_plume.files.zarr_groups import FAULTS, LARGEST_CHUNK, MOST_CHUNKS, Group, GroupError, errors_as
-from taichi_plume.guard.opening import open_regular, unopenable
+from taichi_plume.guard.safe_open import open_regular, unopenable
 from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario.domain import Domain
-from taichi_plume.scenario.played import MovieGas
+from taichi_plume.scenario.playback import MovieGas
 
 Pixels = Any
 """An array of zarr, h5py or NumPy over (time, y, x)."""

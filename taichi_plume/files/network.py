@@ -15,8 +15,8 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from taichi_plume.files.own_class import OwnAlgorithmError
-from taichi_plume.guard.confined import MIB, ConfinedError, ConfinedProcess, Limits
-from taichi_plume.guard.opening import content_of
+from taichi_plume.guard.safe_open import content_of
+from taichi_plume.guard.sandbox import MIB, ConfinedError, ConfinedProcess, Limits
 from taichi_plume.guard.terminal import visible
 
 LARGEST = 1 << 28  # bytes

@@ -20,7 +20,7 @@ import numpy as np
 
 from taichi_plume.files.openfoam_file import exists, open_foam, real_path
 from taichi_plume.files.wind_points import FARTHEST, FASTEST, MOST_NUMBER, Points, WindFileError
-from taichi_plume.guard.opening import admit
+from taichi_plume.guard.safe_open import admit
 
 MESH = "constant/polyMesh"
 PARTS = ("points", "faces", "owner", "neighbour")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from taichi_plume.files.wind_points import WindFileError
-from taichi_plume.guard.opening import content_of
+from taichi_plume.guard.safe_open import content_of
 
 LARGEST_FILE = 1 << 30  # bytes, also once unpacked
 UNPACKED = 1 << 26  # bytes that a packed file of any size may have once unpacked

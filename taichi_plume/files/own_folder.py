@@ -13,7 +13,7 @@ from pathlib import Path
 
 from taichi_plume import __version__
 from taichi_plume.files import disk
-from taichi_plume.guard.opening import read_regular
+from taichi_plume.guard.safe_open import read_regular
 
 LOCK = ".lock"
 LARGEST_MARK = 1 << 26  # bytes

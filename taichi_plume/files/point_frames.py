@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from taichi_plume.files.tables import Table, TextFile
-from taichi_plume.guard.opening import unopenable
-from taichi_plume.scenario.played import PlumeSimWind
+from taichi_plume.guard.safe_open import unopenable
+from taichi_plume.scenario.playback import PlumeSimWind
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas
 
 MOST_FRAMES = 100_000

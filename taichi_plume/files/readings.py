@@ -14,7 +14,7 @@ from taichi_plume.files import bag_readings, bags, manifest
 from taichi_plume.files.bag_readings import BagOptions
 from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, listed, plain
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.guard.opening import unopenable
+from taichi_plume.guard.safe_open import unopenable
 
 NAMES = {
     "t": ("t",),

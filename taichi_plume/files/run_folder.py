@@ -19,7 +19,7 @@ from taichi_plume import __version__
 from taichi_plume.files import disk
 from taichi_plume.files.own_folder import LOCK, FolderLock, link_in
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.guard.opening import open_regular, read_regular
+from taichi_plume.guard.safe_open import open_regular, read_regular
 from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.changes import changed
 from taichi_plume.scenario.input_files import input_files, outside

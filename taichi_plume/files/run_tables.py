@@ -23,7 +23,7 @@ import pyarrow.parquet as pq
 from taichi_plume.files import disk, manifest
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import plain
-from taichi_plume.guard.opening import open_regular, unopenable
+from taichi_plume.guard.safe_open import open_regular, unopenable
 
 ROW_GROUP = 50_000
 CHECKSUM = b"crc32"  # key of the metadata of each record batch of a stream

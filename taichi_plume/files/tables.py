@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from taichi_plume.files import manifest
-from taichi_plume.guard.opening import content_of
+from taichi_plume.guard.safe_open import content_of
 
 LARGEST_FILE = 1 << 29  # bytes
 LONGEST_HEADER = 1 << 16  # characters

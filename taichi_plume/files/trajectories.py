@@ -9,7 +9,7 @@ from taichi_plume.files import bag_readings, bags
 from taichi_plume.files.bag_readings import BagOptions
 from taichi_plume.files.readings import MOST
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.guard.opening import unopenable
+from taichi_plume.guard.safe_open import unopenable
 
 OF_RUN = ("t", "x", "y", "heading", "reading_ppm")
 KEYS = {"--topic": "topics", "--pose": "poses"}  # options of the maps command, and the keys of a scenario

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from taichi_plume.files.tables import LONGEST_TEXT, Table, TextFile, cells_of, delimiter_of, is_number, listed
-from taichi_plume.guard.opening import unopenable
+from taichi_plume.guard.safe_open import unopenable
 
 PLACES = ("points:{n}", "points_{n}", "points_{a}", "{a}", "c{a}", "c:{n}", "c_{n}", "{a}-coordinate")
 SPEEDS = ("u:{n}", "u_{n}", "u{a}", "u_{a}", "{u}", "velocity:{n}", "velocity_{n}", "velocity_{a}",

@@ -22,7 +22,7 @@ from zarr.errors import ZarrUserWarning
 
 from taichi_plume.files.bounded_codecs import BOUNDED
 from taichi_plume.files.tables import plain
-from taichi_plume.guard.opening import irregular, unopenable
+from taichi_plume.guard.safe_open import irregular, unopenable
 from taichi_plume.guard.terminal import visible
 
 if TYPE_CHECKING:

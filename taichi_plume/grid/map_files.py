@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichi_plume.grid.shapes import ShapeError
-from taichi_plume.guard.opening import content_of, inside
+from taichi_plume.guard.safe_open import content_of, inside
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.guard.yaml_text import LineError, decode, parse
 

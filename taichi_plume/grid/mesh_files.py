@@ -12,7 +12,7 @@ import numpy as np
 from taichi_plume.grid.ply_files import numbers, read_ply
 from taichi_plume.grid.polygons import DamagedError, triangulated
 from taichi_plume.grid.shapes import ShapeError
-from taichi_plume.guard.opening import content_of
+from taichi_plume.guard.safe_open import content_of
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 
 LARGEST_FILE = 1 << 26  # bytes: a million triangles and more

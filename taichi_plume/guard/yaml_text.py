@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from taichi_plume.guard.opening import content_of
+from taichi_plume.guard.safe_open import content_of
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 
 LARGEST_FILE = 1 << 22  # bytes; a second and more per MiB

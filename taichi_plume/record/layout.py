@@ -10,10 +10,10 @@ import rerun.blueprint as rrb
 from taichi_plume.record import drawing
 from taichi_plume.record.drawing import TIME
 from taichi_plume.record.legends import TICKS, TITLE
+from taichi_plume.record.placement import Stage, placed
 from taichi_plume.record.planes import Plane
 from taichi_plume.record.scales import Quantity
 from taichi_plume.record.scene import beside
-from taichi_plume.record.stage import Stage, placed
 from taichi_plume.scoring.beliefs import believers
 from taichi_plume.scoring.declarations import may_declare
 from taichi_plume.simulation import Simulation, Uncertain

@@ -7,7 +7,7 @@ import rerun as rr
 
 from taichi_plume.record import drawing, layout, legends, scene
 from taichi_plume.record.drawing import Scale
-from taichi_plume.record.stage import Stage, picture_format
+from taichi_plume.record.placement import Stage, picture_format
 from taichi_plume.record.stream import Stream
 from taichi_plume.scoring.beliefs import beliefs
 from taichi_plume.scoring.maps import MapSeries

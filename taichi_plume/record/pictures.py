@@ -7,9 +7,9 @@ import rerun as rr
 
 from taichi_plume.grid import fields
 from taichi_plume.record import drawing, legends, planes, scene
+from taichi_plume.record.placement import Stage, picture, placed
 from taichi_plume.record.planes import Plane, Raster
 from taichi_plume.record.scales import Quantity
-from taichi_plume.record.stage import Stage, picture, placed
 from taichi_plume.record.stream import Stream
 from taichi_plume.simulation import Simulation
 

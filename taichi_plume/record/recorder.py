@@ -13,10 +13,10 @@ import numpy as np
 import rerun as rr
 
 from taichi_plume import __version__
-from taichi_plume.record import about, layout, legends, planes, scales, scene
+from taichi_plume.record import layout, legends, planes, scales, scene, text_document
 from taichi_plume.record.map_pictures import BeliefPictures, MapPictures
 from taichi_plume.record.pictures import Arrows, Pictures
-from taichi_plume.record.stage import Stage
+from taichi_plume.record.placement import Stage
 from taichi_plume.record.stream import Stream, mend
 from taichi_plume.record.tracks import Event, Tracks, recorded_robots
 from taichi_plume.scenario.scenario import Scenario
@@ -80,7 +80,7 @@ class Recorder:
                     scene.section(sim, planes.Raster(plane, sim.grid, sim.air.solid), stage)
                 )
         self.stream.log_still(legends.legends(sim, stage, seen, shown))
-        self.stream.log_still(about.about(sim, backend, len(robots), seen, shown))
+        self.stream.log_still(text_document.about(sim, backend, len(robots), seen, shown))
         self.tracks = Tracks(self.stream, stage, robots, self.thresholds, self.events)
         self.pictures = Pictures(self.stream, sim, stage, seen, shown)
         self.arrows = Arrows(self.stream, sim, stage, seen)

@@ -15,8 +15,8 @@ from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.meshes import Solid
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.record import drawing
+from taichi_plume.record.placement import Stage, label, mesh, picture, placed
 from taichi_plume.record.planes import Plane, Raster
-from taichi_plume.record.stage import Stage, label, mesh, picture, placed
 from taichi_plume.scenario import si
 from taichi_plume.scenario.gases import AnySource
 from taichi_plume.scenario.heat import Heat

@@ -9,7 +9,7 @@ import numpy as np
 import rerun as rr
 
 from taichi_plume.record import drawing, scene
-from taichi_plume.record.stage import Stage
+from taichi_plume.record.placement import Stage
 from taichi_plume.record.stream import Stream
 from taichi_plume.scenario.robots import Group
 from taichi_plume.simulation import Simulation

@@ -12,7 +12,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "guard",
     "record",
     "results",
-    "running",
+    "execution",
     "scenario",
     "scoring",
 )

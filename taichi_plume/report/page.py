@@ -5,14 +5,14 @@ from math import inf
 from pathlib import Path
 from typing import TypeVar
 
+from taichi_plume.execution import summary
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import plain
-from taichi_plume.record.reading import Picture
+from taichi_plume.record.recording_reader import Picture
 from taichi_plume.report import captions, facts, figures, html, maps, scene
 from taichi_plume.report.html import Section
 from taichi_plume.report.references import papers
 from taichi_plume.results.run import Run
-from taichi_plume.running import summary
 
 NAME = "report.html"
 MOST_FRAMES = 240  # largest number of pictures of a recording for its mean

@@ -9,7 +9,7 @@ from taichi_plume.files.film import Film, FilmError
 from taichi_plume.grid.grid import Grid
 from taichi_plume.record.drawing import Scale, arrow_places
 from taichi_plume.record.planes import Plane, Raster, planes
-from taichi_plume.record.reading import ALL_TIMES, Arrows, Picture
+from taichi_plume.record.recording_reader import ALL_TIMES, Arrows, Picture
 from taichi_plume.scenario.scenario import Scenario
 
 

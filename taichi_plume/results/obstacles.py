@@ -4,7 +4,7 @@ from pathlib import Path
 
 from taichi_plume.files import manifest
 from taichi_plume.grid.shapes import Shape, ShapeError
-from taichi_plume.guard.opening import gate
+from taichi_plume.guard.safe_open import gate
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.input_files import files_of, outside

@@ -112,7 +112,7 @@ def _made(
     """Map readings taken at times t [s]; return map, time step [s], finite negative log densities of the readings."""
     from taichi_plume.agents.gas_map import Floor
     from taichi_plume.agents.mapping import mappers
-    from taichi_plume.agents.recorded import RecordedTeam
+    from taichi_plume.agents.recorded_readings import RecordedTeam
     from taichi_plume.scoring.trials import PERIOD, Prediction
 
     times, starts, robots = np.unique(t, return_index=True, return_counts=True)

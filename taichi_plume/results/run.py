@@ -34,7 +34,7 @@ from taichi_plume import __version__
 from taichi_plume.files import manifest
 from taichi_plume.files.run_folder import HEADER, KILLED, OURS, RunFolderError, is_run, read_json
 from taichi_plume.files.tables import LONGEST_TEXT, plain
-from taichi_plume.guard.opening import content_of, unopenable
+from taichi_plume.guard.safe_open import content_of, unopenable
 from taichi_plume.guard.terminal import visible
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     import xarray
 
     from taichi_plume.grid.shapes import Shape
-    from taichi_plume.record.reading import RecordedPictures
+    from taichi_plume.record.recording_reader import RecordedPictures
     from taichi_plume.results.film_pictures import FilmPictures
     from taichi_plume.results.tracks import Track
     from taichi_plume.scenario.scenario import Scenario
@@ -159,7 +159,7 @@ class Run:
         planes, such as `gas_slice` and `gas_column` (maximum over the height), and include the warm-up (t < 0).
         `fields` in the scenario records exact values.
         """
-        from taichi_plume.record.reading import RecordedPictures, dataset
+        from taichi_plume.record.recording_reader import RecordedPictures, dataset
 
         self.require("recording.rrd")
         return dataset(RecordedPictures(self.folder / "recording.rrd").read().values())
@@ -220,7 +220,7 @@ class Run:
     def planes(self) -> "RecordedPictures | FilmPictures":
         """Reader of gas pictures and wind arrows in planes, from the viewer's recording or else from the film."""
         if self.has("recording.rrd"):
-            from taichi_plume.record.reading import RecordedPictures
+            from taichi_plume.record.recording_reader import RecordedPictures
 
             return RecordedPictures(self.folder / "recording.rrd")
         if self.has("fields.zarr"):

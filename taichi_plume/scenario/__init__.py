@@ -5,7 +5,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "files.trajectories",
     "files.film",
     "files.gaden",
-    "files.site",
+    "files.wind_site",
     "grid.floor_plans",
     "grid.map_files",
     "grid.meshes",

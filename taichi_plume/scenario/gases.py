@@ -16,8 +16,8 @@ from taichi_plume.scenario.closed_forms import (
     Release,
 )
 from taichi_plume.scenario.domain import Context, Domain
-from taichi_plume.scenario.initial import InitialGas
-from taichi_plume.scenario.played import MovieGas, Playback
+from taichi_plume.scenario.initial_conditions import InitialGas
+from taichi_plume.scenario.playback import MovieGas, Playback
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.scenario.sources import AnySpecies, OneGas, Source, dishes
 from taichi_plume.scenario.species import Species

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Located
-from taichi_plume.scenario.initial import InitialHeat
+from taichi_plume.scenario.initial_conditions import InitialHeat
 from taichi_plume.scenario.surfaces import OnObstacle, Surfaces
 from taichi_plume.scenario.vocabulary import COMPILED, Model, consistency_check
 from taichi_plume.scenario.windows import Region

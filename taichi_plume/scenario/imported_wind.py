@@ -8,14 +8,14 @@ import numpy as np
 import psutil
 
 from taichi_plume.scenario import si
-from taichi_plume.scenario.any_wind import AnyWind
 from taichi_plume.scenario.domain import Context
-from taichi_plume.scenario.played import Played
+from taichi_plume.scenario.playback import Played
 from taichi_plume.scenario.vocabulary import COMPILED, Face, FileName
+from taichi_plume.scenario.wind_base import AnyWind
 
 if TYPE_CHECKING:
     from taichi_plume.files.gaden import Cubes
-    from taichi_plume.files.site import Site
+    from taichi_plume.files.wind_site import Site
 
 ROUNDING = 0.01  # cells by which the domain may exceed the points
 

@@ -7,7 +7,7 @@ from glob import escape, glob
 from pathlib import Path
 
 from taichi_plume.grid.map_files import SUFFIXES, image_of
-from taichi_plume.guard.opening import OUTSIDE, inside
+from taichi_plume.guard.safe_open import OUTSIDE, inside
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.checks import every
 from taichi_plume.scenario.scenario import Scenario
@@ -73,7 +73,7 @@ def outside(folder: Path, name: str) -> bool:
 
 
 def strangers(scenario: Scenario, folder: Path, named: Collection[str] = ()) -> list[str]:
-    """Return an error for each input file outside `folder`; files that these name are checked by guard/opening.py.
+    """Return an error for each input file outside `folder`; files that these name are checked by guard/safe_open.py.
 
     named: paths of keys that the user gave explicitly; files of these keys, and of keys below them, are allowed.
     """

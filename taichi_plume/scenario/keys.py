@@ -17,7 +17,7 @@ from itertools import takewhile
 
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, visible
-from taichi_plume.scenario.facts import Facts, facts, models_in, own_kind, purpose
+from taichi_plume.scenario.key_facts import Facts, facts, models_in, own_kind, purpose
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.suggestions import nearest
 from taichi_plume.scenario.vocabulary import Model

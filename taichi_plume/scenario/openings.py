@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import Field
 
 from taichi_plume.scenario import si
-from taichi_plume.scenario.any_opening import AnyOpening, FaceOpening, Scheduled, SpeedAt, VelocityAt, Vent
 from taichi_plume.scenario.domain import Context, Domain
+from taichi_plume.scenario.opening_base import AnyOpening, FaceOpening, Scheduled, SpeedAt, VelocityAt, Vent
 from taichi_plume.scenario.profiles import Profile
 from taichi_plume.scenario.vocabulary import SPATIAL, Axis, Color, Model, consistency_check
 

@@ -11,7 +11,7 @@ from pydantic import Field, field_validator
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain
-from taichi_plume.scenario.played import PlumeSimLog, PointPlayback
+from taichi_plume.scenario.playback import PlumeSimLog, PointPlayback
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.sources import OneGas, Target
 from taichi_plume.scenario.vocabulary import COMPILED, FileName, consistency_check

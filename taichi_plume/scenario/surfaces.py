@@ -6,8 +6,8 @@ from typing import Annotated, ClassVar
 from pydantic import Field
 
 from taichi_plume.scenario import si
-from taichi_plume.scenario.any_opening import Change
 from taichi_plume.scenario.domain import Context
+from taichi_plume.scenario.opening_base import Change
 from taichi_plume.scenario.vocabulary import Model, consistency_check, exactly_one, ordered_schedule
 from taichi_plume.scenario.windows import Region
 

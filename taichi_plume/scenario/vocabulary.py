@@ -125,7 +125,7 @@ class Model(BaseModel):
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> Any:
-        from taichi_plume.scenario.facts import facts  # imports this module
+        from taichi_plume.scenario.key_facts import facts  # imports this module
 
         schema = handler(core_schema)
         for key, entry in handler.resolve_ref_schema(schema)["properties"].items():

@@ -9,16 +9,16 @@ import numpy as np
 from pydantic import Field
 
 from taichi_plume.scenario import si
-from taichi_plume.scenario.any_wind import GUST, AnyWind
 from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.heat import Buoyancy
 from taichi_plume.scenario.imported_wind import ImportedWind
-from taichi_plume.scenario.initial import InitialWind
+from taichi_plume.scenario.initial_conditions import InitialWind
 from taichi_plume.scenario.openings import Opening
-from taichi_plume.scenario.played import PlaybackWind, PlumeSimWind
+from taichi_plume.scenario.playback import PlaybackWind, PlumeSimWind
 from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.screens import AnyScreen
 from taichi_plume.scenario.vocabulary import SPATIAL, Model, MomentumConvection
+from taichi_plume.scenario.wind_base import GUST, AnyWind
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.scenario import Scenario
@@ -265,7 +265,7 @@ class FrozenWind(CfdWind):
 class SyntheticWind(AnyWind):
     """Weak convection of a closed room: random eddies and a slowly turning circulation. Nothing is solved.
 
-    All faces of the domain are walls. It costs little; see solvers/synthetic.py. Runs report the mixing of gas,
+    All faces of the domain are walls. It costs little; see solvers/synthetic_flow.py. Runs report the mixing of gas,
     as an eddy diffusivity K: 0.004 m²/s with the defaults in 50 m³, half of it with half of the speeds. In homes 0.001
     to 0.013 m²/s were measured with less than 0.2 to more than 5 air changes per hour n, by
     K = V^(2/3) (0.52 n + 0.31) per hour in a room of volume V (Cheng et al. 2011, doi:10.1021/es103080p): 0.0012 m²/s

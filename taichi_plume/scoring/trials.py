@@ -10,7 +10,7 @@ from scipy.special import ndtri, stdtrit
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.grid import fields
 from taichi_plume.grid.grid import block_mean, centers
-from taichi_plume.scenario.played import Played
+from taichi_plume.scenario.playback import Played
 from taichi_plume.scoring.declarations import OUTCOMES, Json, Snapshot, by_trial, declared_outcomes
 from taichi_plume.simulation import Mapper, Simulation, Uncertain
 

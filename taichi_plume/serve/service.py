@@ -17,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from taichi_plume.agents.external import LOST, ExternalAlgorithm, Orders
+from taichi_plume.execution.signals import SignalRequests
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_robots import sensor_fields
 from taichi_plume.guard.terminal import say
-from taichi_plume.running.signals import SignalRequests
 from taichi_plume.serve import topics
 from taichi_plume.serve.inbox import Inbox
 from taichi_plume.serve.links import Hear, Link

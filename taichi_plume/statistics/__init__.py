@@ -21,7 +21,7 @@ MAY_IMPORT: tuple[str, ...] = ("agents", "files", "grid", "guard", "report", "re
 
 
 def of(source: "Path | str", **options: Any) -> "Statistics":
-    """Compute the statistics of a run's folder or of a film; options: of `source.of`. Raises InputError."""
-    from taichi_plume.statistics import source as made
+    """Compute the statistics of a run's folder or of a film; options: of `computation.of`. Raises InputError."""
+    from taichi_plume.statistics import computation as made
 
     return made.of(source, **options)

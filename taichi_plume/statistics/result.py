@@ -14,7 +14,7 @@ from taichi_plume.files import disk, own_folder
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.statistics import sensor_comparison
 from taichi_plume.statistics.analysis import OfProbe
-from taichi_plume.statistics.filmed import FilmRecord
+from taichi_plume.statistics.film_statistics import FilmRecord
 from taichi_plume.statistics.records import AXES
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "grid",
     "guard",
     "report",
-    "running",
+    "execution",
     "scenario",
     "scoring",
     "simulation",

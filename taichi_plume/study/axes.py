@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from taichi_plume.study.messages import Data, Value
-from taichi_plume.study.model import Study, StudyAxis
+from taichi_plume.study.study_keys import Study, StudyAxis
 
 DIGITS = 12  # significant digits of sampled values
 

@@ -17,7 +17,7 @@ from taichi_plume.scenario.input_files import input_files, read_for
 from taichi_plume.scenario.reset import structure
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study.axes import DIGITS
-from taichi_plume.study.model import SEEDS
+from taichi_plume.study.study_keys import SEEDS
 
 HEX = 16  # digits of an id
 OUTPUTS = ("name", "recording", "forces", "fields", "plumesim_log", "checkpoint")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
-    from taichi_plume.study.points import Points, Quantity
+    from taichi_plume.study.estimates import Points, Quantity
 
 SEED = 20261
 RESAMPLES = 999

@@ -9,9 +9,9 @@ import numpy as np
 
 from taichi_plume.report import html
 from taichi_plume.report.html import Section, Table
-from taichi_plume.study import captions, columns, indices, intervals, plots, refine
+from taichi_plume.study import captions, columns, grid_refinement, indices, intervals, plots
+from taichi_plume.study.estimates import SUCCESS, TIME, Points, Quantity
 from taichi_plume.study.messages import Value
-from taichi_plume.study.points import SUCCESS, TIME, Points, Quantity
 from taichi_plume.study.results import Results, cost_words, open_study
 
 NAME = "report.html"
@@ -178,12 +178,12 @@ class Page:
 
     def _orders(self) -> Section:
         section = Section("Refinement of the grid", "refinement")
-        axis = refine.axis_of(self.about)
+        axis = grid_refinement.axis_of(self.about)
         if axis is None or axis not in self.points.axes:
             section.lines.append("The study has no axis on domain.spacing.")
             return section
         section.lines.append(captions.ORDERS)
-        rows = list(refine.orders(self.points, axis))
+        rows = list(grid_refinement.orders(self.points, axis))
         others = [name for name in (*self.named, *self.numeric) if name != axis]
         for quantity in self.known[:MOST_KINDS]:
             mine = [row for row in rows if row["quantity"] == quantity.name]
@@ -193,7 +193,11 @@ class Page:
             image = plots.refinement(mine, names, quantity.title, quantity.unit)
             section.image(image, f"{quantity.title} over the spacing", captions.SPACING)
             lines = [
-                (name or "all", ", ".join(f"{value:.4g}" for value in row["values"]), refine.words(row))
+                (
+                    name or "all",
+                    ", ".join(f"{value:.4g}" for value in row["values"]),
+                    grid_refinement.words(row),
+                )
                 for row, name in list(zip(mine, names, strict=True))[:MOST_SHOWN]
             ]
             section.table(lines, (quantity.title, "values, finest first", "order"))

@@ -9,20 +9,20 @@ from urllib.parse import quote
 
 from pydantic import TypeAdapter, ValidationError
 
-from taichi_plume.assembly.prepare import expanded
+from taichi_plume.assembly.preparation import expanded
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.error_messages import explain
 from taichi_plume.scenario.input_files import outside
 from taichi_plume.scenario.loading import NEEDS, ScenarioError, read_mapping, scenario_of
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.study.air_plan import differs
 from taichi_plume.study.axes import Levels, Point, Range, count_of, points
-from taichi_plume.study.checking import Checks
+from taichi_plume.study.axis_values import resolve
 from taichi_plume.study.ids import Digests, Ids
 from taichi_plume.study.messages import Axis, Data, Request
-from taichi_plume.study.model import SEEDS, Study
 from taichi_plume.study.outcomes import OutcomeCheck
-from taichi_plume.study.resolving import resolve
-from taichi_plume.study.sharing import differs
+from taichi_plume.study.scenario_checks import Checks
+from taichi_plume.study.study_keys import SEEDS, Study
 
 MOST_RUNS = 100_000
 MOST_FOLDERS = 1000  # folders of the table of trials

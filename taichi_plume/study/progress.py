@@ -18,7 +18,7 @@ from taichi_plume.study.messages import AirRecord, Result
 from taichi_plume.study.results import duration
 
 if TYPE_CHECKING:
-    from taichi_plume.study.campaign import Campaign
+    from taichi_plume.study.scheduler import Scheduler
 
 FIRST_S, LINE_S = 10.0, 60.0  # time until the first line, and between further lines
 
@@ -63,15 +63,15 @@ class Display:
         if self._bar is not None:
             self._bar.update(self._task, completed=self.done)
 
-    def update(self, campaign: "Campaign") -> None:
+    def update(self, scheduler: "Scheduler") -> None:
         """Refresh the bar, or print a progress line each minute, from the state of a study's execution."""
         if self.quiet:
             return
         if self._bar is not None:
-            self._bar.update(self._task, more=_facts(campaign))
+            self._bar.update(self._task, more=_facts(scheduler))
         elif time.monotonic() > self._next:
             self._next = time.monotonic() + LINE_S
-            self.note(f"{self.done:,} of {self.total:,} runs{self._left()}; {_facts(campaign)}")
+            self.note(f"{self.done:,} of {self.total:,} runs{self._left()}; {_facts(scheduler)}")
 
     def note(self, line: str) -> None:
         """Print a line above the progress bar; without a bar on stderr, unless the display is quiet."""
@@ -89,14 +89,14 @@ class Display:
         return f", about {seconds / 60:.0f} min left" if seconds > 90 else f", about {seconds:.0f} s left"
 
 
-def _facts(campaign: "Campaign") -> str:
-    agenda, workers = campaign.agenda, len(campaign.worker_names)
+def _facts(scheduler: "Scheduler") -> str:
+    queue, workers = scheduler.queue, len(scheduler.worker_names)
     facts = []
-    if agenda.airs:
-        facts.append(f"{agenda.airs - len(agenda.left)} of {agenda.airs} airs")
-    if campaign.failed:
-        facts.append(f"{campaign.failed} failed")
-    facts.append(f"{len(campaign.tasks)} of {workers} workers busy" if workers else "no workers")
+    if queue.airs:
+        facts.append(f"{queue.airs - len(queue.left)} of {queue.airs} airs")
+    if scheduler.failed:
+        facts.append(f"{scheduler.failed} failed")
+    facts.append(f"{len(scheduler.tasks)} of {workers} workers busy" if workers else "no workers")
     return ", ".join(facts)
 
 

@@ -23,7 +23,7 @@ from taichi_plume import __version__
 from taichi_plume.files import run_tables
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import LONGEST_TEXT, plain
-from taichi_plume.guard.opening import unopenable
+from taichi_plume.guard.safe_open import unopenable
 from taichi_plume.guard.terminal import visible
 from taichi_plume.study import tables as files
 from taichi_plume.study.store import Store, StoreError
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     import pandas
     import polars
 
-    from taichi_plume.study.points import Points
+    from taichi_plume.study.estimates import Points
 
 PAUSE = 60.0  # s; longer pauses without a run count as interruptions
 FAULTS = (pa.ArrowException, OSError, ValueError, LookupError, TypeError)
@@ -104,8 +104,8 @@ class Results:
 
     @cached_property
     def by_points(self) -> "Points":
-        """Points with their estimates, see `study/points.py`."""
-        from taichi_plume.study.points import Points
+        """Points with their estimates, see `study/estimates.py`."""
+        from taichi_plume.study.estimates import Points
 
         tables = self.tables
         with _damage(self.folder):
@@ -157,14 +157,17 @@ class Results:
         """Return order of convergence, extrapolated value and grid convergence index of each quantity, and words."""
         import pandas
 
-        from taichi_plume.study import refine
+        from taichi_plume.study import grid_refinement
 
         self._require("refinement")
-        axis = refine.axis_of(self.plan.about)
+        axis = grid_refinement.axis_of(self.plan.about)
         if axis is None:
-            raise RunFolderError(f"{self.folder}: the study has no axis on {refine.SPACING}")
+            raise RunFolderError(f"{self.folder}: the study has no axis on {grid_refinement.SPACING}")
         return pandas.DataFrame(
-            [{**row, "words": refine.words(row)} for row in refine.orders(self.by_points, axis)]
+            [
+                {**row, "words": grid_refinement.words(row)}
+                for row in grid_refinement.orders(self.by_points, axis)
+            ]
         )
 
     def _require(self, kind: str) -> None:

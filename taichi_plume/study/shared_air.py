@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from taichi_plume.assembly.prepare import checked
+from taichi_plume.assembly.preparation import checked
+from taichi_plume.execution.execute import explain
 from taichi_plume.files.shared_film import AirFilm, NewAirFilm
 from taichi_plume.grid.fields import concentration_at
-from taichi_plume.running.job import explain
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation
 from taichi_plume.solvers.playback import VELOCITIES, TickFilm, variable
+from taichi_plume.study.air_plan import filmed
 from taichi_plume.study.messages import AirRecord, Task
-from taichi_plume.study.sharing import filmed
 from taichi_plume.study.simulation_cache import WARM
 
 SHARE = 0.5  # fraction of the free memory per core for cached frames of films

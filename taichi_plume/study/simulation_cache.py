@@ -15,7 +15,7 @@ import taichi as ti
 from taichi.lang import impl
 
 from taichi_plume.assembly.assemble import build
-from taichi_plume.assembly.prepare import Prepared, StructureError
+from taichi_plume.assembly.preparation import Prepared, StructureError
 from taichi_plume.grid import kernels
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation

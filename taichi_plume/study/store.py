@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 
 from taichi_plume.files import disk, own_folder, run_folder
 from taichi_plume.files.tables import plain
-from taichi_plume.guard.opening import content_of, read_regular, unopenable
+from taichi_plume.guard.safe_open import content_of, read_regular, unopenable
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.study import columns, tables
 from taichi_plume.study.messages import AirRecord, Cost, Record, Request, Task

@@ -6,9 +6,9 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from taichi_plume.execution.signals import SignalRequests, handling_signals, reader_may_leave
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, show, visible
-from taichi_plume.running.signals import SignalRequests, handling_signals, reader_may_leave
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.study.messages import Options
 from taichi_plume.study.outcomes import not_left
@@ -71,8 +71,8 @@ def _work(plan: "Plan", store: Store, wishes: Wishes, signals: SignalRequests) -
         say(visible(f"{total:,} runs{made}; writing to {wishes.out}"), error=True)
     if not missing:
         return 0
-    from taichi_plume.study.campaign import Campaign
     from taichi_plume.study.progress import Display
+    from taichi_plume.study.scheduler import Scheduler
     from taichi_plume.study.workers import WorkersError
 
     study = plan.study
@@ -83,9 +83,9 @@ def _work(plan: "Plan", store: Store, wishes: Wishes, signals: SignalRequests) -
             closing(_workers(plan, wishes, signals, len(missing))) as workers,
             Display(total, before, wishes.quiet) as display,
         ):
-            signals.hasty = True  # a first signal ends the campaign in order, a second one at once
-            campaign = Campaign(plan, store, workers, options, missing, display, signals)
-            campaign.run()
+            signals.hasty = True  # a first signal ends the scheduler in order, a second one at once
+            scheduler = Scheduler(plan, store, workers, options, missing, display, signals)
+            scheduler.run()
     except WorkersError as error:
         say(visible(error), error=True)
         if error.code == 1:
@@ -98,7 +98,7 @@ def _work(plan: "Plan", store: Store, wishes: Wishes, signals: SignalRequests) -
         say(visible(f"{error.strerror or error}{at}"), error=True)
         return 1
     if not wishes.quiet:
-        say(campaign.totals.line(), error=True)
+        say(scheduler.totals.line(), error=True)
     return 0
 
 

@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from taichi_plume import __version__
+from taichi_plume.execution.signals import SignalRequests, ignoring_signals
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
-from taichi_plume.running.signals import SignalRequests, ignoring_signals
 
 if TYPE_CHECKING:
     from taichi_plume.study.messages import Result, Task
@@ -62,9 +62,9 @@ def work(task: "Task") -> "Result":
             from taichi_plume.study.shared_air import solve_air
 
             return solve_air(task)
-        from taichi_plume.study.perform import perform
+        from taichi_plume.study.task_execution import execute_task
 
-        return perform(task)
+        return execute_task(task)
 
 
 # ---------------------------------------------------------------- on this machine

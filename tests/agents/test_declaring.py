@@ -8,8 +8,8 @@ import pytest
 from robots import group
 
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.execution.execute import whole
 from taichi_plume.grid.clearance import ClearanceMap
-from taichi_plume.running.job import whole
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

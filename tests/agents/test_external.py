@@ -8,7 +8,7 @@ from robots import room, team
 
 from taichi_plume.agents.external import DRIVEN, LOST, Orders
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import checked
+from taichi_plume.assembly.preparation import checked
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]

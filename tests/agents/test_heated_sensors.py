@@ -8,7 +8,7 @@ import pytest
 from robots import Bench, room, team
 from scipy.integrate import solve_ivp
 
-from taichi_plume.assembly.prepare import load
+from taichi_plume.assembly.preparation import load
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.loading import ScenarioError
 

@@ -10,7 +10,7 @@ from scipy.special import erf
 
 from taichi_plume.agents.line_sensors import Surroundings
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import load
+from taichi_plume.assembly.preparation import load
 from taichi_plume.grid.fields import ppm_at
 from taichi_plume.scenario.loading import scenario_from
 from taichi_plume.scenario.species import SPECIES

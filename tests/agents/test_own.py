@@ -11,11 +11,11 @@ import pytest
 
 from taichi_plume.agents.own_algorithm import UserState
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import load_scenario
+from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.cli import run
+from taichi_plume.execution import outputs
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.grid.state import saves_itself
-from taichi_plume.running import outputs
 from taichi_plume.scenario.loading import ScenarioError
 
 pytestmark = pytest.mark.usefixtures("taichi")

@@ -9,7 +9,7 @@ import pytest
 from robots import room, team
 
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import checked, load
+from taichi_plume.assembly.preparation import checked, load
 from taichi_plume.cli import run
 from taichi_plume.files.network import Network
 from taichi_plume.files.own_class import OwnAlgorithmError

@@ -8,11 +8,11 @@ from recorded_bag import POSE, gas, pose, write
 from robots import room, team
 
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import checked
+from taichi_plume.assembly.preparation import checked
+from taichi_plume.execution.result import _beside_recorded
+from taichi_plume.execution.summary import _recorded_line
 from taichi_plume.files.trajectories import WayError, read
 from taichi_plume.grid.state import State
-from taichi_plume.running.result import _beside_recorded
-from taichi_plume.running.summary import _recorded_line
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from arena import Run, Script
 
-from taichi_plume.agents.search import ALGORITHMS
+from taichi_plume.agents.algorithm_table import ALGORITHMS
 from taichi_plume.grid.kernels import compiled
 
 pytestmark = pytest.mark.usefixtures("taichi")

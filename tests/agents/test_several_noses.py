@@ -12,7 +12,7 @@ from taichi_plume.agents.members import Members
 from taichi_plume.agents.observation import Observation
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.assembly.prepare import load
+from taichi_plume.assembly.preparation import load
 from taichi_plume.cli import run
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.loading import ScenarioError, scenario_from

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from robots import NOWHERE, Driver, Floor, group
 
-from taichi_plume.agents.search import ALGORITHMS
+from taichi_plume.agents.algorithm_table import ALGORITHMS
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import teams
 from taichi_plume.scenario.algorithms import Casting, Own, Sweep

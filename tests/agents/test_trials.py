@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import load_scenario
+from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scoring.maps import NAMES, MapScores
 

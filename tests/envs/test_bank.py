@@ -13,15 +13,15 @@ from small_task import TASK, task
 from test_film_bank import Asking
 
 from taichi_plume.assembly.assemble import build
-from taichi_plume.assembly.prepare import checked
+from taichi_plume.assembly.preparation import checked
 from taichi_plume.cli.envs import main
 from taichi_plume.envs import bank as banks
 from taichi_plume.envs.bank import Bank, bank_of, key_of, read, record
+from taichi_plume.execution.film_output import Filming
 from taichi_plume.grid import kernels
 from taichi_plume.grid.fields import ppm_at, velocity_at
 from taichi_plume.grid.grid import centers
 from taichi_plume.grid.transfer import uploader
-from taichi_plume.running.filming import Filming
 from taichi_plume.scenario.loading import scenario_from
 from taichi_plume.simulation import Every
 from taichi_plume.solvers.film_bank import FilmBank

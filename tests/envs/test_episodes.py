@@ -168,7 +168,7 @@ def test_episodes_differ(engines):
         many.reset()
         worlds |= set(zip(*(many.info[name].tolist() for name in ("film", "source", "mirror")), strict=True))
     assert len(worlds) == 12  # films, gases and mirrors
-    assert 0.0 < many.rounds.films.begin.to_numpy().min() <= many.rounds.films.begin.to_numpy().max() < 3.4
+    assert 0.0 < many.kernel.films.begin.to_numpy().min() <= many.kernel.films.begin.to_numpy().max() < 3.4
 
 
 def test_a_sensor_on_the_left_is_on_the_right_in_a_mirror(engines):
@@ -176,7 +176,7 @@ def test_a_sensor_on_the_left_is_on_the_right_in_a_mirror(engines):
     _, many = engines
     column = many.names.index("gas of sensor 1")
     for flip in (1.0, -1.0):
-        many.rounds.n.set(mirrors=0.0 if flip > 0 else 1.0)
+        many.kernel.n.set(mirrors=0.0 if flip > 0 else 1.0)
         many.reset(seeds(MANY))
         place, heading = many.swarm.position.to_numpy(), many.swarm.heading.to_numpy()
         ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
@@ -187,7 +187,7 @@ def test_a_sensor_on_the_left_is_on_the_right_in_a_mirror(engines):
         ppm = np.maximum(levels[:, 0] + (levels[:, 1:] * x).sum(axis=1), 0.0)
         told = 10.0 ** (6.0 * many.observations[:, column]) - 1.0
         np.testing.assert_allclose(told, ppm, rtol=3e-3, atol=0.05)
-    many.rounds.n.set(mirrors=0.5)
+    many.kernel.n.set(mirrors=0.5)
 
 
 def test_a_mirrored_episode_is_the_same_seen_in_a_mirror(engines):
@@ -195,11 +195,11 @@ def test_a_mirrored_episode_is_the_same_seen_in_a_mirror(engines):
     told = actions(many, 7)
     seen = []
     for flip in (1.0, -1.0):
-        many.rounds.n.set(mirrors=0.0 if flip > 0 else 1.0)
+        many.kernel.n.set(mirrors=0.0 if flip > 0 else 1.0)
         many.reset(seeds(MANY))
         assert (many.info["mirror"] == (flip < 0)).all()
         seen.append(follow(many, told * np.array([1.0, flip, 1.0], np.float32), "next_step"))
-    many.rounds.n.set(mirrors=0.5)
+    many.kernel.n.set(mirrors=0.5)
     sides = np.array(
         [any(word in name for word in ("left", "sin", "position y", "turn")) for name in many.names]
     )
@@ -218,13 +218,13 @@ def test_observations_do_not_tell_where_sources_are(engines):
     told = actions(many, 7)
     told[..., 2] = -1.0
     rows = slice(0, TEAM * many.observation.size)
-    kept = many.rounds.place.to_numpy()
+    kept = many.kernel.place.to_numpy()
     seen = []
     for shift in (0.0, 1.0):
-        many.rounds.place.from_numpy(np.where(kept < 10.0, kept + shift, kept).astype(np.float32))
+        many.kernel.place.from_numpy(np.where(kept < 10.0, kept + shift, kept).astype(np.float32))
         many.reset(seeds(MANY))
         seen.append(follow(many, told, "next_step"))
-    many.rounds.place.from_numpy(kept)
+    many.kernel.place.from_numpy(kept)
     np.testing.assert_array_equal(seen[0][..., rows], seen[1][..., rows])
     assert (seen[0] != seen[1]).any()  # progress is rewarded
 
@@ -238,10 +238,10 @@ def test_a_word_ends_an_episode(engines):
     source = many.swarm.episodes.sources.to_numpy()
     source[2, 0] = spot[2, 1]
     many.swarm.episodes.sources.from_numpy(source)
-    many.rounds.n.set(for_progress=0.0)
+    many.kernel.n.set(for_progress=0.0)
     told[[5, 6, 7], 2] = 1.0  # the second robot of environment 2 is right, both of 3 are wrong
     many.step(told)
-    many.rounds.n.set(for_progress=1.0)
+    many.kernel.n.set(for_progress=1.0)
     assert many.terminated.tolist() == [False, False, True, True, False]
     assert many.info["found"].tolist() == [0, 0, 1, 0, 0]
     assert many.rewards[5] - many.rewards[4] == pytest.approx(0.0, abs=0.05)  # what one finds all have found
@@ -284,13 +284,13 @@ def test_bad_actions_move_nothing(engines):
 
 def test_where_no_room_is_found_by_chance_teams_start_at_free_places(engines):
     _, many = engines
-    kept = {name: many.rounds.n[name] for name in ("low_x", "low_y", "wide_x", "wide_y")}
-    many.rounds.n.set(low_x=0.95, low_y=0.65, wide_x=0.1, wide_y=0.1)  # within the box
+    kept = {name: many.kernel.n[name] for name in ("low_x", "low_y", "wide_x", "wide_y")}
+    many.kernel.n.set(low_x=0.95, low_y=0.65, wide_x=0.1, wide_y=0.1)  # within the box
     many.reset(seeds(MANY))
-    free = many.rounds.fallback.to_numpy()
+    free = many.kernel.fallback.to_numpy()
     for team in many.swarm.position.to_numpy().reshape(MANY, TEAM, 2):
         assert (np.abs(free - team).max(axis=(1, 2)) == 0.0).any()
-    many.rounds.n.set(**kept)
+    many.kernel.n.set(**kept)
 
 
 def test_tensors_share_the_same_episodes(engines):
@@ -358,9 +358,9 @@ def test_robots_are_those_of_an_ordinary_run(engines):
     swarm = many.swarm
     swarm.begin([model], *places, np.empty((0, 2)), 3)
     many.sensors.begin()
-    choice = many.rounds.choice.to_numpy()
-    many.rounds.choice.from_numpy(np.full_like(choice, -1))
-    many.rounds.n.set(mirrors=0.0)
+    choice = many.kernel.choice.to_numpy()
+    many.kernel.choice.from_numpy(np.full_like(choice, -1))
+    many.kernel.n.set(mirrors=0.0)
     many.autoreset = "disabled"
     many.reset(seeds(MANY))
     starts = swarm.position.to_numpy(), swarm.heading.to_numpy()

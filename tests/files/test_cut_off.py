@@ -10,8 +10,8 @@ import pyarrow.parquet as pq
 import pytest
 from refusals import cut_off
 
+from taichi_plume.execution import robots_table
 from taichi_plume.files import run_folder, run_tables
-from taichi_plume.running import robots_table
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 

@@ -4,10 +4,10 @@ import os
 
 import pytest
 
+from taichi_plume.execution.result import write_result
 from taichi_plume.files import checkpoint, manifest
 from taichi_plume.files.disk import left_in, new_beside, written_whole
 from taichi_plume.report import html
-from taichi_plume.running.result import write_result
 
 WRITERS = {
     "result.json": lambda folder: write_result(folder, {"name": "a"}),

@@ -11,7 +11,7 @@ import xarray
 import zarr
 from refusals import cut, gone, replaced
 
-from taichi_plume.assembly.prepare import load_scenario
+from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.files import manifest
 from taichi_plume.files.film import Film, FilmError, dimensions
 from taichi_plume.files.film_writer import NewFilm, complete

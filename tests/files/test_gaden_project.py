@@ -10,7 +10,7 @@ import yaml
 from test_meshes import box_triangles, write_stl
 
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import load
+from taichi_plume.assembly.preparation import load
 from taichi_plume.files import gaden, gaden_models
 from taichi_plume.scenario.loading import ScenarioError, scenario_from, scenario_of
 from taichi_plume.scenario.scenario import Scenario

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from test_meshes import box_triangles, write_stl
 
-from taichi_plume.assembly.prepare import load
+from taichi_plume.assembly.preparation import load
 from taichi_plume.cli import run
 from taichi_plume.files import gaden, gaden_project
 from taichi_plume.files.wind_points import WindFileError

@@ -13,10 +13,10 @@ import pytest
 import xarray
 from refusals import cut, gone, refused, replaced
 
+from taichi_plume.execution import maps_output
 from taichi_plume.files import maps_file, zarr_groups
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.report.maps import maps_of
-from taichi_plume.running import final_maps
 from taichi_plume.scoring.maps import MapScores
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -29,7 +29,7 @@ def ended(tmp_path_factory) -> tuple[Any, MapScores, Path]:
     judge = MapScores(sim)
     sim.observers.append(judge.observer())
     path = tmp_path_factory.mktemp("run") / "maps.zarr"
-    writer = final_maps.MapsFile(sim, path, judge)
+    writer = maps_output.MapsFile(sim, path, judge)
     writer.start()
     sim.run()
     last, says = sim.maps[-1], sim.maps[-1].estimate
@@ -123,7 +123,7 @@ def test_the_report_says_whose_of_rivals_maps_it_shows(path):
 
 def test_a_run_that_goes_on_has_no_maps_of_its_earlier_end(ended, path):
     sim, judge, _ = ended
-    writer = final_maps.MapsFile(sim, path, judge)
+    writer = maps_output.MapsFile(sim, path, judge)
     writer.go_on()
     assert not path.exists()
     writer.flush()
@@ -134,7 +134,7 @@ def test_a_run_that_goes_on_has_no_maps_of_its_earlier_end(ended, path):
 
 def test_a_full_disk_leaves_no_half_of_a_file(ended, tmp_path, monkeypatch):
     sim, judge, _ = ended
-    writer = final_maps.MapsFile(sim, tmp_path / "maps.zarr", judge)
+    writer = maps_output.MapsFile(sim, tmp_path / "maps.zarr", judge)
     writer.start()
 
     def full(*_: object) -> None:

@@ -14,7 +14,7 @@ from refusals import refused
 from taichi_plume.files.film import FilmError
 from taichi_plume.files.movie import Movie
 from taichi_plume.scenario.domain import Domain
-from taichi_plume.scenario.played import MovieGas
+from taichi_plume.scenario.playback import MovieGas
 
 PICTURES = np.random.default_rng(3).random((4, 5, 7)).astype("f2")
 TOLD = {"fps": 8.0, "pixel_to_grid": [0.1, 0.1], "origin": [0.2, -0.1]}

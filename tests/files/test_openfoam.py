@@ -10,7 +10,7 @@ import pytest
 from foam_case import Cell, Writer, box, decomposed, prism
 
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import load_scenario
+from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.files import openfoam, openfoam_file
 from taichi_plume.files.openfoam import is_case, is_time, read, times
 from taichi_plume.files.openfoam_file import open_foam

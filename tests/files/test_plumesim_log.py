@@ -12,12 +12,12 @@ import pytest
 
 from taichi_plume.assembly import assemble as assembly
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import load_scenario
+from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.cli import run
+from taichi_plume.execution.plume_log import PlumeLogger
 from taichi_plume.files import disk
 from taichi_plume.files.plumesim_log import read_log
 from taichi_plume.grid.fields import ppm_at, velocity_at
-from taichi_plume.running.plume_log import PlumeLogger
 from taichi_plume.scenario.outputs import PlumeLog
 from taichi_plume.simulation import Every, Simulation
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from taichi_plume.assembly.prepare import load_scenario
+from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.files import manifest
 from taichi_plume.files.plumesim_log import read_log
 from taichi_plume.files.point_frames import PointFileError, read_fluent

@@ -10,10 +10,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from taichi_plume.assembly.assemble import build
-from taichi_plume.assembly.prepare import checked
+from taichi_plume.assembly.preparation import checked
+from taichi_plume.execution.forces_table import ForceTable
+from taichi_plume.execution.probes_table import ProbeTable
 from taichi_plume.grid.fields import ppm_at, velocity_at
-from taichi_plume.running.forces_table import ForceTable
-from taichi_plume.running.probes_table import ProbeTable
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.probes import Probes
 from taichi_plume.scenario.scenario import Scenario

@@ -11,8 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
+from taichi_plume.execution import result, robots_table
 from taichi_plume.files import disk, run_folder, run_tables
-from taichi_plume.running import result, robots_table
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring import trials as scores
 from taichi_plume.simulation import Every, Simulation

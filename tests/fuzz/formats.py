@@ -131,7 +131,7 @@ def _write_table(path: Path) -> None:
 
 def _write_maps(path: Path) -> None:
     """A map of two trials as a run leaves it."""
-    from taichi_plume.running.final_maps import MapsFile
+    from taichi_plume.execution.maps_output import MapsFile
     from taichi_plume.scenario.maps import TimeSeriesMap
 
     values = np.random.default_rng(2).random((2, 6, 5))
@@ -223,7 +223,7 @@ def _run(folder: Path, kind: Format) -> tuple[Callable[[], Any], tuple]:
 
 
 def _scenario(folder: Path, kind: Format) -> tuple[Callable[[], Any], tuple]:
-    from taichi_plume.assembly.prepare import load
+    from taichi_plume.assembly.preparation import load
     from taichi_plume.files.film import FilmError
     from taichi_plume.files.wind_points import WindFileError
     from taichi_plume.grid.floor_plans import FloorPlan

@@ -25,7 +25,7 @@ class Runner:
 
     def __call__(self, job: tuple[str, str]) -> Outcome:
         """The outcome; `place` says how it was run where it is accepted."""
-        from taichi_plume.assembly.prepare import load
+        from taichi_plume.assembly.preparation import load
         from taichi_plume.files.own_class import OwnAlgorithmError
         from taichi_plume.scenario.loading import ScenarioError
         from taichi_plume.simulation import UnstableError
@@ -42,7 +42,7 @@ class Runner:
         return outcome
 
     def _run(self, name: str, prepared: Any) -> Outcome:
-        from taichi_plume.assembly.prepare import load
+        from taichi_plume.assembly.preparation import load
         from taichi_plume.scenario.reset import differences
 
         scenario = prepared.scenario
@@ -72,7 +72,7 @@ class Runner:
     @staticmethod
     def _second(sim: Any, how: str) -> Outcome:
         """Go on for a second, and for one of the robots where the warm-up is as short; then look at the result."""
-        from taichi_plume.running.result import result
+        from taichi_plume.execution.result import result
         from taichi_plume.scoring.maps import MapScores
 
         scores = MapScores(sim)

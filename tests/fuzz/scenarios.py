@@ -17,7 +17,7 @@ from math import prod
 from pathlib import Path
 from tempfile import mkdtemp
 
-from taichi_plume.assembly.prepare import load, load_scenario
+from taichi_plume.assembly.preparation import load, load_scenario
 from taichi_plume.scenario.loading import ScenarioError, read_scenario
 from tests.fuzz import bases
 from tests.fuzz.mutate import Mutator

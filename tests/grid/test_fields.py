@@ -9,7 +9,7 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.species import Species
-from taichi_plume.solvers.prescribed import PrescribedWind
+from taichi_plume.solvers.prescribed_wind import PrescribedWind
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

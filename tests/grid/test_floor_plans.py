@@ -11,7 +11,7 @@ from PIL import Image
 from scipy import ndimage
 
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import load, load_scenario
+from taichi_plume.assembly.preparation import load, load_scenario
 from taichi_plume.grid import floor_plans
 from taichi_plume.grid.cut_cells import Air, air_of, sealed
 from taichi_plume.grid.floor_plans import FloorPlan

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from bodies import FLOOR, L_SHAPE, ROOM, SHAPES, is_inside, random_points
 
-from taichi_plume.assembly.prepare import prepare
+from taichi_plume.assembly.preparation import prepare
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.obstacles import Box, Cylinder, Prism, Sphere
 from taichi_plume.scenario.scenario import Scenario

@@ -8,7 +8,7 @@ from taichi_plume.files.film_writer import NewFilm
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.scenario.species import SPECIES
-from taichi_plume.statistics.filmed import FilmRecord
+from taichi_plume.statistics.film_statistics import FilmRecord
 
 SHAPE, DX, HEIGHT, MIDDLE = (24, 15, 4), 0.1, 2, 7
 ETHANOL = SPECIES["ethanol"]

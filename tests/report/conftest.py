@@ -1,11 +1,11 @@
 import pytest
 
-from taichi_plume.report import look
+from taichi_plume.report import figure_style
 
 
 @pytest.fixture
 def drawn(monkeypatch) -> list:
     """Return the list of figures that would have become pictures."""
     made: list = []
-    monkeypatch.setattr(look, "png", lambda figure: made.append(figure) or b"")
+    monkeypatch.setattr(figure_style, "png", lambda figure: made.append(figure) or b"")
     return made

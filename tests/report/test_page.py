@@ -12,13 +12,13 @@ import pytest
 from PIL import Image
 from refusals import unfinished
 
-from taichi_plume.agents import mapping, search
-from taichi_plume.assembly import kinds
+from taichi_plume.agents import algorithm_table, mapping
+from taichi_plume.assembly import solver_table
 from taichi_plume.cli.report import main
-from taichi_plume.report import figures, look, maps, references
+from taichi_plume.execution.result import write_result
+from taichi_plume.report import figure_style, figures, maps, references
 from taichi_plume.report.page import NAME
 from taichi_plume.results.run import Run
-from taichi_plume.running.result import write_result
 
 ROOT = Path(__file__).parent.parent.parent
 ADDRESSES = {"src", "href", "action", "data", "poster", "srcset", "background", "formaction", "cite", "ping"}
@@ -264,8 +264,8 @@ def test_maps_of_rooms_of_any_shape(tmp_path, monkeypatch, drawn, size):
 
 
 def test_long_names_keep_their_ends():
-    assert look.short("casters 12") == "casters 12"
-    assert look.short("n" * 60 + " 7", 12) == "nnnnnn…nnn 7"
+    assert figure_style.short("casters 12") == "casters 12"
+    assert figure_style.short("n" * 60 + " 7", 12) == "nnnnnn…nnn 7"
 
 
 def test_a_long_series_keeps_its_peaks():
@@ -295,9 +295,13 @@ def test_the_papers_are_those_of_the_kinds_that_are_used():
 
 @pytest.mark.parametrize(
     ("table", "kinds", "room"),
-    [("SEARCHES", search.ALGORITHMS, "agents"), ("MAPS", mapping.KINDS, "agents"), ("GASES", kinds.GASES, "solvers"),
-     ("WINDS", kinds.WINDS, "solvers")],
-)  # fmt: skip
+    [
+        ("SEARCHES", algorithm_table.ALGORITHMS, "agents"),
+        ("MAPS", mapping.KINDS, "agents"),
+        ("GASES", solver_table.GASES, "solvers"),
+        ("WINDS", solver_table.WINDS, "solvers"),
+    ],
+)
 def test_papers_are_of_kinds_that_there_are_and_are_cited_where_they_are_used(table, kinds, room):
     papers = getattr(references, table)
     assert papers.keys() <= kinds.keys()

@@ -5,11 +5,11 @@ from math import hypot, sqrt
 import pytest
 from test_messages import HALL
 
-from taichi_plume.assembly.prepare import load_scenario
-from taichi_plume.scenario.any_wind import GUST
+from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.openings import MovingWall, Opening
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.wind_base import GUST
 
 ROOM = Domain(size=(4.0, 3.0, 2.0), spacing=0.1)
 REGION = {"center": (1.5, 1.0), "diameter": 0.5}

@@ -6,7 +6,7 @@ import yaml
 from PIL import Image
 
 from taichi_plume.assembly.assemble import _box
-from taichi_plume.assembly.prepare import load
+from taichi_plume.assembly.preparation import load
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.solvers.openings import patch_of
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from taichi_plume.cli import scenario as command
-from taichi_plume.scenario.facts import facts, first_sentence
+from taichi_plume.scenario.key_facts import facts, first_sentence
 from taichi_plume.scenario.keys import all_keys, flat, look_up, near, places
 from taichi_plume.scenario.maps import KernelMap
 from taichi_plume.scenario.openings import Fan, Inlet

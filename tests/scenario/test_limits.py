@@ -8,7 +8,7 @@ from pydantic import TypeAdapter, ValidationError
 from test_reset import vocabulary
 
 from taichi_plume.scenario import si
-from taichi_plume.scenario.facts import _numbers, _whole
+from taichi_plume.scenario.key_facts import _numbers, _whole
 from taichi_plume.scenario.vocabulary import PER_AXIS, PER_FACE, vector
 
 NUMBERS = [

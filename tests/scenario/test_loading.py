@@ -1,7 +1,7 @@
 import pytest
 import yaml
 
-from taichi_plume.assembly.prepare import load_scenario
+from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.files.run_folder import to_yaml
 from taichi_plume.guard import yaml_text
 from taichi_plume.scenario.loading import MOST_LINES, ScenarioError

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from taichi_plume.assembly.prepare import load
+from taichi_plume.assembly.preparation import load
 from taichi_plume.scenario import size
 from taichi_plume.scenario.loading import ScenarioError
 

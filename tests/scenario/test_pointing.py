@@ -3,7 +3,7 @@
 import pytest
 from test_messages import ROOM
 
-from taichi_plume.assembly.prepare import load
+from taichi_plume.assembly.preparation import load
 from taichi_plume.scenario.checks import numbered
 
 GROUPS = (

@@ -4,7 +4,7 @@ from typing import Any, get_args
 
 import pytest
 
-from taichi_plume.scenario.facts import models_in
+from taichi_plume.scenario.key_facts import models_in
 from taichi_plume.scenario.keys import places
 from taichi_plume.scenario.loading import read_scenario
 from taichi_plume.scenario.reset import differences, structure

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from taichi_plume.assembly.assemble import assemble
+from taichi_plume.execution.signals import SignalRequests
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_messages import points_of
 from taichi_plume.grid.fields import ppm_at
-from taichi_plume.running.signals import SignalRequests
 from taichi_plume.scenario.loading import scenario_from
 from taichi_plume.serve.service import Pace, Service
 

@@ -11,7 +11,7 @@ from test_imported import swirl, write
 from test_plumesim import LOG
 
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import load_scenario
+from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.grid.fields import ppm_at, velocity_at
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]

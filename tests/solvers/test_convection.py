@@ -9,7 +9,7 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.solvers.convection import FACE_VALUES, LIMITED
 from taichi_plume.solvers.gas import EulerianSolver
-from taichi_plume.solvers.prescribed import PrescribedWind
+from taichi_plume.solvers.prescribed_wind import PrescribedWind
 from taichi_plume.validation.flow_cases import advance, faces, laminar_flow, periodic, rms, velocities
 
 pytestmark = pytest.mark.usefixtures("taichi")

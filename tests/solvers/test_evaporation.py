@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
-from taichi_plume.assembly.prepare import checked, load_scenario
+from taichi_plume.assembly.preparation import checked, load_scenario
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
@@ -13,7 +13,7 @@ from taichi_plume.scenario.species import SPECIES, TEMPERATURE, Species
 from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.emission import Emission
 from taichi_plume.solvers.evaporation import Evaporation
-from taichi_plume.solvers.uniform import UniformSolver
+from taichi_plume.solvers.uniform_wind import UniformSolver
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

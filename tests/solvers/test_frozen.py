@@ -10,7 +10,7 @@ from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario.winds import FrozenWind
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.frozen import FrozenSolver
+from taichi_plume.solvers.frozen_flow import FrozenSolver
 from taichi_plume.solvers.gas import EulerianSolver
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]

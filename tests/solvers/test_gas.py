@@ -12,8 +12,8 @@ from taichi_plume.scenario.species import SPECIES
 from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.emission import Emission
 from taichi_plume.solvers.gas import EulerianSolver
-from taichi_plume.solvers.prescribed import PrescribedWind
-from taichi_plume.solvers.uniform import UniformSolver
+from taichi_plume.solvers.prescribed_wind import PrescribedWind
+from taichi_plume.solvers.uniform_wind import UniformSolver
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

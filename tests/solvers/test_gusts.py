@@ -8,7 +8,7 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.rng import generator
 from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.gusts import OrnsteinUhlenbeck
-from taichi_plume.solvers.uniform import UniformSolver
+from taichi_plume.solvers.uniform_wind import UniformSolver
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -12,9 +12,9 @@ from taichi_plume.grid.state import State
 from taichi_plume.scenario.gases import PuffGas
 from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.prescribed import PrescribedWind
+from taichi_plume.solvers.prescribed_wind import PrescribedWind
 from taichi_plume.solvers.puffs import PuffSolver
-from taichi_plume.solvers.uniform import UniformSolver
+from taichi_plume.solvers.uniform_wind import UniformSolver
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 

@@ -10,9 +10,9 @@ import pytest
 from rooms import blocks, divergence, through_faces
 
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import load_scenario
+from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.cli import run
-from taichi_plume.files.site import Site
+from taichi_plume.files.wind_site import Site
 from taichi_plume.grid.cut_cells import air_of
 from taichi_plume.grid.fields import velocity_at
 from taichi_plume.grid.grid import Grid
@@ -20,7 +20,7 @@ from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
-from taichi_plume.solvers.imported import ImportedFilm, ImportedFlow
+from taichi_plume.solvers.imported_flow import ImportedFilm, ImportedFlow
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 

@@ -9,14 +9,14 @@ from rooms import divergence, largest_outflow
 from test_film import DX, SHAPE, new_film
 
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import load_scenario
+from taichi_plume.assembly.preparation import load_scenario
+from taichi_plume.execution.film_output import Filming
 from taichi_plume.files.film import Film
 from taichi_plume.grid import kernels
 from taichi_plume.grid.fields import concentration_at, velocity_at
 from taichi_plume.grid.grid import Grid
-from taichi_plume.running.filming import Filming
 from taichi_plume.scenario.gases import PlaybackGas
-from taichi_plume.scenario.played import PlaybackWind
+from taichi_plume.scenario.playback import PlaybackWind
 from taichi_plume.simulation import Every, Simulation
 from taichi_plume.solvers.playback import PlayedGas, PlayedWind
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import ScenarioError, load
+from taichi_plume.assembly.preparation import ScenarioError, load
 from taichi_plume.files.movie import means
 from taichi_plume.grid.fields import ppm_at
 

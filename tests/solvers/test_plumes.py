@@ -11,7 +11,7 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.closed_forms import GaussianPlumeGas, MeanderingGas
 from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.plumes import Plumes
-from taichi_plume.solvers.uniform import UniformSolver
+from taichi_plume.solvers.uniform_wind import UniformSolver
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.assembly.prepare import load_scenario
+from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.files.point_frames import PointFrames
 from taichi_plume.files.run_folder import to_yaml
 from taichi_plume.grid.fields import concentration_at, ppm_at, velocity_at
-from taichi_plume.scenario.played import PlumeSimWind
+from taichi_plume.scenario.playback import PlumeSimWind
 from taichi_plume.scenario.plumesim import PlumeSimGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.solvers.plumesim import (

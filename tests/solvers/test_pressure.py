@@ -9,7 +9,7 @@ from taichi_plume.grid.cut_cells import air_of
 from taichi_plume.grid.grid import Grid
 from taichi_plume.solvers.capacitance import Capacitance, Changes
 from taichi_plume.solvers.direct import FastTransforms, SparseFactors
-from taichi_plume.solvers.imported import Projection
+from taichi_plume.solvers.imported_flow import Projection
 from taichi_plume.solvers.multigrid import Multigrid
 from taichi_plume.solvers.poisson import OpenFractions
 from taichi_plume.solvers.pressure import pressure_solver

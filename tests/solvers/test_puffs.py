@@ -16,7 +16,7 @@ from taichi_plume.scenario.gases import PuffGas
 from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.puffs import PuffSolver, joint_update
-from taichi_plume.solvers.uniform import UniformSolver
+from taichi_plume.solvers.uniform_wind import UniformSolver
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

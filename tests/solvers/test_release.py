@@ -11,7 +11,7 @@ from taichi_plume.grid.fields import concentration_at
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.solvers.gas import EulerianSolver
-from taichi_plume.solvers.prescribed import PrescribedWind
+from taichi_plume.solvers.prescribed_wind import PrescribedWind
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -9,7 +9,7 @@ from taichi_plume.grid.fields import velocity_at
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.winds import SyntheticWind
 from taichi_plume.solvers import room_mixing
-from taichi_plume.solvers.synthetic import SyntheticSolver
+from taichi_plume.solvers.synthetic_flow import SyntheticSolver
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 

@@ -10,7 +10,7 @@ from taichi_plume.scenario.gases import PuffGas
 from taichi_plume.scenario.winds import SyntheticWind
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.puffs import PuffSolver
-from taichi_plume.solvers.synthetic import SyntheticSolver
+from taichi_plume.solvers.synthetic_flow import SyntheticSolver
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

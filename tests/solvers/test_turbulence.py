@@ -6,7 +6,7 @@ from rooms import cfd, flow_in
 
 from taichi_plume.grid.grid import Grid
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.prescribed import padded_faces
+from taichi_plume.solvers.prescribed_wind import padded_faces
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 

@@ -15,7 +15,7 @@ from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.heat import Heat
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.heat import HeatSolver
-from taichi_plume.solvers.prescribed import PrescribedWind
+from taichi_plume.solvers.prescribed_wind import PrescribedWind
 from taichi_plume.solvers.wall_law import (
     law_of_the_wall,
     near_surface,

@@ -11,8 +11,8 @@ from typing import Any
 
 import fake_labour
 
-from taichi_plume.running.signals import leave
-from taichi_plume.study import campaign, sharing
+from taichi_plume.execution.signals import leave
+from taichi_plume.study import air_plan, scheduler
 from taichi_plume.study.messages import Axis, Request
 from taichi_plume.study.study_run import Wishes, carry_out
 
@@ -46,9 +46,9 @@ def plan_of(folder: Path, told: dict[str, Any]) -> Any:
 
 
 def main() -> int:
-    campaign.work = fake_labour.work
-    sharing.why_not = fake_labour.why_not
-    sharing.scenario_of = lambda base, changes: base | changes
+    scheduler.work = fake_labour.work
+    air_plan.why_not = fake_labour.why_not
+    air_plan.scenario_of = lambda base, changes: base | changes
     out, told, *options = sys.argv[1:]
     given: dict[str, Any] = {}
     for name, _, value in (one.lstrip("-").partition("=") for one in options):

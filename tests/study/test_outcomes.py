@@ -5,7 +5,7 @@ from typing import Any
 import fake_run
 import pytest
 
-from taichi_plume.running import result
+from taichi_plume.execution import result
 from taichi_plume.scenario.belief_algorithms import Infotaxis
 from taichi_plume.scenario.motion import Motion
 from taichi_plume.scenario.obstacles import Cylinder

@@ -17,13 +17,13 @@ from small_study import ROOM, SPEED, write
 from taichi_plume.scenario.changes import changed
 from taichi_plume.scenario.loading import scenario_of
 from taichi_plume.scenario.reset import differences
+from taichi_plume.study.air_plan import shared_airs
 from taichi_plume.study.axes import Level, Levels, points
+from taichi_plume.study.axis_values import resolve
 from taichi_plume.study.ids import Digests
 from taichi_plume.study.indices import numbers
-from taichi_plume.study.model import canonical
 from taichi_plume.study.plan import SEARCH_STEP, columns, load_plan, read_study
-from taichi_plume.study.resolving import resolve
-from taichi_plume.study.sharing import shared_airs
+from taichi_plume.study.study_keys import canonical
 
 SEARCH = {
     "variants": {

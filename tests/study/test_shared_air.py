@@ -10,9 +10,9 @@ from study_rooms import ROOM, UNIFORM, changed
 from taichi_plume.files.shared_film import AirFilm, AirFilmError, NewAirFilm
 from taichi_plume.results.run import open_run
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.study.perform import perform
+from taichi_plume.study.air_plan import why_not
 from taichi_plume.study.shared_air import solve_air
-from taichi_plume.study.sharing import why_not
+from taichi_plume.study.task_execution import execute_task
 
 pytestmark = pytest.mark.slow
 
@@ -99,8 +99,8 @@ def differences(base: dict[str, Any], folder: Any, changes: Any = CHANGES) -> li
     assert not record.message
     assert record.frames == AirFilm(film).frames == scenario.last_tick + 1
     assert record.bytes > 0
-    alone = perform(tasks.task(base, changes, own, keep=KEEP, outcomes=outcomes))
-    together = perform(tasks.task(base, changes, shown, film, keep=KEEP, outcomes=outcomes))
+    alone = execute_task(tasks.task(base, changes, own, keep=KEEP, outcomes=outcomes))
+    together = execute_task(tasks.task(base, changes, shown, film, keep=KEEP, outcomes=outcomes))
     found = []
     for one, other in zip(alone, together, strict=True):
         assert one.status in ("completed", "stopped"), one.message
@@ -151,8 +151,8 @@ def test_gas_of_puffs_is_shared_by_its_cells_where_that_is_wanted(tmp_path):
     film = tmp_path / "one.zarr"
     task = tasks.task(base, [{}], tmp_path / "shown", film, keep=KEEP, structure="puffs")
     assert not solve_air(task).message
-    (shown,) = perform(task)
-    (alone,) = perform(task._replace(film=None, options=task.options._replace(out=tmp_path / "own")))
+    (shown,) = execute_task(task)
+    (alone,) = execute_task(task._replace(film=None, options=task.options._replace(out=tmp_path / "own")))
     assert shown.status == alone.status == "completed"
     read = [open_run(tmp_path / n / "kept" / alone.run).robots["reading_ppm"] for n in ("shown", "own")]
     first = slice(0, 6)  # before what they read lets them part
@@ -185,15 +185,15 @@ def test_who_films_an_air_again_is_not_disturbed_by_who_did(tmp_path):
 def test_a_film_that_is_gone_or_damaged_fails_its_runs_in_a_line(tmp_path):
     film = tmp_path / "airs" / "one.zarr"
     task = tasks.task(changed(ROOM), [{}], tmp_path, film)
-    (gone,) = perform(task)
+    (gone,) = execute_task(task)
     assert (gone.status, "one.zarr" in gone.message) == ("failed", True)
     assert not solve_air(task).message
-    assert perform(task)[0].status == "completed"
+    assert execute_task(task)[0].status == "completed"
     chunk = next(path for path in (film / "gas_0" / "c").rglob("*") if path.is_file())
     chunk.write_bytes(chunk.read_bytes()[:-50] + bytes(50))
     meta = film / "zarr.json"
     meta.write_bytes(meta.read_bytes())  # as another film of that name
-    (bad,) = perform(task)
+    (bad,) = execute_task(task)
     assert bad.status == "failed"
     assert "damaged" in bad.message
     chunk.unlink()
@@ -205,7 +205,7 @@ def test_a_film_that_does_not_fit_is_not_shown(tmp_path):
     film = tmp_path / "one.zarr"
     assert not solve_air(tasks.task(changed(ROOM), [{}], tmp_path, film)).message
     for sections in ({"duration": 9.0}, {"tick": 0.05}):
-        (record,) = perform(
+        (record,) = execute_task(
             tasks.task(changed(ROOM, **sections), [{}], tmp_path, film, structure=str(sections))
         )
         assert record.status == "failed"

@@ -6,7 +6,7 @@ import pytest
 import yaml
 from small_study import ROOM, SPEED, faults, write
 
-from taichi_plume.study import checking
+from taichi_plume.study import scenario_checks
 from taichi_plume.study.plan import load_plan
 
 
@@ -56,8 +56,8 @@ def test_hostile_texts_are_shown_harmless(tmp_path):
 def test_files_are_opened_once_for_all_points(tmp_path, monkeypatch):
     (tmp_path / "b.py").write_text("class Mine:\n    def act(self, readings):\n        return 0, 0\n")
     opened = []
-    real = checking.prepare
-    monkeypatch.setattr(checking, "prepare", lambda one, *more: opened.append(1) or real(one, *more))
+    real = scenario_checks.prepare
+    monkeypatch.setattr(scenario_checks, "prepare", lambda one, *more: opened.append(1) or real(one, *more))
     gain = {"key": "robots.0.algorithm.parameters.gain", "values": [1.0, 2.0, 3.0]}
     robot = ROOM["robots"][0] | {"algorithm": {"kind": "own", "file": "b.py"}}
     room = ROOM | {"robots": [robot]}

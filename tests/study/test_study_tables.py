@@ -11,8 +11,8 @@ import pytest
 from taichi_plume import study
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.study import columns, tables
+from taichi_plume.study.estimates import SUCCESS
 from taichi_plume.study.messages import Axis
-from taichi_plume.study.points import SUCCESS
 from taichi_plume.study.store import Store, table_of
 
 LUCKY = {(7, 0), (8, 0), (8, 1), (10, 0), (10, 1), (10, 2), (13, 2), (14, 1)}

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from study_rooms import UNIFORM, changed
 
-from taichi_plume.assembly.prepare import Prepared, checked
+from taichi_plume.assembly.preparation import Prepared, checked
 from taichi_plume.grid import kernels
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study import simulation_cache

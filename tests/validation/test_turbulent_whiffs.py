@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichi_plume.assembly.prepare import checked
+from taichi_plume.assembly.preparation import checked
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.validation import turbulent_whiffs as case
 

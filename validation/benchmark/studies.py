@@ -22,13 +22,13 @@ from typing import Any
 
 import psutil
 
-from taichi_plume.assembly.prepare import load_scenario
+from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.guard.terminal import Parser, say
+from taichi_plume.study.air_plan import why_not
 from taichi_plume.study.messages import Options, Record, Request, Task
-from taichi_plume.study.perform import perform
 from taichi_plume.study.shared_air import solve_air
-from taichi_plume.study.sharing import why_not
 from taichi_plume.study.simulation_cache import WARM
+from taichi_plume.study.task_execution import execute_task
 from taichi_plume.validation.case import Keys
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -83,12 +83,12 @@ def _shared(base: Keys, file: Path, folder: Path, args: Any) -> int:
     if air.message:
         say(air.message, error=True)
         return 1
-    records, cpu, clock = _timed(perform, task)
+    records, cpu, clock = _timed(execute_task, task)
     _tell(f"one air, filmed: {air.frames} frames, {air.bytes / 1e6:.0f} MB", cpu_air, clock_air)
     _tell(f"{n} searches in its film, with the start of Taichi", cpu, clock)
     subset = task._replace(requests=task.requests[: args.alone], film=None)
-    perform(subset._replace(requests=subset.requests[:1]))  # compiles
-    alone, cpu_warm, clock_warm = _timed(perform, subset)
+    execute_task(subset._replace(requests=subset.requests[:1]))  # compiles
+    alone, cpu_warm, clock_warm = _timed(execute_task, subset)
     same = [a._replace(cost=b.cost) == b for a, b in zip(alone, records, strict=False)]
     cpu_apart, clock_apart = _commands(base, file, folder, subset)
     for how, its_cpu, its_clock in (
@@ -128,11 +128,11 @@ def _commands(base: Keys, file: Path, folder: Path, task: Task) -> tuple[float, 
 def _overhead(base: Keys, file: Path, folder: Path, runs: int) -> int:
     task = _task(base, file, folder, runs)
     process, each = psutil.Process(), max(1, runs // STEPS)
-    records: list[Record] = perform(task._replace(requests=task.requests[:1]))
+    records: list[Record] = execute_task(task._replace(requests=task.requests[:1]))
     records.clear()
     beyond, cpu = [], 0.0
     for n, request in enumerate(task.requests):
-        (record,), its, _ = _timed(perform, task._replace(requests=(request,)))
+        (record,), its, _ = _timed(execute_task, task._replace(requests=(request,)))
         if record.status == "failed":
             say(record.message, error=True)
             return 1

@@ -6,8 +6,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from taichi_plume.assembly.assemble import assemble
+from taichi_plume.execution.film_output import Filming
 from taichi_plume.grid import kernels
-from taichi_plume.running.filming import Filming
 from taichi_plume.validation.searches import outcomes, scenario_of
 from taichi_plume.validation.spiral_room import HOUR, at, momo, room
 

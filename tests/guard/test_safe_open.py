@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from taichi_plume.guard.opening import (
+from taichi_plume.guard.safe_open import (
     admit,
     content_of,
     gate,

@@ -13,10 +13,10 @@ from study_rooms import ROOM, UNIFORM, changed
 
 from taichi_plume.cli import run
 from taichi_plume.results.run import open_run
-from taichi_plume.study.perform import perform
-from taichi_plume.study.rows import found
 from taichi_plume.study.simulation_cache import WARM
 from taichi_plume.study.store import table_of
+from taichi_plume.study.table_rows import found
+from taichi_plume.study.task_execution import execute_task
 
 PROBES = {"points": [{"kind": "line", "name": "a.b", "start": [0.5, 0.6], "end": [1.5, 0.6], "count": 3}]}
 BAD_CODE = """
@@ -52,7 +52,7 @@ def test_rows_and_outcomes_are_those_of_the_result_of_the_run_alone(tmp_path):
         "no": "maps.0.nowhere.3",
         "text": "name",
     }
-    (record,) = perform(tasks.task(base, [{}], tmp_path, outcomes=outcomes))
+    (record,) = execute_task(tasks.task(base, [{}], tmp_path, outcomes=outcomes))
     assert record.status == "completed", record.message
     (tmp_path / "a.yaml").write_text(json.dumps(base))
     out = tmp_path / "run"
@@ -83,7 +83,9 @@ def test_rows_and_outcomes_are_those_of_the_result_of_the_run_alone(tmp_path):
 def test_the_tables_hold_what_trials_with_moving_obstacles_count(tmp_path):
     motion = {"path": [[1.0, 1.9, 0.3], [2.0, 0.9, 1.1]]}
     walkers = [{"kind": "cylinder", "center": [0.9, 1.1], "radius": 0.3, "motion": motion}]
-    (record,) = perform(tasks.task(changed(ROOM, obstacles=walkers), [{}], tmp_path, structure="walkers"))
+    (record,) = execute_task(
+        tasks.task(changed(ROOM, obstacles=walkers), [{}], tmp_path, structure="walkers")
+    )
     assert record.status == "completed", record.message
     (row,) = table_of([record]).to_pylist()
     for name in ("pushes", "pinned_s"):
@@ -95,18 +97,18 @@ def test_what_comes_of_a_run_does_not_depend_on_those_before_it(tmp_path):
     base = changed(UNIFORM)
     seeds = [{"seed": seed} for seed in (1, 2, 3)]
     task = tasks.task(base, seeds, tmp_path)
-    one = perform(task)
+    one = execute_task(task)
     assert one[1].cost.compiled == one[2].cost.compiled == 0
-    back = perform(task._replace(requests=task.requests[::-1]))
+    back = execute_task(task._replace(requests=task.requests[::-1]))
     assert all(record.cost.compiled == 0 for record in back)
     assert plain(one) == plain(back[::-1])
-    assert plain(perform(task._replace(limit_s=0.0))) == plain(one[:1])
+    assert plain(execute_task(task._replace(limit_s=0.0))) == plain(one[:1])
     assert one[0].trials != one[1].trials
 
 
 def test_where_there_is_nothing_to_find_nobody_has_failed(tmp_path):
     still = changed(UNIFORM, robots=[UNIFORM["robots"][0] | {"reach": 0.0}])
-    (record,) = perform(tasks.task(still, [{}], tmp_path, structure="reach"))
+    (record,) = execute_task(tasks.task(still, [{}], tmp_path, structure="reach"))
     for row in record.trials:
         assert (row["searched"], row["success"], row["time_with_failures_s"]) == (False, None, None)
         assert row["final_distance_m"] > 0
@@ -115,7 +117,7 @@ def test_where_there_is_nothing_to_find_nobody_has_failed(tmp_path):
 def test_what_was_numbers_by_another_structure_is_assembled_anew(tmp_path):
     base = changed(UNIFORM)
     for trials in (3, 4):
-        (record,) = perform(tasks.task(base, [{"robots.0.trials": trials}], tmp_path))
+        (record,) = execute_task(tasks.task(base, [{"robots.0.trials": trials}], tmp_path))
         assert len(record.trials) == trials
 
 
@@ -126,7 +128,7 @@ def test_what_is_kept_is_a_run_folder_that_can_be_read_and_run_again(tmp_path):
     outcomes = {"wind": "probes.a.b.wind_x", "gone": "probes.a.b.salt", "none": "probes.c.wind_x"}
     task = tasks.task(base, [{"seed": 4}], tmp_path / "out", keep=keep, outcomes=outcomes, structure="kept")
     for _ in range(2):  # the second time in the place of the first
-        (record,) = perform(task)
+        (record,) = execute_task(task)
         assert record.status == "completed", record.message
     folder = tmp_path / "out" / "kept" / record.run
     assert [path.name for path in folder.parent.iterdir()] == [record.run]
@@ -146,7 +148,7 @@ def test_what_is_kept_is_a_run_folder_that_can_be_read_and_run_again(tmp_path):
 
 def test_probes_leave_no_folder_unless_asked_for(tmp_path):
     task = tasks.task(changed(UNIFORM, probes=PROBES), [{}], tmp_path, outcomes={"u": "probes.a.b.wind_x"})
-    (record,) = perform(task)
+    (record,) = execute_task(task)
     assert record.outcomes["u"] == pytest.approx(0.5)
     assert not list((tmp_path / "kept").iterdir())
     assert not list((tmp_path / "unfinished").iterdir())
@@ -157,7 +159,7 @@ def test_a_run_that_fails_is_told_and_left_to_be_repeated_and_the_next_goes_on(t
     base = own(tmp_path)
     changes = [{"duration": 0.4}, {"duration": 2.0}]
     task = tasks.task(base, changes, tmp_path, structure="own", allow_code=True)
-    good, bad, again = perform(task._replace(requests=(*task.requests, task.requests[0])))
+    good, bad, again = execute_task(task._replace(requests=(*task.requests, task.requests[0])))
     assert (good.status, bad.status) == ("completed", "failed")
     assert "my own fault" in bad.message
     assert "\n" not in bad.message
@@ -171,7 +173,7 @@ def test_a_run_that_fails_is_told_and_left_to_be_repeated_and_the_next_goes_on(t
     assert json.loads((tmp_path / "again" / "result.json").read_text())["status"] == "failed"
     (tmp_path / "late.py").write_text(BAD_CODE.replace("> 5", "> 500"))
     WARM.drop(("own", str(tmp_path), False))  # it holds the class as it was
-    (mended,) = perform(task._replace(requests=task.requests[1:]))
+    (mended,) = execute_task(task._replace(requests=task.requests[1:]))
     assert mended.status in ("completed", "stopped")
     assert not left.exists()
 
@@ -185,7 +187,7 @@ def test_a_run_that_fails_is_told_and_left_to_be_repeated_and_the_next_goes_on(t
 )
 def test_code_is_executed_where_it_is_wanted_and_ends_its_run_alone(tmp_path, code, allowed, said):
     task = tasks.task(own(tmp_path, code), [{}], tmp_path, structure=said, allow_code=allowed)
-    (record,) = perform(task)
+    (record,) = execute_task(task)
     assert record.status == "failed"
     assert said in record.message
 
@@ -195,7 +197,7 @@ def test_robots_that_do_not_fit_fail_alone(tmp_path):
         UNIFORM["robots"][0] | {"count": 2, "start": {"kind": "area", "low": [1, 0.5], "high": [1.3, 0.8]}}
     ]
     changes = [{"robots.0.body.radius": radius} for radius in (0.03, 0.25, 0.03)]
-    records = perform(tasks.task(changed(UNIFORM, robots=robots), changes, tmp_path, structure="fit"))
+    records = execute_task(tasks.task(changed(UNIFORM, robots=robots), changes, tmp_path, structure="fit"))
     assert [one.status for one in records] == ["completed", "failed", "completed"], records[1].message
     assert "robots[0]" in records[1].message
     assert records[2].cost.compiled == 0
@@ -218,5 +220,5 @@ def test_a_path_leads_to_a_number_or_to_none(content, path, number):
 
 
 def test_the_folder_of_the_study_is_named_in_no_record(tmp_path):
-    records = [perform(tasks.task(changed(UNIFORM), [{}], Path(tmp_path, name)))[0] for name in "ab"]
+    records = [execute_task(tasks.task(changed(UNIFORM), [{}], Path(tmp_path, name)))[0] for name in "ab"]
     assert plain(records)[0] == plain(records)[1]

@@ -7,7 +7,7 @@ import numpy as np
 
 from taichi_plume.assembly.resources import Resources
 from taichi_plume.scenario.gases import EulerianGas
-from taichi_plume.scenario.initial import NO_UNITS, FilmedInitial, Initial, Units, units_of
+from taichi_plume.scenario.initial_conditions import NO_UNITS, FilmedInitial, Initial, Units, units_of
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import yaml
 
 from taichi_plume.contest.entrants import Entrant
-from taichi_plume.contest.fixed import Fixed
+from taichi_plume.contest.fixed_scenarios import Fixed
 from taichi_plume.files import disk, own_folder
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.guard.opening import unopenable
+from taichi_plume.guard.safe_open import unopenable
 from taichi_plume.guard.terminal import say, visible
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.study.plan import load_plan

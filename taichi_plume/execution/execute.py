@@ -11,15 +11,20 @@ from typing import NamedTuple, Protocol
 
 from rich.console import Console
 
-from taichi_plume.assembly.prepare import Prepared
+from taichi_plume.assembly.preparation import Prepared
+from taichi_plume.execution import result, summary
+from taichi_plume.execution.outputs import About, Outputs
+from taichi_plume.execution.signals import (
+    SignalRequests,
+    handling_signals,
+    ignoring_signals,
+    reader_may_leave,
+)
 from taichi_plume.files import checkpoint, manifest, run_folder
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.files.run_folder import RunFolder
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import say, terminal
-from taichi_plume.running import result, summary
-from taichi_plume.running.outputs import About, Outputs
-from taichi_plume.running.signals import SignalRequests, handling_signals, ignoring_signals, reader_may_leave
 from taichi_plume.scoring.declarations import Json
 from taichi_plume.simulation import Simulation, UnstableError
 
@@ -158,7 +163,7 @@ def _run(job: Job, sim: Simulation, signals: SignalRequests, console: Console | 
     try:
         with ExitStack() as stack:
             if console is not None and console.is_terminal:
-                from taichi_plume.running.progress import ProgressBar
+                from taichi_plume.execution.progress import ProgressBar
 
                 bar = stack.enter_context(ProgressBar(sim, console))
                 sim.observers.append(bar.observer())

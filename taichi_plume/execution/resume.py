@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from taichi_plume import __version__
+from taichi_plume.execution.outputs import OVER, scenario_digest
 from taichi_plume.files import checkpoint, manifest
 from taichi_plume.files.run_folder import RunFolderError, read_json
-from taichi_plume.running.outputs import OVER, scenario_digest
 
 
 def saved(folder: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.serial import runs_serially
+from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.trials import FAR
 from taichi_plume.grid.kernels import Template, data_flow_by_llvm, on_cpu
 from taichi_plume.grid.transfer import Numbers, uploader
@@ -54,7 +54,7 @@ class Starts:
 
 
 @ti.data_oriented
-class Rounds:
+class StepKernel:
     """Kernel that advances all environments of `Episodes`. films: FilmBank of `bank`; ticks: number per decision."""
 
     STATE = ("trials", "films", "mirror", "steps", "total", "counted")

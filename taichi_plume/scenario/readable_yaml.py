@@ -5,7 +5,7 @@ from typing import Any
 
 import yaml
 
-from taichi_plume.scenario.facts import quantity_unit
+from taichi_plume.scenario.key_facts import quantity_unit
 from taichi_plume.scenario.quantities import with_unit
 from taichi_plume.scenario.vocabulary import Model
 

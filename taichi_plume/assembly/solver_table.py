@@ -12,11 +12,11 @@ from taichi_plume.assembly.resources import Resources
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Gas, Wind
 from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.any_wind import AnyWind
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.sources import OneGas
 from taichi_plume.scenario.vocabulary import Model
+from taichi_plume.scenario.wind_base import AnyWind
 
 if TYPE_CHECKING:
     from taichi_plume.solvers.momentum import BuoyantScalar
@@ -52,11 +52,11 @@ Solver = tuple[str, str, str]
 
 WINDS: dict[str, Solver] = {
     "cfd": ("flow", "FlowSolver", "grid air t seed weighing resistances"),
-    "frozen": ("frozen", "FrozenSolver", "grid air t seed weighing resistances"),
-    "uniform": ("uniform", "UniformSolver", "grid t seed"),
-    "synthetic": ("synthetic", "SyntheticSolver", "grid air t seed"),
+    "frozen": ("frozen_flow", "FrozenSolver", "grid air t seed weighing resistances"),
+    "uniform": ("uniform_wind", "UniformSolver", "grid t seed"),
+    "synthetic": ("synthetic_flow", "SyntheticSolver", "grid air t seed"),
     "playback": ("playback", "PlayedWind", "film grid t seed"),
-    "imported": ("imported", "ImportedFlow", "film grid t seed"),
+    "imported": ("imported_flow", "ImportedFlow", "film grid t seed"),
     "plumesim_log": ("plumesim", "PointWind", "frames extent t seed"),
 }
 GASES: dict[str, Solver] = {
@@ -79,7 +79,7 @@ def make_wind(model: AnyWind, ctx: Context) -> Wind:
     """Return the solver of a wind section. Raises ScenarioError if obstacles cut an inlet off from all outlets."""
     resources, film = ctx.resources, ctx.resources.films.get("wind")
     if resources.site is not None:
-        film = _solver("imported", "ImportedFilm")(resources.site, ctx.grid, ctx.air)
+        film = _solver("imported_flow", "ImportedFilm")(resources.site, ctx.grid, ctx.air)
     wind = _make(WINDS, model, "wind", ctx, film=film)
     if model.computed is not None and (trapped := wind.boundaries.trapped(ctx.air.regions())):
         what = (

@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike
 from scipy.optimize import root_scalar
 
 from taichi_plume.study.messages import Data, Row
-from taichi_plume.study.model import SPACING
+from taichi_plume.study.study_keys import SPACING
 
 if TYPE_CHECKING:
+    from taichi_plume.study.estimates import Points
     from taichi_plume.study.intervals import Estimate
-    from taichi_plume.study.points import Points
 
 SAFETY = 1.25  # safety factor of the GCI with three grids
 HIGHEST = 12.0  # upper bound of the reported order

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from typing import TYPE_CHECKING
 
+from taichi_plume.execution.signals import SignalRequests
 from taichi_plume.guard.terminal import visible
-from taichi_plume.running.signals import SignalRequests
-from taichi_plume.study.agenda import Agenda, Job
+from taichi_plume.study.air_plan import shared_airs
+from taichi_plume.study.job_queue import Job, JobQueue
 from taichi_plume.study.messages import AirRecord, Cost, Options, Record, Request, Result, Task
 from taichi_plume.study.progress import Totals
-from taichi_plume.study.sharing import shared_airs
 from taichi_plume.study.store import Store, leave_failed
 from taichi_plume.study.workers import LOG, Workers, WorkersError, work
 
@@ -28,7 +28,7 @@ FILMS = 1  # films at a time beyond the number of workers
 SPARE = 2.0  # free disk space, in films, that starting another film requires
 
 
-class Campaign:
+class Scheduler:
     """Scheduler that lets workers execute the missing runs of a study and stores the results.
 
     requests: runs to execute. `run` ends when all runs are done or when a signal requests a stop.
@@ -50,7 +50,7 @@ class Campaign:
         self.totals = Totals()
         self.largest = max((record.bytes for record in store.air_records()), default=0)  # film so far, bytes
         films = FILMS + max(1, len(self.worker_names))
-        self.agenda = Agenda(requests, shared_airs(plan, requests), store.film, films, self._room)
+        self.queue = JobQueue(requests, shared_airs(plan, requests), store.film, films, self._room)
         self.tasks: dict[Future[Result], tuple[str, Job]] = {}  # worker and job
         self.structures: dict[str, str] = {}  # last structure of each worker
         self.failed = 0
@@ -69,16 +69,16 @@ class Campaign:
 
     def _waits(self) -> bool:
         """Return whether runs remain in the queue. Raises OSError if the next shared film does not fit the disk."""
-        unsolved = self.agenda.unsolved is not None
-        if unsolved and not self.agenda.solving and self.worker_names and not self._room():
+        unsolved = self.queue.unsolved is not None
+        if unsolved and not self.queue.solving and self.worker_names and not self._room():
             raise OSError(
                 errno.ENOSPC, "the disk has no room for another film of an air", str(self.store.airs)
             )
-        return bool(self.agenda.open)
+        return bool(self.queue.open)
 
     def _room(self) -> bool:
         """Return whether the disk has room for another film, from the size of the largest film so far and a margin."""
-        coming = 1 + len(self.agenda.solving)
+        coming = 1 + len(self.queue.solving)
         return shutil.disk_usage(self.store.airs).free > SPARE * self.largest * coming
 
     def _look(self) -> None:
@@ -99,7 +99,7 @@ class Campaign:
         for worker in self.worker_names:
             if worker in busy:
                 continue
-            job = self.agenda.next(self.structures.get(worker, ""), len(self.worker_names))
+            job = self.queue.next(self.structures.get(worker, ""), len(self.worker_names))
             if job is None:
                 return
             self.tasks[self.workers.submit(worker, work, self._task(job))] = worker, job
@@ -136,16 +136,16 @@ class Campaign:
         """Store a worker's result (run records or a film's record), update the queue and remove unneeded films."""
         if not isinstance(result, AirRecord):
             self._store_runs(result)
-            for air in self.agenda.executed(job, len(result)):
+            for air in self.queue.executed(job, len(result)):
                 shutil.rmtree(self.store.film(air), ignore_errors=True)
             return
         self.store.add_air(result)
         if result.message:
-            runs = self.agenda.without(job.air)
+            runs = self.queue.without(job.air)
             self._store_runs([_failure(request, f"its air: {result.message}") for request in runs])
         else:
             self.largest = max(self.largest, result.bytes)
-            self.agenda.solved(job.air)
+            self.queue.solved(job.air)
 
     def _store_runs(self, records: list[Record]) -> None:
         self.store.add(records)
@@ -154,7 +154,7 @@ class Campaign:
 
     def _died(self, job: Job) -> None:
         """Queue a dead worker's job again, or record a failure if a single run or film has killed several workers."""
-        if self.agenda.died(job):
+        if self.queue.died(job):
             self._fail(job, f"worker died {job.deaths + 1} times: too little memory? see {LOG}")
 
     def _wrong(self, job: Job, error: Exception) -> None:
@@ -166,7 +166,7 @@ class Campaign:
         if job.solve or len(job.requests) == 1:
             self._fail(job, visible(f"{type(error).__name__}: {error}"))
         else:
-            self.agenda.apart(job)
+            self.queue.apart(job)
 
     def _fail(self, job: Job, message: str) -> None:
         """Record that the film or the single run of a job has failed. A failed film fails all runs that share it."""

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.scenario.changes import shown, steps_of
-from taichi_plume.scenario.facts import facts
+from taichi_plume.scenario.key_facts import facts
 from taichi_plume.scenario.keys import look_up, near
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Model
 from taichi_plume.study.axes import DIGITS, Level, Levels, Range
 from taichi_plume.study.messages import Data, Value
-from taichi_plume.study.model import Study, StudyAxis, canonical
+from taichi_plume.study.study_keys import Study, StudyAxis, canonical
 
 Changes = Mapping[str, object]
 

@@ -38,7 +38,7 @@ class Job(NamedTuple):
         return self.requests[0].air
 
 
-class Agenda:
+class JobQueue:
     """Queue of the runs of a study and of the films (recorded flow and gas, an air) that runs share.
 
     requests: runs in the plan's order; shared: ids of airs to film; film: returns the path of an air's film;

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import numpy as np
 
 from taichi_plume.scenario import si
-from taichi_plume.scenario.any_wind import AnyWind
 from taichi_plume.scenario.domain import Context, span
 from taichi_plume.scenario.sources import OneGas, Target
 from taichi_plume.scenario.vocabulary import COMPILED, FileName, Model
+from taichi_plume.scenario.wind_base import AnyWind
 
 if TYPE_CHECKING:
     from taichi_plume.files.film import Film

@@ -12,12 +12,12 @@ from pathlib import Path
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from taichi_plume.execution.execute import report
+from taichi_plume.execution.outputs import OVER
+from taichi_plume.execution.result import write_result
 from taichi_plume.files import checkpoint, manifest, maps_file, plumesim_log, run_tables
 from taichi_plume.files.run_folder import KILLED, LISTED, RunFolder, RunFolderError, read_json, resuming
 from taichi_plume.guard.terminal import say
-from taichi_plume.running.job import report
-from taichi_plume.running.outputs import OVER
-from taichi_plume.running.result import write_result
 from taichi_plume.scoring.declarations import Json
 
 UNFINISHED = ("robots.arrows", "probes.arrows", "recording.old.rrd")

@@ -4,7 +4,7 @@ from collections import OrderedDict
 from dataclasses import replace
 from pathlib import Path
 
-from taichi_plume.assembly.prepare import Prepared, prepare
+from taichi_plume.assembly.preparation import Prepared, prepare
 from taichi_plume.assembly.resources import OPENERS
 from taichi_plume.scenario import checks
 from taichi_plume.scenario.algorithms import Own

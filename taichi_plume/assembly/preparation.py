@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from taichi_plume.assembly.resources import OPENERS, Resources, completed
 from taichi_plume.grid.shapes import ShapeError
-from taichi_plume.guard.opening import gate
+from taichi_plume.guard.safe_open import gate
 from taichi_plume.scenario import checks
 from taichi_plume.scenario.gases import PlaybackGas, PureGas
 from taichi_plume.scenario.input_files import given, input_files, strangers

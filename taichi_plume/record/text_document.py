@@ -9,7 +9,7 @@ from taichi_plume import __version__
 from taichi_plume.record.planes import Plane
 from taichi_plume.record.scales import Quantity
 from taichi_plume.record.scene import Entities
-from taichi_plume.scenario.readable import all_keys
+from taichi_plume.scenario.readable_yaml import all_keys
 from taichi_plume.scoring.beliefs import believers
 from taichi_plume.scoring.declarations import may_declare
 from taichi_plume.simulation import Simulation

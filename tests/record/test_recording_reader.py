@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.record.reading import RecordedPictures, dataset
+from taichi_plume.record.recording_reader import RecordedPictures, dataset
 
 
 @pytest.fixture(scope="module")

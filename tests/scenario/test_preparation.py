@@ -9,8 +9,8 @@ import pytest
 import yaml
 from test_meshes import box_triangles, write_stl
 
-from taichi_plume.assembly import prepare
-from taichi_plume.assembly.prepare import checked, load, load_scenario
+from taichi_plume.assembly import preparation
+from taichi_plume.assembly.preparation import checked, load, load_scenario
 from taichi_plume.files import own_class, plumesim_log
 from taichi_plume.scenario import shapes
 from taichi_plume.scenario.loading import ScenarioError, read_scenario
@@ -74,7 +74,7 @@ def test_what_cannot_be_used_is_a_fault_and_told_by_the_checks(path):
     (path.parent / "plume.pslog").unlink()
     (path.parent / "box.stl").unlink()
     scenario = read_scenario(path)
-    resources = prepare.prepare(scenario, path.parent).resources
+    resources = preparation.prepare(scenario, path.parent).resources
     paths = ["obstacles[0]", "gas.parts[0].file", "gas.parts[1].file", "wind.file"]
     assert list(resources.faults) == paths
     with pytest.raises(ScenarioError) as caught:

@@ -15,7 +15,7 @@ import rerun as rr
 
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import plain
-from taichi_plume.guard.opening import unopenable
+from taichi_plume.guard.safe_open import unopenable
 from taichi_plume.record.drawing import TIME
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from taichi_plume.guard.confined import MIB, ConfinedError, ConfinedProcess, Limits
+from taichi_plume.guard.sandbox import MIB, ConfinedError, ConfinedProcess, Limits
 
 LIMITS = Limits(seconds=0.2, memory=64 * MIB)
 ENDLESS = "sum(iter(int, 1))"
@@ -77,7 +77,7 @@ def test_a_crash_is_told(process: ConfinedProcess) -> None:
 @pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGINT])
 def test_it_ends_with_its_parent(ending: signal.Signals) -> None:
     text = """if True:
-    from taichi_plume.guard.confined import ConfinedProcess
+    from taichi_plume.guard.sandbox import ConfinedProcess
     one = ConfinedProcess()
     print(one.call(eval, "__import__('os').getpid()"), flush=True)
     one.call(eval, "any(n > 0 for n in iter(int, 1))")

@@ -7,8 +7,8 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.files.film import VELOCITIES
-from taichi_plume.files.site import Site
 from taichi_plume.files.wind_points import Points
+from taichi_plume.files.wind_site import Site
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.interpolation import Interpolation

@@ -10,28 +10,28 @@ from contextlib import suppress
 from pathlib import Path
 
 from taichi_plume.assembly.own_code import execute
-from taichi_plume.assembly.prepare import checked
+from taichi_plume.assembly.preparation import checked
+from taichi_plume.execution.execute import End, explain, report, whole
+from taichi_plume.execution.outputs import About, Outputs
+from taichi_plume.execution.result import result, write_result
+from taichi_plume.execution.signals import SignalRequests
 from taichi_plume.files import run_folder
-from taichi_plume.running.job import End, explain, report, whole
-from taichi_plume.running.outputs import About, Outputs
-from taichi_plume.running.result import result, write_result
-from taichi_plume.running.signals import SignalRequests
 from taichi_plume.scenario.input_files import input_paths
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.maps import MapScores
 from taichi_plume.study import shared_air
 from taichi_plume.study.messages import Cost, Outcomes, Record, Request, Row, Task
-from taichi_plume.study.rows import outcomes_of, probed, trial_rows
 from taichi_plume.study.simulation_cache import WARM, CachedSimulation
 from taichi_plume.study.store import KEPT_FOLDER, forget_failed, leave_failed
+from taichi_plume.study.table_rows import outcomes_of, probed, trial_rows
 
 UNFINISHED = "unfinished"  # beside KEPT_FOLDER, so that paths relative to a run folder stay valid
 ALWAYS = ("scenario.yaml", "result.json")  # files that every kept run folder holds
 PLAYED = "wind and gas come from a film of the study: flow, gas budget and forces are unknown"
 
 
-def perform(task: Task) -> list[Record]:
+def execute_task(task: Task) -> list[Record]:
     """Execute runs of a task until its time limit. A failed run yields a record; the remaining runs continue."""
     began, records = time.perf_counter(), []
     for request in task.requests:

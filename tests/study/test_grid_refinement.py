@@ -2,7 +2,7 @@ import made_study
 import numpy as np
 import pytest
 
-from taichi_plume.study import refine
+from taichi_plume.study import grid_refinement
 from taichi_plume.study.messages import Axis
 
 
@@ -11,7 +11,7 @@ from taichi_plume.study.messages import Axis
 def test_manufactured_values(spacings, p):
     """f = f0 + a h^p gives p and f0 back, whichever order they are given in."""
     h = np.array(spacings)
-    found = refine.order(h[::-1], 3.0 - 1.7 * h[::-1] ** p)
+    found = grid_refinement.order(h[::-1], 3.0 - 1.7 * h[::-1] ** p)
     assert (found.order, found.extrapolated) == pytest.approx((p, 3.0), rel=1e-6)
     assert found.behaviour == "converges"
     assert found.index == pytest.approx(1.25 * 1.7 * h[0] ** p, rel=1e-6)  # safety times the true error
@@ -19,11 +19,11 @@ def test_manufactured_values(spacings, p):
 
 def test_worked_examples():
     """Celik et al. 2008, table 1: first column (unequal ratios, monotone) and third column (oscillating)."""
-    found = refine.order([1.0, 1.5, 1.5 * 1.333], [6.063, 5.972, 5.863])
+    found = grid_refinement.order([1.0, 1.5, 1.5 * 1.333], [6.063, 5.972, 5.863])
     assert found.order == pytest.approx(1.53, abs=0.01)
     assert found.extrapolated == pytest.approx(6.1685, abs=1e-3)
     assert found.index / 6.063 == pytest.approx(0.022, abs=1e-3)
-    found = refine.order([1.0, 2.0, 4.0], [6.0042, 5.9624, 6.0909])
+    found = grid_refinement.order([1.0, 2.0, 4.0], [6.0042, 5.9624, 6.0909])
     assert found.order == pytest.approx(1.51, abs=0.12)
     assert found.behaviour == "oscillates"
 
@@ -33,7 +33,7 @@ def test_worked_examples():
     [([1, 2, 2.5], "diverges"), ([1, 2, 1.5], "diverges"), ([1, 1, 2], "still"), ([1, np.nan, 2], "too few")],
 )
 def test_what_does_not_converge(values, behaviour):
-    assert refine.order([1, 2, 4], values).behaviour == behaviour
+    assert grid_refinement.order([1, 2, 4], values).behaviour == behaviour
 
 
 @pytest.fixture

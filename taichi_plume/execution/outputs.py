@@ -10,13 +10,13 @@ from typing import NamedTuple, Protocol
 
 from taichi_plume import __version__
 from taichi_plume.agents.own_algorithm import OwnAlgorithm
+from taichi_plume.execution import forces_table, maps_output, result, robots_table
+from taichi_plume.execution.signals import SignalRequests
 from taichi_plume.files import checkpoint, disk, manifest
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.files.run_folder import LISTED, RunFolderError
 from taichi_plume.grid.state import State
 from taichi_plume.guard.terminal import say
-from taichi_plume.running import final_maps, forces_table, result, robots_table
-from taichi_plume.running.signals import SignalRequests
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.outputs import Checkpoint
 from taichi_plume.scoring.beliefs import BeliefScores
@@ -110,15 +110,15 @@ class Outputs:
         if sim.forces is not None and wants("forces.csv"):
             tables.append(forces_table.ForceTable(sim, folder / "forces.csv"))
         if scenario.probes is not None and wants("probes.parquet"):
-            from taichi_plume.running.probes_table import ProbeTable
+            from taichi_plume.execution.probes_table import ProbeTable
 
             tables.append(ProbeTable(sim, folder / "probes.parquet", scenario.probes))
         if scenario.fields is not None and wants("fields.zarr"):
-            from taichi_plume.running.filming import Filming
+            from taichi_plume.execution.film_output import Filming
 
             tables.append(Filming(sim, folder / "fields.zarr", scenario.fields))
         if scenario.plumesim_log is not None and wants("plume.pslog"):
-            from taichi_plume.running.plume_log import PlumeLogger
+            from taichi_plume.execution.plume_log import PlumeLogger
 
             tables.append(PlumeLogger(sim, folder / "plume.pslog", scenario.plumesim_log))
         for table in tables:
@@ -128,7 +128,7 @@ class Outputs:
             else:
                 sim.observers.append(observer)
         if (sim.maps or self.belief_scores.groups) and wants("maps.zarr"):
-            return [*tables, final_maps.MapsFile(sim, folder / "maps.zarr", self.map_scores)]
+            return [*tables, maps_output.MapsFile(sim, folder / "maps.zarr", self.map_scores)]
         return [*tables]
 
     def _recorder(self) -> Writer:

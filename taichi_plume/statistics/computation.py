@@ -8,13 +8,13 @@ import numpy as np
 
 from taichi_plume.files.run_folder import RunFolderError, is_run
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.guard.opening import unopenable
+from taichi_plume.guard.safe_open import unopenable
 from taichi_plume.results.run import Run
 from taichi_plume.scenario.domain import Located
 from taichi_plume.scenario.sensors import GasSensor
 from taichi_plume.statistics import sensor_comparison, spectra
 from taichi_plume.statistics.analysis import OfProbe, Settings, of_probe
-from taichi_plume.statistics.filmed import FilmRecord
+from taichi_plume.statistics.film_statistics import FilmRecord
 from taichi_plume.statistics.records import Probe, ProbeRecord, chosen_gas
 from taichi_plume.statistics.result import Statistics
 
