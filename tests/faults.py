@@ -1,4 +1,4 @@
-"""What is left of a run, and what is said, whatever ends it: ``python tests/faults.py`` writes docs/faults.md."""
+"""Files and messages that a run leaves when it is ended early: ``python tests/faults.py`` writes docs/faults.md."""
 
 import json
 import os
@@ -14,13 +14,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 DOC = Path(__file__).parents[1] / "docs" / "faults.md"
-HEAD = """# What is left of a run, whatever ends it
+HEAD = """# Files that an interrupted run leaves
 
-Made by `python tests/faults.py`, and held by a test. Of a run in the folder `out`, with `checkpoint: {every: 5 s}`; its
-files besides `scenario.yaml`. Without a checkpoint the last ten seconds of the clock may be missing, of a recording the
-last 2 s simulated, or 1/250 of the run; with one nothing: `--resume` goes on from it to the same bits.
+`python tests/faults.py` writes this table, and a test keeps it true. The run writes to the folder `out` with
+`checkpoint: {every: 5 s}`; `scenario.yaml` is always there. With a checkpoint nothing is lost: `--resume` continues
+from the checkpoint and gives bit-identical results. Without a checkpoint the tables may lack the last ten seconds of
+wall time, and the recording the last 2 simulated seconds or 1/250 of the run.
 
-| what happens | exit code | status | what is left | what is said |
+| event | exit code | status | files in the folder | message |
 |---|---|---|---|---|
 """
 SCENARIO = """
@@ -54,12 +55,12 @@ WAIT = 60.0  # s
 
 
 class Left(NamedTuple):
-    """What became of a run: exit code, status in result.json, files, and what was said, a line each."""
+    """End of a run: exit code, status in result.json, files, and the lines of the message."""
 
     code: int
     status: str
     files: list[str]
-    said: list[str]
+    message: list[str]
 
 
 def _prepared(folder: Path) -> None:
@@ -68,7 +69,7 @@ def _prepared(folder: Path) -> None:
     (folder / "failing.yaml").write_text(SCENARIO.replace("ALGORITHM", "{kind: own, file: own.py}"))
 
 
-def _left(folder: Path, code: int, said: str) -> Left:
+def _left(folder: Path, code: int, message: str) -> Left:
     out = folder / "out"
     try:
         status = json.loads((out / "result.json").read_text())["status"]
@@ -76,13 +77,13 @@ def _left(folder: Path, code: int, said: str) -> Left:
         status = ""
     files = sorted(file.name for file in out.iterdir()) if out.is_dir() else []
     files = [name for name in files if name not in (".lock", "scenario.yaml")]
-    told = re.sub(r"t = [\d.]+", "t = ...", said.strip()).replace(f"{folder}/", "")
-    told = re.sub(r"[\d,.]+ (rows|MB)", r"... \1", told)
-    return Left(code, status, files, told.split("\n"))
+    text = re.sub(r"t = [\d.]+", "t = ...", message.strip()).replace(f"{folder}/", "")
+    text = re.sub(r"[\d,.]+ (rows|MB)", r"... \1", text)
+    return Left(code, status, files, text.split("\n"))
 
 
 def _started(folder: Path, limit: int | None = None) -> "subprocess.Popen[str]":
-    """A run that has made a checkpoint; limit: bytes of a file."""
+    """Start a run and wait for its first checkpoint; limit: largest file [bytes]."""
 
     def prepare() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
@@ -103,21 +104,21 @@ def _started(folder: Path, limit: int | None = None) -> "subprocess.Popen[str]":
 
 def _ended(folder: Path, run: "subprocess.Popen[str]") -> Left:
     try:
-        _, said = run.communicate(timeout=WAIT)
+        _, message = run.communicate(timeout=WAIT)
     finally:
         run.kill()
-    return _left(folder, run.returncode, said)
+    return _left(folder, run.returncode, message)
 
 
 def by_signal(folder: Path, number: int) -> Left:
-    """A signal is sent."""
+    """Send a signal."""
     run = _started(folder)
     run.send_signal(number)
     return _ended(folder, run)
 
 
 def goes_on(folder: Path) -> Left:
-    """SIGUSR1 asks for a checkpoint; what is told is of the moment after."""
+    """Send SIGUSR1, which requests a checkpoint; the run continues."""
     run = _started(folder)
     before = (folder / "out" / "checkpoint.npz").stat().st_ino
     run.send_signal(signal.SIGSTOP)
@@ -128,29 +129,29 @@ def goes_on(folder: Path) -> Left:
     alive = run.poll() is None
     run.kill()
     left = _ended(folder, run)
-    said = ["nothing: the run goes on, with a new checkpoint"]
-    return left._replace(code=0 if alive else run.returncode, said=said)
+    message = ["none: the run continues and writes a checkpoint"]
+    return left._replace(code=0 if alive else run.returncode, message=message)
 
 
 def repaired(folder: Path) -> Left:
-    """A killed run is completed."""
+    """Complete the files of a killed run."""
     by_signal(folder, signal.SIGKILL)
     done = _command(folder, [sys.executable, "-m", "taichi_plume.repair", "out"])
     return _left(folder, done.returncode, done.stdout + done.stderr)
 
 
 def disk_full(folder: Path) -> Left:
-    """A file meets its limit."""
+    """Limit the size of files."""
     return _ended(folder, _started(folder, limit=3 << 20))
 
 
 def own_code(folder: Path) -> Left:
-    """An algorithm of the user's raises an error."""
+    """Raise an error in the user's algorithm."""
     return _run(folder, "failing.yaml", "--allow-code")
 
 
 def removed(folder: Path) -> Left:
-    """The run's folder is removed."""
+    """Remove the folder of a run."""
     run = _started(folder)
     run.send_signal(signal.SIGSTOP)
     shutil.rmtree(folder / "out")
@@ -159,7 +160,7 @@ def removed(folder: Path) -> Left:
 
 
 def second(folder: Path) -> Left:
-    """Another run into the same folder."""
+    """Start another run with the same folder."""
     run = _started(folder)
     left = _run(folder, "long.yaml", "--force")
     run.kill()
@@ -168,7 +169,7 @@ def second(folder: Path) -> Left:
 
 
 def holds_input(folder: Path) -> Left:
-    """--force on the folder of a run that holds the scenario to be run."""
+    """Use --force on a folder that contains the scenario of the new run."""
     (folder / "out").mkdir()
     (folder / "out" / "result.json").write_text('{"name": "a", "status": "completed", "seed": 1}')
     (folder / "out" / "mine.yaml").write_text((folder / "long.yaml").read_text())
@@ -176,7 +177,7 @@ def holds_input(folder: Path) -> Left:
 
 
 def not_a_run(folder: Path) -> Left:
-    """--force on a folder with files of other programs."""
+    """Use --force on a folder with files of other programs."""
     (folder / "out").mkdir()
     (folder / "out" / "result.json").write_text('{"mine": 1}')
     return _run(folder, "long.yaml", "--force")
@@ -194,32 +195,32 @@ def _run(folder: Path, scenario: str, option: str) -> Left:
 
 FAULTS: dict[str, Callable[[Path], Left]] = {
     "Ctrl-C": lambda folder: by_signal(folder, signal.SIGINT),
-    "SIGTERM: a batch system or container stops it": lambda folder: by_signal(folder, signal.SIGTERM),
+    "SIGTERM: a batch system or container stops the run": lambda folder: by_signal(folder, signal.SIGTERM),
     "SIGHUP: the terminal is closed": lambda folder: by_signal(folder, signal.SIGHUP),
-    "SIGXCPU: its time on the CPU is over": lambda folder: by_signal(folder, signal.SIGXCPU),
+    "SIGXCPU: the limit of CPU time is reached": lambda folder: by_signal(folder, signal.SIGXCPU),
     "SIGUSR1": goes_on,
     "SIGKILL": lambda folder: by_signal(folder, signal.SIGKILL),
     "SIGKILL, then `python -m taichi_plume.repair out`": repaired,
-    "a file meets its limit, or the disk is full": disk_full,
+    "a file reaches the size limit, or the disk is full": disk_full,
     "an own algorithm raises an error": own_code,
-    "its folder is removed": removed,
-    "another run into the same folder, `--force` or not": second,
-    "`--force`, and the folder holds an input": holds_input,
-    "`--force`, and the files there are no run's": not_a_run,
+    "the folder is removed": removed,
+    "another run starts with the same folder, with or without `--force`": second,
+    "`--force` on a folder that contains an input file of the run": holds_input,
+    "`--force` on a folder whose files do not come from a run": not_a_run,
 }
 
 
 def rows() -> str:
-    """The table's rows."""
+    """Return the rows of the table."""
     lines = []
     for what, happen in FAULTS.items():
         with tempfile.TemporaryDirectory() as folder:
             _prepared(Path(folder))
             left = happen(Path(folder))
-        said = "<br>".join(f"`{line}`" for line in left.said if line) or "nothing"
+        message = "<br>".join(f"`{line}`" for line in left.message if line) or "none"
         code = f"killed by {signal.Signals(-left.code).name}" if left.code < 0 else str(left.code)
         lines.append(
-            f"| {what} | {code} | {left.status or 'none'} | {', '.join(left.files) or 'nothing'} | {said} |\n"
+            f"| {what} | {code} | {left.status or 'none'} | {', '.join(left.files) or 'none'} | {message} |\n"
         )
     return "".join(lines)
 

@@ -160,11 +160,16 @@ def page(cases: dict[str, Known], results: dict[str, Any]) -> str:
     for title, about, pattern in GROUPS:
         mine = [name for name in left if re.match(pattern, name)]
         if mine:
-            parts += [f"## {title}\n", f"{about}\n", _table(mine, cases, results), *_plots(mine, results)]
+            parts += [
+                f"## {title}\n",
+                f"{about}\n",
+                _table(mine, cases, results),
+                *_plots(mine, cases, results),
+            ]
         for name in mine:
             del left[name]
     if left:
-        parts += ["## Others\n", _table(list(left), cases, results), *_plots(list(left), results)]
+        parts += ["## Others\n", _table(list(left), cases, results), *_plots(list(left), cases, results)]
     return "\n".join(parts)
 
 
@@ -230,11 +235,11 @@ def _plain(text: str, lines: bool = False) -> str:
 # ---------------------------------------------------------------- plots
 
 
-def _plots(names: list[str], results: dict[str, Any]) -> list[str]:
+def _plots(names: list[str], cases: dict[str, Known], results: dict[str, Any]) -> list[str]:
     drawn = [name for name in names if name in results and _panels(results[name])]
     figures = (
         f"```{{figure}} validation/plots/{name}.svg\n:alt: plots of {name}\n\n"
-        f"`{name}`: {_plain(results[name]['about'])}\n```\n"
+        f"`{name}`: {_plain(cases[name].about)}\n```\n"
         for name in drawn
     )
     return (

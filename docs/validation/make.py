@@ -1,9 +1,9 @@
-"""Renew what the validation's page shows: ``python docs/validation/make.py [NAMES]``.
+"""Update the results on the validation page: ``python docs/validation/make.py [NAMES]``.
 
-Solves the cases of `python -m taichi_plume.validation --list`, each in a process of its own, and keeps what came of
-them in results.json, of which the page is made. All of them take an hour or more: `--limit 60` leaves those alone that
-take longer than a minute. `--reports FOLDER` takes over a report that `python -m taichi_plume.validation --out FOLDER`
-has written, here or on a faster machine. A case that is not renewed keeps what is known of it.
+The command solves the cases of `python -m taichi_plume.validation --list`, each in its own process, and stores their
+results in results.json, from which the page is made. All cases together take hours; `--limit 60` skips cases that take
+longer than a minute. `--reports FOLDER` reads a report that `python -m taichi_plume.validation --out FOLDER` wrote,
+here or on a faster machine. Cases that are not solved keep their stored results.
 """
 
 import argparse
@@ -18,17 +18,17 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 RESULTS = HERE / "results.json"
-PICTURES = 15  # of a case, that are kept
+PICTURES = 15  # most plots stored per case
 
 
 def main() -> int:
-    """Run the command line; 1 where a case could not be solved in time."""
+    """Run the command; return 1 if a case exceeds the time limit or fails, else 0."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("names", nargs="*", metavar="NAMES", help="cases (default: all)")
-    parser.add_argument("--limit", type=float, metavar="S", help="longest time of a case [s]")
-    parser.add_argument("--trials", metavar="N", help="of every experiment (default: its own)")
+    parser.add_argument("--limit", type=float, metavar="S", help="time limit per case [s]")
+    parser.add_argument("--trials", metavar="N", help="trials of each experiment (default: as in the case)")
     parser.add_argument(
-        "--reports", type=Path, nargs="+", default=[], metavar="FOLDER", help="take these over"
+        "--reports", type=Path, nargs="+", default=[], metavar="FOLDER", help="folders of finished reports"
     )
     args = parser.parse_args()
     late = []
@@ -45,37 +45,37 @@ def main() -> int:
             except (subprocess.TimeoutExpired, FileNotFoundError):
                 late.append(name)
     if late:
-        print(f"as before: {', '.join(late)}")
+        print(f"not updated: {', '.join(late)}")
     return 1 if late else 0
 
 
 def names() -> list[str]:
-    """Of all cases."""
+    """Return the names of all cases."""
     sys.path.insert(0, str(ROOT))
     from taichi_plume.validation.cases import CASES
 
     return list(CASES)
 
 
-def known() -> dict[str, Any]:
-    """What is known of each case."""
+def stored() -> dict[str, Any]:
+    """Return the stored results of each case."""
     return json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
 
 
 def take(report: Path) -> None:
-    """Keep what a report tells, beside when, and by which version and commit."""
-    told = json.loads(report.read_text(encoding="utf-8"))
+    """Store the results of a report, with date, versions and commit."""
+    content = json.loads(report.read_text(encoding="utf-8"))
     commit = ["git", "rev-parse", "--short=12", "HEAD"]
-    made = {
+    origin = {
         "date": date.fromtimestamp(report.stat().st_mtime).isoformat(),
-        "versions": told["versions"],
-        "backend": told["backend"],
+        "versions": content["versions"],
+        "backend": content["backend"],
         "commit": subprocess.run(commit, cwd=ROOT, capture_output=True, text=True).stdout.strip() or None,
     }
-    results = known()
-    for case in told["cases"]:
-        shown = dict(list(case.get("pictures", {}).items())[:PICTURES])
-        results[case["name"]] = case | made | {"pictures": shown}
+    results = stored()
+    for case in content["cases"]:
+        pictures = dict(list(case.get("pictures", {}).items())[:PICTURES])
+        results[case["name"]] = case | origin | {"pictures": pictures}
     lines = (
         f"{json.dumps(name)}: {json.dumps(results[name], ensure_ascii=False)}" for name in sorted(results)
     )

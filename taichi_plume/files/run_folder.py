@@ -167,7 +167,7 @@ class RunFolder:
             )
         if not self._ours(self.path):
             raise RunFolderError(
-                f"{self.path}: holds files that no run of ours has left; choose another --out"
+                f"{self.path}: contains files that do not come from a run; choose another --out"
             )
 
     def clear(self) -> None:

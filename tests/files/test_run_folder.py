@@ -65,7 +65,7 @@ def test_an_earlier_run_stays_until_the_new_one_stands(earlier):
 def test_what_no_run_has_left_is_not_overwritten(tmp_path, files):
     for name, content in files.items():
         (tmp_path / name).write_text(content)
-    with pytest.raises(RunFolderError, match="holds files that no run of ours has left"):
+    with pytest.raises(RunFolderError, match="choose another --out"):
         RunFolder("a", tmp_path, force=True)
     assert {file.name: file.read_text() for file in tmp_path.iterdir() if file.name != ".lock"} == files
 
