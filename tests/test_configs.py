@@ -28,7 +28,7 @@ def result_of(name: str, out: Path, *options: str) -> dict:
 def test_configs_are_valid_and_told(path):
     scenario, resources = load(path)
     assert scenario.name == path.stem
-    assert resources.remarks == []
+    assert resources.warnings == []
     assert path.read_text().startswith("# "), "its header says what you will see and how long it takes"
 
 
@@ -37,7 +37,7 @@ def test_studies_are_valid_and_told(path):
     assert path.read_text().startswith("# "), "its header says what it asks and how long it takes"
     if "base" not in yaml.safe_load(path.read_text()):
         assert load(path).scenario.name == path.stem
-        assert load(path).resources.remarks == []
+        assert load(path).resources.warnings == []
         return
     plan = load_plan(path)
     assert plan.study.name == path.stem

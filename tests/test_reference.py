@@ -48,7 +48,7 @@ def test_an_example_is_valid_and_of_its_kind(name, files):
 
 def test_the_scenario_that_examples_begin_from(files):
     (files / "example.yaml").write_text(EXAMPLES["base"])
-    assert load(files / "example.yaml").resources.remarks == []
+    assert load(files / "example.yaml").resources.warnings == []
 
 
 def test_every_kind_has_an_example():

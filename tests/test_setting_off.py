@@ -133,6 +133,6 @@ def test_a_reset_cannot_change_who_waits(sim):
 
 
 def test_what_never_sets_off_is_remarked():
-    never, late = (scenario(group("g", begin), duration=4.0).resources.remarks for begin in (4.0, 3.0))
+    never, late = (scenario(group("g", begin), duration=4.0).resources.warnings for begin in (4.0, 3.0))
     assert any("robots[0].begin: 4 s is not before the end at 4 s" in line for line in never)
     assert not any("begin: 3 s" in line for line in late)

@@ -60,19 +60,19 @@ def load(
     else:
         what = f"got {type(source).__name__}; give the path of a YAML file, or a dict"
         raise ScenarioError([f"scenario: {what}"])
-    remarks: list[str] = []
+    notes: list[str] = []
     files: list[Path] = []
 
     def expand(data: dict[str, Any]) -> dict[str, Any]:
-        whole, notes, read = expanded(data, path, allow_outside)
-        remarks.extend(notes)
+        whole, more, read = expanded(data, path, allow_outside)
+        notes.extend(more)
         files.extend(read)
         return whole
 
     scenario = read_scenario(source, overrides, expand)
     try:
         prepared = checked(scenario, path.resolve().parent, allow_outside, overridden(overrides))
-        prepared.resources.remarks[:0] = remarks
+        prepared.resources.warnings[:0] = notes
         prepared.resources.files["gaden"] = files
         return prepared
     except ScenarioError as error:
@@ -84,7 +84,7 @@ def expanded(
 ) -> tuple[dict[str, Any], list[str], list[Path]]:
     """Replace the key `gaden` of a scenario, if given, by the keys that describe the named GADEN project.
 
-    Returns the keys, remarks on settings that could not be converted, and the files read. Raises ScenarioError.
+    Returns the keys, notes on settings that could not be converted, and the files read. Raises ScenarioError.
     """
     if data.get("gaden") is None:
         return data, [], []
@@ -106,9 +106,9 @@ def checked(
     faults = checks.early_errors(scenario)
     if not faults:
         prepared = prepare(scenario, folder, allow_outside, named)
-        faults = checks.problems(*prepared)
+        faults = checks.errors(*prepared)
         if not faults:
-            prepared.resources.remarks += checks.remarks(*prepared)
+            prepared.resources.warnings += checks.warnings(*prepared)
             return prepared
     raise ScenarioError(faults)
 
@@ -133,7 +133,7 @@ def again(prepared: Prepared, scenario: Scenario) -> Prepared:
     if faults:
         raise StructureError([f"{fault}; a reset cannot change it; assemble again" for fault in faults])
     changed = replace(resources, scenario=other)
-    faults = checks.early_errors(other) or checks.problems(other, changed)
+    faults = checks.early_errors(other) or checks.errors(other, changed)
     if faults:
         raise ScenarioError(faults)
     return Prepared(other, changed)

@@ -39,7 +39,7 @@ class Resources:
     faults: errors of files, by the paths of the keys that name them. files: paths that were opened for each section,
     also by other files, and for `gaden`. shapes: of the obstacles, in their order. site: files of an imported wind.
     code: files of own algorithms; own: their classes, once executed. networks: of policies. ways: paths of
-    recorded robots. remarks: warnings of the checks.
+    recorded robots. warnings: results of the checks.
     """
 
     scenario: Scenario
@@ -54,7 +54,7 @@ class Resources:
     own: dict[str, type] = field(default_factory=dict)
     networks: dict[str, Network] = field(default_factory=dict)
     ways: "dict[str, list[Way]]" = field(default_factory=dict)
-    remarks: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
     _unlike: dict[Path, int] = field(default_factory=dict, repr=False)
     _site_air: "dict[bool, Air]" = field(default_factory=dict, repr=False)
 

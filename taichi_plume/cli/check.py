@@ -40,8 +40,8 @@ def print_check(prepared: Prepared, out: Path | None = None, whole: bool = False
     say(*text.split("\n"), longest=None)
     for name, line in derived(scenario):
         say(f"# {name:<{NAMES}} {line}")
-    for n, remark in enumerate(prepared.resources.remarks, 1):
-        say(f"# unlikely {n}: {remark}")
+    for n, warning in enumerate(prepared.resources.warnings, 1):
+        say(f"# unlikely {n}: {warning}")
     size = estimate(scenario)
     needed = round(size["bytes"] + PROGRAM_BYTES, -7)
     amounts = f"{memory(needed)} of memory, {memory(size['disk'])} on the disk"

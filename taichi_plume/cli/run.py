@@ -35,8 +35,8 @@ def _new(args: argparse.Namespace) -> int:
     overrides = [*args.set, *(f"{key}={value}" for key, value in given.items() if value is not None)]
     prepared = load(args.scenario, overrides, args.allow_outside)
     at_the_end = args.check and sys.stdout.isatty()  # after the output, where notes would scroll away
-    for remark in () if args.quiet or at_the_end else prepared.resources.remarks:
-        say(f"note: {remark}", error=True)
+    for warning in () if args.quiet or at_the_end else prepared.resources.warnings:
+        say(f"note: {warning}", error=True)
     if args.check:
         from taichi_plume.cli.check import print_check
 

@@ -55,8 +55,8 @@ def _serve(args: argparse.Namespace) -> int:
             [f"{args.scenario}: no robot is driven from outside; give a group algorithm: {{kind: external}}"]
         )
     _require_names(args.scenario, [group.name for group in scenario.robots])
-    for remark in () if args.quiet else prepared.resources.remarks:
-        say(f"note: {remark}", error=True)
+    for warning in () if args.quiet else prepared.resources.warnings:
+        say(f"note: {warning}", error=True)
     from taichi_plume.assembly.own_code import execute
     from taichi_plume.execution.execute import Job, simulate
     from taichi_plume.files.run_folder import RunFolder

@@ -206,7 +206,7 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[Js
         content |= sim.scenario.seeds
     if job.service is not None:
         content |= {"service": job.service.summary()}
-    content |= {"remarks": job.prepared.resources.remarks + outputs.remarks}
+    content |= {"remarks": job.prepared.resources.warnings + outputs.remarks}
     if "flow" in content:
         try:
             content["flow"] |= sim.wind.mixing()

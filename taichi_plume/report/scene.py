@@ -128,7 +128,7 @@ def _sides(extent: tuple[float, ...], plane: tuple[int, int]) -> tuple[float, fl
 
 def save_check(prepared: "Prepared", path: Path) -> None:
     """Write a drawing of a checked scenario to a PNG file; its warnings are marked by numbers. Raises OSError."""
-    numbers = numbered(prepared.resources.remarks, prepared.scenario, prepared.resources)
+    numbers = numbered(prepared.resources.warnings, prepared.scenario, prepared.resources)
     path.write_bytes(picture(prepared.scenario, all_shapes(prepared), 150, numbers))
 
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichi_plume.scenario import warnings
+from taichi_plume.scenario import combinations
 from taichi_plume.scenario.domain import Arena, Context, Located
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.scenario import Scenario
@@ -36,14 +36,14 @@ def early_errors(scenario: Scenario) -> list[str]:
     return lines or list(too_large(scenario))
 
 
-def remarks(scenario: Scenario, resources: "Resources") -> list[str]:
+def warnings(scenario: Scenario, resources: "Resources") -> list[str]:
     """Return the warnings of a scenario without errors, each as a line ``path: message``."""
     context = Context(scenario, resources)
-    lines = [line for where, section in every(scenario) for line in section.remarks(where, context)]
-    return [*lines, *warnings.remarks(context)]
+    lines = [line for where, section in every(scenario) for line in section.warnings(where, context)]
+    return [*lines, *combinations.warnings(context)]
 
 
-def problems(scenario: Scenario, resources: "Resources") -> list[str]:
+def errors(scenario: Scenario, resources: "Resources") -> list[str]:
     """Return the errors of a scenario whose input files have been opened, each as a line ``path: message``.
 
     If files could not be read, only these errors are returned: the other checks need all files and shapes.
@@ -51,12 +51,12 @@ def problems(scenario: Scenario, resources: "Resources") -> list[str]:
     context = Context(scenario, resources)
     if resources.faults:
         return [f"{path}: {fault}" for path, fault in resources.faults.items()]
-    lines = [line for where, section in every(scenario) for line in section.unusable(where, context)]
-    return lines or [line for where, section in every(scenario) for line in section.problems(where, context)]
+    lines = [line for where, section in every(scenario) for line in section.file_errors(where, context)]
+    return lines or [line for where, section in every(scenario) for line in section.errors(where, context)]
 
 
 def numbered(
-    remarks: Sequence[str], scenario: Scenario, resources: "Resources"
+    lines: Sequence[str], scenario: Scenario, resources: "Resources"
 ) -> list[tuple[int, tuple[float, ...]]]:
     """Return (number from 1, position [m] with 2 or 3 coordinates) for each of these warnings that has a position."""
     places: dict[str, tuple[float, ...]] = {}
@@ -66,8 +66,8 @@ def numbered(
             if place is not None:
                 places[where] = tuple(float(x) for x in place)
     positions = []
-    for n, remark in enumerate(remarks, 1):
-        path = remark.partition(": ")[0]
+    for n, line in enumerate(lines, 1):
+        path = line.partition(": ")[0]
         fits = [where for where in places if path == where or path.startswith((f"{where}.", f"{where}["))]
         if fits:
             positions.append((n, places[max(fits, key=len)]))

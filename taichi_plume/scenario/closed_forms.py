@@ -41,7 +41,7 @@ class ClosedForm(OneGas):
         """Return the effective cross-section [m²] of a Gaussian plume of this standard deviation [m] at its source."""
         return sqrt(2.0 * pi) * radius * domain.depth if domain.dim == 2 else 2.0 * pi * radius**2
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         wind = context.scenario.wind
         if wind.uniform is None:
             yield (
@@ -81,7 +81,7 @@ class Release(Located):
     radius: si.Length = 0.05
     """Size of the new puff, as standard deviation."""
 
-    def remarks(self, where: str, context: Context) -> Iterator[str]:
+    def warnings(self, where: str, context: Context) -> Iterator[str]:
         if self.time >= context.scenario.duration:
             yield f"{where}.time: {self.time:g} s is not before the end at {context.scenario.duration:g} s"
 

@@ -122,7 +122,7 @@ class Arena(Model):
                 )
         return None
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         fault = self.fault(context.domain.extent)
         if fault:
             yield f"{where}: {fault}"
@@ -136,7 +136,7 @@ class Located(Model):
     position: si.Point
     """Position of the middle, per axis. It has to be in the air: in the room and outside of all obstacles."""
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         position = np.array([self.position])
         radius, longest = vars(self).get("radius", 0.0), max(context.domain.extent)
         if outside := context.outside(position):

@@ -74,7 +74,7 @@ class Replay(AnyAlgorithm):
                 "or none"
             )
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         names = [path.name for path in context.resources.ways[where]]
         count = _group(where, context).count
         listed = ", ".join(names[:MOST_LISTED]) + (" ..." if len(names) > MOST_LISTED else "")
@@ -92,7 +92,7 @@ class Replay(AnyAlgorithm):
                         f"{span('x', low[0], high[0])}, {span('y', low[1], high[1])}"
                     )
 
-    def remarks(self, where: str, context: Context) -> Iterator[str]:
+    def warnings(self, where: str, context: Context) -> Iterator[str]:
         for name, _, inside in self._positions(where, context):
             if not inside.all():
                 share = 100 * (1.0 - inside.mean())

@@ -155,12 +155,12 @@ class PidSensor(GasSensor):
         """Correction factors by species: ppm of the species that give the same signal as 1 ppm of isobutylene."""
         return PID_FACTORS | self.correction
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         if self.calibrated_for not in self.factors:
             known = ", ".join(self.factors)
             yield f"{where}.calibrated_for: no correction for '{self.calibrated_for}'; add one, or use {known}"
 
-    def remarks(self, where: str, context: Context) -> Iterator[str]:
+    def warnings(self, where: str, context: Context) -> Iterator[str]:
         for name in sorted({gas.vapour.name for _, gas in context.scenario.gases} - set(self.factors)):
             if name in UNSEEN:
                 yield f"{where}.kind: a lamp of 10.6 eV does not ionise '{name}': it reads clean air"
@@ -208,7 +208,7 @@ class TdlasSensor(GasSensor):
     def weight(self, species: str) -> float:
         return float(species == self.species)
 
-    def remarks(self, where: str, context: Context) -> Iterator[str]:
+    def warnings(self, where: str, context: Context) -> Iterator[str]:
         gases = sorted({gas.vapour.name for _, gas in context.scenario.gases})
         if self.species not in gases:
             there = f"the gas is {', '.join(gases)}" if gases else "there is no gas"

@@ -49,7 +49,7 @@ class EulerianGas(OneGas):
         r = max(radius, 0.5 * domain.spacing)
         return 2.0 * r * domain.depth if domain.dim == 2 else pi * r**2
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         yield from dishes(where, self.vapour, self.sources)
         yield from inflow_faults(f"{where}.inflow", self.inflow, context)
 
@@ -128,7 +128,7 @@ class PuffGas(OneGas):
         sum."""
         return 4.0 * (5 * dim + 11) * self.most
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         yield from dishes(where, self.vapour, self.sources)
         at_once, tick = self.release_rate * len(self.sources), context.scenario.tick
         if at_once * tick > self.most:
@@ -205,7 +205,7 @@ class MixtureGas(Model):
         parts = tuple(others.get(path, part) for path, part in self.alone(where))
         return self.model_copy(update={"parts": parts})
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         names: dict[str, Species] = {}
         for path, gas in self.alone(where):
             other = names.setdefault(gas.vapour.name, gas.vapour)

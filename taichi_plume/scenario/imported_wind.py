@@ -57,7 +57,7 @@ class ImportedWind(AnyWind, Played):
         if dim == 3 and self.height is not None:
             yield f"{where}.height: is for 2-D runs; remove it, or give domain.size two numbers"
 
-    def unusable(self, where: str, context: Context) -> Iterator[str]:
+    def file_errors(self, where: str, context: Context) -> Iterator[str]:
         """Yield errors found in the first and last wind file; the other files are read at the start of the run."""
         site = context.resources.site
         assert site is not None

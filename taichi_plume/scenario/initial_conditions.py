@@ -68,7 +68,7 @@ class Initial(Model):
         """Return the coordinates [m] of the cell centres along each axis, shaped for broadcasting."""
         return _lattice([(np.arange(n) + 0.5) * domain.spacing for n in domain.shape])
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         try:
             for key, places, values in self.on_grid(context.domain, self._units(where, context)):
                 bad = ~((values >= self.least) & (values <= self.most))
@@ -98,7 +98,7 @@ class FilmedInitial(Initial):
         if self.film is None and self.at is not None:
             yield "at: is a time of a film; remove it, or give a film"
 
-    def unusable(self, where: str, context: Context) -> Iterator[str]:
+    def file_errors(self, where: str, context: Context) -> Iterator[str]:
         if self.film is None:
             return
         film, domain = context.resources.films[where], context.domain

@@ -40,7 +40,7 @@ class AnyMap(Model):
         """
         return 40.0 * prod(extent / self.cell for extent in size[:2])
 
-    def remarks(self, where: str, context: Context) -> Iterator[str]:
+    def warnings(self, where: str, context: Context) -> Iterator[str]:
         window = vars(self).get("window") or 0.0
         if window > context.scenario.duration:
             yield f"{where}.window: {window:g} s is longer than duration: {context.scenario.duration:g} s; lower it"

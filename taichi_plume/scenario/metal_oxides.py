@@ -123,7 +123,7 @@ class Heater(Model):
         """Reaction rate of the film while cold over that while hot (Arrhenius law)."""
         return exp(-self.activation_energy / BOLTZMANN * (1.0 / self.cold - 1.0 / self.hot))
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         if self.hot <= self.cold:
             yield f"{where}.hot: {self.hot:g} K must be above cold: {self.cold:g} K"
 
@@ -234,13 +234,13 @@ class MoxSensor(GasSensor):
         model = MOX_MODELS[self.model]
         return self.curve(self.calibrated_for or model.gas) or (model.c0, model.b)
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         model, gas = MOX_MODELS[self.model], self.calibrated_for
         known = {model.gas, *model.others, *(name for name, share in self.sensitivity.items() if share)}
         if gas is not None and gas not in known:
             yield f"{where}.calibrated_for: no curve of '{gas}'; add a sensitivity, or use {', '.join(sorted(known))}"
 
-    def remarks(self, where: str, context: Context) -> Iterator[str]:
+    def warnings(self, where: str, context: Context) -> Iterator[str]:
         gases, model = {gas.vapour.name for _, gas in context.scenario.gases}, MOX_MODELS[self.model]
         for name in sorted(set(self.sensitivity) - gases):
             yield f"{where}.sensitivity: '{name}' is not in the air of this scenario; is its name right?"

@@ -57,7 +57,9 @@ class Motion(Model):
         points = [(0.0, center[0], center[1]), *self.path]
         return [(a[0], b[0], hypot(b[1] - a[1], b[2] - a[2]) / (b[0] - a[0])) for a, b in pairwise(points)]
 
-    def clashes(self, where: str, center: tuple[float, ...], shape: Shape, domain: Domain) -> Iterator[str]:
+    def placement_errors(
+        self, where: str, center: tuple[float, ...], shape: Shape, domain: Domain
+    ) -> Iterator[str]:
         """Yield errors: path outside the domain, body too fast or too thin for the grid; where: the obstacle's path."""
         for k, point in enumerate(self.path):
             for axis, x, length in zip("xy", point[1:], domain.extent, strict=False):

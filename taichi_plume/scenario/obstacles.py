@@ -25,7 +25,7 @@ TOUCHING = 1e-9  # of the same: a corner this close to an edge lies on it
 class AnyObstacle(Model):
     """Base class of the obstacles: their checks and sizes."""
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         shape, domain = context.resources.shapes[where], context.domain
         extent, size = np.array(domain.extent), shape.high - shape.low
         beyond = (shape.high <= 0) | (shape.low >= extent)
@@ -42,9 +42,9 @@ class AnyObstacle(Model):
                 "move it in or remove it"
             )
         elif isinstance(self, Box | Cylinder | Sphere) and self.motion is not None:
-            yield from self.motion.clashes(where, self.center, shape, domain)
+            yield from self.motion.placement_errors(where, self.center, shape, domain)
 
-    def remarks(self, where: str, context: Context) -> Iterator[str]:
+    def warnings(self, where: str, context: Context) -> Iterator[str]:
         shape, domain = context.resources.shapes[where], context.domain
         if vars(self).get("motion") is not None:
             if context.scenario.wind.computed is None:
@@ -220,9 +220,9 @@ class Prism(Standing):
         around = float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum())
         return _upright(around, abs(_twice_area(corners)) / 2, self.height or inf, domain)
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         yield from _outline(f"{where}.vertices", np.array(self.vertices))
-        yield from super().problems(where, context)
+        yield from super().errors(where, context)
 
 
 class Mesh(Standing):
@@ -265,7 +265,7 @@ class WallMap(Standing):
     height: Annotated[si.Length, COMPILED] | None = None
     """Length from their base upward; unless given, they reach the ceiling. 3-D only."""
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         plan, extent = self._shape(where, context), np.array(context.domain.extent[:2])
         if (plan.high[:2] <= 0).any() or (plan.low[:2] >= extent).any():
             (low, high), at = plan.reach, np.array(self.origin or (0, 0))
@@ -275,7 +275,7 @@ class WallMap(Standing):
             )
             yield f"{where}.origin: the map lies outside the domain: it has {have}, the domain {need}"
 
-    def remarks(self, where: str, context: Context) -> Iterator[str]:
+    def warnings(self, where: str, context: Context) -> Iterator[str]:
         plan, domain = self._shape(where, context), context.domain
         low, high = plan.low[:2], plan.high[:2]
         if (low > domain.spacing).any() or (high < np.array(domain.extent[:2]) - domain.spacing).any():

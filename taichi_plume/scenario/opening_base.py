@@ -78,7 +78,7 @@ class AnyOpening(Model):
         """Return the flow rate [m³/s] that the opening blows into the room at time t [s]; negative if drawn out."""
         return 0.0
 
-    def clashes(self, where: str, number: int, context: Context) -> Iterator[str]:
+    def placement_errors(self, where: str, number: int, context: Context) -> Iterator[str]:
         """Yield errors of this opening's position. number: its index in the list; where: its path, for messages."""
         raise NotImplementedError
 
@@ -105,8 +105,8 @@ class Scheduled(AnyOpening):
             return 0.0
         return min(1.0, (t - step.at) / self.ramp) if self.ramp else 1.0
 
-    def remarks(self, where: str, context: Context) -> Iterator[str]:
-        yield from super().remarks(where, context)
+    def warnings(self, where: str, context: Context) -> Iterator[str]:
+        yield from super().warnings(where, context)
         end = context.scenario.duration
         for n, step in enumerate(self.changes):
             if step.at >= end:
@@ -120,7 +120,7 @@ class FaceOpening(AnyOpening, Region):
     def region(self) -> Region:
         return self
 
-    def clashes(self, where: str, number: int, context: Context) -> Iterator[str]:
+    def placement_errors(self, where: str, number: int, context: Context) -> Iterator[str]:
         yield from self.on_its_face(where, context)
         for m, other in enumerate(context.scenario.openings[:number]):
             if other.region is not None and self.overlaps(other.region, context.domain):
@@ -141,13 +141,13 @@ class Vent(FaceOpening):
     def warms(self) -> bool:
         return self.temperature is not None
 
-    def remarks(self, where: str, context: Context) -> Iterator[str]:
-        yield from super().remarks(where, context)
+    def warnings(self, where: str, context: Context) -> Iterator[str]:
+        yield from super().warnings(where, context)
         fraction = self.open_share(context, with_plates=False)
         if LEAST_OPEN <= fraction < MOSTLY_OPEN:
             flow = f"; the flow through the rest is {1 / fraction:.2g} times as fast" if self.blows else ""
             yield f"{where}: obstacles cover a part of it, {100 * fraction:.0f} % of its area are open{flow}"
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         if self.warms and context.scenario.heat is None:
             yield f"{where}.temperature: has no effect without wind.buoyancy.heat; add that or remove it"

@@ -59,15 +59,15 @@ class Jet(Scheduled, Vent):
     def top_speed(self, domain: Domain) -> float:
         return max(abs(speed) for speed in (self.speed or 0.0, *(step.speed for step in self.schedule)))
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
-        yield from super().problems(where, context)
+    def errors(self, where: str, context: Context) -> Iterator[str]:
+        yield from super().errors(where, context)
         most = max(context.domain.extent)
         if self.turbulence_length is not None and self.turbulence_length > most:
             length = self.turbulence_length
             yield f"{where}.turbulence_length: {length:g} m is longer than the room; use at most {most:g} m"
 
-    def remarks(self, where: str, context: Context) -> Iterator[str]:
-        yield from super().remarks(where, context)
+    def warnings(self, where: str, context: Context) -> Iterator[str]:
+        yield from super().warnings(where, context)
         length, cell = self.turbulence_length, context.domain.spacing
         if length is not None and self.by_chance and length < CARRIED * cell * (1.0 - 1e-6):
             yield (
@@ -146,8 +146,8 @@ class Inlet(Jet):
     """Velocity profile over the opening. uniform, parabolic, or by the height over walls: {kind: log}, power or
     table."""
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
-        yield from super().problems(where, context)
+    def errors(self, where: str, context: Context) -> Iterator[str]:
+        yield from super().errors(where, context)
         if not isinstance(self.profile, str):
             yield from self.profile.errors(f"{where}.profile", self, context.domain)
 
@@ -203,8 +203,8 @@ class MovingWall(Scheduled, FaceOpening):
         parts = [(b - a) * self._velocity_at(0.5 * (a + b)) for a, b in pairwise(times)]  # linear in between
         return np.sum(parts, axis=0) / (end - begin)
 
-    def clashes(self, where: str, number: int, context: Context) -> Iterator[str]:
-        yield from super().clashes(where, number, context)
+    def placement_errors(self, where: str, number: int, context: Context) -> Iterator[str]:
+        yield from super().placement_errors(where, number, context)
         given = [(f"{where}.velocity", self.velocity)]
         given += [(f"{where}.schedule[{n}].velocity", step.velocity) for n, step in enumerate(self.schedule)]
         for place, velocity in given:
@@ -226,7 +226,7 @@ class Periodic(AnyOpening):
     def wraps(self) -> str:
         return self.axis
 
-    def clashes(self, where: str, number: int, context: Context) -> Iterator[str]:
+    def placement_errors(self, where: str, number: int, context: Context) -> Iterator[str]:
         if any(other.wraps == self.axis for other in context.scenario.openings[:number]):
             yield f"{where}: axis {self.axis} is periodic already; remove one"
         for m, other in enumerate(context.scenario.openings):

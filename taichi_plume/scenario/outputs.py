@@ -27,7 +27,7 @@ class Section(Model):
         along_x = extent[0] >= extent[1] if self.plane is None else self.plane == "xz"
         return 1 if along_x else 0
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         extent = context.domain.extent
         axis = self.normal(extent)
         if self.at is not None and len(extent) == 3 and self.at > extent[axis]:
@@ -57,7 +57,7 @@ class Recording(Model):
     """Duration of the trail behind a robot. Unless given, the time for twice the longer side of the arena; with
     one or two robots, all of the run."""
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         extent = context.domain.extent
         for height in self.slice_height or ():
             if len(extent) == 3 and height > extent[2]:
@@ -85,7 +85,7 @@ class Forces(Model):
     every: Literal["step"] | si.Duration = 1.0
     """Time between rows, in whole ticks; step: rows after each step of the air."""
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         tick = context.scenario.tick
         if self.every != "step" and self.every < tick * (1 - CLOSE):
             yield f"{where}.every: {self.every:g} s is shorter than a tick of {tick:g} s; use step, or lower tick"
@@ -105,7 +105,7 @@ class Fields(Model):
     )
     """Quantities to film; temperature only if it is computed (`buoyancy: {heat: ...}` of the wind)."""
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         tick = context.scenario.tick
         if self.rate * tick > 1 + 1e-9:
             yield (
@@ -131,7 +131,7 @@ class PlumeLog(Model):
     height: si.Distance = 0.1
     """Height of the nodes over the floor, in 3-D; the log itself is flat."""
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         domain, tick = context.domain, context.scenario.tick
         ticks = 1 / (self.rate * tick)
         whole = max(1, round(ticks))

@@ -42,7 +42,7 @@ class Playback(Played):
     density_per_unit: ClassVar[float] = 1.0
     """Concentration [kg/m³] of the value 1 in the file."""
 
-    def unusable(self, where: str, context: Context) -> Iterator[str]:
+    def file_errors(self, where: str, context: Context) -> Iterator[str]:
         film = context.resources.films[where]
         recorded = [name for name, variables in (("wind", film.wind), ("gas", film.gas)) if variables]
         if self.part not in recorded:
@@ -97,7 +97,7 @@ class PointPlayback(Played):
     """Read between points, bilinear on a lattice as wide as the cell; zero at a cell from the last of them. Otherwise
     the nearest point counts, as in PlumeSim."""
 
-    def unusable(self, where: str, context: Context) -> Iterator[str]:
+    def file_errors(self, where: str, context: Context) -> Iterator[str]:
         frames, extent = context.resources.frames[where], context.domain.extent
         place = frames.place + np.array(self.offset)
         low, high = place.min(axis=0), place.max(axis=0)
@@ -124,8 +124,8 @@ class PlumeSimWind(AnyWind, PlumeSimLog):
     on_grid: ClassVar[bool] = False
     kind: Literal["plumesim_log"]
 
-    def unusable(self, where: str, context: Context) -> Iterator[str]:
-        yield from super().unusable(where, context)
+    def file_errors(self, where: str, context: Context) -> Iterator[str]:
+        yield from super().file_errors(where, context)
         scenario = context.scenario
         for path, gas in scenario.gases:
             if gas.on_grid:
@@ -175,7 +175,7 @@ class MovieGas(OneGas, Played):
         """Concentration [kg/m³] for the pixel value 1 of the movie's file."""
         return self.ppm_per_unit / self.vapour.ppm_per_density
 
-    def unusable(self, where: str, context: Context) -> Iterator[str]:
+    def file_errors(self, where: str, context: Context) -> Iterator[str]:
         movie, extent = context.resources.movies[where], context.domain.extent
         (x, y), (width, height) = movie.origin, movie.size
         if not (x < extent[0] and y < extent[1] and x + width > 0 and y + height > 0):
@@ -185,6 +185,6 @@ class MovieGas(OneGas, Played):
             )
         yield from self.too_late(where, movie.path, movie.times[-1])
 
-    def remarks(self, where: str, context: Context) -> Iterator[str]:
+    def warnings(self, where: str, context: Context) -> Iterator[str]:
         if not self.sources and context.scenario.robots:
             yield f"{where}.sources: none, so robots cannot find any; give their positions"

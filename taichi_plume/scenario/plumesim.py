@@ -99,7 +99,7 @@ class PlumeSimPuff(PercentGas):
         if self.repeat_from > self.last:
             yield "repeat_from must not be above last"
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         yield from _release(where, self.release_point, context)
         yield from nodes(where, self.cell, context.domain)
 
@@ -125,7 +125,7 @@ class PlumeSimMeander(PercentGas):
 
     by_chance: ClassVar[bool] = True
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         lines = list(_release(where, self.release_point, context))
         yield from lines
         x, width = self.release_point[0], context.domain.extent[0]

@@ -87,7 +87,7 @@ class Policy(AnyAlgorithm):
         if "noses" in self.observe and len(group.sensors.noses) == 1:
             yield f"{where}.algorithm.observe: has 'noses', but there is one gas sensor; remove the entry, or list more"
 
-    def remarks(self, where: str, context: "Context") -> Iterator[str]:
+    def warnings(self, where: str, context: "Context") -> Iterator[str]:
         if not self.file:
             yield f"{where}.file: not given; a policy without a file can be learnt in taichi_plume.envs, but not run"
         tick = context.scenario.tick

@@ -38,7 +38,7 @@ class Probe(Model):
         """Number of points of the probe."""
         return 1
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         if self.size > MOST_POINTS:
             return  # reported for all probes together
         places, keys = self.places, " and ".join(self.what)
@@ -140,7 +140,7 @@ class Probes(Model):
         numbers = scenario.domain.dim + 1 + len(scenario.gases)
         return self.samples(scenario) * self.size * numbers * BYTES_PER_NUMBER
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         if self.size > MOST_POINTS:
             yield f"{where}.points: are {self.size:,} points, at most {MOST_POINTS:,} are taken; use fewer"
         first: dict[str, int] = {}
@@ -149,7 +149,7 @@ class Probes(Model):
                 yield f"{where}.points[{n}].name: '{probe.name}' is the name of points[{m}] too; give each its own"
         yield from starts_late(where, self.start, context)
 
-    def remarks(self, where: str, context: Context) -> Iterator[str]:
+    def warnings(self, where: str, context: Context) -> Iterator[str]:
         scenario = context.scenario
         step = min(scenario.tick, scenario.wind.longest_step(scenario))
         if self.every != "step" and self.every < 0.5 * step:

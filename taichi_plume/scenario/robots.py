@@ -122,7 +122,7 @@ class Group(Model):
         """Return the start positions (count, 2) [m]; None if drawn at random, too few, or not fitting the floor."""
         return None if self.oversize(floor) else self.start.places(self.count)
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         scenario = context.scenario
         if scenario.arena is not None and scenario.arena.fault(context.domain.extent):
             return
@@ -140,11 +140,11 @@ class Group(Model):
             if context.domain.dim == 3:
                 yield from self._heights(where, context.domain.extent[2])
             yield from self._flight(where)
-            yield from self.start.clashes(f"{where}.start", self.body, self.count, context)
+            yield from self.start.placement_errors(f"{where}.start", self.body, self.count, context)
             yield from self._found_at_once(where, context)
         yield from self.algorithm.in_group(where, self, scenario.floor)
 
-    def remarks(self, where: str, context: Context) -> Iterator[str]:
+    def warnings(self, where: str, context: Context) -> Iterator[str]:
         if self.reach == 0 and not (
             self.stands or context.scenario.maps
         ):  # robots that measure or map need none

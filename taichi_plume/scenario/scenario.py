@@ -207,7 +207,7 @@ class Scenario(Model):
             yield f"tick: {self.tick:g} s makes {ticks:.3g} ticks, at most {MOST_TICKS:g} are counted; raise it"
         yield from super().dimension_errors(where, dim)
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         first: dict[str, int] = {}
         names: list[tuple[str, int]] = []
         discs: list[tuple[np.ndarray, float]] = []

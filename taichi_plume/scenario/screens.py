@@ -35,7 +35,7 @@ class Screen(Window):
         """Return a [m/s] and b [-] of the pressure drop over the density, (a + b |u|) u, at air velocity u [m/s]."""
         raise NotImplementedError
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         domain = context.domain
         half = max(self.thickness, domain.spacing) / 2
         low, high = half + domain.spacing, domain.extent[self.normal] - half - domain.spacing

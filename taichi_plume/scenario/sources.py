@@ -104,8 +104,8 @@ class Source(Located):
             vars(self)["radius"] = 0.5 * self.dish.diameter
         return self
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
-        yield from super().problems(where, context)
+    def errors(self, where: str, context: Context) -> Iterator[str]:
+        yield from super().errors(where, context)
         half = 0.5 * self.dish.diameter if self.dish else self.radius
         spreads = half < self.radius <= context.domain.spacing * (1 + 1e-6)
         if self.dish and abs(self.radius - half) > 0.01 * half and not spreads:
@@ -114,7 +114,7 @@ class Source(Located):
                 f"radius, or use {half:g} m"
             )
 
-    def remarks(self, where: str, context: Context) -> Iterator[str]:
+    def warnings(self, where: str, context: Context) -> Iterator[str]:
         if self.rate == 0:
             yield f"{where}.rate: 0 kg/s: it emits nothing"
         yield from never_emits(where, self.start, self.stop, context)
@@ -126,7 +126,7 @@ class Target(Source):
     rate: si.Rate = 0.0
     """Rate without effect: the plume is given, and robots search for this position."""
 
-    def remarks(self, where: str, context: Context) -> Iterator[str]:
+    def warnings(self, where: str, context: Context) -> Iterator[str]:
         yield from ()
 
 

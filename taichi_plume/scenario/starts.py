@@ -47,7 +47,7 @@ class AnyStart(Model):
             return 0.0
         return ALTITUDE if self.altitude is None else self.altitude
 
-    def clashes(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
+    def placement_errors(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
         """Yield errors of the start positions of `count` robots with this body; where: path of the start."""
         raise NotImplementedError
 
@@ -66,7 +66,7 @@ class StartAt(AnyStart):
     def places(self, count: int) -> np.ndarray | None:
         return self.listed if len(self.positions) == count else None
 
-    def clashes(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
+    def placement_errors(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
         if len(self.positions) != count:
             yield f"{where}.positions: {len(self.positions)} given for {count} robots; give one position per robot"
         else:
@@ -85,7 +85,7 @@ class StartLine(AnyStart):
     def places(self, count: int) -> np.ndarray:
         return np.linspace(self.begin, self.end, count)
 
-    def clashes(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
+    def placement_errors(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
         yield from touching(where, body, self.places(count), context, self.low_end(body))
 
 
@@ -98,7 +98,7 @@ class StartArea(AnyStart):
     high: si.Point2
     """Upper corner of the rectangle in which the centres are drawn, x and y."""
 
-    def clashes(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
+    def placement_errors(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
         low, high = np.array(self.low), np.array(self.high)
         if (high < low).any():
             yield f"{where}.high: must not be below low, got {self.high} under {self.low}"

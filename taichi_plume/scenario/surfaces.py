@@ -28,7 +28,7 @@ class Surfaces(Model):
     what: ClassVar[str] = "surface"
     """Noun for the condition of an obstacle in messages."""
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         walls: tuple[Region, ...] = vars(self)["walls"]
         for n, wall in enumerate(walls):
             yield from wall.on_its_face(f"{where}.walls[{n}]", context)

@@ -64,7 +64,7 @@ class Task(Model):
         """Length of each recording of wind and gas [s]; by default two episodes."""
         return 2.0 * self.episode if self.film is None else self.film
 
-    def problems(self, where: str, context: "Context") -> Iterator[str]:
+    def errors(self, where: str, context: "Context") -> Iterator[str]:
         if self.film is not None and self.film < self.episode:
             yield f"{where}.film: {self.film:g} s is shorter than an episode of {self.episode:g} s; raise it"
         scenario = context.scenario

@@ -152,8 +152,8 @@ class Model(BaseModel):
     def dimension_errors(self, where: str, dim: int) -> Iterator[str]:
         """Yield an error for each key that does not fit a run in `dim` dimensions; where: path of the section.
 
-        An error is a line: path of the key, what is wrong, and what is allowed. The same holds for `unusable` and
-        `problems`.
+        An error is a line: path of the key, what is wrong, and what is allowed. The same holds for `file_errors` and
+        `errors`.
         """
         model = type(self)
         for key in model.model_fields:
@@ -170,15 +170,15 @@ class Model(BaseModel):
                         place = f"[{n}]" * isinstance(value, tuple)
                         yield f"{where}.{key}{place}: '{name}' does not exist in a 2-D run; use x or y"
 
-    def unusable(self, where: str, context: "Context") -> Iterator[str]:
+    def file_errors(self, where: str, context: "Context") -> Iterator[str]:
         """Yield errors in the content of input files, which make the other checks impossible; none by default."""
         yield from ()
 
-    def problems(self, where: str, context: "Context") -> Iterator[str]:
+    def errors(self, where: str, context: "Context") -> Iterator[str]:
         """Yield the errors of a section whose input files are readable; none by default."""
         yield from ()
 
-    def remarks(self, where: str, context: "Context") -> Iterator[str]:
+    def warnings(self, where: str, context: "Context") -> Iterator[str]:
         """Yield warnings about values that are allowed but probably not meant, of a section without errors."""
         yield from ()
 

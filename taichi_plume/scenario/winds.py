@@ -122,7 +122,7 @@ class CfdWind(AnyWind):
     def longest_step(self, scenario: "Scenario") -> float:
         return self.courant * super().longest_step(scenario)
 
-    def remarks(self, where: str, context: Context) -> Iterator[str]:
+    def warnings(self, where: str, context: Context) -> Iterator[str]:
         if self.roughness and self.turbulence.kind == "none":
             yield f"{where}.roughness: needs a model of eddies; use turbulence: {{kind: smagorinsky}}"
         elif (self.roughness or 0.0) > 0.5 * context.domain.spacing:
@@ -130,13 +130,13 @@ class CfdWind(AnyWind):
                 f"{where}.roughness: {self.roughness:g} m is more than half a cell of {context.domain.spacing:g} m, "
                 "too much for the law of the wall; lower it, or use obstacles"
             )
-        yield from super().remarks(where, context)
+        yield from super().warnings(where, context)
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         lines = [
             line
             for n, opening in enumerate(self.openings)
-            for line in opening.clashes(f"{where}.openings[{n}]", n, context)
+            for line in opening.placement_errors(f"{where}.openings[{n}]", n, context)
         ]
         yield from lines or self._net_inflow(where, context)
 
@@ -221,7 +221,7 @@ class UniformWind(AnyWind):
     def axes_speed(self, scenario: "Scenario") -> float:
         return sum(abs(v) for v in self.velocity)
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         if context.scenario.obstacles:
             yield f"{where}.kind: a uniform wind blows through obstacles; remove them, or use kind: cfd or synthetic"
         if self.gusts is None:
@@ -250,8 +250,8 @@ class FrozenWind(CfdWind):
     def moving(self, whole: float) -> float:
         return min(whole, self.after)
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
-        yield from super().problems(where, context)
+    def errors(self, where: str, context: Context) -> Iterator[str]:
+        yield from super().errors(where, context)
         whole = context.scenario.warm_up + context.scenario.duration
         if self.after > whole:
             yield (
@@ -310,7 +310,7 @@ class SyntheticWind(AnyWind):
     def axes_speed(self, scenario: "Scenario") -> float:
         return GUST * hypot(self.speed, self.circulation)
 
-    def problems(self, where: str, context: Context) -> Iterator[str]:
+    def errors(self, where: str, context: Context) -> Iterator[str]:
         spacing = context.domain.spacing
         shortest = self.shortest_on(spacing)
         if shortest < 2 * spacing:

@@ -31,7 +31,7 @@ class Checks:
         faults = checks.early_errors(scenario)
         if not faults:
             prepared = self.prepared(scenario)
-            faults = checks.problems(*prepared)
+            faults = checks.errors(*prepared)
             if not faults:
                 return prepared
         raise ScenarioError(faults)

@@ -157,7 +157,7 @@ def _run_with_files(cached: CachedSimulation, task: Task, request: Request) -> t
         end = whole(cached.sim)
         content = result(cached.sim, end.status, end.message, WARM.backend, outputs.map_scores)
         played = [PLAYED] if cached.player is not None else []
-        content |= {"remarks": cached.prepared.resources.remarks + outputs.remarks + played}
+        content |= {"remarks": cached.prepared.resources.warnings + outputs.remarks + played}
         write_result(folder, content)
         outcomes = outcomes_of(task.options.outcomes, content, folder / "probes.parquet")
         if keep:

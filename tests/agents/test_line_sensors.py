@@ -231,6 +231,6 @@ def test_what_is_probably_not_meant_is_told(tmp_path, sensor, algorithm, told):
     scenario["robots"][0]["algorithm"] |= algorithm
     (tmp_path / "s.yaml").write_text(json.dumps(scenario))
     lines = [
-        one for one in load(tmp_path / "s.yaml").resources.remarks if "species" in one or "threshold" in one
+        one for one in load(tmp_path / "s.yaml").resources.warnings if "species" in one or "threshold" in one
     ]
     assert [line for line in lines if line.startswith(f"robots[0]{told}")] if told else not lines, lines

@@ -42,7 +42,7 @@ def test_a_fixed_scenario_is_sound(name):
     one = fixed(name, 3, 5)
     prepared = prepare(one.scenario, FOLDER)
     assert not prepared.resources.faults
-    assert not prepared.resources.remarks
+    assert not prepared.resources.warnings
     assert one.scenario.seed == 3
     assert one.scenario.robots[0].trials == 5
     assert one.about[1].startswith("The question: ")

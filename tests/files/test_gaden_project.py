@@ -98,7 +98,7 @@ def project(folder: Path, sim: dict[str, Any] | None = None, config: dict[str, A
 def test_one_line_is_the_scenario_of_the_project(tmp_path):
     path = project(tmp_path)
     scenario, resources = load(path)
-    assert not resources.remarks
+    assert not resources.warnings
     assert scenario.domain.size == pytest.approx((4.0, 3.0, 0.8))  # without floor and ceiling
     assert scenario.wind.origin == pytest.approx((-1.0, 2.0, 0.2))
     assert scenario.domain.spacing == CELL
@@ -198,7 +198,7 @@ def test_without_an_occupancy_grid_it_is_made_of_the_models(tmp_path):
     assert scenario.domain.size == pytest.approx((4.0, 2.6, 0.8))
     assert set(scenario.wind.walls) == {"y-", "y+", "z-", "z+"}
     assert scenario.gases[0][1].sources[0].position == pytest.approx((0.8, 1.3, 0.3))
-    assert "has no OccupancyGrid3D.csv yet" in resources.remarks[0]
+    assert "has no OccupancyGrid3D.csv yet" in resources.warnings[0]
     names = {file.name for file in resources.files["wind"]}
     assert names > {"config.yaml", "10x6_walls.stl", "10x6_box.stl", "10x6_door_left.stl"}
 
@@ -299,6 +299,6 @@ def test_what_is_no_project_is_told(tmp_path, line, fault):
 def test_a_source_of_another_shape_and_a_later_loop_are_told(tmp_path):
     line = {"sourceType": "line", "position": [-0.2, 3.5, 0.5], "lineEnd": [0, 3.5, 0.5], "gasType": 1}
     loop = {"loop": True, "from": 1, "to": 1}
-    remarks = "\n".join(load(project(tmp_path, {"source": line, "windLooping": loop})).resources.remarks)
+    remarks = "\n".join(load(project(tmp_path, {"source": line, "windLooping": loop})).resources.warnings)
     assert "a source of type line is released from a point" in remarks
     assert "loops from a later file on" in remarks

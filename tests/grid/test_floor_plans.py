@@ -386,7 +386,7 @@ def test_neither_air_nor_gas_nor_robots_go_through_a_thin_wall(tmp_path):
 
 def test_checks_of_a_map(tmp_path):
     slanted(tmp_path)
-    assert not load(tmp_path / "room.yaml").resources.remarks
+    assert not load(tmp_path / "room.yaml").resources.warnings
     cases = {
         "obstacles.0.origin=[5, 5]": r"obstacles\[0\]\.origin: the map lies outside the domain: it has x -3 to -1 m",
         "obstacles.0.file=none.yaml": r"obstacles\[0\]: none\.yaml: no such file",
@@ -396,5 +396,5 @@ def test_checks_of_a_map(tmp_path):
     for override, told in cases.items():
         with pytest.raises(ScenarioError, match=told):
             load(tmp_path / "room.yaml", [override])
-    remarks = load(tmp_path / "room.yaml", ["domain.size=[3, 2]"]).resources.remarks
+    remarks = load(tmp_path / "room.yaml", ["domain.size=[3, 2]"]).resources.warnings
     assert any("domain.size of 2 x 1.2 m with an origin of [-3, 5]" in remark for remark in remarks)

@@ -46,8 +46,8 @@ def plan(folder, door=slice(0, 0)):
     return {"kind": "map", "file": "plan.yaml"}
 
 
-def remarks(prepared):
-    return [one for one in prepared.resources.remarks if "openings[0]" in one and "open" in one]
+def warnings(prepared):
+    return [one for one in prepared.resources.warnings if "openings[0]" in one and "open" in one]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -61,7 +61,7 @@ def test_walls_of_a_map_seal_an_opening_on_any_grid(tmp_path, kind, spacing):
 
 @pytest.mark.parametrize("spacing", [0.1, 0.05])
 def test_a_door_is_the_open_share_of_the_face(tmp_path, spacing):
-    (note,) = remarks(prepared(tmp_path, plan(tmp_path, slice(4, 12)), spacing))
+    (note,) = warnings(prepared(tmp_path, plan(tmp_path, slice(4, 12)), spacing))
     assert "40 %" in note
     assert "2.5 times as fast" in note
 
@@ -78,7 +78,7 @@ def test_a_door_is_the_open_share_of_the_face(tmp_path, spacing):
     ],
 )
 def test_a_part_that_is_covered_is_noted(tmp_path, obstacle, size, share):
-    notes = remarks(prepared(tmp_path, obstacle, size=size))
+    notes = warnings(prepared(tmp_path, obstacle, size=size))
     assert len(notes) == (share is not None)
     assert all(f"{share} %" in one for one in notes)
 
@@ -100,7 +100,7 @@ def test_the_share_is_that_of_the_faces_through_which_the_run_blows(tmp_path, do
     case = prepared(tmp_path, box if obstacle else plan(tmp_path, door))
     (grid, air), opening = _box(case.scenario, case.resources), case.scenario.wind.openings[0]
     open_share = patch_of(opening, grid, air.area).covered.mean()
-    notes = remarks(case)
+    notes = warnings(case)
     assert len(notes) == (open_share < 0.9)
     assert all(f"{100 * open_share:.0f} %" in one for one in notes)
 

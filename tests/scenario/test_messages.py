@@ -78,7 +78,7 @@ def said(folder: Path, text: str, *changes: str) -> list[str]:
     path = folder / "s.yaml"
     path.write_text(text)
     try:
-        return [f"note: {line}" for line in load(path, changes).resources.remarks]
+        return [f"note: {line}" for line in load(path, changes).resources.warnings]
     except ScenarioError as error:
         return [line.removeprefix(f"{path}: ") for line in error.lines]
 

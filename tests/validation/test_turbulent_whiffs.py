@@ -21,7 +21,7 @@ def test_the_decade_lies_between_the_smallest_and_the_largest_eddies():
     assert 0.5 * inlet.turbulence_length / inlet.speed >= case.LAST
     puffs = scenario.gas.parts[1]
     assert 4.0 * puffs.initial_size / inlet.speed < case.FIRST / 2.0
-    assert resources.remarks == []
+    assert resources.warnings == []
     places = np.concatenate([one.places for one in scenario.probes.points])
     assert len(places) == len(case.DISTANCES) * case.ROWS * len(case.ACROSS)
     sources = np.array([one.position for one in puffs.sources])

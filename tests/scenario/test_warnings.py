@@ -6,8 +6,8 @@ from test_meshes import box_triangles, write_stl
 from test_messages import DUCT, FLOOR, ROOM, said
 
 from taichi_plume.assembly.preparation import load
+from taichi_plume.scenario.combinations import course, peak
 from taichi_plume.scenario.domain import Context
-from taichi_plume.scenario.warnings import course, peak
 
 
 def of_obstacles(tmp_path, *overrides):

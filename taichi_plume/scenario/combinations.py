@@ -65,7 +65,7 @@ def course(context: Context) -> Course | None:
     return Course(sign * np.eye(dim)[axis], speed)
 
 
-def remarks(context: Context) -> Iterator[str]:
+def warnings(context: Context) -> Iterator[str]:
     """Yield all warnings about combinations of values in a scenario without errors."""
     where = course(context)
     yield from _air(context, where)
