@@ -124,7 +124,7 @@ def _begin(job: Job, sim: Simulation, signals: SignalRequests) -> Outputs:
     outputs = Outputs(sim, about, signals)
     signals.running = True
     if job.saved is not None:
-        outputs.go_on(job.saved)
+        outputs.resume(job.saved)
         return outputs
     folder.clear()
     stands = False

@@ -68,7 +68,7 @@ class Filming:
         disk.require_room(self.path)
         self._open()
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """Resume the film: cut off the frames after the last `flush`. Raises FilmError if frames are missing."""
         self._open(resume_at=self.frames)
 

@@ -23,7 +23,7 @@ class ForceTable:
         self.file = self.closing.enter_context(self.path.open("wb"))
         self.file.write(self.head.encode())
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """Resume the table: cut off rows after the last `flush`. Raises RunFolderError if the file is shorter."""
         cut(self.path, self.size)
         self.file = self.closing.enter_context(self.path.open("ab"))

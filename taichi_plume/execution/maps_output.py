@@ -26,7 +26,7 @@ class MapsFile:
         disk.require_room(self.path)
         self.open = True
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """Prepare for a resumed run: remove the maps that the interrupted run wrote at its end."""
         shutil.rmtree(self.path, ignore_errors=True)
         self.start()

@@ -36,7 +36,7 @@ class Writer(Protocol):
         """Create the output file."""
         ...
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """Continue the file of a resumed run: cut off all data after the length in STATE."""
         ...
 
@@ -79,7 +79,7 @@ class About(NamedTuple):
 class Outputs:
     """All output files and the checkpoints of a run. The constructor adds the observers that record data to `sim`.
 
-    `start()` creates the files, `go_on(saved)` continues those of an interrupted run, `close()` finishes them. Raises
+    `start()` creates the files, `resume(saved)` continues those of an interrupted run, `close()` finishes them. Raises
     OSError as soon as the disk is full, ScenarioError if requested checkpoints are impossible.
     """
 
@@ -173,7 +173,7 @@ class Outputs:
             writer.start()
         self._write_progress()
 
-    def go_on(self, saved: Json) -> None:
+    def resume(self, saved: Json) -> None:
         """Restore the state from a checkpoint and continue the files. Raises RunFolderError if either does not fit."""
         self._state = State(self)
         fault = self._state.unlike(saved["state"])
@@ -189,7 +189,7 @@ class Outputs:
         try:
             (self.about.folder / manifest.NAME).unlink(missing_ok=True)
             for writer in self._writers:
-                writer.go_on()
+                writer.resume()
         except BaseException:
             if not self.close() and before is not None:
                 with disk.written_whole(path) as fresh:

@@ -38,7 +38,7 @@ class PlumeLogger:
         disk.require_room(self.path)
         self._open("wb")
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """Resume the log: cut off frames after the last `flush`. Raises RunFolderError if frames are missing."""
         cut(self.path, self.size)
         self._open("r+b")

@@ -63,7 +63,7 @@ class GrowingTable:
     """Writer of a Parquet table in samples of `count` rows. `close()` writes the table, also after an error.
 
     values: samples that are not yet in the Arrow stream, (samples, count) by column; names: dictionaries of the
-    columns of names, whose values are indices. `start()` creates the table, `go_on()` continues it in a resumed run.
+    columns of names, whose values are indices. `start()` creates the table, `resume()` continues it in a resumed run.
     Raises OSError if the disk is full.
     """
 
@@ -90,7 +90,7 @@ class GrowingTable:
         self.stream.open("xb").close()
         self.open = True
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """Continue the table of a resumed run with its first `rows` rows. Raises RunFolderError if fewer are left."""
         disk.require_room(self.path)
         rows, self.rows = self.rows, 0

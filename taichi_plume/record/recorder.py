@@ -35,7 +35,7 @@ MENDED = "recording.part.rrd"
 class Recorder:
     """Writer of `path` while `sim` runs. Add `observers()` to the simulation's; call `close()` in any case.
 
-    `start()` begins the file, `go_on()` continues the file of a resumed run. live: address of a viewer (see `live`).
+    `start()` begins the file, `resume()` continues the file of a resumed run. live: address of a viewer (see `live`).
 
     Raises OSError, from the constructor or an observer, as soon as the disk has too little room.
     """
@@ -112,7 +112,7 @@ class Recorder:
         """Start writing the recording."""
         self.stream.begin()
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """Resume a recording: start the file with the earlier contents up to the last `flush`."""
         whole = self.path.with_name(EARLIER)
         if self.path.exists() and not whole.exists():  # otherwise this step was interrupted before

@@ -149,7 +149,7 @@ class Inlet(Jet):
     def errors(self, where: str, context: Context) -> Iterator[str]:
         yield from super().errors(where, context)
         if not isinstance(self.profile, str):
-            yield from self.profile.errors(f"{where}.profile", self, context.domain)
+            yield from self.profile.region_errors(f"{where}.profile", self, context.domain)
 
 
 class Honeycomb(Jet):

@@ -44,7 +44,7 @@ class HeightProfile(Model):
         """Return the speed at `heights` [m] in any unit; of_opening: heights of points all over the inlet."""
         raise NotImplementedError
 
-    def errors(self, where: str, region: Region, domain: Domain) -> Iterator[str]:
+    def region_errors(self, where: str, region: Region, domain: Domain) -> Iterator[str]:
         """Yield errors of the profile for an inlet that covers this region of a face; where: the profile's path."""
         if any(wall[0] == region.face[0] for wall in self.walls):
             yield f"{where}.walls: the inlet is on face {region.face} itself; name an adjacent face"

@@ -33,7 +33,7 @@ class Link(Protocol):
         """Send a message to all subscribers of a topic without waiting; `wants` must have been called before."""
         ...
 
-    def go_on(self, t: float) -> None:
+    def announce_time(self, t: float) -> None:
         """Announce to clients that simulated time is t [s]."""
         ...
 

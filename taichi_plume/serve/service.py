@@ -186,7 +186,7 @@ class Service:
             behind = ceil(group.inbox.timeout * speed / sim.dt) if speed < inf else 1 << 40
             group.inbox.published(sim.tick, sim.tick - behind)
         for link in self.links:
-            link.go_on(sim.t)
+            link.announce_time(sim.t)
         self._send(messages)
         if sim.tick > 0:
             self.taking.append(self.clock() - self._began)

@@ -107,7 +107,7 @@ class WebSocketLink:
         """Send a message to all subscribers of a topic; a client that reads too slowly misses messages."""
         self._call(self._publish, self._channels[topic], data, time.time_ns())
 
-    def go_on(self, t: float) -> None:
+    def announce_time(self, t: float) -> None:
         self._call(self._broadcast, struct.pack("<BQ", TIME, round(1e9 * max(0.0, t))))
 
     def close(self) -> None:

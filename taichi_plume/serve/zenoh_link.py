@@ -44,7 +44,7 @@ class ZenohLink:
         """Send a message to all subscribers of a topic; a slow subscriber loses the oldest messages."""
         self._publishers[topic].put(data)
 
-    def go_on(self, t: float) -> None:
+    def announce_time(self, t: float) -> None:
         """Do nothing: zenoh clients read simulated time from the topic `clock`."""
 
     def close(self) -> None:

@@ -45,7 +45,7 @@ def test_rows_of_a_checkpoint_are_kept_wherever_the_resumption_is_killed(tmp_pat
         def resumed(copy: Path = copy) -> robots_table.RobotTable:
             again = robots_table.RobotTable(sim, copy / "robots.parquet")
             again.rows = rows
-            again.go_on()
+            again.resume()
             return again
 
         killed = cut_off(monkeypatch, last, resumed)
@@ -74,7 +74,7 @@ def test_a_stream_is_read_up_to_the_last_complete_batch(tmp_path):
     table.stream.write_bytes(content[:-1])
     table.rows = 33
     with pytest.raises(run_folder.RunFolderError, match="32 of its first 33 rows are left"):
-        table.go_on()
+        table.resume()
     assert table.stream.read_bytes() == content[:-1], "the rows that are left stay"
 
 

@@ -124,7 +124,7 @@ def test_the_report_says_whose_of_rivals_maps_it_shows(path):
 def test_a_run_that_goes_on_has_no_maps_of_its_earlier_end(ended, path):
     sim, judge, _ = ended
     writer = maps_output.MapsFile(sim, path, judge)
-    writer.go_on()
+    writer.resume()
     assert not path.exists()
     writer.flush()
     assert not path.exists()

@@ -153,7 +153,7 @@ def test_bytes_depend_neither_on_flushes_nor_on_a_resumption(tmp_path, monkeypat
     table.flush()
     again = robots_table.RobotTable(sim, tmp_path / "robots.parquet")
     again.rows = rows
-    again.go_on()
+    again.resume()
     sim.observers[-1] = again.observer()
     sim.run()
     again.close()

@@ -87,7 +87,7 @@ class Robots:
         )
         self.incoming["my_team/commands"](ros.encode(one))
 
-    def go_on(self, t: float) -> None:
+    def announce_time(self, t: float) -> None:
         self.now = t
 
     def close(self) -> None:

@@ -184,7 +184,7 @@ def test_topics_and_time_reach_subscribers(link):
         one.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 7, "channelId": about["id"]}]}))
         until(lambda: link.wants(*GAS))
         link.publish(GAS[0], b"data")
-        link.go_on(1.5)
+        link.announce_time(1.5)
         message, clock = one.recv(ENOUGH), one.recv(ENOUGH)
         assert (message[:5], message[13:]) == (b"\x01\x07\0\0\0", b"data")
         assert abs(int.from_bytes(message[5:13], "little") / 1e9 - time.time()) < ENOUGH
