@@ -19,8 +19,8 @@ class VCycle:
     """Multigrid V-cycle x = M b on the finest level, M symmetric: two damped Jacobi sweeps each way, merged cells, and
     the dense inverse on the coarsest level.
 
-    All levels are stored in flat arrays one after the other, so every kernel is compiled only once. The caller uploads
-    `tables` before the first cycle.
+    All levels are stored in flat arrays one after the other, so every kernel is compiled only once. A thread computes
+    one piece of a level: a row of cells on a CPU, a cell on a GPU. The caller uploads `tables` before the first cycle.
     """
 
     def __init__(self, fractions: OpenFractions, tables: Tables):
@@ -50,7 +50,7 @@ class VCycle:
         damped = np.concatenate([self._damped(level).ravel(order="F") for level in levels])
         self.damped = tables.put(ti.field(ti.f32, total), damped)
         self.x, self.t, self.b = (ti.field(ti.f32, total) for _ in range(3))
-        self.rows = [n[1] * n[2] for n in self.shapes]
+        self.pieces = [n[1] * n[2] if self.strips else prod(n) for n in self.shapes]
         single = FEW_CELLS if on_cpu() else 0  # levels up to this size are solved in a single thread
         last = len(levels) - 1
         self.threaded = next(k for k, n in enumerate(self.shapes) if prod(n) <= single or k == last)
@@ -114,8 +114,17 @@ class VCycle:
         return below, above
 
     @ti.func
-    def _fill(self, target: Template, formula: Template, level, row, extra: Template):
-        """Set target = formula(first, i, n0, low, high, step, extra) in the cells of a row, in strips on a CPU."""
+    def _place(self, level, piece):
+        """Return the row of a piece, and its cell in the row (0 on a CPU, where a piece is a row)."""
+        row, i = piece, 0
+        if ti.static(not self.strips):
+            row = piece // self.layout[level, 1]
+            i = piece - row * self.layout[level, 1]
+        return row, i
+
+    @ti.func
+    def _fill(self, target: Template, formula: Template, level, row, start, extra: Template):
+        """Set target = formula(first, i, n0, low, high, step, extra) in a row by strips; on a GPU in cell `start`."""
         first, n0, low, high, step = self._row(level, row)
         if ti.static(self.strips):
             for strip in range((n0 + STRIP - 1) // STRIP):
@@ -126,8 +135,7 @@ class VCycle:
                 for n in range(count):
                     target[first + strip * STRIP + n] = values[n]
         else:
-            for i in range(n0):
-                target[first + i] = formula(first, i, n0, low, high, step, extra)
+            target[first + start] = formula(first, start, n0, low, high, step, extra)
 
     @ti.func
     def _jacobi(self, first, i, n0, low: Template, high: Template, step: Template, source: Template):
@@ -150,14 +158,16 @@ class VCycle:
     # ---- the V-cycle
 
     @ti.func
-    def _smooth(self, source: Template, target: Template, level, rows):
-        for row in range(rows):
-            self._fill(target, self._jacobi, level, row, source)
+    def _smooth(self, source: Template, target: Template, level, pieces):
+        for piece in range(pieces):
+            row, start = self._place(level, piece)
+            self._fill(target, self._jacobi, level, row, start, source)
 
     @ti.func
-    def _restrict(self, level, coarse_rows):
+    def _restrict(self, level, coarse_pieces):
         """Set b of the next coarser level to the residual summed over merged cells, scaled to the coarser spacing."""
-        for row in range(coarse_rows):
+        for piece in range(coarse_pieces):
+            row, coarse = self._place(level + 1, piece)
             target, _, _, _, _ = self._row(level + 1, row)
             n1, n2 = self.layout[level, 2], self.layout[level, 3]
             f0, f1, f2 = self.layout[level, 4], self.layout[level, 5], self.layout[level, 6]
@@ -165,8 +175,10 @@ class VCycle:
             j = row - k * self.layout[level + 1, 2]
             length = self.layout[level, 1]
             scale = 4.0 / ti.cast(f0 * f1 * f2, ti.f32)
-            for i in range((length + f0 - 1) >> (f0 - 1)):
-                self.b[target + i] = 0.0
+            total = 0.0
+            if ti.static(self.strips):
+                for i in range((length + f0 - 1) >> (f0 - 1)):
+                    self.b[target + i] = 0.0
             for kk in range(k * f2, ti.min(k * f2 + f2, n2)):
                 for jj in range(j * f1, ti.min(j * f1 + f1, n1)):
                     first, n0, low, high, step = self._row(level, kk * n1 + jj)
@@ -182,37 +194,40 @@ class VCycle:
                                 place = target + ((strip * STRIP + n) >> (f0 - 1))
                                 self.b[place] = self.b[place] + values[n]
                     else:
-                        for i in range(length):
+                        for i in range(coarse * f0, ti.min(coarse * f0 + f0, length)):
                             ax = self._apply(self.x, first, i, n0, low, high, step)
-                            place = target + (i >> (f0 - 1))
-                            self.b[place] = self.b[place] + scale * (self.b[first + i] - ax)
+                            total += scale * (self.b[first + i] - ax)
+            if ti.static(not self.strips):
+                self.b[target + coarse] = total
 
     @ti.func
-    def _prolong(self, level, rows):
+    def _prolong(self, level, pieces):
         """Add the correction of the next coarser level to x."""
-        for row in range(rows):
+        for piece in range(pieces):
+            row, start = self._place(level, piece)
             m0, m1 = self.layout[level + 1, 1], self.layout[level + 1, 2]
             k = row // self.layout[level, 2]
             j = row - k * self.layout[level, 2]
             f0, f1, f2 = self.layout[level, 4], self.layout[level, 5], self.layout[level, 6]
             begin = self.layout[level + 1, 0] + ((k // f2 + 1) * (m1 + 2) + j // f1 + 1) * (m0 + 2) + 1
-            self._fill(self.x, self._with_coarse, level, row, ti.Vector([begin, f0 - 1]))
+            self._fill(self.x, self._with_coarse, level, row, start, ti.Vector([begin, f0 - 1]))
 
     @ti.func
     def _with_coarse(self, first, i, n0, low: Template, high: Template, step: Template, coarse: Template):
         return self.x[first + i] + self.x[coarse[0] + (i >> coarse[1])]
 
     @ti.func
-    def _down_passes(self, level, rows, coarse_rows):
-        for row in range(rows):
-            self._fill(self.x, self._jacobi_twice, level, row, 0)
-        self._restrict(level, coarse_rows)
+    def _down_passes(self, level, pieces, coarse_pieces):
+        for piece in range(pieces):
+            row, start = self._place(level, piece)
+            self._fill(self.x, self._jacobi_twice, level, row, start, 0)
+        self._restrict(level, coarse_pieces)
 
     @ti.func
-    def _up_passes(self, level, rows):
-        self._prolong(level, rows)
-        self._smooth(self.x, self.t, level, rows)
-        self._smooth(self.t, self.x, level, rows)
+    def _up_passes(self, level, pieces):
+        self._prolong(level, pieces)
+        self._smooth(self.x, self.t, level, pieces)
+        self._smooth(self.t, self.x, level, pieces)
 
     @ti.func
     def _rows(self, level):
@@ -233,12 +248,12 @@ class VCycle:
         self._solve_coarsest()
 
     @ti.kernel
-    def _down(self, level: ti.i32, rows: ti.i32, coarse_rows: ti.i32):
-        self._down_passes(level, rows, coarse_rows)
+    def _down(self, level: ti.i32, pieces: ti.i32, coarse_pieces: ti.i32):
+        self._down_passes(level, pieces, coarse_pieces)
 
     @ti.kernel
-    def _up(self, level: ti.i32, rows: ti.i32):
-        self._up_passes(level, rows)
+    def _up(self, level: ti.i32, pieces: ti.i32):
+        self._up_passes(level, pieces)
 
     @ti.kernel
     def _coarse_levels(self, begin: ti.i32, end: ti.i32):
@@ -255,10 +270,10 @@ class VCycle:
 
     def _v_cycle(self) -> None:
         for k in range(self.threaded):
-            self._down(k, self.rows[k], self.rows[k + 1])
+            self._down(k, self.pieces[k], self.pieces[k + 1])
         if self.threaded < len(self.shapes) - 1:
             self._coarse_levels(self.threaded, len(self.shapes) - 1)
         else:
             self._coarsest()
         for k in reversed(range(self.threaded)):
-            self._up(k, self.rows[k])
+            self._up(k, self.pieces[k])

@@ -87,6 +87,20 @@ def test_the_equations_are_met(fields, method, shape, obstacle, outlet, periodic
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("case", [CASES[2], CASES[4]])
+def test_multigrid_by_cells_as_on_a_gpu(fields, case, monkeypatch):
+    grid, faces, b, _ = problem(*case)
+    fractions = OpenFractions.of(faces, grid)
+    by_rows = solve(Multigrid(fractions, grid), grid, fields, b, 1e-4)
+    monkeypatch.setattr("taichi_plume.solvers.vcycle.on_cpu", lambda: False)
+    by_cells = Multigrid(fractions, grid)
+    assert not by_cells.strips
+    np.testing.assert_allclose(
+        solve(by_cells, grid, fields, b, 1e-4), by_rows, atol=1e-4 * np.abs(by_rows).max()
+    )
+
+
+@pytest.mark.slow
 def test_iterations_hardly_grow_with_the_grid(fields):
     iterations = []
     for n in (16, 32):
