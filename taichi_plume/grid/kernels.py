@@ -190,17 +190,21 @@ def visit(bodies: Sequence[Callable], shapes: Sequence[tuple[int, ...]]) -> Pass
     dim = len(shapes[0])
     pairs = tuple(range(len(bodies)))
     bodies, shapes = tuple(bodies), tuple(shapes)
-    rows = tuple(shape[:0:-1] for shape in shapes)  # axis 0 is contiguous, so it is the innermost
+    # axis 0 is contiguous: the innermost loop on a CPU, neighbouring threads on a GPU
+    rows = tuple(shape[:0:-1] if on_cpu() else shape[::-1] for shape in shapes)
 
     @ti.func
     def run(a, b):
         for q in ti.static(pairs):
             for J in ti.grouped(ti.ndrange(*rows[q])):
                 I = ti.Vector.zero(ti.i32, dim)
-                for d in ti.static(range(1, dim)):
+                for d in ti.static(range(dim - len(rows[0]), dim)):
                     I[d] = J[dim - 1 - d]
-                for i in range(shapes[q][0]):
-                    I[0] = i
+                if ti.static(on_cpu()):
+                    for i in range(shapes[q][0]):
+                        I[0] = i
+                        bodies[q](I, a, b)
+                else:
                     bodies[q](I, a, b)
 
     return Pass(run, sum(prod(shape) for shape in shapes))
