@@ -116,7 +116,10 @@ def window_of(t: np.ndarray | float, window: float, dt: float) -> np.ndarray:
 
 
 def windows(t: float, window: float, dt: float) -> tuple[int, int]:
-    """Return how many time windows [s] had ended before the readings at time t [s], and with them; dt: step [s]."""
+    """Return the number of time windows that ended before time t [s], and the number that ended by t.
+
+    window: length of a time window [s]; dt: time step [s].
+    """
     slack = 1e-6 * dt  # t has rounding errors
     return int(window_of(t, window, dt)), floor((t + slack) / window)
 

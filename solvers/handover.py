@@ -25,12 +25,14 @@ WIDENED = 1.0 / 12.0 + 1.0 / 6.0  # variance [cells²] added by means over cells
 
 @ti.data_oriented
 class Handover:
-    """Gas on the grid that came from wide puffs."""
+    """Handover of wide puffs: their gas is deposited on the grid, and the wind transports it there.
+
+    solver: `PuffSolver` whose puffs are handed over; convection: key of the convection scheme.
+    """
 
     STATE = ("transport",)
 
     def __init__(self, solver: Any, wind: Carrier, air: Air, convection: str):
-        """solver: `PuffSolver`, owner of the puffs, which calls `begin`; convection: key of the convection scheme."""
         self.solver, self.grid, self.wind = solver, solver.grid, wind
         self.limit = (WIDTH * self.grid.dx) ** 2
         self.air = self.grid.field()

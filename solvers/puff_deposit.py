@@ -33,10 +33,12 @@ def _below(z):
 
 @ti.data_oriented
 class Deposit:
-    """Deposit of a solver's puffs in the cells of the grid. Field c: mean concentration of each cell [kg/m³]."""
+    """Deposit of a solver's puffs in the cells of the grid. Field c: mean concentration of each cell [kg/m³].
+
+    solver: `PuffSolver` with the puffs; c: field to fill, by default a new one; rest: field for rounding errors of c.
+    """
 
     def __init__(self, solver: Any, air: Air, c: Field | None = None, rest: Field | None = None):
-        """solver: `PuffSolver`, owner of the puffs; c: field to fill, by default new; rest: rounding errors of c."""
         self.solver, self.grid, self.dim = solver, solver.grid, solver.dim
         self.c: Field = self.grid.field() if c is None else c
         self.rest: Field = rest

@@ -75,7 +75,10 @@ class Mapper(Protocol):
         ...
 
     def weight(self) -> np.ndarray:
-        """Return the weight of the data behind the estimate, (trials, nx, ny), in the map's own measure, or 0."""
+        """Return the weight of the readings in each cell's estimate, (trials, nx, ny); 0 without readings.
+
+        The scale of the weights depends on the kind of map.
+        """
         ...
 
 

@@ -322,7 +322,7 @@ def test_the_maps_command_takes_a_bag(run, bag, tmp_path, capsys):
         (["--frame"], "--frame: expected one argument"),
         (["--air", "0"], "--air: got 0 ohm; at least 1 ohm"),
         (["--model", "nose"], "--model: invalid choice: 'nose'"),
-        (["--trial", "3"], "so there is no trial 3"),
+        (["--trial", "3"], "from which to select trial 3"),
     ):
         capsys.readouterr()
         assert maps.main([str(bag), *options, "--out", str(tmp_path / "c"), *wrong]) == 2

@@ -118,7 +118,7 @@ def _make(args: argparse.Namespace, model: Map) -> int:
             folder.settle(stands)
     peak = gas_map.scores["peak"]
     if peak["ppm"] is None:
-        say("no cell is known: the last readings are too old")
+        say("the map is empty: its last readings are too old")
     elif peak["x_m"] is None:
         say("no gas: 0 ppm in all known cells")
     else:

@@ -89,5 +89,5 @@ class SearchVecEnv(VecEnv, Environment):
         raise AttributeError(f"{method_name}: the environments share one object without such methods")
 
     def env_is_wrapped(self, wrapper_class: type, indices: object = None) -> list[bool]:
-        """Return False for each selected environment: no environment is wrapped."""
+        """Return a list of False, one per selected environment, as environments here have no wrappers."""
         return [False for _ in self._get_indices(indices)]

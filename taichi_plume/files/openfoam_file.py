@@ -89,14 +89,14 @@ class FoamFile:
             sizes, at = [], 0
             for _ in range(count):
                 if at >= len(values) or values[at] < 3 or values[at] != int(values[at]):
-                    raise self.wrong("its list is cut or damaged")
+                    raise self.wrong("the list of faces is truncated or damaged")
                 sizes.append(int(values[at]))
                 at += sizes[-1] + 1
             heads = np.cumsum([0, *sizes[:-1]]) + np.arange(count)
             ends = np.cumsum(sizes)
             flat = np.delete(values, heads).astype(np.int64) if at == len(values) else np.empty(0, np.int64)
         if not len(ends) or (np.diff(ends, prepend=0) < 3).any() or ends[-1] != len(flat):
-            raise self.wrong("its list is cut or damaged")
+            raise self.wrong("the list of faces is truncated or damaged")
         return flat, ends
 
     def _list(
@@ -115,7 +115,7 @@ class FoamFile:
         size = int(head[1]) * width * kind.itemsize
         if head[2] == b"{":  # one value for all
             if len(self.body) <= head.end() + 64 or (required is None and int(head[1]) > MOST_EQUAL):
-                raise self.wrong("its list is cut or damaged")
+                raise self.wrong("the list of faces is truncated or damaged")
             value = np.frombuffer(self.body, kind, width, head.end())
             return np.tile(value, int(head[1])), head.end() + width * kind.itemsize + 1
         if self.body[head.end() + size : head.end() + size + 1] != b")":

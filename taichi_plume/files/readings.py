@@ -178,7 +178,7 @@ def _of_group(path: Path, known: dict[str, np.ndarray], group: str | None) -> np
     if group is None:
         return np.ones(len(known["t"]), bool)
     if "group" not in known:
-        raise ReadingsError(f"{path}: has no column group, so there is no group '{group}'")
+        raise ReadingsError(f"{path}: has no column 'group' from which to select group '{group}'")
     # each sensor of a bag's robot with several sensors is a group, named by its topic
     names = [str(name) for name in known["group"]]
     chosen = np.array([name == group or name.startswith(f"{group}/") for name in names], bool)
@@ -191,7 +191,7 @@ def _of_trial(path: Path, trials: np.ndarray | None, trial: int | None, chosen: 
     """Return a mask of the `chosen` rows in this trial, by default the first. trials: (rows,), None if unknown."""
     if trials is None:
         if trial is not None:
-            raise ReadingsError(f"{path}: has no column trial, so there is no trial {trial}")
+            raise ReadingsError(f"{path}: has no column 'trial' from which to select trial {trial}")
         return chosen
     there = trials[chosen & np.isfinite(trials)]
     if not len(there):

@@ -229,7 +229,7 @@ def _along_axes(
     count = np.maximum(last - first, 0)
     if count.prod() > TURNED**2 * MOST_TURNED:
         raise MapError(
-            f"its picture is turned, and has more than {MOST_TURNED:,} pixels in the domain; turn it back"
+            f"its picture is rotated and has more than {MOST_TURNED:,} pixels in the domain; save it without rotation"
         )
     return _drawn(solid, plan, shift, low + size * first, size, count), size, low + size * first
 

@@ -156,7 +156,7 @@ class Scenario(Model):
 
     @property
     def screens(self) -> tuple[AnyScreen, ...]:
-        """Permeable screens in the flow if it is computed; otherwise none."""
+        """Return the permeable screens of a computed flow; other winds have none."""
         return self.wind.computed.screens if self.wind.computed else ()
 
     @property
