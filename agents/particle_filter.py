@@ -117,7 +117,9 @@ class ParticleFilter(Casting):
 
     @ti.kernel
     def _sense(self, due: bool, dt: float):
-        """Update wind, gas detection and plume tracing of all robots; if `due`, also the drift of past releases."""
+        """Update wind, gas detection and plume tracing of all robots; if an update of the particles is due, also the
+        drift of past releases.
+        """
         ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             i = self.robot[n]

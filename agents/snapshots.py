@@ -155,7 +155,7 @@ class SnapMap(GasMap):
         return cls(model, floor, needs.snapshots)
 
     def begin(self, model: models.SnapshotMap) -> None:
-        """Reset the map for a run; the parameters of `model` must not change, as maps share snapshots by them."""
+        """Reset the map for a run. Maps of equal parameters share snapshots, so the parameters must not change."""
         super().begin(model)
         self.window = model.window
         self.snaps.begin()

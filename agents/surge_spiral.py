@@ -4,7 +4,7 @@ After Lochmatter & Martinoli, "Theoretical analysis of three bio-inspired plume 
 doi:10.1109/ROBOT.2009.5152521. FIND, UPWIND, U and s as in `tracking`.
 
 SURGE   drive along U; out of the plume for lost_distance: SPIRAL
-SPIRAL  along r = gap phi / 2 pi, turning towards s; after so many turns, or when blocked, FIND
+SPIRAL  along r = gap phi / 2 pi, turning towards s; after the set number of turns, or when blocked, FIND
 """
 
 from math import pi

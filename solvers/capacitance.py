@@ -164,7 +164,9 @@ def _in_lines(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _images(kind: str, i: np.ndarray, j: np.ndarray) -> list[tuple[int, np.ndarray]]:
-    """Return (sign, distances (len(i), len(j))) from i to j and, unless periodic, to the mirror image of j."""
+    """Return pairs of sign and distances from i to j, (len(i), len(j)): for the source at j and, unless the axis is
+    periodic, for the mirror image of the source, whose sign is -1 at a free face.
+    """
     direct = [(1, np.abs(i[:, None] - j))]
     return direct if kind == "periodic" else [*direct, (-1 if kind[0] == "f" else 1, i[:, None] + j + 1)]
 

@@ -142,7 +142,9 @@ class Surfaces:
 
     @ti.func
     def _is_adverse(self, d: Template, k, along):
-        """Return whether the pressure at the k-th surface face of axis d rises along the velocity `along`."""
+        """Return whether the pressure gradient is adverse at the k-th surface face of axis d: it rises along the
+        tangential velocity `along`.
+        """
         I = self._cell[d][k]
         D = ti.Vector.unit(self.dim, d, ti.i32)
         rise = along[d] * (self.m.p[I] - self.m.p[I - D])

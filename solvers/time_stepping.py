@@ -60,7 +60,7 @@ class Limits:
 
     @ti.func
     def _cell(self, J, i):
-        """Return the padded index of the i-th cell of row J."""
+        """Return the index, ghost cells included, of the i-th cell of the grid row J."""
         return ti.Vector([i + self.grid.ghost] + [J[self.dim - 1 - d] for d in ti.static(range(1, self.dim))])
 
     def passes(self) -> tuple[Pass, Pass]:

@@ -143,7 +143,7 @@ LATER = {"kind": "eulerian", "sources": [{"position": [0.6, 1.5], "rate": 2e-5, 
     ("changes", "why"),
     [
         ({"robots": [group("team", trials=2, reach=0)]}, "reach is 0"),
-        ({"gas": LATER}, "none had started"),
+        ({"gas": LATER}, "no source had started"),
     ],
 )
 def test_nothing_is_claimed_where_nothing_could_be_found(changes, why):
@@ -152,7 +152,7 @@ def test_nothing_is_claimed_where_nothing_could_be_found(changes, why):
     assert team["no_search"] == why
     assert team["success_rate"] is None
     assert {one["n"] for one in team["summary"].values()} == {0}
-    assert lines["team"] == f"casting, no source to be found: {why}"
+    assert lines["team"] == f"casting, no search took place: {why}"
     assert ("from a source" in lines["time series map"]) == (why == "reach is 0")
 
 
@@ -168,14 +168,14 @@ def test_a_scenario_without_sources():
     gas = {"kind": "playback", "file": "a.zarr"}
     sim.scenario = fake_run.scenario(2, duration=2, gas=gas)
     content, lines = told_of(sim)
-    assert lines["team"] == "casting, no source to be found: there is none"
+    assert lines["team"] == "casting, no search took place: there is no source"
     assert content["groups"][0]["per_trial"]["final_distance_m"] == [None, None]
 
 
 def test_a_run_that_was_interrupted_claims_no_more_than_it_saw():
     sim: Any = fake_run.simulation(fake_run.scenario(2, duration=100, warm_up=5))
     content, lines = told_of(sim, "interrupted")
-    assert lines["team"] == "casting, no source to be found: the robots had not started"
+    assert lines["team"] == "casting, no search took place: the robots had not started"
     assert content["maps"][0]["mean_gas"]["per_trial_at_end"] == {}
     assert lines["time series map"] == "no cell is known"
     for _ in range(80):

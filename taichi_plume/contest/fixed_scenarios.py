@@ -40,7 +40,7 @@ class Fixed(NamedTuple):
 
 
 def fixed(name: str, seed: int | None = None, searches: int | None = None) -> Fixed:
-    """Read a scenario of NAMES. seed, searches (number in each air) replace the values of the file."""
+    """Read the scenario `name`, one of NAMES, from its file. seed, searches (number in each air) replace its values."""
     text = (FOLDER / f"{name}.yaml").read_text(encoding="utf-8")
     data = yaml.safe_load(text)
     if seed is not None:

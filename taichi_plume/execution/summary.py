@@ -122,7 +122,7 @@ def _group_line(group: Json) -> str:
     trials, n = group["per_trial"], group["trials"]
     text = f"{group['algorithm']}, "
     if group["no_search"]:
-        return f"{text}no source to be found: {group['no_search']}"
+        return f"{text}no search took place: {group['no_search']}"
     text += f"{sum(trials['found'])} of {group['robots'] * n} robots found a source"
     text += " by declaring" if group.get("found_by") == "declared" else ""
     if n > 1:

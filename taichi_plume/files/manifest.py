@@ -110,7 +110,7 @@ def changed(path: Path) -> str | None:
         if path.is_file() and path.stat().st_size != recorded["bytes"]:
             return f"{path}: has changed since its run: {path.stat().st_size} bytes, not {recorded['bytes']}"
         if digest(path) != recorded:
-            return f"{path}: has changed since its run: the checksum differs from {NAME} beside it"
+            return f"{path}: has changed since its run: its checksum differs from the one in {NAME}"
     except ManifestError as error:
         return str(error)
     except OSError as error:

@@ -117,7 +117,7 @@ class Parts:
             section.table(facts.trials(group), heads, caption)
         for group in groups:
             if group["no_search"]:
-                section.lines.append(f"{group['name']}: no source to be found, {group['no_search']}.")
+                section.lines.append(f"{group['name']}: no search took place: {group['no_search']}.")
         for group in groups:
             if group.get("shares_arena_with"):
                 others = ", ".join(group["shares_arena_with"])

@@ -31,7 +31,7 @@ class Section(Model):
         extent = context.domain.extent
         axis = self.normal(extent)
         if self.at is not None and len(extent) == 3 and self.at > extent[axis]:
-            yield f"{where}.at: {self.at:g} m is outside the domain; use at most {extent[axis]:g} m of {'xy'[axis]}"
+            yield f"{where}.at: {self.at:g} m is outside the domain; use 0 to {extent[axis]:g} m along {'xy'[axis]}"
 
 
 class Recording(Model):

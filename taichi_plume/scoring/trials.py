@@ -236,9 +236,9 @@ def no_search(sim: Simulation, group: GroupRange, success: Iterable[bool] = ()) 
     if sim.tick <= 0 or (group.model.begin > 0 and sim.t <= group.model.begin):
         return "the robots had not started"
     if not len(on):
-        return "there is none"
+        return "there is no source"
     if not on.any():
-        return "none had started"
+        return "no source had started"
     return None if group.model.reach > 0 else "reach is 0"
 
 
