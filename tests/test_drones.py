@@ -266,7 +266,7 @@ class Link:
     def publish(self, topic, data):
         self.messages.append((topic, data))
 
-    def go_on(self, t):
+    def announce_time(self, t):
         pass
 
     def close(self):
