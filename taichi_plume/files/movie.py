@@ -55,8 +55,8 @@ class Movie:
             raise FilmError(f"{path}: has the shape {shape} of {kind}; wanted numbers over (time, y, x)")
         if not min(shape) or shape[0] > MOST_FRAMES or shape[1] * shape[2] > MOST_PIXELS:
             raise FilmError(
-                f"{path}: has the shape {shape}; wanted at least one frame and pixel, at most {MOST_FRAMES} frames "
-                f"of {MOST_PIXELS} pixels"
+                f"{path}: has the shape {shape}; allowed are 1 to {MOST_FRAMES} frames "
+                f"of 1 to {MOST_PIXELS} pixels"
             )
         pieces = math.prod(-(-size // chunk) for size, chunk in zip(shape[1:], chunks[1:], strict=True))
         if pieces > MOST_CHUNKS:

@@ -55,7 +55,10 @@ class Picture(NamedTuple):
 
     @property
     def levels(self) -> np.ndarray:
-        """Physical values in `unit` of the bytes 0 to 255, float32; on a logarithmic scale 0 for "at most low"."""
+        """Physical values in `unit` of the bytes 0 to 255, float32.
+
+        On a logarithmic scale byte 0 stands for values up to `low`, and its value is 0.
+        """
         share = np.arange(256) / 255
         if not self.logarithmic:
             return (self.low + (self.high - self.low) * share).astype(np.float32)

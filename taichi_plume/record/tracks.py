@@ -136,7 +136,7 @@ class Tracks:
                 self._note_declared(robot, sim.t, now)
 
     def _note_declared(self, robot: Robot, t: float, now: dict[str, np.ndarray]) -> None:
-        """Add a declaration as an event and a mark. After a right declaration the swarm stores no other position."""
+        """Add a declaration as an event and a mark. The swarm keeps the position of the first right declaration."""
         declared, false, place, when = (
             now[name][robot.index]
             for name in ("declarations", "false_declarations", "declared_position", "declared_time")

@@ -262,7 +262,7 @@ class Run:
         return (self.folder / name).exists()
 
     def require(self, name: str) -> None:
-        """Raise RunFolderError, with advice, if the run's folder lacks the file fields.zarr or recording.rrd."""
+        """Raise RunFolderError, with advice, if the run's folder lacks `name`, fields.zarr or recording.rrd."""
         if not self.has(name):
             how = "`fields: {rate: 2}` in the scenario" if name == "fields.zarr" else "a recording"
             raise RunFolderError(f"{self.folder}: has no {name}; run with {how}")

@@ -135,7 +135,7 @@ class ContinuousSource(PlumeSource):
 
 
 class ContinuousGas(ClosedForm):
-    """The exact plume of steady or switched sources in a uniform wind that spreads evenly (constant diffusivity)."""
+    """Exact plume of steady or switched sources in a uniform wind, with a constant diffusivity in all directions."""
 
     kind: Literal["continuous"]
     sources: Annotated[tuple[ContinuousSource, ...], Field(min_length=1)]

@@ -47,7 +47,7 @@ def starts_late(where: str, start: float, context: Context) -> Iterator[str]:
     """Yield an error if the time `start` [s] of a recording, whose path is `where`, is after the end of the run."""
     end = context.scenario.duration
     if start > end:
-        yield f"{where}.start: {start:g} s is after the end at {end:g} s; start it earlier"
+        yield f"{where}.start: {start:g} s is after the end of the run at {end:g} s; start it earlier"
 
 
 class Domain(Model):

@@ -162,7 +162,7 @@ class Results:
         self._require("refinement")
         axis = grid_refinement.axis_of(self.plan.about)
         if axis is None:
-            raise RunFolderError(f"{self.folder}: the study has no axis on {grid_refinement.SPACING}")
+            raise RunFolderError(f"{self.folder}: no axis of the study varies {grid_refinement.SPACING}")
         return pandas.DataFrame(
             [
                 {**row, "words": grid_refinement.words(row)}

@@ -203,7 +203,7 @@ GAUSSIAN = "gas={kind: plumesim_gaussian, release_point: "
         (["plumesim_log={cell: 0.6}"], "plumesim_log.cell: 0.6 m is wider than the domain"),
         ([GAUSSIAN + "[0, 0], cell: 1e-5}"], "gas.cell: 1e-05 m makes"),
         ([GAUSSIAN + "[0, 0], cell: 1e4}"], "gas.cell: 10000 m is wider"),
-        (["plumesim_log={start: 5}"], "plumesim_log.start: 5 s is after the end"),
+        (["plumesim_log={start: 5}"], "plumesim_log.start: 5 s is after the end of the run"),
         (["gas.start=1.5"], "gas.start: 1.5 s is after"),
         (["gas.offset=[-2, 0]"], "no point of"),
         ([GAUSSIAN + "[1, 0.2]}"], "gas.release_point: x = 1 m is outside"),

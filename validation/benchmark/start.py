@@ -45,11 +45,14 @@ def first_tick(config: Path, arch: str = "cpu") -> int:
     from taichi.lang import impl
 
     from taichi_plume import load_scenario
-    from taichi_plume.assembly.assemble import assemble
 
     try:
+        from taichi_plume.assembly.assemble import assemble
+    except ImportError:  # older checkouts
+        from taichi_plume.assemble import assemble
+    try:
         from taichi_plume.grid import kernels
-    except ImportError:  # older checkouts without subpackages
+    except ImportError:  # still older ones
         from taichi_plume import kernels
     try:
         scenario = load_scenario(config, ["warm_up=0"])
