@@ -1,9 +1,11 @@
-"""Faster tracing of Taichi's kernels, the longest part of a start with compiled kernels on disk.
+"""Faster tracing of Taichi's kernels, the longest part of a start with compiled kernels on disk; faster attributes.
 
 Taichi 1.7, the last release, collects data for error messages: at each call of a function its source, for each node of
 a kernel the position in the source, and for each field the whole stack. Here sources are read once and positions are
-file and line. A function of Taichi is replaced only if its parameters are as expected. The traced code is the same, so
-that the cache of compiled kernels stays valid.
+file and line. Attributes of objects with kernels are plain attributes; in Taichi each access runs a function.
+
+A function of Taichi is replaced only if its parameters are as expected. The traced code is the same, so that the cache
+of compiled kernels stays valid.
 """
 
 import ast
@@ -127,6 +129,44 @@ def building(plain: Callable) -> Callable:
     return build
 
 
+# ---------------------------------------------------------------- attributes
+
+
+class KernelMethod:
+    """Descriptor that binds a kernel of a class to an object of the class."""
+
+    def __init__(self, kernel: Any):
+        self.kernel = kernel
+        kernel._is_staticmethod = False
+
+    def __get__(self, owner: object, kind: type | None = None) -> Any:
+        if owner is None:
+            return self.kernel
+        bound = kernel_impl._BoundedDifferentiableMethod(owner, self.kernel)
+        bound.__name__ = self.kernel.__name__
+        return bound
+
+
+def binding(plain: Callable[[type], type]) -> Callable[[type], type]:
+    """Return a decorator `data_oriented` with which attributes cost a lookup; Taichi's runs a function at each access.
+
+    Classes with kernels that are static methods or properties are left to `plain`, Taichi's decorator.
+    """
+
+    def data_oriented(cls: type) -> type:
+        members = {name: member for kind in reversed(cls.__mro__) for name, member in vars(kind).items()}
+        wrapped = (getattr(member, "__func__", getattr(member, "fget", None)) for member in members.values())
+        if any(hasattr(function, "_is_wrapped_kernel") for function in wrapped):
+            return plain(cls)
+        for name, member in members.items():  # also of base classes that are not data_oriented
+            if getattr(member, "_is_classkernel", False):
+                setattr(cls, name, KernelMethod(member))
+        cls._data_oriented = True  # type: ignore[attr-defined]
+        return cls
+
+    return data_oriented
+
+
 def quicken() -> tuple[bool, ...]:
     """Replace the slow functions of Taichi; return for each whether it was replaced."""
     sources = ("getsourcelines", "getsourcefile")
@@ -140,6 +180,9 @@ def quicken() -> tuple[bool, ...]:
     changes += [
         replace(part, "get_traceback", ("stacklevel",), declaration) for part in (impl, matrix, snode)
     ]
+    if ti.data_oriented is kernel_impl.data_oriented:
+        changes.append(replace(kernel_impl, "data_oriented", ("cls",), binding(kernel_impl.data_oriented)))
+        ti.data_oriented = kernel_impl.data_oriented
     if ast_transformer_utils.impl is impl and hasattr(impl.PyTaichi(), "src_info_stack"):
         plain = Builder.__call__
         changes.append(replace(Builder, "__call__", ("self", "ctx", "node"), building(plain)))

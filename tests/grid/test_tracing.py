@@ -13,7 +13,7 @@ pytestmark = pytest.mark.usefixtures("taichi")
 
 
 def test_all_changes_are_in_force():
-    assert len(tracing.QUICKENED) == 9
+    assert len(tracing.QUICKENED) == 10
     assert all(tracing.QUICKENED)
 
 
@@ -65,6 +65,42 @@ def test_functions_of_one_source_stay_apart():
 
     np.testing.assert_array_equal(several(3), [4, 13, 81])
     assert Twice().run(4) == 8
+
+
+class Mixin:
+    @ti.kernel
+    def raised(self, x: int) -> int:
+        return x + self.scale
+
+
+@ti.data_oriented
+class Scaled(Mixin, Twice):
+    def __init__(self, scale: int):
+        self.scale = scale
+
+    @property
+    def doubled(self) -> int:
+        return 2 * self.scale
+
+    @ti.kernel
+    def scaled(self, x: int) -> int:
+        return self.of(self.scale * x)
+
+
+@ti.data_oriented
+class Static:
+    @staticmethod
+    @ti.kernel
+    def run(x: int) -> int:
+        return x + 1
+
+
+def test_attributes_of_objects_with_kernels_are_plain_attributes():
+    assert "__getattribute__" not in vars(Scaled)
+    one, ten = Scaled(1), Scaled(10)
+    assert (one.scaled(3), ten.scaled(3), ten.run(3), ten.doubled, ten.raised(3)) == (6, 60, 6, 20, 13)
+    assert "__getattribute__" in vars(Static)  # Taichi's own decorator
+    assert Static().run(1) == 2
 
 
 def test_a_fault_in_a_function_is_told_by_both_places_and_its_field_by_its_declaration():
