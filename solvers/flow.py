@@ -16,7 +16,7 @@ import taichi as ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, Faces
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field, Pass, Template, launch
+from taichi_plume.grid.kernels import Field, Pass, Template, launch, visit
 from taichi_plume.grid.sweeps import flux_sweep, sweep
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import reader, uploader
@@ -141,10 +141,26 @@ class FlowSolver(Carrier):
         def on_faces(formula: Callable[[int], Callable], out: Faces) -> Pass:
             return sweep([formula(d) for d in axes], out, *faces)
 
-        def by_fluxes(term: Callable, out: Faces) -> Pass:
-            inner = [[terms.through(m, d, e, d == e > 0) for e in axes] for d in axes]
-            lasts = [terms.through(m, d, 0, d == 0) for d in axes]
-            return flux_sweep(inner, lasts, [of_axis(term, m, d) for d in axes], out, *faces)
+        fluxes = [[terms.through(m, d, e, d == e > 0) for e in axes] for d in axes]
+        lasts = [terms.through(m, d, 0, d == 0) for d in axes]
+        tendency = flux_sweep(fluxes, lasts, [of_axis(terms.tendency, m, d) for d in axes], rate, *faces)
+
+        def lost(d: int) -> Callable:
+            begins = ti.Vector([begin for begin, _ in faces[d]])
+            through = [terms.through(m, d, e, d == e) for e in axes]
+
+            @ti.func
+            def store(K, a, b):  # the momentum that flows to faces that obstacles close, m/s² of a whole cell
+                I = K + begins
+                rate[d][I] = 0.0
+                if m.open[d][I] <= 0.0:
+                    net = 0.0
+                    for e in ti.static(axes):
+                        for side in range(2):
+                            net += (1 - 2 * side) * through[e](I + side * ti.Vector.unit(grid.dim, e, ti.i32))
+                    rate[d][I] = net / grid.dx
+
+            return store
 
         fill = ghosts.filling_velocity(u)
         around = [(begin - 1, end + 1) for begin, end in grid.cells]
@@ -159,7 +175,7 @@ class FlowSolver(Carrier):
             fill,
             *([sweep([eddies], [self.nu], around)] if m.eddies else []),
             *([walls.extending(self.nu)] if walls else []),
-            *slipping(by_fluxes(terms.tendency, rate)),
+            *slipping(tendency),
             *([Pass(self._slow, self.surfaces.cells)] if self.surfaces else []),
             on_faces(advanced, u),
             *(
@@ -177,7 +193,7 @@ class FlowSolver(Carrier):
         )
         self._finish = launch(fill, *self.limits.passes())
         self._lose = launch(
-            *slipping(by_fluxes(terms.loss, rate)),
+            *slipping(visit([lost(d) for d in axes], [tuple(b - a for a, b in faces[d]) for d in axes])),
             *([Pass(self._add_loss, self.surfaces.cells)] if self.surfaces else []),
         )
 

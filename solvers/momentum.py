@@ -258,12 +258,6 @@ def tendency(m: Template, I, d: Template, net):
 
 
 @ti.func
-def loss(m: Template, I, d: Template, net):
-    """Return the momentum [m/s² of a whole cell] that flows to face I of axis d if obstacles close it, else 0."""
-    return ti.select(m.open[d][I] > 0.0, 0.0, net / m.dx)
-
-
-@ti.func
 def eddy_viscosity(m: Template, I):
     """Return the total viscosity of cell I [m²/s]: molecular viscosity plus eddy viscosity."""
     nu = m.viscosity[None]
