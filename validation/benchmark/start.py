@@ -49,7 +49,7 @@ def first_tick(config: Path, arch: str = "cpu") -> int:
     try:
         from taichi_plume.assembly.assemble import assemble
     except ImportError:  # older checkouts
-        from taichi_plume.assemble import assemble
+        from taichi_plume.assemble import assemble  # pyright: ignore[reportMissingImports]
     try:
         from taichi_plume.grid import kernels
     except ImportError:  # still older ones
