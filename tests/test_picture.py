@@ -10,7 +10,7 @@ from refusals import unfinished
 
 from taichi_plume.cli import picture
 from taichi_plume.files import manifest
-from taichi_plume.report import figure_style, films, plume
+from taichi_plume.report import films, plume, theme
 from taichi_plume.results.run import Run
 
 
@@ -41,15 +41,15 @@ def test_colours_are_those_of_the_scale_where_the_gas_is(folder):
     one = run.planes.read()["gas_slice"]
     figure, view = plume.figure_of(run, one, [], 8, 100, wind=False)
     view.show(6.0, one.data[14])
-    image: Any = np.asarray(Image.open(io.BytesIO(figure_style.png(figure))).convert("RGB"), float)
+    image: Any = np.asarray(Image.open(io.BytesIO(theme.png(figure))).convert("RGB"), float)
 
     def at(x: float, y: float) -> np.ndarray:
         column, row = view.axes.transData.transform((x, y))
         return image[round(len(image) - 1 - row), round(column)]
 
     level = made_run.pixels(14)[made_run.PEAK] / 255
-    np.testing.assert_allclose(at(2.35, 1.15), 255 * np.array(figure_style.GAS(level)[:3]), atol=8)
-    np.testing.assert_allclose(at(0.5, 2.5), 255 * np.array(figure_style.GAS(0.0)[:3]), atol=2)
+    np.testing.assert_allclose(at(2.35, 1.15), 255 * np.array(theme.GAS(level)[:3]), atol=8)
+    np.testing.assert_allclose(at(0.5, 2.5), 255 * np.array(theme.GAS(0.0)[:3]), atol=2)
 
 
 def test_a_moment_shows_its_own_frame_robots_and_wind(folder):

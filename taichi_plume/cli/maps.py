@@ -61,7 +61,7 @@ def write(gas_map: GasMap, readings: Readings, size: tuple[float, float], folder
 
 
 def _draw(gas_map: GasMap, readings: Readings, size: tuple[float, float], path: Path) -> None:
-    from taichi_plume.report.figure_style import Figure
+    from taichi_plume.report.theme import Figure
 
     pictures = {"estimate [ppm]": gas_map.estimate, "weight, as power of ten": _log(gas_map.weight)}
     if gas_map.variance is not None:

@@ -95,7 +95,7 @@ def _still(run: "Run", args: argparse.Namespace) -> None:
     name = next((view for view, plane in VIEWS.items() if picture.view == plane), picture.view)
     out = args.out or Path(f"{run.folder.resolve().name}-{name}-{at:g}s.png")
     from taichi_plume.files.disk import written_whole
-    from taichi_plume.report.figure_style import styled
+    from taichi_plume.report.theme import styled
 
     with styled(), written_whole(out) as fresh:
         figure.savefig(fresh, format=out.suffix[1:].lower())
@@ -106,8 +106,8 @@ def _film(run: "Run", args: argparse.Namespace) -> None:
     """Draw an animation of the run from --begin to --end and write the file."""
     import numpy as np
 
-    from taichi_plume.report.figure_style import styled
     from taichi_plume.report.films import film
+    from taichi_plume.report.theme import styled
 
     begin = max(run.begin, 0.0) if args.begin is None else args.begin
     end = _end(run) if args.end is None else args.end
@@ -143,9 +143,9 @@ def _figure(
     run: "Run", picture: "Picture", args: argparse.Namespace, width: int
 ) -> "tuple[Figure, PlumeView]":
     """Return a figure, `width` pixels wide, and the view that draws the plume in the figure."""
-    from taichi_plume.report.figure_style import LETTERS as SIZES
-    from taichi_plume.report.figure_style import styled
     from taichi_plume.report.plume import figure_of
+    from taichi_plume.report.theme import LETTERS as SIZES
+    from taichi_plume.report.theme import styled
 
     dpi = DPI * width / PICTURE_WIDTH
     larger = {key: LETTERS * size for key, size in SIZES.items()}

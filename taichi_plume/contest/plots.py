@@ -10,7 +10,7 @@ import numpy as np
 from taichi_plume.contest.fixed_scenarios import Fixed
 from taichi_plume.contest.standings import ERROR, FALSE, LATE, SUCCESS, TIME, WAY, Row
 from taichi_plume.files.disk import written_whole
-from taichi_plume.report import figure_style, scene
+from taichi_plume.report import scene, theme
 from taichi_plume.study.estimates import Quantity
 from taichi_plume.study.plots import interval_bar
 
@@ -28,42 +28,42 @@ def arena(scenario: Fixed, ppm: np.ndarray) -> bytes:
     """Return a PNG of a scenario from above with its mean plume `ppm`, (nx, ny) [ppm]."""
     whole = scenario.scenario
     width, length = whole.domain.extent[:2]
-    with figure_style.styled():
-        figure = figure_style.figure(WIDE, WIDE * length / width * 0.92)
+    with theme.styled():
+        figure = theme.figure(WIDE, WIDE * length / width * 0.92)
         axes = figure.subplots()
         scene.draw(axes, whole)
         high = max(float(ppm.max()), 10 * LOW)
         low = max(LOW, high / 10**DECADES)
-        norm, shown = figure_style.mpl.colors.LogNorm(low, high), np.ma.masked_less(ppm.T, low)
+        norm, shown = theme.mpl.colors.LogNorm(low, high), np.ma.masked_less(ppm.T, low)
         image = axes.imshow(
-            shown, origin="lower", extent=(0, width, 0, length), cmap=figure_style.GAS, norm=norm, zorder=1, alpha=0.9,
+            shown, origin="lower", extent=(0, width, 0, length), cmap=theme.GAS, norm=norm, zorder=1, alpha=0.9,
             interpolation="bilinear",
         )  # fmt: skip
         bar = figure.colorbar(image, ax=axes, fraction=0.04, pad=0.02)
         bar.set_label("mean gas over a minute [ppm]")
         bar.outline.set_visible(False)
         figure.tight_layout(pad=0.5)
-        return figure_style.png(figure)
+        return theme.png(figure)
 
 
 def compared(rows: Sequence[Row], most: float) -> bytes:
     """Return a PNG of success and search time of each algorithm with intervals; most: duration of a search [s]."""
-    with figure_style.styled({"text.parse_math": False}):
-        figure = figure_style.figure(WIDE, 0.9 + 0.25 * len(rows), 100)
+    with theme.styled({"text.parse_math": False}):
+        figure = theme.figure(WIDE, 0.9 + 0.25 * len(rows), 100)
         for axes, quantity in zip(figure.subplots(1, 2, sharey=True), (SUCCESS, TIME), strict=True):
-            figure_style.plain(axes)
+            theme.plain(axes)
             for place, row in enumerate(rows):
                 estimate = row.estimates[quantity.name]
                 if estimate is not None and estimate.n:
                     interval_bar(axes, place, quantity, estimate)
             axes.set_ylim(len(rows) - 0.5, -0.5)
             if quantity is SUCCESS:
-                axes.set_yticks(range(len(rows)), [figure_style.short(row.algorithm) for row in rows])
+                axes.set_yticks(range(len(rows)), [theme.short(row.algorithm) for row in rows])
             axes.set_title(title(quantity), fontsize=9)
             high = 100.0 if quantity.share else most
             axes.set_xlim(-0.03 * high, 1.03 * high)
         figure.tight_layout(pad=0.6)
-        return figure_style.png(figure)
+        return theme.png(figure)
 
 
 def title(quantity: Quantity, short: bool = False) -> str:

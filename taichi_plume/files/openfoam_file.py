@@ -115,7 +115,7 @@ class FoamFile:
         size = int(head[1]) * width * kind.itemsize
         if head[2] == b"{":  # one value for all
             if len(self.body) <= head.end() + 64 or (required is None and int(head[1]) > MOST_EQUAL):
-                raise self.wrong("the list of faces is truncated or damaged")
+                raise self.wrong("its list is truncated or damaged")
             value = np.frombuffer(self.body, kind, width, head.end())
             return np.tile(value, int(head[1])), head.end() + width * kind.itemsize + 1
         if self.body[head.end() + size : head.end() + size + 1] != b")":

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 
 from taichi_plume.record.drawing import Scale, decades, logarithmic
 from taichi_plume.record.recording_reader import Picture
-from taichi_plume.report import figure_style, plume, scene
+from taichi_plume.report import plume, scene, theme
 from taichi_plume.results.run import Run
 from taichi_plume.results.tracks import Track
 
@@ -27,28 +27,28 @@ PLOT, LANE, GAP = 1.1, 0.19, 0.2  # inches: a robot's readings, its behaviour, b
 
 def mean_plume(run: Run, picture: Picture, tracks: Sequence[Track]) -> bytes:
     """Draw the mean of the recorded pictures, and the robots' tracks."""
-    with figure_style.styled():
+    with theme.styled():
         figure, view = plume.figure_of(run, picture, tracks, WIDE, DPI, wind=False)
         scale = Scale(picture.low, picture.high, "log" if picture.logarithmic else "linear")
         end = max([float(picture.times[-1]), *(float(track.t[-1]) for track in tracks)])
         view.show(end, scale.bytes(picture.mean()))
-        view.trails.set_segments(_trails(tracks) if view.plane == figure_style.ABOVE else [])
-        return figure_style.png(figure)
+        view.trails.set_segments(_trails(tracks) if view.plane == theme.ABOVE else [])
+        return theme.png(figure)
 
 
 def only_tracks(run: Run, tracks: Sequence[Track]) -> bytes:
     """Draw the robots' tracks over the scene."""
     extent = run.scenario.domain.extent
-    with figure_style.styled():
-        figure = figure_style.figure(WIDE, float(np.clip(WIDE * extent[1] / extent[0], 2.4, 8.0)) + 0.4, DPI)
+    with theme.styled():
+        figure = theme.figure(WIDE, float(np.clip(WIDE * extent[1] / extent[0], 2.4, 8.0)) + 0.4, DPI)
         axes = figure.add_axes((0.08, 0.1, 0.9, 0.86))
         scene.draw(axes, run.scenario, run.shapes, sizes=False, starts=False)
-        colors = [figure_style.robot(track.number) for track in tracks]
+        colors = [theme.robot(track.number) for track in tracks]
         axes.add_collection(LineCollection(_trails(tracks), colors=colors, linewidths=1.3, zorder=8))
         for track in tracks:
-            mark = plume.declared_mark(axes, figure_style.robot(track.number))
+            mark = plume.declared_mark(axes, theme.robot(track.number))
             plume.put_mark(mark, track.declared(len(track.t) - 1))
-        return figure_style.png(figure)
+        return theme.png(figure)
 
 
 def _trails(tracks: Sequence[Track]) -> list[np.ndarray]:
@@ -72,8 +72,8 @@ def smelt(run: Run, tracks: Sequence[Track]) -> bytes:
     tall = len(shown) * PLOT + len(lanes) * LANE + GAP
     below = 0.55 + 0.2 * _legend_rows(_states(lanes))
     whole = tall + below + 0.4
-    with figure_style.styled():
-        figure = figure_style.figure(WIDE, whole, DPI)
+    with theme.styled():
+        figure = theme.figure(WIDE, whole, DPI)
         axes = figure.add_axes((0.12, below / whole, 0.86, tall / whole))
         axes.spines[["top", "right", "left"]].set_visible(False)
         ends = [(track.t[0], track.t[-1]) for track in lanes]
@@ -86,17 +86,17 @@ def smelt(run: Run, tracks: Sequence[Track]) -> bytes:
             places += [place for place, _ in marks]
             labels += [label for _, label in marks]
         axes.set_yticks(places, labels=labels)
-        figure_style.verbatim(axes.get_yticklabels())
+        theme.verbatim(axes.get_yticklabels())
         axes.tick_params(axis="y", length=0)
         handles: list[Artist] = [
             Patch(facecolor="#c3cad2", label="true gas at the sensor [ppm]"),
-            Line2D([], [], color=figure_style.INK, label="reading of the sensor [ppm]"),
+            Line2D([], [], color=theme.INK, label="reading of the sensor [ppm]"),
         ]
         if any(track.group.algorithm.threshold is not None for track in shown):
-            style = {"color": figure_style.SOURCE, "linestyle": "--", "linewidth": 0.9}
+            style = {"color": theme.SOURCE, "linestyle": "--", "linewidth": 0.9}
             handles.append(Line2D([], [], label="threshold", **style))
         figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.11, 1), ncols=3, borderaxespad=0.2)
-        return figure_style.png(figure)
+        return theme.png(figure)
 
 
 def _ends(run: Run, tracks: Sequence[Track]) -> tuple[float, float]:
@@ -113,22 +113,20 @@ def _readings(axes: Axes, track: Track, base: float, low: float, high: float) ->
     def up(ppm: np.ndarray | float) -> np.ndarray:
         return base + (PLOT - GAP) * logarithmic(np.asarray(ppm), low, high)
 
-    color = figure_style.robot(track.number)
-    axes.axhline(base, color=figure_style.FAINT, linewidth=0.6)
+    color = theme.robot(track.number)
+    axes.axhline(base, color=theme.FAINT, linewidth=0.6)
     t, true = thinned(track.t, track.values["true_ppm"])
     axes.fill_between(t, up(true), base, color="#c3cad2", linewidth=0)
     t, reading = thinned(track.t, track.values["reading_ppm"])
-    axes.plot(t, up(reading), color=color, linewidth=1.4, path_effects=figure_style.HALO)
+    axes.plot(t, up(reading), color=color, linewidth=1.4, path_effects=theme.HALO)
     threshold = track.group.algorithm.threshold
     if threshold is not None:
-        axes.axhline(float(up(threshold)), color=figure_style.SOURCE, linewidth=0.9, linestyle="--")
+        axes.axhline(float(up(threshold)), color=theme.SOURCE, linewidth=0.9, linestyle="--")
     if track.found_at is not None:
         at = track.t[track.found_at]
-        axes.plot([at, at], [base, base + PLOT - GAP], color=figure_style.FOUND, linewidth=1.4)
-    name = f" {figure_style.short(track.name)}"
-    figure_style.note(
-        axes, axes.get_xlim()[0], base + PLOT - GAP, name, figure_style.INK, ha="left", va="top"
-    )
+        axes.plot([at, at], [base, base + PLOT - GAP], color=theme.FOUND, linewidth=1.4)
+    name = f" {theme.short(track.name)}"
+    theme.note(axes, axes.get_xlim()[0], base + PLOT - GAP, name, theme.INK, ha="left", va="top")
     marks = decades(low, high)
     return [(base + (PLOT - GAP) * place, label) for place, label in marks[:: max(1, round(len(marks) / 3))]]
 
@@ -146,20 +144,13 @@ def _behaviour(axes: Axes, tracks: Sequence[Track]) -> tuple[list[float], list[s
         for begin, end in list(zip(begins, ends, strict=True))[::stride]:
             left, right = track.t[begin], track.t[end]
             boxes.append([(left, low), (right, low), (right, high), (left, high)])
-            colors.append(
-                figure_style.STATES[names.index(track.states[track.state[begin]]) % len(figure_style.STATES)]
-            )
+            colors.append(theme.STATES[names.index(track.states[track.state[begin]]) % len(theme.STATES)])
         if track.found_at is not None:
-            star = {
-                "color": figure_style.FOUND,
-                "markeredgecolor": "white",
-                "markersize": 10,
-                "clip_on": False,
-            }
+            star = {"color": theme.FOUND, "markeredgecolor": "white", "markersize": 10, "clip_on": False}
             axes.plot(track.t[track.found_at], place, "*", **star)
     axes.add_collection(PolyCollection(boxes, facecolors=colors, linewidths=0))
     marks = [
-        Patch(facecolor=figure_style.STATES[k % len(figure_style.STATES)], label=figure_style.short(name))
+        Patch(facecolor=theme.STATES[k % len(theme.STATES)], label=theme.short(name))
         for k, name in enumerate(names)
     ]
     below = -0.48 / (axes.get_position().height * axes.figure.get_figheight())
@@ -167,8 +158,8 @@ def _behaviour(axes: Axes, tracks: Sequence[Track]) -> tuple[list[float], list[s
         handles=marks, loc="upper left", bbox_to_anchor=(0, below), ncols=_columns(names), borderaxespad=0,
         columnspacing=1.0, handlelength=1.0,
     )  # fmt: skip
-    figure_style.verbatim(legend.get_texts())
-    return places, [figure_style.short(track.name, 12) for track in tracks]
+    theme.verbatim(legend.get_texts())
+    return places, [theme.short(track.name, 12) for track in tracks]
 
 
 def _states(tracks: Sequence[Track]) -> list[str]:
@@ -178,7 +169,7 @@ def _states(tracks: Sequence[Track]) -> list[str]:
 
 def _columns(names: Sequence[str]) -> int:
     """Return the number of columns of a legend that holds these names, by the longest name."""
-    longest = max((len(figure_style.short(name)) for name in names), default=0)
+    longest = max((len(theme.short(name)) for name in names), default=0)
     return max(1, min(MOST_STATES, 80 // (longest + 5)))
 
 
@@ -205,23 +196,23 @@ def thinned(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def success(groups: Sequence[dict[str, Any]], end: float) -> bytes:
     """Draw the fraction of each group's trials in which a source had been found by a time."""
-    with figure_style.styled():
-        figure = figure_style.figure(WIDE, 2.6, DPI)
+    with theme.styled():
+        figure = theme.figure(WIDE, 2.6, DPI)
         axes = figure.add_axes((0.1, 0.2, 0.87, 0.72))
-        figure_style.plain(axes)
+        theme.plain(axes)
         for n, group in enumerate(groups):
             times = np.sort([t for t in group["per_trial"]["time_s"] if t is not None])
             share = np.arange(len(times) + 1) / group["trials"]
             axes.step(
-                [0, *times, end], [*share, share[-1]], where="post", color=figure_style.robot(n),
-                label=f"{figure_style.short(group['name'])} ({group['trials']} trials)",
+                [0, *times, end], [*share, share[-1]], where="post", color=theme.robot(n),
+                label=f"{theme.short(group['name'])} ({group['trials']} trials)",
             )  # fmt: skip
         axes.set_xlim(0, end)
         axes.set_ylim(0, 1.02)
         axes.set_xlabel("time since the robots started [s]")
         axes.set_ylabel("fraction of trials")
-        figure_style.verbatim(axes.legend(loc="upper left").get_texts())
-        return figure_style.png(figure)
+        theme.verbatim(axes.legend(loc="upper left").get_texts())
+        return theme.png(figure)
 
 
 # ---------------------------------------------------------------- maps
@@ -234,17 +225,17 @@ def scores(maps: Sequence[dict[str, Any]], names: Sequence[str]) -> bytes | None
     if not scored:
         return None
     titles = {"error_ppm": "mean error [ppm]", "correlation": "correlation with the truth"}
-    with figure_style.styled():
-        figure = figure_style.figure(WIDE, 2.4, DPI)
+    with theme.styled():
+        figure = theme.figure(WIDE, 2.4, DPI)
         for k, (key, label) in enumerate(titles.items()):
             axes = figure.add_axes((0.08 + 0.49 * k, 0.2, 0.42, 0.68))
-            figure_style.plain(axes)
+            theme.plain(axes)
             for n, (name, series) in enumerate(scored):
                 t, values = thinned(np.array(series["time_s"]), np.array(series[key], float))
                 marker = "o" if len(series["time_s"]) == 1 else ""
-                axes.plot(t, values, color=figure_style.robot(n), label=name, marker=marker, markersize=4)
+                axes.plot(t, values, color=theme.robot(n), label=name, marker=marker, markersize=4)
             axes.set_xlabel("time [s]")
             axes.set_title(label, fontsize=9)
             if k == 0:
-                figure_style.verbatim(axes.legend(loc="best").get_texts())
-        return figure_style.png(figure)
+                theme.verbatim(axes.legend(loc="best").get_texts())
+        return theme.png(figure)

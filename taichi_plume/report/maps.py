@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.patches import Rectangle
 
 from taichi_plume.record.drawing import DENSITIES, logarithmic
-from taichi_plume.report import figure_style
+from taichi_plume.report import theme
 from taichi_plume.results.run import Run
 from taichi_plume.scoring.declarations import OF_BELIEFS
 
@@ -91,10 +91,10 @@ def beside_truth(run: Run, maps: Sequence[MapAtEnd]) -> bytes:
     inches = min(MAPS / (2.05 * width), TALLEST_MAP / length)  # per metre
     aside, up = max(1.05 * width, TITLE[0] / inches), length + TITLE[1] / inches
     across, tall = aside + width, len(maps) * up
-    with figure_style.styled():
+    with theme.styled():
         high_up = max(tall * inches + 0.1, LOWEST)
         share = tall * inches / high_up
-        figure = figure_style.figure(WIDE, high_up, DPI)
+        figure = theme.figure(WIDE, high_up, DPI)
         axes = figure.add_axes((0.01, 1 - 0.1 / high_up - share, across * inches / WIDE, share))
         axes.set_axis_off()
         image: Any = None
@@ -110,8 +110,8 @@ def beside_truth(run: Run, maps: Sequence[MapAtEnd]) -> bytes:
         axes.set_xlim(-0.01 * width, across + 0.01 * width)
         axes.set_ylim(-0.01 * width, tall)
         bar = figure.add_axes((across * inches / WIDE + 0.025, 0.06, 0.015, 0.83))
-        figure_style.scale(None, image, *scale, True, "ppm", cax=bar)
-        return figure_style.png(figure)
+        theme.scale(None, image, *scale, True, "ppm", cax=bar)
+        return theme.png(figure)
 
 
 def beside_sources(run: Run, beliefs: Sequence[BeliefAtEnd]) -> bytes:
@@ -123,8 +123,8 @@ def beside_sources(run: Run, beliefs: Sequence[BeliefAtEnd]) -> bytes:
     inches = min(share * 0.93 * WIDE / width, 4.0 / length)
     up = length * inches + 0.3
     tall = rows * up + 0.1
-    with figure_style.styled():
-        figure = figure_style.figure(WIDE, tall, DPI)
+    with theme.styled():
+        figure = theme.figure(WIDE, tall, DPI)
         image: Any = None
         for n, belief in enumerate(beliefs):
             left, top = (n % columns) * share + 0.01, 1 - ((n // columns + 1) * up) / tall
@@ -135,8 +135,8 @@ def beside_sources(run: Run, beliefs: Sequence[BeliefAtEnd]) -> bytes:
             axes.set_ylim(0, length)
             axes.set_title(belief.group, fontweight="bold", fontsize=9, loc="left", parse_math=False)
         bar = figure.add_axes((0.9, 0.08, 0.015, 0.8))
-        figure_style.scale(None, image, DENSITIES.low, DENSITIES.high, True, "1/m²", cax=bar)
-        return figure_style.png(figure)
+        theme.scale(None, image, DENSITIES.low, DENSITIES.high, True, "1/m²", cax=bar)
+        return theme.png(figure)
 
 
 def _draw(
@@ -151,11 +151,11 @@ def _draw(
     width, length = run.scenario.domain.extent[:2]
     axes.add_patch(Rectangle(corner, width, length, facecolor="#d5dbe1", zorder=0))
     places = logarithmic(values, *scale)
-    image = axes.imshow(places, cmap=figure_style.GAS, vmin=0, vmax=1, origin="lower", extent=reach)
-    axes.add_patch(Rectangle(corner, width, length, fill=False, edgecolor=figure_style.INK, linewidth=1))
+    image = axes.imshow(places, cmap=theme.GAS, vmin=0, vmax=1, origin="lower", extent=reach)
+    axes.add_patch(Rectangle(corner, width, length, fill=False, edgecolor=theme.INK, linewidth=1))
     for _, source in run.scenario.sources:
         x, y = corner[0] + source.position[0], corner[1] + source.position[1]
-        axes.plot(x, y, "*", color=figure_style.SOURCE, markeredgecolor="white", markersize=11)
+        axes.plot(x, y, "*", color=theme.SOURCE, markeredgecolor="white", markersize=11)
     return image
 
 

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle, FancyArrowPatch, Rectangle
 from matplotlib.typing import ColorType
 
-from taichi_plume.report import figure_style
-from taichi_plume.report.figure_style import ABOVE
+from taichi_plume.report import theme
+from taichi_plume.report.theme import ABOVE
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.windows import Window
 
@@ -22,9 +22,9 @@ def windows(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool)
             axis = "xyz".index(opening.wraps or "x")
             for level in (0.0, scenario.domain.extent[axis]) if axis in plane else ():
                 ends = _ends(axis, level, 0.0, scenario.domain.extent[plane[1 - plane.index(axis)]], plane)
-                axes.plot(*ends, color=figure_style.FAINT, linestyle=":", linewidth=3, zorder=7)
+                axes.plot(*ends, color=theme.FAINT, linestyle=":", linewidth=3, zorder=7)
             continue
-        color = figure_style.darker(opening.color)
+        color = theme.darker(opening.color)
         way = 0
         if opening.passes:
             way = 1 if opening.blows and (vars(opening).get("speed") or 0.0) >= 0 else -1
@@ -37,7 +37,7 @@ def windows(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool)
             _slide(axes, scenario, opening.region, velocity, color, plane)
     for screen in scenario.screens:
         name = screen.kind if named else ""
-        one_window(axes, scenario, screen, figure_style.darker(screen.color), plane, name, 0, True)
+        one_window(axes, scenario, screen, theme.darker(screen.color), plane, name, 0, True)
 
 
 def one_window(
@@ -84,7 +84,7 @@ def one_window(
         upright = plane[0] == normal
         beyond = level - inward * 0.065 * size if vars(window).get("face") else level
         x, y = (beyond, (low + high) / 2) if upright else ((low + high) / 2, beyond)
-        figure_style.note(axes, x, y, name, color, rotation=90 if upright else 0)
+        theme.note(axes, x, y, name, color, rotation=90 if upright else 0)
 
 
 def _slide(
@@ -127,6 +127,6 @@ def wind(axes: Axes, scenario: Scenario, plane: tuple[int, int]) -> None:
     start = 0.12 * extent
     tip = start + 0.14 * extent.max() * way / hypot(*way)
     style = {"arrowstyle": "-|>", "mutation_scale": 14, "linewidth": 2, "zorder": 8}
-    axes.add_patch(FancyArrowPatch(tuple(start), tuple(tip), color=figure_style.BREEZE, **style))
+    axes.add_patch(FancyArrowPatch(tuple(start), tuple(tip), color=theme.BREEZE, **style))
     text = f"wind {hypot(*velocity):.3g} m/s"
-    figure_style.note(axes, start[0], start[1], text, figure_style.BREEZE, ha="left", va="top", dy=-5)
+    theme.note(axes, start[0], start[1], text, theme.BREEZE, ha="left", va="top", dy=-5)

@@ -20,7 +20,7 @@ from matplotlib.transforms import Affine2D
 from taichi_plume.grid.shapes import rotation
 from taichi_plume.record.drawing import pointed_disc
 from taichi_plume.record.recording_reader import Arrows, Picture
-from taichi_plume.report import figure_style, scene
+from taichi_plume.report import scene, theme
 from taichi_plume.results.run import Run
 from taichi_plume.results.tracks import Track
 
@@ -42,33 +42,33 @@ class PlumeView:
         self, axes: Axes, run: Run, picture: Picture, tracks: Sequence[Track] = (), wind: bool = True
     ):
         self.axes, self.run, self.picture, self.tracks = axes, run, picture, list(tracks)
-        self.plane = figure_style.PLANES[picture.axes]
+        self.plane = theme.PLANES[picture.axes]
         extent = run.scenario.domain.extent
         self.length = max(extent[d] for d in self.plane)
         solids = scene.draw(axes, run.scenario, run.shapes, False, self.plane, starts=False)
-        colors = figure_style.WARMTH if picture.unit == "K" else figure_style.GAS
+        colors = theme.WARMTH if picture.unit == "K" else theme.GAS
         self.image = axes.imshow(
             np.zeros(picture.data.shape[1:], np.uint8), cmap=colors, vmin=0, vmax=255, origin="lower",
             extent=picture.extent, interpolation="bilinear", zorder=1,
         )  # fmt: skip
         axes.set_xlim(*_around(extent[self.plane[0]], self.length))
         axes.set_ylim(*_around(extent[self.plane[1]], self.length))
-        if self.plane != figure_style.ABOVE:  # obstacles may stand before or behind the plane
+        if self.plane != theme.ABOVE:  # obstacles may stand before or behind the plane
             for solid in solids:
                 solid.set_alpha(0.55)
         shapes = zip(solids, run.shapes, strict=True)
         self.walkers = [(patch, shape.model) for patch, shape in shapes if shape.model and shape.model.motion]
-        arrows = PolyCollection([], facecolor=figure_style.WIND, edgecolor="none", alpha=0.42, zorder=3)
+        arrows = PolyCollection([], facecolor=theme.WIND, edgecolor="none", alpha=0.42, zorder=3)
         self.arrows = axes.add_collection(arrows)
         self.arrows.set_visible(wind)
-        colors = [figure_style.robot(track.number) for track in self.tracks]
+        colors = [theme.robot(track.number) for track in self.tracks]
         self.trails = axes.add_collection(LineCollection([], colors=colors, linewidths=1.3, zorder=8))
         bodies = PolyCollection([], facecolors=colors, edgecolors="white", linewidths=0.8, zorder=11)
         self.bodies = axes.add_collection(bodies)
         self.crosses: list[Line2D] = []
-        if self.plane == figure_style.ABOVE:
+        if self.plane == theme.ABOVE:
             declaring = [track for track in self.tracks if has_declared(track)]
-            self.crosses = [declared_mark(axes, figure_style.robot(track.number)) for track in declaring]
+            self.crosses = [declared_mark(axes, theme.robot(track.number)) for track in declaring]
         self.clock: Text | None = None  # set by `figure_of`
         patches = [patch for patch, _ in self.walkers]
         drawn = [self.image, *patches, self.arrows, self.trails, self.bodies]
@@ -91,16 +91,14 @@ class PlumeView:
         shown = [(track, track.at(t)) for track in self.tracks]
         self.bodies.set_verts([self._body(track, n) if n >= 0 else np.zeros((0, 2)) for track, n in shown])
         found = [n >= 0 and bool(track.values["found"][n]) for track, n in shown]
-        self.bodies.set_edgecolor([figure_style.FOUND if has_found else "white" for has_found in found])
+        self.bodies.set_edgecolor([theme.FOUND if has_found else "white" for has_found in found])
         self.bodies.set_linewidth([2.4 if has_found else 0.8 for has_found in found])
         declared = [pair for pair in shown if has_declared(pair[0])]
         for mark, (track, n) in zip(self.crosses, declared, strict=False):
             put_mark(mark, track.declared(n))
         a, b = ("xyz"[d] for d in self.plane)
         trailing = [
-            (track.values, n)
-            for track, n in shown
-            if self.plane == figure_style.ABOVE or track.group.body.flies
+            (track.values, n) for track, n in shown if self.plane == theme.ABOVE or track.group.body.flies
         ]
         self.trails.set_segments(
             [np.column_stack([values[a][: n + 1], values[b][: n + 1]]) for values, n in trailing]
@@ -111,7 +109,7 @@ class PlumeView:
         x, y, z, heading = (float(track.values[name][n]) for name in ("x", "y", "z", "heading"))
         place = (x, y)
         radius = max(track.group.body.radius, BODY * self.length)
-        if self.plane != figure_style.ABOVE:
+        if self.plane != theme.ABOVE:
             low, high = place[self.plane[0]] - radius, place[self.plane[0]] + radius
             top = z + max(track.group.body.height, radius)
             return np.array([[low, z], [high, z], [high, top], [low, top]])
@@ -133,7 +131,7 @@ def put_mark(mark: Line2D, declared: tuple[np.ndarray, bool] | None) -> None:
     """Move a cross to a declared source position, its rim green if the position is right, else red; None hides it."""
     place, right = declared or (np.zeros((0, 2)), False)
     mark.set_data(*np.atleast_2d(place).T)
-    mark.set_markeredgecolor(figure_style.FOUND if right else figure_style.WRONG)
+    mark.set_markeredgecolor(theme.FOUND if right else theme.WRONG)
 
 
 def arrow_outlines(tails: np.ndarray, ways: np.ndarray) -> np.ndarray:
@@ -156,14 +154,14 @@ def figure_of(
 ) -> tuple[Figure, PlumeView]:
     """Return a figure `width` inches wide with a picture, colour bar and legend, and its view; letters: text size/9."""
     extent = run.scenario.domain.extent
-    sides = [extent[d] for d in figure_style.PLANES[picture.axes]]
+    sides = [extent[d] for d in theme.PLANES[picture.axes]]
     left, right, below, above = (letters * part for part in (BESIDE, BAR, BELOW, ON_TOP))
     ways = [high - low for low, high in (_around(side, max(sides)) for side in sides)]
     broad = width - left - right
     tall = min(broad * ways[1] / ways[0], 1.05 * width)
     high_up = max(tall, letters * LOWEST)  # a narrow plane has the height of its colour bar
     height = _even(high_up + below + above, dpi)
-    figure = figure_style.figure(width, height, dpi)
+    figure = theme.figure(width, height, dpi)
     under = below + (high_up - tall) / 2
     axes = figure.add_axes((left / width, under / height, broad / width, tall / height))
     view = PlumeView(axes, run, picture, tracks, wind)
@@ -172,9 +170,9 @@ def figure_of(
     )
     where = f"\n{picture.plane}" if picture.plane else ""
     longest = int((high_up + below) / (LETTER * letters)) - len(f" [{picture.unit}]")
-    figure_style.scale(
+    theme.scale(
         axes, view.image, picture.low, picture.high, picture.logarithmic,
-        f"{figure_style.short(picture.quantity, max(8, longest))} [{picture.unit}]{where}", cax=beside,
+        f"{theme.short(picture.quantity, max(8, longest))} [{picture.unit}]{where}", cax=beside,
     )  # fmt: skip
     _legend(figure, run, view, left / width, 1 - 0.12 * letters / height)
     top = (under + tall + 0.04 * letters) / height
@@ -191,37 +189,30 @@ def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> No
 
     handles = []
     if run.scenario.sources:
-        handles.append(
-            mark("source", marker="*", color=figure_style.SOURCE, markeredgecolor="white", markersize=12)
-        )
+        handles.append(mark("source", marker="*", color=theme.SOURCE, markeredgecolor="white", markersize=12))
     if run.scenario.heat and run.scenario.heat.heaters:
-        handles.append(mark("heater", marker="o", color=figure_style.HEATER, alpha=0.6, markersize=9))
+        handles.append(mark("heater", marker="o", color=theme.HEATER, alpha=0.6, markersize=9))
     for track in view.tracks if len(view.tracks) <= MOST_NAMES else view.tracks[:1]:
-        name = figure_style.short(track.name) if len(view.tracks) <= MOST_NAMES else "robots and their trails"
-        style = {"color": figure_style.robot(track.number), "linestyle": "-", "markeredgecolor": "white"}
+        name = theme.short(track.name) if len(view.tracks) <= MOST_NAMES else "robots and their trails"
+        style = {"color": theme.robot(track.number), "linestyle": "-", "markeredgecolor": "white"}
         handles.append(mark(name, marker="o", markersize=7, **style))
     if any(track.found_at is not None for track in view.tracks):
-        style = {"color": "white", "markeredgecolor": figure_style.FOUND, "markeredgewidth": 2}
+        style = {"color": "white", "markeredgecolor": theme.FOUND, "markeredgewidth": 2}
         handles.append(mark("has found the source", marker="o", markersize=7, **style))
     last = [track.declared(len(track.t) - 1) for track in view.tracks] if view.crosses else []
-    for right, label, rim in (
-        (True, "declared rightly", figure_style.FOUND),
-        (False, "falsely", figure_style.WRONG),
-    ):
+    for right, label, rim in ((True, "declared rightly", theme.FOUND), (False, "falsely", theme.WRONG)):
         if any(word is not None and word[1] == right for word in last):
             style = {"color": "white", "markeredgecolor": rim, "markeredgewidth": 1.6}
             handles.append(mark(label, marker="X", markersize=9, **style))
     if view.arrows.get_visible():
-        handles.append(
-            mark("wind", marker=r"$\rightarrow$", color=figure_style.WIND, alpha=0.7, markersize=11)
-        )
+        handles.append(mark("wind", marker=r"$\rightarrow$", color=theme.WIND, alpha=0.7, markersize=11))
 
     def made(size: float | None) -> Legend:
         legend = figure.legend(
             handles=handles, loc="upper left", bbox_to_anchor=(x, y), ncols=len(handles), borderaxespad=0,
             columnspacing=1.0, handletextpad=0.3, handlelength=1.3, fontsize=size,
         )  # fmt: skip
-        figure_style.verbatim(legend.get_texts())
+        theme.verbatim(legend.get_texts())
         return legend
 
     legend = made(None)

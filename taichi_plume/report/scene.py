@@ -14,8 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Rectangle
 
 from taichi_plume.grid.shapes import Shape
-from taichi_plume.report import figure_style, openings, solids
-from taichi_plume.report.figure_style import ABOVE, SIDE
+from taichi_plume.report import openings, solids, theme
+from taichi_plume.report.theme import ABOVE, SIDE
 from taichi_plume.scenario.checks import numbered
 from taichi_plume.scenario.gases import AnySource
 from taichi_plume.scenario.scenario import Scenario
@@ -48,22 +48,16 @@ def draw(
     extent = scenario.domain.extent
     a, b = plane
     width, height = extent[a], extent[b]
-    axes.add_patch(Rectangle((0, 0), width, height, facecolor=figure_style.FLOOR, edgecolor="none", zorder=0))
+    axes.add_patch(Rectangle((0, 0), width, height, facecolor=theme.FLOOR, edgecolor="none", zorder=0))
     shapes = simple_shapes(scenario) if shapes is None else shapes
     drawn = [solids.solid(axes, solid, plane) for solid in shapes]
-    axes.add_patch(
-        Rectangle((0, 0), width, height, fill=False, edgecolor=figure_style.INK, linewidth=1.6, zorder=6)
-    )
+    axes.add_patch(Rectangle((0, 0), width, height, fill=False, edgecolor=theme.INK, linewidth=1.6, zorder=6))
     if plane == ABOVE and scenario.arena is not None:
         low, size = scenario.arena.low, scenario.arena.size
-        edge = Rectangle(
-            low, *size, fill=False, edgecolor=figure_style.FAINT, linestyle=(0, (5, 3)), zorder=6
-        )
+        edge = Rectangle(low, *size, fill=False, edgecolor=theme.FAINT, linestyle=(0, (5, 3)), zorder=6)
         axes.add_patch(edge)
         if sizes:
-            figure_style.note(
-                axes, low[0] + size[0], low[1], "robots' arena ", figure_style.FAINT, ha="right", va="bottom"
-            )
+            theme.note(axes, low[0] + size[0], low[1], "robots' arena ", theme.FAINT, ha="right", va="bottom")
     openings.windows(axes, scenario, plane, sizes)
     _sources(axes, scenario, plane, sizes)
     if starts:
@@ -106,8 +100,8 @@ def picture(
     ways = [_sides(extent, plane) for plane in planes]
     scale = min((WIDE - LEFT - RIGHT) / ways[0][0], MOST_TALL / sum(way[1] for way in ways))
     height = sum(scale * way[1] for way in ways) + BELOW * len(planes) + 0.1
-    with figure_style.styled():
-        figure = figure_style.figure(WIDE, height, dpi)
+    with theme.styled():
+        figure = theme.figure(WIDE, height, dpi)
         top = height - 0.1
         for plane, (width, tall) in zip(planes, ways, strict=True):
             bottom = top - scale * tall
@@ -117,7 +111,7 @@ def picture(
             if plane == ABOVE:
                 _numbers(axes, numbers)
             top = bottom - BELOW
-        return figure_style.png(figure)
+        return theme.png(figure)
 
 
 def _sides(extent: tuple[float, ...], plane: tuple[int, int]) -> tuple[float, float]:
@@ -140,7 +134,7 @@ def _numbers(axes: Axes, numbers: Sequence[tuple[int, tuple[float, ...]]]) -> No
         axes.annotate(
             str(number), (place[0], place[1]), (-11 + 15 * n, -13), textcoords="offset points",
             ha="center", va="center", fontsize=7.5, color="white", weight="bold", zorder=13, annotation_clip=False,
-            bbox={"boxstyle": "circle,pad=0.25", "facecolor": figure_style.INK, "edgecolor": "white"},
+            bbox={"boxstyle": "circle,pad=0.25", "facecolor": theme.INK, "edgecolor": "white"},
         )  # fmt: skip
 
 
@@ -159,17 +153,17 @@ def _sources(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool
     named = sizes and plane == ABOVE and len(scenario.sources) <= MOST_LABELS
     for _, source in scenario.sources:
         place = _place(source.position, plane)
-        style = {"facecolor": figure_style.SOURCE, "edgecolor": "none", "alpha": 0.35, "zorder": 9}
+        style = {"facecolor": theme.SOURCE, "edgecolor": "none", "alpha": 0.35, "zorder": 9}
         axes.add_patch(Circle(place, source.radius, **style))
-        axes.plot(*place, "*", color=figure_style.SOURCE, markeredgecolor="white", markersize=13, zorder=10)
+        axes.plot(*place, "*", color=theme.SOURCE, markeredgecolor="white", markersize=13, zorder=10)
         if named:
-            figure_style.note(axes, *place, _given_off(source), figure_style.SOURCE, va="bottom", dy=8)
+            theme.note(axes, *place, _given_off(source), theme.SOURCE, va="bottom", dy=8)
     heat = scenario.heat
     for heater in heat.heaters if heat else ():
         place = _place(heater.position, plane)
-        axes.add_patch(Circle(place, heater.radius, facecolor=figure_style.HEATER, alpha=0.6, zorder=8))
+        axes.add_patch(Circle(place, heater.radius, facecolor=theme.HEATER, alpha=0.6, zorder=8))
         if named:
-            figure_style.note(axes, *place, f"heater, {heater.power:g} W", "#c25e00")
+            theme.note(axes, *place, f"heater, {heater.power:g} W", "#c25e00")
     for wall in heat.walls if heat else ():
         color = "#c0392b" if wall.temperature > heat.reference else "#2471a3"
         openings.one_window(
@@ -195,21 +189,16 @@ def _starts(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool)
     named = sizes and plane == ABOVE and len(scenario.robots) <= MOST_LABELS
     for group in scenario.robots:
         radius, height, base = group.body.radius, group.body.height, group.start_altitude
-        colors = [figure_style.robot(first + k) for k in range(group.count)]
+        colors = [theme.robot(first + k) for k in range(group.count)]
         first += group.count
         places = group.places(scenario.floor)
-        name = figure_style.short(group.name)
+        name = theme.short(group.name)
         text = f"{group.count} × {name}" if group.count > 1 else name
         if places is None:
             low, high = (np.array(vars(group.start).get(key, (0, 0)), float) for key in ("low", "high"))
             corner = np.array([*low, base])[list(plane)]
             size = (np.array([*high, base + height]) - np.array([*low, base]))[list(plane)]
-            style = {
-                "facecolor": figure_style.START,
-                "alpha": 0.16,
-                "edgecolor": figure_style.START,
-                "linestyle": ":",
-            }
+            style = {"facecolor": theme.START, "alpha": 0.16, "edgecolor": theme.START, "linestyle": ":"}
             axes.add_patch(Rectangle(tuple(corner), *size, zorder=3, **style))
             at = corner + size * [0.5, 1.0]
             text += " start here" if group.count > 1 else " starts here"
@@ -230,6 +219,6 @@ def _starts(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool)
             text += " starts" if group.count == 1 else " start"
         if named:
             side = at[0] / scenario.domain.extent[plane[0]]
-            long = len(text) > figure_style.LONGEST_NAME  # otherwise it would leave the drawing
+            long = len(text) > theme.LONGEST_NAME  # otherwise it would leave the drawing
             ha = "right" if long and side > 0.7 else "left" if long and side < 0.3 else "center"
-            figure_style.note(axes, at[0], at[1], text, figure_style.INK, va="bottom", ha=ha, dy=3)
+            theme.note(axes, at[0], at[1], text, theme.INK, va="bottom", ha=ha, dy=3)

@@ -14,8 +14,8 @@ from matplotlib.path import Path as Outline
 from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.meshes import Solid
 from taichi_plume.grid.shapes import Ball, Shape, UprightBox, UprightCylinder, UprightPrism
-from taichi_plume.report import figure_style
-from taichi_plume.report.figure_style import ABOVE
+from taichi_plume.report import theme
+from taichi_plume.report.theme import ABOVE
 
 MOST_RECTANGLES = 20_000  # largest number of a map's wall boxes: beyond, pixels are joined
 SECTION_NODES = 200  # per axis, to find the section of a mesh in 2-D
@@ -39,14 +39,9 @@ def solid(axes: Axes, shape: Shape, plane: tuple[int, int]) -> Artist:
         places = shape.visible([np.inf] * len(shape.solid.shape))
         corners = np.unique(np.round(places[:, list(plane)] - shape.size / 2, 6), axis=0)
         squares = [Rectangle(tuple(corner), shape.size, shape.size) for corner in corners]
-        style: Style = {"facecolor": figure_style.SOLID, "edgecolor": "none", "zorder": 4}
+        style: Style = {"facecolor": theme.SOLID, "edgecolor": "none", "zorder": 4}
         return axes.add_collection(PatchCollection(squares, **style))
-    style = {
-        "facecolor": figure_style.SOLID,
-        "edgecolor": figure_style.SOLID_EDGE,
-        "linewidth": 0.9,
-        "zorder": 4,
-    }
+    style = {"facecolor": theme.SOLID, "edgecolor": theme.SOLID_EDGE, "linewidth": 0.9, "zorder": 4}
     seen_from_above = plane == ABOVE or isinstance(shape, Ball | Solid)
     outline = OUTLINES.get(type(shape), _bounds) if seen_from_above else _bounds
     return axes.add_patch(outline(shape, plane, style))
@@ -87,7 +82,7 @@ def _mesh(shape: Solid, plane: tuple[int, int], style: Style) -> Patch:
     sides = corners[:, 1:] - corners[:, :1]
     clockwise = sides[:, 0, 0] * sides[:, 1, 1] < sides[:, 0, 1] * sides[:, 1, 0]
     corners[clockwise] = corners[clockwise][:, ::-1]
-    return _polygons(corners, style | {"edgecolor": figure_style.SOLID, "linewidth": 0.3})
+    return _polygons(corners, style | {"edgecolor": theme.SOLID, "linewidth": 0.3})
 
 
 def _polygons(corners: np.ndarray, style: Style) -> Patch:
@@ -117,7 +112,7 @@ def _plan(shape: FloorPlan, plane: tuple[int, int], style: Style) -> Patch:
     if not len(walls):
         return _bounds(shape, plane, style)
     corners = walls[:, [[0, 1], [2, 1], [2, 3], [0, 3]]]
-    return _polygons(corners, style | {"edgecolor": figure_style.SOLID, "linewidth": 0.2})
+    return _polygons(corners, style | {"edgecolor": theme.SOLID, "linewidth": 0.2})
 
 
 OUTLINES: dict[type, Callable[[Any, tuple[int, int], Style], Patch]] = {
@@ -145,6 +140,6 @@ def name(axes: Axes, shape: Shape) -> None:
     text += (f", {height:.3g} high" if height is not None and len(shape.low) == 3 else "") + " m"
     if shape.model.motion is not None:
         text += ", walks"
-    figure_style.note(
-        axes, (shape.low[0] + shape.high[0]) / 2, shape.low[1], text, figure_style.SOLID_EDGE, va="top", dy=-3
+    theme.note(
+        axes, (shape.low[0] + shape.high[0]) / 2, shape.low[1], text, theme.SOLID_EDGE, va="top", dy=-3
     )

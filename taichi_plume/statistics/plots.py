@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichi_plume.report import figure_style
+from taichi_plume.report import theme
 from taichi_plume.statistics import durations
 from taichi_plume.statistics.analysis import Correlation, OfProbe, Profile
 from taichi_plume.statistics.records import AXES
@@ -16,27 +16,27 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDTH = 7.4  # inches
-FIRST, SECOND, MODEL = figure_style.robot(0), figure_style.SOURCE, figure_style.FAINT
+FIRST, SECOND, MODEL = theme.robot(0), theme.SOURCE, theme.FAINT
 MOST_CURVES = 6
 SHOWN = 60.0  # s, of a record
 
 
 def _axes(columns: int = 1, height: float = 2.9) -> "tuple[Figure, list[Axes]]":
-    figure = figure_style.figure(WIDTH, height)
+    figure = theme.figure(WIDTH, height)
     axes = figure.subplots(1, columns, squeeze=False)[0]
     for axis in axes:
-        figure_style.plain(axis)
+        theme.plain(axis)
     return figure, axes
 
 
 def _png(figure: "Figure") -> bytes:
     figure.tight_layout()
-    return figure_style.png(figure)
+    return theme.png(figure)
 
 
 def laws(stats: OfProbe, step: float) -> bytes:
     """Draw the distribution of durations of whiffs and blanks, with their power laws and T^-3/2."""
-    with figure_style.styled():
+    with theme.styled():
         figure, axes = _axes(2, 3.1)
         for axis, kind, color in zip(axes, stats.kinds, (FIRST, SECOND), strict=True):
             found = kind.all.lasted
@@ -54,12 +54,7 @@ def laws(stats: OfProbe, step: float) -> bytes:
                     s = 1.0 - exponent
                     mass = np.log(law.last / law.first) if abs(s) < 1e-9 else (law.last**s - law.first**s) / s
                     axis.plot(
-                        x,
-                        inside * x**-exponent / mass,
-                        line,
-                        color=figure_style.INK,
-                        linewidth=1.1,
-                        label=label,
+                        x, inside * x**-exponent / mass, line, color=theme.INK, linewidth=1.1, label=label
                     )
             axis.set_xlabel("duration T [s]")
             axis.set_ylabel("density [1/s]")
@@ -70,7 +65,7 @@ def laws(stats: OfProbe, step: float) -> bytes:
 
 def within(stats: OfProbe) -> bytes:
     """Draw the distribution of concentrations within whiffs, and its fits."""
-    with figure_style.styled():
+    with theme.styled():
         figure, (axis,) = _axes()
         most = float(np.quantile(stats.within, 0.999))
         axis.hist(
@@ -91,13 +86,13 @@ def within(stats: OfProbe) -> bytes:
 
 def spectrum(several: list[OfProbe]) -> bytes:
     """Draw power spectral densities, with a line of slope -5/3."""
-    with figure_style.styled():
+    with theme.styled():
         figure, (axis,) = _axes(1, 3.2)
         for n, stats in enumerate(several[:MOST_CURVES]):
             positive = stats.density > 0
             axis.loglog(
-                stats.frequency[positive], stats.density[positive], color=figure_style.robot(n), linewidth=1.0,
-                label=figure_style.short(stats.probe.name),
+                stats.frequency[positive], stats.density[positive], color=theme.robot(n), linewidth=1.0,
+                label=theme.short(stats.probe.name),
             )  # fmt: skip
         first = several[0]
         f, s = first.frequency, first.density
@@ -105,7 +100,7 @@ def spectrum(several: list[OfProbe]) -> bytes:
             x = np.geomspace(f[len(f) // 20], f[-1], 20)
             at = float(np.interp(x[0], f, s))
             line = 2.0 * at * (x / x[0]) ** KOLMOGOROV
-            axis.plot(x, line, "--", color=figure_style.INK, linewidth=1.0, label="$f^{-5/3}$")
+            axis.plot(x, line, "--", color=theme.INK, linewidth=1.0, label="$f^{-5/3}$")
             axis.set_ylim(max(float(s.max()) * 1e-9, float(s[s > 0].min()) / 3), None)
         axis.set_xlabel("frequency f [Hz]")
         axis.set_ylabel("density [ppm²/Hz]")
@@ -120,10 +115,10 @@ def profiles(several: list[Profile]) -> bytes:
     if len(several) > 4:
         fitted = [curve for curve in several if curve.gaussian is not None] or several
         chosen = [fitted[k] for k in np.unique(np.linspace(0, len(fitted) - 1, 4).round().astype(int))]
-    with figure_style.styled():
+    with theme.styled():
         figure, axes = _axes(2, 3.0)
         for n, curve in enumerate(chosen):
-            color, label = figure_style.robot(n), curve.at or None
+            color, label = theme.robot(n), curve.at or None
             axes[0].plot(curve.place, curve.mean, "o", color=color, markersize=3, label=label)
             if curve.gaussian is not None:
                 fine = np.linspace(curve.place.min(), curve.place.max(), 300)
@@ -144,7 +139,7 @@ def widths(several: list[Profile], along: str) -> bytes | None:
     if len(fits) < 3:
         return None
     x = [p.station for p, _ in fits]
-    with figure_style.styled():
+    with theme.styled():
         figure, axes = _axes(2, 2.6)
         values = (
             ("width [m]", [fit.width for _, fit in fits]),
@@ -160,13 +155,13 @@ def widths(several: list[Profile], along: str) -> bytes | None:
 
 def correlations(several: list[Correlation]) -> bytes:
     """Draw curves of two-point correlation against separation; return a PNG."""
-    with figure_style.styled():
+    with theme.styled():
         figure, (axis,) = _axes()
         for n, c in enumerate(several):
             bound = "" if c.whole else "at least "
             label = f"along {c.along}: length {bound}{c.length:.3g} m"
-            axis.plot(c.separation, c.values, "o-", markersize=3, color=figure_style.robot(n), label=label)
-        axis.axhline(0.0, color=figure_style.FAINT, linewidth=0.8)
+            axis.plot(c.separation, c.values, "o-", markersize=3, color=theme.robot(n), label=label)
+        axis.axhline(0.0, color=theme.FAINT, linewidth=0.8)
         axis.set_xlabel("separation [m]")
         axis.set_ylabel("correlation")
         axis.legend()
@@ -179,14 +174,14 @@ def maps(x: np.ndarray, y: np.ndarray, values: dict[str, np.ndarray], axes_names
     rows, columns = (len(values), 1) if wide else (1, len(values))
     ratio = np.ptp(y) / max(np.ptp(x), 1e-9)
     height = min(3.2, 6.0 * ratio) * rows + 0.75 * rows if wide else WIDTH / columns * ratio + 0.9
-    with figure_style.styled():
-        figure = figure_style.figure(WIDTH, float(np.clip(height, 2.4, 14.0)))
+    with theme.styled():
+        figure = theme.figure(WIDTH, float(np.clip(height, 2.4, 14.0)))
         plots = figure.subplots(rows, columns, squeeze=False).ravel()
         for axis, (title, grid) in zip(plots, values.items(), strict=True):
             finite = grid[np.isfinite(grid)]
             top = float(np.quantile(finite, 0.995)) if len(finite) else 1.0
             image = axis.pcolormesh(
-                x, y, grid.T, cmap=figure_style.GAS, vmin=0.0, vmax=top or 1.0, shading="nearest"
+                x, y, grid.T, cmap=theme.GAS, vmin=0.0, vmax=top or 1.0, shading="nearest"
             )
             axis.set_aspect("equal")
             axis.set_title(title)
@@ -202,18 +197,18 @@ def records(smelt: Smelt, threshold: float, begin: float) -> bytes:
     first = _liveliest(smelt.true > threshold, n)
     window = slice(first, first + n)
     t = begin + smelt.step * np.arange(first, first + n)
-    with figure_style.styled():
-        figure = figure_style.figure(WIDTH, 4.2)
+    with theme.styled():
+        figure = theme.figure(WIDTH, 4.2)
         plots = figure.subplots(3, 1, sharex=True)
-        shown = [("in the air", smelt.true, figure_style.INK)]
+        shown = [("in the air", smelt.true, theme.INK)]
         for k, color in ((1, FIRST), (0, SECOND)):
             sensor = smelt.sensors[k]
             scale = threshold / sensor.threshold if sensor.threshold > 0 else 1.0
             shown.append((sensor.nose.name, smelt.readings[k] * scale, color))
         for axis, (title, values, color) in zip(plots, shown, strict=True):
-            figure_style.plain(axis)
+            theme.plain(axis)
             axis.plot(t, values[window], color=color, linewidth=0.8)
-            axis.axhline(threshold, color=figure_style.FAINT, linewidth=0.8, linestyle="--")
+            axis.axhline(threshold, color=theme.FAINT, linewidth=0.8, linestyle="--")
             axis.set_title(title)
             axis.set_ylabel("ppm")
             axis.set_ylim(0.0, None)
@@ -231,14 +226,12 @@ def _liveliest(present: np.ndarray, n: int) -> int:
 
 def sensors(smelt: Smelt) -> bytes:
     """Draw the fraction of whiffs that each sensor keeps."""
-    with figure_style.styled():
+    with theme.styled():
         figure, (axis,) = _axes(1, 0.34 * len(smelt.sensors) + 0.9)
         y = np.arange(len(smelt.sensors))[::-1]
         colors = [SECOND, FIRST, *["#90a4ae"] * (len(y) - 2)]
         axis.barh(y, [100 * sensor.share for sensor in smelt.sensors], color=colors)
-        axis.set_yticks(
-            y, [figure_style.short(sensor.nose.name, 70) for sensor in smelt.sensors], parse_math=False
-        )
+        axis.set_yticks(y, [theme.short(sensor.nose.name, 70) for sensor in smelt.sensors], parse_math=False)
         for place, sensor in zip(y, smelt.sensors, strict=True):
             axis.text(100 * sensor.share + 1, place, f"{sensor.share:.0%}", va="center", fontsize=8)
         axis.set_xlim(0, 112)

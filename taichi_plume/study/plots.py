@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichi_plume.report import figure_style
+from taichi_plume.report import theme
 from taichi_plume.study.columns import is_number
 from taichi_plume.study.estimates import Points, Quantity
 from taichi_plume.study.indices import Index
@@ -52,7 +52,7 @@ def numeric(points: Points) -> list[str]:
 def label(points: Points, axis: str) -> str:
     """Return the label of a study's axis for plots: its shortened name, and its unit in brackets if there is one."""
     unit = next((column.unit for column in points.plan.axes if column.name == axis), "")
-    return figure_style.short(axis) + (f" [{unit}]" if unit not in ("", "1") else "")
+    return theme.short(axis) + (f" [{unit}]" if unit not in ("", "1") else "")
 
 
 def logarithmic(points: Points, axis: str) -> bool:
@@ -63,7 +63,7 @@ def logarithmic(points: Points, axis: str) -> bool:
 
 def _quantity(quantity: Quantity) -> str:
     unit = "%" if quantity.share else "" if quantity.unit in ("1", "") else quantity.unit
-    return figure_style.short(quantity.title, 44) + (f" [{unit}]" if unit else "")
+    return theme.short(quantity.title, 44) + (f" [{unit}]" if unit else "")
 
 
 def _scaled(quantity: Quantity, estimate: Estimate) -> list[float]:
@@ -75,7 +75,7 @@ def interval_bar(axes: "Axes", place: int, quantity: Quantity, estimate: Estimat
     """Draw an estimate at y = `place`: its mean as a dot, its confidence interval as a horizontal error bar."""
     mean, low, high = _scaled(quantity, estimate)
     axes.errorbar(
-        [mean], [place], xerr=np.nan_to_num(np.abs([[mean - low], [high - mean]])), color=figure_style.robot(place),
+        [mean], [place], xerr=np.nan_to_num(np.abs([[mean - low], [high - mean]])), color=theme.robot(place),
         marker="o", markersize=4.5, capsize=2.5,
     )  # fmt: skip
 
@@ -84,13 +84,13 @@ def _panels(
     count: int, draw: Callable[["Axes", int], None], rows: int, tall: float = TALL, legend: str = ""
 ) -> bytes:
     """Return a PNG of `count` panels in `rows` rows; draw(axes, n) draws panel n. legend: title of a legend, if any."""
-    with figure_style.styled({"text.parse_math": False}):
+    with theme.styled({"text.parse_math": False}):
         below = 0.45 if legend else 0.0
-        figure = figure_style.figure(WIDE, tall * rows + below, DPI)
+        figure = theme.figure(WIDE, tall * rows + below, DPI)
         axes = np.ravel(figure.subplots(rows, -(-count // rows), squeeze=False))
         for n, panel in enumerate(axes):
             if n < count:
-                figure_style.plain(panel)
+                theme.plain(panel)
                 draw(panel, n)
             else:
                 panel.set_axis_off()
@@ -101,7 +101,7 @@ def _panels(
             box.set_title(f"{legend}:")
             box.get_title().set_fontsize(8)
             box.set_alignment("left")
-        return figure_style.png(figure)
+        return theme.png(figure)
 
 
 # ---------------------------------------------------------------- along one axis
@@ -127,9 +127,9 @@ def along(points: Points, axis: str, by: str | None, quantities: Sequence[Quanti
         if quantity.share:
             axes.set_ylim(-3, 103)
         if n % len(quantities) == 0 and by and len(parts) > 1:
-            axes.legend(loc="best", title=figure_style.short(by), title_fontsize=8, handlelength=1.2)
+            axes.legend(loc="best", title=theme.short(by), title_fontsize=8, handlelength=1.2)
 
-    legend = figure_style.short(by) if by and len(parts) == 1 else ""
+    legend = theme.short(by) if by and len(parts) == 1 else ""
     return _panels(len(parts) * len(quantities), panel, len(parts), legend=legend)
 
 
@@ -157,8 +157,8 @@ def _means(
         mean, low, high = np.array([values for _, values in known]).T
         reach = np.nan_to_num(np.abs([mean - low, high - mean]))
         axes.errorbar(
-            x, mean, reach, color=figure_style.robot(n), marker="o", markersize=3.5, linewidth=1.3, elinewidth=0.9,
-            capsize=2, label=figure_style.short(str(name)) if by else None,
+            x, mean, reach, color=theme.robot(n), marker="o", markersize=3.5, linewidth=1.3, elinewidth=0.9,
+            capsize=2, label=theme.short(str(name)) if by else None,
         )  # fmt: skip
 
 
@@ -182,13 +182,13 @@ def _running(
         if not mine.any():
             continue
         shown = np.flatnonzero(mine)[:: max(1, int(mine.sum()) // MOST_DOTS)]
-        color = figure_style.robot(n)
+        color = theme.robot(n)
         back = np.exp if log else np.asarray
         axes.plot(back(x[shown]), y[shown], ".", color=color, markersize=3, alpha=0.35)
         grid = np.linspace(x[mine].min(), x[mine].max(), 60)
         weight = np.exp(-0.5 * ((grid[:, None] - x[mine]) / (reach / 2)) ** 2)
         mean = (weight * y[mine]).sum(1) / weight.sum(1)
-        axes.plot(back(grid), mean, color=color, label=figure_style.short(str(name)) if by else None)
+        axes.plot(back(grid), mean, color=color, label=theme.short(str(name)) if by else None)
 
 
 def between(points: Points, axis: str, quantities: Sequence[Quantity]) -> bytes:
@@ -201,9 +201,7 @@ def between(points: Points, axis: str, quantities: Sequence[Quantity]) -> bytes:
         for place, name in enumerate(names):
             if name in found[quantity.name]:
                 interval_bar(axes, place, quantity, found[quantity.name][name])
-        axes.set_yticks(
-            range(len(names)), [figure_style.short(str(name)) if n == 0 else "" for name in names]
-        )
+        axes.set_yticks(range(len(names)), [theme.short(str(name)) if n == 0 else "" for name in names])
         axes.set_ylim(len(names) - 0.5, -0.5)
         axes.set_title(_quantity(quantity), fontsize=9)
         if quantity.share:
@@ -234,11 +232,11 @@ def heat(points: Points, pair: tuple[str, str], by: str | None, q: Quantity) -> 
         axes.set_yticks(range(len(up)), [f"{y:.3g}" for y in up])
         axes.set_xlabel(label(points, pair[0]))
         axes.set_ylabel(label(points, pair[1]))
-        axes.set_title(figure_style.short(str(parts[n])) if by else _quantity(q), fontsize=9)
+        axes.set_title(theme.short(str(parts[n])) if by else _quantity(q), fontsize=9)
         for row, values in enumerate(tables[n] if len(across) * len(up) <= 64 else []):
             for place, value in enumerate(values):
                 if np.isfinite(value):
-                    figure_style.note(axes, place, row, f"{value:.3g}", figure_style.INK)
+                    theme.note(axes, place, row, f"{value:.3g}", theme.INK)
         axes.figure.colorbar(image, ax=axes, fraction=0.05, pad=0.03).set_label(_quantity(q), fontsize=7)
 
     rows = -(-len(parts) // 2)
@@ -257,10 +255,10 @@ def sensitivity(title: str, indices: dict[str, Index]) -> bytes:
             index, low, high = np.array([values[3 * n : 3 * n + 3] for values in indices.values()]).T
             reach = np.nan_to_num(np.clip([index - low, high - index], 0, None))
             axes.barh(
-                place + 0.38 * n - 0.19, index, 0.36, xerr=reach, color=figure_style.robot(n), label=name,
-                ecolor=figure_style.INK, capsize=2,
+                place + 0.38 * n - 0.19, index, 0.36, xerr=reach, color=theme.robot(n), label=name,
+                ecolor=theme.INK, capsize=2,
             )  # fmt: skip
-        axes.set_yticks(place, [figure_style.short(name) for name in indices])
+        axes.set_yticks(place, [theme.short(name) for name in indices])
         axes.set_ylim(len(indices) - 0.4, -0.6)
         axes.set_xlabel("share of the variance")
         axes.set_title(title, fontsize=9)
@@ -274,17 +272,13 @@ def refinement(rows: Sequence[Row], names: Sequence[str], title: str, unit: str)
 
     def panel(axes: "Axes", _: int) -> None:
         for n, (row, name) in enumerate(zip(rows[:MOST_LINES], names, strict=False)):
-            label, color = figure_style.short(name, 40), figure_style.robot(n)
+            label, color = theme.short(name, 40), theme.robot(n)
             axes.plot(row["spacings"], row["values"], "o-", color=color, markersize=4, label=label)
             if np.isfinite(row["extrapolated"]):
-                axes.plot(
-                    0, row["extrapolated"], "*", color=figure_style.robot(n), markersize=9, clip_on=False
-                )
+                axes.plot(0, row["extrapolated"], "*", color=theme.robot(n), markersize=9, clip_on=False)
         axes.set_xlim(0, None)
         axes.set_xlabel("spacing [m]; stars: extrapolated")
-        axes.set_title(
-            figure_style.short(title, 60) + (f" [{unit}]" if unit not in ("", "1") else ""), fontsize=9
-        )
+        axes.set_title(theme.short(title, 60) + (f" [{unit}]" if unit not in ("", "1") else ""), fontsize=9)
         if any(names):
             axes.legend(loc="best")
 

@@ -6,7 +6,7 @@ import pyarrow.parquet as pq
 import pytest
 from matplotlib.colors import to_hex
 
-from taichi_plume.report import facts, figure_style, figures, page
+from taichi_plume.report import facts, figures, page, theme
 from taichi_plume.report.page import Parts
 from taichi_plume.results import tracks
 from taichi_plume.results.run import Run
@@ -44,12 +44,12 @@ def test_crosses_are_where_robots_said_and_red_while_they_are_wrong(run, drawn):
     (picture,) = run.planes.read(["gas_slice"], (0.0, np.inf), 1.0).values()
     figures.mean_plume(run, picture, saying(run))
     figures.only_tracks(run, saying(run))
-    assert [crosses(figure) for figure in drawn] == [[([1.0, 1.2], figure_style.FOUND)]] * 2
+    assert [crosses(figure) for figure in drawn] == [[([1.0, 1.2], theme.FOUND)]] * 2
     names = [text.get_text() for text in drawn[0].legends[0].get_texts()]
     assert "declared rightly" in names
     assert "falsely" not in names
     figures.only_tracks(run, [track._replace(t=track.t[track.t < 5]) for track in saying(run)])
-    assert crosses(drawn[-1]) == [([2.0, 2.0], figure_style.WRONG)]
+    assert crosses(drawn[-1]) == [([2.0, 2.0], theme.WRONG)]
 
 
 def test_a_run_in_which_nobody_declares_has_none(run, drawn):

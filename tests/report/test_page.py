@@ -16,7 +16,7 @@ from taichi_plume.agents import algorithm_table, mapping
 from taichi_plume.assembly import solver_table
 from taichi_plume.cli.report import main
 from taichi_plume.execution.result import write_result
-from taichi_plume.report import figure_style, figures, maps, references
+from taichi_plume.report import figures, maps, references, theme
 from taichi_plume.report.page import NAME
 from taichi_plume.results.run import Run
 
@@ -264,8 +264,8 @@ def test_maps_of_rooms_of_any_shape(tmp_path, monkeypatch, drawn, size):
 
 
 def test_long_names_keep_their_ends():
-    assert figure_style.short("casters 12") == "casters 12"
-    assert figure_style.short("n" * 60 + " 7", 12) == "nnnnnn…nnn 7"
+    assert theme.short("casters 12") == "casters 12"
+    assert theme.short("n" * 60 + " 7", 12) == "nnnnnn…nnn 7"
 
 
 def test_a_long_series_keeps_its_peaks():

@@ -10,7 +10,7 @@ import pytest
 
 from taichi_plume.record.drawing import ROBOTS
 from taichi_plume.record.tracks import recorded_robots
-from taichi_plume.report import figure_style
+from taichi_plume.report import theme
 from taichi_plume.results.tracks import COLUMNS, tracks
 
 # Machado, Oliveira & Fernandes 2009, doi:10.1109/TVCG.2009.113, severity 1
@@ -33,7 +33,7 @@ def lab(rgb, eye):
 @pytest.mark.parametrize("eye", EYES)
 def test_colors_of_robots_differ_from_each_other_and_from_the_gas(eye):
     robots = lab(ROBOTS / 255, eye)
-    gas = lab(figure_style.GAS(np.linspace(0.2, 1, 9))[:, :3], eye)
+    gas = lab(theme.GAS(np.linspace(0.2, 1, 9))[:, :3], eye)
     apart = np.linalg.norm(robots[:, None] - robots, axis=-1) + 1e3 * np.eye(len(robots))
     assert apart.min() > 19
     assert np.linalg.norm(robots[:, None] - gas, axis=-1).min() > 15
@@ -56,7 +56,7 @@ def test_a_robot_has_one_color_in_report_and_recording(tmp_path, counts):
     ]
     swarm = SimpleNamespace(groups=groups)
     sim: Any = SimpleNamespace(swarm=swarm, state_names=lambda: [("S",)] * len(groups))
-    drawn = [figure_style.robot(track.number) for track in tracks(tmp_path / "robots.parquet", groups)]
+    drawn = [theme.robot(track.number) for track in tracks(tmp_path / "robots.parquet", groups)]
     recorded = ["#{:02x}{:02x}{:02x}".format(*one.color) for one in recorded_robots(sim)]
     assert drawn == recorded
-    assert drawn[-1] == figure_style.robot(starts[-2] + min(counts[-1], 50 // len(counts)) - 1)
+    assert drawn[-1] == theme.robot(starts[-2] + min(counts[-1], 50 // len(counts)) - 1)

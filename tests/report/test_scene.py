@@ -8,27 +8,27 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from taichi_plume.assembly.preparation import checked
-from taichi_plume.report import figure_style, scene
+from taichi_plume.report import scene, theme
 
 SPHERE = {"kind": "sphere", "center": [1.0, 0.5, 0.7], "radius": 0.2}
 
 
 def seen(axes, x: float, y: float) -> np.ndarray:
     """Colour (3,) 0 to 1 of the drawing at a place."""
-    picture = np.asarray(Image.open(io.BytesIO(figure_style.png(axes.figure))).convert("RGB"), float) / 255
+    picture = np.asarray(Image.open(io.BytesIO(theme.png(axes.figure))).convert("RGB"), float) / 255
     column, row = axes.transData.transform((x, y))
     return picture[round(len(picture) - 1 - row), round(column)]
 
 
-def drawn(model, plane=figure_style.ABOVE, shapes=None, **how):
-    axes = figure_style.figure(8, 6).add_subplot()
+def drawn(model, plane=theme.ABOVE, shapes=None, **how):
+    axes = theme.figure(8, 6).add_subplot()
     scene.draw(axes, model, shapes, plane=plane, **how)
     axes.figure.canvas.draw()
     return axes
 
 
 def is_solid(color) -> bool:
-    return np.allclose(color, to_rgb(figure_style.SOLID), atol=0.02)
+    return np.allclose(color, to_rgb(theme.SOLID), atol=0.02)
 
 
 def test_obstacles_are_where_they_are():
@@ -39,10 +39,10 @@ def test_obstacles_are_where_they_are():
 def test_from_the_side_heights_count():
     box = {"kind": "box", "center": [3, 2, 0.2], "size": [1, 1, 0.4]}
     model = made_run.scenario(3, obstacles=[SPHERE, box])
-    axes = drawn(model, figure_style.SIDE, sizes=False)
+    axes = drawn(model, theme.SIDE, sizes=False)
     assert [is_solid(seen(axes, 1.0, z)) for z in (0.7, 0.3)] == [True, False]
     assert [is_solid(seen(axes, 2.6, z)) for z in (0.3, 0.5)] == [True, False]
-    axes = drawn(model, figure_style.FRONT, sizes=False)
+    axes = drawn(model, theme.FRONT, sizes=False)
     assert is_solid(seen(axes, 0.5, 0.7))
 
 

@@ -1,4 +1,4 @@
-"""Style of figures: colours, sizes of letters, colour bars; figures without a window."""
+"""Theme of figures: colours, sizes of letters, colour bars; figures without a window."""
 
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
