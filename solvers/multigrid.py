@@ -105,18 +105,18 @@ class Multigrid(VCycle):
     def _load(self, b: Template, pieces: ti.i32):
         """Start from phi = 0: set the residual to b, without closed-off cells and, if floating, without the mean."""
         for piece in range(pieces):
-            row, start = self._place(0, piece)
-            first, n0, _, _, _ = self._row(0, row)
-            for i in range(start, n0 if ti.static(self.strips) else start + 1):
+            row, start, end = self._place(0, piece)
+            first, _, _, _, _ = self._row(0, row)
+            for i in range(start, end):
                 self.b[first + i] = ti.select(self.damped[first + i] > 0.0, b[self._cell(row, i)], 0.0)
         self._add_up(self._residual, self._plus)
         for _ in range(1):
             self.rho[None] = 0.0
             self.mean[None] = ti.cast(self._sum() / self.air_cells, ti.f32)
         for piece in range(pieces):
-            row, start = self._place(0, piece)
-            first, n0, _, _, _ = self._row(0, row)
-            for i in range(start, n0 if ti.static(self.strips) else start + 1):
+            row, start, end = self._place(0, piece)
+            first, _, _, _, _ = self._row(0, row)
+            for i in range(start, end):
                 if ti.static(self.floating):
                     mean = ti.select(self.damped[first + i] > 0.0, self.mean[None], 0.0)
                     self.b[first + i] = self.b[first + i] - mean
@@ -135,17 +135,17 @@ class Multigrid(VCycle):
             self.beta[None] = rho / self.rho[None] if self.rho[None] > 0.0 else 0.0
             self.rho[None] = rho
         for piece in range(pieces):
-            row, start = self._place(0, piece)
+            row, start, _ = self._place(0, piece)
             self._fill(self.p, self._direction, 0, row, start, self.beta[None])
         for piece in range(pieces):
-            row, start = self._place(0, piece)
+            row, start, _ = self._place(0, piece)
             self._fill(self.t, self._along, 0, row, start, 0)
         self._add_up(self._curvature, self._plus)
         for _ in range(1):
             curvature = self._sum()
             self.alpha[None] = ti.cast(self.rho[None] / curvature, ti.f32) if curvature > 0.0 else 0.0
         for piece in range(pieces):
-            row, start = self._place(0, piece)
+            row, start, _ = self._place(0, piece)
             self._fill(self.phi, self._stepped, 0, row, start, self.alpha[None])
             self._fill(self.b, self._remaining, 0, row, start, self.alpha[None])
         self._add_up(self._residual, self._larger)
@@ -193,9 +193,9 @@ class Multigrid(VCycle):
                 given = ti.cast(self.mean[None], ti.f64) * self.air_cells
                 self.alpha[None] = ti.cast((given - self._sum()) / self.conductance, ti.f32)
         for piece in range(pieces):
-            row, start = self._place(0, piece)
-            first, n0, _, _, _ = self._row(0, row)
-            for i in range(start, n0 if ti.static(self.strips) else start + 1):
+            row, start, end = self._place(0, piece)
+            first, _, _, _, _ = self._row(0, row)
+            for i in range(start, end):
                 value = self.phi[first + i]  # 0 without air
                 phi[self._cell(row, i)] = ti.select(value != 0.0, value + self.alpha[None], 0.0)
 

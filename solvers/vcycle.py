@@ -115,12 +115,14 @@ class VCycle:
 
     @ti.func
     def _place(self, level, piece):
-        """Return the row of a piece, and its cell in the row (0 on a CPU, where a piece is a row)."""
-        row, i = piece, 0
+        """Return the row of a piece, and its first cell and end in the row: all of it on a CPU, a cell on a GPU."""
+        n0 = self.layout[level, 1]
+        row, start, end = piece, 0, n0
         if ti.static(not self.strips):
-            row = piece // self.layout[level, 1]
-            i = piece - row * self.layout[level, 1]
-        return row, i
+            row = piece // n0
+            start = piece - row * n0
+            end = start + 1
+        return row, start, end
 
     @ti.func
     def _fill(self, target: Template, formula: Template, level, row, start, extra: Template):
@@ -160,14 +162,14 @@ class VCycle:
     @ti.func
     def _smooth(self, source: Template, target: Template, level, pieces):
         for piece in range(pieces):
-            row, start = self._place(level, piece)
+            row, start, _ = self._place(level, piece)
             self._fill(target, self._jacobi, level, row, start, source)
 
     @ti.func
     def _restrict(self, level, coarse_pieces):
         """Set b of the next coarser level to the residual summed over merged cells, scaled to the coarser spacing."""
         for piece in range(coarse_pieces):
-            row, coarse = self._place(level + 1, piece)
+            row, coarse, _ = self._place(level + 1, piece)
             target, _, _, _, _ = self._row(level + 1, row)
             n1, n2 = self.layout[level, 2], self.layout[level, 3]
             f0, f1, f2 = self.layout[level, 4], self.layout[level, 5], self.layout[level, 6]
@@ -204,7 +206,7 @@ class VCycle:
     def _prolong(self, level, pieces):
         """Add the correction of the next coarser level to x."""
         for piece in range(pieces):
-            row, start = self._place(level, piece)
+            row, start, _ = self._place(level, piece)
             m0, m1 = self.layout[level + 1, 1], self.layout[level + 1, 2]
             k = row // self.layout[level, 2]
             j = row - k * self.layout[level, 2]
@@ -219,7 +221,7 @@ class VCycle:
     @ti.func
     def _down_passes(self, level, pieces, coarse_pieces):
         for piece in range(pieces):
-            row, start = self._place(level, piece)
+            row, start, _ = self._place(level, piece)
             self._fill(self.x, self._jacobi_twice, level, row, start, 0)
         self._restrict(level, coarse_pieces)
 
