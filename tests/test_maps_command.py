@@ -22,7 +22,7 @@ GOOD = "t,x,y,reading\n1,0,0,2\n"
         (None, [], "cannot be read"),
         ("t,x,y,reading\n1,8,9,2\n", [], "no reading lies on the floor of 2 x 1 m from the origin on"),
         ("t,x,y,reading\n1,0,0,nan\n2,0,0,\n", [], "none of the 2 readings is a number"),
-        (GOOD, ["--trial", "3"], "no column trial"),
+        (GOOD, ["--trial", "3"], "no column 'trial'"),
         (GOOD, ["--map={kind: time_series, alpha: 2}"], "--map.alpha: got 2: must be less than 1"),
         (GOOD, ["--map={kind: gmrf, cell: 2 kg}"], "--map.cell: got '2 kg': must have a unit that converts to m"),
         (GOOD, ["--map={kind: time_series, alfa: 2}"], "--map: unknown key 'alfa'; did you mean 'alpha'?"),
