@@ -73,6 +73,7 @@ def first_tick(config: Path, arch: str = "cpu") -> int:
 def _measured(checkout: Path, config: Path, cold: bool, cache: str, arch: str) -> Start:
     """Return the cost of the start of a process. Raises RuntimeError if the process fails."""
     environment = os.environ | {"PYTHONPATH": str(checkout), "TI_OFFLINE_CACHE_FILE_PATH": cache}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # the second start of a user finds compiled modules
     command = [sys.executable, __file__, "--tick", str(config), "--arch", arch]
     begin = time.perf_counter()
     with subprocess.Popen(
