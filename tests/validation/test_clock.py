@@ -24,7 +24,7 @@ def rows(monkeypatch):
         raise RuntimeError("exit code 1: no room left")
 
     made = {
-        "room": Row("a room", "s/s", look_up, 10.0, 15.0, "x OpenFOAM", lambda args: 9.0, "x OpenFOAM"),
+        "room": Row("a room", "s/s", look_up, 10.0, 15.0, "x OpenFOAM", lambda args: {"x OpenFOAM": 9.0}),
         "broken": Row("a row that fails", "s", fail, 2.0, 1.0, "s"),
     }
     monkeypatch.setattr(clock, "ROWS", made)
@@ -80,18 +80,19 @@ def test_a_row_that_fails_is_told_and_the_others_go_on(rows, tmp_path, capsys):
 
 def test_other_programs_that_are_not_there(tmp_path):
     args = clock._arguments([])
-    assert clock._jax_box(16, 2, args) is None
-    assert clock._openfoam(0.05, 2, args) is None
+    assert clock._jax_box(16, 2, args) == {}
+    assert clock._openfoam(0.05, 2, args) == {}
     args = clock._arguments(["--openfoam-seconds", "1.5", "130"])
-    assert [clock._openfoam(dx, 2, args) for dx in clock.SPACINGS] == [1.5, 130.0]
-    with pytest.raises(RuntimeError, match="OpenFOAM made 0 of 4 steps"):
-        openfoam.arena(0.25, 1, str(tmp_path / "no_bashrc"))
+    assert [clock._openfoam(dx, 2, args)[clock.FOAM] for dx in clock.SPACINGS] == [1.5, 130.0]
+    with pytest.raises(RuntimeError, match="OpenFOAM made 0 of 11 steps"):
+        openfoam.arena(0.25, 1, True, str(tmp_path / "no_bashrc"))
 
 
-def test_the_case_of_openfoam_closes_what_it_opens():
-    files = openfoam._files(0.25, 0.1, 4)
+@pytest.mark.parametrize("obstacles", [False, True])
+def test_the_case_of_openfoam_closes_what_it_opens(obstacles):
+    files = openfoam._files(0.25, obstacles)
     assert "(16 12 2)" in files["system/blockMeshDict"]
-    assert "endTime 0.4; deltaT 0.1;" in files["system/controlDict"]
+    assert "deltaT 0.2; adjustTimeStep yes; maxCo 0.8;" in files["system/controlDict"]
     for text in files.values():
         assert text.count("{") == text.count("}") > 0
         assert text.count("(") == text.count(")")

@@ -7,8 +7,9 @@
 Each row is measured in its own process, one after the other; several checkouts in turns, row by row. A run is timed in
 its steady state, past its first seconds; only `first_command` and the first ticks include the start. `triad` is the
 memory bandwidth of the same minute, `load` the load average before. With --jax and --openfoam the same work is measured
-with jax-cfd and with OpenFOAM's pisoFoam on the same machine. The two processes of pisoFoam wait for each other: under
-other load pisoFoam takes ten times as long. Pass times of a quiet machine with --openfoam-seconds instead.
+with jax-cfd and with OpenFOAM's pimpleFoam on the same machine, in the arena with the obstacles and without. The two
+processes of pimpleFoam wait for each other: under other load it takes ten times as long. Pass times of a quiet machine
+with --openfoam-seconds instead.
 """
 
 import argparse
@@ -30,14 +31,15 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 Figures = dict[str, float]
 COSTS = ("s/s", "s")  # less is better; of other figures more
-JAX, FOAM = "x jax-cfd", "x OpenFOAM"
+JAX, FOAM, EMPTY = "x jax-cfd", "x OpenFOAM", "x OpenFOAM in the empty arena"
 
 
 @dataclass(frozen=True)
 class Row:
     """Row of the wall-clock benchmark: main figure, and least value and aim of the figure `judged`.
 
-    measure: returns the figures of a checkout. beside: returns the value of another program, in units of `figure`.
+    measure: returns the figures of a checkout. beside: returns the values of other programs in units of `figure`, by
+    the name of the ratio to them.
     """
 
     about: str
@@ -46,8 +48,7 @@ class Row:
     least: float | None = None
     aim: float | None = None
     judged: str = ""
-    beside: Callable[[argparse.Namespace], float | None] | None = None
-    ratio: str = ""
+    beside: Callable[[argparse.Namespace], Figures] = lambda args: {}
 
 
 @dataclass(frozen=True)
@@ -113,18 +114,25 @@ def _first_tick(config: str, name: str, checkout: Path, args: argparse.Namespace
     return {"s": warm.seconds, "CPU s": warm.cpu_seconds, "s cold": cold.seconds, "kernels": warm.kernels}
 
 
-def _jax_box(n: int, dim: int, args: argparse.Namespace) -> float | None:
-    """Return the speed of jax-cfd in M cell-steps/s; None without its interpreter."""
+def _jax_box(n: int, dim: int, args: argparse.Namespace) -> Figures:
+    """Return the speed of jax-cfd in M cell-steps/s; nothing without its interpreter."""
     if args.jax is None:
-        return None
-    return float(_output([args.jax, str(HERE / "jax_box.py"), str(n), str(dim), str(args.seconds)], HERE))
+        return {}
+    return {
+        JAX: float(_output([args.jax, str(HERE / "jax_box.py"), str(n), str(dim), str(args.seconds)], HERE))
+    }
 
 
-def _openfoam(dx: float, steps: int, args: argparse.Namespace) -> float | None:
-    """Return the wall time of OpenFOAM per simulated second; None if not requested."""
+def _openfoam(dx: float, steps: int, args: argparse.Namespace) -> Figures:
+    """Return the wall time of OpenFOAM per simulated second, with obstacles and without; nothing if not requested."""
     if args.openfoam_seconds is not None:
-        return dict(zip(SPACINGS, args.openfoam_seconds, strict=True))[dx]
-    return None if args.openfoam is None else openfoam.arena(dx, steps, args.openfoam)
+        return {FOAM: dict(zip(SPACINGS, args.openfoam_seconds, strict=True))[dx]}
+    if args.openfoam is None:
+        return {}
+    return {
+        name: openfoam.arena(dx, steps, obstacles, args.openfoam)
+        for name, obstacles in ((FOAM, True), (EMPTY, False))
+    }
 
 
 def _output(command: Sequence[str], folder: Path, **environment: str) -> str:
@@ -146,12 +154,12 @@ SPACINGS = 0.05, 0.02  # m, of the arena
 COMMAND, RATE, ROBOTS = "s/s", "M cell-steps/s", "M robot-steps/s"
 ROWS: dict[str, Row] = {
     "arena_3d": Row(
-        "configs/arena_3d.yaml with recording, 5 cm", COMMAND, _apart, 0.45, 0.15, COMMAND,
-        partial(_openfoam, SPACINGS[0], 50), FOAM,
+        "configs/arena_3d.yaml with recording, 5 cm", COMMAND, _apart, 3.0, 6.0, FOAM,
+        partial(_openfoam, SPACINGS[0], 50),
     ),
     "arena_3d_2cm": Row(
-        "the same with 2 cm, 750,000 cells, without recording", COMMAND, _apart, 10.0, 15.0, FOAM,
-        partial(_openfoam, SPACINGS[1], 6), FOAM,
+        "the same with 2 cm, 750,000 cells, without recording", COMMAND, _apart, 3.0, 6.0, FOAM,
+        partial(_openfoam, SPACINGS[1], 6),
     ),
     "casting_room": Row(
         "configs/casting_room.yaml with recording", COMMAND, _apart, 0.15, 0.08, COMMAND
@@ -164,10 +172,10 @@ ROWS: dict[str, Row] = {
         "flow and gas on 200 x 150 cells with obstacles", RATE, _apart, 8.0, 12.0, RATE
     ),
     "box_2d": Row(
-        "flow in a periodic box, 256²", RATE, _apart, 0.5, 1.0, JAX, partial(_jax_box, 256, 2), JAX
+        "flow in a periodic box, 256²", RATE, _apart, 0.5, 1.0, JAX, partial(_jax_box, 256, 2)
     ),
     "box_3d": Row(
-        "flow in a periodic box, 64³", RATE, _apart, 1.5, 2.0, JAX, partial(_jax_box, 64, 3), JAX
+        "flow in a periodic box, 64³", RATE, _apart, 1.5, 2.0, JAX, partial(_jax_box, 64, 3)
     ),
     "tick_casting_room": Row(
         "first tick of casting_room, compiled before", "s", partial(_first_tick, "casting_room"), 2.0, 1.0, "s"
@@ -183,12 +191,12 @@ def measured(name: str, args: argparse.Namespace) -> Iterator[Timing]:
     """Yield the figures of a row for each checkout in turns, `repeats` times. Raises RuntimeError on failure."""
     row = ROWS[name]
     for _ in range(args.repeats):
-        other = row.beside(args) if row.beside else None
+        others = row.beside(args)
         for checkout in args.checkout:
             figures = row.measure(name, checkout.resolve(), args)
-            if other is not None:
-                figures[row.ratio] = _better(row.figure, figures[row.figure], other)
-                figures[f"{row.figure} of {row.ratio[2:]}"] = other
+            for ratio, other in others.items():
+                figures[ratio] = _better(row.figure, figures[row.figure], other)
+                figures[f"{row.figure} of {ratio[2:]}"] = other
             yield Timing(name, checkout.resolve().name, row.figure, figures, row.judged, row.least, row.aim)
 
 
@@ -262,14 +270,14 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         nargs="?",
         const="",
         metavar="BASHRC",
-        help="measure pisoFoam too; BASHRC sets its paths",
+        help="measure pimpleFoam too; BASHRC sets its paths",
     )
     foam.add_argument(
         "--openfoam-seconds",
         nargs=2,
         type=float,
         metavar="S",
-        help="wall time of pisoFoam per simulated second of the arena, with 5 cm and with 2 cm",
+        help="wall time of pimpleFoam per simulated second of the arena with obstacles, with 5 cm and with 2 cm",
     )
     parser.add_argument("--arch", default="cpu", choices=("auto", "cpu", "cuda", "vulkan", "metal"))
     parser.add_argument("--seconds", type=float, default=8.0, help="seconds per rate of steps (default: 8)")

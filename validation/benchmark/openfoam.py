@@ -1,10 +1,12 @@
-"""Wall time of OpenFOAM's pisoFoam for the empty arena of 4 x 3 x 0.5 m: LES and a gas, 0.7 m/s from one end.
+"""Wall time of OpenFOAM's pimpleFoam for the arena of 4 x 3 x 0.5 m: LES and a gas, 0.7 m/s from one end.
 
-The time step has a Courant number of 0.8 at 0.9 m/s. Two processes share the cells. The start and the first steps are
-not timed.
+The arena is empty or has the obstacles of configs/arena_3d.yaml, around which snappyHexMesh fits the cells. The solver
+chooses its time step for a Courant number of 0.8 and corrects the pressure twice a step (PISO). Two processes share the
+cells. The start and the first steps are not timed.
 """
 
 import os
+import signal
 import subprocess
 import tempfile
 import time
@@ -13,7 +15,8 @@ from pathlib import Path
 SIZE = (4.0, 3.0, 0.5)  # m
 SPEED = 0.7  # m/s
 PROCESSES = 2
-START = 3  # steps that are not timed
+START = 10  # steps that are not timed
+COURANT = 0.8
 DEBIAN = Path("/usr/share/openfoam")
 
 MESH = """
@@ -26,8 +29,35 @@ boundary
     solid { type wall; faces ((0 1 5 4) (3 7 6 2) (0 3 2 1) (4 5 6 7)); }
 );
 """
+OBSTACLES = """
+castellatedMesh true; snap true; addLayers false; mergeTolerance 1e-6;
+geometry
+{
+    solid_pillar { type searchableCylinder; point1 (1 1.9 -0.1); point2 (1 1.9 0.6); radius 0.12; }
+    solid_turned
+    {
+        type searchableRotatedBox; span (0.4 0.3 0.5); origin (2.26336 2.14064 -0.1);
+        e1 (0.93969 0.34202 0); e3 (0 0 1);
+    }
+    solid_box { type searchableBox; min (2.125 0.725 -0.1); max (2.475 1.075 0.3); }
+}
+castellatedMeshControls
+{
+    maxLocalCells 10000000; maxGlobalCells 10000000; minRefinementCells 0; nCellsBetweenLevels 1;
+    features (); refinementRegions {} resolveFeatureAngle 30; allowFreeStandingZoneFaces false;
+    refinementSurfaces { "solid.*" { level (0 0); patchInfo { type wall; } } }
+    locationInMesh (0.513 0.517 0.263);
+}
+snapControls
+{
+    nSmoothPatch 3; tolerance 2; nSolveIter 30; nRelaxIter 5; nFeatureSnapIter 10; implicitFeatureSnap true;
+}
+addLayersControls {}
+meshQualityControls { #includeEtc "caseDicts/mesh/generation/meshQualityDict.cfg" }
+"""
 CONTROL = """
-startFrom startTime; startTime 0; stopAt endTime; endTime %.9g; deltaT %.9g;
+startFrom startTime; startTime 0; stopAt endTime; endTime 1000;
+deltaT %.9g; adjustTimeStep yes; maxCo %g;
 writeControl timeStep; writeInterval 1000000;
 functions
 {
@@ -54,9 +84,9 @@ divSchemes
     div(phi,U) Gauss linearUpwind default;
     div(phi,gas) Gauss limitedLinear01 1;
 }
-laplacianSchemes { default Gauss linear orthogonal; }
+laplacianSchemes { default Gauss linear %(gradient)s; }
 interpolationSchemes { default linear; }
-snGradSchemes { default orthogonal; }
+snGradSchemes { default %(gradient)s; }
 """
 SOLUTION = """
 solvers
@@ -64,7 +94,7 @@ solvers
     "p|pFinal" { solver GAMG; smoother GaussSeidel; tolerance 1e-5; relTol 0.01; }
     "(U|gas).*" { solver smoothSolver; smoother symGaussSeidel; tolerance 1e-6; relTol 0.01; }
 }
-PISO { nCorrectors 2; }
+PIMPLE { nOuterCorrectors 1; nCorrectors 2; nNonOrthogonalCorrectors 0; }
 """
 TURBULENCE = """
 simulationType LES;
@@ -83,41 +113,48 @@ FIELDS = {
 }
 
 
-def arena(dx: float, steps: int, bashrc: str = "") -> float:
+def arena(dx: float, steps: int, obstacles: bool, bashrc: str = "") -> float:
     """Return the wall time per simulated second with cells of `dx` [m].
 
     bashrc: script that sets OpenFOAM's environment; empty if the programs are on the PATH. Raises RuntimeError if a
     program is missing or fails.
     """
-    dt = 0.8 * dx / 0.9
     with tempfile.TemporaryDirectory() as folder:
         case = Path(folder)
-        for name, text in _files(dx, dt, steps + START).items():
+        for name, text in _files(dx, obstacles).items():
             (case / name).parent.mkdir(exist_ok=True)
             (case / name).write_text(text)
-        for program in ("blockMesh", "decomposePar"):
-            _begun(program, case, bashrc).communicate()
-        solver = f"mpirun --allow-run-as-root --oversubscribe -np {PROCESSES} pisoFoam -parallel"
-        moments = []
-        with _begun(solver, case, bashrc) as process:
+        for program in ("blockMesh", *["snappyHexMesh -overwrite"] * obstacles, "decomposePar"):
+            _started(program, case, bashrc).communicate()
+        solver = f"mpirun --allow-run-as-root --oversubscribe -np {PROCESSES} pimpleFoam -parallel"
+        simulated, moments, log = [], [], []
+        with _started(solver, case, bashrc) as process:
             assert process.stdout is not None
-            log = []
             for line in process.stdout:
                 log.append(line)
+                if line.startswith("Time ="):
+                    simulated.append(float(line.split()[2]))
                 if line.startswith("ExecutionTime ="):
                     moments.append(time.perf_counter())
+                if len(moments) == steps + START:
+                    os.killpg(process.pid, signal.SIGTERM)
+                    break
     if len(moments) != steps + START:
         raise RuntimeError(f"OpenFOAM made {len(moments)} of {steps + START} steps: {''.join(log[-20:])}")
-    return (moments[-1] - moments[START - 1]) / (steps * dt)
+    return (moments[-1] - moments[START - 1]) / (simulated[-1] - simulated[START - 1])
 
 
-def _files(dx: float, dt: float, steps: int) -> dict[str, str]:
+def _files(dx: float, obstacles: bool) -> dict[str, str]:
     """Return the texts of the OpenFOAM case by file name."""
     cells = tuple(round(length / dx) for length in SIZE)
     files = {
         "system/blockMeshDict": ("dictionary", MESH % cells),
-        "system/controlDict": ("dictionary", CONTROL % (steps * dt, dt)),
-        "system/fvSchemes": ("dictionary", SCHEMES),
+        "system/controlDict": ("dictionary", CONTROL % (COURANT * dx, COURANT)),
+        "system/snappyHexMeshDict": ("dictionary", OBSTACLES),
+        "system/fvSchemes": (
+            "dictionary",
+            SCHEMES % {"gradient": "corrected" if obstacles else "orthogonal"},
+        ),
         "system/fvSolution": ("dictionary", SOLUTION),
         "system/decomposeParDict": ("dictionary", PARTS % (PROCESSES, PROCESSES)),
         "constant/transportProperties": ("dictionary", "transportModel Newtonian; nu 1.5e-5;"),
@@ -125,7 +162,8 @@ def _files(dx: float, dt: float, steps: int) -> dict[str, str]:
     }
     for name, (kind, unit, within, *conditions) in FIELDS.items():
         patches = " ".join(
-            f"{patch} {{ {rule} }}" for patch, rule in zip(("in", "out", "solid"), conditions, strict=True)
+            f"{patch} {{ {rule} }}"
+            for patch, rule in zip(("in", "out", '"solid.*"'), conditions, strict=True)
         )
         text = f"dimensions {unit}; internalField uniform {within}; boundaryField {{ {patches} }}"
         files[f"0/{name}"] = (kind, text)
@@ -135,7 +173,7 @@ def _files(dx: float, dt: float, steps: int) -> dict[str, str]:
     }
 
 
-def _begun(command: str, case: Path, bashrc: str) -> subprocess.Popen[str]:
+def _started(command: str, case: Path, bashrc: str) -> subprocess.Popen[str]:
     """Start a program in a shell with OpenFOAM's environment; its output can be read line by line."""
     environment = dict(os.environ)
     if DEBIAN.is_dir():  # the Debian package has no bashrc
@@ -148,4 +186,5 @@ def _begun(command: str, case: Path, bashrc: str) -> subprocess.Popen[str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
+        start_new_session=True,
     )
