@@ -183,8 +183,7 @@ class Capacitance:
         self.changes = changes.matrix.astype(np.float32)
         self.cells, self.balance = np.flatnonzero(changes.air), Balance(changes.part, changes.floating)
         self.window = Window(self.box, self.reach, self.near)
-        with self.box.blas.limit(limits=1):
-            self._invert(changes.matrix)
+        self._invert(changes.matrix)
 
     def _invert(self, changes: sp.csr_array) -> None:
         places = [
@@ -207,17 +206,16 @@ class Capacitance:
             flat = right.reshape(-1)
             flat[self.cells] -= self.balance.excess(flat[self.cells]).astype(np.float32)
         inflow = right.sum(dtype=np.float64) if self.box.singular else 0.0
-        with self.box.blas.limit(limits=1):
-            waves = self.box.forward(right)
-            waves *= self.box.inverse
-            missed = self.changes @ self.window.values(waves)
-            if self.box.singular:
-                missed = np.append(missed, np.float32(inflow))
-            sources = self.inverse @ missed
-            unseen = self.window.waves(sources[: len(self.near)])
-            unseen *= self.box.inverse
-            waves -= unseen
-            solution = self.box.backward(waves)
+        waves = self.box.forward(right)
+        waves *= self.box.inverse
+        missed = self.changes @ self.window.values(waves)
+        if self.box.singular:
+            missed = np.append(missed, np.float32(inflow))
+        sources = self.inverse @ missed
+        unseen = self.window.waves(sources[: len(self.near)])
+        unseen *= self.box.inverse
+        waves -= unseen
+        solution = self.box.backward(waves)
         if self.box.singular:
             solution += sources[-1]
         solution *= self.air

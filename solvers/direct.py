@@ -9,7 +9,6 @@ import scipy.fft
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
-from threadpoolctl import ThreadpoolController
 
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import FEW_CELLS, Field
@@ -101,8 +100,6 @@ class FastTransforms:
                 self.dense[d] = self.matrices(d)
             elif kind != "periodic":
                 self.transforms.setdefault(_type(kind), []).append(grid.dim - 1 - d)
-        # in one thread: the same bits on all machines, and no waiting for a busy core
-        self.blas = ThreadpoolController().select(user_api="blas")
 
     def matrices(self, d: int) -> list[np.ndarray]:
         """Return the matrices of the transform and its inverse along axis d, which must not be periodic."""
@@ -132,10 +129,9 @@ class FastTransforms:
     def solve(self, b: Field, phi: Field, tolerance: float) -> None:
         """Solve the Poisson equation for the right side b into the inner cells of phi, exactly for any tolerance."""
         del tolerance
-        with self.blas.limit(limits=1):
-            waves = self.forward(self.grid.read(b).T)
-            waves *= self.inverse
-            self.grid.write(phi, self.backward(waves).T)
+        waves = self.forward(self.grid.read(b).T)
+        waves *= self.inverse
+        self.grid.write(phi, self.backward(waves).T)
 
 
 def _type(kind: str) -> tuple[bool, int]:

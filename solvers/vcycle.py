@@ -4,7 +4,6 @@ from math import prod
 
 import numpy as np
 import taichi as ti
-from threadpoolctl import threadpool_limits
 
 from taichi_plume.grid.kernels import FEW_CELLS, STRIP, Template, on_cpu
 from taichi_plume.grid.tables import Tables
@@ -66,8 +65,7 @@ class VCycle:
     def _invert_coarsest(self, level: OpenFractions, begin: int, tables: Tables) -> None:
         """Store the dense inverse of the coarsest level, and the indices of its cells in the flat arrays."""
         matrix = level.matrix().toarray()
-        with threadpool_limits(1, "blas"):  # the same bits on all machines
-            inverse = np.linalg.pinv(matrix, rcond=1e-6, hermitian=True)
+        inverse = np.linalg.pinv(matrix, rcond=1e-6, hermitian=True)
         self.inverse = tables.put(ti.field(ti.f32, matrix.shape), inverse)
         padded = [n + 2 for n in level.shape]
         place = begin + np.arange(prod(padded)).reshape(padded, order="F")[1:-1, 1:-1, 1:-1]
