@@ -39,7 +39,6 @@ STALE_S = 60.0  # age of the cache's lock, which Taichi holds for less than a se
 STRIP = 32  # cells per strip; 100 and more are six times slower (LLVM stops using registers)
 MANY_CELLS = 50_000  # cells set by a pass: from here on a separate launch costs comparatively little
 FEW_CELLS = 300_000  # cells set by a pass: up to here the caller's thread is done before another wakes up
-MOST = 1e30  # above any scalar argument of a pass
 FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer rows, strips are tasks too
 
 _started: list[Any] = []  # program, arch, debug and threads of the last start
@@ -186,15 +185,6 @@ class Pass:
     cells: int
 
 
-@ti.func
-def unknown(n, a):
-    """Return n such that LLVM cannot know it; a: scalar argument of a pass.
-
-    LLVM unrolls a loop with a known number of steps up to 50-fold; compiling long code takes half of a warm start.
-    """
-    return n + ti.select(a > MOST, 1, 0)
-
-
 def visit(bodies: Sequence[Callable], shapes: Sequence[tuple[int, ...]]) -> Pass:
     """Return a pass that calls each ``body(I, a, b)``, which may store, at all indices I of the body's shape."""
     dim = len(shapes[0])
@@ -206,16 +196,14 @@ def visit(bodies: Sequence[Callable], shapes: Sequence[tuple[int, ...]]) -> Pass
     @ti.func
     def run(a, b):
         for q in ti.static(pairs):
-            for J in ti.grouped(ti.ndrange(*[n if n == 2 else unknown(n, a) for n in ti.static(rows[q])])):
+            for J in ti.grouped(ti.ndrange(*rows[q])):
                 I = ti.Vector.zero(ti.i32, dim)
                 for d in ti.static(range(dim - len(rows[0]), dim)):
                     I[d] = J[dim - 1 - d]
                 if ti.static(on_cpu()):
-                    i, step = 0, 1 if ti.static(shapes[q][0] == 2) else unknown(1, a)
-                    while i < shapes[q][0]:
+                    for i in range(shapes[q][0]):
                         I[0] = i
                         bodies[q](I, a, b)
-                        i += step
                 else:
                     bodies[q](I, a, b)
 

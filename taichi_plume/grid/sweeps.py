@@ -5,7 +5,7 @@ from math import prod
 
 import taichi as ti
 
-from taichi_plume.grid.kernels import FEW_CELLS, FEW_ROWS, STRIP, Field, Pass, Template, on_cpu, unknown
+from taichi_plume.grid.kernels import FEW_CELLS, FEW_ROWS, STRIP, Field, Pass, Template, on_cpu
 
 Ranges = Sequence[tuple[int, int]]
 """First index and end per axis of a sweep."""
@@ -86,7 +86,7 @@ def sweep(bodies: Sequence[Callable], outs: Sequence[Field | tuple[Field, ...]],
     @ti.func
     def by_row(a, b):
         for J in ti.grouped(ti.ndrange(*rows)):
-            for k in range(unknown(strips, a)):
+            for k in range(strips):
                 strip(J, k, a, b)
 
     @ti.func
