@@ -10,10 +10,10 @@ import signal
 import subprocess
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 
 SIZE = (4.0, 3.0, 0.5)  # m
-SPEED = 0.7  # m/s
 PROCESSES = 2
 START = 10  # steps that are not timed
 COURANT = 0.8
@@ -130,15 +130,18 @@ def arena(dx: float, steps: int, obstacles: bool, bashrc: str = "") -> float:
         simulated, moments, log = [], [], []
         with _started(solver, case, bashrc) as process:
             assert process.stdout is not None
-            for line in process.stdout:
-                log.append(line)
-                if line.startswith("Time ="):
-                    simulated.append(float(line.split()[2]))
-                if line.startswith("ExecutionTime ="):
-                    moments.append(time.perf_counter())
-                if len(moments) == steps + START:
+            try:
+                for line in process.stdout:
+                    log.append(line)
+                    if line.startswith("Time ="):
+                        simulated.append(float(line.split()[2]))
+                    if line.startswith("ExecutionTime ="):
+                        moments.append(time.perf_counter())
+                    if len(moments) == steps + START:
+                        break
+            finally:  # also after an interruption: the case has no end of its own
+                with suppress(OSError):
                     os.killpg(process.pid, signal.SIGTERM)
-                    break
     if len(moments) != steps + START:
         raise RuntimeError(f"OpenFOAM made {len(moments)} of {steps + START} steps: {''.join(log[-20:])}")
     return (moments[-1] - moments[START - 1]) / (simulated[-1] - simulated[START - 1])
