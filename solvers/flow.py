@@ -47,7 +47,7 @@ class FlowSolver(Carrier):
 
     STATE = (
         "u", "p", "nu", "boundaries", "heat",
-        "speed_rate", "outflow_rate", "max_speed", "max_viscosity", "max_courant",
+        "speed_rate", "outflow_rate", "max_speed", "max_viscosity", "max_courant", "step_rate",
     )  # fmt: skip
 
     def __init__(
@@ -221,7 +221,7 @@ class FlowSolver(Carrier):
             self._prescribe(c)
             if lag > 0.0:
                 self._project(lag * dt)
-        self._finish()
+        self._finish(*self._weights)
         self._read_limits()
         self.max_courant = max(self.max_courant, dt * self.speed_rate)
         if self.heat is not None:
@@ -258,6 +258,7 @@ class FlowSolver(Carrier):
     def _take_numbers(self, model: CfdWind) -> None:
         self.courant, self.tolerance, self.viscosity = model.courant, model.tolerance, model.viscosity
         self._stages = stages_for(model.courant)
+        self._weights = self.limits.weights(model.courant)
         self.schmidt = 1.0 if model.turbulence.kind == "none" else model.turbulence.schmidt
 
     @single_threaded
@@ -281,7 +282,7 @@ class FlowSolver(Carrier):
         self._prescribe(1.0)
         self._project(1.0)
         self._stage(0.0, 1.0)  # sets the eddy viscosity
-        self._finish()
+        self._finish(*self._weights)
         self._read_limits()
         self._zero((self.p,))
 
@@ -303,12 +304,12 @@ class FlowSolver(Carrier):
     # ---------------------------------------------------------------- limits and diagnostics
 
     def _read_limits(self) -> None:
-        self.speed_rate, self.outflow_rate, self.max_speed, viscosity = self.limits.read()
+        self.speed_rate, self.outflow_rate, self.max_speed, viscosity, self.step_rate = self.limits.read()
         self.max_viscosity = max(viscosity, self.viscosity)
 
     def stable_dt(self, t: float = 0.0) -> float:
-        """Return the largest stable time step [s] at time t, by the Courant number (CFL) and diffusion; 0 if the flow
-        is not finite.
+        """Return the largest stable time step [s] at time t, by the Courant number (CFL) and diffusion in each cell; 0
+        if the flow is not finite.
 
         Speeds that a schedule prescribes soon after t already count.
         """
@@ -317,8 +318,9 @@ class FlowSolver(Carrier):
         driven = max(
             [self.boundaries.fastest(t), *(resistance.fastest(t) for resistance in self.resistances)]
         )
-        rate = max(self.speed_rate, driven / self.grid.dx)
-        return self.limits.longest_step(rate, self.courant, self.max_viscosity)
+        convection, diffusion = self._weights
+        rate = max(self.step_rate, convection * driven + diffusion * self.max_viscosity)
+        return self.limits.longest_step(rate, self.courant)
 
     def diagnostics(self) -> dict[str, float]:
         """Return the largest divergence (over max_speed/dx), Courant number (of all steps) and speed [m/s], by name."""

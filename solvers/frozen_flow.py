@@ -48,6 +48,6 @@ class FrozenSolver(FlowSolver):
             self._average(dt / self._averaged)
         if end >= self.until:
             self._stand_still(1.0)
-            self._measure_mean()
+            self._measure_mean(*self._weights)
             self._read_limits()
             self.frozen = True

@@ -44,7 +44,8 @@ HUGE = 1e6  # m/s: far above the speed of any flow here
 
 @ti.data_oriented
 class Limits:
-    """Maxima over the cells that limit the time step: sum of |u| over the axes, outflow, |u| and viscosity.
+    """Maxima over the cells that limit the time step: sum of |u| over the axes, outflow, |u|, viscosity and the rate at
+    which convection and diffusion together change a cell (see `weights`).
 
     The outflow of a cell is over a face's area. Values that are not finite count as HUGE.
     """
@@ -53,7 +54,7 @@ class Limits:
         self.m = momentum
         self.grid, self.dim = momentum.grid, momentum.dim
         self._rows = tuple(reversed(self.grid.cells[1:]))
-        self._found = ti.field(ti.f32, 4)
+        self._found = ti.field(ti.f32, 5)
         self._read = reader(self._found)
         # Maxima of every 32nd cell of a row, on a CPU: LLVM does not vectorise a maximum along a row.
         self._width = STRIP if on_cpu() else 1
@@ -64,34 +65,37 @@ class Limits:
         return ti.Vector([i + self.grid.ghost] + [J[self.dim - 1 - d] for d in ti.static(range(1, self.dim))])
 
     def passes(self) -> tuple[Pass, Pass]:
-        """Return the two passes that clear and compute the maxima."""
+        """Return the two passes that clear and compute the maxima; their arguments are the two `weights`."""
         return Pass(self._clear, 1), Pass(self._measure, prod(self.grid.shape))
 
     @ti.func
-    def _clear(self, a, b):
-        for n in range(4):
+    def _clear(self, convection, diffusion):
+        for n in range(5):
             self._found[n] = 0.0
 
     @ti.func
-    def _measure(self, a, b):
+    def _measure(self, convection, diffusion):
         for J in ti.grouped(ti.ndrange(*self._rows)):
             width = ti.static(self._width)
             most, out = ti.Vector([0.0] * width), ti.Vector([0.0] * width)
             fastest, stickiest = ti.Vector([0.0] * width), ti.Vector([0.0] * width)
+            quickest = ti.Vector([0.0] * width)
             for k in range((self.grid.shape[0] + width - 1) // width):
                 for n in range(ti.min(width, self.grid.shape[0] - k * width)):
-                    of_cell = self._of_cell(self._cell(J, k * width + n))
+                    of_cell = self._of_cell(self._cell(J, k * width + n), convection, diffusion)
                     most[n] = ti.max(most[n], of_cell[0])
                     out[n] = ti.max(out[n], of_cell[1])
                     fastest[n] = ti.max(fastest[n], of_cell[2])
                     stickiest[n] = ti.max(stickiest[n], of_cell[3])
+                    quickest[n] = ti.max(quickest[n], of_cell[4])
             ti.atomic_max(self._found[0], most.max())
             ti.atomic_max(self._found[1], out.max())
             ti.atomic_max(self._found[2], fastest.max())
             ti.atomic_max(self._found[3], stickiest.max())
+            ti.atomic_max(self._found[4], quickest.max())
 
     @ti.func
-    def _of_cell(self, I):
+    def _of_cell(self, I, convection, diffusion):
         total, out, fastest, viscosity = 0.0, 0.0, 0.0, 0.0
         for d in ti.static(range(self.dim)):
             low, high = self.m.u[d][I], self.m.u[d][I + ti.Vector.unit(self.dim, d, ti.i32)]
@@ -101,12 +105,13 @@ class Limits:
             out += ti.max(high, 0.0) - ti.min(low, 0.0)
         if ti.static(self.m.eddies):
             viscosity = self.m.nu[I]
-        return ti.Vector([ti.select(total < HUGE, total, HUGE), out, fastest, viscosity])
+        rate = convection * total + diffusion * ti.max(viscosity, self.m.viscosity[None])
+        return ti.Vector([ti.select(total < HUGE, total, HUGE), out, fastest, viscosity, rate])
 
     def read(self) -> tuple[float, ...]:
-        """Return the maxima: sum of |u|/dx [1/s], outflow/dx [1/s], |u| [m/s] and viscosity [m²/s]."""
-        speed_sum, out, speed, viscosity = (float(value) for value in self._read()[0])
-        return speed_sum / self.grid.dx, out / self.grid.dx, speed, viscosity
+        """Return the maxima: sum of |u|/dx [1/s], outflow/dx [1/s], |u| [m/s], viscosity [m²/s] and rate [1/s]."""
+        speed_sum, out, speed, viscosity, rate = (float(value) for value in self._read()[0])
+        return speed_sum / self.grid.dx, out / self.grid.dx, speed, viscosity, rate
 
     @ti.kernel
     def _strongest_buoyancy(self) -> ti.f32:
@@ -126,15 +131,19 @@ class Limits:
             ti.atomic_max(result, most)
         return result
 
-    def longest_step(self, rate: float, courant: float, viscosity: float) -> float:
-        """Return the largest time step [s] within the Courant number `courant` (CFL) and stable for diffusion.
+    def weights(self, courant: float) -> tuple[float, float]:
+        """Return the weights of the sum of |u| [1/m] and of the viscosity [1/m²] in the rate of a cell [1/s].
 
-        rate: largest sum of |u|/dx over the axes [1/s]; viscosity: the largest [m²/s].
+        The step may be one over the largest rate: by the Courant number (CFL) and by diffusion, each in the same cell.
         """
         # More careful than diffusion alone demands (1.6 times the dimension): the pressure lags behind in the first
         # stage, and its error grows when viscosity spreads it too fast. Eddies' stress has a second part.
-        diffusion = (3.75 if self.m.eddies else 2.5) * self.dim * viscosity / self.grid.dx**2
-        limit = max(rate / courant + diffusion, 1e-30)
+        diffusion = (3.75 if self.m.eddies else 2.5) * self.dim / self.grid.dx**2
+        return 1.0 / (courant * self.grid.dx), diffusion
+
+    def longest_step(self, rate: float, courant: float) -> float:
+        """Return the largest time step [s] for the largest rate of a cell [1/s] (see `weights`) and for buoyancy."""
+        limit = max(rate, 1e-30)
         # The growth of |u| by buoyancy within the step counts as well; near a corner the pressure turns and more than
         # doubles it. Waves in stratified air are slower.
         strongest = cast(float, self._strongest_buoyancy()) if self.m.weighing else 0.0

@@ -46,6 +46,30 @@ def test_blas_uses_one_thread_during_a_step_only(monkeypatch):
     assert set(seen) == {1}
 
 
+def swirls(p: np.ndarray) -> np.ndarray:
+    """A wide, fast vortex on the left and narrow, slower ones, which make eddies, on the right: velocity at points."""
+    x, y = p[..., 0], p[..., 1]
+    size, speed = np.where(x < 1.0, 1.0, 0.2), np.where(x < 1.0, 1.0, 0.7)
+    a, b = np.pi * x / size, np.pi * y / size
+    return speed[..., None] * np.stack([np.sin(a) * np.cos(b), -np.cos(a) * np.sin(b)], -1)
+
+
+@pytest.mark.parametrize("turbulence", ["smagorinsky", "none"])
+def test_the_step_is_as_long_as_the_most_limiting_cell_allows(turbulence):
+    """Fast air in one cell and eddies in another do not limit the step together."""
+    grid = Grid((40, 20), 0.05, depth=0.05)
+    flow = flow_in(grid, cfd(turbulence={"kind": turbulence}, viscosity=2e-4, courant=0.9))
+    flow.start_from(swirls)
+    faces = [np.abs(u).astype(float) for u in flow._read_velocity()]
+    speed = sum(grid.inner(np.maximum(u, np.roll(u, -1, axis=d))) for d, u in enumerate(faces))
+    viscosity = np.full(grid.shape, 2e-4) if flow.nu is None else np.maximum(grid.read(flow.nu), 2e-4)
+    convection = speed / (0.9 * 0.05)
+    diffusion = (2.5 if turbulence == "none" else 3.75) * 2 * viscosity / 0.05**2
+    assert flow.stable_dt() == pytest.approx(1.0 / (convection + diffusion).max(), rel=1e-5)
+    if turbulence == "smagorinsky":
+        assert (convection + diffusion).max() < 0.95 * (convection.max() + diffusion.max())
+
+
 @pytest.mark.slow
 def test_a_resistant_outlet_evens_out_the_outflow(taichi):
     """The larger the loss coefficient, the more uniform the flow through the honeycomb."""
