@@ -54,10 +54,10 @@ if TYPE_CHECKING:
     from taichi_plume.files.run_folder import RunFolderError
     from taichi_plume.results.run import open_run
     from taichi_plume.scenario.scenario import Scenario
-    from taichi_plume.simulation import Simulation
+    from taichi_plume.time_loop import TimeLoop
 
 __version__ = "0.2.0.dev0"
-__all__ = ["RunFolderError", "Scenario", "Simulation", "load_scenario", "open_run"]
+__all__ = ["RunFolderError", "Scenario", "TimeLoop", "load_scenario", "open_run"]
 
 
 def __getattr__(name: str) -> object:
@@ -65,7 +65,7 @@ def __getattr__(name: str) -> object:
     where = {
         "RunFolderError": "files.run_folder",
         "Scenario": "scenario.scenario",
-        "Simulation": "simulation",
+        "TimeLoop": "time_loop",
         "load_scenario": "assembly.preparation",
         "open_run": "results.run",
     }

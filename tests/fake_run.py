@@ -1,4 +1,4 @@
-"""A Simulation with closed-form air, gas and robots, for tests of what watches a run."""
+"""A TimeLoop with closed-form air, gas and robots, for tests of what watches a run."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from taichi_plume.grid.series import Series
 from taichi_plume.scenario.obstacles import Mesh
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.species import SPECIES
-from taichi_plume.simulation import Simulation
+from taichi_plume.time_loop import TimeLoop
 
 
 @ti.data_oriented
@@ -152,7 +152,7 @@ class FakeSwarm:
 class FakeMap:
     """Half the truth wherever the first robot has been near."""
 
-    def __init__(self, kind: str, cell: float, sim: Simulation):
+    def __init__(self, kind: str, cell: float, sim: TimeLoop):
         self.kind, self.cell, self.sim, self.window = kind, cell, sim, None
         lx, ly = sim.grid.extent[:2]
         self.shape = (round(lx / cell), round(ly / cell))
@@ -211,7 +211,7 @@ def scenario(dim: int = 3, **changes: Any) -> Scenario:
     return Scenario.model_validate(yaml.safe_load(SCENARIO.format(dim=dim, **heights)) | changes)
 
 
-def simulation(model: Scenario) -> Simulation:
+def simulation(model: Scenario) -> TimeLoop:
     """The fake run of a scenario."""
     grid = Grid.of(model.domain)
     swarm: Any = FakeSwarm(model)
@@ -223,7 +223,7 @@ def simulation(model: Scenario) -> Simulation:
     air = Air.everywhere(grid)
     obstacles = [_shape(o) for o in model.obstacles]
     gas = Mixture([FakeGas(grid, source)])
-    sim = Simulation(model, grid, wind, gas, swarm, sensors, teams, [], obstacles, air)
+    sim = TimeLoop(model, grid, wind, gas, swarm, sensors, teams, [], obstacles, air)
     sim.maps = [FakeMap(m.kind, m.cell, sim) for m in model.maps]
     return sim
 

@@ -16,7 +16,7 @@ from taichi_plume.grid import fields
 from taichi_plume.report.facts import key_facts
 from taichi_plume.results.run import Run
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.simulation import Simulation
+from taichi_plume.time_loop import TimeLoop
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
@@ -93,7 +93,7 @@ AXIS = np.linspace(0.05, 0.95, 19)
 POINTS = np.stack(np.meshgrid(AXIS, AXIS, indexing="ij"), axis=-1)
 
 
-def story(sim: Simulation) -> tuple[np.ndarray, np.ndarray]:
+def story(sim: TimeLoop) -> tuple[np.ndarray, np.ndarray]:
     """Wind and gas of all ticks, and what the robots went through."""
     air, robots = [], []
     while not sim.finished:

@@ -18,7 +18,7 @@ from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.serve.links import LinkError
-from taichi_plume.simulation import UnstableError
+from taichi_plume.time_loop import UnstableError
 
 HERE = Path(commands.__file__).parent
 FOLDERS = [Path(folder) for folder in taichi_plume.__path__]  # in a checkout also the one above

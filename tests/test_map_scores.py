@@ -13,7 +13,7 @@ from taichi_plume.execution import result
 from taichi_plume.grid.state import State
 from taichi_plume.scoring import trials as scores
 from taichi_plume.scoring.maps import MapScores
-from taichi_plume.simulation import Every
+from taichi_plume.time_loop import Every
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -12,7 +12,7 @@ from taichi_plume.cli import run
 from taichi_plume.execution import resume
 from taichi_plume.files import checkpoint, manifest
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.simulation import Simulation
+from taichi_plume.time_loop import TimeLoop
 from tests.fuzz import bases
 
 CHANGED = {
@@ -88,15 +88,15 @@ def test_a_killed_run_goes_on_to_the_bit(folder, tmp_path, monkeypatch, case):
     if base not in ("plumesim_casting", "playback", "fluent", "film"):
         command.append("--set=tick=0.1")
     whole, broken = tmp_path / "whole", tmp_path / "broken"
-    advance = Simulation.advance
+    advance = TimeLoop.advance
 
-    def left(sim: Simulation) -> None:
+    def left(sim: TimeLoop) -> None:
         advance(sim)
         if sim.tick == killed:
             shutil.copytree(whole, broken)
 
     with monkeypatch.context() as patched:
-        patched.setattr(Simulation, "advance", left)
+        patched.setattr(TimeLoop, "advance", left)
         assert run.main([*command, "--out", str(whole)]) == 0
     ti.reset()  # dozens of runs in one process have crashed in a kernel
     assert (broken / checkpoint.NAME).exists()

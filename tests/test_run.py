@@ -13,7 +13,7 @@ from taichi_plume.assembly import assemble
 from taichi_plume.cli import run
 from taichi_plume.files import disk
 from taichi_plume.grid import fields, kernels
-from taichi_plume.simulation import Every, UnstableError
+from taichi_plume.time_loop import Every, UnstableError
 
 SCENARIO = """
 name: small

@@ -13,7 +13,7 @@ from taichi_plume.assembly import assemble
 from taichi_plume.cli import run
 from taichi_plume.execution import execute as running
 from taichi_plume.execution import outputs
-from taichi_plume.simulation import Every
+from taichi_plume.time_loop import Every
 
 pytestmark = [
     pytest.mark.usefixtures("taichi"),

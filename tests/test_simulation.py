@@ -7,7 +7,7 @@ import yaml
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.simulation import Every, Simulation, UnstableError
+from taichi_plume.time_loop import Every, TimeLoop, UnstableError
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -22,17 +22,17 @@ robots: [{count: 1, start: {kind: positions, positions: [[0.8, 0.4]]}, algorithm
 """
 
 
-def small(text: str = "", **changes) -> Simulation:
+def small(text: str = "", **changes) -> TimeLoop:
     """A room of few cells with one robot; text: changed keys, in YAML."""
     return assemble(Scenario.model_validate(yaml.safe_load(ROOM) | (yaml.safe_load(text) or {}) | changes))
 
 
 @pytest.fixture(scope="module")
-def room(taichi) -> Callable[..., Simulation]:
+def room(taichi) -> Callable[..., TimeLoop]:
     """Reset the small room to other numbers."""
     sim = small()
 
-    def begun(**changes) -> Simulation:
+    def begun(**changes) -> TimeLoop:
         sim.reset(Scenario.model_validate(yaml.safe_load(ROOM) | changes))
         return sim
 

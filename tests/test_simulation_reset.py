@@ -11,7 +11,7 @@ from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.simulation import Simulation
+from taichi_plume.time_loop import TimeLoop
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
@@ -97,7 +97,7 @@ def fresh_other(taichi) -> list[np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def sim(fresh_other) -> Simulation:
+def sim(fresh_other) -> TimeLoop:
     return assemble(scenario({}))
 
 

@@ -25,7 +25,7 @@ from taichi_plume.grid.grid import centers
 from taichi_plume.scoring import trials as scores
 from taichi_plume.scoring.maps import LOOKS
 from taichi_plume.scoring.trials import SETTLED
-from taichi_plume.simulation import Every, Simulation
+from taichi_plume.time_loop import Every, TimeLoop
 from taichi_plume.validation.case import Keys
 from taichi_plume.validation.searches import scenario_of
 
@@ -161,7 +161,7 @@ class Fared(NamedTuple):
 class Judge:
     """Observer that scores the maps and robots of a run."""
 
-    def __init__(self, sim: Simulation, teams: Sequence[Team]):
+    def __init__(self, sim: TimeLoop, teams: Sequence[Team]):
         self.teams, self.groups = teams, sim.swarm.groups
         self.maps = sim.maps[: 1 + len(alphas(WINDOW))]
         cells = np.shape(self.maps[0].estimate())[1:]
@@ -177,7 +177,7 @@ class Judge:
         self.driven = np.zeros(len(self.robot_of))
         sim.observers += [Every(TICK, self.follow), Every(LOOKS, self.look), Every(WINDOW, self.score)]
 
-    def follow(self, sim: Simulation) -> None:
+    def follow(self, sim: TimeLoop) -> None:
         """Record positions of the robots, path lengths and time in gas."""
         now = sim.swarm.snapshot()
         place = now["position"]
@@ -191,12 +191,12 @@ class Judge:
         close = self.robot_of[apart <= NEAR]
         self.near[close] = np.minimum(self.near[close], sim.t)
 
-    def look(self, sim: Simulation) -> None:
+    def look(self, sim: TimeLoop) -> None:
         """Add the true gas to its time average."""
         self.sum += fields.ppm_at(sim.gas, self.points, sim.t)
         self.looks += 1
 
-    def score(self, sim: Simulation) -> None:
+    def score(self, sim: TimeLoop) -> None:
         """Compare the maps with the true mean gas at the end of a snapshot."""
         truth = self.sum / self.looks
         estimates = np.stack([np.asarray(gas_map.estimate())[self.rows] for gas_map in self.maps])
@@ -210,7 +210,7 @@ class Judge:
         self.scores.append(values)
         self.interpolated.append(estimates[0])
 
-    def fared(self, sim: Simulation) -> Fared:
+    def fared(self, sim: TimeLoop) -> Fared:
         """Return the maps' errors of all teams at the end of the run."""
         ends = WINDOW * np.arange(len(self.scores))
         counted = ends > SETTLED + 1e-6
@@ -228,7 +228,7 @@ class Judge:
             np.bincount(self.robot_of, self.driven) / per_robot / (sim.t / WINDOW),
         )
 
-    def _errors(self, sim: Simulation, window: float) -> np.ndarray:
+    def _errors(self, sim: TimeLoop, window: float) -> np.ndarray:
         """Return the forecast errors of the counted snapshots of a window [s], (maps, snapshots, teams)."""
         of_maps = [list(gas_map.errors) for gas_map in sim.maps if gas_map.window == window]
         return np.array([[error for t, error in errors if t > SETTLED + 1e-6] for errors in of_maps])[

@@ -30,7 +30,7 @@ from taichi_plume.files.run_folder import to_yaml
 from taichi_plume.grid import kernels
 from taichi_plume.guard.terminal import Parser, say
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.simulation import Simulation
+from taichi_plume.time_loop import TimeLoop
 from taichi_plume.validation.case import Keys
 from taichi_plume.validation.same_runs import differences, shortened
 
@@ -103,7 +103,7 @@ def check(path: Path, times: int) -> int:
     return int(bool(faults))
 
 
-def growth(sim: Simulation, scenario: Scenario, times: int) -> float:
+def growth(sim: TimeLoop, scenario: Scenario, times: int) -> float:
     """Return the growth of the process's memory [MB] over resets with a tick after each, from a tenth of them on."""
     process, begin = psutil.Process(), 0
     for n in range(times):
@@ -114,7 +114,7 @@ def growth(sim: Simulation, scenario: Scenario, times: int) -> float:
     return MEGABYTES * (process.memory_info().rss - begin) if times else 0.0
 
 
-def _run(sim: Simulation, out: Path) -> None:
+def _run(sim: TimeLoop, out: Path) -> None:
     """Run a simulation to the end and write its table of robots and its result."""
     out.mkdir(parents=True, exist_ok=True)
     table = None

@@ -17,7 +17,7 @@ from taichi_plume.grid import kernels
 from taichi_plume.results.run import Run
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.trials import source_places, trial_outcomes, trial_summary
-from taichi_plume.simulation import Every, Simulation
+from taichi_plume.time_loop import Every, TimeLoop
 from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Mean, Tracks, over_airs
 
@@ -49,7 +49,7 @@ def afresh() -> None:
     kernels.start("cpu" if kernels.on_cpu() else ti.cfg.arch.name)
 
 
-def outcomes(sim: Simulation) -> dict[str, dict[str, list[Any]]]:
+def outcomes(sim: TimeLoop) -> dict[str, dict[str, list[Any]]]:
     """Return the columns of `trial_outcomes` of a finished run, by the names of its groups."""
     snapshot = sim.swarm.snapshot()
     sources = source_places(sim)
@@ -73,7 +73,7 @@ class Searches:
         self.ways: list[np.ndarray] = []
         self.airs: list[int] = []  # air of each trial
 
-    def add(self, sim: Simulation) -> None:
+    def add(self, sim: TimeLoop) -> None:
         """Run a simulation and add the trials of its first group."""
         group = sim.swarm.groups[0]
         places: list[np.ndarray] = []
@@ -165,7 +165,7 @@ def contest(data: Keys, folder: Path = Path(), limit: float = inf) -> dict[str, 
     return results | {name: columns for name, columns in outcomes(sim).items() if name in late}
 
 
-def probed(data: Keys) -> tuple[Simulation, np.ndarray, "pa.Table"]:
+def probed(data: Keys) -> tuple[TimeLoop, np.ndarray, "pa.Table"]:
     """Run a scenario with probes; return the simulation at its end, the times (n,) [s], and the table of the probes.
 
     The table has all points of each time. Taichi must have been started.

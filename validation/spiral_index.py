@@ -14,7 +14,7 @@ import numpy as np
 
 from taichi_plume.agents.spiral import FLAT, Spiral
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.simulation import Every, Simulation
+from taichi_plume.time_loop import Every, TimeLoop
 from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Mean, Results, over_airs
 from taichi_plume.validation.searches import afresh, scenario_of
@@ -51,7 +51,7 @@ class Heard:
         self.robots = self.members.robot.to_numpy()
         self.before = np.zeros(self.members.size, int)
 
-    def note(self, sim: Simulation) -> None:
+    def note(self, sim: TimeLoop) -> None:
         """Append the acquisitions that have ended since the last call to the log."""
         now = self.swarm.acquisitions.to_numpy()[self.robots]
         if (now == self.before).all():

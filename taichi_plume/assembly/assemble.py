@@ -1,4 +1,4 @@
-"""Assembly of a `Simulation` (grid, wind, gas, robots, sensors) from a checked scenario."""
+"""Assembly of a `TimeLoop` (grid, wind, gas, robots, sensors) from a checked scenario."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -36,7 +36,6 @@ from taichi_plume.grid.state import State
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.bodies import MovingObstacle, Wake
 from taichi_plume.solvers.downwash import Downwash
 from taichi_plume.solvers.flow import FlowSolver
@@ -46,6 +45,7 @@ from taichi_plume.solvers.openings import opening_cells, periodic_axes
 from taichi_plume.solvers.playback import TickFilm, TickGas, TickWind
 from taichi_plume.solvers.screens import Resistance
 from taichi_plume.solvers.transport import Scalar
+from taichi_plume.time_loop import TimeLoop
 
 
 def assemble(
@@ -55,7 +55,7 @@ def assemble(
     allow_code: bool = False,
     allow_outside: bool = False,
     driven: bool = False,
-) -> Simulation:
+) -> TimeLoop:
     """Check a scenario and return its simulation, at the start of its warm-up.
 
     Starts Taichi on the CPU unless it runs; `grid.kernels.start` takes another device. folder: folder of the
@@ -83,7 +83,7 @@ def build(
     algorithms: Mapping[str, type] | None = None,
     film: TickFilm | None = None,
     driven: bool = False,
-) -> Simulation:
+) -> TimeLoop:
     """Return the simulation of a checked scenario, at the start of its warm-up; Taichi must have been started.
 
     Users' algorithm files must have been executed, see own_code. algorithms: users' algorithm classes by the names of
@@ -117,7 +117,7 @@ def build(
     extent, most = (grid.extent[0], grid.extent[1]), swarm.members.shape[1]
     mapped = Floor(extent, max(1, swarm.trials), most, scenario.tick, clearance.obstacle_distance_at)
     maps = mappers(scenario.maps, mapped)
-    sim = Simulation(scenario, grid, wind, gas, swarm, sensors, driving, maps, seen, air)
+    sim = TimeLoop(scenario, grid, wind, gas, swarm, sensors, driving, maps, seen, air)
     state = State(sim)
 
     def begin(scenario: Scenario) -> Scenario:

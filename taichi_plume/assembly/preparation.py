@@ -1,6 +1,6 @@
 """Loading and checking of a scenario with its files, each opened once: YAML -> Scenario -> Prepared -> checks."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,10 +11,13 @@ from taichi_plume.guard.safe_open import gate
 from taichi_plume.scenario import checks
 from taichi_plume.scenario.gases import PlaybackGas, PureGas
 from taichi_plume.scenario.input_files import given, input_files, strangers
-from taichi_plume.scenario.loading import ScenarioError, overridden, read_scenario
+from taichi_plume.scenario.loading import Overrides, ScenarioError, overridden, read_scenario
 from taichi_plume.scenario.reset import differences
-from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.scenario import Origin, Scenario
 from taichi_plume.scenario.shapes import shape
+
+Source = str | Path | Mapping[str, object] | Scenario
+"""A scenario: path of its YAML file, dict with the same keys, or the scenario itself."""
 
 
 class Prepared(NamedTuple):
@@ -29,54 +32,62 @@ class StructureError(ScenarioError):
 
 
 def load_scenario(
-    source: str | Path | Mapping[str, object],
-    overrides: Sequence[str] = (),
-    allow_outside: bool = False,
-    folder: str | Path | None = None,
+    source: Source, overrides: Overrides = (), allow_outside: bool = False, folder: str | Path | None = None
 ) -> Scenario:
     """Return the checked scenario of a YAML file or of a dict with the same keys; no code is executed.
 
-    overrides: changes such as ``robots.0.count=3``. allow_outside: whether files may lie outside the scenario's
-    folder; files named in overrides always may. folder: folder of the files that a dict names, by default the working
-    folder. Raises ScenarioError, with a line for each fault.
+    overrides: changes such as ``robots.0.count=3`` or ``{"robots.0.count": 3}``. allow_outside: whether files may lie
+    outside the scenario's folder; files named in overrides always may. folder: folder of the files that a dict names,
+    by default the working folder. Raises ScenarioError, with a line for each fault.
     """
     return load(source, overrides, allow_outside, folder).scenario
 
 
 def load(
-    source: str | Path | Mapping[str, object],
-    overrides: Sequence[str] = (),
-    allow_outside: bool = False,
-    folder: str | Path | None = None,
+    source: Source, overrides: Overrides = (), allow_outside: bool = False, folder: str | Path | None = None
 ) -> Prepared:
     """Load and check a scenario like `load_scenario`; return it with its opened files. Raises ScenarioError."""
+    scenario = read(source, overrides, allow_outside, folder)
+    origin = scenario.origin
+    where = f"{origin.file}: " if origin.file and not isinstance(source, Scenario) else ""
+    try:
+        prepared = checked(scenario, origin.folder.resolve(), allow_outside, overridden(overrides))
+    except ScenarioError as error:
+        raise ScenarioError([f"{where}{line}" for line in error.faults]) from None
+    prepared.resources.warnings[:0] = origin.notes
+    prepared.resources.files["gaden"] = list(origin.gaden)
+    return prepared
+
+
+def read(
+    source: Source, overrides: Overrides = (), allow_outside: bool = False, folder: str | Path | None = None
+) -> Scenario:
+    """Return a scenario like `load_scenario`, but without the checks that need its files or several sections.
+
+    Of the scenario's files, only those of a GADEN project are opened. Raises ScenarioError.
+    """
     if isinstance(source, str | Path):
-        source = Path(source)
-        path, where = source, f"{source}: "
+        origin = Origin(Path(source).parent, Path(source))
+        data: Path | Mapping[str, object] = Path(source)
         if folder is not None:
             raise ScenarioError([f"folder: got {folder}; the files of a scenario lie beside its YAML file"])
+    elif isinstance(source, Scenario):
+        origin, data = source.origin, source.keys_set()
     elif isinstance(source, Mapping):
-        path, where = Path(folder or ".") / "scenario", ""
+        origin, data = Origin(Path(folder or ".")), source
     else:
         what = f"got {type(source).__name__}; give the path of a YAML file, or a dict"
         raise ScenarioError([f"scenario: {what}"])
-    notes: list[str] = []
-    files: list[Path] = []
 
     def expand(data: dict[str, Any]) -> dict[str, Any]:
-        whole, more, read = expanded(data, path, allow_outside)
-        notes.extend(more)
-        files.extend(read)
+        nonlocal origin
+        whole, notes, files = expanded(data, origin.file or origin.folder / "scenario", allow_outside)
+        if whole is not data:
+            origin = origin._replace(notes=tuple(notes), gaden=tuple(files))
         return whole
 
-    scenario = read_scenario(source, overrides, expand)
-    try:
-        prepared = checked(scenario, path.resolve().parent, allow_outside, overridden(overrides))
-        prepared.resources.warnings[:0] = notes
-        prepared.resources.files["gaden"] = files
-        return prepared
-    except ScenarioError as error:
-        raise ScenarioError([f"{where}{line}" for line in error.faults]) from None
+    scenario = read_scenario(data, overrides, expand)
+    return scenario.from_origin(origin)
 
 
 def expanded(

@@ -8,6 +8,6 @@ MAY_IMPORT: tuple[str, ...] = (
     "report",
     "scenario",
     "scoring",
-    "simulation",
+    "time_loop",
     "study",
 )

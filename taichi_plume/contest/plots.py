@@ -94,7 +94,7 @@ def mean_plume(scenario: Fixed, folder: Path) -> np.ndarray:
 def _computed(scenario: Fixed) -> np.ndarray:
     from taichi_plume.assembly.assemble import assemble
     from taichi_plume.grid import fields, kernels
-    from taichi_plume.simulation import Every
+    from taichi_plume.time_loop import Every
 
     whole = scenario.scenario
     end = min(SHOWN, whole.duration)

@@ -19,7 +19,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "grid",
     "guard",
     "scenario",
-    "simulation",
+    "time_loop",
     "solvers",
     "study",
 )

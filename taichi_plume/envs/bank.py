@@ -26,11 +26,11 @@ from taichi_plume.scenario.playback import PlaybackWind
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.species import Species
 from taichi_plume.scenario.task import Task
-from taichi_plume.simulation import Every, Simulation
 from taichi_plume.solvers.film_bank import half
 from taichi_plume.study.ids import Digests
 from taichi_plume.study.scenario_checks import Checks
 from taichi_plume.study.shared_air import alone
+from taichi_plume.time_loop import Every, TimeLoop
 
 FORMAT = "taichi_plume bank 1"
 ARRAYS = ("values", "scale", "air")
@@ -230,7 +230,7 @@ def record(
 
     scenarios, frames = airs(scenario), check(scenario)
     count = len(scenarios)
-    sim: Simulation | None = None
+    sim: TimeLoop | None = None
     places: list[tuple[np.ndarray, ...]] = []
     species: Any = ()
     values, scales, air = np.empty(0), [], np.empty(0)
@@ -290,7 +290,7 @@ class _Filming:
     values: (frames, nx, ny, 2 + gases), wind [m/s] and gases [ppm]; air (2, nx, ny).
     """
 
-    def __init__(self, sim: Simulation, frame: float, frames: int, heights: tuple[float, ...]):
+    def __init__(self, sim: TimeLoop, frame: float, frames: int, heights: tuple[float, ...]):
         self.grid, shape = sim.grid, sim.grid.shape[:2]
         self.levels = [_levels(sim.grid.shape[2], h / sim.grid.dx) for h in heights]
         centers = sim.grid.centers() if not heights else sim.grid.centers()[:, :, 0]
@@ -305,7 +305,7 @@ class _Filming:
         self.count = 0
         sim.observers.append(Every(frame, self.keep))
 
-    def keep(self, sim: Simulation) -> None:
+    def keep(self, sim: TimeLoop) -> None:
         """Record wind and gas of the simulation's present time as the next frame; do nothing when all are recorded."""
         if self.count >= len(self.values):
             return

@@ -11,5 +11,5 @@ MAY_IMPORT: tuple[str, ...] = (
     "results",
     "scenario",
     "scoring",
-    "simulation",
+    "time_loop",
 )

@@ -26,7 +26,7 @@ from taichi_plume.files.run_folder import RunFolder
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import say, terminal
 from taichi_plume.scoring.declarations import Json
-from taichi_plume.simulation import Simulation, UnstableError
+from taichi_plume.time_loop import TimeLoop, UnstableError
 
 FULL = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
 LONGEST_MESSAGE = 300  # characters of an unexpected error
@@ -35,11 +35,11 @@ LONGEST_MESSAGE = 300  # characters of an unexpected error
 class Service(Protocol):
     """Interface of the service that connects external robots and viewers to a run; see `taichi_plume.serve`."""
 
-    def warm(self, sim: Simulation) -> None:
+    def warm(self, sim: TimeLoop) -> None:
         """Compile the kernels of the service, and leave the simulation in its initial state."""
         ...
 
-    def attach(self, sim: Simulation, signals: SignalRequests) -> None:
+    def attach(self, sim: TimeLoop, signals: SignalRequests) -> None:
         """Add the observers of the service to the simulation. Raises RunFolderError if that is impossible."""
         ...
 
@@ -107,7 +107,7 @@ def simulate(job: Job, quiet: bool = False, debug: bool = False) -> int:
     return end.code
 
 
-def _build(job: Job) -> Simulation:
+def _build(job: Job) -> TimeLoop:
     from taichi_plume.assembly.assemble import build
 
     sim = build(job.prepared, driven=job.service is not None)
@@ -117,7 +117,7 @@ def _build(job: Job) -> Simulation:
     return sim
 
 
-def _begin(job: Job, sim: Simulation, signals: SignalRequests) -> Outputs:
+def _begin(job: Job, sim: TimeLoop, signals: SignalRequests) -> Outputs:
     """Create the output files, or resume them; an earlier run is removed only after all new files were created."""
     folder = job.folder
     about = About(folder.path, job.arch, job.backend, job.recording, job.inputs, job.live)
@@ -140,7 +140,7 @@ def _begin(job: Job, sim: Simulation, signals: SignalRequests) -> Outputs:
 
 
 def _to_the_end(
-    job: Job, sim: Simulation, outputs: Outputs, signals: SignalRequests, console: Console | None, debug: bool
+    job: Job, sim: TimeLoop, outputs: Outputs, signals: SignalRequests, console: Console | None, debug: bool
 ) -> End:
     """Run the simulation to its end and close all files; return status, message and exit code, also of errors."""
     try:
@@ -158,7 +158,7 @@ def _to_the_end(
     return end
 
 
-def _run(job: Job, sim: Simulation, signals: SignalRequests, console: Console | None, debug: bool) -> End:
+def _run(job: Job, sim: TimeLoop, signals: SignalRequests, console: Console | None, debug: bool) -> End:
     """Run the simulation, and return how it ended; a failure or an interruption is returned, not raised."""
     try:
         with ExitStack() as stack:
@@ -179,7 +179,7 @@ def _run(job: Job, sim: Simulation, signals: SignalRequests, console: Console | 
     return whole(sim)
 
 
-def whole(sim: Simulation) -> End:
+def whole(sim: TimeLoop) -> End:
     """Return the end of an uninterrupted run: "completed", or "stopped" early as no robot searches any more."""
     if sim.tick < sim.last_tick:
         all_found = bool(sim.swarm.snapshot()["found"].all())
@@ -188,12 +188,12 @@ def whole(sim: Simulation) -> End:
     return End("completed", "", 0)
 
 
-def _interrupted(sim: Simulation, error: KeyboardInterrupt) -> End:
+def _interrupted(sim: TimeLoop, error: KeyboardInterrupt) -> End:
     by = "" if str(error) in ("", "SIGINT") else f"by {error} "
     return End("interrupted", f"{by}at t = {sim.t:.2f} s", 130)
 
 
-def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[Json, End]:
+def _conclude(job: Job, sim: TimeLoop, outputs: Outputs, end: End) -> tuple[Json, End]:
     """Write result.json, the report and the manifest; return the result, and the end with any error of writing."""
     folder = job.folder.path
     scores = outputs.map_scores, outputs.belief_scores

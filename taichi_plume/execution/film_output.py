@@ -15,7 +15,7 @@ from taichi_plume.scenario.outputs import Fields
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.sources import Source
 from taichi_plume.scoring.declarations import Json
-from taichi_plume.simulation import Every, Simulation
+from taichi_plume.time_loop import Every, TimeLoop
 
 
 class Filming:
@@ -23,7 +23,7 @@ class Filming:
 
     STATE = ("frames",)
 
-    def __init__(self, sim: Simulation, path: Path, model: Fields):
+    def __init__(self, sim: TimeLoop, path: Path, model: Fields):
         self.path, self.model = path, model
         self.wind = sim.wind.carrier if "wind" in model.quantities else None
         scenario, grid = sim.scenario, sim.grid
@@ -79,7 +79,7 @@ class Filming:
     def observer(self) -> Every:
         return Every(1 / self.model.rate, self.shoot, warm_up=True)
 
-    def shoot(self, sim: Simulation) -> None:
+    def shoot(self, sim: TimeLoop) -> None:
         """Append a frame with the present wind, gas and temperature; do nothing before the film's start time."""
         if sim.t < self.model.start - 1e-9 * sim.dt:
             return
@@ -98,7 +98,7 @@ class Filming:
     def close(self) -> None:
         self.closing.close()
 
-    def _gas(self, sim: Simulation) -> dict[str, np.ndarray]:
+    def _gas(self, sim: TimeLoop) -> dict[str, np.ndarray]:
         """Return the concentration [kg/m³] of each species at the cell centres, by the film's variable name."""
         names = [f"{GAS}{species.name}" for species in sim.gas.species]
         frame = {name: np.zeros(sim.grid.shape[::-1], np.float32) for name in names}
@@ -109,7 +109,7 @@ class Filming:
             frame[f"{GAS}{gas.species.name}"] += c.T
         return frame
 
-    def _wind(self, sim: Simulation, wind: Carrier) -> dict[str, np.ndarray]:
+    def _wind(self, sim: TimeLoop, wind: Carrier) -> dict[str, np.ndarray]:
         grid = sim.grid
         frame = {name: _faces(grid.read(wind.u[d], 1), d).T for d, name in enumerate(self.speed_names)}
         if wind.nu is not None:  # zero before the first step

@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from taichi_plume.files.run_folder import cut
-from taichi_plume.simulation import Every, EveryStep, Simulation
+from taichi_plume.time_loop import Every, EveryStep, TimeLoop
 
 
 class ForceTable:
@@ -13,7 +13,7 @@ class ForceTable:
 
     STATE = ("size",)
 
-    def __init__(self, sim: Simulation, path: Path):
+    def __init__(self, sim: TimeLoop, path: Path):
         self.path, self.size = path, 0
         self.every: float | str = sim.scenario.forces.every  # a time [s], or step
         self.head = ",".join(["t_s", "obstacle", *(f"{axis}_N" for axis in "xyz"[: sim.grid.dim])]) + "\n"
@@ -33,7 +33,7 @@ class ForceTable:
             return EveryStep(self.sample)
         return Every(self.every, lambda sim: self.sample(sim, sim.t))
 
-    def sample(self, sim: Simulation, t: float) -> None:
+    def sample(self, sim: TimeLoop, t: float) -> None:
         """Write the force on each obstacle at t [s], a row each; none if t < 0. Raises OSError if the disk is full."""
         assert sim.forces is not None
         if t < 0.0:

@@ -10,7 +10,7 @@ from taichi_plume.files import disk, maps_file
 from taichi_plume.scoring.beliefs import GroupBeliefs, beliefs
 from taichi_plume.scoring.declarations import Json
 from taichi_plume.scoring.maps import MapScores, MapSeries
-from taichi_plume.simulation import Simulation, Uncertain
+from taichi_plume.time_loop import TimeLoop, Uncertain
 
 
 class MapsFile:
@@ -18,7 +18,7 @@ class MapsFile:
 
     STATE = ()
 
-    def __init__(self, sim: Simulation, path: Path, map_scores: MapScores):
+    def __init__(self, sim: TimeLoop, path: Path, map_scores: MapScores):
         self.sim, self.path, self.map_scores = sim, path, map_scores
         self.open = False
 

@@ -22,7 +22,7 @@ from taichi_plume.scenario.outputs import Checkpoint
 from taichi_plume.scoring.beliefs import BeliefScores
 from taichi_plume.scoring.declarations import Json
 from taichi_plume.scoring.maps import MapScores
-from taichi_plume.simulation import Every, EveryStep, Simulation
+from taichi_plume.time_loop import Every, EveryStep, TimeLoop
 
 FLUSH_PERIOD = 10.0  # wall-clock time [s] between flushes
 USUAL = 300.0  # wall-clock time [s] between checkpoints
@@ -85,7 +85,7 @@ class Outputs:
 
     STATE = ("sim", "observers", "step_observers", "map_scores", "belief_scores", "tables", "recorder")
 
-    def __init__(self, sim: Simulation, about: About, signals: SignalRequests):
+    def __init__(self, sim: TimeLoop, about: About, signals: SignalRequests):
         self.sim, self.about, self.signals = sim, about, signals
         self.map_scores = MapScores(sim)
         self.belief_scores = BeliefScores(sim)
@@ -202,7 +202,7 @@ class Outputs:
         self._digests = pool.submit(manifest.digests, self.about.folder, self.about.inputs)
         pool.shutdown(wait=False)
 
-    def keep(self, sim: Simulation) -> None:
+    def keep(self, sim: TimeLoop) -> None:
         """Flush the files or write a checkpoint if due. Raises KeyboardInterrupt if a signal asked to end the run."""
         now = time.monotonic()
         if self.signals.stopped:
@@ -293,7 +293,7 @@ def _tried(function: Callable[[], None]) -> Exception | None:
     return None
 
 
-def _without_state(sim: Simulation) -> list[tuple[str, str]]:
+def _without_state(sim: TimeLoop) -> list[tuple[str, str]]:
     """Return (scenario path, reason) of each robot group whose user-written algorithm cannot be checkpointed."""
     return [
         (

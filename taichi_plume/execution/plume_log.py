@@ -13,7 +13,7 @@ from taichi_plume.files.plumesim_log import DECIMALS, DIGITS, POINT
 from taichi_plume.files.run_folder import cut
 from taichi_plume.grid.fields import ppm_at, velocity_at
 from taichi_plume.scenario.outputs import PlumeLog
-from taichi_plume.simulation import Every, Simulation
+from taichi_plume.time_loop import Every, TimeLoop
 
 
 class PlumeLogger:
@@ -25,7 +25,7 @@ class PlumeLogger:
 
     STATE = ("frames", "size")
 
-    def __init__(self, sim: Simulation, path: Path, model: PlumeLog):
+    def __init__(self, sim: TimeLoop, path: Path, model: PlumeLog):
         self.path, self.model = path, model
         self.dt = sim.dt
         self.ticks = max(1, round(1 / (model.rate * sim.dt)))  # per frame
@@ -51,7 +51,7 @@ class PlumeLogger:
     def observer(self) -> Every:
         return Every(self.dt, self.add, warm_up=True)
 
-    def add(self, sim: Simulation) -> None:
+    def add(self, sim: TimeLoop) -> None:
         """Write wind and gas at all grid nodes as a frame of the log, if a frame is due."""
         if sim.tick < self.first or (sim.tick - self.first) % self.ticks:
             return
@@ -82,7 +82,7 @@ class PlumeLogger:
         self.closing.close()
 
 
-def nodes(sim: Simulation, model: PlumeLog) -> np.ndarray:
+def nodes(sim: TimeLoop, model: PlumeLog) -> np.ndarray:
     """Return the positions (n, dim) [m] of the log's grid nodes; nodes inside obstacles are left out."""
     extent = sim.grid.extent
     axes = [(np.arange(int(width / model.cell + 1e-9)) + 0.5) * model.cell for width in extent[:2]]

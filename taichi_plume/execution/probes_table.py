@@ -10,7 +10,7 @@ from taichi_plume.files.run_tables import NAMES, GrowingTable, column
 from taichi_plume.grid.sampler import Sampler
 from taichi_plume.scenario.probes import Probes
 from taichi_plume.scenario.species import AIR_DENSITY
-from taichi_plume.simulation import EveryStep, Simulation
+from taichi_plume.time_loop import EveryStep, TimeLoop
 
 CLOSE = 1e-6  # of a period: as good as on time
 
@@ -23,7 +23,7 @@ class ProbeTable(GrowingTable):
 
     STATE = (*GrowingTable.STATE, "next", "before", "values_before")
 
-    def __init__(self, sim: Simulation, path: Path, model: Probes):
+    def __init__(self, sim: TimeLoop, path: Path, model: Probes):
         self.model, self.heat = model, sim.heat
         places = np.concatenate([probe.places for probe in model.points])
         cells = [field for field in (sim.pressure, sim.heat and sim.heat.theta) if field is not None]
@@ -60,7 +60,7 @@ class ProbeTable(GrowingTable):
     def observer(self) -> EveryStep:
         return EveryStep(self.sample)
 
-    def sample(self, sim: Simulation, t: float) -> None:
+    def sample(self, sim: TimeLoop, t: float) -> None:
         """Sample the air at time t [s], the end of a flow step, and store the rows that have become due."""
         if t < self.model.start - 1e-9 * sim.dt:
             return

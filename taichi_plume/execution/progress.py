@@ -7,7 +7,7 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 
-from taichi_plume.simulation import Every, Simulation
+from taichi_plume.time_loop import Every, TimeLoop
 
 COMPILED = 3  # ticks until every kernel has run once
 
@@ -15,7 +15,7 @@ COMPILED = 3  # ticks until every kernel has run once
 class ProgressBar:
     """Context manager that draws a progress bar on `console` during `sim`: simulated time, speed, time left."""
 
-    def __init__(self, sim: Simulation, console: Console):
+    def __init__(self, sim: TimeLoop, console: Console):
         self.first = -ceil(sim.scenario.warm_up / sim.dt - 1e-9)
         self.dt = sim.dt
         self.bar = Progress(
@@ -42,7 +42,7 @@ class ProgressBar:
     def observer(self) -> Every:
         return Every(self.dt, self.update, warm_up=True)
 
-    def update(self, sim: Simulation) -> None:
+    def update(self, sim: TimeLoop) -> None:
         """Update the bar with the simulated time and the speed relative to real time."""
         done = sim.tick - self.first
         speed = self.bar.tasks[0].speed  # ticks per second over the last moments

@@ -13,11 +13,11 @@ from taichi_plume.scoring import trials as scores
 from taichi_plume.scoring.beliefs import BeliefScores
 from taichi_plume.scoring.declarations import Json
 from taichi_plume.scoring.maps import NAMES, MapScores, MapSeries
-from taichi_plume.simulation import Simulation
+from taichi_plume.time_loop import TimeLoop
 
 
 def result(
-    sim: Simulation,
+    sim: TimeLoop,
     status: str,
     message: str,
     backend: str,
@@ -39,7 +39,7 @@ def result(
     }
 
 
-def partial_result(sim: Simulation, status: str, message: str, backend: str) -> Json:
+def partial_result(sim: TimeLoop, status: str, message: str, backend: str) -> Json:
     """Return the part of result.json that is known during the run: name, status, seeds, version and times."""
     return {
         "name": sim.scenario.name,
@@ -53,7 +53,7 @@ def partial_result(sim: Simulation, status: str, message: str, backend: str) -> 
     }
 
 
-def _budget(sim: Simulation) -> Json:
+def _budget(sim: TimeLoop) -> Json:
     """Return the mass budget [kg] summed over all gases and its relative error; of several gases also each budget."""
     parts: list[Json] = [dict(gas.budget()) for gas in sim.gas.gases]
     budgets = [part for part in parts if part]
@@ -73,7 +73,7 @@ def _budget(sim: Simulation) -> Json:
     return total
 
 
-def _obstacles(sim: Simulation) -> list[Json]:
+def _obstacles(sim: TimeLoop) -> list[Json]:
     """Return kind of each obstacle and the force of the air on the obstacle [N]; empty if forces are not computed."""
     if sim.forces is None:
         return []
@@ -81,7 +81,7 @@ def _obstacles(sim: Simulation) -> list[Json]:
     return [{"kind": kind, "force_N": force} for kind, force in zip(kinds, sim.forces(), strict=True)]
 
 
-def _groups(sim: Simulation) -> list[Json]:
+def _groups(sim: TimeLoop) -> list[Json]:
     """Return the results of each robot group.
 
     found_by: what counts as found, "reached" or "declared". airs: number of flow realisations of the trials, always 1;
@@ -127,7 +127,7 @@ def _groups(sim: Simulation) -> list[Json]:
     return groups
 
 
-def _beside_recorded(sim: Simulation, group: GroupRange) -> Json:
+def _beside_recorded(sim: TimeLoop, group: GroupRange) -> Json:
     """Compare simulated and recorded readings of a group that replays recorded paths; {} if there are none."""
     if group.model.algorithm.kind != "replay":
         return {}
@@ -136,7 +136,7 @@ def _beside_recorded(sim: Simulation, group: GroupRange) -> Json:
     return {"beside_recorded": comparison} if comparison else {}
 
 
-def _map(sim: Simulation, n: int, series: MapSeries | None) -> Json:
+def _map(sim: TimeLoop, n: int, series: MapSeries | None) -> Json:
     """Return the scores of gas map n of the scenario; if rival groups map separately, a list with one entry each.
 
     made_by: groups whose readings are in the map. Means are over their trials, never over groups.

@@ -8,7 +8,7 @@ import pyarrow as pa
 
 from taichi_plume.agents.columns import Column
 from taichi_plume.files.run_tables import NAMES, GrowingTable, column
-from taichi_plume.simulation import Every, Simulation
+from taichi_plume.time_loop import Every, TimeLoop
 
 MOST_ROWS = 2_000_000  # of robots.parquet: larger swarms are sampled less often
 
@@ -30,7 +30,7 @@ WHO = (
 class RobotTable(GrowingTable):
     """Writer of `robots.parquet`: a row per robot and sampling time."""
 
-    def __init__(self, sim: Simulation, path: Path):
+    def __init__(self, sim: TimeLoop, path: Path):
         count = sim.swarm.count
         rows = count * (sim.scenario.duration / sim.dt + 1)
         self.period = sim.dt * ceil(max(1.0, rows / MOST_ROWS))
@@ -52,7 +52,7 @@ class RobotTable(GrowingTable):
     def observer(self) -> Every:
         return Every(self.period, self.sample)
 
-    def sample(self, sim: Simulation) -> None:
+    def sample(self, sim: TimeLoop) -> None:
         """Store a row for every robot at the present time."""
         now = sim.swarm.snapshot()
         n = self.pending

@@ -16,7 +16,7 @@ from taichi_plume.record.scales import Quantity
 from taichi_plume.record.scene import beside
 from taichi_plume.scoring.beliefs import believers
 from taichi_plume.scoring.declarations import may_declare
-from taichi_plume.simulation import Simulation, Uncertain
+from taichi_plume.time_loop import TimeLoop, Uncertain
 
 if TYPE_CHECKING:
     from taichi_plume.record.tracks import Robot
@@ -75,7 +75,7 @@ class Layout:
     their scores and the events.
     """
 
-    def __init__(self, sim: Simulation, shown: Shown):
+    def __init__(self, sim: TimeLoop, shown: Shown):
         self.sim, self.shown, self.stage = sim, shown, shown.stage
         self.flat = sim.grid.dim == 2
         self.names = [robot.name for robot in shown.robots]
@@ -301,7 +301,7 @@ class Layout:
         return self._view(name, contents, self._floor(0.0, panel), panel, 90.0)
 
 
-def trail(sim: Simulation, robots: int) -> float | None:
+def trail(sim: TimeLoop, robots: int) -> float | None:
     """Return the time span [s] of a robot's past path that the viewer shows; None for the whole path."""
     if sim.scenario.recording.trail is not None:
         return sim.scenario.recording.trail

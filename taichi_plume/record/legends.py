@@ -12,7 +12,7 @@ from taichi_plume.record.planes import Plane
 from taichi_plume.record.scales import Quantity
 from taichi_plume.record.scene import TEXT, Entities
 from taichi_plume.scoring.beliefs import believers
-from taichi_plume.simulation import Simulation
+from taichi_plume.time_loop import TimeLoop
 
 WEIGHTS = Scale(10.0, 1e6, "log")
 RATIOS = Scale(0.01, 100.0, "log")  # estimate over truth
@@ -21,7 +21,7 @@ TOP, TICKS, TITLE = 0.03, 0.064, 0.109
 """Distances of the bar, its ticks and its title below a picture, over the arena's length."""
 
 
-def legends(sim: Simulation, stage: Stage, seen: Sequence[Plane], quantities: Sequence[Quantity]) -> Entities:
+def legends(sim: TimeLoop, stage: Stage, seen: Sequence[Plane], quantities: Sequence[Quantity]) -> Entities:
     """Yield the colour bars of all pictures in a recording: gas, temperature, gas maps and belief maps."""
     for quantity in quantities:
         for plane in seen:

@@ -12,7 +12,7 @@ from taichi_plume.record.stream import Stream
 from taichi_plume.scoring.beliefs import beliefs
 from taichi_plume.scoring.maps import MapSeries
 from taichi_plume.scoring.trials import map_rows
-from taichi_plume.simulation import Simulation
+from taichi_plume.time_loop import TimeLoop
 
 RAMP = np.arange(256) / 255
 
@@ -22,7 +22,7 @@ class MapPictures:
 
     STATE = ("sent",)
 
-    def __init__(self, stream: Stream, sim: Simulation, stage: Stage, series: list[MapSeries]):
+    def __init__(self, stream: Stream, sim: TimeLoop, stage: Stage, series: list[MapSeries]):
         self.stream, self.maps, self.series = stream, list(sim.maps), series
         gas = Scale(*sim.scenario.recording.range_ppm, "log")
         self.scales = {"estimate": gas, "truth": gas, "weight": legends.WEIGHTS, "error": legends.RATIOS}
@@ -50,7 +50,7 @@ class MapPictures:
         """Return the recording's paths for the scores of gas map n, in the order of layout.MAP_SERIES."""
         return [f"map_errors/{n}_mae", *(f"{origin}/{n}" for origin in list(layout.MAP_SERIES)[1:])]
 
-    def show(self, sim: Simulation) -> None:
+    def show(self, sim: TimeLoop) -> None:
         """Send the pictures of all gas maps at the present time, and the scores since the last call."""
         low = self.scales["estimate"].low
         for n, gas_map in enumerate(self.maps):
@@ -92,14 +92,14 @@ class BeliefPictures:
 
     STATE = ()
 
-    def __init__(self, stream: Stream, sim: Simulation, stage: Stage):
+    def __init__(self, stream: Stream, sim: TimeLoop, stage: Stage):
         self.stream = stream
         self.colors = drawing.painted(RAMP, drawing.EMBER)
         for belief in beliefs(sim):
             blank = _blank(belief.p.shape[2:], belief.cell, belief.low, stage)
             stream.log_still([(f"beliefs/{belief.group.number}", blank)])
 
-    def show(self, sim: Simulation) -> None:
+    def show(self, sim: TimeLoop) -> None:
         """Send the present belief map of the first robot of each group that keeps one."""
         for belief in beliefs(sim):
             density = belief.p[0, 0] / belief.cell**2

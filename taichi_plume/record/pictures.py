@@ -11,7 +11,7 @@ from taichi_plume.record.placement import Stage, picture, placed
 from taichi_plume.record.planes import Plane, Raster
 from taichi_plume.record.scales import Quantity
 from taichi_plume.record.stream import Stream
-from taichi_plume.simulation import Simulation
+from taichi_plume.time_loop import TimeLoop
 
 SPLIT = 2  # samples per cell and axis of a gas with details below the cell size
 ARROW = 0.9  # length of the arrow in the key, over the distance between arrows
@@ -34,7 +34,7 @@ class Pictures:
     def __init__(
         self,
         stream: Stream,
-        sim: Simulation,
+        sim: TimeLoop,
         stage: Stage,
         seen: Sequence[Plane],
         quantities: Sequence[Quantity],
@@ -67,7 +67,7 @@ class Pictures:
             )
             stream.log_still([("gas/volume", volume)])
 
-    def show(self, sim: Simulation) -> None:
+    def show(self, sim: TimeLoop) -> None:
         """Send the present pictures of all quantities on all planes, and the gas volume, to the recording."""
         for quantity in self.quantities:
             cells: np.ndarray | None = None
@@ -90,7 +90,7 @@ class Pictures:
             if volume and cells is not None:
                 self._show_volume(sim, quantity, cells)
 
-    def _cells(self, sim: Simulation, quantity: Quantity) -> np.ndarray:
+    def _cells(self, sim: TimeLoop, quantity: Quantity) -> np.ndarray:
         """Return a quantity's values in all cells; sampled at the cell centres if it is known at points only."""
         cells = quantity.cells(sim)
         if cells is None:
@@ -100,7 +100,7 @@ class Pictures:
             cells = quantity.points(sim, self.centers)
         return cells
 
-    def _show_volume(self, sim: Simulation, quantity: Quantity, cells: np.ndarray) -> None:
+    def _show_volume(self, sim: TimeLoop, quantity: Quantity, cells: np.ndarray) -> None:
         assert self.voxels is not None
         voxels = quantity.scale.bytes(planes.largest(cells, self.voxels))  # fewer values pack better
         volume = rr.Volume3D.from_fields(values=HALVES[np.ascontiguousarray(voxels.transpose(2, 1, 0))])
@@ -126,7 +126,7 @@ class Arrows:
 
     STATE = ("top",)
 
-    def __init__(self, stream: Stream, sim: Simulation, stage: Stage, seen: Sequence[Plane]):
+    def __init__(self, stream: Stream, sim: TimeLoop, stage: Stage, seen: Sequence[Plane]):
         self.stream, self.stage, self.top = stream, stage, 0.0
         extent = sim.grid.extent
         self.planes = [plane for plane in seen if plane.name == "slice" or plane.letters != "xy"]
@@ -139,7 +139,7 @@ class Arrows:
             stream.log_still([(f"wind/{plane.name}", style)])
         self.points = np.concatenate(self.places).astype(np.float32)
 
-    def show(self, sim: Simulation) -> None:
+    def show(self, sim: TimeLoop) -> None:
         """Send the present wind as arrows centred on fixed points, and a new key if the speed has grown."""
         velocity = fields.velocity_at(sim.wind, self.points, sim.t)
         speed = np.linalg.norm(velocity, axis=-1)
@@ -158,7 +158,7 @@ class Arrows:
             self._show(sim, plane, places, part, step)
 
     def _show(
-        self, sim: Simulation, plane: Plane, places: np.ndarray, velocity: np.ndarray, step: float
+        self, sim: TimeLoop, plane: Plane, places: np.ndarray, velocity: np.ndarray, step: float
     ) -> None:
         along = list(plane.axes)
         vectors = np.zeros((len(places), 3))

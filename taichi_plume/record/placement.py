@@ -8,7 +8,7 @@ import rerun as rr
 from numpy.typing import ArrayLike
 
 from taichi_plume.record.planes import Plane
-from taichi_plume.simulation import Simulation
+from taichi_plume.time_loop import TimeLoop
 
 FLAT = 0.05  # height of the walls of a 2-D arena over its shorter side
 
@@ -23,7 +23,7 @@ class Stage:
     lift: float
 
     @staticmethod
-    def of(sim: Simulation) -> "Stage":
+    def of(sim: TimeLoop) -> "Stage":
         """Return the dimensions of a simulation's arena as drawn; 2-D arenas get low walls."""
         extent = sim.grid.extent
         length = max(extent[:2])

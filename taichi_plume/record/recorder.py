@@ -21,7 +21,7 @@ from taichi_plume.record.stream import Stream, mend
 from taichi_plume.record.tracks import Event, Tracks, recorded_robots
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.maps import MapScores
-from taichi_plume.simulation import Every, Simulation
+from taichi_plume.time_loop import Every, TimeLoop
 
 SAMPLE_PERIOD = 0.1  # s, robots
 LIVE = 0.5  # s of wall time between two batches for a viewer
@@ -44,7 +44,7 @@ class Recorder:
 
     def __init__(
         self,
-        sim: Simulation,
+        sim: TimeLoop,
         path: Path,
         backend: str = "cpu",
         map_scores: MapScores | None = None,
@@ -102,7 +102,7 @@ class Recorder:
             *([Every(SAMPLE_PERIOD, self.show_now, warm_up=True)] if self.stream.live else []),
         ]
 
-    def show_now(self, sim: Simulation) -> None:
+    def show_now(self, sim: TimeLoop) -> None:
         """Send the gathered samples to the viewer, twice per second of wall time."""
         if time.monotonic() - self.sent > LIVE:
             self.flush()
@@ -124,7 +124,7 @@ class Recorder:
             self.stream.take_over(whole, self.t)
             whole.unlink()
 
-    def sample_obstacles(self, sim: Simulation) -> None:
+    def sample_obstacles(self, sim: TimeLoop) -> None:
         """Gather the positions of moving obstacles, relative to their centre in the scenario."""
         for n, samples in self.walks.items():
             obstacle = sim.scenario.obstacles[n]
@@ -132,7 +132,7 @@ class Recorder:
                 x, y = obstacle.motion.place(obstacle.center, sim.t)
                 samples.append((sim.t, x - obstacle.center[0], y - obstacle.center[1]))
 
-    def note(self, sim: Simulation) -> None:
+    def note(self, sim: TimeLoop) -> None:
         """Log scheduled events and write the gathered samples; many robots take turns, as a run in real time has less
         than a tick for this. Raises OSError if there is no room.
         """

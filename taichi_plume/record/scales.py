@@ -9,7 +9,7 @@ from taichi_plume.grid import fields
 from taichi_plume.record.drawing import Scale
 from taichi_plume.record.planes import Plane
 from taichi_plume.scenario.heat import Heat
-from taichi_plume.simulation import Simulation
+from taichi_plume.time_loop import TimeLoop
 
 NARROWEST = 1.0  # K: least width of a range of temperatures
 
@@ -27,8 +27,8 @@ class Quantity:
     unit: str
     scale: Scale
     colormap: str
-    cells: Callable[[Simulation], np.ndarray | None]
-    points: Callable[[Simulation, np.ndarray], np.ndarray] | None
+    cells: Callable[[TimeLoop], np.ndarray | None]
+    points: Callable[[TimeLoop, np.ndarray], np.ndarray] | None
     details: int = 1
     """Pixels per cell and axis."""
 
@@ -47,7 +47,7 @@ class Quantity:
         return self.title[:1].upper() + self.title[1:]
 
 
-def quantities(sim: Simulation) -> list[Quantity]:
+def quantities(sim: TimeLoop) -> list[Quantity]:
     """Return the scalars to draw: total gas, each species if there are several, and temperature if it is solved for."""
     found = []
     if sim.gas.species:
@@ -61,12 +61,12 @@ def quantities(sim: Simulation) -> list[Quantity]:
     return found
 
 
-def _gas(entity: str, which: list[int], scale: Scale, sim: Simulation) -> Quantity:
+def _gas(entity: str, which: list[int], scale: Scale, sim: TimeLoop) -> Quantity:
     """Return the summed concentration [ppm] of species as a scalar to draw; which: indices of the species."""
     species = [sim.gas.species[n] for n in which]
     gases = [gas for gas in sim.gas.gases if gas.species in species]
 
-    def cells(sim: Simulation) -> np.ndarray | None:
+    def cells(sim: TimeLoop) -> np.ndarray | None:
         total = None
         for gas in gases:
             density = gas.cells(sim.t)
@@ -76,7 +76,7 @@ def _gas(entity: str, which: list[int], scale: Scale, sim: Simulation) -> Quanti
             total = ppm if total is None else total + ppm
         return total
 
-    def points(sim: Simulation, where: np.ndarray) -> np.ndarray:
+    def points(sim: TimeLoop, where: np.ndarray) -> np.ndarray:
         return fields.ppm_at(sim.gas, where, sim.t)[..., which].sum(axis=-1)
 
     name = " + ".join(vapour.name for vapour in species)
@@ -85,10 +85,10 @@ def _gas(entity: str, which: list[int], scale: Scale, sim: Simulation) -> Quanti
     return Quantity(entity, name, "ppm", scale, "inferno", cells, points if finer else None, details)
 
 
-def _temperature(sim: Simulation, heat: Heat) -> Quantity:
+def _temperature(sim: TimeLoop, heat: Heat) -> Quantity:
     theta, reference = sim.heat.theta, sim.heat.reference
 
-    def cells(sim: Simulation) -> np.ndarray:
+    def cells(sim: TimeLoop) -> np.ndarray:
         return sim.grid.read(theta) + np.float32(reference)
 
     given = sim.scenario.recording.range_kelvin

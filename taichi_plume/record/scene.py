@@ -23,7 +23,7 @@ from taichi_plume.scenario.heat import Heat
 from taichi_plume.scenario.obstacles import Cylinder, Prism, WallMap
 from taichi_plume.scenario.vocabulary import Color
 from taichi_plume.scenario.windows import Window
-from taichi_plume.simulation import Simulation
+from taichi_plume.time_loop import TimeLoop
 
 MOST_BOXES = 5000  # largest number of a map's wall boxes: beyond, pixels are joined
 BODY = 0.009  # robots are drawn at least this large, over the arena's length
@@ -51,7 +51,7 @@ Entities = Iterator[tuple[str, rr.AsComponents]]
 # ---------------------------------------------------------------- arena
 
 
-def arena(sim: Simulation, stage: Stage) -> Entities:
+def arena(sim: TimeLoop, stage: Stage) -> Entities:
     """Yield floor, edges, the robots' part of the floor, obstacles, sources, openings and screens."""
     (lx, ly), h = stage.extent[:2], stage.height
 
@@ -271,7 +271,7 @@ def lanes(states: tuple[str, ...]) -> rr.StateConfiguration:
 # ---------------------------------------------------------------- vertical sections
 
 
-def section(sim: Simulation, raster: Raster, stage: Stage) -> Entities:
+def section(sim: TimeLoop, raster: Raster, stage: Stage) -> Entities:
     """Yield the edges of a vertical section, its solid part, and the names of the sources beside it."""
     plane, name = raster.plane, f"outlines/{raster.plane.name}"
     u, v = (stage.extent[d] for d in plane.axes)
@@ -291,7 +291,7 @@ def section(sim: Simulation, raster: Raster, stage: Stage) -> Entities:
             yield f"{name}/sources/{n}", label("source", above, WHITE)
 
 
-def beside(sim: Simulation, plane: Plane) -> list[str]:
+def beside(sim: TimeLoop, plane: Plane) -> list[str]:
     """Return the entity names of sources and heaters that touch or nearly touch a vertical section."""
     heat = sim.scenario.heat
     there = [(f"sources/{n}", thing) for n, (_, thing) in enumerate(sim.scenario.sources)]

@@ -12,11 +12,11 @@ from taichi_plume.record.scene import Entities
 from taichi_plume.scenario.readable_yaml import all_keys
 from taichi_plume.scoring.beliefs import believers
 from taichi_plume.scoring.declarations import may_declare
-from taichi_plume.simulation import Simulation
+from taichi_plume.time_loop import TimeLoop
 
 
 def about(
-    sim: Simulation, backend: str, recorded: int, seen: Sequence[Plane], quantities: Sequence[Quantity]
+    sim: TimeLoop, backend: str, recorded: int, seen: Sequence[Plane], quantities: Sequence[Quantity]
 ) -> Entities:
     """Yield the recording's text document (Markdown). backend: Taichi's; recorded: number of recorded robots."""
     name = "".join(f"\\{sign}" if sign in "\\`*_{}[]()<>#+-.!|~" else sign for sign in sim.scenario.name)
@@ -36,7 +36,7 @@ def _table(rows: Iterable[tuple[str, str]]) -> str:
 
 
 def _legend(
-    sim: Simulation, seen: Sequence[Plane], quantities: Sequence[Quantity]
+    sim: TimeLoop, seen: Sequence[Plane], quantities: Sequence[Quantity]
 ) -> Iterator[tuple[str, str]]:
     """Yield pairs of texts, the look and the meaning, for each kind of item drawn in a recording."""
     scenario, deep = sim.scenario, sim.grid.dim == 3
@@ -88,7 +88,7 @@ def _legend(
         )
 
 
-def _facts(sim: Simulation, backend: str, recorded: int) -> dict[str, str]:
+def _facts(sim: TimeLoop, backend: str, recorded: int) -> dict[str, str]:
     """Return key figures of the run as texts by name: arena, cells, time, wind, gas, robots, maps, seeds, version."""
     scenario, grid = sim.scenario, sim.grid
     robots = "none"

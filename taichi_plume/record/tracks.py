@@ -12,7 +12,7 @@ from taichi_plume.record import drawing, scene
 from taichi_plume.record.placement import Stage
 from taichi_plume.record.stream import Stream
 from taichi_plume.scenario.robots import Group
-from taichi_plume.simulation import Simulation
+from taichi_plume.time_loop import TimeLoop
 
 MOST_ROBOTS = 50
 
@@ -51,7 +51,7 @@ class Robot:
         return self.model.odometry is not None
 
 
-def recorded_robots(sim: Simulation) -> list[Robot]:
+def recorded_robots(sim: TimeLoop) -> list[Robot]:
     """Return up to MOST_ROBOTS robots of the first trial, in equal shares of the groups."""
     groups = list(sim.swarm.groups)
     share = max(1, MOST_ROBOTS // max(1, len(groups)))
@@ -117,7 +117,7 @@ class Tracks:
             line = rr.SeriesLines(colors=[200, 200, 200], names=f"threshold {threshold:g} ppm", widths=1.0)
             yield _threshold(threshold), line
 
-    def sample(self, sim: Simulation) -> None:
+    def sample(self, sim: TimeLoop) -> None:
         """Gather pose, gas reading and behaviour changes of each recorded robot at the present time."""
         if not self.robots:
             return

@@ -8,5 +8,5 @@ MAY_IMPORT: tuple[str, ...] = (
     "record",
     "scenario",
     "scoring",
-    "simulation",
+    "time_loop",
 )

@@ -54,7 +54,7 @@ def map_of(
     window was chosen for the log. The last snapshot is mapped, but its forecast is not scored. Raises ReadingsError.
     """
     from taichi_plume.scoring.trials import PERIOD, forecast_error, peak_distance
-    from taichi_plume.simulation import Uncertain
+    from taichi_plume.time_loop import Uncertain
 
     fault = model.grid_error("--map", size)
     if fault:

@@ -40,28 +40,26 @@ def read_mapping(path: Path, needs: str) -> Data:
     return data
 
 
+Overrides = Sequence[str] | Mapping[str, object]
+"""Changes of keys: texts like ``robots.0.count=3``, or values by their paths, as ``{"robots.0.count": 3}``."""
+
+
 def read_scenario(
     source: Path | Mapping[str, object],
-    overrides: Sequence[str] = (),
+    overrides: Overrides = (),
     expand: Callable[[Data], Data] | None = None,
 ) -> Scenario:
-    """Return the scenario of a YAML file or a mapping, with overrides like ``robots.0.count=3``; opens no other file.
+    """Return the scenario of a YAML file or a mapping, with overrides; opens no other file.
 
     expand: function applied to the data before the overrides. Raises ScenarioError.
     """
     data = read_mapping(source, NEEDS) if isinstance(source, Path) else of_python(source)
     where = f"{source}: " if isinstance(source, Path) else ""
-    if isinstance(overrides, str):
-        raise ScenarioError([f"overrides: got {shown(overrides)}; give a list, such as ['robots.0.count=3']"])
     if expand is not None:
         data = expand(data)
     if "base" in data and "axes" in data:
         raise ScenarioError([f"{where}is a study, no scenario; python -m taichi_plume.study makes its runs"])
-    for override in overrides:
-        try:
-            data = _overridden(data, override)
-        except LineError as fault:
-            raise ScenarioError([f"override '{visible(override, LONGEST_VALUE)}': {fault}"]) from None
+    data = _overridden(data, overrides)
     try:
         return scenario_from(data)
     except ScenarioError as error:
@@ -128,14 +126,29 @@ def load_part(text: str, where: str, kind: Any) -> Any:
 # ---------------------------------------------------------------- overrides
 
 
-def overridden(overrides: Sequence[str]) -> list[str]:
-    """Return the paths of the keys that overrides such as ``robots.0.count=3`` set, as ``robots[0].count``."""
+def overridden(overrides: Overrides) -> list[str]:
+    """Return the paths of the keys that overrides set, such as ``robots[0].count``."""
     return [path_of(steps_of(override.partition("=")[0])) for override in overrides]
 
 
-def _overridden(data: Data, override: str) -> Data:
-    """Return a copy of `data` with an override ``path.to.key=value`` applied. Raises LineError."""
+def _overridden(data: Data, overrides: Overrides) -> Data:
+    """Return a copy of `data` with the overrides applied. Raises ScenarioError."""
+    if isinstance(overrides, str) or not isinstance(overrides, Sequence | Mapping):
+        what = "give a list, such as ['robots.0.count=3'], or a dict, such as {'robots.0.count': 3}"
+        raise ScenarioError([f"overrides: got {shown(overrides)}; {what}"])
+    given = of_python(overrides).items() if isinstance(overrides, Mapping) else overrides
+    for override in given:
+        try:
+            data = changed(data, dict([_parsed(override) if isinstance(override, str) else override]))
+        except LineError as fault:
+            text = override if isinstance(override, str) else override[0]
+            raise ScenarioError([f"override '{visible(text, LONGEST_VALUE)}': {fault}"]) from None
+    return data
+
+
+def _parsed(override: str) -> tuple[str, object]:
+    """Return path and value of an override ``path.to.key=value``. Raises LineError."""
     path, equals, text = override.partition("=")
     if not equals or not all(steps_of(path)):
         raise LineError("must be path.to.key=value, such as robots.0.count=3")
-    return changed(data, {path: parse(text)})
+    return path, parse(text)

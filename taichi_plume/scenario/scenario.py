@@ -6,7 +6,8 @@ the errors and warnings of all sections.
 
 from collections.abc import Iterator, Mapping
 from math import ceil
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from pydantic import ConfigDict, Field, field_validator
@@ -31,6 +32,15 @@ from taichi_plume.scenario.vocabulary import COMPILED, FREE, FileName, Model
 from taichi_plume.scenario.winds import Wind
 
 MOST_TICKS = 2e9  # kernels count them in 32 bits
+
+
+class Origin(NamedTuple):
+    """Origin of a scenario: its folder, its YAML file if it has one; notes and files of a GADEN project."""
+
+    folder: Path = Path()
+    file: Path | None = None
+    notes: tuple[str, ...] = ()
+    gaden: tuple[Path, ...] = ()
 
 
 def _or_a_project(schema: dict[str, Any]) -> None:
@@ -105,14 +115,32 @@ class Scenario(Model):
             raise fault("works in the file of a scenario alone; in Python use load_scenario")
         return value
 
-    def changed(self, changes: Mapping[str, object]) -> "Scenario":
+    @property
+    def origin(self) -> "Origin":
+        """File and folder from which the scenario was read; by default the working folder."""
+        return vars(self).get("_origin", Origin())
+
+    def from_origin(self, origin: "Origin") -> Self:
+        """Return a copy of the scenario with another `origin`."""
+        copy = super().model_copy()
+        vars(copy)["_origin"] = origin
+        return copy
+
+    def model_copy(self, *, update: Mapping[str, object] | None = None, deep: bool = False) -> Self:
+        return super().model_copy(update=update, deep=deep).from_origin(self.origin)
+
+    def keys_set(self) -> dict[str, Any]:
+        """Return the keys that were set, without defaults, in the types of YAML and in SI units."""
+        return self.model_dump(mode="json", exclude_unset=True)
+
+    def with_(self, changes: Mapping[str, object]) -> "Scenario":
         """Return a copy of the scenario with new values at paths of keys, such as ``{"robots.0.count": 3}``.
 
         Values are as in YAML: numbers, texts such as "5 cm", lists, dicts. Raises ScenarioError, a line for each fault.
         """
         from taichi_plume.scenario.loading import of_python, scenario_of  # it imports this module
 
-        return scenario_of(self.model_dump(mode="json", exclude_unset=True), of_python(changes))
+        return scenario_of(self.keys_set(), of_python(changes)).from_origin(self.origin)
 
     @property
     def floor(self) -> Arena:
@@ -127,7 +155,9 @@ class Scenario(Model):
 
     def with_gases(self, others: Mapping[str, PureGas]) -> "Scenario":
         """Return a copy of the scenario in which the gases at the paths in `others` are replaced."""
-        return self.model_copy(update={"gas": self.gas.replaced("gas", others)}) if others else self
+        if not others:
+            return self
+        return self.model_copy(update={"gas": self.gas.replaced("gas", others)})
 
     @property
     def believers(self) -> tuple[Group, ...]:

@@ -21,7 +21,7 @@ class Mark(Enum):
 
     COMPILED = """A number on which shapes of fields, tables or kernels depend. They depend on kinds, names, counts and
     lengths of lists anyway. All other numbers reach kernels at run time: a reset may change them, see
-    `Simulation.reset`."""
+    `TimeLoop.reset`."""
     FREE = "A reset may change the key, with all below it, although its value is no float."
     INPUT_FILE = "Path of an input file, relative to the scenario's folder; with %d or %g, of several files."
     SPATIAL = "Key of 3-D runs alone: in 2-D its value must be zero, false or not given."
@@ -118,7 +118,7 @@ class Model(BaseModel):
         """Raise AttributeError: sections are frozen. Pydantic's own attributes can be set."""
         if not name.startswith("_"):
             raise AttributeError(
-                f"{type(self).__name__}.{name} cannot be set; scenario.changed({{'seed': 3}}) returns a scenario with "
+                f"{type(self).__name__}.{name} cannot be set; scenario.with_({{'seed': 3}}) returns a scenario with "
                 "other values"
             )
         super().__setattr__(name, value)

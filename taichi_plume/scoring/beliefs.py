@@ -20,7 +20,7 @@ from taichi_plume.agents.groups import GroupRange
 from taichi_plume.grid.series import Series
 from taichi_plume.scoring import trials as scores
 from taichi_plume.scoring.declarations import OF_BELIEFS, Json
-from taichi_plume.simulation import Every, Simulation
+from taichi_plume.time_loop import Every, TimeLoop
 
 
 @dataclass(frozen=True)
@@ -64,12 +64,12 @@ def _nearest(places: np.ndarray, sources: np.ndarray, square: bool = False) -> n
     return apart.min(axis=-1)
 
 
-def believers(sim: Simulation) -> list[Believer]:
+def believers(sim: TimeLoop) -> list[Believer]:
     """Return the search algorithms of a run that keep beliefs."""
     return [team.algorithm for team in sim.teams if isinstance(team.algorithm, Believer)]
 
 
-def beliefs(sim: Simulation) -> list[GroupBeliefs]:
+def beliefs(sim: TimeLoop) -> list[GroupBeliefs]:
     """Return the current beliefs of each group that keeps beliefs, in the order of the scenario."""
     parts = []
     for believer in believers(sim):
@@ -89,7 +89,7 @@ class BeliefScores:
 
     STATE = ("rows",)
 
-    def __init__(self, sim: Simulation):
+    def __init__(self, sim: TimeLoop):
         self.sources, self.begins = scores.source_places(sim)[:, :2], scores.begins(sim)
         self.groups = sum(len(believer.members.groups) for believer in believers(sim))
         self.rows = Series(len(OF_BELIEFS) * self.groups)
@@ -97,18 +97,18 @@ class BeliefScores:
     def observer(self) -> Every:
         return Every(scores.PERIOD, self.sample)
 
-    def now(self, sim: Simulation) -> list[tuple[GroupBeliefs, np.ndarray]]:
+    def now(self, sim: TimeLoop) -> list[tuple[GroupBeliefs, np.ndarray]]:
         """Return the current beliefs of each group with their scores (5, trials)."""
         on = self.sources[self.begins < sim.t]
         return [(belief, belief.scores(on)) for belief in beliefs(sim)]
 
-    def sample(self, sim: Simulation) -> None:
+    def sample(self, sim: TimeLoop) -> None:
         """Append the current scores to `rows`."""
         if self.groups:
             rows = [values.mean(axis=1) for _, values in self.now(sim)]
             self.rows.append((sim.t, np.ravel(rows)))
 
-    def entries(self, sim: Simulation) -> list[Json]:
+    def entries(self, sim: TimeLoop) -> list[Json]:
         """Return an entry per group for result.json: mean scores, scores of each trial, and means over time."""
         rows = []
         table = self.rows.values.reshape(len(self.rows), self.groups, len(OF_BELIEFS))

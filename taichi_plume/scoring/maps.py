@@ -15,7 +15,7 @@ import numpy as np
 
 from taichi_plume.grid.series import Series
 from taichi_plume.scoring import trials as scores
-from taichi_plume.simulation import Every, Simulation
+from taichi_plume.time_loop import Every, TimeLoop
 
 LOOKS = 1.0  # s, time between samples of the true gas and the readings
 NAMES = ("error_ppm", "correlation", "peak_distance_m", "nlpd")
@@ -29,7 +29,7 @@ class MapSeries:
 
     STATE = ("sum", "looks", "ended", "rows", "last", "expected", "surprise")
 
-    def __init__(self, sim: Simulation, number: int):
+    def __init__(self, sim: TimeLoop, number: int):
         self.map = sim.maps[number]
         self.cell, self.period = self.map.cell, self.map.window or scores.PERIOD
         trials, nx, ny = np.shape(self.map.estimate())
@@ -71,7 +71,7 @@ class MapSeries:
         shape = len(self.rows), len(NAMES), 1 + len(self.parts)
         return self.rows.values.reshape(shape)[:, NAMES.index(name)]
 
-    def sample(self, sim: Simulation, gas: np.ndarray) -> None:
+    def sample(self, sim: TimeLoop, gas: np.ndarray) -> None:
         """Add the true gas [ppm], (nx, ny), and the robots' readings; at the end of a snapshot, score the map."""
         self.sum += gas
         self.looks += 1
@@ -108,14 +108,14 @@ class MapScores:
 
     STATE = ("series",)
 
-    def __init__(self, sim: Simulation):
+    def __init__(self, sim: TimeLoop):
         self.series = [MapSeries(sim, n) for n in range(len(sim.maps))]
 
     def observer(self) -> Every:
         """Return the observer, to be called before others that need the scores of the same time."""
         return Every(LOOKS, self.sample)
 
-    def sample(self, sim: Simulation) -> None:
+    def sample(self, sim: TimeLoop) -> None:
         gas: dict[tuple, np.ndarray] = {}  # maps often share their cells
         for series in self.series:
             cells = (series.cell, series.shape)

@@ -12,7 +12,7 @@ from taichi_plume.grid import fields
 from taichi_plume.grid.grid import block_mean, centers
 from taichi_plume.scenario.playback import Played
 from taichi_plume.scoring.declarations import OUTCOMES, Json, Snapshot, by_trial, declared_outcomes
-from taichi_plume.simulation import Mapper, Simulation, Uncertain
+from taichi_plume.time_loop import Mapper, TimeLoop, Uncertain
 
 SENSORS = 0.1  # m, default height of sensors
 SAMPLES = 4  # largest number of samples per axis of a map cell
@@ -34,7 +34,7 @@ class MapScore:
     known: np.ndarray
 
 
-def true_gas(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarray:
+def true_gas(sim: TimeLoop, cell: float, shape: tuple[int, int]) -> np.ndarray:
     """Return the mean true concentration [ppm] of each map cell at the height of the gas sensors, (nx, ny)."""
     n = min(SAMPLES, max(1, ceil(cell / sim.grid.dx - 1e-9)))
     axes = [(np.arange(count * n) + 0.5) * cell / n for count in shape]
@@ -46,18 +46,18 @@ def true_gas(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarray
     return block_mean(ppm, n)
 
 
-def measurable(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarray:
+def measurable(sim: TimeLoop, cell: float, shape: tuple[int, int]) -> np.ndarray:
     """Return a mask (nx, ny) of map cells whose centre robots can reach: in the arena, outside of fixed obstacles."""
     return sim.swarm.clearance.distance_at(centers(shape, cell)) > 0.0
 
 
-def sensor_height(sim: Simulation) -> float:
+def sensor_height(sim: TimeLoop) -> float:
     """Return the height of the first group's gas sensors [m]; without robots, the default height of sensors."""
     groups = sim.scenario.robots
     return groups[0].sensors.nose.height if groups else min(SENSORS, sim.grid.extent[-1])
 
 
-def map_rows(sim: Simulation) -> list[tuple[tuple[str, ...], slice]]:
+def map_rows(sim: TimeLoop) -> list[tuple[tuple[str, ...], slice]]:
     """Return the names of the groups that share a map, and the map's trials (axis 0) that belong to them.
 
     Rivals make a map each; other groups make one together, in trial k those that have so many trials.
@@ -228,7 +228,7 @@ def trials_differ_by(group: GroupRange, snapshot: Snapshot) -> str | None:
     return "chance" if given and alike(np.asarray(snapshot["start"], float)) else "starts and chance"
 
 
-def no_search(sim: Simulation, group: GroupRange, success: Iterable[bool] = ()) -> str | None:
+def no_search(sim: TimeLoop, group: GroupRange, success: Iterable[bool] = ()) -> str | None:
     """Return the reason why no robot of a group could find a source; None if robots could, or have in a trial."""
     if any(success):
         return None
@@ -242,7 +242,7 @@ def no_search(sim: Simulation, group: GroupRange, success: Iterable[bool] = ()) 
     return None if group.model.reach > 0 else "reach is 0"
 
 
-def end(sim: Simulation, group: GroupRange) -> float:
+def end(sim: TimeLoop, group: GroupRange) -> float:
     """Return the duration [s] that counts for trials of a group in which no source was found.
 
     A run that stopped because no robot searched any more counts with its full duration.
@@ -251,13 +251,13 @@ def end(sim: Simulation, group: GroupRange) -> float:
     return group.model.time(sim.scenario.duration if whole else sim.t)
 
 
-def source_places(sim: Simulation) -> np.ndarray:
+def source_places(sim: TimeLoop) -> np.ndarray:
     """Return the positions of all sources of a run, (m, 2) or (m, 3) [m]."""
     dim = sim.scenario.domain.dim
     return np.array([source.position for _, source in sim.scenario.sources]).reshape(-1, dim)
 
 
-def begins(sim: Simulation) -> np.ndarray:
+def begins(sim: TimeLoop) -> np.ndarray:
     """Return the start time of each source [s], in the order of the scenario; -inf for sources that are played back."""
     begins = []
     for _, gas in sim.scenario.gases:

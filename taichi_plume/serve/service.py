@@ -24,7 +24,7 @@ from taichi_plume.guard.terminal import say
 from taichi_plume.serve import topics
 from taichi_plume.serve.inbox import Inbox
 from taichi_plume.serve.links import Hear, Link
-from taichi_plume.simulation import Every, Simulation
+from taichi_plume.time_loop import Every, TimeLoop
 
 SLIP = 1.0  # s, largest delay that the simulation catches up
 LOOK_S = 0.1  # s, time between checks for signals while waiting
@@ -48,7 +48,7 @@ class Outside:
     """Group of external robots with its algorithm and its inbox for commands."""
 
     def __init__(
-        self, sim: Simulation, number: int, algorithm: ExternalAlgorithm, remark: Callable[[str], None]
+        self, sim: TimeLoop, number: int, algorithm: ExternalAlgorithm, remark: Callable[[str], None]
     ):
         group = sim.swarm.groups[number]
         model, floor = algorithm.model, sim.scenario.floor
@@ -119,7 +119,7 @@ class Service:
         self.taking: deque[float] = deque(maxlen=MOST_TIMES)  # s, from a tick's start to its readings
         self._start = self._began = 0.0
 
-    def warm(self, sim: Simulation) -> None:
+    def warm(self, sim: TimeLoop) -> None:
         sim.tick = 0
         for team in sim.teams:
             if isinstance(team.algorithm, ExternalAlgorithm):
@@ -131,7 +131,7 @@ class Service:
         sim.swarm.snapshot()
         sim.reset()
 
-    def attach(self, sim: Simulation, signals: SignalRequests) -> None:
+    def attach(self, sim: TimeLoop, signals: SignalRequests) -> None:
         self.sim, self.signals = sim, signals
         for team in sim.teams:
             if isinstance(team.algorithm, ExternalAlgorithm):

@@ -37,7 +37,7 @@ from taichi_plume.files.ros_robots import (
     wind_fields,
 )
 from taichi_plume.grid.fields import ppm_at
-from taichi_plume.simulation import Simulation
+from taichi_plume.time_loop import TimeLoop
 
 MOST_ROBOTS = 64
 LEAST = 0.1  # ppm
@@ -157,7 +157,7 @@ def _message(
 class View:
     """Visualisation of a simulation as messages: occupancy grid of the floor, points of gas with LEAST ppm or more."""
 
-    def __init__(self, sim: Simulation):
+    def __init__(self, sim: TimeLoop):
         self.sim = sim
         length, width, *_ = sim.grid.extent
         step = sim.grid.dx

@@ -16,7 +16,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "execution",
     "scenario",
     "scoring",
-    "simulation",
+    "time_loop",
     "solvers",
 )
 

@@ -14,11 +14,11 @@ from taichi_plume.files.shared_film import AirFilm, NewAirFilm
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.simulation import Every, Simulation
 from taichi_plume.solvers.playback import VELOCITIES, TickFilm, variable
 from taichi_plume.study.air_plan import filmed
 from taichi_plume.study.messages import AirRecord, Task
 from taichi_plume.study.simulation_cache import WARM
+from taichi_plume.time_loop import Every, TimeLoop
 
 SHARE = 0.5  # fraction of the free memory per core for cached frames of films
 
@@ -67,7 +67,7 @@ def alone(scenario: Scenario, duration: float) -> Scenario:
     return scenario.model_copy(update={**without, "duration": duration})
 
 
-def _frame(sim: Simulation, wind: bool, gases: list[int]) -> dict[str, np.ndarray]:
+def _frame(sim: TimeLoop, wind: bool, gases: list[int]) -> dict[str, np.ndarray]:
     """Return a frame: the present velocity and concentrations."""
     grid, frame = sim.grid, {}
     if wind:
@@ -79,7 +79,7 @@ def _frame(sim: Simulation, wind: bool, gases: list[int]) -> dict[str, np.ndarra
     return frame
 
 
-def _cells(sim: Simulation, n: int) -> np.ndarray:
+def _cells(sim: TimeLoop, n: int) -> np.ndarray:
     """Return the concentration of gas n [kg/m³] in the cells and one layer of ghost cells, from the gas solver."""
     gas, grid = sim.gas.gases[n], sim.grid
     if sim.scenario.gases[n][1].on_grid:

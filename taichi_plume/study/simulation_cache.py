@@ -18,8 +18,8 @@ from taichi_plume.assembly.assemble import build
 from taichi_plume.assembly.preparation import Prepared, StructureError
 from taichi_plume.grid import kernels
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.playback import TickFilm
+from taichi_plume.time_loop import TimeLoop
 
 PLACES = 480  # SNode trees in use, of 512; Taichi crashes beyond 512
 USUAL = 40  # assumed number of trees of the first simulation; usually 16
@@ -31,7 +31,7 @@ class CachedSimulation(NamedTuple):
     """A cached simulation with the checked scenario that it was built from, and the player of a film, if any."""
 
     prepared: Prepared
-    sim: Simulation
+    sim: TimeLoop
     player: TickFilm | None
 
 

@@ -12,8 +12,8 @@ import pyarrow.parquet as pq
 
 from taichi_plume.grid.geodesic import shortest_ways
 from taichi_plume.scoring import trials as scores
-from taichi_plume.simulation import Simulation
 from taichi_plume.study.messages import Outcomes, Row
+from taichi_plume.time_loop import TimeLoop
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -22,7 +22,7 @@ STEP = re.compile(r"[^.\[\]]+")  # of a path
 PROBES = "probes."  # prefix of outcomes that are means of a probe
 
 
-def trial_rows(sim: Simulation) -> list[Row]:
+def trial_rows(sim: TimeLoop) -> list[Row]:
     """Return a row for each trial of each group of a finished run, with the columns of `trials_table.TRIAL`.
 
     searched: whether the group searched for a source; if not, success and outcome are None. time_with_failures_s: time,
@@ -50,7 +50,7 @@ def trial_rows(sim: Simulation) -> list[Row]:
     return rows
 
 
-def _shortest(sim: Simulation, group: Any, now: dict[str, np.ndarray], sources: np.ndarray) -> np.ndarray:
+def _shortest(sim: TimeLoop, group: Any, now: dict[str, np.ndarray], sources: np.ndarray) -> np.ndarray:
     """Return the shortest path on the floor [m] from the start of the first successful robot to a source, (trials,).
 
     NaN for flying robots.

@@ -23,8 +23,8 @@ from taichi_plume.grid.fields import ppm_at, velocity_at
 from taichi_plume.grid.grid import centers
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.loading import scenario_from
-from taichi_plume.simulation import Every
 from taichi_plume.solvers.film_bank import FilmBank
+from taichi_plume.time_loop import Every
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 

@@ -19,7 +19,7 @@ from taichi_plume.files import disk
 from taichi_plume.files.plumesim_log import read_log
 from taichi_plume.grid.fields import ppm_at, velocity_at
 from taichi_plume.scenario.outputs import PlumeLog
-from taichi_plume.simulation import Every, Simulation
+from taichi_plume.time_loop import Every, TimeLoop
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
@@ -48,15 +48,15 @@ gas: {kind: plumesim_log, file: run/plume.pslog, start: 0.5, species: acetone, f
 HALF_DIGIT = 5.1e-4  # of four: the largest relative error of a printed number, 1.0005 as 1.000
 
 
-def wind_and_gas(sim: Simulation, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def wind_and_gas(sim: TimeLoop, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return velocity_at(sim.wind, place, sim.t), ppm_at(sim.gas, place, sim.t)[:, 0]
 
 
-def changed(monkeypatch: pytest.MonkeyPatch, change: Callable[[Simulation], None]) -> None:
+def changed(monkeypatch: pytest.MonkeyPatch, change: Callable[[TimeLoop], None]) -> None:
     """Change each simulation that a command makes."""
     live = assembly.build
 
-    def build(*arguments: Any, **more: Any) -> Simulation:
+    def build(*arguments: Any, **more: Any) -> TimeLoop:
         sim = live(*arguments, **more)
         change(sim)
         return sim
@@ -70,7 +70,7 @@ def test_a_run_is_played_back_to_the_printed_digits(tmp_path, monkeypatch):
     (tmp_path / "play.yaml").write_text(PLAY)
     seen: dict[int, Any] = {}
 
-    def watch(sim: Simulation) -> None:
+    def watch(sim: TimeLoop) -> None:
         grid = 0.08 * (np.stack(np.meshgrid(np.arange(15), np.arange(10), indexing="ij"), -1) + 0.5)
         flat = grid.reshape(-1, 2)
         place = flat[np.linalg.norm(flat - [0.5, 0.35], axis=1) > 0.1]
@@ -106,7 +106,7 @@ def plain(velocity: str, position: str) -> list[str]:
     ]
 
 
-def short(tmp_path: Path, **keys: Any) -> tuple[Simulation, PlumeLogger]:
+def short(tmp_path: Path, **keys: Any) -> tuple[TimeLoop, PlumeLogger]:
     (tmp_path / "live.yaml").write_text(LIVE)
     scenario = load_scenario(tmp_path / "live.yaml", plain("[0, -0.3]", "[0.3, 0.4]"))
     sim = assemble(scenario, tmp_path)

@@ -18,7 +18,7 @@ from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.probes import Probes
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.species import AIR_DENSITY
-from taichi_plume.simulation import Every
+from taichi_plume.time_loop import Every
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 

@@ -15,7 +15,7 @@ from taichi_plume.execution import result, robots_table
 from taichi_plume.files import disk, run_folder, run_tables
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring import trials as scores
-from taichi_plume.simulation import Every, Simulation
+from taichi_plume.time_loop import Every, TimeLoop
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -71,7 +71,7 @@ def test_table_holds_what_the_swarm_was(tmp_path):
     assert [rows["found"][95 * 8 + i] for i in range(8)] == [i % 4 == 0 for i in range(8)]
 
 
-def of_groups(names: str, count: int) -> Simulation:
+def of_groups(names: str, count: int) -> TimeLoop:
     """A simulation of groups of these names."""
     group = {"count": count, "algorithm": {"kind": "casting"}}
     group["start"] = {"kind": "area", "low": [3, 0.5], "high": [3.8, 2.5]}

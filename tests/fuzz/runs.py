@@ -28,7 +28,7 @@ class Runner:
         from taichi_plume.assembly.preparation import load
         from taichi_plume.files.own_class import OwnAlgorithmError
         from taichi_plume.scenario.loading import ScenarioError
-        from taichi_plume.simulation import UnstableError
+        from taichi_plume.time_loop import UnstableError
 
         name, text = job
         self.file.write_bytes(text.encode("utf-8", "surrogatepass"))

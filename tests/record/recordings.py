@@ -10,17 +10,17 @@ import pyarrow as pa
 import rerun as rr
 
 from taichi_plume.record.recorder import Recorder
-from taichi_plume.simulation import Simulation
+from taichi_plume.time_loop import TimeLoop
 
 
-def record(sim: Simulation, path: Path) -> Recorder:
+def record(sim: TimeLoop, path: Path) -> Recorder:
     recorder = Recorder(sim, path)
     recorder.start()
     sim.observers += recorder.observers()
     return recorder
 
 
-def recorded(sim: Simulation, path: Path) -> Path:
+def recorded(sim: TimeLoop, path: Path) -> Path:
     recorder = record(sim, path)
     sim.run()
     recorder.close()

@@ -16,7 +16,7 @@ from taichi_plume.cli import run
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.record import live
 from taichi_plume.record.recorder import Recorder
-from taichi_plume.simulation import Every
+from taichi_plume.time_loop import Every
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

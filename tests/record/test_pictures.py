@@ -13,7 +13,7 @@ from taichi_plume.assembly.assemble import assemble
 from taichi_plume.grid.fields import Gas, Mixture
 from taichi_plume.record import drawing
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.simulation import Simulation
+from taichi_plume.time_loop import TimeLoop
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -23,7 +23,7 @@ class Cells(fake_run.FakeGas):
 
     finer_than_cells = False
 
-    def __init__(self, sim: Simulation, ppm: np.ndarray):
+    def __init__(self, sim: TimeLoop, ppm: np.ndarray):
         super().__init__(sim.grid, (0.0, 0.0, 0.0))
         self.density = ppm / self.species.ppm_per_density
 
@@ -31,7 +31,7 @@ class Cells(fake_run.FakeGas):
         return self.density
 
 
-def recorded(sim: Simulation, path: Path) -> dict[str, dict[str, Any]]:
+def recorded(sim: TimeLoop, path: Path) -> dict[str, dict[str, Any]]:
     """Return static and last values of all entities of the run's recording, by component."""
     found: dict[str, dict[str, Any]] = {}
     for chunk in stream(recordings.recorded(sim, path)):
@@ -53,7 +53,7 @@ def ppm(entity: dict[str, Any]) -> np.ndarray:
     return low + (high - low) * pixels / 255
 
 
-def run_of(cells: np.ndarray | None = None, **changes: Any) -> Simulation:
+def run_of(cells: np.ndarray | None = None, **changes: Any) -> TimeLoop:
     base = {"duration": 1, "robots": [], "maps": [], "obstacles": []}
     sim = fake_run.simulation(fake_run.scenario(3, **(base | changes)))
     if cells is not None:

@@ -14,7 +14,7 @@ from recordings import column, entities, record, recorded, verified
 
 from taichi_plume.files import disk
 from taichi_plume.grid import kernels
-from taichi_plume.simulation import Every, Simulation
+from taichi_plume.time_loop import Every, TimeLoop
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -229,7 +229,7 @@ def test_no_room_is_an_error_and_the_file_is_whole(tmp_path, monkeypatch):
     recorder = record(sim, tmp_path / "a.rrd")
     usage = SimpleNamespace(free=disk.RESERVE * 4)
 
-    def fill(sim: Simulation) -> None:
+    def fill(sim: TimeLoop) -> None:
         if sim.t > 3.5:
             usage.free = disk.RESERVE - 1
 

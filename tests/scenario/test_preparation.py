@@ -121,12 +121,12 @@ def test_a_dict_is_loaded_as_a_file_is(tmp_path):
 
 def test_a_changed_scenario_is_checked_as_by_set():
     room = load_scenario(ROOM)
-    other = room.changed(
+    other = room.with_(
         {"duration": "2 min", "gas.sources[0].rate": 2e-6, "domain": {"size": [2, 1], "spacing": 0.1}}
     )
     assert (other.duration, other.gas.sources[0].rate, other.domain.size) == (120.0, 2e-6, (2.0, 1.0))
     assert room.duration == 1.0
-    assert room.changed({}) == room
+    assert room.with_({}) == room
     for changes, line in (
         ({"durtion": 2}, "unknown key 'durtion'; did you mean 'duration'"),
         ({"gas.sources.1.rate": 1}, "gas.sources has 1 item"),
@@ -134,7 +134,7 @@ def test_a_changed_scenario_is_checked_as_by_set():
         ({"": 1}, "path of a key"),
     ):
         with pytest.raises(ScenarioError) as told:
-            room.changed(changes)
+            room.with_(changes)
         assert line in str(told.value)
 
 
@@ -156,7 +156,7 @@ def test_a_copy_refuses_a_misspelt_key_and_a_bad_value():
 def test_a_section_cannot_be_changed_in_place():
     room = load_scenario(ROOM)
     for name in ("duration", "durtion"):
-        with pytest.raises(AttributeError, match=rf"Scenario\.{name} .*changed"):
+        with pytest.raises(AttributeError, match=rf"Scenario\.{name} .*with_"):
             setattr(room, name, 3)
     assert room.duration == 1.0
 
@@ -167,7 +167,7 @@ def test_values_of_python_are_taken_as_those_of_yaml(tmp_path):
     )
     assert (room.duration, room.domain.size) == (2.0, (1.0, 1.0))
     assert load_scenario(ROOM | {"robots": ()}, ["seed=2"]).robots == ()
-    assert room.changed({"seed": np.int64(3), "domain.size": (2, 1)}).domain.size == (2.0, 1.0)
+    assert room.with_({"seed": np.int64(3), "domain.size": (2, 1)}).domain.size == (2.0, 1.0)
     loop: dict[str, Any] = {"kind": "box"}
     loop["size"] = loop
     for bad, line in (
@@ -180,7 +180,7 @@ def test_values_of_python_are_taken_as_those_of_yaml(tmp_path):
             load_scenario({**ROOM, **dict[Any, Any](bad)})
         assert line in str(told.value)
     with pytest.raises(ScenarioError, match="give a dict"):
-        room.changed(None)  # type: ignore[arg-type]
+        room.with_(None)  # type: ignore[arg-type]
     with pytest.raises(ScenarioError, match="give a list"):
         load_scenario(ROOM, "duration=3")
 

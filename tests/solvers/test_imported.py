@@ -19,8 +19,8 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.imported_flow import ImportedFilm, ImportedFlow
+from taichi_plume.time_loop import TimeLoop
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
@@ -81,7 +81,7 @@ def scenario_in(folder: Path, *overrides: str) -> Scenario:
     return load_scenario(folder / "room.yaml", overrides)
 
 
-def simulation(folder: Path, *overrides: str) -> Simulation:
+def simulation(folder: Path, *overrides: str) -> TimeLoop:
     return assemble(scenario_in(folder, *overrides), folder)
 
 

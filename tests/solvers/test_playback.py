@@ -17,8 +17,8 @@ from taichi_plume.grid.fields import concentration_at, velocity_at
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.gases import PlaybackGas
 from taichi_plume.scenario.playback import PlaybackWind
-from taichi_plume.simulation import Every, Simulation
 from taichi_plume.solvers.playback import PlayedGas, PlayedWind
+from taichi_plume.time_loop import Every, TimeLoop
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
@@ -39,11 +39,11 @@ fields: {rate: 10, start: -1}
 POINTS = np.random.default_rng(1).uniform([0, 0], [1.2, 0.8], (200, 2))
 
 
-def watched(sim: Simulation) -> dict[float, tuple[np.ndarray, np.ndarray]]:
+def watched(sim: TimeLoop) -> dict[float, tuple[np.ndarray, np.ndarray]]:
     """Runs; velocity and concentration at POINTS per tick from -1 s on."""
     seen = {}
 
-    def look(sim: Simulation) -> None:
+    def look(sim: TimeLoop) -> None:
         if sim.tick >= -10:
             seen[sim.tick] = (
                 velocity_at(sim.wind, POINTS, sim.t),
@@ -74,7 +74,7 @@ def live(tmp_path_factory):
     return filmed(tmp_path_factory.mktemp("live"), LIVE)
 
 
-def played(live, *overrides: str) -> Simulation:
+def played(live, *overrides: str) -> TimeLoop:
     """The same scenario on the film's wind."""
     wind = "wind={kind: playback, file: fields.zarr}"
     scenario = load_scenario(live.folder / "live.yaml", [wind, "fields=null", "warm_up=1", *overrides])

@@ -1,4 +1,4 @@
-"""Clock of a simulation: time steps (CFL limit), schedules of observers, stop conditions, checks for blow-up.
+"""Time loop of a simulation: time steps (CFL limit), schedules of observers, stop conditions, checks for blow-up.
 
 The components of a simulation are known only by their protocols.
 """
@@ -104,13 +104,13 @@ class Every:
     STATE: ClassVar[tuple[str, ...]] = ("_period_done", "_last_tick")
 
     period: float
-    function: Callable[["Simulation"], object]
+    function: Callable[["TimeLoop"], object]
     warm_up: bool = False
     """Whether the function is also called during the warm-up."""
     _period_done: float = field(default=-float("inf"), repr=False)
     _last_tick: int | None = field(default=None, repr=False)
 
-    def call_if_due(self, sim: "Simulation", force: bool = False) -> None:
+    def call_if_due(self, sim: "TimeLoop", force: bool = False) -> None:
         """Call the function if a multiple of `period` was reached or `force` is set; at most once per time step."""
         if (sim.tick < 0 and not self.warm_up) or sim.tick == self._last_tick:
             return
@@ -126,17 +126,17 @@ class EveryStep:
 
     STATE: ClassVar[tuple[str, ...]] = ("_step",)
 
-    function: Callable[["Simulation", float], object]
+    function: Callable[["TimeLoop", float], object]
     _step: int = field(default=-1, repr=False)
 
-    def call_if_due(self, sim: "Simulation", t: float) -> None:
+    def call_if_due(self, sim: "TimeLoop", t: float) -> None:
         """Call the function with the simulation and time t [s], at most once per step of the flow."""
         if sim.steps != self._step:
             self._step = sim.steps
             self.function(sim, t)
 
 
-def check_gas(sim: "Simulation") -> None:
+def check_gas(sim: "TimeLoop") -> None:
     """Raise UnstableError if the gas is no longer finite. (The wind is checked at every step.)"""
     if not sim.gas.is_finite():
         raise UnstableError(
@@ -146,7 +146,7 @@ def check_gas(sim: "Simulation") -> None:
 
 
 @dataclass
-class Simulation:
+class TimeLoop:
     """Run of a scenario in time steps (ticks) of dt [s]. t = tick dt is 0 when robots start, negative in the warm-up.
 
     Order of a time step: wind and gas advance together in substeps within the wind's CFL limit, robots move by their
