@@ -7,13 +7,18 @@ wrong, or there is no such device; 130: interrupted. Heavy imports wait until th
 import argparse
 import gc
 import sys
-from collections.abc import Sequence
+import traceback
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from taichi_plume.cli.exit_codes import exit_code
 from taichi_plume.cli.options import add, flag, option
 from taichi_plume.execution.signals import reader_may_leave
 from taichi_plume.guard.terminal import Parser, say
+
+if TYPE_CHECKING:
+    from taichi_plume.execution.execute import Outcome
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -43,48 +48,57 @@ def _new(args: argparse.Namespace) -> int:
         with reader_may_leave():
             print_check(prepared, args.out, args.all)
         return 0
-    from taichi_plume.assembly.own_code import execute
-    from taichi_plume.execution.execute import Job, simulate
-    from taichi_plume.files.run_folder import RunFolder
-    from taichi_plume.grid import kernels
-    from taichi_plume.scenario.input_files import input_paths
+    from taichi_plume.execution.execute import new_run
 
-    execute(prepared, args.allow_code, ask=True)
-    arch = args.arch or "cpu"
-    backend = kernels.start(arch)
-    inputs = input_paths(prepared.scenario, args.scenario, prepared.resources.files)
-    with RunFolder(prepared.scenario.name, args.out, args.force, inputs=inputs) as folder:
-        job = Job(
-            prepared, folder, args.scenario, inputs, arch, backend, not args.no_recording, live=_viewer(args),
-            report=not args.no_report,
-        )  # fmt: skip
-        return simulate(job, args.quiet, args.debug)
+    return carry_out(
+        lambda: new_run(
+            prepared, args.out, args.arch or "cpu", force=args.force, recording=not args.no_recording,
+            live=args.live, report=not args.no_report, progress=False if args.quiet else None,
+            allow_code=args.allow_code, ask=True,
+        ), args.quiet, args.debug,
+    )  # fmt: skip
 
 
 def _resume(args: argparse.Namespace) -> int:
     """Resume an interrupted run from the checkpoint in its folder; return the exit code."""
     from taichi_plume.assembly.own_code import execute
     from taichi_plume.assembly.preparation import load
-    from taichi_plume.execution.execute import Job, simulate
+    from taichi_plume.execution.execute import Job, inputs_of, run
     from taichi_plume.execution.resume import require_same, saved
     from taichi_plume.files.run_folder import RunFolder
     from taichi_plume.grid import kernels
-    from taichi_plume.scenario.input_files import input_paths
 
     with RunFolder.again(args.resume) as folder:
         checkpoint = saved(folder.path)
-        file = folder.path / "scenario.yaml"
-        prepared = load(file, (), args.allow_outside)
-        inputs = input_paths(prepared.scenario, file, prepared.resources.files)
-        require_same(folder.path, checkpoint["inputs"], inputs[1:])
+        prepared = load(folder.path / "scenario.yaml", (), args.allow_outside)
+        require_same(folder.path, checkpoint["inputs"], inputs_of(prepared)[1:])
         execute(prepared, args.allow_code, ask=True)
         arch, recording = args.arch or checkpoint["arch"], checkpoint["recording"]
         backend = kernels.start(arch)
         viewer = _viewer(args) if recording else None
         job = Job(
-            prepared, folder, file, inputs, arch, backend, recording, checkpoint, viewer, not args.no_report
-        )
-        return simulate(job, args.quiet, args.debug)
+            prepared, folder, arch, backend, recording, checkpoint, viewer, not args.no_report,
+            progress=False if args.quiet else None,
+        )  # fmt: skip
+        return carry_out(lambda: run(job), args.quiet, args.debug)
+
+
+def carry_out(run: "Callable[[], Outcome]", quiet: bool, debug: bool) -> int:
+    """Execute a run, print its summary or how it ended, and return the exit code."""
+    from taichi_plume.execution.execute import RunError
+    from taichi_plume.execution.summary import print_summary
+
+    try:
+        folder, result = run()
+    except RunError as error:
+        if debug and error.__cause__ is not None:
+            say(*"".join(traceback.format_exception(error.__cause__)).splitlines(), error=True)
+        say(*error.lines, error=True, longest=None)
+        return error.code
+    if not quiet:
+        with reader_may_leave():
+            print_summary(result, folder)
+    return 0
 
 
 def _viewer(args: argparse.Namespace) -> str | None:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 from taichi_plume.cli.exit_codes import exit_code
 from taichi_plume.cli.options import add, flag, option, whole_number
+from taichi_plume.cli.run import carry_out
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import Parser, say
 from taichi_plume.serve.address import TOKEN, Address, address, fault_of_token, loopback, origin, token_of
@@ -58,10 +59,9 @@ def _serve(args: argparse.Namespace) -> int:
     for warning in () if args.quiet else prepared.resources.warnings:
         say(f"note: {warning}", error=True)
     from taichi_plume.assembly.own_code import execute
-    from taichi_plume.execution.execute import Job, simulate
+    from taichi_plume.execution.execute import Job, inputs_of, run
     from taichi_plume.files.run_folder import RunFolder
     from taichi_plume.grid import kernels
-    from taichi_plume.scenario.input_files import input_paths
     from taichi_plume.serve.service import Pace, Service
 
     execute(prepared, args.allow_code, ask=True)
@@ -69,15 +69,14 @@ def _serve(args: argparse.Namespace) -> int:
     prepared = prepared._replace(scenario=scenario)
     backend = kernels.start(args.arch)
     pace = Pace(inf if args.speed == "max" else float(args.speed), args.wait, args.at_once)
-    inputs = input_paths(scenario, args.scenario, prepared.resources.files)
     with _links(args, scenario.name) as links:
         service = Service(pace, links, args.quiet)
-        with RunFolder(scenario.name, args.out, args.force, inputs=inputs) as folder:
+        with RunFolder(scenario.name, args.out, args.force, inputs=inputs_of(prepared)) as folder:
             job = Job(
-                prepared, folder, args.scenario, inputs, args.arch, backend, not args.no_recording,
-                report=not args.no_report, service=service,
+                prepared, folder, args.arch, backend, not args.no_recording, report=not args.no_report,
+                service=service, progress=False if args.quiet else None,
             )  # fmt: skip
-            return simulate(job, args.quiet, args.debug)
+            return carry_out(lambda: run(job), args.quiet, args.debug)
 
 
 def _require_names(file: Path, names: Sequence[str]) -> None:

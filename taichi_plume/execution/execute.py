@@ -9,26 +9,30 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from rich.console import Console
-
+from taichi_plume.assembly import own_code
 from taichi_plume.assembly.preparation import Prepared
-from taichi_plume.execution import result, summary
+from taichi_plume.execution import result
 from taichi_plume.execution.outputs import About, Outputs
+from taichi_plume.execution.progress import NotebookBar, TerminalBar, progress_bar
 from taichi_plume.execution.signals import (
     SignalRequests,
     handling_signals,
     ignoring_signals,
-    reader_may_leave,
 )
 from taichi_plume.files import checkpoint, manifest, run_folder
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.files.run_folder import RunFolder
+from taichi_plume.grid import kernels
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.guard.terminal import say, terminal
+from taichi_plume.guard.terminal import say, visible
+from taichi_plume.scenario.input_files import input_paths
 from taichi_plume.scoring.declarations import Json
-from taichi_plume.time_loop import TimeLoop, UnstableError
+from taichi_plume.time_loop import Every, TimeLoop, UnstableError
+
+Bar = TerminalBar | NotebookBar
 
 FULL = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
+INTERRUPTED = "interrupted"  # status
 LONGEST_MESSAGE = 300  # characters of an unexpected error
 
 
@@ -55,56 +59,112 @@ class Service(Protocol):
 class Job(NamedTuple):
     """A run to be started or resumed.
 
-    source: the scenario's file; inputs: all files that the run reads, the scenario first; arch, backend: the requested
-    device, and the actual one; saved: content of the checkpoint if the run is resumed; live: address of a viewer;
-    report: whether to write the report; service: connection of external robots.
+    arch, backend: the requested device, and the actual one; saved: content of the checkpoint if the run is resumed;
+    live: address of a viewer; report: whether to write the report; service: connection of external robots; progress:
+    whether to show a progress bar, by default at a terminal and in a notebook.
     """
 
     prepared: Prepared
     folder: RunFolder
-    source: Path
-    inputs: Sequence[Path]
     arch: str
     backend: str
-    recording: bool
+    recording: bool = True
     saved: Json | None = None
     live: str | None = None
     report: bool = True
     service: Service | None = None
+    progress: bool | None = None
 
 
 class End(NamedTuple):
-    """End of a run: status such as "completed", message, and exit code of the command."""
+    """End of a run: status such as "completed", message, exit code of the command, and the error that ended the run."""
 
     status: str
     message: str
     code: int
+    error: BaseException | None = None
 
 
-def simulate(job: Job, quiet: bool = False, debug: bool = False) -> int:
-    """Assemble and execute a run with its output files; return the exit code. Raises InputError, KeyboardInterrupt."""
-    console = terminal(error=True)
-    with handling_signals() as signals:
+class Outcome(NamedTuple):
+    """Folder and result (content of result.json) of a run that reached its end."""
+
+    folder: Path
+    result: Json
+
+
+class RunError(RuntimeError):
+    """Error of a run that did not reach its end; the files written so far are kept.
+
+    status: "unstable", "disk_full", "failed" or "interrupted". lines: what happened, what is kept and how to resume.
+    folder: of the run; None if the run had not begun.
+    """
+
+    def __init__(self, status: str, lines: Sequence[str], folder: Path | None = None):
+        self.status, self.lines, self.folder = status, list(lines), folder
+        super().__init__("\n".join(self.lines))
+
+    @property
+    def code(self) -> int:
+        """Exit code of the command."""
+        return 130 if self.status == INTERRUPTED else 1
+
+
+def inputs_of(prepared: Prepared) -> list[Path]:
+    """Return the files that a run of the scenario reads: its YAML file, if it has one, and those that it names."""
+    origin = prepared.scenario.origin
+    paths = input_paths(
+        prepared.scenario, origin.file or origin.folder / "scenario", prepared.resources.files
+    )
+    return paths if origin.file else paths[1:]
+
+
+def new_run(
+    prepared: Prepared,
+    out: Path | None = None,
+    arch: str = "cpu",
+    *,
+    force: bool = False,
+    recording: bool = True,
+    live: bool = False,
+    report: bool = True,
+    progress: bool | None = None,
+    allow_code: bool = False,
+    ask: bool = False,
+) -> Outcome:
+    """Execute a checked scenario into a run folder, `out` or the first free runs/NAME-N. Raises as `run`.
+
+    force: replace an earlier run. live: show the recording in a viewer. ask: ask at a terminal whether the scenario's
+    Python files may be executed, unless `allow_code`. For the others see `Job`.
+    """
+    own_code.execute(prepared, allow_code, ask)
+    backend = kernels.start(arch)
+    with RunFolder(prepared.scenario.name, out, force, inputs=inputs_of(prepared)) as folder:
+        if live:
+            from taichi_plume.record.live import open_viewer
+        viewer = open_viewer() if live else None
+        return run(Job(prepared, folder, arch, backend, recording, None, viewer, report, progress=progress))
+
+
+def run(job: Job) -> Outcome:
+    """Assemble and execute a run with its output files. Raises InputError, RunError, and KeyboardInterrupt before."""
+    with handling_signals() as signals, ExitStack() as stack:
         try:
-            if console.is_terminal and not quiet:
-                console.print("compiling ...", end="\r")
+            bar = progress_bar(job.progress)
+            if bar is not None:
+                stack.callback(bar.close)
             sim = _build(job)
             outputs = _begin(job, sim, signals)
         except (InputError, KeyboardInterrupt):
             raise
         except BaseException as error:
-            _print_traceback(debug)
-            say(f"failed before the run began: {explain(error)[1]}", error=True)
-            return 1
-        end = _to_the_end(job, sim, outputs, signals, None if quiet else console, debug)
+            status, message = explain(error)
+            raise RunError(status, [f"failed before the run began: {message}"]) from error
+        end = _to_the_end(job, sim, outputs, signals, bar)
         with ignoring_signals():
             content, end = _conclude(job, sim, outputs, end)
     if end.code:
-        _print_files(job.folder.path, end)
-    elif not quiet:
-        with reader_may_leave():
-            summary.print_summary(content, job.folder.path)
-    return end.code
+        raise RunError(end.status, _kept(job.folder.path, end), job.folder.path) from end.error
+    return Outcome(job.folder.path, content)
 
 
 def _build(job: Job) -> TimeLoop:
@@ -120,7 +180,7 @@ def _build(job: Job) -> TimeLoop:
 def _begin(job: Job, sim: TimeLoop, signals: SignalRequests) -> Outputs:
     """Create the output files, or resume them; an earlier run is removed only after all new files were created."""
     folder = job.folder
-    about = About(folder.path, job.arch, job.backend, job.recording, job.inputs, job.live)
+    about = About(folder.path, job.arch, job.backend, job.recording, inputs_of(job.prepared), job.live)
     outputs = Outputs(sim, about, signals)
     signals.running = True
     if job.saved is not None:
@@ -129,7 +189,8 @@ def _begin(job: Job, sim: TimeLoop, signals: SignalRequests) -> Outputs:
     folder.clear()
     stands = False
     try:
-        run_folder.write_scenario(folder.path, sim.scenario, job.source.resolve().parent, job.backend)
+        source = job.prepared.scenario.origin.folder
+        run_folder.write_scenario(folder.path, sim.scenario, source.resolve(), job.backend)
         outputs.start()
         stands = True
     finally:
@@ -139,13 +200,11 @@ def _begin(job: Job, sim: TimeLoop, signals: SignalRequests) -> Outputs:
     return outputs
 
 
-def _to_the_end(
-    job: Job, sim: TimeLoop, outputs: Outputs, signals: SignalRequests, console: Console | None, debug: bool
-) -> End:
+def _to_the_end(job: Job, sim: TimeLoop, outputs: Outputs, signals: SignalRequests, bar: Bar | None) -> End:
     """Run the simulation to its end and close all files; return status, message and exit code, also of errors."""
     try:
         signals.hasty = True
-        end = _run(job, sim, signals, console, debug)
+        end = _run(job, sim, signals, bar)
         signals.hasty = False
     except KeyboardInterrupt as error:  # a second signal, after a first one has ended the run
         end = _interrupted(sim, error)
@@ -154,19 +213,17 @@ def _to_the_end(
     with ignoring_signals():
         for error in outputs.close():
             if not end.code:
-                end = End(*explain(error), 1)
+                end = End(*explain(error), 1, error)
     return end
 
 
-def _run(job: Job, sim: TimeLoop, signals: SignalRequests, console: Console | None, debug: bool) -> End:
+def _run(job: Job, sim: TimeLoop, signals: SignalRequests, bar: Bar | None) -> End:
     """Run the simulation, and return how it ended; a failure or an interruption is returned, not raised."""
     try:
         with ExitStack() as stack:
-            if console is not None and console.is_terminal:
-                from taichi_plume.execution.progress import ProgressBar
-
-                bar = stack.enter_context(ProgressBar(sim, console))
-                sim.observers.append(bar.observer())
+            if bar is not None:
+                bar.begin(sim)
+                sim.observers.append(Every(sim.dt, bar.update, warm_up=True))
             if job.service is not None:
                 stack.callback(job.service.close)
                 job.service.attach(sim, signals)
@@ -174,8 +231,7 @@ def _run(job: Job, sim: TimeLoop, signals: SignalRequests, console: Console | No
     except KeyboardInterrupt as error:
         return _interrupted(sim, error)
     except Exception as error:
-        _print_traceback(debug)
-        return End(*explain(error), 1)
+        return End(*explain(error), 1, error)
     return whole(sim)
 
 
@@ -190,7 +246,7 @@ def whole(sim: TimeLoop) -> End:
 
 def _interrupted(sim: TimeLoop, error: KeyboardInterrupt) -> End:
     by = "" if str(error) in ("", "SIGINT") else f"by {error} "
-    return End("interrupted", f"{by}at t = {sim.t:.2f} s", 130)
+    return End(INTERRUPTED, f"{by}at t = {sim.t:.2f} s", 130)
 
 
 def _conclude(job: Job, sim: TimeLoop, outputs: Outputs, end: End) -> tuple[Json, End]:
@@ -201,7 +257,7 @@ def _conclude(job: Job, sim: TimeLoop, outputs: Outputs, end: End) -> tuple[Json
     try:
         content = result.result(sim, end.status, end.message, job.backend, *scores)
     except Exception as error:  # the simulation is no longer usable
-        end = end if end.code else End(*explain(error), 1)
+        end = end if end.code else End(*explain(error), 1, error)
         content = {"name": sim.scenario.name, "status": end.status, "message": end.message}
         content |= sim.scenario.seeds
     if job.service is not None:
@@ -220,7 +276,7 @@ def _conclude(job: Job, sim: TimeLoop, outputs: Outputs, end: End) -> tuple[Json
             report(folder, job.prepared)
         outputs.seal(end.status)
     except OSError as error:
-        end = end if end.code else End(*explain(error), 1)
+        end = end if end.code else End(*explain(error), 1, error)
         say(f"result.json or {manifest.NAME} could not be written: {error.strerror or error}", error=True)
     return content, end
 
@@ -237,16 +293,12 @@ def report(folder: Path, prepared: Prepared | None = None) -> None:
         say(f"note: report.html could not be written: {explain(error)[1]}", error=True)
 
 
-def _print_traceback(debug: bool) -> None:
-    if debug:
-        say(*traceback.format_exc().splitlines(), error=True)
-
-
-def _print_files(folder: Path, end: End) -> None:
+def _kept(folder: Path, end: End) -> list[str]:
+    """Return lines on how a run ended, which files are kept, and how to resume the run."""
     files = sorted(file.name for file in run_folder.files_in(folder) if file.name != run_folder.LOCK)
-    say(f"{end.status}: {end.message}", f"kept in {folder}: {', '.join(files) or 'nothing'}", error=True)
-    if checkpoint.NAME in files:
-        say(f"to resume: {run_folder.resuming(folder)}", error=True, longest=None)
+    lines = [f"{end.status}: {end.message}", f"kept in {folder}: {', '.join(files) or 'nothing'}"]
+    lines = [visible(line) for line in lines]
+    return lines + [f"to resume: {run_folder.resuming(folder)}"] * (checkpoint.NAME in files)
 
 
 def explain(error: BaseException) -> tuple[str, str]:

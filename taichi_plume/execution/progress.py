@@ -1,23 +1,48 @@
-"""Progress bar of a run on a terminal."""
+"""Progress bar of a run, at a terminal or in a notebook."""
 
+import sys
+import time
 from contextlib import suppress
-from math import ceil
-from typing import Self
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 
-from taichi_plume.time_loop import Every, TimeLoop
+from taichi_plume.guard.terminal import terminal
+from taichi_plume.time_loop import TimeLoop
 
 COMPILED = 3  # ticks until every kernel has run once
+PAUSE = 0.2  # wall-clock time between updates in a notebook [s]
 
 
-class ProgressBar:
-    """Context manager that draws a progress bar on `console` during `sim`: simulated time, speed, time left."""
+def progress_bar(wanted: bool | None = None) -> "TerminalBar | NotebookBar | None":
+    """Return a progress bar, which shows that kernels are compiled; None if there is neither terminal nor notebook.
 
-    def __init__(self, sim: TimeLoop, console: Console):
-        self.first = -ceil(sim.scenario.warm_up / sim.dt - 1e-9)
-        self.dt = sim.dt
+    wanted: False for none; True for one on stderr even if that is no terminal.
+    """
+    if wanted is False:
+        return None
+    notebook = notebook_display()
+    if notebook is not None:
+        return NotebookBar(notebook)
+    console = terminal(error=True, **({"force_terminal": True} if wanted else {}))
+    return TerminalBar(console) if console.is_terminal else None
+
+
+def notebook_display() -> Any:
+    """Return the module IPython.display if the caller is a notebook's kernel, else None."""
+    if "IPython" not in sys.modules:
+        return None
+    import IPython
+
+    kernel = getattr(IPython.get_ipython(), "kernel", None)
+    return None if kernel is None else IPython.display
+
+
+class TerminalBar:
+    """Progress bar at a terminal: simulated time, speed, time left."""
+
+    def __init__(self, console: Console):
         self.bar = Progress(
             SpinnerColumn(),
             TextColumn("{task.description:<9}"),
@@ -28,28 +53,67 @@ class ProgressBar:
             console=console,
             transient=True,
         )
-        total = sim.last_tick - self.first
+        console.print("compiling ...", end="\r")
+
+    def begin(self, sim: TimeLoop) -> None:
+        """Start the bar of a simulation's time steps."""
+        total = sim.last_tick - sim.scenario.first_tick
         self.task = self.bar.add_task("compiling", total=total, clock="", speed="")
-
-    def __enter__(self) -> Self:
         self.bar.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        with suppress(OSError):  # the terminal may have been closed
-            self.bar.stop()
-
-    def observer(self) -> Every:
-        return Every(self.dt, self.update, warm_up=True)
 
     def update(self, sim: TimeLoop) -> None:
         """Update the bar with the simulated time and the speed relative to real time."""
-        done = sim.tick - self.first
+        done = sim.tick - sim.scenario.first_tick
         speed = self.bar.tasks[0].speed  # ticks per second over the last moments
         self.bar.update(
             self.task,
             completed=done,
-            description="compiling" if done < COMPILED else "warm-up" if sim.tick < 0 else "running",
-            clock=f"{sim.t:.1f} of {sim.scenario.duration:g} s",
-            speed=f"{speed * self.dt:.3g} x real time" if speed else "",
+            description=phase(sim),
+            clock=clock(sim),
+            speed=f"{speed * sim.dt:.3g} x real time" if speed else "",
         )
+
+    def close(self) -> None:
+        """Remove the bar."""
+        with suppress(OSError):  # the terminal may have been closed
+            self.bar.stop()
+
+
+class NotebookBar:
+    """Progress bar in the output of a notebook's cell. display: the module IPython.display."""
+
+    def __init__(self, display: Any):
+        self.html = display.HTML
+        self.shown = display.display(self.html("compiling ..."), display_id=True)
+        self.updated = 0.0
+
+    def begin(self, sim: TimeLoop) -> None:
+        """Start the bar of a simulation's time steps."""
+        self.began = time.monotonic()
+
+    def update(self, sim: TimeLoop) -> None:
+        """Update the bar with the simulated time and the speed relative to real time."""
+        now = time.monotonic()
+        if now < self.updated + PAUSE:
+            return
+        self.updated = now
+        first = sim.scenario.first_tick
+        speed = (sim.tick - first) * sim.dt / max(now - self.began, 1e-9)
+        bar = f'<progress max="{sim.last_tick - first}" value="{sim.tick - first}"></progress>'
+        self.shown.update(self.html(f"{bar} {phase(sim)} {clock(sim)}, {speed:.3g} x real time"))
+
+    def close(self) -> None:
+        """Remove the bar."""
+        self.shown.update(self.html(""))
+
+
+def phase(sim: TimeLoop) -> str:
+    """Return what a simulation does at present: compiling, warm-up or running."""
+    if sim.tick - sim.scenario.first_tick < COMPILED:
+        return "compiling"
+    return "warm-up" if sim.tick < 0 else "running"
+
+
+def clock(sim: TimeLoop) -> str:
+    """Return the present and the last simulated time as text."""
+    return f"{sim.t:.1f} of {sim.scenario.duration:g} s"
