@@ -50,25 +50,52 @@ if os.name == "posix" and not os.environ.keys() & {"HOME", "XDG_CACHE_HOME"}:
     os.environ["HOME"] = _home if os.path.isabs(_home) else "/"
 
 if TYPE_CHECKING:
+    from taichi_plume.api.simulate import simulate
+    from taichi_plume.api.simulation import Simulation
     from taichi_plume.assembly.preparation import load_scenario
+    from taichi_plume.execution.execute import RunError
     from taichi_plume.files.run_folder import RunFolderError
-    from taichi_plume.results.run import open_run
+    from taichi_plume.guard.input_error import InputError
+    from taichi_plume.results.run import Run, open_run
+    from taichi_plume.scenario.loading import ScenarioError
     from taichi_plume.scenario.scenario import Scenario
-    from taichi_plume.time_loop import TimeLoop
+    from taichi_plume.time_loop import UnstableError
 
 __version__ = "0.2.0.dev0"
-__all__ = ["RunFolderError", "Scenario", "TimeLoop", "load_scenario", "open_run"]
+__all__ = [
+    "InputError",
+    "Run",
+    "RunError",
+    "RunFolderError",
+    "Scenario",
+    "ScenarioError",
+    "Simulation",
+    "UnstableError",
+    "load_scenario",
+    "open_run",
+    "simulate",
+]
+_MODULES = {
+    "InputError": "guard.input_error",
+    "Run": "results.run",
+    "RunError": "execution.execute",
+    "RunFolderError": "files.run_folder",
+    "Scenario": "scenario.scenario",
+    "ScenarioError": "scenario.loading",
+    "Simulation": "api.simulation",
+    "UnstableError": "time_loop",
+    "load_scenario": "assembly.preparation",
+    "open_run": "results.run",
+    "simulate": "api.simulate",
+}
 
 
 def __getattr__(name: str) -> object:
     """Import and return a public name of the package at its first use, so that `import taichi_plume` is fast."""
-    where = {
-        "RunFolderError": "files.run_folder",
-        "Scenario": "scenario.scenario",
-        "TimeLoop": "time_loop",
-        "load_scenario": "assembly.preparation",
-        "open_run": "results.run",
-    }
-    if name not in where:
+    if name not in _MODULES:
         raise AttributeError(f"module 'taichi_plume' has no attribute '{name}'")
-    return getattr(import_module(f"taichi_plume.{where[name]}"), name)
+    return getattr(import_module(f"taichi_plume.{_MODULES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

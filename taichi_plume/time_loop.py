@@ -224,14 +224,18 @@ class TimeLoop:
         """Run the simulation to its end. Raises UnstableError; observers were called up to the last good step."""
         self._begun = time.perf_counter()
         try:
-            self.observe()
-            self._observe_step(self.t)
             while not self.finished:
-                self.advance()
-                self.observe()
+                self.step()
             self.observe(force=True)
         finally:
             self.wall_s, self._begun = self.wall_so_far, None
+
+    def step(self) -> None:
+        """Advance by a time step (tick). Observers that are due are called, before the first step for its start."""
+        self.observe()
+        self._observe_step(self.t)
+        self.advance()
+        self.observe()
 
     @property
     def wall_so_far(self) -> float:

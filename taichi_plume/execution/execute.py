@@ -163,7 +163,7 @@ def run(job: Job) -> Outcome:
         with ignoring_signals():
             content, end = _conclude(job, sim, outputs, end)
     if end.code:
-        raise RunError(end.status, _kept(job.folder.path, end), job.folder.path) from end.error
+        raise RunError(end.status, _ending(job.folder.path, end), job.folder.path) from end.error
     return Outcome(job.folder.path, content)
 
 
@@ -293,7 +293,7 @@ def report(folder: Path, prepared: Prepared | None = None) -> None:
         say(f"note: report.html could not be written: {explain(error)[1]}", error=True)
 
 
-def _kept(folder: Path, end: End) -> list[str]:
+def _ending(folder: Path, end: End) -> list[str]:
     """Return lines on how a run ended, which files are kept, and how to resume the run."""
     files = sorted(file.name for file in run_folder.files_in(folder) if file.name != run_folder.LOCK)
     lines = [f"{end.status}: {end.message}", f"kept in {folder}: {', '.join(files) or 'nothing'}"]

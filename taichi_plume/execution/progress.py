@@ -1,6 +1,5 @@
 """Progress bar of a run, at a terminal or in a notebook."""
 
-import sys
 import time
 from contextlib import suppress
 from typing import Any
@@ -8,35 +7,25 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 
-from taichi_plume.guard.terminal import terminal
+from taichi_plume.guard.terminal import notebook_display, terminal
 from taichi_plume.time_loop import TimeLoop
 
 COMPILED = 3  # ticks until every kernel has run once
 PAUSE = 0.2  # wall-clock time between updates in a notebook [s]
 
 
-def progress_bar(wanted: bool | None = None) -> "TerminalBar | NotebookBar | None":
+def progress_bar(requested: bool | None = None) -> "TerminalBar | NotebookBar | None":
     """Return a progress bar, which shows that kernels are compiled; None if there is neither terminal nor notebook.
 
-    wanted: False for none; True for one on stderr even if that is no terminal.
+    requested: False for none; True for one on stderr even if that is no terminal.
     """
-    if wanted is False:
+    if requested is False:
         return None
     notebook = notebook_display()
     if notebook is not None:
         return NotebookBar(notebook)
-    console = terminal(error=True, **({"force_terminal": True} if wanted else {}))
+    console = terminal(error=True, **({"force_terminal": True} if requested else {}))
     return TerminalBar(console) if console.is_terminal else None
-
-
-def notebook_display() -> Any:
-    """Return the module IPython.display if the caller is a notebook's kernel, else None."""
-    if "IPython" not in sys.modules:
-        return None
-    import IPython
-
-    kernel = getattr(IPython.get_ipython(), "kernel", None)
-    return None if kernel is None else IPython.display
 
 
 class TerminalBar:

@@ -115,16 +115,20 @@ class GrowingTable:
     def flush(self) -> None:
         """Write all pending samples to the Arrow stream on disk."""
         if self.pending:
-            arrays = []
-            for field in self.schema:
-                values = self.values[field.name][: self.pending].ravel()
-                if field.type == NAMES:
-                    arrays.append(pa.DictionaryArray.from_arrays(values, self.names[field.name]))
-                else:
-                    arrays.append(pa.array(values, field.type, from_pandas=True))
-            self._put(pa.record_batch(arrays, schema=self.schema))
-            self.pending = 0
+            self._put(self.take())
         self._save(self.stream)
+
+    def take(self) -> pa.RecordBatch:
+        """Return the rows of all pending samples, which are then no longer pending."""
+        arrays = []
+        for field in self.schema:
+            values = self.values[field.name][: self.pending].ravel()
+            if field.type == NAMES:
+                arrays.append(pa.DictionaryArray.from_arrays(values, self.names[field.name]))
+            else:
+                arrays.append(pa.array(values, field.type, from_pandas=True))
+        self.pending = 0
+        return pa.record_batch(arrays, schema=self.schema)
 
     def _put(self, batch: pa.RecordBatch) -> None:
         if len(batch):

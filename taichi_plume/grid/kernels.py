@@ -52,13 +52,14 @@ def start(arch: str = "cpu", debug: bool = False, threads: int | None = None) ->
     """Initialise Taichi on `arch` (auto, cpu, cuda, vulkan, metal) and return the backend that Taichi chose.
 
     threads: number of CPU threads, by default one per core. If Taichi already runs with the same arguments and fields
-    in use, nothing happens. Otherwise Taichi restarts, and simulations assembled before raise EngineError. Raises
-    DeviceError if there is no such device; Taichi is then not running.
+    in use, only the memory of other fields is freed. Otherwise Taichi restarts, and simulations assembled before raise
+    EngineError. Raises DeviceError if there is no such device; Taichi is then not running.
     """
     known = {"auto": ti.gpu, "cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}
     if not isinstance(arch, str) or arch not in known:
         raise DeviceError(f"got '{visible(arch, LONGEST_VALUE)}', allowed are {', '.join(known)}")
-    if not (is_running() and _started == [impl.get_runtime().prog, arch, debug, threads] and _in_use()):
+    same = is_running() and _started == [impl.get_runtime().prog, arch, debug, threads]
+    if not (same and _free_unused()):
         try:
             _restart(known[arch], debug, threads)
         except RuntimeError as error:  # from Taichi: the driver of the device failed
@@ -96,18 +97,21 @@ def ensure_started() -> None:
         start()
     elif _started and _started[0] is impl.get_runtime().prog:
         start(*_started[1:])
-    if on_cpu():
-        free_unused_trees(live_fields())
+    else:
+        _free_unused()
 
 
-def _in_use() -> bool:
-    """Return whether any field of the running Taichi program is still referenced."""
+def _free_unused() -> bool:
+    """Free the memory of fields that are no longer referenced, on a CPU; return whether any is still referenced."""
     for kernel in KERNELS:
         if kernel.template_slot_locations:  # the kernel holds the fields that were its arguments
             kernel.mapper.mapping.clear()
             kernel.compiled_kernels.clear()
     gc.collect()
-    return bool(live_fields())
+    live = live_fields()
+    if live and on_cpu():
+        free_unused_trees(live)
+    return bool(live)
 
 
 def cache_folder() -> Path:

@@ -91,6 +91,16 @@ def terminal(error: bool = False, **options: Any) -> "Console":
     return Visible(stderr=error, markup=False, highlight=False, **options)
 
 
+def notebook_display() -> Any:
+    """Return the module IPython.display if a notebook's kernel runs this code, else None."""
+    if "IPython" not in sys.modules:
+        return None
+    import IPython
+
+    kernel = getattr(IPython.get_ipython(), "kernel", None)
+    return None if kernel is None else IPython.display
+
+
 class Parser(argparse.ArgumentParser):
     """Command-line argument parser whose error messages are escaped."""
 

@@ -1,4 +1,4 @@
-"""Viewer of a running simulation (--live): a server on the loopback interface only, which sends nothing elsewhere."""
+"""Viewer of a running simulation (--live) or of a recording: a server on the loopback interface; nothing is sent."""
 
 import json
 import os
@@ -11,8 +11,10 @@ from pathlib import Path
 
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import plain
+from taichi_plume.guard.terminal import notebook_display
 
 PATIENCE = 30.0  # s until the viewer's window is open
+NOTEBOOK = 960, 600  # pixels: size of the viewer in a notebook
 LOOPBACK = "127.0.0.1"
 VIEWER = (sys.executable, "-m", "rerun_cli")
 OPTIONS = ("--hide-welcome-screen", "--expect-data-soon")
@@ -21,20 +23,41 @@ SEVERED = "gRPC connection severed"
 """Start of rerun's message when the viewer is gone."""
 
 
-def open_viewer() -> str:
+def show(recording: Path) -> object:
+    """Show a recording in a viewer: in a notebook as its widget, which is returned, else in a window of its own.
+
+    Raises RunFolderError if there is no viewer, and OSError.
+    """
+    if notebook_display() is None:
+        open_viewer(str(recording), what=str(recording))
+        return None
+    try:
+        from rerun_notebook import Viewer  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        how = "`run.plot()` and `run.animate()` work without it"
+        raise RunFolderError(
+            f"{recording}: the viewer for notebooks is missing: pip install 'taichi_plume[notebook]'; {how}"
+        ) from None
+    viewer = Viewer(width=NOTEBOOK[0], height=NOTEBOOK[1], url=None)
+    viewer.send_rrd(recording.read_bytes())
+    return viewer
+
+
+def open_viewer(*files: str, what: str = "--live") -> str:
     """Open a viewer in its own process, which outlives this process; return the address for recordings.
 
-    Raises RunFolderError if the viewer cannot be opened, as without a screen, or would send usage reports.
+    files: recordings to show; what: start of messages. Raises RunFolderError if the viewer cannot be opened, as without
+    a screen, or would send usage reports.
     """
     with tempfile.TemporaryDirectory(prefix="taichi_plume-", ignore_cleanup_errors=True) as settings:
-        environment = quiet(settings)  # the viewer reads its settings before it opens the port
+        environment = quiet(settings, what)  # the viewer reads its settings before it opens the port
         with socket.socket() as free:
             free.bind((LOOPBACK, 0))
             port = free.getsockname()[1]
         output = Path(settings, "output.txt")
         with output.open("wb") as file:
             viewer = subprocess.Popen(
-                [*VIEWER, "--bind", LOOPBACK, "--port", str(port), *OPTIONS],
+                [*VIEWER, *files, "--bind", LOOPBACK, "--port", str(port), *OPTIONS],
                 env=environment,
                 stdin=subprocess.DEVNULL,
                 stdout=file,
@@ -43,7 +66,7 @@ def open_viewer() -> str:
             )
         fault = _fault(viewer, port, output)
         if fault:
-            raise RunFolderError(f"--live: the viewer cannot be opened: {plain(fault)}")
+            raise RunFolderError(f"{what}: the viewer cannot be opened: {plain(fault)}")
         viewer.returncode = 0  # Python need not wait for the viewer
     return f"rerun+http://{LOOPBACK}:{port}/proxy"
 
@@ -65,7 +88,7 @@ def _fault(viewer: subprocess.Popen[bytes], port: int, output: Path) -> str:
     return f"its port did not open within {PATIENCE:g} s"
 
 
-def quiet(settings: str) -> dict[str, str]:
+def quiet(settings: str, what: str = "--live") -> dict[str, str]:
     """Return the environment of a viewer that sends nothing, with its own settings folder.
 
     Raises RunFolderError if the viewer reads other settings, which make it send usage reports.
@@ -82,6 +105,6 @@ def quiet(settings: str) -> dict[str, str]:
         enabled = True
     if enabled:
         raise RunFolderError(
-            "--live: the viewer would send reports to its makers; `rerun analytics disable` switches that off"
+            f"{what}: the viewer would send reports to its makers; `rerun analytics disable` switches that off"
         )
     return environment

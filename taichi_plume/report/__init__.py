@@ -15,4 +15,5 @@ MAY_IMPORT: tuple[str, ...] = (
     "execution",
     "scenario",
     "scoring",
+    "time_loop",
 )

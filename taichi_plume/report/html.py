@@ -19,6 +19,11 @@ LONGEST = 4000  # characters of a text; longer texts are cut in the middle, exce
 Rows = Sequence[Sequence[object]]
 
 
+def data_url(content: bytes, kind: str) -> str:
+    """Return a file as a data URL (base64), which a page embeds. kind: MIME type, such as "image/png"."""
+    return f"data:{kind};base64," + base64.b64encode(content).decode("ascii")
+
+
 @dataclass
 class Image:
     """Figure of an HTML page: PNG bytes, a title of one line, and a caption."""
@@ -30,7 +35,7 @@ class Image:
     @property
     def address(self) -> str:
         """The figure's PNG as a data URL (base64), which embeds the image in the page."""
-        return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
+        return data_url(self.png, "image/png")
 
 
 @dataclass

@@ -5,7 +5,7 @@ Only the artists of moving parts are updated for a new time, so a film draws wal
 
 from collections.abc import Sequence
 from math import degrees
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -17,12 +17,13 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.transforms import Affine2D
 
-from taichi_plume.grid.shapes import rotation
+from taichi_plume.grid.shapes import Shape, rotation
 from taichi_plume.record.drawing import pointed_disc
 from taichi_plume.record.recording_reader import Arrows, Picture
 from taichi_plume.report import scene, theme
 from taichi_plume.results.run import Run
 from taichi_plume.results.tracks import Track
+from taichi_plume.scenario.scenario import Scenario
 
 BODY = 0.011  # robots are drawn at least this large, over the longer side of the view
 ROUND = 20  # corners of a body
@@ -32,6 +33,16 @@ BESIDE, BELOW, ON_TOP = 0.6, 0.5, 0.68  # inches around the axes, for letters of
 BAR = 1.15
 
 
+class Present(NamedTuple):
+    """Scene of a running simulation: its scenario, and the shapes of the obstacles."""
+
+    scenario: Scenario
+    shapes: Sequence[Shape]
+
+
+Scene = Run | Present
+
+
 class PlumeView:
     """Matplotlib view of one plane of a run: recorded gas, scene, wind and robots; `show` updates the view to a time.
 
@@ -39,7 +50,7 @@ class PlumeView:
     """
 
     def __init__(
-        self, axes: Axes, run: Run, picture: Picture, tracks: Sequence[Track] = (), wind: bool = True
+        self, axes: Axes, run: Scene, picture: Picture, tracks: Sequence[Track] = (), wind: bool = True
     ):
         self.axes, self.run, self.picture, self.tracks = axes, run, picture, list(tracks)
         self.plane = theme.PLANES[picture.axes]
@@ -144,7 +155,7 @@ def arrow_outlines(tails: np.ndarray, ways: np.ndarray) -> np.ndarray:
 
 
 def figure_of(
-    run: Run,
+    run: Scene,
     picture: Picture,
     tracks: Sequence[Track],
     width: float,
@@ -181,7 +192,7 @@ def figure_of(
     return figure, view
 
 
-def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> None:
+def _legend(figure: Figure, run: Scene, view: PlumeView, x: float, y: float) -> None:
     """Add a legend of all markers in one row, its upper left corner at the fractions x, y of the figure."""
 
     def mark(label: str, **how: Any) -> Line2D:

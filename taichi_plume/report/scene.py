@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from taichi_plume.grid.shapes import Shape
@@ -91,7 +92,18 @@ def picture(
     dpi: float = 110,
     numbers: Sequence[tuple[int, tuple[float, ...]]] = (),
 ) -> bytes:
-    """Return a PNG of the scene: seen from above and, in 3-D, below that seen from the side, on the same scale.
+    """Return a PNG of the scene, see `figure_of`."""
+    with theme.styled():
+        return theme.png(figure_of(scenario, shapes, dpi, numbers))
+
+
+def figure_of(
+    scenario: Scenario,
+    shapes: Sequence[Shape],
+    dpi: float = 110,
+    numbers: Sequence[tuple[int, tuple[float, ...]]] = (),
+) -> Figure:
+    """Return a figure of the scene: seen from above and, in 3-D, below that seen from the side, on the same scale.
 
     numbers: (number, position [m]) of labels to draw.
     """
@@ -111,7 +123,7 @@ def picture(
             if plane == ABOVE:
                 _numbers(axes, numbers)
             top = bottom - BELOW
-        return theme.png(figure)
+        return figure
 
 
 def _sides(extent: tuple[float, ...], plane: tuple[int, int]) -> tuple[float, float]:
@@ -122,8 +134,14 @@ def _sides(extent: tuple[float, ...], plane: tuple[int, int]) -> tuple[float, fl
 
 def save_check(prepared: "Prepared", path: Path) -> None:
     """Write a drawing of a checked scenario to a PNG file; its warnings are marked by numbers. Raises OSError."""
+    with theme.styled():
+        path.write_bytes(theme.png(checked_figure(prepared, 150)))
+
+
+def checked_figure(prepared: "Prepared", dpi: float = 110) -> Figure:
+    """Return a figure of a checked scenario; its warnings are marked by numbers."""
     numbers = numbered(prepared.resources.warnings, prepared.scenario, prepared.resources)
-    path.write_bytes(picture(prepared.scenario, all_shapes(prepared), 150, numbers))
+    return figure_of(prepared.scenario, all_shapes(prepared), dpi, numbers)
 
 
 def _numbers(axes: Axes, numbers: Sequence[tuple[int, tuple[float, ...]]]) -> None:

@@ -81,9 +81,17 @@ def styled(more: Mapping[Any, Any] | None = None) -> Iterator[None]:
         yield
 
 
+class NotebookFigure(Figure):
+    """Figure that a notebook shows, also without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        with styled():
+            return png(self)
+
+
 def figure(width: float, height: float, dpi: float = 110) -> Figure:
     """Return an empty figure of a size [inches]."""
-    made = Figure(figsize=(width, height), dpi=dpi)
+    made = NotebookFigure(figsize=(width, height), dpi=dpi)
     FigureCanvasAgg(made)
     return made
 

@@ -6,6 +6,8 @@ MAY_IMPORT: tuple[str, ...] = (
     "grid",
     "guard",
     "record",
+    "report.notebook",  # this and `report.pictures` only when a run is drawn
+    "report.pictures",
     "scenario",
     "scoring",
     "time_loop",

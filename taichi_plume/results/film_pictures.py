@@ -73,10 +73,9 @@ class FilmPictures:
         frames = self._frames(between, spacing) if self.film.wind and here is not None else []
         if here is None or not frames:
             return Arrows(np.zeros(0), [], [])
-        flat, step = arrow_places([self.scenario.domain.extent[d] for d in here.axes])
-        points = here.within(flat)
+        points, step = places_of(here, self.scenario)
         velocities = [self.film.velocity(float(self.film.times[n]))(points) for n in frames]
-        return _drawn(here, points, velocities, step, self.film.times[frames])
+        return arrows_of(here, points, velocities, step, self.film.times[frames])
 
     def _frames(self, between: tuple[float, float], spacing: float) -> list[int]:
         """Return the numbers of the film's frames between two times [s], at least `spacing` [s] apart."""
@@ -87,7 +86,13 @@ class FilmPictures:
         return numbers
 
 
-def _drawn(
+def places_of(plane: Plane, scenario: Scenario) -> tuple[np.ndarray, float]:
+    """Return the positions of a plane's wind arrows, (n, dim) [m], and the distance between them [m]."""
+    flat, step = arrow_places([scenario.domain.extent[d] for d in plane.axes])
+    return plane.within(flat), step
+
+
+def arrows_of(
     plane: Plane, points: np.ndarray, velocities: list[np.ndarray], step: float, times: np.ndarray
 ) -> Arrows:
     """Return wind arrows at points (n, dim) in a plane; the speed's 95 % quantile is drawn 1.2 `step` [m] long."""

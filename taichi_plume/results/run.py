@@ -41,9 +41,11 @@ if TYPE_CHECKING:
     import pandas
     import pyarrow
     import xarray
+    from matplotlib.figure import Figure
 
     from taichi_plume.grid.shapes import Shape
     from taichi_plume.record.recording_reader import RecordedPictures
+    from taichi_plume.report.pictures import Film
     from taichi_plume.results.film_pictures import FilmPictures
     from taichi_plume.results.tracks import Track
     from taichi_plume.scenario.scenario import Scenario
@@ -130,7 +132,7 @@ class Run:
             fields = [field for field in TRIAL if field.name in trials[0]]
             values = [[value for group in trials for value in group[field.name]] for field in fields]
             arrays = [pa.array(each, field.type) for each, field in zip(values, fields, strict=True)]
-            return _frame(pa.table(arrays, pa.schema(fields)))
+            return data_frame(pa.table(arrays, pa.schema(fields)))
 
     @cached_property
     def scenario(self) -> "Scenario":
@@ -257,6 +259,64 @@ class Run:
             return self._known_shapes, []
         return shapes_of(self.folder, self.scenario, self.allow_outside)
 
+    # ---------------------------------------------------------------- to look at
+
+    def plot(
+        self, at: float | None = None, view: str | None = None, of: str = "gas", wind: bool = True
+    ) -> "Figure":
+        """Return a figure of the run at time `at` [s], by default the end: gas with its scale, wind and robots.
+
+        view: "above", "column", "section" or a plane of the recording; by default column in 3-D. of: quantity, such as
+        "temperature". The colours are those of the recording. Raises InputError if there is no such view or time.
+        """
+        from taichi_plume.report.pictures import Shown, still
+
+        return still(self, at, Shown(view, of, None, wind))[0]
+
+    def animate(
+        self,
+        path: Path | str | None = None,
+        view: str | None = None,
+        of: str = "gas",
+        begin: float | None = None,
+        end: float | None = None,
+        fps: int = 12,
+    ) -> "Film":
+        """Return a film of the run from `begin` to `end` [s], which a notebook shows; with `path` also write it.
+
+        path: file ending in .gif or, with ffmpeg, .mp4. view, of: as of `plot`. By default from the start of the robots
+        to the end, with at most 150 frames. Raises InputError and OSError.
+        """
+        from taichi_plume.report.pictures import Film, Shown
+
+        return Film.of(self, None if path is None else Path(path), Shown(view, of), begin, end, fps)
+
+    def show(self) -> object:
+        """Show the recording in rerun's viewer: in a notebook within the page, else in a window of its own.
+
+        In a notebook the extra `notebook` is needed. Raises RunFolderError if there is no recording or no viewer.
+        """
+        from taichi_plume.record.live import show
+
+        self.require("recording.rrd")
+        return show(self.folder / "recording.rrd")
+
+    def gas_at(self, x: float, y: float, z: float | None = None) -> "xarray.Dataset":
+        """Return the concentration of each gas over time [ppm] at a position [m]; see results/gas_at.py.
+
+        It is interpolated from `fields` or, without these, from the pictures of the recording. The attributes of each
+        variable state its precision and, for pictures, the range outside of which values are NaN. Raises InputError if
+        the position is outside the room or, for pictures, outside their planes.
+        """
+        from taichi_plume.results.gas_at import gas_at
+
+        return gas_at(self, x, y, z)
+
+    def _repr_html_(self) -> str:
+        from taichi_plume.report.notebook import of_run
+
+        return of_run(self)
+
     def has(self, name: str) -> bool:
         """Return whether the run's folder contains a file or folder of this name."""
         return (self.folder / name).exists()
@@ -323,10 +383,10 @@ def _table(path: Path) -> "pandas.DataFrame":
 
     table = run_tables.read(path)
     with _damage(path):
-        return _frame(table)
+        return data_frame(table)
 
 
-def _frame(table: "pyarrow.Table") -> "pandas.DataFrame":
+def data_frame(table: "pyarrow.Table") -> "pandas.DataFrame":
     """Return a pyarrow table as a DataFrame, with units and meanings of the columns in `attrs`."""
     from taichi_plume.files import run_tables
 

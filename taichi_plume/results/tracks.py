@@ -58,8 +58,11 @@ def tracks(path: Path, groups: "Sequence[Group]") -> list[Track]:
         table = _table(path, {group.name: group.first_trial for group in groups}, share)
     except (*FAULTS, TypeError) as error:
         raise RunFolderError(f"{path}: is damaged: {plain(' '.join(str(error).split()))}") from None
-    if table is None:
-        return []
+    return [] if table is None else tracks_of(table, groups, share)
+
+
+def tracks_of(table: pa.Table, groups: "Sequence[Group]", share: int = MOST_ROBOTS) -> list[Track]:
+    """Return trajectories from table rows of a trial of each group, of the first `share` robots of each."""
     names = np.asarray(table["group"].cast(pa.string()).to_pylist(), object)
     robot = table["robot"].to_numpy()
     tracks: list[Track] = []
@@ -91,6 +94,12 @@ def _table(path: Path, first: dict[str, int], share: int) -> pa.Table | None:
         return None
     batches = unverified(path, ["t", "group", "trial", "robot", "state", *COLUMNS], list(MORE))
     return pa.concat_tables(_firsts(pa.Table.from_batches([batch]), first, share) for batch in batches)
+
+
+def first_rows(rows: pa.Table, groups: "Sequence[Group]") -> pa.Table:
+    """Filter table rows: robots in the first trial of each group that are drawn, at most MOST_ROBOTS in all."""
+    share = max(1, MOST_ROBOTS // max(1, len(groups)))
+    return _firsts(rows, {group.name: group.first_trial for group in groups}, share)
 
 
 def _firsts(rows: pa.Table, first: dict[str, int], share: int) -> pa.Table:

@@ -1,0 +1,15 @@
+"""Python interface: functions and classes such as ``taichi_plume.simulate`` and ``taichi_plume.Simulation``."""
+
+MAY_IMPORT: tuple[str, ...] = (
+    "agents",
+    "assembly",
+    "execution",
+    "files",
+    "grid",
+    "guard",
+    "record",
+    "report",
+    "results",
+    "scenario",
+    "time_loop",
+)

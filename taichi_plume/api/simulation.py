@@ -1,0 +1,329 @@
+"""Simulation of a scenario step by step, to look at, to change and to record while it runs."""
+
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, TypeVar
+
+import numpy as np
+
+from taichi_plume.api.simulate import given
+from taichi_plume.assembly import own_code
+from taichi_plume.assembly.assemble import build
+from taichi_plume.assembly.preparation import Source, load
+from taichi_plume.grid import kernels
+from taichi_plume.grid.sampler import Sampler
+from taichi_plume.grid.state import State
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.scenario.loading import Overrides
+from taichi_plume.scenario.outputs import Fields
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.time_loop import Every, TimeLoop
+
+if TYPE_CHECKING:
+    import pandas
+    import pyarrow
+    import xarray
+    from matplotlib.figure import Figure
+
+    from taichi_plume.execution.outputs import Table
+
+Look = TypeVar("Look", bound=Callable[["Simulation"], object])
+SHORTEST = 1e-9  # of a tick: as good as none
+
+
+class Simulation:
+    """A scenario that is stepped from Python; it writes no files unless asked to, see `write`.
+
+    scenario, seed, overrides, duration, arch, allow_code, allow_outside: as of `simulate`. Simulations of several
+    scenarios can be used in turns if they have the same `arch`.
+
+    Raises InputError.
+
+    >>> import taichi_plume as tp
+    >>> sim = tp.Simulation("plumesim_casting")
+    >>> sim.step()
+    >>> sim.t
+    0.1
+    >>> sim.run(until=2)
+    >>> list(sim.gas.data_vars)
+    ['ethanol_ppm']
+    """
+
+    def __init__(
+        self,
+        scenario: Source,
+        *,
+        seed: int | None = None,
+        overrides: Overrides | None = None,
+        duration: float | str | None = None,
+        arch: str = "cpu",
+        allow_code: bool = False,
+        allow_outside: bool = False,
+    ):
+        self._prepared = load(scenario, given(overrides, seed, duration), allow_outside)
+        own_code.execute(self._prepared, allow_code)
+        kernels.start(arch)
+        self._loop: TimeLoop | None = build(self._prepared)
+        self._looks: list[tuple[float, Callable[[Simulation], object]]] = []
+        self._tables: list[Table] = []
+        self._air: tuple[float, np.ndarray] | None = None
+
+    # ---------------------------------------------------------------- time
+
+    @property
+    def loop(self) -> TimeLoop:
+        """The time loop with its parts: solvers, robots, sensors, maps. Its names may change between versions.
+
+        Raises InputError if the simulation is closed.
+        """
+        if self._loop is None:
+            raise InputError("the simulation is closed; make another, or use reset() instead of close()")
+        return self._loop
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario with all its defaults."""
+        return self.loop.scenario
+
+    @property
+    def t(self) -> float:
+        """Simulated time [s]: negative in the warm-up, 0 when the robots start."""
+        return round(self.loop.t, 9)
+
+    @property
+    def finished(self) -> bool:
+        """Whether the end is reached or, with `stop_early`, no robot searches any more."""
+        return self.loop.finished
+
+    def step(self, ticks: int = 1) -> None:
+        """Advance by a number of time steps (ticks of `scenario.tick`), or to the end. Raises UnstableError."""
+        for _ in range(ticks):
+            if self.finished:
+                break
+            self.loop.step()
+        self._end_if_finished()
+
+    def run(self, until: float | None = None) -> None:
+        """Advance to the time `until` [s], or to the end. Raises UnstableError."""
+        end = np.inf if until is None else until - SHORTEST * self.loop.dt
+        while not self.finished and self.loop.t < end:
+            self.loop.step()
+        self._end_if_finished()
+
+    def _end_if_finished(self) -> None:
+        if self.finished:
+            self.loop.observe(force=True)
+            self._close_tables()
+
+    def reset(self, *, seed: int | None = None, overrides: Mapping[str, object] | None = None) -> None:
+        """Return to the start, with another seed or other values of keys; nothing is compiled again.
+
+        Functions of `every` stay, files of `write` are closed. Kinds, counts and shapes cannot be changed. Raises
+        ScenarioError, and the simulation stays as it was.
+        """
+        changes = given(overrides or {}, seed, None)
+        assert isinstance(changes, Mapping)
+        self._close_tables()
+        self.loop.reset(self.scenario.with_(changes) if changes else None)
+        self._air = None
+        for period, function in self._looks:
+            self._observe(period, function)
+
+    def change(self, changes: Mapping[str, object]) -> None:
+        """Give keys other values while the simulation runs, such as ``{"gas.sources.0.rate": "20 mg/s"}``.
+
+        Air, gas and robots stay as they are; the new values hold from now on. All keys can be changed that a `reset`
+        can change. Raises ScenarioError, and the simulation stays as it was.
+        """
+        loop = self.loop
+        scenario = loop.scenario.with_(changes)
+        state = State(loop)
+        saved, observers = state.save(), (loop.observers, loop.step_observers, loop.steps)
+        loop.reset(scenario)
+        state.restore(saved)
+        loop.observers, loop.step_observers, loop.steps = observers
+
+    def close(self) -> None:
+        """Close the files of `write` and free the memory; the simulation cannot be used any more."""
+        self._close_tables()
+        self._loop = self._air = None
+        vars(self).pop("_sampler", None)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # ---------------------------------------------------------------- observers and files
+
+    def every(self, period: float, function: Callable[["Simulation"], object]) -> None:
+        """Call a function with this simulation every `period` simulated seconds, at the start and at the end."""
+        if not period > 0.0:
+            raise InputError(f"every: got {period} s; the period must be above 0")
+        if not callable(function):
+            raise InputError(f"every: got {function!r}; give a function that takes the simulation")
+        self._looks.append((period, function))
+        self._observe(period, function)
+
+    def _observe(self, period: float, function: Callable[["Simulation"], object]) -> None:
+        self.loop.observers.append(Every(period, lambda _: function(self), warm_up=True))
+
+    def write(self, path: str | Path, every: float | None = None) -> None:
+        """Write a file from now on, a sample every `every` simulated seconds; `close`, `reset` and the end complete it.
+
+        path: a film of wind, gas and temperature if it ends in .zarr, as `fields.zarr` of a run; a table of the robots
+        if it ends in .parquet. every: by default 0.5 s for films, a tick for tables. An existing file is not
+        overwritten. Raises InputError and OSError.
+        """
+        from taichi_plume.execution.film_output import Filming
+        from taichi_plume.execution.robots_table import RobotTable
+
+        path, loop = Path(path), self.loop
+        if path.exists():
+            raise InputError(f"{path}: exists already; choose another name, or remove it")
+        if every is not None and not every >= loop.dt * (1 - SHORTEST):
+            raise InputError(f"{path}: every: got {every} s; it must be at least a tick, {loop.dt:g} s")
+        table: Table
+        if path.suffix == ".zarr":
+            table = Filming(loop, path, Fields(rate=2.0 if every is None else 1.0 / every, start=loop.t))
+        elif path.suffix == ".parquet" and loop.swarm.count:
+            table = RobotTable(loop, path)
+            table.period = table.period if every is None else every
+        else:
+            what = (
+                "the scenario has no robots" if path.suffix == ".parquet" else "must end in .zarr or .parquet"
+            )
+            raise InputError(f"{path}: {what}")
+        observer = table.observer()
+        assert isinstance(observer, Every)
+        table.start()
+        loop.observers.append(observer)
+        self._tables.append(table)
+
+    def _close_tables(self) -> None:
+        tables, self._tables = self._tables, []
+        for table in tables:
+            table.close()
+
+    # ---------------------------------------------------------------- the present
+
+    @property
+    def wind(self) -> "xarray.Dataset":
+        """Present velocity of the air at the cell centres [m/s]: u, v and in 3-D w; NaN in obstacles."""
+        names = "uvw"[: self.loop.grid.dim]
+        about = [("m s-1", f"velocity of the air along {axis}") for axis in "xyz"]
+        return self._dataset(dict(zip(names, zip(self._sampled(), about, strict=False), strict=False)))
+
+    @property
+    def gas(self) -> "xarray.Dataset":
+        """Present mole fraction of each gas at the cell centres [ppm], such as `ethanol_ppm`; NaN in obstacles."""
+        species = self.loop.gas.species
+        values = self._sampled()[self.loop.grid.dim :]
+        return self._dataset(
+            {
+                f"{gas.name}_ppm": (ppm, ("ppm", f"mole fraction of {gas.name} at 25 degrees and 1 atm"))
+                for gas, ppm in zip(species, values, strict=False)
+            }
+        )
+
+    @property
+    def temperature(self) -> "xarray.DataArray":
+        """Present temperature of the air at the cell centres [K]; NaN in obstacles.
+
+        Raises InputError if the scenario computes none.
+        """
+        heat = self.loop.heat
+        if heat is None:
+            raise InputError("the scenario computes no temperature; give wind.buoyancy.heat")
+        values = self._sampled()[-1] + np.float32(heat.reference)
+        return self._dataset({"temperature": (values, ("K", "temperature of the air"))}).temperature
+
+    @property
+    def robots(self) -> "pandas.DataFrame":
+        """Present state and readings of all robots, with the columns of `Run.robots`; units in ``attrs["units"]``.
+
+        Raises InputError if the scenario has no robots.
+        """
+        from taichi_plume.results.run import data_frame
+
+        return data_frame(self._rows())
+
+    def plot(self, view: str | None = None, of: str = "gas", wind: bool = True) -> "Figure":
+        """Return a figure of the present gas (or `of` "temperature") with its scale, the wind and the robots.
+
+        view: "above", "column" or "section", as of `Run.plot`. Raises InputError.
+        """
+        from taichi_plume.report.present import figure
+        from taichi_plume.report.scene import all_shapes
+        from taichi_plume.results.tracks import tracks_of
+
+        data = self.temperature if of == "temperature" else self.gas.to_dataarray().sum("variable")
+        tracks = tracks_of(self._rows(True), self.scenario.robots) if self.loop.swarm.count else []
+        shapes = all_shapes(self._prepared)
+        return figure(self.loop, shapes, np.nan_to_num(data.to_numpy().T), of, view, wind, tracks)
+
+    def _repr_html_(self) -> str:
+        from taichi_plume.report.notebook import page
+        from taichi_plume.report.theme import png, styled
+
+        if self._loop is None:
+            return page([("simulation", "closed")])
+        with styled():
+            picture = png(self.plot())
+        return page([(self.scenario.name, repr(self))], picture)
+
+    def __repr__(self) -> str:
+        if self._loop is None:
+            return "Simulation, closed"
+        return f"Simulation of {self.scenario.name}, t = {self.t:g} of {self.scenario.duration:g} s"
+
+    # ---------------------------------------------------------------- parts
+
+    @cached_property
+    def _sampler(self) -> Sampler:
+        loop = self.loop
+        points = loop.grid.centers().reshape(-1, loop.grid.dim)
+        cells = [] if loop.heat is None else [loop.heat.theta]
+        return Sampler(points, loop.wind, loop.gas, cells, loop.air.solid, loop.grid)
+
+    def _sampled(self) -> np.ndarray:
+        """Return wind, gas and, if computed, temperature in all cells, (quantities, *shape); NaN in obstacles."""
+        loop = self.loop
+        if self._air is None or self._air[0] != loop.t:
+            values = self._sampler.sample(loop.t).reshape(-1, *loop.grid.shape)
+            self._air = loop.t, np.where(loop.air.solid, np.float32(np.nan), values)
+        return self._air[1]
+
+    def _dataset(self, variables: Mapping[str, tuple[np.ndarray, tuple[str, str]]]) -> "xarray.Dataset":
+        """Return a dataset of variables in all cells, given as values, unit and meaning, at the present time."""
+        import xarray as xr
+
+        grid = self.loop.grid
+        axes = "xyz"[: grid.dim]
+        coordinates: dict[str, Any] = {
+            axis: (axis, (np.arange(n) + 0.5) * grid.dx, {"units": "m", "axis": axis.upper()})
+            for axis, n in zip(axes, grid.shape, strict=True)
+        }
+        coordinates["time"] = ((), self.t, {"units": "s", "long_name": "simulated time"})
+        data = {
+            name: (tuple(reversed(axes)), values.T, {"units": unit, "long_name": meaning})
+            for name, (values, (unit, meaning)) in variables.items()
+        }
+        return xr.Dataset(data, coordinates, {"Conventions": "CF-1.11"})
+
+    def _rows(self, first_trial: bool = False) -> "pyarrow.Table":
+        """Return the table of the robots at present; first_trial: only of the first trial of each group."""
+        import pyarrow as pa
+
+        from taichi_plume.execution.robots_table import RobotTable
+        from taichi_plume.results.tracks import first_rows
+
+        loop = self.loop
+        if not loop.swarm.count:
+            raise InputError("the scenario has no robots")
+        table = RobotTable(loop, Path("robots.parquet"))
+        table.sample(loop)
+        rows = pa.Table.from_batches([table.take()])
+        return first_rows(rows, self.scenario.robots) if first_trial else rows

@@ -1,0 +1,178 @@
+"""Pictures and films of a run, for talks, papers and notebooks: the recorded gas with its scale, wind and robots.
+
+The data come from recording.rrd or, without a recording, from fields.zarr; nothing is computed again.
+"""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.record.recording_reader import Arrows, Picture
+from taichi_plume.report.films import film
+from taichi_plume.report.html import data_url
+from taichi_plume.report.plume import PlumeView, figure_of
+from taichi_plume.report.theme import LETTERS as SIZES
+from taichi_plume.report.theme import styled
+from taichi_plume.results.run import Run
+
+VIEWS = {"above": "slice", "slice": "slice", "column": "column", "section": "section", "side": "section"}
+"""Views, and their names in recordings."""
+DPI = 160
+LETTERS = 1.35  # over those of a page
+PICTURE_WIDTH, FILM_WIDTH = 1600, 960  # pixels
+MOST_FRAMES = 150  # of a film, unless asked for more
+FPS = 12  # frames per second
+
+
+class Shown(NamedTuple):
+    """Contents of a picture: view (see VIEWS, or a plane of the recording such as "section_2"; None: column in 3-D, else
+    above), quantity such as "gas" or "temperature", width [pixels], and whether arrows of the wind are drawn.
+    """
+
+    view: str | None = None
+    of: str = "gas"
+    width: int | None = None
+    wind: bool = True
+
+
+DEFAULT = Shown()
+
+
+class Film(NamedTuple):
+    """Film of a run in memory, which a notebook shows. data: content of the file; format: "gif" or "mp4"."""
+
+    data: bytes
+    format: str
+    times: np.ndarray
+    """Simulated times of the frames [s]."""
+
+    @classmethod
+    def of(
+        cls, run: Run, path: Path | None, shown: Shown, begin: float | None, end: float | None, fps: int
+    ) -> "Film":
+        """Return a film of the run, see `make_film`; path: file to write it to, or None."""
+        with TemporaryDirectory() as folder:
+            file = path or Path(folder) / "film.gif"
+            times = make_film(run, file, shown, begin, end, None, fps)
+            return cls(file.read_bytes(), file.suffix[1:].lower(), times)
+
+    def _repr_html_(self) -> str:
+        if self.format == "gif":
+            return f'<img src="{data_url(self.data, "image/gif")}">'
+        return f'<video controls loop src="{data_url(self.data, "video/mp4")}"></video>'
+
+    def __repr__(self) -> str:
+        if not len(self.times):
+            return "Film without frames"
+        return f"Film of {len(self.times)} frames, t = {self.times[0]:g} to {self.times[-1]:g} s"
+
+
+def still(run: Run, at: float | None = None, shown: Shown = DEFAULT) -> tuple[Figure, Picture, float]:
+    """Return a figure of the run at time `at` [s], by default the end, the recorded pictures drawn, and that time.
+
+    Raises InputError if there is no such view or time.
+    """
+    period, end = max(1.0 / _rate(run, "rate"), run.scenario.tick), _end(run)
+    at = end if at is None else at
+    picture = _picture(run, shown, (at - 1.5 * period, at))
+    if not len(picture.times) or at > end + period:
+        raise _outside(run, picture.name, at)
+    figure, view = _figure(run, picture, shown, shown.width or PICTURE_WIDTH)
+    arrows = run.planes.arrows(_plane(picture), (at - 1.5 / _rate(run, "wind_rate"), at))
+    _show(view, picture, at, arrows)
+    return figure, picture, at
+
+
+def make_film(
+    run: Run,
+    path: Path,
+    shown: Shown = DEFAULT,
+    begin: float | None = None,
+    end: float | None = None,
+    frames: int | None = None,
+    fps: int = FPS,
+) -> np.ndarray:
+    """Write a film of the run from `begin` to `end` [s], .gif or .mp4; return the times of its frames [s].
+
+    By default from the start of the robots to the end, with at most MOST_FRAMES frames. Raises InputError, OSError.
+    """
+    begin = max(run.begin, 0.0) if begin is None else begin
+    end = _end(run) if end is None else end
+    if not begin < end:
+        what = f"a film from {begin:g} to {end:g} s is empty; choose another --begin and --end"
+        raise InputError(f"{run.folder}: {what}")
+    count = frames or MOST_FRAMES
+    picture = _picture(run, shown, (begin, end), 0.0 if frames else (end - begin) / count)
+    if not len(picture.times):
+        raise _outside(run, picture.name, begin)
+    chosen = list(range(len(picture.times)))
+    if len(chosen) > count:
+        chosen = np.linspace(0, len(chosen) - 1, count).round().astype(int).tolist()
+    figure, view = _figure(run, picture, shown, shown.width or FILM_WIDTH)
+    between = (begin - 1.5 / _rate(run, "wind_rate"), end)
+    arrows = run.planes.arrows(_plane(picture), between, (end - begin) / count)
+
+    def show(n: int) -> None:
+        _show(view, picture, float(picture.times[n]), arrows, n)
+
+    with styled():
+        film(figure, view.moving, path, fps, chosen, show)
+    return picture.times[chosen]
+
+
+def _show(view: PlumeView, picture: Picture, t: float, arrows: Arrows | None, n: int = -1) -> None:
+    view.show(t, picture.data[n], arrows)
+    view.clock.set_text(f"t = {t:.1f} s")
+
+
+def _figure(run: Run, picture: Picture, shown: Shown, width: int) -> tuple[Figure, PlumeView]:
+    """Return a figure, `width` pixels wide, and the view that draws the plume in the figure."""
+    dpi = DPI * width / PICTURE_WIDTH
+    larger = {key: LETTERS * size for key, size in SIZES.items()}
+    with styled(larger | {"xtick.labelsize": 11, "ytick.labelsize": 11}):
+        return figure_of(run, picture, run.tracks, PICTURE_WIDTH / DPI, dpi, LETTERS, shown.wind)
+
+
+# ---------------------------------------------------------------- recorded pictures
+
+
+def _picture(run: Run, shown: Shown, between: tuple[float, float], spacing: float = 0.0) -> Picture:
+    """Read the recorded gas pictures of one view between two times [s]. Raises InputError if the run has none."""
+    views = [VIEWS.get(shown.view, shown.view)] if shown.view else ["column", "slice"]
+    names = [f"{shown.of}_{view}" for view in views]
+    pictures = run.planes.read(names, between, spacing)
+    if not pictures:
+        there = ", ".join(run.planes.names()) or "none"
+        raise InputError(f"{run.folder}: has no pictures of {' or '.join(names)}, but of {there}")
+    return pictures[next(name for name in names if name in pictures)]
+
+
+def _rate(run: Run, key: str) -> float:
+    """Return the number of recorded pictures per simulated second; key: `rate` for gas, `wind_rate` for wind."""
+    fields = run.scenario.fields
+    if fields is None or run.has("recording.rrd"):
+        return vars(run.scenario.recording)[key]
+    return fields.rate
+
+
+def _plane(picture: Picture) -> str:
+    """Return the name of the plane whose recorded wind is drawn into a picture of gas."""
+    return picture.view if picture.axes != "xy" else "slice"
+
+
+def _end(run: Run) -> float:
+    """Return the simulated end time of a run [s]; of an unfinished run, the last recorded time."""
+    simulated = run.result.get("simulated_s")
+    if isinstance(simulated, int | float) and not run.unfinished:
+        return run.begin + float(simulated)
+    return max([*(float(track.t[-1]) for track in run.tracks), *(run.planes.span() or ())], default=run.begin)
+
+
+def _outside(run: Run, name: str, at: float) -> InputError:
+    times = run.planes.span([name])
+    there = "none" if times is None else f"from {times[0]:g} to {times[1]:g} s"
+    return InputError(f"{run.folder}: t = {at:g} s is outside the run, whose pictures are {there}")
