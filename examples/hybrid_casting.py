@@ -3,9 +3,9 @@
     python -m taichi_plume.serve configs/live/plumesim_hybrid.yaml      # in one terminal
     python examples/hybrid_casting.py                                   # in another one
 
-The program replaces a real robot: it has its own kinematics and algorithm, sends its pose, and receives the readings of
-gas sensor and anemometer there. With --velocity the simulator also moves the robots, and the program sends velocity
-commands (group with ``takes: velocity``). Any number of robots are driven independently.
+The program replaces a real robot, for 90 s in real time: it has its own kinematics and algorithm, sends its pose, and
+receives the readings of gas sensor and anemometer there. With --velocity the simulator also moves the robots, and the
+program sends velocity commands (group with ``takes: velocity``). Any number of robots are driven independently.
 """
 
 import argparse

@@ -1,0 +1,130 @@
+"""``python -m taichi_plume.examples`` lists the examples of the package, runs one by its name, or copies one.
+
+``NAME --duration 10`` passes the options after the name to the command that runs this kind of example: `run`, `serve`
+or `study`. ``--copy NAME`` copies an example with its input files. Exit codes are those of these commands; 2 for an
+unknown name, for an example that is not run by a command, and for a copy that would overwrite a file.
+"""
+
+import filecmp
+import os
+import shutil
+import sys
+import textwrap
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple
+
+from taichi_plume.cli.exit_codes import exit_code
+from taichi_plume.cli.options import add, option
+from taichi_plume.execution.signals import reader_may_leave
+from taichi_plume.files.bundled import Example, example, names
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.terminal import Parser, say
+
+WIDTH = 120  # columns where the output is no terminal
+
+
+class Kind(NamedTuple):
+    """Kind of examples. use: how to use a file of this kind; command: module of the command, if one runs the kind."""
+
+    heading: str
+    use: str
+    command: str = ""
+
+
+KINDS = {
+    "scenario": Kind("scenarios, with the time of a run on a laptop", "python -m taichi_plume.run {}", "run"),
+    "live": Kind("scenarios in real time, with external robots", "python -m taichi_plume.serve {}", "serve"),
+    "study": Kind("studies", "python -m taichi_plume.study {}", "study"),
+    "task": Kind("learning tasks", 'gymnasium.make("taichi_plume/Search-v0", scenario="{}")'),
+    "program": Kind("programs", "python {}"),
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (without the program's name) and return its exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if arguments and not arguments[0].startswith("-"):
+        return exit_code(lambda: _run(*arguments))
+    parser = Parser(
+        prog="python -m taichi_plume.examples",
+        usage="%(prog)s [NAME [OPTIONS] | --copy NAME [--out DIR]]",
+        description="List the examples that travel with the package, run one by its name, or copy one.",
+        epilog="NAME [OPTIONS]: run an example; OPTIONS, such as --duration 10, are those of taichi_plume.run "
+        "(of taichi_plume.serve or taichi_plume.study for these kinds of examples)",
+    )
+    option(parser, "--copy", str, "NAME", "copy an example and its input files; no file is overwritten")
+    add(parser, "--out", help="folder of the copies (default: the working folder)")
+    args = parser.parse_args(arguments)
+    if args.copy is None and args.out is not None:
+        parser.error("--out goes with --copy")
+    work = _list if args.copy is None else lambda: _copy(example(args.copy), args.out or Path())
+    return exit_code(work, out=args.out)
+
+
+def _list() -> int:
+    """Print a line for each example: name, time of a run and story; return the exit code."""
+    examples = [example(name) for name in names()]
+    wide = shutil.get_terminal_size((WIDTH, 24)).columns if sys.stdout.isatty() else WIDTH
+    longest = max(len(one.name) for one in examples)
+    with reader_may_leave():
+        for name, kind in KINDS.items():
+            say(f"{kind.heading}:")
+            for one in examples:
+                if one.kind == name:
+                    start = f"  {one.name:<{longest}} {one.time:>6}  "
+                    say(start + textwrap.shorten(one.story, max(wide - len(start), 20), placeholder=" ..."))
+        say(
+            "python -m taichi_plume.examples NAME runs a scenario or study; --copy NAME copies any of these files"
+        )
+    return 0
+
+
+def _run(name: str, *options: str) -> int:
+    """Run an example by the command for its kind; return the exit code."""
+    found = example(name)
+    kind = KINDS[found.kind]
+    if not kind.command:
+        raise InputError(f"{name}: no command runs this kind of example; use {kind.use.format(found.path)}")
+    return import_module(f"taichi_plume.cli.{kind.command}").main([str(found.path), *options])
+
+
+def _copy(chosen: Example, out: Path) -> int:
+    """Copy an example and its input files into a folder; return the exit code. A file that exists is an error."""
+    from taichi_plume.files.disk import written_whole
+
+    folder = chosen.path.parent
+    copies = {out / file.relative_to(folder): file for file in _files_of(chosen)}
+    main_copy = next(iter(copies))
+    same = [path for path in copies if path.is_file() and filecmp.cmp(copies[path], path, shallow=False)]
+    existing = [
+        str(path) for path in copies if os.path.lexists(path) and (path == main_copy or path not in same)
+    ]
+    if existing:
+        raise InputError(
+            f"{', '.join(existing)}: exists, and no file is overwritten; choose another folder by --out DIR"
+        )
+    for path, file in copies.items():
+        if path not in same:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with written_whole(path) as fresh:
+                shutil.copyfile(file, fresh)
+        say(f"{path}: {'unchanged' if path in same else 'copied'}")
+    say(f"use: {KINDS[chosen.kind].use.format(main_copy)}")
+    return 0
+
+
+def _files_of(chosen: Example) -> list[Path]:
+    """Return the file of an example, the base scenario of a study, and the input files of the scenario."""
+    from taichi_plume.scenario.input_files import files_of, input_files
+    from taichi_plume.scenario.loading import read_scenario
+    from taichi_plume.study.plan import read_study
+
+    if chosen.kind == "program":
+        return [chosen.path]
+    folder, base = chosen.path.parent, chosen.path
+    if chosen.kind == "study":
+        base = folder / read_study(chosen.path).base
+    inputs = [file for _, name in input_files(read_scenario(base)) for file in files_of(folder, name)]
+    return [chosen.path, base, *inputs]

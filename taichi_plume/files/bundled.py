@@ -1,0 +1,71 @@
+"""Examples that travel with the package: the scenarios, studies and tasks of `configs/`, the programs of `examples/`.
+
+The first sentence of a file states what the example shows. The time of a run stands in the same comment, as "15 s on a
+laptop" or "90 s in real time".
+"""
+
+import ast
+import re
+from itertools import takewhile
+from pathlib import Path
+from typing import NamedTuple
+
+from taichi_plume import __path__ as roots
+from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.scenario.suggestions import nearest
+
+KINDS = {"study": r"^base:", "task": r"^task:", "live": r"\bkind: external\b", "scenario": ""}
+"""Kinds of YAML files, each with the regular expression that distinguishes the kind from those after it."""
+TIME = re.compile(r"(\d+ (?:s|min)) (?:on a laptop|in real time)")
+
+
+class Example(NamedTuple):
+    """Bundled file. kind: one of KINDS, or program; story: first sentence; time: of a run, such as "15 s", or ""."""
+
+    name: str
+    path: Path
+    kind: str
+    story: str
+    time: str
+
+
+def names() -> list[str]:
+    """Return the names of all examples: paths in `configs/` without .yaml, and the file names of programs."""
+    return list(_files())
+
+
+def path_of(name: str) -> Path:
+    """Return the path of an example's file, in a checkout and in a wheel. Raises ScenarioError for an unknown name."""
+    files = _files()
+    if name not in files:
+        from taichi_plume.scenario.loading import ScenarioError  # imports all sections of a scenario
+
+        meant = f"did you mean {close}? " if (close := nearest(name, files)) else ""
+        got = f"example: got '{visible(name, LONGEST_VALUE)}'"
+        raise ScenarioError([f"{got}; {meant}must be one of {', '.join(files)}"])
+    return files[name]
+
+
+def example(name: str) -> Example:
+    """Read the kind, story and time of an example. Raises ScenarioError for an unknown name."""
+    path = path_of(name)
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".py":
+        kind, head = "program", ast.get_docstring(ast.parse(text)) or ""
+    else:
+        kind = next(kind for kind, pattern in KINDS.items() if re.search(pattern, text, re.MULTILINE))
+        head = "\n".join(
+            line.removeprefix("#") for line in takewhile(lambda line: line.startswith("#"), text.splitlines())
+        )
+    head = " ".join(head.split())
+    time = TIME.search(head)
+    return Example(name, path, kind, re.split(r"\.(?: (?=[A-Z`])|$)", head)[0], time[1] if time else "")
+
+
+def _files() -> dict[str, Path]:
+    """Return the file of each example by name; the folders lie beside the package or, in a wheel, inside."""
+    root = next(root for root in map(Path, roots) if (root / "configs").is_dir())
+    configs = root / "configs"
+    files = {path.relative_to(configs).with_suffix("").as_posix(): path for path in configs.rglob("*.yaml")}
+    programs = {path.name: path for path in sorted((root / "examples").glob("*.py"))}
+    return dict(sorted(files.items())) | programs
