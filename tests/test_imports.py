@@ -71,7 +71,7 @@ def test_heavy_packages_are_imported_only_where_used():
     """Each step imports more, in one process; a command with a fault imports no more than its checks."""
     code = ["import sys"]
     for imports, heavy in (
-        ("taichi_plume", {"taichi", "numpy", "pydantic"}),
+        ("taichi_plume, taichi_plume.cli.examples", {"taichi", "numpy", "pydantic"}),
         (SCENARIO, HEAVY),
         ("taichi_plume.assembly.preparation", HEAVY),
         ("taichi_plume.cli.run", HEAVY | {"pyarrow"}),

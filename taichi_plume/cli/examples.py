@@ -67,14 +67,14 @@ def _list() -> int:
     """Print a line for each example: name, time of a run and story; return the exit code."""
     examples = [example(name) for name in names()]
     wide = shutil.get_terminal_size((WIDTH, 24)).columns if sys.stdout.isatty() else WIDTH
-    longest = max(len(one.name) for one in examples)
+    longest = max(len(entry.name) for entry in examples)
     with reader_may_leave():
         for name, kind in KINDS.items():
             say(f"{kind.heading}:")
-            for one in examples:
-                if one.kind == name:
-                    start = f"  {one.name:<{longest}} {one.time:>6}  "
-                    say(start + textwrap.shorten(one.story, max(wide - len(start), 20), placeholder=" ..."))
+            for entry in examples:
+                if entry.kind == name:
+                    start = f"  {entry.name:<{longest}} {entry.time:>6}  "
+                    say(start + textwrap.shorten(entry.story, max(wide - len(start), 20), placeholder=" ..."))
         say(
             "python -m taichi_plume.examples NAME runs a scenario or study; --copy NAME copies any of these files"
         )
