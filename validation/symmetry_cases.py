@@ -129,7 +129,8 @@ def _case(name: str, what: str, dim: int, openings: tuple[dict, ...], fine: tupl
         partial(room, dim=dim, openings=openings),
         coarse=(12,) if name == "" else (),
         fine=fine,
-        expected=both_steps(dict.fromkeys(norms, Expected(tolerance=1e-5))),
+        # rounding in single precision, which grows up to thirtyfold within the second
+        expected=both_steps(dict.fromkeys(norms, Expected(tolerance=5e-5))),
     )
 
 
