@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from taichi_plume.assembly.resources import OPENERS, Resources, completed
+from taichi_plume.files.bundled import path_of
 from taichi_plume.grid.shapes import ShapeError
 from taichi_plume.guard.safe_open import gate
 from taichi_plume.scenario import checks
@@ -15,9 +16,10 @@ from taichi_plume.scenario.loading import Overrides, ScenarioError, overridden, 
 from taichi_plume.scenario.reset import differences
 from taichi_plume.scenario.scenario import Origin, Scenario
 from taichi_plume.scenario.shapes import shape
+from taichi_plume.scenario.size import derived, estimate
 
 Source = str | Path | Mapping[str, object] | Scenario
-"""A scenario: path of its YAML file, dict with the same keys, or the scenario itself."""
+"""A scenario: path of its YAML file, name of an example, dict with the same keys, or the scenario itself."""
 
 
 class Prepared(NamedTuple):
@@ -27,6 +29,33 @@ class Prepared(NamedTuple):
     resources: Resources
 
 
+class Check(NamedTuple):
+    """Result of the checks of a scenario. Without errors it can be run, and `size` and `derived` are known.
+
+    errors, warnings: lines "key: message". size: estimates for a run: `cells`, `bytes` of memory, `disk` [bytes],
+    `steps` of the flow, their length `step` [s], and `wall_s` on a few CPU cores. derived: texts on quantities that
+    follow from the scenario, such as Reynolds numbers, by name.
+    """
+
+    errors: list[str]
+    warnings: list[str]
+    size: dict[str, float]
+    derived: dict[str, str]
+
+    @classmethod
+    def of(cls, source: Source, allow_outside: bool = False) -> "Check":
+        """Check a scenario, see `load`."""
+        try:
+            scenario, resources = load(source, (), allow_outside)
+        except ScenarioError as error:
+            return cls(error.faults, [], {}, {})
+        return cls([], resources.warnings, estimate(scenario), dict(derived(scenario)))
+
+    def __bool__(self) -> bool:
+        """Whether there are no errors."""
+        return not self.errors
+
+
 class StructureError(ScenarioError):
     """Error: a scenario's structure (kinds, counts, shapes) differs from that of the assembled simulation."""
 
@@ -34,11 +63,12 @@ class StructureError(ScenarioError):
 def load_scenario(
     source: Source, overrides: Overrides = (), allow_outside: bool = False, folder: str | Path | None = None
 ) -> Scenario:
-    """Return the checked scenario of a YAML file or of a dict with the same keys; no code is executed.
+    """Return the checked scenario of a YAML file, an example or a dict with the same keys; no code is executed.
 
-    overrides: changes such as ``robots.0.count=3`` or ``{"robots.0.count": 3}``. allow_outside: whether files may lie
-    outside the scenario's folder; files named in overrides always may. folder: folder of the files that a dict names,
-    by default the working folder. Raises ScenarioError, with a line for each fault.
+    source: path of the file, name of an example such as "casting_room", dict, or a `Scenario`. overrides: changes such
+    as ``["robots.0.count=3"]`` or ``{"robots.0.count": 3}``. allow_outside: whether files may lie outside the
+    scenario's folder; files named in overrides always may. folder: folder of the files that a dict names, by default
+    the working folder. Raises ScenarioError, with a line for each fault.
     """
     return load(source, overrides, allow_outside, folder).scenario
 
@@ -67,8 +97,10 @@ def read(
     Of the scenario's files, only those of a GADEN project are opened. Raises ScenarioError.
     """
     if isinstance(source, str | Path):
-        origin = Origin(Path(source).parent, Path(source))
         data: Path | Mapping[str, object] = Path(source)
+        if not data.suffix and not data.exists():
+            data = path_of(str(source))
+        origin = Origin(data.parent, data)
         if folder is not None:
             raise ScenarioError([f"folder: got {folder}; the files of a scenario lie beside its YAML file"])
     elif isinstance(source, Scenario):
@@ -76,7 +108,7 @@ def read(
     elif isinstance(source, Mapping):
         origin, data = Origin(Path(folder or ".")), source
     else:
-        what = f"got {type(source).__name__}; give the path of a YAML file, or a dict"
+        what = f"got {type(source).__name__}; give the path of a YAML file, the name of an example, or a dict"
         raise ScenarioError([f"scenario: {what}"])
 
     def expand(data: dict[str, Any]) -> dict[str, Any]:

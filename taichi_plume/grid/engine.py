@@ -4,9 +4,11 @@ Taichi frees all fields when Taichi is restarted or reset. Access to such a fiel
 """
 
 import gc
+import os
 import weakref
 from collections.abc import Callable
 from functools import cache
+from threading import get_ident
 
 from taichi._snode.fields_builder import FieldsBuilder
 from taichi._snode.snode_tree import SNodeTree
@@ -20,11 +22,31 @@ from taichi.lang.kernel_impl import Kernel
 class EngineError(TaichiCompilationError, RuntimeError):
     """Error of access to a simulation whose fields no longer exist, because Taichi was restarted or reset."""
 
+    MESSAGE = (
+        "the fields of this simulation or environment no longer exist: Taichi was restarted or reset after they "
+        "were made; assemble the simulation, or make the environment, again"
+    )
+
     def __init__(self, *_: object):  # Taichi raises errors within kernels again, with the place in the kernel
-        super().__init__(
-            "the fields of this simulation or environment no longer exist: Taichi was restarted or reset after they "
-            "were made; assemble the simulation, or make the environment, again"
-        )
+        super().__init__(self.MESSAGE)
+
+
+class ThreadError(EngineError):
+    """Error of making a simulation in another thread than that of a simulation in use."""
+
+    MESSAGE = (
+        "a simulation or environment of another thread is in use: make all of them in the same thread, or in processes "
+        "of their own, as a study does"
+    )
+
+
+class ForkError(EngineError):
+    """Error of using Taichi in a process that was forked after Taichi was started."""
+
+    MESSAGE = (
+        "this process was forked from one in which Taichi runs, and cannot use it: start processes with the method "
+        "'spawn', or make the first simulation after the fork"
+    )
 
 
 class Kernels(weakref.WeakSet):
@@ -74,13 +96,20 @@ def free_unused_trees(live: list[Field]) -> None:
 def _finalize(
     builder: FieldsBuilder, *args: object, plain: Callable = FieldsBuilder._finalize, **named: object
 ) -> SNodeTree:
-    """Place the fields of a builder in memory, as Taichi does, and register their SNode tree."""
+    """Place the fields of a builder in memory, as Taichi does, and register their SNode tree.
+
+    Raises ThreadError.
+    """
+    if _process.thread != get_ident():
+        raise ThreadError
     _trees.append(plain(builder, *args, **named))
     return _trees[-1]
 
 
 def _materialize(runtime: PyTaichi, plain: Callable = PyTaichi.materialize) -> None:
     """Place new fields in memory, as each launch of a kernel does first. Raises EngineError if Taichi was reset."""
+    if _process.forked:
+        raise ForkError
     if runtime.prog is None:
         raise EngineError
     plain(runtime)
@@ -104,9 +133,38 @@ def _reset(plain: Callable = impl.reset) -> None:
     impl.get_runtime().print_full_traceback = False  # read by failing kernels, set only by `init`
 
 
+class _Process:
+    """thread: that in which Taichi was started; forked: whether the process was forked after that."""
+
+    thread = 0
+    forked = False
+
+
+def require_usable(in_use: bool) -> None:
+    """Raise ForkError in a forked process, and ThreadError if fields of another thread are `in_use`."""
+    if _process.forked:
+        raise ForkError
+    if in_use and _process.thread != get_ident():
+        raise ThreadError
+
+
+def _create_program(runtime: PyTaichi, plain: Callable = PyTaichi.create_program) -> None:
+    """Start Taichi's program, as Taichi does, and note the thread, outside of which it places no fields."""
+    _process.thread = get_ident()
+    plain(runtime)
+
+
+def _after_fork() -> None:
+    _process.forked = impl.get_runtime().prog is not None
+
+
+_process = _Process()
+if "register_at_fork" in vars(os):  # not on Windows
+    os.register_at_fork(after_in_child=_after_fork)
 _trees: list[SNodeTree] = []
 FieldsBuilder._finalize = _finalize
 impl.reset = _reset
 PyTaichi.materialize = _materialize
+PyTaichi.create_program = _create_program
 Kernel.materialize = _compile
 KERNELS = impl.get_runtime().kernels = Kernels(impl.get_runtime().kernels)

@@ -18,7 +18,7 @@ import taichi as ti
 from taichi.lang import impl
 
 from taichi_plume.grid import tracing  # noqa: F401  it makes the tracing of kernels quicker
-from taichi_plume.grid.engine import KERNELS, EngineError, free_unused_trees, live_fields
+from taichi_plume.grid.engine import KERNELS, EngineError, free_unused_trees, live_fields, require_usable
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, visible
 
@@ -58,8 +58,9 @@ def start(arch: str = "cpu", debug: bool = False, threads: int | None = None) ->
     known = {"auto": ti.gpu, "cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}
     if not isinstance(arch, str) or arch not in known:
         raise DeviceError(f"got '{visible(arch, LONGEST_VALUE)}', allowed are {', '.join(known)}")
-    same = is_running() and _started == [impl.get_runtime().prog, arch, debug, threads]
-    if not (same and _free_unused()):
+    in_use = is_running() and _free_unused()
+    require_usable(in_use)
+    if not (in_use and _started == [impl.get_runtime().prog, arch, debug, threads]):
         try:
             _restart(known[arch], debug, threads)
         except RuntimeError as error:  # from Taichi: the driver of the device failed

@@ -9,8 +9,9 @@ from taichi_plume.guard.terminal import visible
 from taichi_plume.report.html import data_url
 from taichi_plume.report.page import COMPLETE
 from taichi_plume.report.pictures import Shown, still
-from taichi_plume.report.theme import png
+from taichi_plume.report.theme import png, styled
 from taichi_plume.results.run import Run
+from taichi_plume.scenario.scenario import Scenario
 
 WIDTH = 900  # pixels of a picture
 
@@ -25,6 +26,15 @@ def of_run(run: Run) -> str:
     except InputError:  # neither recording nor fields
         picture = b""
     return page(summary(result), picture) + f"<pre>{escape(repr(run))}</pre>"
+
+
+def of_scenario(scenario: Scenario) -> str:
+    """Return HTML of a scenario: errors or derived quantities, warnings, and a drawing of the scene."""
+    check = scenario.check()
+    rows: list[tuple[str, object]] = [(scenario.name, "scenario"), *check.derived.items()]
+    rows += [("error", line) for line in check.errors] + [("unlikely", line) for line in check.warnings]
+    with styled():
+        return page(rows, png(scenario.plot()) if check else b"")
 
 
 def page(rows: Sequence[tuple[str, object]], picture: bytes = b"") -> str:

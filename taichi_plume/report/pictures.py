@@ -29,8 +29,9 @@ FPS = 12  # frames per second
 
 
 class Shown(NamedTuple):
-    """Contents of a picture: view (see VIEWS, or a plane of the recording such as "section_2"; None: column in 3-D, else
-    above), quantity such as "gas" or "temperature", width [pixels], and whether arrows of the wind are drawn.
+    """Contents of a picture: view, quantity such as "gas" or "temperature", width [pixels], arrows of the wind.
+
+    view: see VIEWS, or a plane of the recording such as "section_2"; None: column in 3-D, else above.
     """
 
     view: str | None = None

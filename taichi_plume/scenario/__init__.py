@@ -1,6 +1,7 @@
 """Sections of a scenario with their keys and checks: pydantic and NumPy, never Taichi."""
 
 MAY_IMPORT: tuple[str, ...] = (
+    "assembly.preparation",  # this and `report` by methods of Scenario alone, when they are called
     "assembly.resources",  # this and `files` for types alone
     "files.trajectories",
     "files.film",
@@ -12,4 +13,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "grid.unresolved",
     "grid.shapes",
     "guard",
+    "report.notebook",
+    "report.scene",
+    "report.theme",
 )
