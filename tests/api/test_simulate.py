@@ -1,0 +1,189 @@
+"""tp.simulate: the files of the command, errors before anything is written, and what a run shows of itself."""
+
+import json
+import os
+import threading
+
+import numpy as np
+import pytest
+import yaml
+
+import taichi_plume as tp
+from taichi_plume.cli import run as command
+
+DATA = {
+    "name": "small", "duration": "2 s", "warm_up": 0.5, "domain": {"size": [2, 1.5], "spacing": "10 cm"},
+    "wind": {
+        "kind": "cfd",
+        "openings": [{"kind": "inlet", "face": "x-", "speed": 0.3}, {"kind": "outlet", "face": "x+"}],
+    },
+    "obstacles": [{"kind": "cylinder", "center": [1.2, 0.4], "radius": 0.2}],
+    "gas": {"kind": "eulerian", "sources": [{"position": [0.5, 0.75], "rate": "10 mg/s"}]},
+    "robots": [
+        {
+            "name": "pair", "count": 2, "algorithm": {"kind": "casting"},
+            "start": {"kind": "positions", "positions": [[1.5, 0.7], [1.5, 1.1]]},
+        }
+    ],
+    "maps": [{"kind": "time_series"}],
+}  # fmt: skip
+POINTS = {"a": [0.72, 0.77], "beside": [1.2, 0.62], "corner": [0.01, 0.02]}
+PROBED = {
+    "probes": {
+        "points": [{"kind": "point", "name": name, "at": at} for name, at in POINTS.items()], "every": 0.1,
+    },
+    "fields": {"rate": 10.0},
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def run(taichi, tmp_path_factory) -> tp.Run:
+    return tp.simulate(
+        DATA, seed=3, overrides=PROBED, out=tmp_path_factory.mktemp("runs") / "call", progress=False
+    )
+
+
+def test_the_files_are_those_of_the_command(run, tmp_path):
+    file = tmp_path / "small.yaml"
+    file.write_text(yaml.safe_dump(DATA | PROBED))
+    assert command.main([str(file), "--seed", "3", "--out", str(tmp_path / "command"), "--quiet"]) == 0
+    for name in ("robots.parquet", "probes.parquet", "forces.csv"):
+        assert (run.folder / name).read_bytes() == (tmp_path / "command" / name).read_bytes(), name
+    other = tp.open_run(tmp_path / "command")
+    assert run.scenario == other.scenario
+    assert run.fields.equals(other.fields)
+    assert run.maps[0].equals(other.maps[0])
+    (a, b) = (json.loads((folder / "result.json").read_text()) for folder in (run.folder, other.folder))
+    assert a["groups"] == b["groups"]
+    assert {file.name for file in run.folder.iterdir()} == {file.name for file in other.folder.iterdir()}
+
+
+def test_a_scenario_may_be_an_example_a_file_a_dict_or_an_object(tmp_path):
+    named = tp.Scenario.from_file("casting_room", {"seed": 9})
+    assert named == tp.load_scenario("configs/casting_room.yaml", ["seed=9"])
+    file = tmp_path / "again.yaml"
+    named.to_yaml(file)
+    assert tp.Scenario.from_file(file) == named
+    small = tp.Scenario.from_dict(DATA)
+    assert small.with_({"robots.0.count": 1}).robots[0].count == 1
+    check = small.check()
+    assert (bool(check), check.errors, check.size["cells"]) == (True, [], 300)
+    off = small.with_({"gas.sources.0.position": [3, 1]})
+    assert not off.check()
+    assert "gas.sources[0].position: x = 3 m" in off.check().errors[0]
+
+
+@pytest.mark.parametrize("name", POINTS)
+def test_gas_at_a_position_is_what_a_probe_measures(run, name):
+    probe = run.probes[run.probes.probe == name]
+    gas = run.gas_at(*POINTS[name]).ethanol_ppm.sel(time=probe.t.to_numpy(), method="nearest")
+    np.testing.assert_allclose(gas, probe.ethanol_ppm, rtol=gas.relative_precision, atol=1e-5)
+
+
+def test_gas_at_a_position_without_fields_states_what_colours_resolve(run, tmp_path):
+    """Between pixels whose colours are a level apart; the obstacle is elsewhere."""
+    coloured = tp.simulate(
+        DATA | {"recording": {"rate": 10.0, "range_ppm": [0.1, 33.0]}},
+        seed=3,
+        out=tmp_path / "run",
+        progress=False,
+    )
+    with pytest.raises(tp.RunFolderError, match="fields"):
+        _ = coloured.fields
+    known = run.gas_at(1.02, 0.97).ethanol_ppm
+    seen = coloured.gas_at(1.02, 0.97).gas_ppm.sel(time=known.time, method="nearest")
+    assert (seen.recorded_from, seen.recorded_to) == (0.1, 33.0)
+    inside = seen.notnull().to_numpy()
+    assert (known[inside] > 1.0).sum() > 5
+    error, exact = np.abs(seen - known).to_numpy()[inside], known.to_numpy()[inside]
+    assert (error <= seen.relative_precision * exact + seen.absolute_precision).all()
+    source = coloured.gas_at(0.5, 0.75).gas_ppm
+    assert source[:3].max() < 33.0
+    assert np.isnan(source[-1])  # above the range
+
+
+def test_a_position_outside_is_refused(run):
+    with pytest.raises(tp.InputError, match=r"x: got 2\.5 m.* 2 m"):
+        run.gas_at(2.5, 1.0)
+    with pytest.raises(tp.InputError, match="z: got 1"):
+        run.gas_at(1.0, 1.0, 1.0)
+
+
+def test_a_notebook_shows_the_summary_and_a_picture(run):
+    html = run._repr_html_()
+    assert "small" in html
+    assert "data:image/png;base64," in html
+    film = run.animate(begin=1.0, end=1.6)
+    assert film.data.startswith(b"GIF89a")
+    np.testing.assert_allclose(film.times, np.arange(1.0, 1.61, 0.2), atol=0.01)
+    assert "data:image/gif;base64," in film._repr_html_()
+    assert run.plot(at=1.0)._repr_png_().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("scenario", "options", "error", "words"),
+    [
+        ("nonsense", {}, tp.ScenarioError, ["nonsense", "casting_room"]),
+        (3, {}, tp.ScenarioError, ["int"]),
+        (DATA, {"overrides": {"robots.0.cuont": 3}}, tp.ScenarioError, ["cuont", "count"]),
+        (DATA, {"overrides": {"domain.spacing": "5 kg"}}, tp.ScenarioError, ["domain.spacing", "5 kg", "cm"]),
+        (DATA, {"overrides": "seed=3"}, tp.ScenarioError, ["overrides", "seed=3"]),
+        (DATA, {"duration": -1}, tp.ScenarioError, ["duration", "-1"]),
+        (DATA, {"arch": "quantum"}, tp.InputError, ["quantum", "cpu"]),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_error_and_nothing_is_written(
+    tmp_path, monkeypatch, scenario, options, error, words
+):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(error) as caught:
+        tp.simulate(scenario, progress=False, **options)
+    assert len(caught.value.lines) == 1
+    assert all(word in caught.value.lines[0] for word in words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_failed_run_keeps_its_files_and_names_them(taichi, tmp_path):
+    file = tmp_path / "bad.py"
+    file.write_text(
+        "class Bad:\n    def act(self, robots):\n        if robots.t > 1:\n            raise KeyError('lost')\n"
+    )
+    data = DATA | {"robots": [DATA["robots"][0] | {"algorithm": {"kind": "own", "file": str(file)}}]}
+    with pytest.raises(tp.ScenarioError, match="allow_code"):
+        tp.simulate(data, out=tmp_path / "run", allow_outside=True)
+    assert not (tmp_path / "run").exists()
+    with pytest.raises(tp.RunError) as caught:
+        tp.simulate(data, out=tmp_path / "run", allow_code=True, allow_outside=True, progress=False)
+    assert (caught.value.status, caught.value.folder) == ("failed", tmp_path / "run")
+    assert "robots.parquet" in caught.value.lines[1]
+    assert tp.open_run(tmp_path / "run").robots.t.max() > 0.9
+
+
+def test_another_thread_and_a_fork_get_one_clear_error(run, tmp_path):
+    sim = tp.Simulation(DATA)
+    caught: list[BaseException] = []
+
+    def work() -> None:
+        try:
+            tp.simulate(DATA, out=tmp_path / "run", progress=False)
+        except RuntimeError as error:
+            caught.append(error)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert "thread" in str(caught[0])
+    if hasattr(os, "fork"):
+        reading, writing = os.pipe()
+        child = os.fork()
+        if child == 0:
+            try:
+                sim.step()
+            except RuntimeError as error:
+                os.write(writing, str(error).encode())
+            os._exit(0)
+        os.close(writing)
+        os.waitpid(child, 0)
+        assert b"fork" in os.read(reading, 1000)
+        os.close(reading)
+    assert not (tmp_path / "run").exists()

@@ -1,0 +1,130 @@
+"""tp.Simulation: the steps of a run, the present air and robots, changes and files while it runs."""
+
+import gc
+
+import numpy as np
+import psutil
+import pytest
+import xarray as xr
+from test_simulate import DATA
+
+import taichi_plume as tp
+from taichi_plume.files import run_tables
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+
+@pytest.fixture(scope="module")
+def sim(taichi) -> tp.Simulation:
+    return tp.Simulation(DATA, seed=3)
+
+
+def test_its_steps_are_those_of_a_run(sim, tmp_path):
+    run = tp.simulate(DATA, seed=3, out=tmp_path / "run", progress=False)
+    sim.reset()
+    assert sim.t == -0.5
+    sim.step(3)
+    assert sim.t == -0.2
+    sim.run(until=1.0)
+    assert sim.t == 1.0
+    columns = ["x", "y", "reading_ppm", "true_ppm"]
+    then = run.robots[np.isclose(run.robots.t, 1.0)]
+    np.testing.assert_array_equal(sim.robots[columns], then[columns])
+    assert sim.robots.attrs["units"]["reading_ppm"] == "ppm"
+    sim.run()
+    assert sim.finished
+    assert sim.t == 2.0
+    before = sim.gas.ethanol_ppm
+    sim.reset(seed=4)
+    sim.reset(seed=3)
+    sim.run()
+    assert sim.gas.ethanol_ppm.equals(before)
+
+
+def test_the_present_air_is_that_of_a_film(sim, tmp_path):
+    sim.reset()
+    sim.run(until=1.0)
+    sim.write(tmp_path / "film.zarr", every=0.5)
+    sim.write(tmp_path / "robots.parquet")
+    sim.run(until=1.5)
+    gas, wind = sim.gas, sim.wind
+    sim.run()
+    film = xr.open_zarr(tmp_path / "film.zarr", consolidated=True)
+    np.testing.assert_allclose(film.time, [1.0, 1.5, 2.0])
+    frame, air = film.isel(time=1), film.air > 0.99
+    for now, name in ((gas, "ethanol_ppm"), (wind, "u"), (wind, "v")):
+        a, b = now[name].where(air), frame[name].where(air)
+        np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-5 * float(abs(b).max()))
+    assert np.isnan(gas.ethanol_ppm.sel(x=1.25, y=0.35, method="nearest"))  # within the cylinder
+    rows = run_tables.read(tmp_path / "robots.parquet")
+    np.testing.assert_allclose(np.unique(rows["t"]), np.arange(1.0, 2.01, 0.1))
+
+
+def test_functions_are_called_at_their_period_also_after_a_reset(sim):
+    sim.reset()
+    seen = []
+    sim.every(0.5, lambda now: seen.append(now.t))
+    sim.run()
+    assert seen == pytest.approx([-0.5, 0.0, 0.5, 1.0, 1.5, 2.0])
+    sim.reset()
+    sim.run(until=0.0)
+    assert seen[6:] == pytest.approx([-0.5, 0.0])
+
+
+def test_a_change_holds_from_now_on(sim):
+    """The flow through the room follows the inlet; what the source gives off, its rate."""
+    sim.reset()
+    sim.run(until=1.0)
+    inlet, gas, start = [float(sim.wind.u[:, 0].mean())], sim.loop.gas.gases[0].budget(), sim.robots
+    sim.change({"wind.openings.0.speed": 0.45, "gas.sources.0.rate": "30 mg/s"})
+    np.testing.assert_array_equal(sim.robots.x, start.x)
+    assert sim.t == 1.0
+    sim.run()
+    inlet.append(float(sim.wind.u[:, 0].mean()))
+    assert inlet[1] / inlet[0] == pytest.approx(1.5, rel=0.02)
+    emitted = sim.loop.gas.gases[0].budget()["emitted_kg"] - gas["emitted_kg"]
+    assert emitted == pytest.approx(30e-6 * 1.0, rel=1e-3)
+    with pytest.raises(tp.ScenarioError, match="sources"):
+        sim.change({"gas.sources": []})
+    assert sim.scenario.openings[0].speed == 0.45
+
+
+def test_it_shows_itself(sim):
+    sim.reset()
+    sim.run(until=0.5)
+    assert "t = 0.5 of 2 s" in repr(sim)
+    assert "data:image/png;base64," in sim._repr_html_()
+    for view in ("column", "sideways"):
+        with pytest.raises(tp.InputError, match="view"):
+            sim.plot(view)
+
+
+def test_wrong_use_is_one_error(sim, tmp_path):
+    (tmp_path / "there.zarr").mkdir()
+    for use, word in (
+        (lambda: sim.write(tmp_path / "there.zarr"), "exists"),
+        (lambda: sim.write(tmp_path / "film.csv"), r"\.parquet"),
+        (lambda: sim.write(tmp_path / "film.zarr", every=0.01), "0.1 s"),
+        (lambda: sim.every(0.0, print), "above 0"),
+        (lambda: sim.every(1.0, 3), "function"),  # type: ignore[arg-type]
+        (lambda: sim.temperature, "heat"),
+    ):
+        with pytest.raises(tp.InputError, match=word):
+            use()
+    assert [path.name for path in tmp_path.iterdir()] == ["there.zarr"]
+    with tp.Simulation(DATA) as other:
+        other.step()
+        sim.step()  # two at once
+    with pytest.raises(tp.InputError, match="closed"):
+        other.step()
+
+
+@pytest.mark.slow
+def test_twenty_simulations_take_the_memory_of_a_few():
+    process, sizes = psutil.Process(), []
+    for seed in range(20):
+        with tp.Simulation(DATA, seed=seed) as sim:
+            sim.run()
+        gc.collect()
+        sizes.append(process.memory_info().rss)
+    assert sizes[-1] - sizes[9] < 40e6  # bytes; ten such simulations kept alive would take 200 MB
