@@ -50,6 +50,7 @@ if os.name == "posix" and not os.environ.keys() & {"HOME", "XDG_CACHE_HOME"}:
     os.environ["HOME"] = _home if os.path.isabs(_home) else "/"
 
 if TYPE_CHECKING:
+    from taichi_plume.api.own import Own
     from taichi_plume.api.simulate import simulate
     from taichi_plume.api.simulation import Simulation
     from taichi_plume.assembly.preparation import load_scenario
@@ -64,6 +65,7 @@ if TYPE_CHECKING:
 __version__ = "0.2.0.dev0"
 __all__ = [
     "InputError",
+    "Own",
     "Run",
     "RunError",
     "RunFolderError",
@@ -77,6 +79,7 @@ __all__ = [
 ]
 _MODULES = {
     "InputError": "guard.input_error",
+    "Own": "api.own",
     "Run": "results.run",
     "RunError": "execution.execute",
     "RunFolderError": "files.run_folder",

@@ -7,6 +7,7 @@ import pytest
 from taichi_plume import open_run
 from taichi_plume.agents.casting_3d import RISE
 from taichi_plume.agents.external import Orders
+from taichi_plume.api.own import Own
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.cli import export, run
@@ -131,8 +132,8 @@ def test_sensors_and_scores_of_drones_are_in_space(flock):
 
 
 def test_an_own_algorithm_flies_drones(path):
-    scenario = load_scenario(path, ["robots.0.algorithm={kind: own}", "duration=10"])
-    sim = assemble(scenario, path.parent, {"flock": Flock})
+    scenario = load_scenario(path, {"robots.0.algorithm": Own(Flock), "duration": 10})
+    sim = assemble(scenario, path.parent)
     while sim.t < 7.95:
         sim.advance()
     now = sim.swarm.snapshot()

@@ -1,6 +1,6 @@
 """Assembly of a `TimeLoop` (grid, wind, gas, robots, sensors) from a checked scenario."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from taichi_plume.assembly.resources import Resources
 from taichi_plume.assembly.solver_table import Context, make_gas, make_wind
 from taichi_plume.files.gaden import Cubes
 from taichi_plume.files.network import Network, NetworkError
+from taichi_plume.files.own_class import CLASSES
 from taichi_plume.files.trajectories import Way
 from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.grid import kernels
@@ -33,6 +34,7 @@ from taichi_plume.grid.layers import Layers
 from taichi_plume.grid.level_set import LevelSet
 from taichi_plume.grid.rng import generator
 from taichi_plume.grid.state import State
+from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.scenario import Scenario
@@ -51,7 +53,6 @@ from taichi_plume.time_loop import TimeLoop
 def assemble(
     scenario: Scenario,
     folder: Path = Path(),
-    algorithms: Mapping[str, type] | None = None,
     allow_code: bool = False,
     allow_outside: bool = False,
     driven: bool = False,
@@ -59,40 +60,29 @@ def assemble(
     """Check a scenario and return its simulation, at the start of its warm-up.
 
     Starts Taichi on the CPU unless it runs; `grid.kernels.start` takes another device. folder: folder of the
-    scenario's files. algorithms: users' algorithm classes by the names of robot groups with an algorithm of kind own.
-    allow_code: whether the scenario's Python files are executed. allow_outside: whether files may lie outside `folder`.
-    driven: whether the caller moves the external robots (see agents/external.py). Raises ScenarioError, with a line
-    for each fault.
+    scenario's files. allow_code: whether the scenario's Python files are executed. allow_outside: whether files may lie
+    outside `folder`. driven: whether the caller moves the external robots (see agents/external.py). Raises
+    ScenarioError, with a line for each fault.
     """
     prepared = checked(scenario, Path(folder), allow_outside)
-    groups = [group.name for group in scenario.robots]
-    for name, algorithm in (algorithms or {}).items():
-        if name not in groups:
-            known = ", ".join(groups) or "none"
-            raise ScenarioError([f"algorithms: no group is named {name!r}; groups: {known}"])
-        if not isinstance(algorithm, type):
-            what = f"got {algorithm!r}; give a class, not an object of the class"
-            raise ScenarioError([f"algorithms: {name}: {what}"])
-    execute(prepared, allow_code, without=algorithms or ())
+    execute(prepared, allow_code)
     kernels.ensure_started()
-    return build(prepared, algorithms, driven=driven)
+    return build(prepared, driven=driven)
 
 
 def build(
     prepared: Prepared,
-    algorithms: Mapping[str, type] | None = None,
     film: TickFilm | None = None,
     driven: bool = False,
 ) -> TimeLoop:
     """Return the simulation of a checked scenario, at the start of its warm-up; Taichi must have been started.
 
-    Users' algorithm files must have been executed, see own_code. algorithms: users' algorithm classes by the names of
-    robot groups with an algorithm of kind own (see agents/own_algorithm.py). film: recorded wind or gas that is
-    played instead of solving for them. driven: whether external robots are driven. Raises ScenarioError if robots do
-    not fit, or nothing drives them.
+    Users' algorithm files must have been executed, see own_code. film: recorded wind or gas that is played instead of
+    solving for them. driven: whether external robots are driven. Raises ScenarioError if robots do not fit, or nothing
+    drives them.
     """
     scenario, resources = prepared
-    own, networks, recorded = _drivers(scenario, resources, algorithms, driven)
+    own, networks, recorded = _drivers(scenario, resources, driven)
     grid, air = _box(scenario, resources)
     cubes = resources.site.cubes if resources.site else None
     seen = [*resources.obstacles, *([cubes] if cubes else [])]
@@ -269,24 +259,30 @@ def _weigh(weighing: list[BuoyantScalar], scenario: Scenario) -> None:
 
 
 def _drivers(
-    scenario: Scenario, resources: Resources, algorithms: Mapping[str, type] | None, driven: bool
+    scenario: Scenario, resources: Resources, driven: bool
 ) -> tuple[dict[str, type], dict[str, Network], dict[str, Sequence[Way]]]:
     """Return users' algorithm classes, policy networks and recorded robot paths, each by the names of the groups.
 
     Raises ScenarioError if a group lacks one, or if external robots exist and `driven` is false.
     """
-    own, networks, recorded = dict(algorithms or {}), {}, {}
+    own, networks, recorded = {}, {}, {}
     faults: list[str] = []
     for n, group in enumerate(scenario.robots):
         path, kind = f"robots[{n}].algorithm", group.algorithm.kind
         if path in resources.own:
-            own.setdefault(group.name, resources.own[path])
+            own[group.name] = resources.own[path]
+        elif (
+            isinstance(group.algorithm, Own) and not group.algorithm.file and group.algorithm.name in CLASSES
+        ):
+            own[group.name] = CLASSES[group.algorithm.name]
         if path in resources.networks:
             networks[group.name] = resources.networks[path]
         if path in resources.ways:
             recorded[group.name] = resources.ways[path]
         if kind == "own" and group.name not in own:
-            faults.append(f"{path}: no class was given; pass one, or name a Python file with file: FILE.py")
+            faults.append(
+                f"{path}: no class was given; name a Python file with file: FILE.py (from Python: taichi_plume.Own)"
+            )
         if kind == "policy" and group.name not in networks:
             what = "none is given, the policy is still to be learnt; learn it in an environment of taichi_plume.envs"
             faults.append(f"{path}.file: {what}")

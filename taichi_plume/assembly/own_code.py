@@ -1,7 +1,6 @@
 """Execution of own algorithms (Python files that a scenario names), only with the user's permission."""
 
 import sys
-from collections.abc import Collection
 
 from taichi_plume.assembly.preparation import Prepared
 from taichi_plume.files.own_class import OwnAlgorithmError
@@ -11,15 +10,13 @@ from taichi_plume.scenario.loading import ScenarioError
 DIGITS = 16  # of a SHA-256 that are shown
 
 
-def execute(prepared: Prepared, allow: bool, ask: bool = False, without: Collection[str] = ()) -> None:
+def execute(prepared: Prepared, allow: bool, ask: bool = False) -> None:
     """Execute the files of own algorithms and store their classes in the resources.
 
-    allow: whether execution is permitted; ask: else ask the user at a terminal. without: names of robot groups whose
-    files are not executed. Raises ScenarioError without permission, or if a file holds no algorithm.
+    allow: whether execution is permitted; ask: else ask the user at a terminal. Raises ScenarioError without
+    permission, or if a file holds no algorithm.
     """
-    paths = {f"robots[{n}].algorithm": group.name for n, group in enumerate(prepared.scenario.robots)}
-    code = prepared.resources.code
-    files = {where: code[where] for where, name in paths.items() if where in code and name not in without}
+    files = prepared.resources.code
     refused = [
         f"{where}.file: {file.path} holds Python code, which runs with all your rights; look at it, then add "
         "--allow-code (in Python: allow_code=True)"

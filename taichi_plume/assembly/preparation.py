@@ -69,6 +69,10 @@ def load_scenario(
     as ``["robots.0.count=3"]`` or ``{"robots.0.count": 3}``. allow_outside: whether files may lie outside the
     scenario's folder; files named in overrides always may. folder: folder of the files that a dict names, by default
     the working folder. Raises ScenarioError, with a line for each fault.
+
+    >>> import taichi_plume as tp
+    >>> tp.load_scenario("casting_room", {"robots.0.count": 6}).robots[0].count
+    6
     """
     return load(source, overrides, allow_outside, folder).scenario
 

@@ -29,6 +29,10 @@ class Acts(Protocol):
         ...
 
 
+CLASSES: dict[str, type] = {}
+"""Classes of users' algorithms that Python code has passed, by name."""
+
+
 class OwnAlgorithmError(RuntimeError):
     """Error: the user's algorithm failed or cannot be loaded; the message names the file and, if known, the line."""
 

@@ -73,7 +73,13 @@ REMEDIES = {
 
 
 def open_run(folder: Path | str) -> "Run":
-    """Open the results in a run's folder. Raises RunFolderError if there is no run, or one of another version."""
+    """Open the results in a run's folder. Raises RunFolderError if there is no run, or one of another version.
+
+    >>> import taichi_plume as tp
+    >>> folder = tp.simulate("plumesim_casting", duration=1, out=folder).folder
+    >>> tp.open_run(folder).robots.attrs["units"]["reading_ppm"]
+    'ppm'
+    """
     return Run(Path(folder))
 
 

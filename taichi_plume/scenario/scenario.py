@@ -143,6 +143,10 @@ class Scenario(Model):
         """Return a copy of the scenario with new values at paths of keys, such as ``{"robots.0.count": 3}``.
 
         Values are as in YAML: numbers, texts such as "5 cm", lists, dicts. Raises ScenarioError, a line for each fault.
+
+        >>> import taichi_plume as tp
+        >>> tp.Scenario.from_file("casting_room").with_({"domain.spacing": "5 cm"}).domain.spacing
+        0.05
         """
         from taichi_plume.scenario.loading import of_python, scenario_of  # it imports this module
 
@@ -193,7 +197,7 @@ class Scenario(Model):
         allow_outside: whether files of the scenario may lie outside its folder.
 
         >>> import taichi_plume as tp
-        >>> check = tp.Scenario.from_file("casting_room").with_({"robots.0.reach": "5 m"}).check()
+        >>> check = tp.Scenario.from_file("casting_room").with_({"robots.0.count": 3}).check()
         >>> bool(check), int(check.size["cells"])
         (True, 7500)
         """

@@ -1,12 +1,12 @@
 """What robots of an own algorithm declare and tell each other."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from robots import room, team
 
+from taichi_plume.api.own import Own
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.grid import kernels
@@ -48,7 +48,7 @@ def scenario(**keys: Any) -> Scenario:
 
 
 def made(own: type, **keys: Any) -> Any:
-    return assemble(scenario(**keys), Path(), {"mine": own})
+    return assemble(scenario(algorithm=Own(own), **keys))
 
 
 @pytest.fixture(scope="module")

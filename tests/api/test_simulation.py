@@ -89,6 +89,30 @@ def test_a_change_holds_from_now_on(sim):
     assert sim.scenario.openings[0].speed == 0.45
 
 
+class Creep:
+    """Drives at a constant speed; notes how often it decided."""
+
+    decisions = 0
+
+    def __init__(self, speed=0.1):
+        self.speed = speed
+
+    def act(self, robots):
+        type(self).decisions += 1
+        robots.speed[:] = self.speed
+
+
+def test_a_class_drives_robots(sim):
+    driven = tp.Simulation(DATA, overrides={"robots.0.algorithm": tp.Own(Creep, speed=0.05)})
+    driven.run(until=1.0)
+    assert Creep.decisions >= 10
+    assert driven.robots.x.to_numpy() != pytest.approx(1.5)
+    with pytest.raises(tp.ScenarioError, match="act"):
+        tp.Own(dict)
+    with pytest.raises(tp.ScenarioError, match=r"robots\[0\]\.algorithm"):
+        tp.Simulation(DATA, overrides={"robots.0.algorithm": {"kind": "own", "name": "Unknown"}})
+
+
 def test_it_shows_itself(sim):
     sim.reset()
     sim.run(until=0.5)

@@ -193,12 +193,10 @@ def test_assemble_makes_the_checks_of_the_command():
     outside = room.model_copy(update={"gas": room.gas.model_copy(update={"sources": (source,)})})
     with pytest.raises(ScenarioError, match=r"gas\.sources\[0\]"):
         assemble(outside)
-    with pytest.raises(ScenarioError, match="no group is named 'cast'"):
-        assemble(room, algorithms={"cast": object})
-    robot = {"name": "r", "count": 1, "algorithm": {"kind": "own"}, "reach": 0.1}
+    robot = {"name": "r", "count": 1, "algorithm": {"kind": "own", "name": "Unknown"}, "reach": 0.1}
     robot["start"] = {"kind": "positions", "positions": [[0.8, 0.5]]}
-    with pytest.raises(ScenarioError, match="give a class"):
-        assemble(load_scenario(ROOM | {"robots": [robot]}), algorithms={"r": object()})  # type: ignore[dict-item]
+    with pytest.raises(ScenarioError, match=r"robots\[0\]\.algorithm.*file"):
+        assemble(load_scenario(ROOM | {"robots": [robot]}))
     for other in ("room.yaml", ROOM):
         with pytest.raises(ScenarioError, match="load_scenario"):
             assemble(other)  # type: ignore[arg-type]

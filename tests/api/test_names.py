@@ -1,0 +1,33 @@
+"""The public names: listed, documented, with examples that run."""
+
+import doctest
+import inspect
+import os
+
+import pytest
+
+import taichi_plume as tp
+
+EXAMPLES = [
+    tp.simulate, tp.Simulation, tp.Own, tp.Scenario.from_file, tp.Scenario.check, tp.Scenario.with_, tp.load_scenario,
+    tp.open_run,
+]  # fmt: skip
+
+
+def test_every_public_name_is_listed_and_documented():
+    assert set(tp.__all__) <= set(dir(tp))
+    for name in tp.__all__:
+        assert inspect.getdoc(getattr(tp, name)), name
+    with pytest.raises(AttributeError, match="nonsense"):
+        _ = tp.nonsense  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("named", EXAMPLES, ids=lambda named: named.__qualname__)
+def test_examples_of_docstrings_run(taichi, tmp_path, monkeypatch, named):
+    monkeypatch.chdir(tmp_path)
+    (test,) = doctest.DocTestFinder(recurse=False).find(named, globs={"folder": tmp_path / "run"})
+    assert test.examples
+    output: list[str] = []
+    failed, _ = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS).run(test, out=output.append)
+    assert not failed, "".join(output)
+    assert os.listdir(tmp_path) in ([], ["run"])
