@@ -90,6 +90,15 @@ class Messages:
         self.heard_at[n, m] = t
 
 
+def _file_of(own: type) -> Path:
+    """Return the file of a class or, if it was typed into an interpreter or a notebook, the name of that input."""
+    try:
+        return Path(inspect.getsourcefile(own) or "?")
+    except (OSError, TypeError):
+        code = getattr(inspect.unwrap(vars(own).get("act", own)), "__code__", None)
+        return Path("?" if code is None else code.co_filename)
+
+
 class OwnAlgorithm:
     """Adapter that runs a user's algorithm class `own` for a group. Raises OwnAlgorithmError if the class fails."""
 
@@ -100,7 +109,7 @@ class OwnAlgorithm:
         self.swarm, self.members, self.own = swarm, members, own
         (group,) = members.groups
         self.size, self.start = group.size, group.start
-        self.path = Path(inspect.getsourcefile(own) or "?")
+        self.path = _file_of(own)
         self.flies = group.model.body.flies
         self.commands, goals = writable_columns(self.flies), GOALS if self.flies else ()
         self.readings = Rows(swarm, readable_columns(self.flies), group.start, group.size)

@@ -152,11 +152,6 @@ def test_numbers_out_of_their_range_are_refused(line, capsys):
     assert option in capsys.readouterr().err.splitlines()[-1]
 
 
-def test_public_names_are_few_and_there():
-    assert len(taichi_plume.__all__) <= 10
-    assert all(getattr(taichi_plume, name) for name in taichi_plume.__all__)
-
-
 def test_help_lists_all(capsys):
     for option, told in (("--help", list(commands.COMMANDS)), ("--version", [__version__])):
         with pytest.raises(SystemExit) as end:
