@@ -40,9 +40,9 @@ def test_words_are_judged(swarm):
 def test_an_end_without_a_find_is_called_so(swarm):
     over: Any = SimpleNamespace(swarm=swarm, tick=30, last_tick=90, t=3.0)
     swarm.found.fill(1)
-    assert whole(over) == ("stopped", "every robot had found a source at t = 3.0 s", 0)
+    assert whole(over)[:3] == ("stopped", "every robot had found a source at t = 3.0 s", 0)
     swarm.found.fill(0)
-    assert whole(over) == ("stopped", "no robot searched any more at t = 3.0 s", 0)
+    assert whole(over)[:3] == ("stopped", "no robot searched any more at t = 3.0 s", 0)
 
 
 def test_a_true_word_finds(swarm):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from taichi_plume.agents.own_algorithm import UserState
+from taichi_plume.api.own import Own
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.cli import run
@@ -79,7 +80,8 @@ def test_classes_of_a_file_and_handed_over_drive_robots(path):
             robots.speed, robots.turn_rate = 0.1, 0.5
 
     path.write_text(SCENARIO + CIRCLES)
-    sim = assemble(load_scenario(path), path.parent, {"circles": Circle}, allow_code=True)
+    scenario = load_scenario(path, {"robots.1.algorithm": Own(Circle)})
+    sim = assemble(scenario, path.parent, allow_code=True)
     sim.run()
     now = sim.swarm.snapshot()
     moved = now["position"][:4] - np.tile([[3, 1], [3, 2]], (2, 1))
