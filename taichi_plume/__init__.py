@@ -44,6 +44,8 @@ for _number, _stream in enumerate(("stdin", "stdout", "stderr")):
 # user to its makers.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
+# In a notebook Taichi would announce that it collects what kernels print, and ask for it after each launch.
+os.environ.setdefault("TI_ENABLE_PYBUF", "0")
 # Taichi aborts without a home, as in services and cron jobs. "/" is the home of users without an account.
 if os.name == "posix" and not os.environ.keys() & {"HOME", "XDG_CACHE_HOME"}:
     _home = os.path.expanduser("~")
