@@ -64,7 +64,9 @@ class Film(NamedTuple):
     def _repr_html_(self) -> str:
         if self.format == "gif":
             return f'<img style="max-width:100%" src="{data_url(self.data, "image/gif")}">'
-        return f'<video controls loop style="max-width:100%" src="{data_url(self.data, "video/mp4")}"></video>'
+        return (
+            f'<video controls loop style="max-width:100%" src="{data_url(self.data, "video/mp4")}"></video>'
+        )
 
     def __repr__(self) -> str:
         if not len(self.times):
