@@ -52,6 +52,7 @@ if os.name == "posix" and not os.environ.keys() & {"HOME", "XDG_CACHE_HOME"}:
     os.environ["HOME"] = _home if os.path.isabs(_home) else "/"
 
 if TYPE_CHECKING:
+    from taichi_plume.api.cite import cite
     from taichi_plume.api.own import Own
     from taichi_plume.api.simulate import simulate
     from taichi_plume.api.simulation import Simulation
@@ -75,6 +76,7 @@ __all__ = [
     "ScenarioError",
     "Simulation",
     "UnstableError",
+    "cite",
     "load_scenario",
     "open_run",
     "simulate",
@@ -89,6 +91,7 @@ _MODULES = {
     "ScenarioError": "scenario.loading",
     "Simulation": "api.simulation",
     "UnstableError": "time_loop",
+    "cite": "api.cite",
     "load_scenario": "assembly.preparation",
     "open_run": "results.run",
     "simulate": "api.simulate",

@@ -10,7 +10,7 @@ import taichi_plume as tp
 
 EXAMPLES = [
     tp.simulate, tp.Simulation, tp.Own, tp.Scenario.from_file, tp.Scenario.check, tp.Scenario.with_, tp.load_scenario,
-    tp.open_run,
+    tp.open_run, tp.cite,
 ]  # fmt: skip
 
 
