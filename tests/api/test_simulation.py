@@ -1,9 +1,6 @@
 """tp.Simulation: the steps of a run, the present air and robots, changes and files while it runs."""
 
-import gc
-
 import numpy as np
-import psutil
 import pytest
 import xarray as xr
 from test_simulate import DATA
@@ -141,14 +138,3 @@ def test_wrong_use_is_one_error(sim, tmp_path):
         sim.step()  # two at once
     with pytest.raises(tp.InputError, match="closed"):
         other.step()
-
-
-@pytest.mark.slow
-def test_twenty_simulations_take_the_memory_of_a_few():
-    process, sizes = psutil.Process(), []
-    for seed in range(20):
-        with tp.Simulation(DATA, seed=seed) as sim:
-            sim.run()
-        gc.collect()
-        sizes.append(process.memory_info().rss)
-    assert sizes[-1] - sizes[9] < 40e6  # bytes; ten such simulations kept alive would take 200 MB

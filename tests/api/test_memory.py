@@ -1,0 +1,22 @@
+"""The memory of simulations that are closed is free for others; alone in a file, as a simulation in use keeps kernels."""
+
+import gc
+
+import psutil
+import pytest
+from test_simulate import DATA
+
+import taichi_plume as tp
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+
+@pytest.mark.slow
+def test_twenty_simulations_take_the_memory_of_a_few():
+    process, sizes = psutil.Process(), []
+    for seed in range(20):
+        with tp.Simulation(DATA, seed=seed) as sim:
+            sim.run()
+        gc.collect()
+        sizes.append(process.memory_info().rss)
+    assert sizes[-1] - sizes[9] < 40e6  # bytes; ten such simulations kept alive would take 200 MB
