@@ -1,4 +1,4 @@
-"""The memory of simulations that are closed is free for others; alone in a file, as a simulation in use keeps kernels."""
+"""Memory of closed simulations is free for others. In a file of its own: a simulation in use would keep kernels."""
 
 import gc
 
