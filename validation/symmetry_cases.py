@@ -129,8 +129,9 @@ def _case(name: str, what: str, dim: int, openings: tuple[dict, ...], fine: tupl
         partial(room, dim=dim, openings=openings),
         coarse=(12,) if name == "" else (),
         fine=fine,
-        # rounding in single precision, which grows up to thirtyfold within the second
-        expected=both_steps(dict.fromkeys(norms, Expected(tolerance=5e-5))),
+        expected=both_steps(dict.fromkeys(norms, Expected(tolerance=1e-5))),
+        discussion="What differs is rounding in single precision, which grows with the Courant number: with the usual "
+        "steps and openings over whole walls to some 1e-5 of the largest speed within the second.",
     )
 
 
