@@ -38,6 +38,8 @@ class UniformSolver(Carrier):
         uploader(*self.open)(*(1.0 for _ in self.open))
         self.now = ti.Vector.field(grid.dim, ti.f32, ())
         self.gusts: OrnsteinUhlenbeck | None = None
+        if wind.gusts is None:
+            self.STATE = ()  # the velocity follows from the scenario alone
         self.begin(wind, t, seed)
 
     def begin(self, model: UniformWind, t: float, seed: int) -> None:

@@ -1,13 +1,11 @@
 """Python interface: functions and classes such as ``taichi_plume.simulate`` and ``taichi_plume.Simulation``."""
 
 MAY_IMPORT: tuple[str, ...] = (
-    "agents",
     "assembly",
     "execution",
     "files",
     "grid",
     "guard",
-    "record",
     "report",
     "results",
     "scenario",

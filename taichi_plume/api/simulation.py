@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     from taichi_plume.execution.outputs import Table
 
-Look = TypeVar("Look", bound=Callable[["Simulation"], object])
 SHORTEST = 1e-9  # of a tick: as good as none
 
 
@@ -124,8 +123,8 @@ class Simulation:
         """
         changes = given(overrides or {}, seed, None)
         assert isinstance(changes, Mapping)
-        self._close_tables()
         self.loop.reset(self.scenario.with_(changes) if changes else None)
+        self._close_tables()
         self._air = None
         for period, function in self._looks:
             self._observe(period, function)
@@ -143,6 +142,7 @@ class Simulation:
         loop.reset(scenario)
         state.restore(saved)
         loop.observers, loop.step_observers, loop.steps = observers
+        self._air = None
 
     def close(self) -> None:
         """Close the files of `write` and free the memory; the simulation cannot be used any more."""

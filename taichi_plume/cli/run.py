@@ -67,6 +67,7 @@ def _resume(args: argparse.Namespace) -> int:
     from taichi_plume.execution.resume import require_same, saved
     from taichi_plume.files.run_folder import RunFolder
     from taichi_plume.grid import kernels
+    from taichi_plume.record.live import open_viewer
 
     with RunFolder.again(args.resume) as folder:
         checkpoint = saved(folder.path)
@@ -75,7 +76,7 @@ def _resume(args: argparse.Namespace) -> int:
         execute(prepared, args.allow_code, ask=True)
         arch, recording = args.arch or checkpoint["arch"], checkpoint["recording"]
         backend = kernels.start(arch)
-        viewer = _viewer(args) if recording else None
+        viewer = open_viewer() if args.live and recording else None
         job = Job(
             prepared, folder, arch, backend, recording, checkpoint, viewer, not args.no_report,
             progress=False if args.quiet else None,
@@ -99,15 +100,6 @@ def carry_out(run: "Callable[[], Outcome]", quiet: bool, debug: bool) -> int:
         with reader_may_leave():
             print_summary(result, folder)
     return 0
-
-
-def _viewer(args: argparse.Namespace) -> str | None:
-    """Open a live viewer and return its address; without --live return None."""
-    if not args.live:
-        return None
-    from taichi_plume.record.live import open_viewer
-
-    return open_viewer()
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:

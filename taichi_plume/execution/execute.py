@@ -25,6 +25,7 @@ from taichi_plume.files.run_folder import RunFolder
 from taichi_plume.grid import kernels
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import say, visible
+from taichi_plume.record.live import open_viewer
 from taichi_plume.scenario.input_files import input_paths
 from taichi_plume.scoring.declarations import Json
 from taichi_plume.time_loop import Every, TimeLoop, UnstableError
@@ -139,8 +140,6 @@ def new_run(
     own_code.execute(prepared, allow_code, ask)
     backend = kernels.start(arch)
     with RunFolder(prepared.scenario.name, out, force, inputs=inputs_of(prepared)) as folder:
-        if live:
-            from taichi_plume.record.live import open_viewer
         viewer = open_viewer() if live else None
         return run(Job(prepared, folder, arch, backend, recording, None, viewer, report, progress=progress))
 

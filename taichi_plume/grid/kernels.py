@@ -58,9 +58,11 @@ def start(arch: str = "cpu", debug: bool = False, threads: int | None = None) ->
     known = {"auto": ti.gpu, "cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}
     if not isinstance(arch, str) or arch not in known:
         raise DeviceError(f"got '{visible(arch, LONGEST_VALUE)}', allowed are {', '.join(known)}")
-    in_use = is_running() and _free_unused()
-    require_usable(in_use)
-    if not (in_use and _started == [impl.get_runtime().prog, arch, debug, threads]):
+    live = _fields_in_use() if is_running() else []
+    require_usable(in_use=bool(live))
+    if live and _started == [impl.get_runtime().prog, arch, debug, threads]:
+        _free_all_but(live)
+    else:
         try:
             _restart(known[arch], debug, threads)
         except RuntimeError as error:  # from Taichi: the driver of the device failed
@@ -99,20 +101,23 @@ def ensure_started() -> None:
     elif _started and _started[0] is impl.get_runtime().prog:
         start(*_started[1:])
     else:
-        _free_unused()
+        _free_all_but(_fields_in_use())
 
 
-def _free_unused() -> bool:
-    """Free the memory of fields that are no longer referenced, on a CPU; return whether any is still referenced."""
+def _fields_in_use() -> list[Any]:
+    """Return the fields of the running Taichi program that are still referenced."""
     for kernel in KERNELS:
         if kernel.template_slot_locations:  # the kernel holds the fields that were its arguments
             kernel.mapper.mapping.clear()
             kernel.compiled_kernels.clear()
     gc.collect()
-    live = live_fields()
-    if live and on_cpu():
+    return live_fields()
+
+
+def _free_all_but(live: list[Any]) -> None:
+    """Free the memory of all other fields, on a CPU."""
+    if on_cpu():
         free_unused_trees(live)
-    return bool(live)
 
 
 def cache_folder() -> Path:

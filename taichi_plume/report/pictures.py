@@ -3,6 +3,7 @@
 The data come from recording.rrd or, without a recording, from fields.zarr; nothing is computed again.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -14,10 +15,11 @@ from taichi_plume.guard.input_error import InputError
 from taichi_plume.record.recording_reader import Arrows, Picture
 from taichi_plume.report.films import film
 from taichi_plume.report.html import data_url
-from taichi_plume.report.plume import PlumeView, figure_of
+from taichi_plume.report.plume import PlumeView, Scene, figure_of
 from taichi_plume.report.theme import LETTERS as SIZES
 from taichi_plume.report.theme import styled
 from taichi_plume.results.run import Run
+from taichi_plume.results.tracks import Track
 
 VIEWS = {"above": "slice", "slice": "slice", "column": "column", "section": "section", "side": "section"}
 """Views, and their names in recordings."""
@@ -84,9 +86,9 @@ def still(run: Run, at: float | None = None, shown: Shown = DEFAULT) -> tuple[Fi
     picture = _picture(run, shown, (at - 1.5 * period, at))
     if not len(picture.times) or at > end + period:
         raise _outside(run, picture.name, at)
-    figure, view = _figure(run, picture, shown, shown.width or PICTURE_WIDTH)
+    figure, view = framed(run, picture, run.tracks, shown.width or PICTURE_WIDTH, shown.wind)
     arrows = run.planes.arrows(_plane(picture), (at - 1.5 / _rate(run, "wind_rate"), at))
-    _show(view, picture, at, arrows)
+    show_at(view, picture, at, arrows)
     return figure, picture, at
 
 
@@ -115,29 +117,32 @@ def make_film(
     chosen = list(range(len(picture.times)))
     if len(chosen) > count:
         chosen = np.linspace(0, len(chosen) - 1, count).round().astype(int).tolist()
-    figure, view = _figure(run, picture, shown, shown.width or FILM_WIDTH)
+    figure, view = framed(run, picture, run.tracks, shown.width or FILM_WIDTH, shown.wind)
     between = (begin - 1.5 / _rate(run, "wind_rate"), end)
     arrows = run.planes.arrows(_plane(picture), between, (end - begin) / count)
 
     def show(n: int) -> None:
-        _show(view, picture, float(picture.times[n]), arrows, n)
+        show_at(view, picture, float(picture.times[n]), arrows, n)
 
     with styled():
         film(figure, view.moving, path, fps, chosen, show)
     return picture.times[chosen]
 
 
-def _show(view: PlumeView, picture: Picture, t: float, arrows: Arrows | None, n: int = -1) -> None:
+def show_at(view: PlumeView, picture: Picture, t: float, arrows: Arrows | None, n: int = -1) -> None:
+    """Update a view to time t [s], with the n-th picture."""
     view.show(t, picture.data[n], arrows)
     view.clock.set_text(f"t = {t:.1f} s")
 
 
-def _figure(run: Run, picture: Picture, shown: Shown, width: int) -> tuple[Figure, PlumeView]:
+def framed(
+    scene: Scene, picture: Picture, tracks: Sequence[Track], width: int, wind: bool
+) -> tuple[Figure, PlumeView]:
     """Return a figure, `width` pixels wide, and the view that draws the plume in the figure."""
     dpi = DPI * width / PICTURE_WIDTH
     larger = {key: LETTERS * size for key, size in SIZES.items()}
     with styled(larger | {"xtick.labelsize": 11, "ytick.labelsize": 11}):
-        return figure_of(run, picture, run.tracks, PICTURE_WIDTH / DPI, dpi, LETTERS, shown.wind)
+        return figure_of(scene, picture, tracks, PICTURE_WIDTH / DPI, dpi, LETTERS, wind)
 
 
 # ---------------------------------------------------------------- recorded pictures

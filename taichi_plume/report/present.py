@@ -12,8 +12,8 @@ from taichi_plume.record.drawing import Scale
 from taichi_plume.record.planes import Plane, Raster, planes
 from taichi_plume.record.recording_reader import Arrows, Picture
 from taichi_plume.report import theme
-from taichi_plume.report.pictures import DPI, LETTERS, PICTURE_WIDTH, VIEWS
-from taichi_plume.report.plume import Present, figure_of
+from taichi_plume.report.pictures import PICTURE_WIDTH, VIEWS, framed, show_at
+from taichi_plume.report.plume import Present
 from taichi_plume.results.film_pictures import arrows_of, places_of
 from taichi_plume.results.tracks import Track
 from taichi_plume.time_loop import TimeLoop
@@ -51,15 +51,10 @@ def figure(
         scale.kind == "log", plane.text, plane.letters, (raster.cell, raster.cell), raster.origin,
         np.array([sim.t]), scale.bytes(pixels).T[None],
     )  # fmt: skip
-    larger = {key: LETTERS * size for key, size in theme.LETTERS.items()}
-    with theme.styled(larger):
-        drawn, shown = figure_of(
-            Present(sim.scenario, shapes), picture, tracks, PICTURE_WIDTH / DPI, DPI / 2, LETTERS, wind
-        )
-        arrows = _wind(sim, plane if plane.letters != "xy" else there["slice"]) if wind else None
-        shown.show(sim.t, picture.data[0], arrows)
-        if shown.clock is not None:
-            shown.clock.set_text(f"t = {sim.t:.1f} s")
+    drawn, shown = framed(Present(sim.scenario, shapes), picture, tracks, PICTURE_WIDTH // 2, wind)
+    arrows = _wind(sim, plane if plane.letters != "xy" else there["slice"]) if wind else None
+    with theme.styled():
+        show_at(shown, picture, sim.t, arrows)
     return drawn
 
 

@@ -84,6 +84,11 @@ def test_a_change_holds_from_now_on(sim):
     with pytest.raises(tp.ScenarioError, match="sources"):
         sim.change({"gas.sources": []})
     assert sim.scenario.openings[0].speed == 0.45
+    uniform = tp.Simulation(DATA | {"obstacles": [], "wind": {"kind": "uniform", "velocity": [0.3, 0.0]}})
+    uniform.step()
+    assert uniform.wind.u.max() == pytest.approx(0.3)
+    uniform.change({"wind.velocity": [0.2, 0.0]})
+    assert uniform.wind.u.max() == pytest.approx(0.2)
 
 
 class Creep:
@@ -108,6 +113,17 @@ def test_a_class_drives_robots(sim):
         tp.Own(dict)
     with pytest.raises(tp.ScenarioError, match=r"robots\[0\]\.algorithm"):
         tp.Simulation(DATA, overrides={"robots.0.algorithm": {"kind": "own", "name": "Unknown"}})
+
+
+def test_a_refused_reset_leaves_it_as_it_was(sim, tmp_path):
+    sim.reset()
+    sim.write(tmp_path / "robots.parquet")
+    sim.run(until=0.5)
+    with pytest.raises(tp.ScenarioError, match="sources"):
+        sim.reset(overrides={"gas.sources": []})
+    sim.run(until=1.0)
+    sim.reset()
+    assert run_tables.read(tmp_path / "robots.parquet")["t"].to_numpy().max() == pytest.approx(1.0)
 
 
 def test_it_shows_itself(sim):
