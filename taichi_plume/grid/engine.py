@@ -100,7 +100,7 @@ def _finalize(
 
     Raises ThreadError.
     """
-    if _process.thread != get_ident():
+    if _process.in_other_thread():
         raise ThreadError
     _trees.append(plain(builder, *args, **named))
     return _trees[-1]
@@ -134,17 +134,25 @@ def _reset(plain: Callable = impl.reset) -> None:
 
 
 class _Process:
-    """thread: that in which Taichi was started; forked: whether the process was forked after that."""
+    """State of the process.
 
-    thread = 0
+    thread: that in which Taichi was started, None if that was before this module was imported;
+    forked: whether the process was forked after Taichi was started.
+    """
+
+    thread: int | None = None
     forked = False
+
+    def in_other_thread(self) -> bool:
+        """Return whether Taichi was started in another thread than the calling one."""
+        return self.thread is not None and self.thread != get_ident()
 
 
 def require_usable(in_use: bool) -> None:
     """Raise ForkError in a forked process, and ThreadError if fields of another thread are `in_use`."""
     if _process.forked:
         raise ForkError
-    if in_use and _process.thread != get_ident():
+    if in_use and _process.in_other_thread():
         raise ThreadError
 
 

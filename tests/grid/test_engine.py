@@ -98,7 +98,7 @@ def test_kernels_that_nothing_uses_are_forgotten(taichi):
     before = len(impl.get_runtime().kernels)
     assert engine.live_fields()
     del put
-    assert not kernels._in_use()
+    assert not kernels._fields_in_use()
     assert len(impl.get_runtime().kernels) < before
 
 
