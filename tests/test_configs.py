@@ -14,7 +14,7 @@ from scripts import read_result
 from taichi_plume.assembly.preparation import load
 from taichi_plume.cli import run
 from taichi_plume.cli.statistics import main as statistics
-from taichi_plume.study.plan import load_plan
+from taichi_plume.studies.plan import load_plan
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 

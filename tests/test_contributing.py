@@ -18,11 +18,11 @@ ROOT = Path(__file__).parent.parent
 LISTS = {
     "taichi_plume/scenario/algorithms.py",
     "taichi_plume/scenario/gases.py",
-    "taichi_plume/contest/entrants.py",  # who takes part
+    "taichi_plume/contests/entrants.py",  # who takes part
     "taichi_plume/report/references.py",  # papers
 }
 NAMESAKES = {
-    "taichi_plume/study/study_keys.py",  # a kind of study is called sweep, as an algorithm
+    "taichi_plume/studies/study_keys.py",  # a kind of study is called sweep, as an algorithm
     "taichi_plume/files/network.py",  # a network's weights may be external
 }
 ROOMS = [ROOT / "taichi_plume", ROOT / "solvers", ROOT / "agents"]

@@ -10,7 +10,7 @@ from taichi_plume.execution import result, summary
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scoring import trials as scores
 from taichi_plume.scoring.declarations import OUTCOMES, declared_outcomes, has_declared
-from taichi_plume.study.table_rows import trial_rows
+from taichi_plume.studies.table_rows import trial_rows
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

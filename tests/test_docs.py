@@ -35,7 +35,7 @@ import yaml
 from taichi_plume.assembly.preparation import load
 from taichi_plume.scenario.keys import all_keys
 from taichi_plume.scenario.loading import ScenarioError
-from taichi_plume.study.plan import load_plan
+from taichi_plume.studies.plan import load_plan
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"

@@ -11,7 +11,7 @@ from taichi_plume.api.own import Own
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.cli import export, run
-from taichi_plume.contest.entrants import shipped
+from taichi_plume.contests.entrants import shipped
 from taichi_plume.envs.task import require_task
 from taichi_plume.execution.signals import SignalRequests
 from taichi_plume.files import ros_messages as ros

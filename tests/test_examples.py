@@ -12,7 +12,7 @@ from taichi_plume.cli.examples import KINDS
 from taichi_plume.files import bundled
 from taichi_plume.files.bundled import names, path_of
 from taichi_plume.scenario.loading import ScenarioError
-from taichi_plume.study.plan import load_plan
+from taichi_plume.studies.plan import load_plan
 
 ROOT = Path(__file__).parents[1]
 ALL = [bundled.example(name) for name in names()]

@@ -13,7 +13,7 @@ from taichi_plume.assembly.preparation import load
 from taichi_plume.files import openfoam
 from taichi_plume.scenario.input_files import input_paths
 from taichi_plume.scenario.loading import ScenarioError
-from taichi_plume.study.plan import load_plan
+from taichi_plume.studies.plan import load_plan
 
 ROOM = """
 duration: 1

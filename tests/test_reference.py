@@ -11,7 +11,7 @@ from test_descriptions import PATHS
 
 from taichi_plume.assembly.preparation import load
 from taichi_plume.scenario.keys import all_keys, flat, places
-from taichi_plume.study.study_keys import Study
+from taichi_plume.studies.study_keys import Study
 from tests.fuzz import formats
 
 ROOT = Path(__file__).parent.parent

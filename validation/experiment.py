@@ -93,7 +93,7 @@ def over_airs(
     values: NaN for trials without a value; 0 or 1 for a share. airs: index of the air of each trial; by default every
     trial has its own air.
     """
-    from taichi_plume.study.intervals import estimates
+    from taichi_plume.studies.intervals import estimates
 
     airs = np.arange(len(values)) if airs is None else airs
     groups = estimates(np.asarray(values, float), np.zeros(len(values)), airs, np.ones(len(values)), share)
@@ -112,7 +112,7 @@ def ratio_over_airs(
     Percentiles of the bootstrap at a level corrected for Student's t; no interval below `FEWEST` airs. airs_a, airs_b:
     as in `over_airs`.
     """
-    from taichi_plume.study.intervals import FEWEST, confidence
+    from taichi_plume.studies.intervals import FEWEST, confidence
 
     airs_a, airs_b = (np.arange(len(part)) if of is None else of for part, of in ((a, airs_a), (b, airs_b)))
     airs = np.intersect1d(airs_a, airs_b)

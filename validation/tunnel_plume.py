@@ -32,9 +32,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from taichi_plume.statistics.moments import moments
-from taichi_plume.statistics.space import gaussian_fit
-from taichi_plume.statistics.spectra import integral_time
+from taichi_plume.fluctuations.moments import moments
+from taichi_plume.fluctuations.space import gaussian_fit
+from taichi_plume.fluctuations.spectra import integral_time
 from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Lines, Range, Results, over_airs
 from taichi_plume.validation.searches import probed

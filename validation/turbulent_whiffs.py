@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from taichi_plume.statistics.durations import (
+from taichi_plume.fluctuations.durations import (
     CELANI,
     Exponent,
     Spells,
@@ -32,7 +32,7 @@ from taichi_plume.statistics.durations import (
     pooled,
     spells,
 )
-from taichi_plume.statistics.sensor_comparison import FAST, SLOW, noses, smelt
+from taichi_plume.fluctuations.sensor_comparison import FAST, SLOW, noses, smelt
 from taichi_plume.validation.case import Answer, Case, Curve, Expected, Keys
 from taichi_plume.validation.searches import probed
 

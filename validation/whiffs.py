@@ -9,13 +9,13 @@ from math import erf, exp, log, pi, sqrt
 
 import numpy as np
 
+from taichi_plume.fluctuations import durations
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.closed_forms import MeanderingGas
 from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.plumes import Plumes
 from taichi_plume.solvers.uniform_wind import UniformSolver
-from taichi_plume.statistics import durations
 from taichi_plume.validation.case import Answer, Curve
 
 U, Q = 1.0, 1e-3  # m/s, kg/s

@@ -16,7 +16,7 @@ from docutils import nodes
 
 from taichi_plume.scenario.keys import Key, Place, places
 from taichi_plume.scenario.vocabulary import Model
-from taichi_plume.study.study_keys import Study
+from taichi_plume.studies.study_keys import Study
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx

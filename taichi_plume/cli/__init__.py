@@ -2,7 +2,7 @@
 
 MAY_IMPORT: tuple[str, ...] = (
     "assembly",
-    "contest",
+    "contests",
     "envs",
     "files",
     "grid",
@@ -13,6 +13,6 @@ MAY_IMPORT: tuple[str, ...] = (
     "execution",
     "scenario",
     "serve",
-    "statistics",
-    "study",
+    "fluctuations",
+    "studies",
 )

@@ -16,7 +16,7 @@ from taichi_plume.execution.signals import reader_may_leave
 from taichi_plume.guard.terminal import Parser, say
 
 if TYPE_CHECKING:
-    from taichi_plume.contest.execution import Contest
+    from taichi_plume.contests.execution import Contest
 
 AIRS, SEARCHES = 8, 8
 QUICK_AIRS, QUICK_SEARCHES = 2, 4
@@ -31,9 +31,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _contest(args: argparse.Namespace, arguments: Sequence[str]) -> int:
-    from taichi_plume.contest import execution
-    from taichi_plume.contest.entrants import entrants, scenarios
-    from taichi_plume.contest.fixed_scenarios import NAMES, QUICK, fixed
+    from taichi_plume.contests import execution
+    from taichi_plume.contests.entrants import entrants, scenarios
+    from taichi_plume.contests.fixed_scenarios import NAMES, QUICK, fixed
 
     names = scenarios(execution.chosen(args.scenarios), QUICK if args.quick else NAMES)
     entries = entrants(execution.chosen(args.algorithms), args.algorithm, args.policy)
@@ -42,7 +42,7 @@ def _contest(args: argparse.Namespace, arguments: Sequence[str]) -> int:
     chosen = tuple(fixed(name, args.seed, searches) for name in names)
     airs = args.airs or (QUICK_AIRS if args.quick else AIRS)
     contest = execution.Contest(args.out, chosen, tuple(entries), airs)
-    from taichi_plume.study.study_run import Wishes
+    from taichi_plume.studies.study_run import Wishes
 
     wishes = Wishes(
         args.out, args.workers, retry=args.retry, force=args.force, quiet=args.quiet, allow_code=bool(args.algorithm),
@@ -55,7 +55,7 @@ def _contest(args: argparse.Namespace, arguments: Sequence[str]) -> int:
 
 def _conclude(args: argparse.Namespace, contest: "Contest", command: Sequence[str]) -> None:
     """Write the contest table and the HTML page of the finished runs, and print the results."""
-    from taichi_plume.contest import page, standings
+    from taichi_plume.contests import page, standings
 
     rows = standings.rows(contest)
     standings.write(contest, rows)

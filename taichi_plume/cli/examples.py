@@ -119,7 +119,7 @@ def _files_of(chosen: Example) -> list[Path]:
     """Return the file of an example, the base scenario of a study, and the input files of the scenario."""
     from taichi_plume.scenario.input_files import files_of, input_files
     from taichi_plume.scenario.loading import read_scenario
-    from taichi_plume.study.plan import read_study
+    from taichi_plume.studies.plan import read_study
 
     if chosen.kind == "program":
         return [chosen.path]

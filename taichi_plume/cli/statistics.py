@@ -11,8 +11,8 @@ from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import Parser, say
 
 if TYPE_CHECKING:
+    from taichi_plume.fluctuations.result import Statistics
     from taichi_plume.scenario.sensors import GasSensor
-    from taichi_plume.statistics.result import Statistics
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -23,7 +23,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _analyse(args: argparse.Namespace) -> int:
     sensors = [_sensor(text) for text in args.sensor]
-    from taichi_plume.statistics import computation
+    from taichi_plume.fluctuations import computation
 
     plume = computation.of(
         args.source, args.gas, args.probe, args.threshold, args.start,
@@ -34,7 +34,7 @@ def _analyse(args: argparse.Namespace) -> int:
         raise InputError(f"{out}: is a link, to which nothing is written; choose --out")
     paths = plume.write(out)
     if not args.no_page:
-        from taichi_plume.statistics import page
+        from taichi_plume.fluctuations import page
 
         paths.append(page.write(plume, out))
     _print(plume)

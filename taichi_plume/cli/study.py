@@ -26,17 +26,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _study(args: argparse.Namespace) -> int:
-    from taichi_plume.study.plan import load_plan
+    from taichi_plume.studies.plan import load_plan
 
     plan = load_plan(args.study, args.allow_outside)
     out = args.out or Path("studies") / plan.study.name
     if args.check:
-        from taichi_plume.study.study_run import print_check
+        from taichi_plume.studies.study_run import print_check
 
         with reader_may_leave():
             print_check(plan, out)
         return 0
-    from taichi_plume.study.study_run import Wishes, carry_out
+    from taichi_plume.studies.study_run import Wishes, carry_out
 
     wishes = Wishes(
         out, args.workers, args.scheduler, args.retry, args.force, args.quiet, args.allow_code, args.allow_outside,
@@ -53,7 +53,7 @@ def _report(argv: Sequence[str]) -> int:
     args = parser.parse_args(argv)
 
     def publish() -> int:
-        from taichi_plume.study.study_run import publish
+        from taichi_plume.studies.study_run import publish
 
         return publish(args.out)
 

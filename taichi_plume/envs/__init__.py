@@ -21,7 +21,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "scenario",
     "time_loop",
     "solvers",
-    "study",
+    "studies",
 )
 
 ID = "taichi_plume/Search-v0"

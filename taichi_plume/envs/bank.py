@@ -27,9 +27,9 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.species import Species
 from taichi_plume.scenario.task import Task
 from taichi_plume.solvers.film_bank import half
-from taichi_plume.study.ids import Digests
-from taichi_plume.study.scenario_checks import Checks
-from taichi_plume.study.shared_air import alone
+from taichi_plume.studies.ids import Digests
+from taichi_plume.studies.scenario_checks import Checks
+from taichi_plume.studies.shared_air import alone
 from taichi_plume.time_loop import Every, TimeLoop
 
 FORMAT = "taichi_plume bank 1"

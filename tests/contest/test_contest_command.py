@@ -4,9 +4,9 @@ import pandas as pd
 import pytest
 
 from taichi_plume.cli.contest import main
-from taichi_plume.contest.standings import MEASURES
-from taichi_plume.study import intervals
-from taichi_plume.study import open as open_study
+from taichi_plume.contests.standings import MEASURES
+from taichi_plume.studies import intervals
+from taichi_plume.studies import open as open_study
 
 UPWIND = """
 import numpy as np

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from taichi_plume.assembly.preparation import prepare
-from taichi_plume.contest import plots
-from taichi_plume.contest.entrants import (
+from taichi_plume.contests import plots
+from taichi_plume.contests.entrants import (
     FILES,
     FLOOR,
     TEAM,
@@ -19,8 +19,8 @@ from taichi_plume.contest.entrants import (
     scenarios,
     shipped,
 )
-from taichi_plume.contest.execution import Contest, plans
-from taichi_plume.contest.fixed_scenarios import FOLDER, NAMES, fixed
+from taichi_plume.contests.execution import Contest, plans
+from taichi_plume.contests.fixed_scenarios import FOLDER, NAMES, fixed
 from taichi_plume.scenario.changes import changed
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
 

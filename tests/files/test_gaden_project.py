@@ -14,7 +14,7 @@ from taichi_plume.assembly.preparation import load
 from taichi_plume.files import gaden, gaden_models
 from taichi_plume.scenario.loading import ScenarioError, scenario_from, scenario_of
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.study.plan import load_plan
+from taichi_plume.studies.plan import load_plan
 
 CELL, SHAPE, LOW = 0.2, (20, 15, 6), np.array([-1.0, 2.0, 0.0])
 SIM = {

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from taichi_plume.statistics.durations import (
+from taichi_plume.fluctuations.durations import (
     FEWEST,
     Spells,
     density,

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from taichi_plume.statistics.fits import fits
-from taichi_plume.statistics.moments import moments, quantiles, weights, wind
-from taichi_plume.statistics.space import correlation, gaussian_fit
-from taichi_plume.statistics.spectra import (
+from taichi_plume.fluctuations.fits import fits
+from taichi_plume.fluctuations.moments import moments, quantiles, weights, wind
+from taichi_plume.fluctuations.space import correlation, gaussian_fit
+from taichi_plume.fluctuations.spectra import (
     autocorrelation,
     evenly,
     integral_time,

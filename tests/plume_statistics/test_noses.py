@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from taichi_plume.fluctuations.sensor_comparison import Nose, noses, readings, smelt
 from taichi_plume.scenario.sensors import IdealGasSensor, MoxSensor, PidSensor
-from taichi_plume.statistics.sensor_comparison import Nose, noses, readings, smelt
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 

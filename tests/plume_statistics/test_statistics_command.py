@@ -12,12 +12,12 @@ import pyarrow.parquet as pq
 import pytest
 import xarray
 
-from taichi_plume import open_run, statistics
+from taichi_plume import fluctuations, open_run
 from taichi_plume.cli import run
 from taichi_plume.cli.statistics import main
 from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.fluctuations import records
 from taichi_plume.scenario.metal_oxides import MOX_MODELS
-from taichi_plume.statistics import records
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
@@ -56,7 +56,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(folder):
-    return statistics.of(folder, gas="ethanol", threshold=20.0)
+    return fluctuations.of(folder, gas="ethanol", threshold=20.0)
 
 
 def test_numbers_of_points_are_those_of_the_table(folder, found):
@@ -89,7 +89,7 @@ def test_what_comes_before_a_time_is_left_out(folder, tmp_path, monkeypatch, chu
 
     table = open_run(folder).probes
     monkeypatch.setattr(run_tables, "ROW_GROUP", chunk)
-    told = statistics.of(folder, gas="ethanol", threshold=20.0, start=7.0)
+    told = fluctuations.of(folder, gas="ethanol", threshold=20.0, start=7.0)
     assert (told.begin, told.samples) == (pytest.approx(7.0), 101)
     rows = table[(table.probe == "one") & (table.t > 7.0 - 1e-6)]
     mean = np.trapezoid(rows.ethanol_ppm.to_numpy(float), rows.t) / np.ptp(rows.t)
@@ -109,11 +109,11 @@ def test_durations_are_listed(found):
 
 def test_a_table_in_small_chunks_says_the_same(folder, found, monkeypatch):
     from taichi_plume.files import run_tables
-    from taichi_plume.statistics import analysis
+    from taichi_plume.fluctuations import analysis
 
     monkeypatch.setattr(run_tables, "ROW_GROUP", 113)
     monkeypatch.setattr(analysis, "MOST_VALUES", 7 * found.samples)
-    again = statistics.of(folder, gas="ethanol", threshold=20.0)
+    again = fluctuations.of(folder, gas="ethanol", threshold=20.0)
     pandas.testing.assert_frame_equal(again.points, found.points, rtol=1e-9)
     pandas.testing.assert_frame_equal(again.spectra, found.spectra, rtol=1e-5)
     assert again.summary["probes"][1]["whiffs"] == found.summary["probes"][1]["whiffs"]
@@ -148,7 +148,7 @@ def test_a_film_by_itself(folder, tmp_path, capsys, monkeypatch):
     with xarray.open_dataset(out / "maps.nc") as maps:
         assert maps["mean"].attrs["units"] == "ppm"
     assert "between its frames" in capsys.readouterr().out
-    lines = statistics.of(film, gas="ethanol", start=3.0)
+    lines = fluctuations.of(film, gas="ethanol", start=3.0)
     assert lines.maps is not None
     mean = lines.maps["mean"]
     for one in lines.probes:
@@ -201,7 +201,7 @@ def test_names_of_a_foreign_table_are_text(folder, tmp_path, capsys):
 
 
 def test_the_default_threshold_is_a_tenth_of_the_strongest_mean(folder, found):
-    default = statistics.of(folder, gas="ethanol", probe="across")
+    default = fluctuations.of(folder, gas="ethanol", probe="across")
     across = found.points[found.points.probe == "across"]
     assert default.threshold == pytest.approx(0.1 * across["mean"].max(), rel=1e-6)
     assert "tenth" in default.why
@@ -283,7 +283,7 @@ def test_runs_that_cannot_be_used_are_told_in_a_line(folder, tmp_path, capsys, c
 
 def test_a_run_that_was_killed_and_repaired_is_used_and_told(folder, tmp_path):
     copy = broken(folder, tmp_path, status("killed"))
-    found = statistics.of(copy, gas="ethanol", probe="one", threshold=20.0)
+    found = fluctuations.of(copy, gas="ethanol", probe="one", threshold=20.0)
     assert any("ended as 'killed'" in note for note in found.notes)
 
 
@@ -318,10 +318,10 @@ def test_options_that_do_not_fit_are_told_in_a_line(folder, capsys, options, wor
 def test_what_is_no_run_is_told(tmp_path):
     for path in (tmp_path / "nowhere", tmp_path):
         with pytest.raises(RunFolderError, match=r"give the folder of a run|neither the folder"):
-            statistics.of(path)
+            fluctuations.of(path)
     (tmp_path / "file").write_text("")
     with pytest.raises(RunFolderError, match="no folder"):
-        statistics.of(tmp_path / "file")
+        fluctuations.of(tmp_path / "file")
 
 
 @pytest.mark.parametrize("name", ["statistics.json", "maps.nc", "spectra.parquet", "statistics.html"])

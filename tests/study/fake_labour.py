@@ -8,7 +8,7 @@ import os
 import signal
 import time
 
-from taichi_plume.study.messages import AirRecord, Cost, Record, Request, Task
+from taichi_plume.studies.messages import AirRecord, Cost, Record, Request, Task
 
 
 def work(task: Task) -> list[Record] | AirRecord:

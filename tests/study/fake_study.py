@@ -12,9 +12,9 @@ from typing import Any
 import fake_labour
 
 from taichi_plume.execution.signals import leave
-from taichi_plume.study import air_plan, scheduler
-from taichi_plume.study.messages import Axis, Request
-from taichi_plume.study.study_run import Wishes, carry_out
+from taichi_plume.studies import air_plan, scheduler
+from taichi_plume.studies.messages import Axis, Request
+from taichi_plume.studies.study_run import Wishes, carry_out
 
 
 def plan_of(folder: Path, told: dict[str, Any]) -> Any:

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume import study
-from taichi_plume.study import tables
-from taichi_plume.study.messages import Axis, Cost, Record, Request
-from taichi_plume.study.results import Results
-from taichi_plume.study.store import Store, table_of
+from taichi_plume import studies
+from taichi_plume.studies import tables
+from taichi_plume.studies.messages import Axis, Cost, Record, Request
+from taichi_plume.studies.results import Results
+from taichi_plume.studies.store import Store, table_of
 
 AXES = {
     "speed": Axis("speed", "m/s", True),
@@ -112,7 +112,7 @@ def published(folder: Path, plan: Any, records: list[Record]) -> Results:
     """The results of a study whose plan and tables are written to a folder."""
     tables.write_plan(folder, plan)
     tables.publish(folder, lambda: table_of(records))
-    return study.open(folder)
+    return studies.open(folder)
 
 
 def searches(seed: int, rate: Callable[[dict[str, Any], np.random.Generator], float], trials: int = 1) -> Any:

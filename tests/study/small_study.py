@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from taichi_plume.scenario.loading import ScenarioError
-from taichi_plume.study.plan import load_plan
+from taichi_plume.studies.plan import load_plan
 
 ROOM: dict[str, Any] = {
     "name": "room",

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from taichi_plume.study.messages import Options, Request, Task
+from taichi_plume.studies.messages import Options, Request, Task
 
 
 def request(number: int, changes: Mapping[str, Any], structure: str = "a", air: str = "air") -> Request:

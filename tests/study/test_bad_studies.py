@@ -7,7 +7,7 @@ import pytest
 import yaml
 from small_study import ROOM, SPEED, faults, write
 
-from taichi_plume.study.plan import load_plan
+from taichi_plume.studies.plan import load_plan
 
 
 def rows() -> list[tuple[dict[str, Any], list[str]]]:

@@ -19,8 +19,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from taichi_plume import __version__
-from taichi_plume.study.store import Store
-from taichi_plume.study.workers import WorkersError, _require_scheduler, why_unusable
+from taichi_plume.studies.store import Store
+from taichi_plume.studies.workers import WorkersError, _require_scheduler, why_unusable
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="POSIX signals")]
 HERE = Path(__file__).parent

@@ -2,8 +2,8 @@ import made_study
 import numpy as np
 import pytest
 
-from taichi_plume.study import grid_refinement
-from taichi_plume.study.messages import Axis
+from taichi_plume.studies import grid_refinement
+from taichi_plume.studies.messages import Axis
 
 
 @pytest.mark.parametrize("spacings", [(0.1, 0.2, 0.4), (0.1, 0.15, 0.3), (0.05, 0.06, 0.11, 0.4)])

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from taichi_plume.study import intervals
-from taichi_plume.study.intervals import Estimate, estimates, words
+from taichi_plume.studies import intervals
+from taichi_plume.studies.intervals import Estimate, estimates, words
 
 WITHIN_AIRS = 0.3  # correlation of searches in one air
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from taichi_plume.study.job_queue import DEATHS, MOST_RUNS, Job, JobQueue
-from taichi_plume.study.messages import Request
+from taichi_plume.studies.job_queue import DEATHS, MOST_RUNS, Job, JobQueue
+from taichi_plume.studies.messages import Request
 
 
 def nowhere(air: str) -> Path:

@@ -11,7 +11,7 @@ from taichi_plume.scenario.motion import Motion
 from taichi_plume.scenario.obstacles import Cylinder
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.maps import MapScores
-from taichi_plume.study.outcomes import OutcomeCheck
+from taichi_plume.studies.outcomes import OutcomeCheck
 
 pytestmark = pytest.mark.usefixtures("taichi")
 OF_THE_MACHINE = {"wall_s", "Mcell_steps_per_s"}

@@ -17,13 +17,13 @@ from small_study import ROOM, SPEED, write
 from taichi_plume.scenario.changes import changed
 from taichi_plume.scenario.loading import scenario_of
 from taichi_plume.scenario.reset import differences
-from taichi_plume.study.air_plan import shared_airs
-from taichi_plume.study.axes import Level, Levels, points
-from taichi_plume.study.axis_values import resolve
-from taichi_plume.study.ids import Digests
-from taichi_plume.study.indices import numbers
-from taichi_plume.study.plan import SEARCH_STEP, columns, load_plan, read_study
-from taichi_plume.study.study_keys import canonical
+from taichi_plume.studies.air_plan import shared_airs
+from taichi_plume.studies.axes import Level, Levels, points
+from taichi_plume.studies.axis_values import resolve
+from taichi_plume.studies.ids import Digests
+from taichi_plume.studies.indices import numbers
+from taichi_plume.studies.plan import SEARCH_STEP, columns, load_plan, read_study
+from taichi_plume.studies.study_keys import canonical
 
 SEARCH = {
     "variants": {
@@ -297,8 +297,8 @@ def test_a_plan_is_the_same_in_another_process_and_ids_with_axes_in_another_orde
     code = f"""
 import sys
 from pathlib import Path
-from taichi_plume.study.ids import Digests
-from taichi_plume.study.plan import load_plan
+from taichi_plume.studies.ids import Digests
+from taichi_plume.studies.plan import load_plan
 for one in load_plan(Path({str(tmp_path / "study.yaml")!r})).requests:
     print(one)
 assert not {{"taichi", "pandas", "distributed", "matplotlib", "zarr"}} & set(sys.modules)

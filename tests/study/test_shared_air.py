@@ -10,9 +10,9 @@ from study_rooms import ROOM, UNIFORM, changed
 from taichi_plume.files.shared_film import AirFilm, AirFilmError, NewAirFilm
 from taichi_plume.results.run import open_run
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.study.air_plan import why_not
-from taichi_plume.study.shared_air import solve_air
-from taichi_plume.study.task_execution import execute_task
+from taichi_plume.studies.air_plan import why_not
+from taichi_plume.studies.shared_air import solve_air
+from taichi_plume.studies.task_execution import execute_task
 
 pytestmark = pytest.mark.slow
 

@@ -15,10 +15,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from taichi_plume.files import own_folder
-from taichi_plume.study import store as module
-from taichi_plume.study import tables
-from taichi_plume.study.messages import AirRecord, Cost, Record
-from taichi_plume.study.store import Store, StoreError
+from taichi_plume.studies import store as module
+from taichi_plume.studies import tables
+from taichi_plume.studies.messages import AirRecord, Cost, Record
+from taichi_plume.studies.store import Store, StoreError
 
 COST = Cost(1.5, 0.25, 0.125, 3, "tcp://127.0.0.1:1")
 
@@ -246,8 +246,8 @@ WRITES = """
 import sys
 from pathlib import Path
 from types import SimpleNamespace
-from taichi_plume.study import tables
-from taichi_plume.study.store import Store
+from taichi_plume.studies import tables
+from taichi_plume.studies.store import Store
 from test_store import record
 folder, file = map(Path, sys.argv[1:])
 tables.write_plan = lambda *_: None

@@ -6,8 +6,8 @@ import pytest
 
 from taichi_plume.assembly.preparation import checked
 from taichi_plume.scenario.loading import ScenarioError, read_scenario
-from taichi_plume.study.ids import Digests
-from taichi_plume.study.scenario_checks import Checks
+from taichi_plume.studies.ids import Digests
+from taichi_plume.studies.scenario_checks import Checks
 from tests.fuzz import formats
 
 CONFIGS = Path(__file__).parents[2] / "configs"

@@ -14,7 +14,7 @@ from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import say
 from taichi_plume.scenario.key_facts import first_sentence
 from taichi_plume.scenario.keys import all_keys, look_up, print_key, print_schema
-from taichi_plume.study.study_keys import Study
+from taichi_plume.studies.study_keys import Study
 
 THRESHOLD = {"key": "robots.0.algorithm.threshold_ppm", "values": [1, 2, 3]}
 

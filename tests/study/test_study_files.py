@@ -6,8 +6,8 @@ import pytest
 import yaml
 from small_study import ROOM, SPEED, faults, write
 
-from taichi_plume.study import scenario_checks
-from taichi_plume.study.plan import load_plan
+from taichi_plume.studies import scenario_checks
+from taichi_plume.studies.plan import load_plan
 
 
 def test_files_have_to_lie_in_the_folder_unless_it_is_said(tmp_path):

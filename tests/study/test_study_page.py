@@ -10,12 +10,12 @@ import small_study
 
 from taichi_plume.cli.study import main
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.study import page, tables
-from taichi_plume.study.messages import Axis
-from taichi_plume.study.plan import load_plan
-from taichi_plume.study.results import cost_words
-from taichi_plume.study.store import table_of
-from taichi_plume.study.tables import make_tables, planned
+from taichi_plume.studies import page, tables
+from taichi_plume.studies.messages import Axis
+from taichi_plume.studies.plan import load_plan
+from taichi_plume.studies.results import cost_words
+from taichi_plume.studies.store import table_of
+from taichi_plume.studies.tables import make_tables, planned
 
 pytestmark = pytest.mark.slow
 

@@ -13,10 +13,10 @@ from study_rooms import ROOM, UNIFORM, changed
 
 from taichi_plume.cli import run
 from taichi_plume.results.run import open_run
-from taichi_plume.study.simulation_cache import WARM
-from taichi_plume.study.store import table_of
-from taichi_plume.study.table_rows import found
-from taichi_plume.study.task_execution import execute_task
+from taichi_plume.studies.simulation_cache import WARM
+from taichi_plume.studies.store import table_of
+from taichi_plume.studies.table_rows import found
+from taichi_plume.studies.task_execution import execute_task
 
 PROBES = {"points": [{"kind": "line", "name": "a.b", "start": [0.5, 0.6], "end": [1.5, 0.6], "count": 3}]}
 BAD_CODE = """

@@ -7,8 +7,8 @@ import made_study
 import pytest
 from study_rooms import ROOM
 
-from taichi_plume.study.store import Store
-from taichi_plume.study.study_run import missing_runs
+from taichi_plume.studies.store import Store
+from taichi_plume.studies.study_run import missing_runs
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ from study_rooms import UNIFORM, changed
 from taichi_plume.assembly.preparation import Prepared, checked
 from taichi_plume.grid import kernels
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.study import simulation_cache
-from taichi_plume.study.simulation_cache import Warm
+from taichi_plume.studies import simulation_cache
+from taichi_plume.studies.simulation_cache import Warm
 
 pytestmark = pytest.mark.slow
 

@@ -2,7 +2,7 @@
 
 import os
 
-from taichi_plume.study.workers import ENVIRONMENT, LocalWorkers
+from taichi_plume.studies.workers import ENVIRONMENT, LocalWorkers
 
 
 def test_workers_alone_get_the_environment_of_workers(tmp_path, monkeypatch):

@@ -24,11 +24,11 @@ import psutil
 
 from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.guard.terminal import Parser, say
-from taichi_plume.study.air_plan import why_not
-from taichi_plume.study.messages import Options, Record, Request, Task
-from taichi_plume.study.shared_air import solve_air
-from taichi_plume.study.simulation_cache import WARM
-from taichi_plume.study.task_execution import execute_task
+from taichi_plume.studies.air_plan import why_not
+from taichi_plume.studies.messages import Options, Record, Request, Task
+from taichi_plume.studies.shared_air import solve_air
+from taichi_plume.studies.simulation_cache import WARM
+from taichi_plume.studies.task_execution import execute_task
 from taichi_plume.validation.case import Keys
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -1,0 +1,104 @@
+"""Standings of a contest: a row per algorithm and scenario, from the records in the studies' folders."""
+
+from collections.abc import Hashable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from taichi_plume.contests.execution import AXIS, Contest
+from taichi_plume.files import disk
+from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.scoring.declarations import OUTCOMES
+from taichi_plume.studies.estimates import Quantity, estimated
+from taichi_plume.studies.intervals import Estimate
+from taichi_plume.studies.results import Results, open_study
+
+NAME = "contest"
+
+
+SUCCESS = Quantity("success", "success", "1", share=True)
+TIME = Quantity("time_s", "time", "s", what="successes")
+LATE = Quantity("time_with_failures_s", "time with failures", "s")
+WAY = Quantity("path_ratio", "way / shortest way", "1", what="successes")
+ERROR = Quantity("localisation_error_m", "localisation error", "m", what="searches with a declaration")
+FALSE = Quantity("false_declarations", "false declarations per search", "1")
+DECLARED, REACHED, NEITHER = (Quantity(name, name, "1", share=True) for name in OUTCOMES)
+MEASURES = (SUCCESS, TIME, LATE, WAY, ERROR, FALSE, DECLARED, REACHED, NEITHER)
+SEARCHES = Quantity("searches", "searches", "1")
+
+
+class Row(NamedTuple):
+    """Result of an algorithm in a scenario. searches: number; failed, missing: numbers of runs; message: of the first
+    failed run; estimates: by the names of MEASURES, None without data.
+    """
+
+    scenario: str
+    algorithm: str
+    robots: int
+    runs: int
+    failed: int
+    missing: int
+    message: str
+    searches: int
+    estimates: dict[str, Estimate | None]
+
+    def columns(self) -> dict[str, object]:
+        """Return the values of the row by the columns of contest.csv."""
+        columns: dict[str, object] = {
+            name: value for name, value in self._asdict().items() if name != "estimates"
+        }
+        for measure in MEASURES:
+            each = self.estimates[measure.name]
+            ends = (each.mean, each.low, each.high) if each else (np.nan,) * 3
+            for end, value in zip(("", "_low", "_high"), ends, strict=True):
+                columns[measure.name + end] = float(value)
+        first = self.estimates[SUCCESS.name]
+        columns["airs"] = first.airs if first else 0
+        columns["success_words"] = SUCCESS.words(first)
+        return columns
+
+
+def rows(contest: Contest) -> list[Row]:
+    """Return the rows of all scenarios that have been started, in the contest's order. Raises RunFolderError."""
+    started = [fixed.name for fixed in contest.scenarios if (contest.study(fixed) / "plan.parquet").is_file()]
+    return [row for name in started for row in _of_study(contest, name)]
+
+
+def _of_study(contest: Contest, name: str) -> Iterator[Row]:
+    study = open_study(contest.out / name)
+    runs: Any = study.runs()
+    found = _estimates(study)
+    for entrant in contest.entrants:
+        mine = runs[runs[AXIS] == entrant.name]
+        searched = found[SEARCHES.name].get(entrant.name)
+        failed = mine[mine["status"] == "failed"]
+        yield Row(
+            name, entrant.name, entrant.robots, len(mine), len(failed), int((mine["status"] == "missing").sum()),
+            str(failed["message"].iloc[0]) if len(failed) else "", searched.n if searched else 0,
+            {measure.name: found[measure.name].get(entrant.name) for measure in MEASURES},
+        )  # fmt: skip
+
+
+def _estimates(study: Results) -> dict[str, dict[Hashable, Estimate]]:
+    """Return an estimate with interval of each measure and of the number of searches, by measure and algorithm."""
+    trials: Any = study.trials()
+    runs: Any = study.runs()
+    chance = trials["run"].map(dict(zip(runs["run"], runs["air_by_chance"], strict=True)))
+    ratio = trials["path_m"] / trials["shortest_m"]
+    trials = trials.assign(searches=1.0, path_ratio=ratio, air_by_chance=chance)
+    for name in OUTCOMES:
+        trials[name] = (trials["outcome"] == name).astype("Float64").where(trials["outcome"].notna())
+    return {measure.name: estimated(trials, measure, [AXIS]) for measure in (*MEASURES, SEARCHES)}
+
+
+def write(contest: Contest, standings: list[Row]) -> None:
+    """Write contest.csv and contest.parquet; equal rows make equal bytes. Raises RunFolderError, OSError."""
+    if not standings:
+        raise RunFolderError("nothing has been run yet")
+    import pandas as pd
+
+    table = pd.DataFrame([row.columns() for row in standings])
+    with disk.written_whole(contest.out / f"{NAME}.csv") as fresh:
+        table.to_csv(fresh, index=False, lineterminator="\n", float_format="%.6g")
+    with disk.written_whole(contest.out / f"{NAME}.parquet") as fresh:
+        table.to_parquet(fresh, index=False)

@@ -1,0 +1,188 @@
+"""Compute plume statistics from the probes of a run, the film of a run, or a film alone."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from taichi_plume.files.run_folder import RunFolderError, is_run
+from taichi_plume.fluctuations import sensor_comparison, spectra
+from taichi_plume.fluctuations.analysis import OfProbe, Settings, of_probe
+from taichi_plume.fluctuations.film_statistics import FilmRecord
+from taichi_plume.fluctuations.records import Probe, ProbeRecord, chosen_gas
+from taichi_plume.fluctuations.result import Statistics
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.safe_open import unopenable
+from taichi_plume.results.run import Run
+from taichi_plume.scenario.domain import Located
+from taichi_plume.scenario.sensors import GasSensor
+
+SHARE = 0.1
+"""Default threshold as a fraction of the highest mean of all points."""
+
+
+class Options(NamedTuple):
+    """Options of `of`: species, name of a probe, threshold [ppm], earliest time [s] and range of durations [s]."""
+
+    gas: str | None
+    probe: str | None
+    threshold: float | None
+    start: float | None
+    bounds: tuple[float, float] | None
+
+
+def of(
+    source: Path | str,
+    gas: str | None = None,
+    probe: str | None = None,
+    threshold: float | None = None,
+    start: float | None = None,
+    bounds: tuple[float, float] | None = None,
+    sensors: Sequence[GasSensor] = (),
+) -> Statistics:
+    """Compute the plume statistics of a run, given its folder, or of a film. Raises InputError.
+
+    gas: species (default: the first); probe: name of a single probe to use; threshold: [ppm] (default: a tenth of the
+    largest mean); start: earliest time [s]; bounds: range of durations for exponents [s]; sensors: further sensor
+    models to compare.
+    """
+    path, options = Path(source), Options(gas, probe, threshold, start, bounds)
+    fault = unopenable(path, folder=True)
+    if fault:
+        raise RunFolderError(f"{path}: {fault}; give the folder of a run, or a film")
+    if not is_run(path):
+        if (path / "zarr.json").exists():
+            return _of_film(path, path.stem, options)
+        raise RunFolderError(f"{path}: is neither the folder of a run nor a film")
+    run = Run(path)
+    status = str(run.result.get("status", "unknown"))
+    repair = f"`python -m taichi_plume.repair {path}`"
+    if status == "running":
+        raise RunFolderError(f"{path}: is still running, or was killed; wait, or {repair}")
+    table, film = path / "probes.parquet", path / "fields.zarr"
+    if (path / "probes.arrows").exists():
+        raise RunFolderError(f"{path}: was killed; {repair} completes its files")
+    if table.exists():
+        every = [source for _, part in run.scenario.gases for source in part.sources]
+        positions = [source.position for source in every if isinstance(source, Located)]
+        sources = np.array(positions, float) if positions else None
+        found = _of_probes(table, run.scenario.name, options, sources, sensors)
+        found.source = path
+        if film.is_dir():
+            try:
+                found.film = FilmRecord(film, found.gas, start)
+                found.gamma = found.film.intermittency(found.threshold)
+            except InputError as error:
+                found.notes.append(f"No maps: {error}.")
+    elif film.is_dir():
+        found = _of_film(film, run.scenario.name, options)
+    else:
+        raise RunFolderError(
+            f"{path}: has neither probes.parquet nor fields.zarr; run with `probes: {{every: step, points: "
+            "[{kind: point, name: a, at: [1, 2]}]}` or `fields: {rate: 10}`"
+        )
+    if status not in ("completed", "stopped"):
+        found.notes.append(f"The run ended as '{status}': its files hold the results up to then.")
+    return found
+
+
+def _of_probes(
+    table: Path, name: str, options: Options, sources: np.ndarray | None, sensors: Sequence[GasSensor]
+) -> Statistics:
+    record = ProbeRecord(table, options.start)
+    gas = chosen_gas(table, record.gases, options.gas)
+    mean, largest = record.sums(f"{gas}_ppm")
+    chosen = _chosen(table, record.probes, options.probe)
+    inside = np.concatenate([probe.first + np.arange(len(probe.places)) for probe in chosen])
+    if not largest[inside].max() > 0.0:
+        raise RunFolderError(f"{table}: the concentration of {gas} is 0 at all points in this time")
+    level, why = _threshold(float(mean[inside].max()), options.threshold)
+    settings = Settings(gas, level, record.wind, sources, options.bounds)
+    probes = [of_probe(record, probe, settings) for probe in chosen]
+    found = _statistics(table, name, "probes", record, settings, why, probes)
+    found.smelt = _smelt(record, settings, probes, sensors, found.notes)
+    return found
+
+
+def _of_film(path: Path, name: str, options: Options) -> Statistics:
+    film = FilmRecord(path, options.gas, options.start)
+    level, why = _threshold(float(np.nanmax(film.mean)), options.threshold)
+    gamma = film.intermittency(level)
+    settings = Settings(film.gas, level, film.wind, film.sources, options.bounds)
+    probes = [of_probe(film, probe, settings) for probe in _chosen(path, film.probes, options.probe)]
+    found = _statistics(path, name, "film", film, settings, why, probes)
+    found.film, found.gamma = film, gamma
+    found.notes.append(
+        f"A film has no data between its frames, {np.median(np.diff(film.times)):.3g} s apart: shorter whiffs are "
+        "missed or joined. Use probes to resolve them."
+    )
+    return found
+
+
+def _statistics(
+    path: Path, name: str, kind: str, record: ProbeRecord | FilmRecord, settings: Settings, why: str,
+    probes: list[OfProbe],
+) -> Statistics:  # fmt: skip
+    steps = np.diff(record.times)
+    found = Statistics(
+        path, name, kind, settings.gas, settings.threshold, why, float(record.times[0]), float(record.times[-1]),
+        len(record.times), (float(steps.min()), float(steps.max())), probes,
+    )  # fmt: skip
+    if not spectra.is_even(record.times):
+        found.notes.append(
+            f"Samples are {found.steps[0]:.3g} to {found.steps[1]:.3g} s apart. Means weight samples by duration; "
+            f"spectra, integral scales, correlations and sensors use values interpolated every {steps.mean():.3g} s."
+        )
+    others = [gas for gas in record.gases if gas != settings.gas]
+    if others:
+        found.notes.append(f"Other gases: {', '.join(others)}; --gas NAME chooses one.")
+    return found
+
+
+def _chosen(path: Path, probes: Sequence[Probe], name: str | None) -> list[Probe]:
+    chosen = [probe for probe in probes if name in (None, probe.name)]
+    if not chosen:
+        raise RunFolderError(f"{path}: has no probe {name}, only {', '.join(probe.name for probe in probes)}")
+    return chosen
+
+
+def _threshold(largest: float, given: float | None) -> tuple[float, str]:
+    if given is not None:
+        return given, "as given"
+    return SHARE * largest, f"a tenth of the mean at the point with the most gas, {largest:.3g} ppm"
+
+
+def _smelt(
+    record: ProbeRecord,
+    settings: Settings,
+    probes: list[OfProbe],
+    sensors: Sequence[GasSensor],
+    notes: list[str],
+) -> sensor_comparison.Smelt | None:
+    """Compare gas sensors by the whiffs that they detect, at the points with whiffs, most first; None without any."""
+    several = sensor_comparison.noses(sensors)
+    lively = [(int(n), p.probe.first + k) for p in probes for k, n in enumerate(p.points["whiffs"]) if n]
+    if not lively:
+        notes.append("The record has no complete whiff, so sensors are not compared.")
+        return None
+    ticks = min(len(record.times), sensor_comparison.MOST_TICKS)
+    most = max(
+        1, min(sensor_comparison.MOST_POINTS, int(sensor_comparison.MOST_NUMBERS / len(several) / ticks))
+    )
+    points = np.array([point for _, point in sorted(lively, key=lambda pair: (-pair[0], pair[1]))])
+    if len(points) > most:
+        notes.append(f"Sensors are compared at {most} of the {len(points):,} points that have whiffs.")
+        points = points[np.linspace(0, len(points) - 1, most).round().astype(int)]
+    order = np.argsort(points)
+    ppm = record.values(points[order], f"{settings.gas}_ppm")[:, np.argsort(order)]
+    step, even = spectra.evenly(record.times, ppm)
+    if len(even) > sensor_comparison.MOST_TICKS:
+        even = even[: sensor_comparison.MOST_TICKS]
+        notes.append(f"Sensors are compared over the first {step * len(even):.4g} s.")
+    if step > sensor_comparison.FAST / 2:
+        notes.append(
+            f"Samples every {step:.3g} s are too far apart for sensors of {sensor_comparison.FAST * 1e3:g} ms; use "
+            "`every: step` and a shorter `tick`."
+        )
+    return sensor_comparison.smelt(several, settings.gas, step, even, settings.threshold)

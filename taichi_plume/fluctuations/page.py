@@ -1,0 +1,261 @@
+"""Report page of plume statistics (`statistics.html`): sentences, tables and figures on one self-contained page."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_plume.fluctuations import captions, plots
+from taichi_plume.fluctuations.analysis import Kind, OfProbe, Profile
+from taichi_plume.fluctuations.durations import CELANI, DECADE, FEWEST
+from taichi_plume.fluctuations.records import AXES
+from taichi_plume.fluctuations.result import PAGE, Statistics
+from taichi_plume.report import html
+from taichi_plume.report.html import Section
+
+MOST_PROBES = 6
+MOST_ROWS = 20
+HARDLY = 1e-3  # fraction of the highest mean below which a map of rms / mean is blank
+
+
+def write(found: Statistics, folder: Path) -> Path:
+    """Write the page of plume statistics into a folder; return the path. Raises OSError."""
+    return html.write(
+        folder / PAGE, _sections(found),
+        name=found.name, what="statistics of a plume", status=found.gas, good=True,
+        message=f"Statistics of a plume, from {'probes' if found.of == 'probes' else 'a film'}",
+        about="Statistics by taichi_plume", began=[str(found.source)],
+    )  # fmt: skip
+
+
+def _number(value: Any) -> str:
+    return f"{value:.3g}" if np.isfinite(value) else "-"
+
+
+def _sections(found: Statistics) -> list[Section]:
+    shown = found.probes[:MOST_PROBES]
+    return [
+        _words(found), _strength(found), _maps(found), _spread(shown), _whiffs(found, shown), _sensors(found),
+        _within(shown), _time(shown), _notes(found),
+    ]  # fmt: skip
+
+
+def _words(found: Statistics) -> Section:
+    """Return sentences on the data and the main results."""
+    points = sum(len(stats.probe.places) for stats in found.probes)
+    kinds = [
+        f"{stats.probe.kind} of {len(stats.probe.places):,}" if len(stats.probe.places) > 1 else "point"
+        for stats in found.probes
+    ]
+    where = ", ".join(
+        f"{s.probe.name} ({kind})" for s, kind in zip(found.probes[:MOST_PROBES], kinds, strict=False)
+    )
+    more = len(found.probes) - MOST_PROBES
+    where += f" and {more} more" if more > 0 else ""
+    low, high = found.steps
+    every = f"every {low:.3g} s" if high - low < 1e-3 * high else f"every {low:.3g} to {high:.3g} s"
+    lines = [
+        captions.MEASURED.format(
+            gas=found.gas, points=f"{points:,} point{'s' * (points != 1)}", where=where, begin=found.begin,
+            end=found.end, samples=f"{found.samples:,}", every=every,
+        ),
+        captions.THRESHOLD.format(threshold=found.threshold, why=found.why),
+    ]  # fmt: skip
+    for stats in found.probes[:MOST_PROBES]:
+        laws = "; ".join(filter(None, map(_law_in_words, stats.kinds)))
+        if laws:
+            lines.append(f"{stats.probe.name}: {laws}.")
+    if found.smelt:
+        slow, fast = found.smelt.sensors[:2]
+        lines.append(
+            f"Of {slow.whiffs:,} whiff{'s' * (slow.whiffs != 1)} a metal oxide of 12 s keeps {slow.share:.0%}, "
+            f"a detector of 50 ms {fast.share:.0%}."
+        )
+    return Section("Results", "words", lines=lines)
+
+
+def _law_in_words(kind: Kind) -> str:
+    law = kind.law
+    if law is None:
+        return ""
+    agrees = "agrees with" if law.low <= CELANI <= law.high else "differs from"
+    bent = "" if law.is_law else f", but they deviate from a power law (distance {law.distance:.2f})"
+    short = "" if law.last / law.first >= 0.95 * DECADE else ", less than a decade"
+    return (
+        f"{kind.name} last T with p(T) ~ T^-a, a = {law.value:.2f} (95 % interval {law.low:.2f} to {law.high:.2f}) "
+        f"from {law.first:.3g} to {law.last:.3g} s{short}, which {agrees} 3/2{bent}"
+    )
+
+
+def _strength(found: Statistics) -> Section:
+    """Return the page's section with tables of concentration moments and wind at points."""
+    section = Section("Strength and fluctuation of the gas", "strength")
+    rows, left_out = [], 0
+    room = max(1, MOST_ROWS // max(1, len(found.probes)))
+    for stats in found.probes:
+        smelt = np.flatnonzero(stats.points["intermittency"] > 0.0)
+        if not len(smelt):
+            smelt = np.array([int(np.argmax(stats.points["mean"]))])
+        chosen = smelt[np.unique(np.linspace(0, len(smelt) - 1, min(len(smelt), room)).round().astype(int))]
+        left_out += len(stats.probe.places) - len(chosen)
+        for k in chosen if len(rows) < 2 * MOST_ROWS else []:
+            p = stats.points
+            place = ",\u00a0".join(f"{v:.3g}" for v in stats.probe.places[k])
+            error = f"\u00a0±\u00a0{p['mean_error'][k]:.1g}" if np.isfinite(p["mean_error"][k]) else ""
+            rows.append(
+                (
+                    f"{stats.probe.name}: {k}", place, f"{p['mean'][k]:.3g}{error}", _number(p["intensity"][k]),
+                    f"{p['intermittency'][k]:.3f}", _number(p["conditional_mean"][k]), _number(p["peak99"][k]),
+                    _number(p["peak"][k]), _number(p["integral_time"][k]),
+                )
+            )  # fmt: skip
+    heads = (
+        "point", "at [m]", "mean [ppm]", "rms / mean", "intermittency", "mean in gas [ppm]", "99 % / mean",
+        "largest / mean", "integral time [s]",
+    )  # fmt: skip
+    more = f" {left_out:,} more points are in statistics.parquet." if left_out else ""
+    section.table(rows, heads, captions.STRENGTH + more)
+    winds = []
+    for stats in found.probes:
+        if "speed" in stats.points and np.isfinite(stats.points["turbulence_intensity"]).any():
+            means = [f"{stats.points[f'mean_{u}'].mean():.3g}" for u in "uvw" if f"mean_{u}" in stats.points]
+            intensity = _number(np.nanmean(stats.points["turbulence_intensity"]))
+            winds.append((stats.probe.name, *means, intensity))
+    axes = AXES[: len(winds[0]) - 2] if winds else ""
+    heads = ("probe", *(f"wind along {a} [m/s]" for a in axes), "turbulence intensity")
+    section.table(winds[:MOST_ROWS], heads, captions.WIND)
+    return section
+
+
+def _maps(found: Statistics) -> Section:
+    """Return the page's section with maps of mean, fluctuation and intermittency of films and grids of points."""
+    section = Section("Maps", "maps")
+    data = found.maps
+    if data is not None:
+        height = data.attrs.get("height_m")
+        at = f" at z = {height:.3g} m" if height is not None else ""
+        values = {
+            "mean [ppm]": data["mean"].values,
+            "rms / mean": _where_gas(data["intensity"].values, data["mean"].values),
+            "intermittency": data["intermittency"].values,
+        }
+        section.image(plots.maps(data.x.values, data.y.values, values), f"From the film{at}", captions.MAPS)
+    for stats in found.probes[:MOST_PROBES]:
+        if stats.probe.kind != "grid":
+            continue
+        axes = [d for d, n in enumerate(stats.probe.counts) if n > 1][:2]
+        lattice = stats.probe.places.reshape(*stats.probe.counts, -1)
+        mean = stats.points["mean"].reshape(stats.probe.counts)
+        top = np.unravel_index(int(np.argmax(mean)), mean.shape)
+        cut = tuple(slice(None) if d in axes else int(top[d]) for d in range(len(stats.probe.counts)))
+        x, y = (
+            lattice[cut][(slice(None), 0) if n == 0 else (0, slice(None))][:, d] for n, d in enumerate(axes)
+        )
+        names = {"mean [ppm]": "mean", "rms / mean": "intensity", "intermittency": "intermittency"}
+        values = {title: stats.points[key].reshape(stats.probe.counts)[cut] for title, key in names.items()}
+        values["rms / mean"] = _where_gas(values["rms / mean"], mean[cut])
+        png = plots.maps(x, y, values, "".join(AXES[d] for d in axes))
+        section.image(png, f"Grid {stats.probe.name}", captions.MAPS)
+    return section
+
+
+def _where_gas(values: np.ndarray, mean: np.ndarray) -> np.ndarray:
+    """Return the values, with NaN where the mean is less than HARDLY of the largest mean."""
+    return np.where(np.nan_to_num(mean) > HARDLY * np.nanmax(mean), values, np.nan)
+
+
+def _spread(shown: list[OfProbe]) -> Section:
+    """Return the page's section with concentration profiles and two-point correlations."""
+    section = Section("Profiles and lengths", "spread")
+    for stats in shown:
+        if stats.profiles:
+            caption = captions.PROFILES + _gaussian(stats.profiles)
+            section.image(plots.profiles(stats.profiles), f"{stats.probe.name}: profiles", caption)
+            along = next((a for a in AXES if stats.profiles[0].at.startswith(a)), "")
+            wide = plots.widths(stats.profiles, along) if along else None
+            if wide:
+                section.image(wide, f"{stats.probe.name}: width and centre", captions.WIDTHS)
+        if stats.correlations:
+            title = f"{stats.probe.name}: correlation"
+            section.image(plots.correlations(stats.correlations), title, captions.CORRELATION)
+    return section
+
+
+def _gaussian(several: list[Profile]) -> str:
+    if all(profile.gaussian is None for profile in several):
+        return ""
+    if len(several) > 1 or several[0].gaussian is None:
+        return captions.NEAREST
+    fit = several[0].gaussian
+    words = f"Centre {fit.centre:.3g} m, width {fit.width:.3g} m ({fit.share:.0%} of the variance explained)."
+    return f"{captions.NEAREST} {words}"
+
+
+def _whiffs(found: Statistics, shown: list[OfProbe]) -> Section:
+    """Return the page's section with durations of whiffs and blanks and their power laws."""
+    section = Section("Whiffs and blanks", "whiffs", lines=[captions.WHIFFS])
+    rows = []
+    step = float(np.mean(found.steps)) if found.steps[1] - found.steps[0] < 1e-3 * found.steps[1] else 0.0
+    for stats in shown:
+        for kind in stats.kinds:
+            every = kind.all
+            if not len(every.lasted):
+                continue
+            middle, mean, largest = np.median(every.lasted), every.lasted.mean(), every.lasted.max()
+            law = kind.law
+            exponent, within = f"- (fewer than {FEWEST} in a range)", "-"
+            if law:
+                exponent = f"{law.value:.2f} ({law.low:.2f} to {law.high:.2f})"
+                within = f"{law.first:.3g} to {law.last:.3g} s, {law.count:,}"
+            rows.append(
+                (f"{stats.probe.name}: {kind.name}", f"{len(every.lasted):,}", str(every.cut), f"{middle:.3g}",
+                 f"{mean:.3g}", f"{largest:.3g}", exponent, within)
+            )  # fmt: skip
+        if all(len(kind.all.lasted) > 1 for kind in stats.kinds):
+            section.image(plots.laws(stats, step), f"{stats.probe.name}: durations", captions.LAWS)
+    heads = (
+        "of", "number", "cut", "median [s]", "mean [s]", "longest [s]", "exponent (95 %)", "range and number",
+    )  # fmt: skip
+    section.table(rows, heads, captions.RANGE)
+    return section
+
+
+def _sensors(found: Statistics) -> Section:
+    """Return the page's section with the share of whiffs that slow and fast gas sensors resolve."""
+    section = Section("Whiffs that a sensor keeps", "sensors")
+    smelt = found.smelt
+    if smelt is None or not smelt.sensors[0].whiffs:
+        return section
+    section.lines.append(captions.RESOLVED.format(gas=found.gas))
+    section.image(plots.sensors(smelt), "Share of whiffs kept", captions.BARS)
+    png = plots.records(smelt, found.threshold, found.begin)
+    section.image(png, "The air at a point, and the readings of two sensors", captions.RECORDS)
+    rows = [
+        (k.nose.name, f"{k.share:.1%}", f"{k.seen:,} of {k.whiffs:,}", f"{k.rises:,}", f"{k.threshold:.3g}")
+        for k in smelt.sensors
+    ]
+    heads = ("sensor", "kept", "whiffs", "rises in all", "threshold of readings [ppm]")
+    section.table(rows, heads, captions.RISES)
+    return section
+
+
+def _within(shown: list[OfProbe]) -> Section:
+    section = Section("Concentrations while there is gas", "within")
+    for stats in shown:
+        if stats.fits:
+            gamma, lognormal = stats.fits
+            deviation = f"lognormal: deviation of the logarithm {lognormal.shape:.3g}"
+            caption = f"{captions.WITHIN} Gamma: shape {gamma.shape:.3g}; {deviation}."
+            section.image(plots.within(stats), stats.probe.name, caption)
+    return section
+
+
+def _time(shown: list[OfProbe]) -> Section:
+    section = Section("Spectra of fluctuations", "time")
+    if shown and any(stats.density.any() for stats in shown):
+        section.image(plots.spectrum(shown), "Spectra", captions.SPECTRUM)
+    return section
+
+
+def _notes(found: Statistics) -> Section:
+    return Section("Notes", "notes", lines=[*found.notes, captions.FILES])

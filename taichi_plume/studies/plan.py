@@ -1,0 +1,248 @@
+"""Plan of a study: the list of all runs. All runs are checked before the first run is executed."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from math import prod
+from pathlib import Path
+from typing import NamedTuple
+from urllib.parse import quote
+
+from pydantic import TypeAdapter, ValidationError
+
+from taichi_plume.assembly.preparation import expanded
+from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.scenario.error_messages import explain
+from taichi_plume.scenario.input_files import outside
+from taichi_plume.scenario.loading import NEEDS, ScenarioError, read_mapping, scenario_of
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.studies.air_plan import differs
+from taichi_plume.studies.axes import Levels, Point, Range, count_of, points
+from taichi_plume.studies.axis_values import resolve
+from taichi_plume.studies.ids import Digests, Ids
+from taichi_plume.studies.messages import Axis, Data, Request
+from taichi_plume.studies.outcomes import OutcomeCheck
+from taichi_plume.studies.scenario_checks import Checks
+from taichi_plume.studies.study_keys import SEEDS, Study
+
+MOST_RUNS = 100_000
+MOST_FOLDERS = 1000  # folders of the table of trials
+MOST_LEVELS = 64  # most values of an axis with a folder per value
+LONGEST_FOLDER = 100  # most characters of a value in a folder's name
+SEARCH_STEP = 1_000_003  # difference between the seeds of searches in one air
+SEED_RANGE = 1 << 32
+MOST_VALUES = 3  # values of an axis listed in an error
+STUDY_NEEDS = "a study needs at least name, base and axes"
+WHOLE = TypeAdapter(int).validate_python
+NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
+
+
+class Plan(NamedTuple):
+    """A study with all its runs. file: study.yaml; folder: folder of the base; base: data of the base scenario."""
+
+    study: Study
+    file: Path
+    folder: Path
+    base: Data
+    axes: tuple[Axis, ...]
+    requests: tuple[Request, ...]
+
+
+def load_plan(file: Path, allow_outside: bool = False) -> Plan:
+    """Read a study.yaml, check the scenario of each combination of axis values, list all runs. Run no users' code.
+
+    allow_outside: whether the base and the files that the base names may lie outside the study's folder. Raises
+    ScenarioError with a line for each error.
+    """
+    file = Path(file)
+    study = read_study(file)
+    try:
+        return _Planning(study, file, allow_outside).plan()
+    except ScenarioError as error:
+        raise ScenarioError([f"{file}: {line}" for line in error.faults]) from None
+
+
+def read_study(file: Path) -> Study:
+    """Read and validate a study.yaml, without its base scenario. Raises ScenarioError."""
+    data = read_mapping(file, STUDY_NEEDS)
+    if "base" not in data and "domain" in data:
+        hint = "python -m taichi_plume.run runs scenarios; a study names its base scenario"
+        raise ScenarioError([f"{file}: is a scenario, not a study; {hint}"])
+    try:
+        study = Study.model_validate(data)
+    except ValidationError as error:
+        raise ScenarioError([f"{file}: {line}" for line in explain(error, data, Study)]) from None
+    faults = study.faults()
+    if faults:
+        raise ScenarioError([f"{file}: {line}" for line in faults])
+    return study
+
+
+class _Planning:
+    def __init__(self, study: Study, file: Path, allow_outside: bool):
+        self.study, self.file = study, file
+        path = file.parent / study.base
+        if not allow_outside and outside(file.parent, study.base):
+            where = f"base: {visible(study.base, LONGEST_VALUE)} lies outside the study's folder"
+            hint = "to read this file, add --allow-outside (in Python: allow_outside=True)"
+            raise ScenarioError([f"{where}; {hint}"])
+        self.base, *_ = expanded(read_mapping(path, NEEDS), path, allow_outside)
+        self.folder = path.resolve().parent
+        self.checks, self.digests = Checks(self.folder, allow_outside), Digests(self.folder)
+
+    def plan(self) -> Plan:
+        study = self.study
+        runs = prod(map(count_of, study.axes.values())) * study.draws
+        runs *= 1 if study.over_seeds else study.airs * study.searches
+        if runs > MOST_RUNS:
+            limit = f"at most {MOST_RUNS:,} are allowed"
+            raise ScenarioError([f"has {runs:,} runs; {limit}, use fewer values or airs"])
+        axes = resolve(study, self.base, visible(study.base, LONGEST_VALUE))
+        found, faults = self._checked(axes)
+        if faults:
+            raise ScenarioError(faults)
+        requests = tuple(self._requests(found))
+        same = _same_runs(requests)
+        if same:
+            raise ScenarioError([same])
+        return Plan(study, self.file, self.folder, self.base, tuple(columns(axes)), requests)
+
+    # ------------------------------------------------------------ checks
+
+    def _checked(self, axes: Sequence[Levels | Range]) -> tuple["list[_Checked]", list[str]]:
+        """Return valid combinations of axis values, and errors. Those that differ only in seeds are checked once."""
+        study = self.study
+        requested, refused, found = OutcomeCheck(study.outcomes, study.keep), _Refused(axes), []
+        seen: dict[tuple[int, ...], tuple[int, Ids] | None] = {}
+        grid = [axis for axis in axes if isinstance(axis, Levels)]
+        seeds = [n for n, axis in enumerate(grid) if set(study.axes[axis.name].paths) <= set(SEEDS)]
+        scenario = None
+        for point in points(study, axes):
+            key = tuple(which for n, which in enumerate(point.which) if n not in seeds)
+            if key not in seen:
+                seen[key] = None
+                try:
+                    scenario, resources = self.checks.checked(scenario_of(self.base, point.changes))
+                    seen[key] = len(seen) - 1, self._ids(scenario, resources.files)
+                    if requested.outcomes or requested.keep:
+                        requested.look(scenario)
+                except ScenarioError as error:
+                    refused.add(point, error.faults)
+                except OSError as error:
+                    refused.add(point, [f"{error.filename}: cannot be read: {error.strerror or error}"])
+            checked = seen[key]
+            if checked is not None:
+                found.append(_Checked(point, *checked))
+        return found, [*refused.lines(), *(requested.lines if scenario is not None else [])]
+
+    def _ids(self, scenario: Scenario, files: Mapping[str, Sequence[Path]]) -> Ids:
+        study, ids = self.study, self.digests.ids(scenario, files)
+        film_differs = study.share_air == "always" and differs(scenario, study.outcomes, study.keep)
+        return ids.shown() if film_differs else ids
+
+    # ------------------------------------------------------------ runs
+
+    def _requests(self, found: "list[_Checked]") -> Iterator[Request]:
+        number = 0
+        for point, combination, ids in found:
+            for seed, air_seed, changes in self._seeds(point.changes):
+                yield Request(
+                    run=ids.run(seed, air_seed),
+                    number=number,
+                    point=combination,
+                    values=point.values,
+                    seed=seed,
+                    air_seed=air_seed,
+                    air=ids.air_of(seed, air_seed),
+                    air_by_chance=ids.air_by_chance,
+                    changes={**point.changes, **changes},
+                    structure=ids.structure,
+                )
+                number += 1
+
+    def _seeds(self, changes: Mapping[str, object]) -> Iterator[tuple[int, int, dict[str, int]]]:
+        """Yield the seed and the air's seed of each run, and the changes to the scenario that set the seeds."""
+        given = {key: changes.get(key, self.base.get(key)) for key in SEEDS}
+        seed = WHOLE(Scenario.model_fields["seed"].default if given["seed"] is None else given["seed"])
+        air_seed = seed if given["air_seed"] is None else WHOLE(given["air_seed"])
+        if self.study.over_seeds:
+            yield seed, air_seed, {}
+            return
+        for k in range(self.study.airs):
+            for j in range(self.study.searches):
+                own = (seed + k + SEARCH_STEP * j) % SEED_RANGE
+                air = (air_seed + k) % SEED_RANGE
+                apart = own != air or given["air_seed"] is not None
+                yield own, air, {"seed": own} | ({"air_seed": air} if apart else {})
+
+
+class _Checked(NamedTuple):
+    """Valid combination of axis values (point). combination: number, equal for points that differ only in seeds."""
+
+    point: Point
+    combination: int
+    ids: Ids
+
+
+class _Refused:
+    """Errors of a study's combinations of axis values (points). Errors that several points share are merged."""
+
+    def __init__(self, axes: Sequence[Levels | Range]):
+        self.axes = axes
+        self.first: dict[str, str] = {}
+        self.points: dict[str, list[Point]] = {}
+
+    def add(self, point: Point, faults: Sequence[str]) -> None:
+        """Add the errors of a point. Errors that differ only in numbers count as equal."""
+        for line in faults:
+            where, _, message = line.partition(": ")
+            key = f"{where}: {NUMBER.sub('#', message)}"
+            self.first.setdefault(key, line)
+            self.points.setdefault(key, []).append(point)
+
+    def lines(self) -> list[str]:
+        """Return a line for each error."""
+        return [f"{self._whose(points)}: {self.first[key]}" for key, points in self.points.items()]
+
+    def _whose(self, points: list[Point]) -> str:
+        """Return text that names the axis values of points with an error, without axes that have it at all values."""
+        parts = []
+        for axis in self.axes:
+            values = list(dict.fromkeys(point.values[axis.name] for point in points))
+            if isinstance(axis, Range) or len(values) < len(axis.levels):
+                unit = f" {axis.unit}" if axis.unit else ""
+                shown = ", ".join(
+                    f"{visible(_plain(value), LONGEST_VALUE)}{unit}" for value in values[:MOST_VALUES]
+                )
+                more = f" and {len(values) - MOST_VALUES} more" if len(values) > MOST_VALUES else ""
+                parts.append(f"axes.{axis.name}: {shown}{more}")
+        count = f" ({len(points)} points)" if len(points) > 1 else ""
+        return f"{', '.join(parts)}{count}" if parts else "all points"
+
+
+def _plain(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def columns(axes: Sequence[Levels | Range]) -> Iterator[Axis]:
+    """Yield the table column of each axis. Axes with few values get a folder per value, at most MOST_FOLDERS in all."""
+    folders = 1
+    for axis in axes:
+        levels = axis.levels if isinstance(axis, Levels) and axis.name not in SEEDS else ()
+        names = {quote(str(level.value)).casefold() for level in levels}  # some file systems ignore case
+        short = len(names) == len(levels) and all(len(name) <= LONGEST_FOLDER for name in names)
+        partition = short and 1 < len(levels) <= MOST_LEVELS and folders * len(levels) <= MOST_FOLDERS
+        folders *= len(levels) if partition else 1
+        yield Axis(axis.name, axis.unit, partition)
+
+
+def _same_runs(requests: Sequence[Request]) -> str | None:
+    """Return an error line if two runs have the same id, else None."""
+    known: dict[str, Request] = {}
+    for request in requests:
+        other = known.setdefault(request.run, request)
+        if other is not request:
+            pairs = [(name, other.values[name], value) for name, value in request.values.items()]
+            differ = [f"{name}: {_plain(a)} and {_plain(b)}" for name, a, b in pairs if a != b]
+            which = visible(", ".join(differ), None)
+            return f"axes: points with {which} are the same run: this difference does not affect results"
+    return None

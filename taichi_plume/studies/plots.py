@@ -1,0 +1,285 @@
+"""Figures of a parameter study's page: results along axes and over pairs of axes, Sobol indices, grid refinement."""
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from taichi_plume.report import theme
+from taichi_plume.studies.columns import is_number
+from taichi_plume.studies.estimates import Points, Quantity
+from taichi_plume.studies.indices import Index
+from taichi_plume.studies.intervals import Estimate
+from taichi_plume.studies.messages import Row, Value
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+WIDE, TALL = 7.2, 2.5  # inches
+DPI = 100
+MOST_LINES = 6  # lines in a panel
+MOST_PANELS = 4
+MOST_VALUES = 15  # values of an axis plotted with intervals; axes with more show dots and a running mean
+MOST_DOTS = 3000
+WINDOW = 0.15  # window of the running mean as a fraction of the axis
+
+Estimates = Mapping[Hashable, Estimate]
+Names = Sequence[Value | None]
+
+
+def values_of(points: Points, axis: str) -> list[Any]:
+    """Return the distinct values of a study's axis (or of "group", the robot groups); numbers are sorted."""
+    values = list(dict.fromkeys(points.table[axis].dropna()))
+    return sorted(values) if is_number(points.plan.table, axis) else values
+
+
+def named(points: Points) -> list[str]:
+    """Return the axes that have several non-numeric values; "group" is the first if there are several robot groups."""
+    axes = [axis for axis in points.axes if not is_number(points.plan.table, axis)]
+    groups = ["group"] if "group" in points.table else []
+    return [axis for axis in (*groups, *axes) if len(values_of(points, axis)) > 1]
+
+
+def numeric(points: Points) -> list[str]:
+    """Return the names of the study's axes that have several numeric values."""
+    return [
+        axis
+        for axis in points.axes
+        if is_number(points.plan.table, axis) and len(values_of(points, axis)) > 1
+    ]
+
+
+def label(points: Points, axis: str) -> str:
+    """Return the label of a study's axis for plots: its shortened name, and its unit in brackets if there is one."""
+    unit = next((column.unit for column in points.plan.axes if column.name == axis), "")
+    return theme.short(axis) + (f" [{unit}]" if unit not in ("", "1") else "")
+
+
+def logarithmic(points: Points, axis: str) -> bool:
+    """Return whether the study's file gives an axis logarithmic spacing and all values are positive."""
+    found = (points.plan.about["study"].get("axes") or {}).get(axis)
+    return isinstance(found, dict) and found.get("spacing") == "log" and min(values_of(points, axis)) > 0
+
+
+def _quantity(quantity: Quantity) -> str:
+    unit = "%" if quantity.share else "" if quantity.unit in ("1", "") else quantity.unit
+    return theme.short(quantity.title, 44) + (f" [{unit}]" if unit else "")
+
+
+def _scaled(quantity: Quantity, estimate: Estimate) -> list[float]:
+    """Return mean, lower and upper end of an estimate with its interval; in per cent if the quantity is a fraction."""
+    return [(100.0 if quantity.share else 1.0) * value for value in estimate[:3]]
+
+
+def interval_bar(axes: "Axes", place: int, quantity: Quantity, estimate: Estimate) -> None:
+    """Draw an estimate at y = `place`: its mean as a dot, its confidence interval as a horizontal error bar."""
+    mean, low, high = _scaled(quantity, estimate)
+    axes.errorbar(
+        [mean], [place], xerr=np.nan_to_num(np.abs([[mean - low], [high - mean]])), color=theme.robot(place),
+        marker="o", markersize=4.5, capsize=2.5,
+    )  # fmt: skip
+
+
+def _panels(
+    count: int, draw: Callable[["Axes", int], None], rows: int, tall: float = TALL, legend: str = ""
+) -> bytes:
+    """Return a PNG of `count` panels in `rows` rows; draw(axes, n) draws panel n. legend: title of a legend, if any."""
+    with theme.styled({"text.parse_math": False}):
+        below = 0.45 if legend else 0.0
+        figure = theme.figure(WIDE, tall * rows + below, DPI)
+        axes = np.ravel(figure.subplots(rows, -(-count // rows), squeeze=False))
+        for n, panel in enumerate(axes):
+            if n < count:
+                theme.plain(panel)
+                draw(panel, n)
+            else:
+                panel.set_axis_off()
+        figure.tight_layout(pad=0.6, rect=(0, below / (tall * rows + below), 1, 1))
+        if legend:
+            handles, labels = axes[0].get_legend_handles_labels()
+            box = figure.legend(handles, labels, loc="lower left", ncols=3, handlelength=1.2)
+            box.set_title(f"{legend}:")
+            box.get_title().set_fontsize(8)
+            box.set_alignment("left")
+        return theme.png(figure)
+
+
+# ---------------------------------------------------------------- along one axis
+
+
+def along(points: Points, axis: str, by: str | None, quantities: Sequence[Quantity]) -> bytes:
+    """Return a PNG of quantities over a numeric axis, a line per value of the axis `by`, MOST_LINES per panel."""
+    lines = values_of(points, by) if by else [None]
+    parts = [lines[n : n + MOST_LINES] for n in range(0, len(lines), MOST_LINES)][:MOST_PANELS]
+    draw = _means if len(values_of(points, axis)) <= MOST_VALUES else _running
+    keys = [axis, *([by] if by else [])]
+    found = {q.name: points.estimated(q, keys) if draw is _means else {} for q in quantities}
+
+    def panel(axes: "Axes", n: int) -> None:
+        part, quantity = parts[n // len(quantities)], quantities[n % len(quantities)]
+        draw(axes, points, axis, by, part, quantity, found[quantity.name])
+        axes.set_xlabel(label(points, axis))
+        axes.set_title(_quantity(quantity), fontsize=9)
+        if logarithmic(points, axis):
+            axes.set_xscale("log")
+            axes.xaxis.set_major_formatter("{x:g}")
+            axes.xaxis.set_minor_formatter("")
+        if quantity.share:
+            axes.set_ylim(-3, 103)
+        if n % len(quantities) == 0 and by and len(parts) > 1:
+            axes.legend(loc="best", title=theme.short(by), title_fontsize=8, handlelength=1.2)
+
+    legend = theme.short(by) if by and len(parts) == 1 else ""
+    return _panels(len(parts) * len(quantities), panel, len(parts), legend=legend)
+
+
+def _means(
+    axes: "Axes",
+    points: Points,
+    axis: str,
+    by: str | None,
+    part: Names,
+    quantity: Quantity,
+    found: Estimates,
+) -> None:
+    """Draw a line through the means of a quantity along an axis, with intervals; a line per value of `by` in `part`."""
+    places = values_of(points, axis)
+    log = logarithmic(points, axis)
+    apart = 0.006 * (np.log(max(places) / min(places)) if log else max(places) - min(places))
+    for n, name in enumerate(part):
+        keys = [(place, name) if by else place for place in places]
+        pairs = zip(places, keys, strict=True)
+        known = [(place, _scaled(quantity, found[key])) for place, key in pairs if key in found]
+        if not known:
+            continue
+        x, aside = np.array([place for place, _ in known], float), apart * (n - (len(part) - 1) / 2)
+        x = x * np.exp(aside) if log else x + aside
+        mean, low, high = np.array([values for _, values in known]).T
+        reach = np.nan_to_num(np.abs([mean - low, high - mean]))
+        axes.errorbar(
+            x, mean, reach, color=theme.robot(n), marker="o", markersize=3.5, linewidth=1.3, elinewidth=0.9,
+            capsize=2, label=theme.short(str(name)) if by else None,
+        )  # fmt: skip
+
+
+def _running(
+    axes: "Axes",
+    points: Points,
+    axis: str,
+    by: str | None,
+    part: Names,
+    quantity: Quantity,
+    _: Estimates,
+) -> None:
+    """Draw a dot at each point's mean (point: set of axis values) and a running mean; a colour per value of `by`."""
+    log = logarithmic(points, axis)
+    x = points.table[axis].to_numpy(float)
+    x = np.log(x) if log else x
+    y = np.array([_scaled(quantity, e)[0] if e else np.nan for e in points.estimates[quantity.name]], float)
+    reach = WINDOW * float(np.ptp(x))
+    for n, name in enumerate(part):
+        mine = np.isfinite(y) & ((points.table[by] == name).to_numpy(bool) if by else True)
+        if not mine.any():
+            continue
+        shown = np.flatnonzero(mine)[:: max(1, int(mine.sum()) // MOST_DOTS)]
+        color = theme.robot(n)
+        back = np.exp if log else np.asarray
+        axes.plot(back(x[shown]), y[shown], ".", color=color, markersize=3, alpha=0.35)
+        grid = np.linspace(x[mine].min(), x[mine].max(), 60)
+        weight = np.exp(-0.5 * ((grid[:, None] - x[mine]) / (reach / 2)) ** 2)
+        mean = (weight * y[mine]).sum(1) / weight.sum(1)
+        axes.plot(back(grid), mean, color=color, label=theme.short(str(name)) if by else None)
+
+
+def between(points: Points, axis: str, quantities: Sequence[Quantity]) -> bytes:
+    """Return a PNG of quantities with confidence intervals at each value of a non-numeric axis."""
+    names = values_of(points, axis)[: MOST_LINES * MOST_PANELS]
+    found = {q.name: points.estimated(q, [axis]) for q in quantities}
+
+    def panel(axes: "Axes", n: int) -> None:
+        quantity = quantities[n]
+        for place, name in enumerate(names):
+            if name in found[quantity.name]:
+                interval_bar(axes, place, quantity, found[quantity.name][name])
+        axes.set_yticks(range(len(names)), [theme.short(str(name)) if n == 0 else "" for name in names])
+        axes.set_ylim(len(names) - 0.5, -0.5)
+        axes.set_title(_quantity(quantity), fontsize=9)
+        if quantity.share:
+            axes.set_xlim(-3, 103)
+
+    return _panels(len(quantities), panel, 1, max(1.4, 0.7 + 0.24 * len(names)))
+
+
+# ---------------------------------------------------------------- over two axes
+
+
+def heat(points: Points, pair: tuple[str, str], by: str | None, q: Quantity) -> bytes:
+    """Return a PNG with heat maps of a quantity over a pair of numeric axes, a panel per value of the axis `by`."""
+    parts = (values_of(points, by) if by else [None])[:MOST_LINES]
+    across, up = (values_of(points, axis) for axis in pair)
+    found = points.estimated(q, [*pair, *([by] if by else [])])
+    tables = []
+    for name in parts:
+        keys = [[(x, y, name) if by else (x, y) for x in across] for y in up]
+        tables.append([[_scaled(q, found[k])[0] if k in found else np.nan for k in row] for row in keys])
+    low, high = (0.0, 100.0) if q.share else (float(np.nanmin(tables)), float(np.nanmax(tables)))
+
+    def panel(axes: "Axes", n: int) -> None:
+        axes.grid(False)
+        image = axes.imshow(tables[n], origin="lower", aspect="auto", cmap="viridis", vmin=low, vmax=high)
+        turned = 45 if len(across) > 6 else 0
+        axes.set_xticks(range(len(across)), [f"{x:.3g}" for x in across], rotation=turned)
+        axes.set_yticks(range(len(up)), [f"{y:.3g}" for y in up])
+        axes.set_xlabel(label(points, pair[0]))
+        axes.set_ylabel(label(points, pair[1]))
+        axes.set_title(theme.short(str(parts[n])) if by else _quantity(q), fontsize=9)
+        for row, values in enumerate(tables[n] if len(across) * len(up) <= 64 else []):
+            for place, value in enumerate(values):
+                if np.isfinite(value):
+                    theme.note(axes, place, row, f"{value:.3g}", theme.INK)
+        axes.figure.colorbar(image, ax=axes, fraction=0.05, pad=0.03).set_label(_quantity(q), fontsize=7)
+
+    rows = -(-len(parts) // 2)
+    return _panels(len(parts), panel, rows, 2.9)
+
+
+# ---------------------------------------------------------------- kinds
+
+
+def sensitivity(title: str, indices: dict[str, Index]) -> bytes:
+    """Return a PNG bar chart of the first-order and total Sobol indices of the axes, with confidence intervals."""
+
+    def panel(axes: "Axes", _: int) -> None:
+        place = np.arange(len(indices))
+        for n, name in enumerate(("first order: by itself", "total: with the others")):
+            index, low, high = np.array([values[3 * n : 3 * n + 3] for values in indices.values()]).T
+            reach = np.nan_to_num(np.clip([index - low, high - index], 0, None))
+            axes.barh(
+                place + 0.38 * n - 0.19, index, 0.36, xerr=reach, color=theme.robot(n), label=name,
+                ecolor=theme.INK, capsize=2,
+            )  # fmt: skip
+        axes.set_yticks(place, [theme.short(name) for name in indices])
+        axes.set_ylim(len(indices) - 0.4, -0.6)
+        axes.set_xlabel("share of the variance")
+        axes.set_title(title, fontsize=9)
+        axes.legend(loc="best")
+
+    return _panels(1, panel, 1, 1.1 + 0.5 * len(indices))
+
+
+def refinement(rows: Sequence[Row], names: Sequence[str], title: str, unit: str) -> bytes:
+    """Return a PNG of results over the grid spacing, a line per row, with their extrapolations to zero spacing."""
+
+    def panel(axes: "Axes", _: int) -> None:
+        for n, (row, name) in enumerate(zip(rows[:MOST_LINES], names, strict=False)):
+            label, color = theme.short(name, 40), theme.robot(n)
+            axes.plot(row["spacings"], row["values"], "o-", color=color, markersize=4, label=label)
+            if np.isfinite(row["extrapolated"]):
+                axes.plot(0, row["extrapolated"], "*", color=theme.robot(n), markersize=9, clip_on=False)
+        axes.set_xlim(0, None)
+        axes.set_xlabel("spacing [m]; stars: extrapolated")
+        axes.set_title(theme.short(title, 60) + (f" [{unit}]" if unit not in ("", "1") else ""), fontsize=9)
+        if any(names):
+            axes.legend(loc="best")
+
+    return _panels(1, panel, 1)
