@@ -52,17 +52,22 @@ if os.name == "posix" and not os.environ.keys() & {"HOME", "XDG_CACHE_HOME"}:
     os.environ["HOME"] = _home if os.path.isabs(_home) else "/"
 
 if TYPE_CHECKING:
+    from taichi_plume import envs
     from taichi_plume.api.cite import cite
+    from taichi_plume.api.contest import contest
     from taichi_plume.api.own import Own
     from taichi_plume.api.simulate import simulate
     from taichi_plume.api.simulation import Simulation
+    from taichi_plume.api.study import study
     from taichi_plume.assembly.preparation import load_scenario
+    from taichi_plume.contests.standings import Standings
     from taichi_plume.execution.execute import RunError
     from taichi_plume.files.run_folder import RunFolderError
     from taichi_plume.guard.input_error import InputError
     from taichi_plume.results.run import Run, open_run
     from taichi_plume.scenario.loading import ScenarioError
     from taichi_plume.scenario.scenario import Scenario
+    from taichi_plume.studies.results import open_study
     from taichi_plume.time_loop import UnstableError
 
 __version__ = "0.2.0.dev0"
@@ -75,11 +80,16 @@ __all__ = [
     "Scenario",
     "ScenarioError",
     "Simulation",
+    "Standings",
     "UnstableError",
     "cite",
+    "contest",
+    "envs",
     "load_scenario",
     "open_run",
+    "open_study",
     "simulate",
+    "study",
 ]
 _MODULES = {
     "InputError": "guard.input_error",
@@ -90,16 +100,22 @@ _MODULES = {
     "Scenario": "scenario.scenario",
     "ScenarioError": "scenario.loading",
     "Simulation": "api.simulation",
+    "Standings": "contests.standings",
     "UnstableError": "time_loop",
     "cite": "api.cite",
+    "contest": "api.contest",
     "load_scenario": "assembly.preparation",
     "open_run": "results.run",
+    "open_study": "studies.results",
     "simulate": "api.simulate",
+    "study": "api.study",
 }
 
 
 def __getattr__(name: str) -> object:
     """Import and return a public name of the package at its first use, so that `import taichi_plume` is fast."""
+    if name == "envs":
+        return import_module("taichi_plume.envs")
     if name not in _MODULES:
         raise AttributeError(f"module 'taichi_plume' has no attribute '{name}'")
     return getattr(import_module(f"taichi_plume.{_MODULES[name]}"), name)

@@ -2,6 +2,7 @@
 
 MAY_IMPORT: tuple[str, ...] = (
     "assembly",
+    "contests",
     "execution",
     "files",
     "grid",
@@ -9,5 +10,6 @@ MAY_IMPORT: tuple[str, ...] = (
     "report",
     "results",
     "scenario",
+    "studies",
     "time_loop",
 )

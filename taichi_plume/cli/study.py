@@ -7,13 +7,20 @@ wrong; 130: interrupted. Errors of the input are reported before Taichi or Dask 
 
 import argparse
 import sys
+import traceback
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from taichi_plume.cli.exit_codes import exit_code
 from taichi_plume.cli.options import add, flag, option, whole_number
 from taichi_plume.execution.signals import reader_may_leave
-from taichi_plume.guard.terminal import Parser
+from taichi_plume.guard.terminal import Parser, say, visible
+
+if TYPE_CHECKING:
+    from taichi_plume.studies.study_run import End
+
+EXIT_CODES = {"completed": 0, "failed": 1, "interrupted": 130}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -29,20 +36,32 @@ def _study(args: argparse.Namespace) -> int:
     from taichi_plume.studies.plan import load_plan
 
     plan = load_plan(args.study, args.allow_outside)
-    out = args.out or Path("studies") / plan.study.name
+    out = args.out or plan.default_out
     if args.check:
         from taichi_plume.studies.study_run import print_check
 
         with reader_may_leave():
             print_check(plan, out)
         return 0
-    from taichi_plume.studies.study_run import Wishes, carry_out
+    from taichi_plume.studies.study_run import Settings, execute
 
-    wishes = Wishes(
-        out, args.workers, args.scheduler, args.retry, args.force, args.quiet, args.allow_code, args.allow_outside,
-        args.dashboard, not args.no_report, args.debug,
+    settings = Settings(
+        out, args.workers, args.scheduler, args.retry, args.force, not args.quiet, args.allow_code, args.allow_outside,
+        args.dashboard, not args.no_report,
     )  # fmt: skip
-    return carry_out(plan, wishes)
+    return print_end(execute(plan, settings), args.quiet, args.debug, settings.report)
+
+
+def print_end(end: "End", quiet: bool, debug: bool = False, report: bool = True) -> int:
+    """Print how a study's execution ended, and return the exit code. report: whether it has written the report page."""
+    if debug and isinstance(end.error, OSError):
+        say(*"".join(traceback.format_exception(end.error)).splitlines(), error=True)
+    say(*end.notes, error=True, longest=None)
+    if not quiet and end.runs:
+        made = "runs.parquet, trials/" + ", report.html" * report
+        with reader_may_leave():
+            say(visible(f"{end.done:,} of {end.runs:,} runs are done; {made} in {end.folder}"))
+    return EXIT_CODES[end.status]
 
 
 def _report(argv: Sequence[str]) -> int:
@@ -52,12 +71,13 @@ def _report(argv: Sequence[str]) -> int:
     parser.add_argument("out", type=Path, metavar="DIR", help="the study's folder, such as studies/NAME")
     args = parser.parse_args(argv)
 
-    def publish() -> int:
+    def write() -> int:
         from taichi_plume.studies.study_run import publish
 
-        return publish(args.out)
+        say(visible(publish(args.out)))
+        return 0
 
-    return exit_code(publish, out=args.out)
+    return exit_code(write, out=args.out)
 
 
 def _arguments(argv: Sequence[str]) -> argparse.Namespace:

@@ -4,28 +4,64 @@ The folder holds `scenarios/NAME.yaml` and `NAME.study.yaml`, the folder `NAME` 
 `contest.parquet` and `contest.html`. Runs, airs, workers and resuming work as in studies.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import yaml
 
-from taichi_plume.contests.entrants import Entrant
-from taichi_plume.contests.fixed_scenarios import Fixed
+from taichi_plume.assembly.own_code import has_permission
+from taichi_plume.contests.entrants import Entrant, entrants, scenarios
+from taichi_plume.contests.fixed_scenarios import NAMES, QUICK, Fixed, fixed
 from taichi_plume.files import disk, own_folder
+from taichi_plume.files.own_class import OwnFile
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.safe_open import unopenable
-from taichi_plume.guard.terminal import say, visible
+from taichi_plume.guard.terminal import notebook_display, say, visible
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.studies.plan import load_plan
-from taichi_plume.studies.study_run import Wishes, carry_out
+from taichi_plume.studies.study_run import Settings, execute
 
 if TYPE_CHECKING:
     from taichi_plume.studies.plan import Plan
+    from taichi_plume.studies.study_run import End
 
 KIND = "contest"  # contest.json marks a contest's folder
 SCENARIOS = "scenarios"
 AXIS = "algorithm"
+AIRS, SEARCHES = 8, 8
+QUICK_AIRS, QUICK_SEARCHES = 2, 4
+
+
+class Choice(NamedTuple):
+    """Options of a contest. algorithms, scenarios: names, None for all; files, policies: of the user's algorithms.
+
+    quick: one scenario with few airs; seed: of airs, starts and noise; airs: number in each scenario; searches: number
+    in each air.
+    """
+
+    out: Path = Path("contest")
+    algorithms: Sequence[str] | None = None
+    files: Sequence[Path] = ()
+    policies: Sequence[Path] = ()
+    scenarios: Sequence[str] | None = None
+    quick: bool = False
+    seed: int | None = None
+    airs: int | None = None
+    searches: int | None = None
+    allow_code: bool = False
+
+    def command(self) -> list[str]:
+        """Return the command line of the contest as a list of words."""
+        words = ["python", "-m", "taichi_plume.contest"]
+        for name, files in (("--algorithm", self.files), ("--policy", self.policies)):
+            words += [word for file in files for word in (name, str(file))]
+        words += ["--allow-code"] * self.allow_code + ["--quick"] * self.quick
+        for name, names in (("--scenarios", self.scenarios), ("--algorithms", self.algorithms)):
+            words += [name, ",".join(names)] if names is not None else []
+        numbers = {"--seed": self.seed, "--airs": self.airs, "--searches": self.searches}
+        words += [word for name, n in numbers.items() if n is not None for word in (name, str(n))]
+        return [*words, "--out", str(self.out)]
 
 
 class Contest(NamedTuple):
@@ -44,6 +80,29 @@ class Contest(NamedTuple):
     def study(self, scenario: Fixed) -> Path:
         """Return the folder of a scenario's study."""
         return self.out / scenario.name
+
+
+def contest_of(choice: Choice) -> Contest:
+    """Return the contest of the chosen scenarios and algorithms. Raises ScenarioError for unknown names and files."""
+    names = scenarios(choice.scenarios, QUICK if choice.quick else NAMES)
+    entries = entrants(choice.algorithms, choice.files, choice.policies)
+    _require_allowed(choice)
+    searches = choice.searches or (QUICK_SEARCHES if choice.quick else SEARCHES)
+    chosen = tuple(fixed(name, choice.seed, searches) for name in names)
+    airs = choice.airs or (QUICK_AIRS if choice.quick else AIRS)
+    return Contest(choice.out, chosen, tuple(entries), airs)
+
+
+def _require_allowed(choice: Choice) -> None:
+    """Raise ScenarioError if the user has not allowed the execution of Python files with algorithms."""
+    refused = [
+        f"{path}: holds Python code, which runs with all your rights; look at it, then add --allow-code "
+        "(in Python: allow_code=True)"
+        for path in choice.files
+        if not choice.allow_code and not has_permission(str(path), OwnFile.read(path, None).digest)
+    ]
+    if refused:
+        raise ScenarioError(refused)
 
 
 def plans(contest: Contest) -> list["Plan"]:
@@ -69,19 +128,19 @@ def plans(contest: Contest) -> list["Plan"]:
     return made
 
 
-def play(contest: Contest, wishes: Wishes) -> int:
-    """Execute the missing runs of a contest; return the largest exit code of the studies. Raises the errors of `plans`.
+def play(contest: Contest, settings: Settings) -> Iterator["End"]:
+    """Execute the missing runs of a contest, yield the end of each scenario's study. Raises the errors of `plans`.
 
-    wishes: options of the studies; `out` is replaced.
+    settings: of the studies; `out` is replaced.
     """
-    code = 0
     for plan, scenario in zip(plans(contest), contest.scenarios, strict=True):
-        if not wishes.quiet:
-            say(f"{scenario.name}: {len(contest.entrants)} algorithms in {contest.airs} airs", error=True)
-        code = max(code, carry_out(plan, wishes._replace(out=contest.study(scenario))))
-        if code == 130:
-            break
-    return code
+        if settings.progress:
+            line = f"{scenario.name}: {len(contest.entrants)} algorithms in {contest.airs} airs"
+            say(line, error=notebook_display() is None)
+        end = execute(plan, settings._replace(out=contest.study(scenario)))
+        yield end
+        if end.status == "interrupted":
+            return
 
 
 def _require_ours(out: Path) -> None:

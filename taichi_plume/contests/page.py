@@ -101,19 +101,33 @@ def _failures(rows: Sequence[Row]) -> Section:
     return section
 
 
+def brief(rows: Sequence[Row]) -> tuple[list[list[str]], list[str]]:
+    """Return cells and heads of the standings: success with its interval, the other quantities as means."""
+    shown = [q for q in MEASURES if q not in ON_PAGE and any(row.estimates[q.name] for row in rows)]
+    heads = ["scenario", "algorithm", *(plots.title(q, short=True) for q in shown)]
+    cells = [
+        [
+            row.scenario,
+            visible(row.algorithm),
+            *((q.cell if q is SUCCESS else q.mean)(row.estimates[q.name]) for q in shown),
+        ]
+        for row in rows
+    ]
+    return cells, heads
+
+
 def show_table(rows: Sequence[Row]) -> None:
-    """Print the contest's standings in the terminal: success with its interval, the other quantities as means."""
+    """Print the contest's standings in the terminal, see `brief`."""
     from rich.table import Table as Shown
 
-    shown = [q for q in MEASURES if q not in ON_PAGE and any(row.estimates[q.name] for row in rows)]
+    cells, heads = brief(rows)
     table = Shown(box=None, padding=(0, 1, 0, 0))
-    for n, head in enumerate(("", *(plots.title(q, short=True) for q in shown))):
+    for n, head in enumerate(("", *heads[2:])):
         table.add_column(head, no_wrap=n < 2, min_width=5)
     before = ""
-    for row in rows:
-        if row.scenario != before:
-            table.add_row(row.scenario, style="bold")
-        before = row.scenario
-        cells = ((q.cell if q is SUCCESS else q.mean)(row.estimates[q.name]) for q in shown)
-        table.add_row(f" {visible(row.algorithm)}", *cells)
+    for scenario, algorithm, *others in cells:
+        if scenario != before:
+            table.add_row(scenario, style="bold")
+        before = scenario
+        table.add_row(f" {algorithm}", *others)
     show(table)

@@ -1,7 +1,9 @@
 """Standings of a contest: a row per algorithm and scenario, from the records in the studies' folders."""
 
-from collections.abc import Hashable, Iterator
-from typing import Any, NamedTuple
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -12,6 +14,9 @@ from taichi_plume.scoring.declarations import OUTCOMES
 from taichi_plume.studies.estimates import Quantity, estimated
 from taichi_plume.studies.intervals import Estimate
 from taichi_plume.studies.results import Results, open_study
+
+if TYPE_CHECKING:
+    import pandas
 
 NAME = "contest"
 
@@ -91,14 +96,60 @@ def _estimates(study: Results) -> dict[str, dict[Hashable, Estimate]]:
     return {measure.name: estimated(trials, measure, [AXIS]) for measure in (*MEASURES, SEARCHES)}
 
 
-def write(contest: Contest, standings: list[Row]) -> None:
-    """Write contest.csv and contest.parquet; equal rows make equal bytes. Raises RunFolderError, OSError."""
-    if not standings:
-        raise RunFolderError("nothing has been run yet")
-    import pandas as pd
+@dataclass(frozen=True)
+class Standings:
+    """Results of a contest. rows: a row per algorithm and scenario, in the contest's order; page: path of its page."""
 
-    table = pd.DataFrame([row.columns() for row in standings])
+    contest: Contest
+    rows: list[Row]
+    page: Path
+
+    @property
+    def table(self) -> "pandas.DataFrame":
+        """A row per algorithm and scenario: the content of contest.csv; units in `attrs["units"]`."""
+        import pandas as pd
+
+        frame = pd.DataFrame([row.columns() for row in self.rows])
+        units = {measure.name: measure.unit for measure in MEASURES}
+        ends = {f"{name}_{end}": unit for name, unit in units.items() for end in ("low", "high")}
+        frame.attrs["units"] = units | ends
+        return frame
+
+    def study(self, scenario: str) -> Results:
+        """Return the runs and trials of one scenario. Raises RunFolderError if it has not been started."""
+        return open_study(self.contest.out / scenario)
+
+    @property
+    def _brief(self) -> "pandas.DataFrame":
+        import pandas as pd
+
+        from taichi_plume.contests.page import brief
+
+        cells, heads = brief(self.rows)
+        return pd.DataFrame(cells, columns=pd.Index(heads))
+
+    def _repr_html_(self) -> str:
+        return self._brief.to_html(index=False)
+
+    def __repr__(self) -> str:
+        return self._brief.to_string(index=False)
+
+
+def conclude(contest: Contest, command: Sequence[str]) -> Standings:
+    """Write contest.csv, contest.parquet and the page of the finished runs; equal rows make equal tables.
+
+    command: to repeat the contest, for the page. Raises RunFolderError, OSError.
+    """
+    from taichi_plume.contests import page
+
+    found = rows(contest)
+    if not found:
+        raise RunFolderError("nothing has been run yet")
+    standings = Standings(contest, found, page.write(contest, found, command))
+    table = standings.table
+    table.attrs.clear()
     with disk.written_whole(contest.out / f"{NAME}.csv") as fresh:
         table.to_csv(fresh, index=False, lineterminator="\n", float_format="%.6g")
     with disk.written_whole(contest.out / f"{NAME}.parquet") as fresh:
         table.to_parquet(fresh, index=False)
+    return standings

@@ -1,14 +1,18 @@
 """Progress bar of a run, at a terminal or in a notebook."""
 
 import time
+from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from html import escape
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 
 from taichi_plume.guard.terminal import notebook_display, terminal
-from taichi_plume.time_loop import TimeLoop
+
+if TYPE_CHECKING:
+    from taichi_plume.time_loop import TimeLoop
 
 COMPILED = 3  # ticks until every kernel has run once
 PAUSE = 0.2  # wall-clock time between updates in a notebook [s]
@@ -44,13 +48,13 @@ class TerminalBar:
         )
         console.print("compiling ...", end="\r")
 
-    def begin(self, sim: TimeLoop) -> None:
+    def begin(self, sim: "TimeLoop") -> None:
         """Start the bar of a simulation's time steps."""
         total = sim.last_tick - sim.scenario.first_tick
         self.task = self.bar.add_task("compiling", total=total, clock="", speed="")
         self.bar.start()
 
-    def update(self, sim: TimeLoop) -> None:
+    def update(self, sim: "TimeLoop") -> None:
         """Update the bar with the simulated time and the speed relative to real time."""
         done = sim.tick - sim.scenario.first_tick
         speed = self.bar.tasks[0].speed  # ticks per second over the last moments
@@ -69,40 +73,49 @@ class TerminalBar:
 
 
 class NotebookBar:
-    """Progress bar in the output of a notebook's cell. display: the module IPython.display."""
+    """Progress bar in the output of a notebook's cell. display: the module IPython.display; first: text until then."""
 
-    def __init__(self, display: Any):
+    def __init__(self, display: Any, first: str = "compiling ..."):
         self.html = display.HTML
-        self.shown = display.display(self.html("compiling ..."), display_id=True)
+        self.shown = display.display(self.html(first), display_id=True)
         self.updated = 0.0
 
-    def begin(self, sim: TimeLoop) -> None:
+    def begin(self, sim: "TimeLoop") -> None:
         """Start the bar of a simulation's time steps."""
         self.began = time.monotonic()
 
-    def update(self, sim: TimeLoop) -> None:
+    def update(self, sim: "TimeLoop") -> None:
         """Update the bar with the simulated time and the speed relative to real time."""
+
+        def text() -> str:
+            speed = done * sim.dt / max(time.monotonic() - self.began, 1e-9)
+            return f"{phase(sim)} {clock(sim)}, {speed:.3g} x real time"
+
+        first = sim.scenario.first_tick
+        done = sim.tick - first
+        self.draw(done, sim.last_tick - first, text)
+
+    def draw(self, done: int, total: int, text: Callable[[], str]) -> None:
+        """Draw the bar with a text to its right, unless it has just been drawn."""
         now = time.monotonic()
         if now < self.updated + PAUSE:
             return
         self.updated = now
-        first = sim.scenario.first_tick
-        speed = (sim.tick - first) * sim.dt / max(now - self.began, 1e-9)
-        bar = f'<progress max="{sim.last_tick - first}" value="{sim.tick - first}"></progress>'
-        self.shown.update(self.html(f"{bar} {phase(sim)} {clock(sim)}, {speed:.3g} x real time"))
+        bar = f'<progress max="{total}" value="{done}"></progress>'
+        self.shown.update(self.html(f"{bar} {escape(text())}"))
 
     def close(self) -> None:
         """Remove the bar."""
         self.shown.update(self.html(""))
 
 
-def phase(sim: TimeLoop) -> str:
+def phase(sim: "TimeLoop") -> str:
     """Return what a simulation does at present: compiling, warm-up or running."""
     if sim.tick - sim.scenario.first_tick < COMPILED:
         return "compiling"
     return "warm-up" if sim.tick < 0 else "running"
 
 
-def clock(sim: TimeLoop) -> str:
+def clock(sim: "TimeLoop") -> str:
     """Return the present and the last simulated time as text."""
     return f"{sim.t:.1f} of {sim.scenario.duration:g} s"

@@ -176,6 +176,14 @@ class Points:
         frame.attrs["units"] = {name: units.get(name, "1") for name in frame.columns}
         return frame
 
+    def brief(self) -> "pd.DataFrame":
+        """Return a row per point and group, with each quantity and its interval as text, to be shown."""
+        shown = self.table.drop(columns="point")
+        for q in self.quantities:
+            unit = f" [{q.unit}]" if q.unit not in ("", "1") else ""
+            shown[q.title + unit] = list(map(q.cell, self.estimates[q.name]))
+        return shown
+
     def differences(self, axis: str, quantity: Quantity = SUCCESS) -> Iterator[Row]:
         """Compare each value of an axis with the first value, in the same airs and at equal values of other axes.
 

@@ -259,7 +259,7 @@ class Page:
         """Return the report section with commands that read the study's tables, such as pandas and DuckDB commands."""
         folder, trials = self.folder, f"{self.folder}/trials"
         lines = [
-            f'from taichi_plume import studies; results = studies.open("{folder}"); results.points(); results.trials()',
+            f'import taichi_plume as tp; results = tp.open_study("{folder}"); results.points(); results.trials()',
             f"duckdb -c \"select * from '{trials}/**/*.parquet'\"",
             f'pandas.read_parquet("{trials}")',
             f'polars.read_parquet("{trials}/**/*.parquet")',

@@ -7,13 +7,17 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import quote
 
+import yaml
 from pydantic import TypeAdapter, ValidationError
 
 from taichi_plume.assembly.preparation import expanded
+from taichi_plume.files.bundled import path_of
+from taichi_plume.guard.safe_open import content_of
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.scenario.changes import shown
 from taichi_plume.scenario.error_messages import explain
 from taichi_plume.scenario.input_files import outside
-from taichi_plume.scenario.loading import NEEDS, ScenarioError, read_mapping, scenario_of
+from taichi_plume.scenario.loading import NEEDS, ScenarioError, of_python, read_mapping, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.studies.air_plan import differs
 from taichi_plume.studies.axes import Levels, Point, Range, count_of, points
@@ -31,13 +35,21 @@ LONGEST_FOLDER = 100  # most characters of a value in a folder's name
 SEARCH_STEP = 1_000_003  # difference between the seeds of searches in one air
 SEED_RANGE = 1 << 32
 MOST_VALUES = 3  # values of an axis listed in an error
+LARGEST_TEXT = 1 << 24  # most bytes of a file that the study's folder gets a copy of
 STUDY_NEEDS = "a study needs at least name, base and axes"
 WHOLE = TypeAdapter(int).validate_python
 NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
 
 
+Source = str | Path | Mapping[str, object]
+"""A study: path of its YAML file, name of an example, or dict with the same keys, whose base may be a scenario."""
+
+
 class Plan(NamedTuple):
-    """A study with all its runs. file: study.yaml; folder: folder of the base; base: data of the base scenario."""
+    """A study with all its runs. file: study.yaml; folder: folder of the base; base: data of the base scenario.
+
+    texts: content of the study's file and of the base's, by their names in the study's folder.
+    """
 
     study: Study
     file: Path
@@ -45,20 +57,49 @@ class Plan(NamedTuple):
     base: Data
     axes: tuple[Axis, ...]
     requests: tuple[Request, ...]
+    texts: dict[str, bytes]
+
+    @property
+    def default_out(self) -> Path:
+        """Folder of the study, unless another is given."""
+        return Path("studies") / self.study.name
 
 
-def load_plan(file: Path, allow_outside: bool = False) -> Plan:
-    """Read a study.yaml, check the scenario of each combination of axis values, list all runs. Run no users' code.
+class _Base(NamedTuple):
+    """Base scenario of a study. name: for messages; folder: of the files that it names; text: of its YAML file."""
+
+    name: str
+    folder: Path
+    data: Data
+    text: bytes
+
+
+def load_plan(source: Source, allow_outside: bool = False) -> Plan:
+    """Read a study, check the scenario of each combination of axis values, list all runs. Run no users' code.
 
     allow_outside: whether the base and the files that the base names may lie outside the study's folder. Raises
     ScenarioError with a line for each error.
     """
-    file = Path(file)
+    if isinstance(source, Mapping):
+        return _of_dict(source, allow_outside)
+    if not isinstance(source, str | Path):
+        raise ScenarioError(
+            [f"study: got {shown(source)}; give a YAML file, the name of an example or a dict"]
+        )
+    file = file_of(source)
     study = read_study(file)
     try:
-        return _Planning(study, file, allow_outside).plan()
+        texts = {"study.yaml": content_of(file, LARGEST_TEXT, _unreadable)}
+        base = _base_of_file(file.parent / study.base, file.parent, study.base, allow_outside)
+        return _Planning(study, base, allow_outside).plan(file, texts)
     except ScenarioError as error:
         raise ScenarioError([f"{file}: {line}" for line in error.faults]) from None
+
+
+def file_of(source: str | Path) -> Path:
+    """Return the path of a YAML file, given its path or the name of an example. Raises ScenarioError."""
+    file = Path(source)
+    return path_of(str(source)) if not file.suffix and not file.exists() else file
 
 
 def read_study(file: Path) -> Study:
@@ -68,35 +109,77 @@ def read_study(file: Path) -> Study:
         hint = "python -m taichi_plume.run runs scenarios; a study names its base scenario"
         raise ScenarioError([f"{file}: is a scenario, not a study; {hint}"])
     try:
+        return _study(data)
+    except ScenarioError as error:
+        raise ScenarioError([f"{file}: {line}" for line in error.faults]) from None
+
+
+def _study(data: Data) -> Study:
+    try:
         study = Study.model_validate(data)
     except ValidationError as error:
-        raise ScenarioError([f"{file}: {line}" for line in explain(error, data, Study)]) from None
+        raise ScenarioError(explain(error, data, Study)) from None
     faults = study.faults()
     if faults:
-        raise ScenarioError([f"{file}: {line}" for line in faults])
+        raise ScenarioError(faults)
     return study
 
 
-class _Planning:
-    def __init__(self, study: Study, file: Path, allow_outside: bool):
-        self.study, self.file = study, file
-        path = file.parent / study.base
-        if not allow_outside and outside(file.parent, study.base):
-            where = f"base: {visible(study.base, LONGEST_VALUE)} lies outside the study's folder"
-            hint = "to read this file, add --allow-outside (in Python: allow_outside=True)"
-            raise ScenarioError([f"{where}; {hint}"])
-        self.base, *_ = expanded(read_mapping(path, NEEDS), path, allow_outside)
-        self.folder = path.resolve().parent
-        self.checks, self.digests = Checks(self.folder, allow_outside), Digests(self.folder)
+def _of_dict(source: Mapping[str, object], allow_outside: bool) -> Plan:
+    """Return the plan of a study in a dict. Its base is a path from the working folder, an example or a scenario."""
+    given, name = source.get("base"), "base.yaml"
+    data = of_python({**source, "base": name} if "base" in source else source)
+    study = _study(data)
+    if isinstance(given, str | Path):
+        path = file_of(given)
+        base = _base_of_file(path, path.parent, path.name, allow_outside)
+    elif isinstance(given, Scenario):
+        keys = given.keys_set()
+        base = _Base(name, given.origin.folder.resolve(), keys, _yaml(keys))
+    elif isinstance(given, Mapping):
+        keys = of_python(given)
+        data_of_base, *_ = expanded(keys, Path(name), allow_outside)
+        base = _Base(name, Path().resolve(), data_of_base, _yaml(keys))
+    else:
+        what = (
+            f"got {shown(given)}; give a Scenario, a dict, the path of a YAML file or the name of an example"
+        )
+        raise ScenarioError([f"base: {what}"])
+    return _Planning(study, base, allow_outside).plan(Path("study.yaml"), {"study.yaml": _yaml(data)})
 
-    def plan(self) -> Plan:
-        study = self.study
+
+def _base_of_file(path: Path, folder: Path, name: str, allow_outside: bool) -> _Base:
+    """Read the base scenario of a study, which must lie in `folder` or below unless `allow_outside`."""
+    if not allow_outside and outside(folder, name):
+        where = f"base: {visible(name, LONGEST_VALUE)} lies outside the study's folder"
+        hint = "to read this file, add --allow-outside (in Python: allow_outside=True)"
+        raise ScenarioError([f"{where}; {hint}"])
+    data, *_ = expanded(read_mapping(path, NEEDS), path, allow_outside)
+    return _Base(name, path.resolve().parent, data, content_of(path, LARGEST_TEXT, _unreadable))
+
+
+def _unreadable(message: str) -> ScenarioError:
+    return ScenarioError([message])
+
+
+def _yaml(data: Data) -> bytes:
+    return yaml.safe_dump(data, sort_keys=False, allow_unicode=True).encode()
+
+
+class _Planning:
+    def __init__(self, study: Study, base: _Base, allow_outside: bool):
+        self.study, self.base_file, self.base = study, base, base.data
+        self.checks, self.digests = Checks(base.folder, allow_outside), Digests(base.folder)
+
+    def plan(self, file: Path, texts: dict[str, bytes]) -> Plan:
+        """Return the plan of the study in a file; texts: content of the file, see `Plan`. Raises ScenarioError."""
+        study, base = self.study, self.base_file
         runs = prod(map(count_of, study.axes.values())) * study.draws
         runs *= 1 if study.over_seeds else study.airs * study.searches
         if runs > MOST_RUNS:
             limit = f"at most {MOST_RUNS:,} are allowed"
             raise ScenarioError([f"has {runs:,} runs; {limit}, use fewer values or airs"])
-        axes = resolve(study, self.base, visible(study.base, LONGEST_VALUE))
+        axes = resolve(study, base.data, visible(base.name, LONGEST_VALUE))
         found, faults = self._checked(axes)
         if faults:
             raise ScenarioError(faults)
@@ -104,7 +187,8 @@ class _Planning:
         same = _same_runs(requests)
         if same:
             raise ScenarioError([same])
-        return Plan(study, self.file, self.folder, self.base, tuple(columns(axes)), requests)
+        texts = texts | {"base.yaml": base.text}
+        return Plan(study, file, base.folder, base.data, tuple(columns(axes)), requests, texts)
 
     # ------------------------------------------------------------ checks
 

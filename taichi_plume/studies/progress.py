@@ -13,7 +13,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from taichi_plume.guard.terminal import say, terminal
+from taichi_plume.execution.progress import NotebookBar
+from taichi_plume.guard.terminal import notebook_display, say, terminal
 from taichi_plume.studies.messages import AirRecord, Result
 from taichi_plume.studies.results import duration
 
@@ -24,16 +25,24 @@ FIRST_S, LINE_S = 10.0, 60.0  # time until the first line, and between further l
 
 
 class Display:
-    """Progress display of a study's runs (context). total: all runs; done: runs done at the start; quiet: no output."""
+    """Progress display of a study's runs (context): a bar at a terminal or in a notebook, else a line per minute.
 
-    def __init__(self, total: int, done: int, quiet: bool = False):
-        self.total, self.done, self.quiet = total, done, quiet
+    total: all runs; done: runs done at the start; shown: False for no output.
+    """
+
+    def __init__(self, total: int, done: int, shown: bool = True):
+        self.total, self.done, self.shown = total, done, shown
         self._began = time.monotonic()
         self._first = done
         self._next = self._began + FIRST_S
         self._bar: Progress | None = None
-        console = terminal(error=True)
-        if not quiet and console.is_terminal:
+        self._notebook: NotebookBar | None = None
+        console, notebook = terminal(error=True), notebook_display()
+        if not shown:
+            return
+        if notebook is not None:
+            self._notebook = NotebookBar(notebook)
+        elif console.is_terminal:
             self._bar = Progress(
                 SpinnerColumn(),
                 TextColumn("runs"),
@@ -56,6 +65,8 @@ class Display:
         if self._bar is not None:
             with suppress(OSError):  # the terminal may be gone
                 self._bar.stop()
+        if self._notebook is not None:
+            self._notebook.close()
 
     def advance(self, runs: int) -> None:
         """Add a number of finished runs to the progress display."""
@@ -65,20 +76,25 @@ class Display:
 
     def update(self, scheduler: "Scheduler") -> None:
         """Refresh the bar, or print a progress line each minute, from the state of a study's execution."""
-        if self.quiet:
+        if not self.shown:
             return
         if self._bar is not None:
             self._bar.update(self._task, more=_facts(scheduler))
+        elif self._notebook is not None:
+            self._notebook.draw(self.done, self.total, lambda: self._line(scheduler))
         elif time.monotonic() > self._next:
             self._next = time.monotonic() + LINE_S
-            self.note(f"{self.done:,} of {self.total:,} runs{self._left()}; {_facts(scheduler)}")
+            self.note(self._line(scheduler))
 
     def note(self, line: str) -> None:
-        """Print a line above the progress bar; without a bar on stderr, unless the display is quiet."""
+        """Print a line: above the bar, in a notebook to stdout, else to stderr."""
         if self._bar is not None:
-            self._bar.console.print(line, soft_wrap=True)
-        elif not self.quiet:
-            say(line, error=True)
+            self._bar.console.print(line, soft_wrap=True, markup=False, highlight=False)
+        elif self.shown:
+            say(line, error=self._notebook is None)
+
+    def _line(self, scheduler: "Scheduler") -> str:
+        return f"{self.done:,} of {self.total:,} runs{self._left()}; {_facts(scheduler)}"
 
     def _left(self) -> str:
         """Return the remaining time of the study in words, at the mean rate so far; "" if unknown."""

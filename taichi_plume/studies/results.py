@@ -1,4 +1,4 @@
-"""Results of a study as tables, for notebooks and plots: ``results = studies.open("studies/success-against-wind")``.
+"""Results of a study as tables, for notebooks and plots: ``results = tp.open_study("studies/wind-speeds")``.
 
     results.trials()    pandas.DataFrame: a row for each trial of each group, with the values of all axes
     results.runs()      a row for each run of the plan, finished or missing
@@ -12,6 +12,7 @@ or damaged files raise a RunFolderError of one line.
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,12 +40,20 @@ FAULTS = (pa.ArrowException, OSError, ValueError, LookupError, TypeError)
 
 
 def open_study(folder: Path | str) -> "Results":
-    """Open the folder of a study. Raises RunFolderError for other folders, damaged files and other versions."""
+    """Return the tables of the study in a folder, also while its runs are executed.
+
+    Raises RunFolderError for other folders, damaged files and other versions.
+
+    >>> import taichi_plume as tp
+    >>> tp.open_study("nowhere")
+    Traceback (most recent call last):
+    taichi_plume.files.run_folder.RunFolderError: nowhere: does not exist; give the folder of a study
+    """
     return Results(Path(folder))
 
 
 class Results:
-    """Tables of a study; see `studies.open`. Every method may raise RunFolderError."""
+    """Tables of a study; see `open_study`. Every method may raise RunFolderError."""
 
     def __init__(self, folder: Path):
         self.folder = folder
@@ -183,6 +192,9 @@ class Results:
         made = polars.from_arrow(self.tables._asdict()[name])
         assert isinstance(made, polars.DataFrame)
         return made
+
+    def _repr_html_(self) -> str:
+        return f"<p>{escape(repr(self))}</p>{self.by_points.brief().to_html(index=False)}"
 
     def __repr__(self) -> str:
         counts = self.runs()["status"].value_counts().sort_index()

@@ -31,7 +31,7 @@ class Checks:
         faults = checks.early_errors(scenario)
         if not faults:
             prepared = self.prepared(scenario)
-            faults = checks.errors(*prepared)
+            faults = checks.errors(*prepared) + _classes(scenario)
             if not faults:
                 return prepared
         raise ScenarioError(faults)
@@ -50,6 +50,15 @@ class Checks:
         played = {path: gas for path, gas in known.scenario.gases if isinstance(gas, PlaybackGas)}
         completed = scenario.with_gases(played)
         return Prepared(completed, replace(known.resources, scenario=completed))
+
+
+def _classes(scenario: Scenario) -> list[str]:
+    """Return a line for each algorithm given as a class of this process: other processes make the runs of a study."""
+    return [
+        f"robots[{n}].algorithm: a study needs the class in a Python file; give kind: own, file: FILE.py"
+        for n, group in enumerate(scenario.robots)
+        if isinstance(group.algorithm, Own) and not group.algorithm.file
+    ]
 
 
 def _reads(scenario: Scenario) -> tuple[str, ...]:

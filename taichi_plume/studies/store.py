@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 
 from taichi_plume.files import disk, own_folder, run_folder
 from taichi_plume.files.tables import plain
-from taichi_plume.guard.safe_open import content_of, read_regular, unopenable
+from taichi_plume.guard.safe_open import read_regular, unopenable
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.studies import columns, tables
 from taichi_plume.studies.messages import AirRecord, Cost, Record, Request, Task
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 KIND = "study"  # study.json marks the folder of a study
 PARTS, AIRS, KEPT_FOLDER, FAILED = "parts", "airs", "kept", "failed"
 FORMAT = "taichi_plume study 1"
-LARGEST_TEXT = 1 << 24  # most bytes of a copied file
+LARGEST_RECORD = 1 << 24  # most bytes of the record of an air
 DONE = ("completed", "stopped")
 
 _PART = re.compile(r"\d{6,}\.parquet")
@@ -90,11 +90,8 @@ class Store:
             for folder in (self.parts, self.airs):
                 folder.mkdir(exist_ok=True)
             self._tidy()
-            for name, source in (
-                ("study.yaml", plan.file),
-                ("base.yaml", plan.file.parent / plan.study.base),
-            ):
-                self._copy(source, name)
+            for name, text in plan.texts.items():
+                self._keep(name, text)
             tables.write_plan(self.folder, plan)
             self._next = 1 + max((int(file.stem) for file in self._files()), default=-1)
         except BaseException:
@@ -152,8 +149,7 @@ class Store:
         for film in self.airs.glob("*.zarr.*.part"):
             shutil.rmtree(film, ignore_errors=True)
 
-    def _copy(self, source: Path, name: str) -> None:
-        content = content_of(source, LARGEST_TEXT, StoreError)
+    def _keep(self, name: str, content: bytes) -> None:
         held = self.folder / name
         if held.is_file() and held.read_bytes() != content:
             for film in self.airs.glob("*.zarr"):  # the changed study's runs may last longer
@@ -212,7 +208,7 @@ class Store:
         records = []
         for file in sorted(self.airs.glob("*.json")):
             try:
-                records.append(AirRecord(**json.loads(read_regular(file, LARGEST_TEXT))))
+                records.append(AirRecord(**json.loads(read_regular(file, LARGEST_RECORD))))
             except (OSError, ValueError, TypeError, RecursionError):
                 raise StoreError(f"{file}: is damaged; remove it") from None
         return records

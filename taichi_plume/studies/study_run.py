@@ -1,13 +1,13 @@
 """Execute a parameter study: lock its folder, execute missing runs, write the tables and the report page."""
 
-import traceback
 from collections import Counter
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from taichi_plume.execution.signals import SignalRequests, handling_signals, reader_may_leave
+from taichi_plume.execution.signals import SignalRequests, handling_signals
 from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, show, visible
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.studies.messages import Options
@@ -17,124 +17,140 @@ from taichi_plume.studies.store import DONE, FAILED, KEPT_FOLDER, Store, StoreEr
 if TYPE_CHECKING:
     from taichi_plume.studies.messages import Request
     from taichi_plume.studies.plan import Plan
+    from taichi_plume.studies.progress import Display
     from taichi_plume.studies.workers import Workers
 
 MOST_FAILED = 3  # failed runs that are listed
 MOST_POINTS = 10  # points that `--check` lists
-GOES_ON = "the same command resumes the study"
+RESUME = "started again, the study resumes"
 
 
-class Wishes(NamedTuple):
-    """Options of the study command. out: the study's folder; workers: number of workers, None for all cores."""
+class Settings(NamedTuple):
+    """Settings of a study's execution. out: the study's folder; workers: their number, by default one per core.
+
+    scheduler: address of a Dask scheduler, whose workers are used instead; retry: execute failed runs again; force:
+    remove runs that the study does not have; progress: show the progress; report: write the report page.
+    """
 
     out: Path
     workers: int | None = None
     scheduler: str | None = None
     retry: bool = False
     force: bool = False
-    quiet: bool = False
+    progress: bool = True
     allow_code: bool = False
     allow_outside: bool = False
     dashboard: bool = False
     report: bool = True
-    debug: bool = False
 
 
-def carry_out(plan: "Plan", wishes: Wishes) -> int:
-    """Execute the missing runs of a study, then write its tables and its report page. Return the command's exit code.
+class End(NamedTuple):
+    """End of a study's execution. runs, done: number of its runs, and of those that are finished without an error.
 
-    Raises ScenarioError, RunFolderError, OSError.
+    status: "completed", "failed" (runs have failed, or the workers were lost) or "interrupted"; notes: lines on what is
+    missing, and why; error: that ended the execution.
     """
-    _require_allowed(plan, wishes)
+
+    folder: Path
+    status: str
+    runs: int = 0
+    done: int = 0
+    notes: list[str] = []  # noqa: RUF012  never changed
+    error: BaseException | None = None
+
+
+def execute(plan: "Plan", settings: Settings) -> End:
+    """Execute the missing runs of a study, then write its tables and its report page.
+
+    Raises ScenarioError, RunFolderError, InputError if the scheduler's workers cannot be used, and OSError.
+    """
+    _require_allowed(plan, settings)
     try:
-        with handling_signals() as signals, Store(wishes.out) as store:
-            store.begin(plan, wishes.force)
-            code = _work(plan, store, wishes, signals)
-            if code == 2:
-                return code
+        with handling_signals() as signals, Store(settings.out) as store:
+            store.begin(plan, settings.force)
+            error = _work(plan, store, settings, signals)
             signals.running, signals.hasty = True, not signals.stopped  # a first signal waits for the tables
-            code = _conclude(plan, store, wishes, code)
-            return 130 if signals.stopped else code
-    except KeyboardInterrupt:
-        say(f"interrupted; finished runs are kept, and {GOES_ON}", error=True)
-        return 130
+            publish(store.folder, settings.report)
+            return _end(plan, store, bool(signals.stopped), error)
+    except KeyboardInterrupt as error:
+        notes = [f"interrupted; finished runs are kept; {RESUME}"]
+        return End(settings.out, "interrupted", notes=notes, error=error)
     except StoreError as error:
         raise RunFolderError(str(error)) from None
 
 
-def _work(plan: "Plan", store: Store, wishes: Wishes, signals: SignalRequests) -> int:
-    """Execute the missing runs of a study on workers; return exit code 0, or 1 or 2 if workers or files fail."""
-    missing = missing_runs(plan, store, wishes.retry)
+def _work(plan: "Plan", store: Store, settings: Settings, signals: SignalRequests) -> Exception | None:
+    """Execute the missing runs of a study on workers; return the error that ended this, such as lost workers."""
+    missing = missing_runs(plan, store, settings.retry)
     total, before = len(plan.requests), len(plan.requests) - len(missing)
-    if not wishes.quiet:
-        made = f", {before:,} of them finished already" if before else ""
-        say(visible(f"{total:,} runs{made}; writing to {wishes.out}"), error=True)
-    if not missing:
-        return 0
     from taichi_plume.studies.progress import Display
+
+    with Display(total, before, settings.progress) as display:
+        made = f", {before:,} of them finished already" if before else ""
+        display.note(visible(f"{total:,} runs{made}; writing to {settings.out}"))
+        return _schedule(plan, store, settings, signals, missing, display) if missing else None
+
+
+def _schedule(
+    plan: "Plan", store: Store, settings: Settings, signals: SignalRequests, missing: "list[Request]",
+    display: "Display",
+) -> Exception | None:  # fmt: skip
     from taichi_plume.studies.scheduler import Scheduler
     from taichi_plume.studies.workers import WorkersError
 
-    study = plan.study
+    study, out = plan.study, settings.out.resolve()
     paths = {path: path for path in study.outcomes.values()}  # names of columns may change later
-    options = Options(wishes.out.resolve(), tuple(study.keep), paths, wishes.allow_code, wishes.allow_outside)
+    options = Options(out, tuple(study.keep), paths, settings.allow_code, settings.allow_outside)
     try:
-        with (
-            closing(_workers(plan, wishes, signals, len(missing))) as workers,
-            Display(total, before, wishes.quiet) as display,
-        ):
+        with closing(_workers(plan, settings, signals, len(missing), display)) as workers:
             signals.hasty = True  # a first signal ends the scheduler in order, a second one at once
             scheduler = Scheduler(plan, store, workers, options, missing, display, signals)
             scheduler.run()
     except WorkersError as error:
-        say(visible(error), error=True)
-        if error.code == 1:
-            say(visible(f"finished runs are kept in {wishes.out}; {GOES_ON}"), error=True)
-        return error.code
+        if error.code == 2:
+            raise InputError(str(error)) from None
+        return error
     except OSError as error:
-        if wishes.debug:
-            say(*traceback.format_exc().splitlines(), error=True)
-        at = f": {error.filename}" if error.filename else ""
-        say(visible(f"{error.strerror or error}{at}"), error=True)
-        return 1
-    if not wishes.quiet:
-        say(scheduler.totals.line(), error=True)
-    return 0
+        return error
+    display.note(scheduler.totals.line())
+    return None
 
 
-def _workers(plan: "Plan", wishes: Wishes, signals: SignalRequests, most: int) -> "Workers":
+def _workers(
+    plan: "Plan", settings: Settings, signals: SignalRequests, most: int, display: "Display"
+) -> "Workers":
     """Return the workers of the given Dask scheduler, else at most `most` local processes. Raises WorkersError."""
     from taichi_plume.studies.workers import DaskWorkers, LocalWorkers, cores
 
-    if not wishes.scheduler:
+    if not settings.scheduler:
         signals.running = True
-        return LocalWorkers(min(wishes.workers or cores(), most), wishes.out)
-    workers = DaskWorkers(wishes.scheduler, plan, wishes.out, signals)
-    if wishes.dashboard:
+        return LocalWorkers(min(settings.workers or cores(), most), settings.out)
+    workers = DaskWorkers(settings.scheduler, plan, settings.out, signals)
+    if settings.dashboard:
         say(visible(f"Dask's dashboard: {workers.client.dashboard_link}"), error=True)
     return workers
 
 
-def _conclude(plan: "Plan", store: Store, wishes: Wishes, code: int) -> int:
-    """Write a study's tables and page, print the numbers of finished, failed and missing runs; return the exit code."""
-    publish(store.folder, wishes.report, quiet=True)
-    statuses = store.statuses()
+def _end(plan: "Plan", store: Store, interrupted: bool, error: Exception | None) -> End:
+    """Return the end of an execution, with notes on its error, on failed runs and on missing runs."""
+    statuses, notes = store.statuses(), []
+    if isinstance(error, OSError):
+        notes = [f"{error.strerror or error}" + (f": {error.filename}" if error.filename else "")]
+    elif error is not None:
+        notes = [str(error), f"finished runs are kept in {store.folder}"]
     failed = sum(status == "failed" for status in statuses.values())
     done = sum(statuses.get(request.run) in DONE for request in plan.requests)
     missing = len(plan.requests) - done - failed
     if failed:
-        _report_failed(store, failed)
+        notes += _failed(store, failed)
     if missing:
-        say(visible(f"{missing:,} runs are missing; {GOES_ON}"), error=True)
-    if not wishes.quiet:
-        made = "runs.parquet, trials/" + ", report.html" * wishes.report
-        with reader_may_leave():
-            say(visible(f"{done:,} of {len(plan.requests):,} runs are done; {made} in {store.folder}"))
-    return max(code, 1 if failed or missing else 0)
+        notes.append(f"{missing:,} runs are missing; {RESUME}")
+    status = "interrupted" if interrupted else "failed" if notes else "completed"
+    return End(store.folder, status, len(plan.requests), done, list(map(visible, notes)), error)
 
 
-def publish(folder: Path, page: bool = True, quiet: bool = False) -> int:
-    """Write the tables and, if `page` is true, the report page of the study in a folder; return exit code 0.
+def publish(folder: Path, page: bool = True) -> Path | None:
+    """Write the tables and, if `page` is true, the report page of the study in a folder; return the page's path.
 
     Raises RunFolderError if the folder holds no study or damaged files, and OSError.
     """
@@ -145,36 +161,31 @@ def publish(folder: Path, page: bool = True, quiet: bool = False) -> int:
     try:
         tables.publish(folder, Store(folder).table)
         if not page:
-            return 0
+            return None
         from taichi_plume.studies import page as pages
 
-        path = pages.write(folder)
+        return pages.write(folder)
     except ValueError as error:  # StoreError, or an error of Arrow for damaged files
         raise RunFolderError(str(error)) from None
-    if not quiet:
-        say(visible(path))
-    return 0
 
 
-def _report_failed(store: Store, failed: int) -> None:
+def _failed(store: Store, failed: int) -> list[str]:
+    """Return lines on the failed runs of a study: their number, where they are, and the messages of the first."""
     table = store.table(("run", "status", "message")).sort_by("run").to_pylist()
     messages = [(row["run"], row["message"]) for row in table if row["status"] == "failed"]
     runs = "1 run has failed" if failed == 1 else f"{failed:,} runs have failed"
-    where = store.folder / FAILED
-    listed = f"all are listed in runs.parquet and lie in {where}; --retry executes them again"
-    say(visible(f"{runs}; {listed}"), error=True)
-    for run, message in messages[:MOST_FAILED]:
-        say(visible(f"  {run}: {message}"), error=True)
-    if failed > MOST_FAILED:
-        say("  ...", error=True)
+    where = f"all are listed in runs.parquet and lie in {store.folder / FAILED}"
+    lines = [f"{runs}; {where}; --retry (in Python: retry=True) executes them again"]
+    lines += [f"  {run}: {message}" for run, message in messages[:MOST_FAILED]]
+    return lines + ["  ..."] * (failed > MOST_FAILED)
 
 
 # ---------------------------------------------------------------- before the first run
 
 
-def _require_allowed(plan: "Plan", wishes: Wishes) -> None:
+def _require_allowed(plan: "Plan", settings: Settings) -> None:
     """Raise ScenarioError if the study's scenarios name Python files and the option --allow-code is not given."""
-    if wishes.allow_code:
+    if settings.allow_code:
         return
     files = _own_files([plan.base, *(request.changes for request in plan.requests)])
     if files:

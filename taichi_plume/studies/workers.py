@@ -10,6 +10,7 @@ import multiprocessing
 import os
 import re
 import signal
+import sys
 import threading
 import time
 import warnings
@@ -21,6 +22,7 @@ from functools import partial
 from math import ceil
 from multiprocessing import resource_tracker
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from taichi_plume import __version__
@@ -93,7 +95,7 @@ class LocalWorkers:
         with suppress(KeyError, BrokenProcessPool):
             return self._executors[worker].submit(function, task)
         context = multiprocessing.get_context("spawn")
-        with _blocked_signals(), _environment():
+        with _blocked_signals(), _environment(), _without_main():
             executor = ProcessPoolExecutor(1, context, _begin_process, (self._log,))
             future = executor.submit(function, task)
         self._executors[worker] = executor
@@ -102,8 +104,11 @@ class LocalWorkers:
     def close(self) -> None:
         """Kill all worker processes at once, even in the middle of a run, and delete the log if empty."""
         with ignoring_signals():
-            for process in multiprocessing.active_children():  # only workers: the command starts no others
-                process.kill()
+            for executor in self._executors.values():
+                for process in list(
+                    (vars(executor)["_processes"] or {}).values()
+                ):  # kill_workers of Python 3.14
+                    process.kill()
             for executor in self._executors.values():
                 executor.shutdown(cancel_futures=True)
             with suppress(OSError):
@@ -166,6 +171,16 @@ def _environment() -> Iterator[None]:
         for name in ENVIRONMENT.keys() - before.keys():
             del os.environ[name]
         os.environ.update(before)
+
+
+@contextmanager
+def _without_main() -> Iterator[None]:
+    """Context whose new processes do not execute the user's program again: workers need nothing of it."""
+    main, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
 
 
 # ---------------------------------------------------------------- of a Dask scheduler

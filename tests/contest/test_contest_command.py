@@ -6,7 +6,7 @@ import pytest
 from taichi_plume.cli.contest import main
 from taichi_plume.contests.standings import MEASURES
 from taichi_plume.studies import intervals
-from taichi_plume.studies import open as open_study
+from taichi_plume.studies.results import open_study
 
 UPWIND = """
 import numpy as np

@@ -11,17 +11,18 @@ from typing import Any
 
 import fake_labour
 
+from taichi_plume.cli.exit_codes import exit_code
+from taichi_plume.cli.study import print_end
 from taichi_plume.execution.signals import leave
 from taichi_plume.studies import air_plan, scheduler
 from taichi_plume.studies.messages import Axis, Request
-from taichi_plume.studies.study_run import Wishes, carry_out
+from taichi_plume.studies.study_run import Settings, execute
 
 
 def plan_of(folder: Path, told: dict[str, Any]) -> Any:
-    """A plan, of files that are written to a folder."""
+    """A plan whose runs have a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "study.yaml").write_text("base: base.yaml\n")
-    (folder / "base.yaml").write_text("name: fake\n")
+    texts = {"study.yaml": b"base: base.yaml\n", "base.yaml": b"name: fake\n"}
     runs, airs, structures = told.get("runs", 60), told.get("airs", 1), told.get("structures", 1)
     changes = told.get("changes", {})
     requests = tuple(
@@ -42,6 +43,7 @@ def plan_of(folder: Path, told: dict[str, Any]) -> Any:
     return SimpleNamespace(
         study=study, file=folder / "study.yaml", folder=folder, base=told.get("base", {}),
         axes=(Axis("speed", "m/s", False),), requests=requests,
+        texts=texts,
     )  # fmt: skip
 
 
@@ -53,8 +55,9 @@ def main() -> int:
     given: dict[str, Any] = {}
     for name, _, value in (one.lstrip("-").partition("=") for one in options):
         given[name.replace("-", "_")] = {"workers": int, "scheduler": str}.get(name, lambda _: True)(value)
-    wishes = Wishes(Path(out), report=False, **given)
-    return carry_out(plan_of(Path(f"{out}-case"), json.loads(told)), wishes)
+    settings = Settings(Path(out), report=False, **given)
+    plan = plan_of(Path(f"{out}-case"), json.loads(told))
+    return exit_code(lambda: print_end(execute(plan, settings), quiet=False, report=False))
 
 
 if __name__ == "__main__":

@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume import studies
 from taichi_plume.studies import tables
 from taichi_plume.studies.messages import Axis, Cost, Record, Request
-from taichi_plume.studies.results import Results
+from taichi_plume.studies.results import Results, open_study
 from taichi_plume.studies.store import Store, table_of
 
 AXES = {
@@ -112,7 +111,7 @@ def published(folder: Path, plan: Any, records: list[Record]) -> Results:
     """The results of a study whose plan and tables are written to a folder."""
     tables.write_plan(folder, plan)
     tables.publish(folder, lambda: table_of(records))
-    return studies.open(folder)
+    return open_study(folder)
 
 
 def searches(seed: int, rate: Callable[[dict[str, Any], np.random.Generator], float], trials: int = 1) -> Any:

@@ -3,10 +3,10 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from taichi_plume import studies
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.studies import indices
 from taichi_plume.studies.messages import Axis
+from taichi_plume.studies.results import open_study
 
 FIRST, TOTAL = (0.3139, 0.4424, 0.0), (0.5576, 0.4424, 0.2437)  # of Ishigami's function, in closed form
 
@@ -75,7 +75,7 @@ def test_a_study_has_them(tmp_path):
     assert "is chance from air to air" in times["words"].iloc[0]
     assert "success" not in set(frame["quantity"])  # all succeed: nothing varies
     made_study.add(tmp_path, records[:-6])
-    frame = studies.open(tmp_path).indices()
+    frame = open_study(tmp_path).indices()
     assert set(frame["used"]) == {32}
     assert "32 of 64 rows of the design are used" in frame["words"][0]
     with pytest.raises(RunFolderError, match="is a study of kind sensitivity, not refinement"):

@@ -23,6 +23,9 @@ from taichi_plume.studies.store import Store, StoreError
 COST = Cost(1.5, 0.25, 0.125, 3, "tcp://127.0.0.1:1")
 
 
+TEXTS = {"study.yaml": b"base: arena.yaml\n", "base.yaml": b"name: arena\n"}
+
+
 def record(run="a" * 16, status="completed", message="", pushes: int | None = 1) -> Record:
     floats: dict[str, Any] = {
         "final_distance_m": 0.1 + 0.2,
@@ -35,15 +38,11 @@ def record(run="a" * 16, status="completed", message="", pushes: int | None = 1)
 
 
 @pytest.fixture
-def plan(tmp_path_factory, monkeypatch):
+def plan(monkeypatch):
     """A study of three runs, whose plan is not written."""
-    folder = tmp_path_factory.mktemp("case")
-    (folder / "study.yaml").write_text("base: arena.yaml\n")
-    (folder / "arena.yaml").write_text("name: arena\n")
     monkeypatch.setattr(tables, "write_plan", lambda *_: None)
     requests = [SimpleNamespace(run=one * 16) for one in "abc"]
-    base = SimpleNamespace(base="arena.yaml")
-    return SimpleNamespace(file=folder / "study.yaml", study=base, requests=requests)
+    return SimpleNamespace(texts=TEXTS, requests=requests)
 
 
 def begun(folder: Path, plan, *parts: list[Record]) -> Store:
@@ -138,7 +137,7 @@ def test_a_disk_that_is_full_at_the_begin_leaves_a_folder_to_go_on_in(tmp_path, 
     (tmp_path / "parts").mkdir()
     own_folder.mark(tmp_path, "study")
     with monkeypatch.context() as patched:
-        patched.setattr(Store, "_copy", full)
+        patched.setattr(Store, "_keep", full)
         for folder in (tmp_path / "new", tmp_path):
             with pytest.raises(OSError, match="No space"):
                 Store(folder).begin(plan)
@@ -248,11 +247,10 @@ from pathlib import Path
 from types import SimpleNamespace
 from taichi_plume.studies import tables
 from taichi_plume.studies.store import Store
-from test_store import record
-folder, file = map(Path, sys.argv[1:])
+from test_store import TEXTS, record
+folder = Path(sys.argv[1])
 tables.write_plan = lambda *_: None
-plan = SimpleNamespace(file=file, study=SimpleNamespace(base="arena.yaml"),
-                       requests=[SimpleNamespace(run=f"{n:016x}") for n in range(100000)])
+plan = SimpleNamespace(texts=TEXTS, requests=[SimpleNamespace(run=f"{n:016x}") for n in range(100000)])
 store = Store(folder)
 store.begin(plan)
 first = len(store.statuses())
@@ -270,7 +268,7 @@ def test_killed_at_any_moment(tmp_path, plan):
     path = os.pathsep.join([str(Path(module.__file__).parents[2]), str(Path(__file__).parent)])
     for n in range(10):
         process = subprocess.Popen(
-            [sys.executable, "-c", WRITES, str(tmp_path), str(plan.file)],
+            [sys.executable, "-c", WRITES, str(tmp_path)],
             stdout=subprocess.PIPE,
             text=True,
             env=os.environ | {"PYTHONPATH": path},

@@ -8,11 +8,11 @@ import polars as pl
 import pyarrow.parquet as pq
 import pytest
 
-from taichi_plume import studies
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.studies import columns, tables
 from taichi_plume.studies.estimates import SUCCESS
 from taichi_plume.studies.messages import Axis
+from taichi_plume.studies.results import open_study
 from taichi_plume.studies.store import Store, table_of
 
 LUCKY = {(7, 0), (8, 0), (8, 1), (10, 0), (10, 1), (10, 2), (13, 2), (14, 1)}
@@ -93,7 +93,7 @@ def test_pandas_polars_and_duckdb_read_the_trials_in_a_line(folder, plan):
 
 
 def test_what_is_read_is_what_came(folder, plan):
-    results = studies.open(folder)
+    results = open_study(folder)
     trials, runs, costs = results.trials(), results.runs(), results.costs()
     assert list(runs["run"]) == [one.run for one in plan.requests]
     assert list(trials["run"]) == [one.run for one in plan.requests for _ in range(3)]
@@ -112,14 +112,14 @@ def test_what_is_read_is_what_came(folder, plan):
 
 def test_a_study_that_is_not_finished_is_read_from_what_tasks_brought(tmp_path, plan):
     tables.write_plan(tmp_path, plan)
-    assert set(studies.open(tmp_path).runs()["status"]) == {"missing"}
-    assert len(studies.open(tmp_path).trials()) == 0
+    assert set(open_study(tmp_path).runs()["status"]) == {"missing"}
+    assert len(open_study(tmp_path).trials()) == 0
     records = made_study.records(plan)
     made_study.add(tmp_path, records[5:25])
-    assert list(studies.open(tmp_path).runs()["status"]).count("completed") == 20
+    assert list(open_study(tmp_path).runs()["status"]).count("completed") == 20
     tables.publish(tmp_path, Store(tmp_path).table)
     made_study.add(tmp_path, records[25:])  # after the tables: killed before they were made again
-    results = studies.open(tmp_path)
+    results = open_study(tmp_path)
     assert list(results.runs()["status"]) == ["missing"] * 5 + ["completed"] * (len(records) - 5)
     assert len(results.trials()) == 3 * (len(records) - 5)
 
@@ -148,8 +148,8 @@ def test_a_kill_between_the_steps_leaves_what_can_be_read(tmp_path, plan, monkey
                 tables.publish(tmp_path, lambda: table_of(records))
             except KeyboardInterrupt:
                 assert last < 29
-        assert set(studies.open(tmp_path).runs()["status"]) == {"completed"}
-        assert len(studies.open(tmp_path).trials()) == 3 * len(records)
+        assert set(open_study(tmp_path).runs()["status"]) == {"completed"}
+        assert len(open_study(tmp_path).trials()) == 3 * len(records)
     tables.publish(tmp_path, lambda: table_of(records))
     clean = tmp_path / "clean"
     clean.mkdir()
@@ -178,14 +178,14 @@ def test_an_axis_may_be_a_column_of_the_tables(tmp_path, name, values):
 def test_what_cannot_be_used_is_told_in_a_line(folder):
     def fault() -> str:
         with pytest.raises(RunFolderError) as told:
-            studies.open(folder).trials()
+            open_study(folder).trials()
         assert "\n" not in str(told.value)
         return str(told.value)
 
     with pytest.raises(RunFolderError, match="does not exist; give the folder of a study"):
-        studies.open(folder / "gone")
+        open_study(folder / "gone")
     with pytest.raises(RunFolderError, match="is not the folder of a study"):
-        studies.open(folder / "trials")
+        open_study(folder / "trials")
     (folder / "parts").mkdir()
     (folder / "parts" / "000000.parquet").write_bytes(b"damage")  # newer than the tables
     assert fault().startswith(f"{folder / 'parts' / '000000.parquet'}: cannot be read")

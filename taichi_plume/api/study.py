@@ -1,0 +1,70 @@
+"""Parameter study from Python: ``results = tp.study("wind_speeds.yaml")`` is ``python -m taichi_plume.study``."""
+
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from taichi_plume.studies.plan import load_plan
+from taichi_plume.studies.results import Results
+from taichi_plume.studies.study_run import Settings, execute
+
+if TYPE_CHECKING:
+    from taichi_plume.studies.plan import Source
+    from taichi_plume.studies.study_run import End
+
+
+def study(
+    source: "Source",
+    *,
+    out: str | Path | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    retry: bool = False,
+    force: bool = False,
+    progress: bool = True,
+    report: bool = True,
+    allow_code: bool = False,
+    allow_outside: bool = False,
+) -> Results:
+    """Execute the missing runs of a study and return its tables. The same call resumes an interrupted study.
+
+    source: YAML file, name of an example, or dict with the keys of such a file. In a dict, `base` may be a scenario: a
+    `Scenario` or a dict. out: the study's folder, by default studies/NAME. workers: number of processes, by default one
+    per core. scheduler: address of a Dask scheduler, whose workers execute the runs. retry: execute failed runs again.
+    force: remove runs in the folder that the study does not have. progress: show it. report: write report.html.
+    allow_code: whether Python files that scenarios name are executed. allow_outside: whether files may lie outside the
+    study's folder.
+
+    Failed runs are rows of ``results.runs()`` and cause a warning. Raises InputError (ScenarioError, RunFolderError)
+    before any run, RunError if the workers are lost or the disk is full, and KeyboardInterrupt; finished runs are kept.
+
+    >>> import taichi_plume as tp
+    >>> base = tp.Scenario.from_file("plumesim_casting").with_({"duration": 2, "robots.0.trials": 2})
+    >>> speed = {"key": "robots.0.algorithm.speed", "values": ["20 cm/s", "30 cm/s"]}
+    >>> results = tp.study({"name": "speeds", "base": base, "axes": {"speed": speed}, "airs": 1}, out=folder)
+    >>> len(results.trials())
+    4
+    """
+    plan = load_plan(source, allow_outside)
+    settings = Settings(
+        plan.default_out if out is None else Path(out), workers, scheduler, retry, force, progress, allow_code,
+        allow_outside, report=report,
+    )  # fmt: skip
+    raise_unless_done(execute(plan, settings))
+    return Results(settings.out)
+
+
+def raise_unless_done(end: "End", level: int = 3) -> None:
+    """Raise RunError or KeyboardInterrupt if the execution of a study was ended early; warn of failed runs.
+
+    level: number of calls between the warning and the user's program.
+    """
+    text = "\n".join(end.notes)
+    if end.status == "interrupted":
+        raise KeyboardInterrupt(text) from end.error
+    if end.error is not None:
+        from taichi_plume.execution.execute import RunError  # imports Taichi, which only the workers need
+
+        raise RunError(end.status, end.notes, end.folder) from end.error
+    if end.notes:
+        warnings.warn(text, stacklevel=level)
