@@ -86,15 +86,10 @@ def simple_shapes(scenario: Scenario) -> list[Shape]:
     return [shape(obstacle, scenario.domain, Path()) for obstacle in obstacles]
 
 
-def picture(
-    scenario: Scenario,
-    shapes: Sequence[Shape],
-    dpi: float = 110,
-    numbers: Sequence[tuple[int, tuple[float, ...]]] = (),
-) -> bytes:
+def picture(scenario: Scenario, shapes: Sequence[Shape], dpi: float) -> bytes:
     """Return a PNG of the scene, see `figure_of`."""
     with theme.styled():
-        return theme.png(figure_of(scenario, shapes, dpi, numbers))
+        return theme.png(figure_of(scenario, shapes, dpi))
 
 
 def figure_of(
