@@ -48,10 +48,19 @@ class Robots(KnownAttributes):
     Of drones also, read: `altitude` [m]. Write: `left_speed` [m/s], `climb_rate` [m/s]. Call in each step: `go_to`.
     """
 
-    altitude: np.ndarray
-    heading: np.ndarray
+    reading: np.ndarray
+    wind: np.ndarray
+    wind_known: np.ndarray
     position: np.ndarray
+    heading: np.ndarray
+    path_length: np.ndarray
+    blocked: np.ndarray
+    speed: np.ndarray
     turn_rate: np.ndarray
+    state: np.ndarray
+    altitude: np.ndarray
+    left_speed: np.ndarray
+    climb_rate: np.ndarray
 
     def __init__(
         self,

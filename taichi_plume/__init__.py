@@ -53,6 +53,7 @@ if os.name == "posix" and not os.environ.keys() & {"HOME", "XDG_CACHE_HOME"}:
 
 if TYPE_CHECKING:
     from taichi_plume import envs
+    from taichi_plume.agents.own_robots import Robots
     from taichi_plume.api.cite import cite
     from taichi_plume.api.contest import contest
     from taichi_plume.api.own import Own
@@ -74,6 +75,7 @@ __version__ = "0.2.0.dev0"
 __all__ = [
     "InputError",
     "Own",
+    "Robots",
     "Run",
     "RunError",
     "RunFolderError",
@@ -94,6 +96,7 @@ __all__ = [
 _MODULES = {
     "InputError": "guard.input_error",
     "Own": "api.own",
+    "Robots": "agents.own_robots",
     "Run": "results.run",
     "RunError": "execution.execute",
     "RunFolderError": "files.run_folder",

@@ -25,7 +25,7 @@ class RandomWalk(AnyAlgorithm):
     """Mean length of a segment."""
     leg_spread: si.Fraction = 0.5
     """Randomness of the length: each segment is leg (1 ± leg_spread), drawn uniformly."""
-    turn_angle_deg: number(0, 180, "deg") = 180.0
+    turn_angle_deg: Annotated[float, *number(0, 180, "deg")] = 180.0
     """Largest turn between segments; after a bump it is 180°."""
 
 

@@ -186,7 +186,7 @@ class HitMap(Listening, Declares):
     """Edge of the map's cells. Smaller ones locate more finely, and take longer."""
     calm: si.Speed = 0.05
     """Mean wind speed below which its direction is ignored, and only the distance counts."""
-    spread_deg: number(1, 180, "deg") = 35.0
+    spread_deg: Annotated[float, *number(1, 180, "deg")] = 35.0
     """Standard deviation of the angle between upwind and the way to the source, where there is gas. Plumes are as wide
     as the wind's direction scatters, 10 to 20°; as much again is for air that obstacles turn aside on the way."""
     fading: si.Length = 5.0

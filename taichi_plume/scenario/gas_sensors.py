@@ -86,10 +86,10 @@ class GasSensor(Model):
 PID_LAG = 0.5  # s: our choice
 # Makers of hand-held lasers for methane state 1 to 50,000 ppm m, 0.1 s and 30 m. Noise: our choice.
 TDLAS_LAG = 0.1 / 2.3026  # s, of which 0.1 s are the time to 90 %
-PpmMetres = number(0, 1e9, "ppm m")
-SomePpmMetres = number(1e-6, 1e12, "ppm m")
-Tilt = number(-90, 90, "deg")
-PanAngle = number(0, 360, "deg")
+PpmMetres = Annotated[float, *number(0, 1e9, "ppm m")]
+SomePpmMetres = Annotated[float, *number(1e-6, 1e12, "ppm m")]
+Tilt = Annotated[float, *number(-90, 90, "deg")]
+PanAngle = Annotated[float, *number(0, 360, "deg")]
 ISOBUTYLENE = "isobutylene"
 # Concentration over that of isobutylene which gives a 10.6 eV lamp the same signal: RAE Systems, Technical Note TN-106.
 # What is in `UNSEEN` takes more than 10.6 eV to be ionised.

@@ -100,7 +100,10 @@ class TimeSeriesMap(SnapshotMap):
         while True:
             window = max(self.window, duration / count)
             reach = window * (ceil(duration / window) + 1)
-            chosen = {"window": window, "time_scale": 0.5 * self.beta / ((1.0 - self.alpha) * reach)}
+            chosen: dict[str, float | None] = {
+                "window": window,
+                "time_scale": 0.5 * self.beta / ((1.0 - self.alpha) * reach),
+            }
             most = (
                 self.model_copy(update=chosen).bytes(size, 1.0) <= LOG_BYTES and terms * count**2 <= LOG_WORK
             )

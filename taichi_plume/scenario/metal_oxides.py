@@ -16,9 +16,9 @@ from taichi_plume.scenario.gas_sensors import GasSensor, Signal
 from taichi_plume.scenario.quantities import number, quantity
 from taichi_plume.scenario.vocabulary import Model
 
-SomeShare = number(0.01, 0.99)
-ElectronVolts = number(0, 5, "eV")
-FilmTemperature = quantity("K", least=250, likely="degC", most=1500)
+SomeShare = Annotated[float, *number(0.01, 0.99)]
+ElectronVolts = Annotated[float, *number(0, 5, "eV")]
+FilmTemperature = Annotated[float, *quantity("K", least=250, likely="degC", most=1500)]
 
 # ln R per kelvin and per ln of the relative humidity: order of magnitude of the maker's plots of the TGS sensors
 LN_R_PER_KELVIN = -0.015

@@ -39,7 +39,7 @@ class Casting(PlumeTracking):
     """Upwind while in the plume, crosswind when it is lost (Lochmatter & Martinoli's family). See agents/casting.py."""
 
     kind: Literal["casting"]  # type: ignore[assignment]
-    upwind_angle_deg: number(0, 80, "deg") = 20.0
+    upwind_angle_deg: Annotated[float, *number(0, 80, "deg")] = 20.0
     """Angle between the course in the plume and straight upwind; 0 surges."""
     cast_distance: si.Length = 0.6
     """First crosswind search after the loss of the plume; doubled at each failure."""

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from math import ceil, floor, log10, sqrt
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
@@ -91,8 +91,10 @@ def _as_written(value: float) -> float:
     return float(f"{value:.15g}")
 
 
-def quantity(unit: str, least: float, most: float, likely: str = "", or_zero: bool = False) -> Any:
-    """Return the annotated type of a key that takes a number in `unit` [SI] or a text such as "20 cm".
+def quantity(
+    unit: str, least: float, most: float, likely: str = "", or_zero: bool = False
+) -> tuple[object, ...]:
+    """Return the annotations of a float key that takes a number in `unit` [SI] or a text such as "20 cm".
 
     Outside of `least` to `most` is an error that asks if the unit `likely` was meant. or_zero: 0 is allowed.
     """
@@ -106,18 +108,17 @@ def quantity(unit: str, least: float, most: float, likely: str = "", or_zero: bo
         return value
 
     plain = Annotated[float, Field(ge=0.0 if or_zero else least, le=most)]  # for editors, which know no units
-    return Annotated[
-        float,
+    return (
         Field(allow_inf_nan=False),
         AfterValidator(plausible),
         BeforeValidator(lambda value: parse(value, unit), json_schema_input_type=plain | str),
         Quantity(unit, least, most, or_zero),
-    ]
+    )
 
 
-def number(least: float, most: float, unit: str = "") -> Any:
-    """Return the annotated type of a key that takes only a plain number between two limits; unit: its unit."""
-    return Annotated[float, Field(ge=least, le=most, allow_inf_nan=False), Quantity(unit, least, most)]
+def number(least: float, most: float, unit: str = "") -> tuple[object, ...]:
+    """Return the annotations of a float key that takes only a plain number between two limits; unit: its unit."""
+    return Field(ge=least, le=most, allow_inf_nan=False), Quantity(unit, least, most)
 
 
 def round_up(value: float) -> float:

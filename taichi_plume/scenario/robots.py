@@ -26,7 +26,7 @@ class Communication(Model):
     """Probability that a robot misses a message."""
 
 
-Slight = number(0, 0.2)
+Slight = Annotated[float, *number(0, 0.2)]
 
 
 class Odometry(Model):

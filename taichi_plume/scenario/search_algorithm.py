@@ -124,5 +124,5 @@ class EColi(Listening):
     """Way driven after each acquisition."""
     step_spread: si.Fraction = 0.05
     """Randomness of the way: each step is step (1 ± step_spread), drawn uniformly."""
-    run_angle_deg: number(0, 180, "deg") = 5.0
+    run_angle_deg: Annotated[float, *number(0, 180, "deg")] = 5.0
     """Largest turn before a run, that is after a rise; a tumble turns by any angle."""

@@ -9,56 +9,62 @@ from taichi_plume.scenario.vocabulary import PER_AXIS, one_or_several
 
 # Each kind of quantity with its limits: wide (micrometres to 100 km, seconds to decades) but finite, as a value beyond
 # them is a slip of the unit or the keyboard. Coordinates may be those of a map.
-Coordinate = quantity("m", least=-1e7, most=1e7)
-Length = quantity("m", least=1e-6, most=1e5, likely="mm")
-Distance = quantity("m", least=0, most=1e5, likely="mm")
-BodyLength = quantity("m", least=1e-3, most=100, likely="mm")  # of robots: contact is 0.1 mm
-Duration = quantity("s", least=1e-6, most=1e9)
-Time = quantity("s", least=-1e9, most=1e9)
-Delay = quantity("s", least=1e-6, most=1e9, or_zero=True)
-Wait = quantity("s", least=1e-6, most=1e5)  # robots count it in ticks, in 32 bits
-Pause = quantity("s", least=0, most=1e5)  # likewise
-Speed = quantity("m/s", least=0, most=100, likely="mm/s")  # air is incompressible up to about there
-Velocity = quantity("m/s", least=-100, most=100, likely="mm/s")
-Acceleration = quantity("m/s^2", least=-1000, most=1000)
-Thrust = quantity("m/s^2", least=1e-6, most=1e4)
-Rate = quantity("kg/s", least=0, most=1, likely="mg/s")
-Mass = quantity("kg", least=0, most=1, likely="mg")
-BodyMass = quantity("kg", least=1e-4, most=1000, likely="g")
-Frequency = quantity("1/s", least=1e-9, most=1e6)
-MolarMass = quantity("kg/mol", least=1e-3, most=1, likely="g/mol")
-Pressure = quantity("Pa", least=1e-9, most=1e6)
-FlowRate = quantity("m^3/s", least=1e-9, most=1000, likely="m^3/h")
-TopSpeed = quantity("m/s", least=1e-6, most=100, likely="mm/s")
-Tick = quantity("s", least=1e-4, most=1)
-Viscosity = quantity("m^2/s", least=0, most=1, likely="mm^2/s")  # as much as an exact solution may ask for
-Diffusivity = quantity("m^2/s", least=0, most=1, likely="mm^2/s")  # of molecules
-EddyDiffusivity = quantity("m^2/s", least=0, most=1e4)
-Dissipation = quantity("m^2/s^3", least=1e-12, most=1e3)
-Temperature = quantity("K", least=200, most=500, likely="degC")
-Power = quantity("W", least=-1e7, most=1e7)
-SurfaceVelocity = quantity("m/s", least=1e-9, most=1, likely="mm/s")  # of gas that reaches a surface
-Concentration = quantity("ppm", least=0, most=1e6)
-HeatTransfer = quantity("W/m^2/K", least=1e-6, most=1e6)
-HeatCapacity = quantity("J/m^3/K", least=1, most=1e8)
-Resistance = quantity("ohm", least=1, most=1e9)
-LatentHeat = quantity("J/kg", least=1e4, most=1e8, likely="MJ/kg")
-Expansion = quantity("1/K", least=0, most=1)
-Fraction = number(0, 1)
-SomeFraction = number(1e-6, 1)
-Angle = number(-1e4, 1e4, "deg")
-AngleNoise = number(0, 1e4, "deg")
-TurnRate = number(1e-3, 1e6, "deg/s")
+Coordinate = Annotated[float, *quantity("m", least=-1e7, most=1e7)]
+Length = Annotated[float, *quantity("m", least=1e-6, most=1e5, likely="mm")]
+Distance = Annotated[float, *quantity("m", least=0, most=1e5, likely="mm")]
+BodyLength = Annotated[
+    float, *quantity("m", least=1e-3, most=100, likely="mm")
+]  # of robots: contact is 0.1 mm
+Duration = Annotated[float, *quantity("s", least=1e-6, most=1e9)]
+Time = Annotated[float, *quantity("s", least=-1e9, most=1e9)]
+Delay = Annotated[float, *quantity("s", least=1e-6, most=1e9, or_zero=True)]
+Wait = Annotated[float, *quantity("s", least=1e-6, most=1e5)]  # robots count it in ticks, in 32 bits
+Pause = Annotated[float, *quantity("s", least=0, most=1e5)]  # likewise
+Speed = Annotated[
+    float, *quantity("m/s", least=0, most=100, likely="mm/s")
+]  # air is incompressible up to about there
+Velocity = Annotated[float, *quantity("m/s", least=-100, most=100, likely="mm/s")]
+Acceleration = Annotated[float, *quantity("m/s^2", least=-1000, most=1000)]
+Thrust = Annotated[float, *quantity("m/s^2", least=1e-6, most=1e4)]
+Rate = Annotated[float, *quantity("kg/s", least=0, most=1, likely="mg/s")]
+Mass = Annotated[float, *quantity("kg", least=0, most=1, likely="mg")]
+BodyMass = Annotated[float, *quantity("kg", least=1e-4, most=1000, likely="g")]
+Frequency = Annotated[float, *quantity("1/s", least=1e-9, most=1e6)]
+MolarMass = Annotated[float, *quantity("kg/mol", least=1e-3, most=1, likely="g/mol")]
+Pressure = Annotated[float, *quantity("Pa", least=1e-9, most=1e6)]
+FlowRate = Annotated[float, *quantity("m^3/s", least=1e-9, most=1000, likely="m^3/h")]
+TopSpeed = Annotated[float, *quantity("m/s", least=1e-6, most=100, likely="mm/s")]
+Tick = Annotated[float, *quantity("s", least=1e-4, most=1)]
+Viscosity = Annotated[float, *quantity("m^2/s", least=0, most=1, likely="mm^2/s")]  # as in exact solutions
+Diffusivity = Annotated[float, *quantity("m^2/s", least=0, most=1, likely="mm^2/s")]  # of molecules
+EddyDiffusivity = Annotated[float, *quantity("m^2/s", least=0, most=1e4)]
+Dissipation = Annotated[float, *quantity("m^2/s^3", least=1e-12, most=1e3)]
+Temperature = Annotated[float, *quantity("K", least=200, most=500, likely="degC")]
+Power = Annotated[float, *quantity("W", least=-1e7, most=1e7)]
+SurfaceVelocity = Annotated[
+    float, *quantity("m/s", least=1e-9, most=1, likely="mm/s")
+]  # of gas that reaches a surface
+Concentration = Annotated[float, *quantity("ppm", least=0, most=1e6)]
+HeatTransfer = Annotated[float, *quantity("W/m^2/K", least=1e-6, most=1e6)]
+HeatCapacity = Annotated[float, *quantity("J/m^3/K", least=1, most=1e8)]
+Resistance = Annotated[float, *quantity("ohm", least=1, most=1e9)]
+LatentHeat = Annotated[float, *quantity("J/kg", least=1e4, most=1e8, likely="MJ/kg")]
+Expansion = Annotated[float, *quantity("1/K", least=0, most=1)]
+Fraction = Annotated[float, *number(0, 1)]
+SomeFraction = Annotated[float, *number(1e-6, 1)]
+Angle = Annotated[float, *number(-1e4, 1e4, "deg")]
+AngleNoise = Annotated[float, *number(0, 1e4, "deg")]
+TurnRate = Annotated[float, *number(1e-3, 1e6, "deg/s")]
 Ppm = Concentration
-SomePpm = quantity("ppm", least=1e-9, most=1e6)
-FullScale = quantity("ppm", least=1e-6, most=1e6)
-Intensity = number(0, 10)
-Coefficient = number(0, 1e6)
-SomeCoefficient = number(1e-6, 1e6)
-Prandtl = number(0.01, 100)
-Exponent = number(0.01, 10)
-Swirl = number(-100, 100)
-Magnitude = number(1e-12, 1e12)  # in a unit of someone else's
+SomePpm = Annotated[float, *quantity("ppm", least=1e-9, most=1e6)]
+FullScale = Annotated[float, *quantity("ppm", least=1e-6, most=1e6)]
+Intensity = Annotated[float, *number(0, 10)]
+Coefficient = Annotated[float, *number(0, 1e6)]
+SomeCoefficient = Annotated[float, *number(1e-6, 1e6)]
+Prandtl = Annotated[float, *number(0.01, 100)]
+Exponent = Annotated[float, *number(0.01, 10)]
+Swirl = Annotated[float, *number(-100, 100)]
+Magnitude = Annotated[float, *number(1e-12, 1e12)]  # in a unit of someone else's
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
 Point = Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=3), PER_AXIS]
 Edges = Annotated[tuple[Length, ...], Field(min_length=2, max_length=3), PER_AXIS]

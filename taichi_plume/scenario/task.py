@@ -13,7 +13,7 @@ from taichi_plume.scenario.vocabulary import FileName, Model
 if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Context
 
-Worth = number(-1e6, 1e6)
+Worth = Annotated[float, *number(-1e6, 1e6)]
 
 
 class Reward(Model):

@@ -89,10 +89,10 @@ class CfdWind(AnyWind):
     """
     buoyancy: Buoyancy | None = None
     """Buoyancy: warm air rises and heavy gas sinks; unless given, neither does."""
-    courant: number(0.01, 1.4) = 1.2
+    courant: Annotated[float, *number(0.01, 1.4)] = 1.2
     """Courant number (CFL): largest sum over the axes of |u| dt/dx in a step. Less makes shorter steps: more exact in
     time, and slower. """
-    tolerance: number(1e-7, 1e-2) = 2e-5
+    tolerance: Annotated[float, *number(1e-7, 1e-2)] = 2e-5
     """Tolerance of the pressure solver: divergence over the largest |u|/dx. Less is more exact and, with an iterative
     solver, slower."""
     initial: InitialWind | None = None

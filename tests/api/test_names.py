@@ -3,6 +3,7 @@
 import doctest
 import inspect
 import os
+from pathlib import Path
 
 import pytest
 
@@ -21,6 +22,11 @@ def test_every_public_name_is_listed_and_documented():
         assert inspect.getdoc(getattr(tp, name)), name
     with pytest.raises(AttributeError, match="nonsense"):
         _ = tp.nonsense  # type: ignore[attr-defined]
+
+
+def test_every_public_name_is_in_the_program_that_is_checked_for_types():
+    text = (Path(__file__).parent / "typed_use.py").read_text()
+    assert [name for name in tp.__all__ if f"tp.{name}" not in text] == []
 
 
 @pytest.mark.parametrize("named", EXAMPLES, ids=lambda named: named.__qualname__)
