@@ -6,6 +6,8 @@ from pathlib import Path
 from taichi_plume.api.study import raise_unless_done
 from taichi_plume.contests.execution import Choice, contest_of, play
 from taichi_plume.contests.standings import Standings, conclude
+from taichi_plume.scenario.changes import shown
+from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.studies.study_run import Settings
 
 
@@ -41,6 +43,9 @@ def contest(
     >>> standings.table.algorithm.tolist()
     ['random_walk']
     """
+    for key, given in (("files", files), ("policies", policies)):
+        if isinstance(given, str | Path):
+            raise ScenarioError([f"{key}: got {shown(given)}; give a list of files"])
     choice = Choice(
         Path(out), algorithms, list(map(Path, files)), list(map(Path, policies)), scenarios, quick, seed, airs,
         searches, allow_code,
@@ -49,6 +54,7 @@ def contest(
         choice.out, workers, retry=retry, force=force, progress=progress, allow_code=bool(files),
         allow_outside=True, report=False,
     )  # fmt: skip
+    settings.check()
     held = contest_of(choice)
     ends = list(play(held, settings))
     standings = conclude(held, choice.command())

@@ -18,6 +18,7 @@ from taichi_plume.files.own_class import OwnFile
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.safe_open import unopenable
 from taichi_plume.guard.terminal import notebook_display, say, visible
+from taichi_plume.scenario.changes import shown
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.studies.plan import load_plan
 from taichi_plume.studies.study_run import Settings, execute
@@ -84,13 +85,19 @@ class Contest(NamedTuple):
 
 def contest_of(choice: Choice) -> Contest:
     """Return the contest of the chosen scenarios and algorithms. Raises ScenarioError for unknown names and files."""
+    for key, given in (("algorithms", choice.algorithms), ("scenarios", choice.scenarios)):
+        if given is not None and (isinstance(given, str) or not given):
+            raise ScenarioError([f"{key}: got {shown(given)}; give a list of names"])
+    for key, number in (("airs", choice.airs), ("searches", choice.searches)):
+        if number is not None and not (isinstance(number, int) and number >= 1):
+            raise ScenarioError([f"{key}: got {shown(number)}; must be a whole number from 1 on"])
     names = scenarios(choice.scenarios, QUICK if choice.quick else NAMES)
     entries = entrants(choice.algorithms, choice.files, choice.policies)
     _require_allowed(choice)
     searches = choice.searches or (QUICK_SEARCHES if choice.quick else SEARCHES)
-    chosen = tuple(fixed(name, choice.seed, searches) for name in names)
     airs = choice.airs or (QUICK_AIRS if choice.quick else AIRS)
-    return Contest(choice.out, chosen, tuple(entries), airs)
+    fixed_scenarios = tuple(fixed(name, choice.seed, searches) for name in names)
+    return Contest(choice.out, fixed_scenarios, tuple(entries), airs)
 
 
 def _require_allowed(choice: Choice) -> None:

@@ -9,6 +9,7 @@ from taichi_plume.execution.signals import SignalRequests, handling_signals
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, show, visible
+from taichi_plume.scenario.changes import shown
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.studies.messages import Options
 from taichi_plume.studies.outcomes import not_left
@@ -43,6 +44,11 @@ class Settings(NamedTuple):
     dashboard: bool = False
     report: bool = True
 
+    def check(self) -> None:
+        """Raise InputError if the number of workers is no whole number from 1 on."""
+        if self.workers is not None and not (isinstance(self.workers, int) and self.workers >= 1):
+            raise InputError(f"workers: got {shown(self.workers)}; must be a whole number from 1 on")
+
 
 class End(NamedTuple):
     """End of a study's execution. runs, done: number of its runs, and of those that are finished without an error.
@@ -64,6 +70,7 @@ def execute(plan: "Plan", settings: Settings) -> End:
 
     Raises ScenarioError, RunFolderError, InputError if the scheduler's workers cannot be used, and OSError.
     """
+    settings.check()
     _require_allowed(plan, settings)
     try:
         with handling_signals() as signals, Store(settings.out) as store:

@@ -365,7 +365,7 @@ def test_the_scheduler_dies(tmp_path, unbroken):
         code, said = finish(process)
     assert code == 1
     assert "the scheduler is gone" in said
-    assert "the same command resumes" in said
+    assert "the study resumes" in said
     assert 0 < len(Store(out).statuses()) < 60
     assert study(out, told, "--workers=2")[0] == 0
     assert table(out) == unbroken
