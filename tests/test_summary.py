@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from taichi_plume.execution import result, summary
+from taichi_plume.files.json_values import json_value
 from taichi_plume.scoring import trials as scores
 from taichi_plume.scoring.maps import MapScores
 
@@ -31,7 +32,7 @@ def told_of(sim: Any, status: str = "completed") -> tuple[dict[str, Any], dict[s
     lines = summary.summary(content)
     assert len(dict(lines)) == len(lines), "no two lines of one name"
     assert "nan" not in str(lines).lower()
-    return json.loads(json.dumps(result.plain(content), allow_nan=False)), dict(lines)
+    return json.loads(json.dumps(json_value(content), allow_nan=False)), dict(lines)
 
 
 def run(**changes: Any) -> tuple[dict[str, Any], dict[str, str]]:

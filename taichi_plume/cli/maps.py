@@ -29,6 +29,7 @@ import numpy as np
 from taichi_plume.cli.exit_codes import exit_code
 from taichi_plume.cli.map_options import arguments, bag_options
 from taichi_plume.files import disk
+from taichi_plume.files.json_values import json_value
 from taichi_plume.files.readings import Readings, read
 from taichi_plume.guard.terminal import say
 from taichi_plume.results.recorded_maps import GasMap, map_of
@@ -40,8 +41,6 @@ MOST_OBLONG = 4.0  # of a picture
 
 def write(gas_map: GasMap, readings: Readings, size: tuple[float, float], folder: Path) -> None:
     """Write a gas map into an existing folder: map.csv, map.png and scores.json; size: of the floor [m]."""
-    from taichi_plume.execution.result import plain
-
     nx, ny = gas_map.estimate.shape
     i, j = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")
     columns = {
@@ -55,7 +54,7 @@ def write(gas_map: GasMap, readings: Readings, size: tuple[float, float], folder
     table = np.column_stack([values.ravel() for values in columns.values()])
     np.savetxt(folder / FILES[0], table, "%.7g", ",", header=",".join(columns), comments="")
     _draw(gas_map, readings, size, folder / FILES[1])
-    text = json.dumps(plain(gas_map.scores), indent=2, allow_nan=False) + "\n"
+    text = json.dumps(json_value(gas_map.scores), indent=2, allow_nan=False) + "\n"
     with disk.written_whole(folder / FILES[2]) as fresh:
         fresh.write_text(text, encoding="utf-8")
 

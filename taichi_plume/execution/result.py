@@ -9,6 +9,7 @@ import numpy as np
 from taichi_plume import __version__
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.files.disk import written_whole
+from taichi_plume.files.json_values import json_value
 from taichi_plume.scoring import trials as scores
 from taichi_plume.scoring.beliefs import BeliefScores
 from taichi_plume.scoring.declarations import Json
@@ -191,19 +192,6 @@ def _known(value: float) -> float | None:
 
 def write_result(folder: Path, content: Json) -> None:
     """Write `result.json` atomically; NaN and infinities become null."""
-    text = json.dumps(plain(content), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    text = json.dumps(json_value(content), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     with written_whole(folder / "result.json") as fresh:
         fresh.write_text(text, encoding="utf-8")
-
-
-def plain(value: object) -> object:
-    """Return a value converted to JSON types (dict, list, number, text); NaN and infinities become None."""
-    if isinstance(value, dict):
-        return {str(key): plain(part) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(part) for part in value]
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if isinstance(value, float) and not isfinite(value):
-        return None
-    return value

@@ -3,7 +3,6 @@
 import json
 import os
 from dataclasses import dataclass, field
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from taichi_plume import __version__
 from taichi_plume.files import disk, own_folder
+from taichi_plume.files.json_values import json_value
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.fluctuations import sensor_comparison
 from taichi_plume.fluctuations.analysis import OfProbe
@@ -158,7 +158,7 @@ class Statistics:
         other = next((name for name in (*names, PAGE) if os.path.lexists(folder / name)), None)
         if other is not None and not own_folder.is_marked(folder, KIND):
             raise RunFolderError(f"{folder / other}: was not written by this command; choose another --out")
-        text = json.dumps(_finite(self.summary), indent=1, ensure_ascii=False, allow_nan=False)
+        text = json.dumps(json_value(self.summary), indent=1, ensure_ascii=False, allow_nan=False)
         with disk.written_whole(folder / "statistics.json") as fresh:
             fresh.write_text(text, encoding="utf-8", errors="backslashreplace")
         for name, frame in zip(TABLES, (self.points, self.durations, self.spectra), strict=True):
@@ -188,14 +188,3 @@ def _of_probe(stats: OfProbe) -> dict[str, object]:
             {"along": p.along, "at": p.at, "gaussian": p.gaussian and p.gaussian._asdict()} for p in stats.profiles
         ],
     }  # fmt: skip
-
-
-def _finite(value: object) -> object:
-    """Return nested data as data for JSON: NaN and infinity become None, NumPy scalars become Python numbers."""
-    if isinstance(value, dict):
-        return {key: _finite(part) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return list(map(_finite, value))
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not isfinite(value) else value

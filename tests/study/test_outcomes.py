@@ -6,6 +6,7 @@ import fake_run
 import pytest
 
 from taichi_plume.execution import result
+from taichi_plume.files.json_values import json_value
 from taichi_plume.scenario.belief_algorithms import Infotaxis
 from taichi_plume.scenario.motion import Motion
 from taichi_plume.scenario.obstacles import Cylinder
@@ -35,7 +36,7 @@ def run() -> tuple[Scenario, set[str]]:
     scores = MapScores(sim)
     sim.observers.append(scores.observer())
     sim.run()
-    content = result.plain(result.result(sim, "completed", "", "cpu", scores))
+    content = json_value(result.result(sim, "completed", "", "cpu", scores))
     found = {path for path in numbers(content) if path.rpartition(".")[2] not in WORDS}
     assert len(found) > 100
     return sim.scenario, found - OF_THE_MACHINE
