@@ -56,9 +56,11 @@ if TYPE_CHECKING:
     from taichi_plume.agents.own_robots import Robots
     from taichi_plume.api.cite import cite
     from taichi_plume.api.contest import contest
+    from taichi_plume.api.maps import maps
     from taichi_plume.api.own import Own
     from taichi_plume.api.simulate import simulate
     from taichi_plume.api.simulation import Simulation
+    from taichi_plume.api.statistics import statistics
     from taichi_plume.api.study import study
     from taichi_plume.assembly.preparation import load_scenario
     from taichi_plume.contests.standings import Standings
@@ -88,9 +90,11 @@ __all__ = [
     "contest",
     "envs",
     "load_scenario",
+    "maps",
     "open_run",
     "open_study",
     "simulate",
+    "statistics",
     "study",
 ]
 _MODULES = {
@@ -108,10 +112,12 @@ _MODULES = {
     "cite": "api.cite",
     "contest": "api.contest",
     "load_scenario": "assembly.preparation",
+    "maps": "api.maps",
     "open_run": "results.run",
     "open_study": "studies.results",
     "simulate": "api.simulate",
     "study": "api.study",
+    "statistics": "api.statistics",
 }
 
 

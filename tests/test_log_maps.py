@@ -12,7 +12,7 @@ from scipy.spatial.distance import cdist
 
 from taichi_plume.cli import maps
 from taichi_plume.files.readings import Readings
-from taichi_plume.results.recorded_maps import of_log
+from taichi_plume.results.recorded_maps import GasMap, map_of, of_log
 from taichi_plume.scenario.maps import Map, TimeSeriesMap
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
@@ -76,7 +76,7 @@ def kernel(readings: Readings, cell: float) -> np.ndarray:
 )
 def test_a_map_of_a_log_is_of_all_its_readings(kind, reference, rel):
     readings = log()
-    made = maps.map_of(readings, model(kind=kind, cell=0.25), SIZE)
+    made = map_of(readings, model(kind=kind, cell=0.25), SIZE)
     np.testing.assert_allclose(made.estimate, reference(readings, 0.25), rtol=rel, atol=1e-5)
     assert (made.scores["readings"], made.scores["forgotten"]) == (240, 0)
 
@@ -87,7 +87,7 @@ def test_a_time_series_of_a_log_reaches_back_to_its_begin(keys):
     readings = log()
     told = model(**{"kind": "time_series", "cell": 0.25} | keys)
     assert isinstance(told, TimeSeriesMap)
-    made = maps.map_of(readings, told, SIZE)
+    made = map_of(readings, told, SIZE)
     assert made.scores["chosen_for_the_log"]["window"] == pytest.approx(5.0)
     assert made.scores["forgotten"] == 0
     scale = made.scores["chosen_for_the_log"]["time_scale"]
@@ -122,10 +122,10 @@ def test_what_is_said_to_be_forgotten_is_what_changes_nothing(keys, slack):
     """Other values of the forgotten readings, the oldest ones, make the same map; of the next reading they do not."""
     readings, told = log(), model(**{"cell": 0.25, **keys})
 
-    def made(number: slice | int) -> maps.GasMap:
+    def made(number: slice | int) -> GasMap:
         values = readings.reading.copy()
         values[number] += 50.0
-        return maps.map_of(replace(readings, reading=values), told, SIZE)
+        return map_of(replace(readings, reading=values), told, SIZE)
 
     whole = made(slice(0, 0))
     forgotten = whole.scores["forgotten"]
@@ -140,7 +140,7 @@ def test_samples_far_from_every_cell_count_as_forgotten():
     told = model(kind="time_series", raw_samples=True, cell=1.0, alpha=0.5, beta=0.2, time_scale=1e-4)
     places = np.array([[0.5, 0.5], [0.5, 0.8], [0.5, 0.95], [0.99, 0.99], [1.7, 0.4]])
     readings = Readings(np.arange(5.0), places, np.full(5, 7.0), np.zeros((5, 2)), np.arange(5))
-    made = maps.map_of(readings, told, (2.0, 1.0))
+    made = map_of(readings, told, (2.0, 1.0))
     assert made.scores["forgotten"] == 2
     np.testing.assert_allclose(made.estimate, 7.0, rtol=1e-6)
 
@@ -148,7 +148,7 @@ def test_samples_far_from_every_cell_count_as_forgotten():
 def test_a_log_of_a_moment_or_of_days_is_mapped_whole():
     for step, count in ((1.0, 1), (0.01, 30), (900.0, 100)):
         for kind in ("time_series", "inverse_distance", "gmrf", "kernel_dmv"):
-            made = maps.map_of(log(count, step, 12.3), model(kind=kind, cell=0.5), SIZE)
+            made = map_of(log(count, step, 12.3), model(kind=kind, cell=0.5), SIZE)
             assert made.scores["forgotten"] == 0, (kind, step)
             assert np.isfinite(made.estimate).any()
 

@@ -16,8 +16,9 @@ from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.cli import maps
 from taichi_plume.execution import robots_table
-from taichi_plume.files.readings import ReadingsError
+from taichi_plume.files.readings import ReadingsError, read
 from taichi_plume.grid import kernels
+from taichi_plume.results.recorded_maps import map_of
 from taichi_plume.scenario.maps import InverseDistanceMap, KernelMap, MarkovMap, TimeSeriesMap
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
@@ -49,7 +50,7 @@ maps:
 @pytest.fixture
 def mapped(tmp_path):
     """Make the map of rows t, x, y, reading on a floor of 1 x 1 m."""
-    return lambda rows, model: maps.map_of(maps.read(log(tmp_path / "a.csv", rows)), model, (1.0, 1.0))
+    return lambda rows, model: map_of(read(log(tmp_path / "a.csv", rows)), model, (1.0, 1.0))
 
 
 def inverse_distance(window: float) -> InverseDistanceMap:
@@ -83,7 +84,7 @@ def test_readings_of_a_run_give_the_maps_of_the_run(recorded, number):
     estimate, weight, variance, errors = told[number]
     model = scenario.maps[number]
     written = type(model).model_validate(model.model_dump())  # with all defaults, as in a run's scenario.yaml
-    gas_map = maps.map_of(maps.read(table, trial=1), written, (2.0, 1.5))
+    gas_map = map_of(read(table, trial=1), written, (2.0, 1.5))
     assert gas_map.scores["chosen_for_the_log"] == {}
     assert np.isfinite(estimate).any()
     np.testing.assert_array_equal(gas_map.estimate, estimate)

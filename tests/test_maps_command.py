@@ -8,6 +8,8 @@ import pytest
 from readings_log import log
 
 from taichi_plume.cli import maps
+from taichi_plume.files.readings import read
+from taichi_plume.results.recorded_maps import map_of
 from taichi_plume.scenario.maps import TimeSeriesMap
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
@@ -52,8 +54,9 @@ def test_what_is_wrong_is_told_in_one_line(text, options, told, tmp_path, capsys
 
 
 def test_options_that_are_missing(capsys):
-    assert maps.main(["a.csv", "--out", "a"]) == 2
-    assert "required: --size" in capsys.readouterr().err
+    for options, told in ((["--out", "a"], "--size: is missing"), (["--size", "1", "1"], "required: --out")):
+        assert maps.main(["a.csv", *options]) == 2
+        assert told in capsys.readouterr().err
 
 
 KINDS = ("time_series", "inverse_distance", "kernel_dmv", "gmrf")
@@ -88,7 +91,7 @@ def test_options_may_come_first(tmp_path):
     assert maps.main(["--map={kind: time_series, raw_samples: true, alpha: 0.98}", str(path), *out]) == 0
     rows = np.genfromtxt(tmp_path / "out" / "map.csv", delimiter=",", names=True)
     model = TimeSeriesMap(kind="time_series", alpha=0.98, raw_samples=True)
-    expected = maps.map_of(maps.read(path), model, (1.0, 1.0)).weight
+    expected = map_of(read(path), model, (1.0, 1.0)).weight
     np.testing.assert_allclose(rows["weight"], expected.ravel(), rtol=1e-5)
 
 

@@ -5,6 +5,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "contests",
     "execution",
     "files",
+    "fluctuations",
     "grid",
     "guard",
     "report",

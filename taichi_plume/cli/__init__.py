@@ -1,6 +1,7 @@
 """Command-line interface: options, printed output and exit code of each command."""
 
 MAY_IMPORT: tuple[str, ...] = (
+    "api",
     "assembly",
     "contests",
     "envs",

@@ -57,19 +57,17 @@ def _options(end: str) -> _Parser:
     parser = _Parser(
         prog="python -m taichi_plume.maps",
         description="Make a gas map of recorded readings.",
-        usage="%(prog)s READINGS --size LX LY --out DIR [--map MAP] [options]",
+        usage="%(prog)s READINGS [--size LX LY] --out DIR [--map MAP] [options]",
         epilog=end,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    what = (
-        "robots.parquet of a run, a bag of ROS (a folder, .mcap, .db3, .bag), or a CSV with t, x, y, reading"
-    )
+    what = "a run or its robots.parquet, a bag of ROS (a folder, .mcap, .db3, .bag), or a CSV with t, x, y, reading"
     parser.add_argument("readings", type=Path, metavar="READINGS", help=what)
     parser.add_argument("--map", help="as in a scenario: '{kind: time_series, alpha: 0.9, cell: 10 cm}'")
     parser.add_argument("--kind", help=f"short for --map '{{kind: KIND}}' (default: {DEFAULT})")
     sides = {"type": _quantity(si.Length), "nargs": 2, "metavar": ("LX", "LY")}
-    parser.add_argument("--size", **sides, required=True, help="of the floor [m]")
+    parser.add_argument("--size", **sides, help="of the floor [m] (default: that of the run)")
     place = {"type": _quantity(si.Coordinate), "nargs": 2, "metavar": ("X", "Y")}
     what = "lower corner of the floor [m], from which the map's own places count (default: 0 0)"
     parser.add_argument("--origin", **place, default=(0.0, 0.0), help=what)
@@ -77,7 +75,7 @@ def _options(end: str) -> _Parser:
     add(parser, "--force", help="replace an earlier map in --out")
     option(parser, "--trial", whole_number(0, 10**6), "N", "number of the trial (default: the first)")
     option(parser, "--group", str, "NAME", "group, in a bag a robot (default: all robots of the trial)")
-    what = "a source [m], to score the peak; may be repeated"
+    what = "a source [m], to score the peak; may be repeated (default: those of the run)"
     parser.add_argument("--source", **place, action="append", help=what)
     _of_bags(parser.add_argument_group("of bags"))
     return parser

@@ -1,18 +1,16 @@
-"""``python -m taichi_plume.statistics RUN|FILM`` computes statistics of a plume: mean, rms, intermittency, whiffs."""
+"""``python -m taichi_plume.statistics RUN|FILM`` computes statistics of a plume: mean, rms, intermittency, whiffs.
+
+``taichi_plume.statistics(...)`` is the same from Python.
+"""
 
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from taichi_plume.cli.exit_codes import exit_code
 from taichi_plume.cli.options import add, flag, number, option, positive
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import Parser, say
-
-if TYPE_CHECKING:
-    from taichi_plume.fluctuations.result import Statistics
-    from taichi_plume.scenario.sensors import GasSensor
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -22,22 +20,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _analyse(args: argparse.Namespace) -> int:
-    sensors = [_sensor(text) for text in args.sensor]
-    from taichi_plume.fluctuations import computation
+    from taichi_plume.api.statistics import statistics
 
-    plume = computation.of(
-        args.source, args.gas, args.probe, args.threshold, args.start,
-        None if args.range is None else tuple(args.range), sensors,
+    plume = statistics(
+        args.source, gas=args.gas, probe=args.probe, threshold=args.threshold, start=args.start, bounds=args.range,
+        sensors=args.sensor,
     )  # fmt: skip
     out = args.out or _folder(args.source)
     if args.out is None and out.is_symlink():
         raise InputError(f"{out}: is a link, to which nothing is written; choose --out")
-    paths = plume.write(out)
-    if not args.no_page:
-        from taichi_plume.fluctuations import page
-
-        paths.append(page.write(plume, out))
-    _print(plume)
+    paths = plume.write(out, page=not args.no_page)
+    say(*(f"{subject}: {words}" for subject, words in plume.rows))
     say(f"{paths[-1]}: {paths[-1].stat().st_size / 1e3:,.0f} kB")
     return 0
 
@@ -61,22 +54,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     option(parser, "--sensor", str, "YAML", sensor, action="append", default=[])
     add(parser, "--out", help="(default: RUN/statistics, or FILM with -statistics instead of .zarr)")
     flag(parser, "--no-page", "write no statistics.html")
-    args = parser.parse_args(argv)
-    if args.range is not None and not args.range[0] < args.range[1]:
-        parser.error("argument --range: A must be less than B")
-    return args
-
-
-def _sensor(text: str) -> "GasSensor":
-    from typing import Annotated
-
-    from pydantic import Field
-
-    from taichi_plume.scenario.loading import load_part
-    from taichi_plume.scenario.sensors import IdealGasSensor, MoxSensor, PidSensor
-
-    kind = Annotated[MoxSensor | PidSensor | IdealGasSensor, Field(discriminator="kind")]
-    return load_part(text, "--sensor", kind)
+    return parser.parse_args(argv)
 
 
 def _folder(source: Path) -> Path:
@@ -84,26 +62,3 @@ def _folder(source: Path) -> Path:
         source = source if source.name else source.resolve()  # "." has no name
         return source.with_name(f"{source.stem}-statistics")
     return source / "statistics"
-
-
-def _print(plume: "Statistics") -> None:
-    """Print the main statistics of a plume: samples, threshold, power laws, whiffs that sensors keep, notes."""
-    points = sum(len(part.probe.places) for part in plume.probes)
-    say(
-        f"{plume.gas}: {points:,} points, {plume.samples:,} samples from {plume.begin:.4g} to {plume.end:.4g} s; "
-        f"threshold {plume.threshold:.3g} ppm ({plume.why})"
-    )
-    for part in plume.probes:
-        for kind in part.kinds:
-            if law := kind.law:
-                say(
-                    f"{part.probe.name}: {len(kind.all.lasted):,} {kind.name}, p(T) ~ T^-a with a = {law.value:.2f} "
-                    f"(95 %: {law.low:.2f} to {law.high:.2f}) from {law.first:.3g} to {law.last:.3g} s; turbulence: 1.5"
-                )
-    if plume.smelt:
-        slow, fast = plume.smelt.sensors[:2]
-        say(
-            f"of {slow.whiffs:,} whiff{'s' * (slow.whiffs != 1)} a metal oxide of 12 s keeps {slow.share:.0%}, "
-            f"a detector of 50 ms {fast.share:.0%}"
-        )
-    say(*(f"note: {note}" for note in plume.notes))

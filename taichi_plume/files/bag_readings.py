@@ -10,7 +10,7 @@ no stamp.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,8 @@ from taichi_plume.files.bag_frames import Frames, Pose, topics_for
 from taichi_plume.files.bag_topics import GAS, POSES, WINDS, chosen, pose_topic_of, robot_name, wind_topic_of
 from taichi_plume.files.bags import Bag, BagError, Sample, Series, confined, opened, stamp_of
 from taichi_plume.files.tables import listed
-from taichi_plume.scenario.metal_oxides import MOX_MODELS
+from taichi_plume.scenario import si
+from taichi_plume.scenario.metal_oxides import MOX_MODELS, MoxName
 
 UNITS = {"ppm": 1.0, "ppb": 1e-3, "ohm": 0.0}
 """Units of gas in ppm; a resistance is converted by the law of its sensor."""
@@ -40,9 +41,9 @@ class BagOptions:
     wind: tuple[str, ...] = ()
     frame: str = "map"
     sensor: int | None = None
-    units: str | None = None
-    model: str | None = None
-    air: float | None = None
+    units: Literal["ppm", "ppb", "ohm"] | None = None
+    model: MoxName | None = None
+    air: si.Resistance | None = None
     upwind: bool = False
     lenient: bool = False
 

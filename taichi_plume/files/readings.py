@@ -1,12 +1,14 @@
-"""Reader of recorded gas-sensor readings: robots.parquet of a run, or a ROS bag or CSV file of real robots.
+"""Reader of recorded gas-sensor readings: robots.parquet of a run, a ROS bag or CSV file of real robots, a DataFrame.
 
-A CSV has the columns t [s], x, y [m] and reading [ppm] and, if known, wind_x, wind_y [m/s], trial (integers) and group
-(names); other columns are ignored. Columns are separated by commas, semicolons or tabs. Positions and wind of a run
-are those that the robots believed, from which the run made its maps. Robots of a bag (see `bag_readings`) are groups.
+A CSV or a DataFrame has the columns t [s], x, y [m] and reading [ppm] and, if known, wind_x, wind_y [m/s], trial
+(integers) and group (names); other columns are ignored. Columns of a CSV are separated by commas, semicolons or tabs.
+Positions and wind of a run are those that the robots believed, from which the run made its maps. Robots of a bag (see
+`bag_readings`) are groups.
 """
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +17,11 @@ from taichi_plume.files.bag_readings import BagOptions
 from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, listed, plain
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import unopenable
+from taichi_plume.scenario.changes import shown
+
+if TYPE_CHECKING:
+    import pandas
+    import pyarrow
 
 NAMES = {
     "t": ("t",),
@@ -42,7 +49,7 @@ class Readings:
     """Gas readings sorted by time: t (n,) [s], place (n, 2) [m], reading (n,) [ppm], wind (n, 2) [m/s], 0 if unknown.
 
     A reading that is no finite number is NaN. row: (n,) row of the file, from 1 on below the header. topics: for a
-    bag, a line for each robot on the topics that were read.
+    bag, a line for each robot on the topics that were read. path: the file, if any.
     """
 
     t: np.ndarray
@@ -51,20 +58,27 @@ class Readings:
     wind: np.ndarray
     row: np.ndarray
     topics: tuple[str, ...] = ()
+    path: Path | None = None
 
 
 def read(
-    path: str | Path, trial: int | None = None, group: str | None = None, options: BagOptions | None = None
+    source: "str | Path | pandas.DataFrame",
+    trial: int | None = None,
+    group: str | None = None,
+    options: BagOptions | None = None,
 ) -> Readings:
-    """Return the gas readings of a file: of one trial, by default the first, and of one group, by default all.
+    """Return the gas readings of a file or a table.
 
-    options: for a bag. Raises ReadingsError.
+    trial, group: by default the first trial and all groups. options: for a bag. Raises ReadingsError.
     """
-    path, topics = Path(path), ()
-    if bags.is_bag(path):
-        names, known, topics = _bag(path, options)
+    file = Path(source) if isinstance(source, str | Path) else None
+    path, topics = file or Path("DataFrame"), ()
+    if file is not None and bags.is_bag(file):
+        names, known, topics = _bag(file, options)
     elif options is not None and options != BagOptions():
         raise ReadingsError(f"{path}: is no bag, so it has no topics, frames and units to choose")
+    elif not isinstance(source, str | Path):
+        names, known = _data_frame(path, source)
     else:
         names, known = _parquet(path) if path.suffix.lower() == ".parquet" else _csv(path)
     chosen = _of_trial(path, known.get("trial"), trial, _of_group(path, known, group))
@@ -93,6 +107,7 @@ def read(
         np.nan_to_num(wind, posinf=0.0, neginf=0.0),
         row + 1,
         topics,
+        file,
     )
 
 
@@ -151,6 +166,28 @@ def _parquet(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
         raise
     except (pa.ArrowException, OSError, ValueError, KeyError) as error:  # the last two: of names and types
         raise ReadingsError(f"{path}: cannot be read: {plain(str(error))}") from None
+    return names, _columns(path, table, names)
+
+
+def _data_frame(path: Path, frame: object) -> tuple[dict[str, str], dict[str, np.ndarray]]:
+    """Return the columns of readings of a pandas table like `_parquet`. path: name of the table in messages."""
+    import pandas
+    import pyarrow as pa
+
+    if not isinstance(frame, pandas.DataFrame):
+        raise ReadingsError(f"readings: got {shown(frame)}; give a file, a run or a pandas.DataFrame")
+    names = _picked(path, [str(name) for name in frame.columns])
+    try:
+        table = pa.Table.from_pandas(frame[list(names.values())], preserve_index=False)
+    except (pa.ArrowException, ValueError, TypeError, KeyError) as error:
+        raise ReadingsError(f"{path}: cannot be read: {plain(str(error))}") from None
+    return names, _columns(path, table, names)
+
+
+def _columns(path: Path, table: "pyarrow.Table", names: dict[str, str]) -> dict[str, np.ndarray]:
+    """Return the columns of a pyarrow table by standard key: groups as texts, all others as numbers."""
+    import pyarrow as pa
+
     known = {}
     for key, name in names.items():
         kind = table[name].type
@@ -158,7 +195,7 @@ def _parquet(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
             known[key] = table[name].cast("string" if key == "group" else "float64", safe=False).to_numpy()
         except (pa.ArrowException, ValueError):
             raise ReadingsError(f"{path}: {name} must be numbers, not {plain(str(kind))}") from None
-    return names, known
+    return known
 
 
 def _picked(path: Path, names: list[str]) -> dict[str, str]:

@@ -23,7 +23,7 @@ SHARE = 0.1
 
 
 class Options(NamedTuple):
-    """Options of `of`: species, name of a probe, threshold [ppm], earliest time [s] and range of durations [s]."""
+    """Options of `statistics_of`: species, probe's name, threshold [ppm], earliest time [s], range of durations [s]."""
 
     gas: str | None
     probe: str | None
@@ -32,8 +32,8 @@ class Options(NamedTuple):
     bounds: tuple[float, float] | None
 
 
-def of(
-    source: Path | str,
+def statistics_of(
+    path: Path,
     gas: str | None = None,
     probe: str | None = None,
     threshold: float | None = None,
@@ -41,13 +41,13 @@ def of(
     bounds: tuple[float, float] | None = None,
     sensors: Sequence[GasSensor] = (),
 ) -> Statistics:
-    """Compute the plume statistics of a run, given its folder, or of a film. Raises InputError.
+    """Return the plume statistics of a run, given its folder, or of a film. Raises InputError.
 
     gas: species (default: the first); probe: name of a single probe to use; threshold: [ppm] (default: a tenth of the
     largest mean); start: earliest time [s]; bounds: range of durations for exponents [s]; sensors: further sensor
     models to compare.
     """
-    path, options = Path(source), Options(gas, probe, threshold, start, bounds)
+    options = Options(gas, probe, threshold, start, bounds)
     fault = unopenable(path, folder=True)
     if fault:
         raise RunFolderError(f"{path}: {fault}; give the folder of a run, or a film")

@@ -10,7 +10,7 @@ from taichi_plume.fluctuations.analysis import Kind, OfProbe, Profile
 from taichi_plume.fluctuations.durations import CELANI, DECADE, FEWEST
 from taichi_plume.fluctuations.records import AXES
 from taichi_plume.fluctuations.result import PAGE, Statistics
-from taichi_plume.report import html
+from taichi_plume.report import html, notebook
 from taichi_plume.report.html import Section
 
 MOST_PROBES = 6
@@ -26,6 +26,15 @@ def write(found: Statistics, folder: Path) -> Path:
         message=f"Statistics of a plume, from {'probes' if found.of == 'probes' else 'a film'}",
         about="Statistics by taichi_plume", began=[str(found.source)],
     )  # fmt: skip
+
+
+def of_notebook(found: Statistics) -> str:
+    """Return HTML of plume statistics for a notebook: the main results in words, and the first picture of the page."""
+    first = found.probes[:1]
+    images = (
+        _maps(found).images or _spread(first).images or _whiffs(found, first).images or _time(first).images
+    )
+    return notebook.page(found.rows, images[0].png if images else b"")
 
 
 def _number(value: Any) -> str:
@@ -66,11 +75,7 @@ def _words(found: Statistics) -> Section:
         if laws:
             lines.append(f"{stats.probe.name}: {laws}.")
     if found.smelt:
-        slow, fast = found.smelt.sensors[:2]
-        lines.append(
-            f"Of {slow.whiffs:,} whiff{'s' * (slow.whiffs != 1)} a metal oxide of 12 s keeps {slow.share:.0%}, "
-            f"a detector of 50 ms {fast.share:.0%}."
-        )
+        lines.append(f"{found.smelt.in_words().capitalize()}.")
     return Section("Results", "words", lines=lines)
 
 

@@ -16,6 +16,7 @@ from taichi_plume.fluctuations import sensor_comparison
 from taichi_plume.fluctuations.analysis import OfProbe
 from taichi_plume.fluctuations.film_statistics import FilmRecord
 from taichi_plume.fluctuations.records import AXES
+from taichi_plume.guard.terminal import visible
 
 if TYPE_CHECKING:
     import pandas
@@ -35,12 +36,13 @@ UNITS = {
 """Units of the numbers of a point; 1 for all others."""
 
 
-@dataclass
+@dataclass(repr=False)
 class Statistics:
-    """Plume statistics of a run or a film. source: the run's folder or the film; of: "probes" or "film".
+    """Plume statistics of a run or a film; a notebook shows them.
 
-    threshold: of whiffs [ppm]; why: reason for the threshold; begin, end: first and last time [s]; steps: shortest and
-    longest time between samples [s]; smelt: whiffs that sensors detect; gamma: intermittency map of the film.
+    source: the run's folder or the film; of: "probes" or "film"; gas: species. threshold: of whiffs [ppm]; why: reason
+    for the threshold. begin, end: first and last time [s]; steps: shortest and longest time between samples [s].
+    smelt: whiffs that sensors detect; gamma: intermittency map of the film.
     """
 
     source: Path
@@ -142,13 +144,42 @@ class Statistics:
             "probes": list(map(_of_probe, self.probes)), "sensors": sensors, "notes": self.notes,
         }  # fmt: skip
 
-    def write(self, folder: Path) -> list[Path]:
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Main results in words, each with its subject: samples and threshold, power laws, sensors, notes."""
+        points = sum(len(part.probe.places) for part in self.probes)
+        words = (
+            f"{points:,} point{'s' * (points != 1)}, {self.samples:,} samples from {self.begin:.4g} to {self.end:.4g} "
+            f"s; threshold {self.threshold:.3g} ppm ({self.why})"
+        )
+        rows = [(self.gas, words)]
+        for part in self.probes:
+            for kind in part.kinds:
+                if law := kind.law:
+                    words = (
+                        f"{len(kind.all.lasted):,} {kind.name}, p(T) ~ T^-a with a = {law.value:.2f} (95 %: "
+                        f"{law.low:.2f} to {law.high:.2f}) from {law.first:.3g} to {law.last:.3g} s; turbulence: 1.5"
+                    )
+                    rows.append((part.probe.name, words))
+        if self.smelt:
+            rows.append(("sensors", self.smelt.in_words()))
+        return [*rows, *(("note", note) for note in self.notes)]
+
+    def __repr__(self) -> str:
+        return "\n".join(visible(f"{subject}: {words}") for subject, words in self.rows)
+
+    def _repr_html_(self) -> str:
+        from taichi_plume.fluctuations.page import of_notebook
+
+        return of_notebook(self)
+
+    def write(self, folder: str | Path, page: bool = True) -> list[Path]:
         """Write statistics.json, Parquet tables (points, durations, spectra) and maps.nc of a film; return the paths.
 
-        Earlier statistics are replaced. Raises RunFolderError if the folder holds other files of these names, and
-        OSError.
+        page: write statistics.html as well. Earlier statistics are replaced. Raises RunFolderError if the folder holds
+        other files of these names, and OSError.
         """
-        maps = self.maps
+        folder, maps = Path(folder), self.maps
         folder.mkdir(parents=True, exist_ok=True)
         names = [
             "statistics.json",
@@ -167,7 +198,12 @@ class Statistics:
         if maps is not None:
             with disk.written_whole(folder / "maps.nc") as fresh:
                 maps.to_netcdf(fresh, engine="h5netcdf")
-        return [folder / name for name in names]
+        paths = [folder / name for name in names]
+        if page:
+            from taichi_plume.fluctuations.page import write
+
+            paths.append(write(self, folder))
+        return paths
 
 
 def _of_probe(stats: OfProbe) -> dict[str, object]:

@@ -52,6 +52,14 @@ class Smelt(NamedTuple):
     true: np.ndarray
     readings: np.ndarray
 
+    def in_words(self) -> str:
+        """Return the shares of whiffs that the slow and the fast sensor keep, in words."""
+        slow, fast = self.sensors[:2]
+        return (
+            f"of {slow.whiffs:,} whiff{'s' * (slow.whiffs != 1)} a metal oxide of 12 s keeps {slow.share:.0%}, "
+            f"a detector of 50 ms {fast.share:.0%}"
+        )
+
 
 def noses(others: Sequence[GasSensor] = ()) -> list[Nose]:
     """Return gas sensors to compare: a slow metal oxide, a fast photo-ionisation detector, defaults, and `others`."""

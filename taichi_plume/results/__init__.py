@@ -6,8 +6,10 @@ MAY_IMPORT: tuple[str, ...] = (
     "grid",
     "guard",
     "record",
-    "report.notebook",  # this and `report.pictures` only when a run is drawn
+    "report.notebook",  # these parts of `report` only when a run or a map is drawn
     "report.pictures",
+    "report.recorded_map",
+    "report.theme",
     "scenario",
     "scoring",
     "time_loop",

@@ -1,31 +1,50 @@
 """Gas maps from recorded readings, by the same mapping algorithms that robots run online.
 
 During a run a map forgets old readings, to follow the gas. For a map of a log, the model's `times` (window, memory and
-the like) are chosen so that no reading is forgotten, unless the model sets one of them.
+the like) are chosen so that no reading is forgotten, unless the model sets one of them. A map is written as
+
+    map.csv      x, y [m] of each cell's middle, ppm, weight and, if the method estimates it, variance_ppm2
+    map.png      the same, seen from above
+    scores.json  see `GasMap`
 """
 
+import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, isfinite
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichi_plume.files import disk
+from taichi_plume.files.json_values import json_value
+from taichi_plume.files.maps_file import MEANING
 from taichi_plume.files.readings import Readings, ReadingsError
+from taichi_plume.files.run_folder import RunFolder, read_json
 
 if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
+
     from taichi_plume.agents.gas_map import GasMap as OnlineMap
     from taichi_plume.scenario.maps import Map
+
+FILES = ("map.csv", "map.png", "scores.json")
 
 MOST_WINDOWS = 100_000  # of a log: six days of 5 s each; more is a clock that jumped
 FINEST = 6  # significant decimals of a time [s]: a Unix time in double precision has no more
 FORGOTTEN = 1e-3  # fraction of its weight below which a reading counts as forgotten
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class GasMap:
-    """Gas map, arrays (nx, ny): estimate [ppm], weight, variance [ppm²] or None. cell: edge of its cells [m].
+    """Gas map of recorded readings; a notebook shows it.
 
-    estimate and variance are NaN where nothing is known. scores:
+    estimate, weight, variance: arrays (nx, ny) of the estimate [ppm], its weight and its variance [ppm²] or None;
+    estimate and variance are NaN where nothing is known. cell: edge of the cells [m]; size: of the floor [m]. model:
+    section of the map, with the parameters chosen for the log. readings: the readings, at positions on the floor.
+    scores::
 
         kind, readings, left_out    kind of map; readings in the map; readings that are no number or off the floor
         forgotten                   readings in the map with less than FORGOTTEN of their weight left at the end
@@ -43,6 +62,117 @@ class GasMap:
     weight: np.ndarray
     variance: np.ndarray | None
     scores: dict[str, Any]
+    model: "Map"
+    readings: Readings
+    size: tuple[float, float]
+
+    @property
+    def data(self) -> "xarray.Dataset":
+        """Dataset over y and x [m]: estimate [ppm], weight and, if the method estimates it, variance [ppm²].
+
+        x and y are those of the cell centres, from the lower corner of the floor on. Attributes: kind and parameters of
+        the map.
+        """
+        import xarray
+
+        values: dict[str, np.ndarray | None] = {
+            "estimate": self.estimate,
+            "weight": self.weight,
+            "variance": self.variance,
+        }
+        axes = {
+            name: (np.arange(n) + 0.5) * self.cell for name, n in zip("xy", self.estimate.shape, strict=True)
+        }
+
+        def about(name: str) -> dict[str, str]:
+            return dict(zip(("units", "long_name"), MEANING[name], strict=False))
+
+        return xarray.Dataset(
+            {name: (("y", "x"), of.T, about(name)) for name, of in values.items() if of is not None},
+            {name: (name, of, about(name)) for name, of in axes.items()},
+            self.model.model_dump(mode="json", exclude_none=True),
+        )
+
+    @property
+    def lines(self) -> list[str]:
+        """Two lines on the map, as the command prints: its peak, and how many readings count."""
+        peak = self.scores["peak"]
+        if peak["ppm"] is None:
+            line = "the map is empty: its last readings are too old"
+        elif peak["x_m"] is None:
+            line = "no gas: 0 ppm in all known cells"
+        else:
+            line = f"peak {peak['ppm']:.3g} ppm at ({peak['x_m']:.2f}, {peak['y_m']:.2f}) m"
+        return [line, _used(self.scores, self.model.times)]
+
+    def plot(self) -> "Figure":
+        """Return the figure of map.png: estimate, weight and, if there is one, standard deviation, seen from above."""
+        from taichi_plume.report.recorded_map import figure
+
+        return figure(self)
+
+    def write(self, folder: str | Path, force: bool = False) -> None:
+        """Write map.csv, map.png and scores.json into a folder. force: replace an earlier map there.
+
+        Raises RunFolderError if the folder holds other files, and OSError.
+        """
+        with map_folder(Path(folder), force, self.readings.path) as held:
+            self.write_into(held)
+
+    def write_into(self, folder: RunFolder) -> None:
+        """Write the files into a folder that this process holds, see `map_folder`; all or none. Raises OSError."""
+        complete = False
+        folder.clear()
+        try:
+            self._write(folder.path)
+            complete = True
+        finally:
+            folder.settle(complete)
+
+    def _write(self, folder: Path) -> None:
+        from taichi_plume.report.theme import png, styled
+
+        i, j = np.indices(self.estimate.shape)
+        columns = {
+            "x": (i + 0.5) * self.cell,
+            "y": (j + 0.5) * self.cell,
+            "ppm": self.estimate,
+            "weight": self.weight,
+        }
+        if self.variance is not None:
+            columns["variance_ppm2"] = self.variance
+        table = np.column_stack([values.ravel() for values in columns.values()])
+        np.savetxt(folder / FILES[0], table, "%.7g", ",", header=",".join(columns), comments="")
+        with styled():
+            (folder / FILES[1]).write_bytes(png(self.plot()))
+        text = json.dumps(json_value(self.scores), indent=2, allow_nan=False) + "\n"
+        with disk.written_whole(folder / FILES[2]) as fresh:
+            fresh.write_text(text, encoding="utf-8")
+
+    def _repr_html_(self) -> str:
+        from taichi_plume.report.notebook import page
+        from taichi_plume.report.theme import png, styled
+
+        with styled():
+            picture = png(self.plot())
+        return page(list(zip((f"{self.model.kind} map", "readings"), self.lines, strict=True)), picture)
+
+    def __repr__(self) -> str:
+        return "\n".join(self.lines)
+
+
+def map_folder(folder: Path, force: bool, readings: Path | None) -> RunFolder:
+    """Return the locked folder for the files of a map. readings: file of the map's readings, which must lie elsewhere.
+
+    Raises RunFolderError if the folder holds files, except those of an earlier map with `force`.
+    """
+    inputs = [] if readings is None else [readings]
+    return RunFolder("", folder, force, inputs=inputs, files=FILES, ours=_is_map)
+
+
+def _is_map(folder: Path) -> bool:
+    """Return whether a folder holds a gas map, by the keys of its scores.json."""
+    return read_json(folder / FILES[2]).keys() >= {"kind", "readings", "known_fraction"}
 
 
 def map_of(
@@ -50,9 +180,12 @@ def map_of(
 ) -> GasMap:
     """Return a gas map of recorded readings. size: of the floor [m]; sources: true positions (m, 2) [m], for scores.
 
-    Needs a started Taichi. Snapshots end at multiples of the window since t = 0, or since the first reading if the
-    window was chosen for the log. The last snapshot is mapped, but its forecast is not scored. Raises ReadingsError.
+    Starts Taichi unless it runs. Snapshots end at multiples of the window since t = 0, or since the first reading if
+    the window was chosen for the log. The last snapshot is mapped, but its forecast is not scored.
+
+    Raises ReadingsError.
     """
+    from taichi_plume.grid import kernels
     from taichi_plume.scoring.trials import PERIOD, forecast_error, peak_distance
     from taichi_plume.time_loop import Uncertain
 
@@ -67,6 +200,7 @@ def map_of(
     if "window" not in chosen:
         begin = window * np.floor((begin + 0.5 * 10.0**-FINEST) / window)
     t = np.round(readings.t - begin, FINEST)
+    kernels.ensure_started()
     gas_map, dt, nlpd = _made(readings, t, model, size)
     errors = [(time, error) for time, error in gas_map.errors if time <= t[-1] + 10.0**-FINEST]
     estimate, weight = np.asarray(gas_map.estimate()), np.asarray(gas_map.weight())
@@ -92,7 +226,7 @@ def map_of(
         "nlpd_median": float(np.median(nlpd)) if nlpd.size else None,
     }
     variance = np.asarray(gas_map.variance())[0] if isinstance(gas_map, Uncertain) else None
-    return GasMap(gas_map.cell, estimate[0], weight[0], variance, scores)
+    return GasMap(gas_map.cell, estimate[0], weight[0], variance, scores, model, readings, size)
 
 
 def of_log(model: "Map", readings: Readings, size: tuple[float, float]) -> tuple["Map", dict[str, Any]]:
@@ -181,3 +315,19 @@ def _peak(estimate: np.ndarray, cell: float) -> dict[str, float | None]:
         return {"x_m": None, "y_m": None, "ppm": 0.0 if known else None}
     i, j = np.unravel_index(np.nanargmax(estimate), estimate.shape)
     return {"x_m": (float(i) + 0.5) * cell, "y_m": (float(j) + 0.5) * cell, "ppm": float(estimate[i, j])}
+
+
+def _used(scores: dict[str, Any], times: Sequence[str]) -> str:
+    """Return a text on the readings of the log that a map uses. times: parameters that limit the age of readings."""
+    forgotten, text = scores["forgotten"], f"{scores['readings']:,} readings"
+    if forgotten:
+        text = f"{forgotten:,} of {text} forgotten; without {' and '.join(times)} the map is of the whole log"
+    elif forgotten == 0:
+        text += ", none forgotten"
+    chosen = [
+        f"{name}: {'null' if value is None else f'{value:.4g}'}"
+        for name, value in scores["chosen_for_the_log"].items()
+    ]
+    text += f"; chosen so that no reading is forgotten: {', '.join(chosen)}" if chosen else ""
+    left_out = f"; {scores['left_out']:,} left out, as no number or off the floor"
+    return text + left_out * bool(scores["left_out"])

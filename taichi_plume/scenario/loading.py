@@ -107,13 +107,13 @@ def _values(data: object) -> int:
     return 1 + sum(map(_values, data)) if isinstance(data, list) else weight(data)
 
 
-def load_part(text: str, where: str, kind: Any) -> Any:
-    """Return a section of the type `kind` from YAML text such as ``{kind: gmrf, cell: 0.1}``.
+def load_part(value: object, where: str, kind: Any) -> Any:
+    """Return a section of the type `kind` from YAML text such as ``{kind: gmrf, cell: 0.1}``, or from Python values.
 
     where: name of the section in messages. Raises ScenarioError.
     """
     try:
-        data = {where: parse(text)}
+        data = {where: parse(value) if isinstance(value, str) else yaml_value(value)}
     except LineError as fault:
         raise ScenarioError([f"{where}: {fault}"]) from None
     adapter = TypeAdapter(dict[str, kind])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from taichi_plume import fluctuations
+import taichi_plume as tp
 from taichi_plume.files.film_writer import NewFilm
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.fluctuations.film_statistics import FilmRecord
@@ -45,7 +45,7 @@ def film(tmp_path_factory):
 
 def test_maps_and_their_height(film):
     path, air = film
-    found = fluctuations.of(path, threshold=5.0)
+    found = tp.statistics(path, threshold=5.0)
     maps = found.maps
     assert maps is not None
     assert maps.attrs["height_m"] == pytest.approx((HEIGHT + 0.5) * DX)
@@ -59,7 +59,7 @@ def test_maps_and_their_height(film):
 
 def test_lines_end_at_the_obstacle_and_are_gaussian(film):
     path, _ = film
-    found = fluctuations.of(path, threshold=5.0)
+    found = tp.statistics(path, threshold=5.0)
     along, *across = found.probes
     assert along.probe.name == "along x"
     assert along.probe.places[:, 0].max() == pytest.approx(14.5 * DX)
@@ -87,10 +87,10 @@ def test_sources_are_those_that_the_film_tells(film):
 def test_films_that_tell_too_little(film, tmp_path):
     path, _ = film
     with pytest.raises(RunFolderError, match="at least 16"):
-        fluctuations.of(path, start=30.0)
+        tp.statistics(path, start=30.0)
     with pytest.raises(RunFolderError, match="holds no acetone, only ethanol"):
-        fluctuations.of(path, gas="acetone")
+        tp.statistics(path, gas="acetone")
     empty = NewFilm(tmp_path / "e.zarr", (4, 4), DX, {"depth": 1.0, "periodic": [False] * 2}, [], {}, ())
     empty.flush()
     with pytest.raises(InputError, match=r"e\.zarr"):
-        fluctuations.of(tmp_path / "e.zarr")
+        tp.statistics(tmp_path / "e.zarr")

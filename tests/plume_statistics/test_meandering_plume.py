@@ -5,7 +5,7 @@ from math import exp, sqrt
 import numpy as np
 import pytest
 
-from taichi_plume import fluctuations
+import taichi_plume as tp
 from taichi_plume.cli import run
 from taichi_plume.cli.statistics import main
 from taichi_plume.scenario.species import SPECIES
@@ -48,7 +48,7 @@ def test_moments_presence_and_width(tmp_path):
     )
     plume = Meander(length=12.0, intensity=0.3, time=1.0, slope=0.05)
     share = 0.1
-    found = fluctuations.of(folder, threshold=share * plume.peak(x) * PPM)
+    found = tp.statistics(folder, threshold=share * plume.peak(x) * PPM)
     points = found.points
     n = found.samples
     assert n == count
@@ -93,7 +93,7 @@ def test_whiffs_and_blanks_of_first_returns(tmp_path):
     threshold = float(np.mean(thresholds))
     argv = [str(folder), "--threshold", str(threshold), "--range", "0.95", "20.05", "--no-page"]
     assert main([*argv, "--out", str(tmp_path / "out")]) == 0
-    found = fluctuations.of(folder, threshold=threshold, bounds=(0.95, 20.05))
+    found = tp.statistics(folder, threshold=threshold, bounds=(0.95, 20.05))
     from taichi_plume.fluctuations.durations import CELANI, exponent, pooled
 
     for n in (0, 1):

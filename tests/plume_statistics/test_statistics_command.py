@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 import xarray
 
-from taichi_plume import fluctuations, open_run
+import taichi_plume as tp
 from taichi_plume.cli import run
 from taichi_plume.cli.statistics import main
 from taichi_plume.files.run_folder import RunFolderError
@@ -56,12 +56,12 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(folder):
-    return fluctuations.of(folder, gas="ethanol", threshold=20.0)
+    return tp.statistics(folder, gas="ethanol", threshold=20.0)
 
 
 def test_numbers_of_points_are_those_of_the_table(folder, found):
     """By pandas, with the weights of the trapezoidal rule."""
-    table = open_run(folder).probes
+    table = tp.open_run(folder).probes
     for who, rows in table.groupby(["probe", "point"], observed=True):
         name, point = tuple(who)  # pyright: ignore[reportArgumentType]
         c, t = rows.ethanol_ppm.to_numpy(float), rows.t.to_numpy()
@@ -87,9 +87,9 @@ def test_what_comes_before_a_time_is_left_out(folder, tmp_path, monkeypatch, chu
     """By pandas; the time lies in the first chunk or in a later one."""
     from taichi_plume.files import run_tables
 
-    table = open_run(folder).probes
+    table = tp.open_run(folder).probes
     monkeypatch.setattr(run_tables, "ROW_GROUP", chunk)
-    told = fluctuations.of(folder, gas="ethanol", threshold=20.0, start=7.0)
+    told = tp.statistics(folder, gas="ethanol", threshold=20.0, start=7.0)
     assert (told.begin, told.samples) == (pytest.approx(7.0), 101)
     rows = table[(table.probe == "one") & (table.t > 7.0 - 1e-6)]
     mean = np.trapezoid(rows.ethanol_ppm.to_numpy(float), rows.t) / np.ptp(rows.t)
@@ -113,14 +113,14 @@ def test_a_table_in_small_chunks_says_the_same(folder, found, monkeypatch):
 
     monkeypatch.setattr(run_tables, "ROW_GROUP", 113)
     monkeypatch.setattr(analysis, "MOST_VALUES", 7 * found.samples)
-    again = fluctuations.of(folder, gas="ethanol", threshold=20.0)
+    again = tp.statistics(folder, gas="ethanol", threshold=20.0)
     pandas.testing.assert_frame_equal(again.points, found.points, rtol=1e-9)
     pandas.testing.assert_frame_equal(again.spectra, found.spectra, rtol=1e-5)
     assert again.summary["probes"][1]["whiffs"] == found.summary["probes"][1]["whiffs"]
 
 
 def test_maps_are_those_of_the_film(folder, found):
-    fields = open_run(folder).fields.ethanol_ppm.astype(float)
+    fields = tp.open_run(folder).fields.ethanol_ppm.astype(float)
     t = fields.time.to_numpy()
     maps = found.maps
     mean = fields.integrate("time").transpose("x", "y").to_numpy() / np.ptp(t)
@@ -148,7 +148,7 @@ def test_a_film_by_itself(folder, tmp_path, capsys, monkeypatch):
     with xarray.open_dataset(out / "maps.nc") as maps:
         assert maps["mean"].attrs["units"] == "ppm"
     assert "between its frames" in capsys.readouterr().out
-    lines = fluctuations.of(film, gas="ethanol", start=3.0)
+    lines = tp.statistics(film, gas="ethanol", start=3.0)
     assert lines.maps is not None
     mean = lines.maps["mean"]
     for one in lines.probes:
@@ -201,7 +201,7 @@ def test_names_of_a_foreign_table_are_text(folder, tmp_path, capsys):
 
 
 def test_the_default_threshold_is_a_tenth_of_the_strongest_mean(folder, found):
-    default = fluctuations.of(folder, gas="ethanol", probe="across")
+    default = tp.statistics(folder, gas="ethanol", probe="across")
     across = found.points[found.points.probe == "across"]
     assert default.threshold == pytest.approx(0.1 * across["mean"].max(), rel=1e-6)
     assert "tenth" in default.why
@@ -283,7 +283,7 @@ def test_runs_that_cannot_be_used_are_told_in_a_line(folder, tmp_path, capsys, c
 
 def test_a_run_that_was_killed_and_repaired_is_used_and_told(folder, tmp_path):
     copy = broken(folder, tmp_path, status("killed"))
-    found = fluctuations.of(copy, gas="ethanol", probe="one", threshold=20.0)
+    found = tp.statistics(copy, gas="ethanol", probe="one", threshold=20.0)
     assert any("ended as 'killed'" in note for note in found.notes)
 
 
@@ -318,10 +318,10 @@ def test_options_that_do_not_fit_are_told_in_a_line(folder, capsys, options, wor
 def test_what_is_no_run_is_told(tmp_path):
     for path in (tmp_path / "nowhere", tmp_path):
         with pytest.raises(RunFolderError, match=r"give the folder of a run|neither the folder"):
-            fluctuations.of(path)
+            tp.statistics(path)
     (tmp_path / "file").write_text("")
     with pytest.raises(RunFolderError, match="no folder"):
-        fluctuations.of(tmp_path / "file")
+        tp.statistics(tmp_path / "file")
 
 
 @pytest.mark.parametrize("name", ["statistics.json", "maps.nc", "spectra.parquet", "statistics.html"])

@@ -1,0 +1,104 @@
+"""Gas map of recorded readings: ``tp.maps("readings.csv", size=(4, 3))`` is ``python -m taichi_plume.maps``."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from pydantic import Field
+
+from taichi_plume.files.bag_readings import BagOptions
+from taichi_plume.files.readings import ReadingsError, read
+from taichi_plume.files.run_folder import is_run
+from taichi_plume.results.recorded_maps import GasMap, map_folder, map_of
+from taichi_plume.results.run import Run
+from taichi_plume.scenario import si
+from taichi_plume.scenario.loading import load_part
+from taichi_plume.scenario.maps import Map
+
+if TYPE_CHECKING:
+    import pandas
+
+Number = float | str
+"""Number in SI units, or a text with a unit such as "40 cm"."""
+SIZE = tuple[si.Length, si.Length]
+TRIAL = Annotated[int, Field(ge=0)] | None
+BAG_KEYS = [field.name for field in fields(BagOptions) if field.name != "lenient"]
+
+
+def maps(
+    readings: "Run | str | Path | pandas.DataFrame",
+    map: str | Mapping[str, object] | Map = "time_series",
+    *,
+    size: Sequence[Number] | None = None,
+    origin: Sequence[Number] = (0.0, 0.0),
+    trial: int | None = None,
+    group: str | None = None,
+    sources: Sequence[Sequence[Number]] | None = None,
+    bag: Mapping[str, object] | BagOptions | None = None,
+    out: str | Path | None = None,
+    force: bool = False,
+) -> GasMap:
+    """Make a gas map of recorded readings and return the map, as by ``python -m taichi_plume.maps``.
+
+    readings: a run or its folder, robots.parquet of a run, a ROS bag, or a CSV file or DataFrame with the columns
+    t [s], x, y [m] and reading [ppm]. map: kind, or section as in a scenario: ``{"kind": "gmrf", "cell": "10 cm"}``.
+    size: edges of the floor along x and y [m]; origin: its lower corner, from which positions in the map count. trial,
+    group: number and name, by default the first trial and all robots. sources: true positions [m], to score the peak.
+    Of a run, size and sources are by default those of its scenario.
+
+    bag: how a ROS bag is read, by the keys gas, pose and wind (lists of topics), frame, sensor, units, model, air and
+    upwind. out: folder for map.csv, map.png and scores.json; by default nothing is written. force: replace an earlier
+    map there.
+
+    All readings count unless the map's parameters limit their age. Raises InputError (ReadingsError, ScenarioError,
+    RunFolderError), whose lines name the options of the command, and OSError.
+
+    >>> import taichi_plume as tp
+    >>> run = tp.simulate("plumesim_casting", duration=2, out=folder)
+    >>> gas_map = tp.maps(run, {"kind": "inverse_distance", "cell": "50 cm"})
+    >>> dict(gas_map.data.estimate.sizes), gas_map.data.estimate.attrs["units"]
+    ({'y': 6, 'x': 8}, 'ppm')
+    >>> gas_map.scores["readings"]
+    20
+    """
+    model = _model(map)
+    floor = None if size is None else load_part(size, "--size", SIZE)
+    corner = np.array(load_part(origin, "--origin", si.Point2))
+    trial = load_part(trial, "--trial", TRIAL)
+    options = _bag_options(bag)
+    places = None if sources is None else load_part(sources, "--source", tuple[si.Point2, ...])
+    if isinstance(readings, str | Path) and is_run(Path(readings)):
+        readings = Run(Path(readings))
+    if isinstance(readings, Run):
+        width, length = readings.scenario.domain.extent[:2]
+        floor = floor or (width, length)
+        if places is None:
+            places = [source.position[:2] for _, source in readings.scenario.sources]
+        table = readings.folder / "robots.parquet"
+        readings = table if table.exists() else readings.robots
+    if floor is None:
+        raise ReadingsError("--size: is missing; give the edges of the floor along x and y [m]")
+    file = Path(readings) if isinstance(readings, str | Path) else None
+    with nullcontext() if out is None else map_folder(Path(out), force, file) as folder:
+        log = read(readings, trial, group, options)
+        log = replace(log, place=log.place - corner)
+        gas_map = map_of(log, model, floor, np.array(places) - corner if places else None)
+        if folder is not None:
+            gas_map.write_into(folder)
+    return gas_map
+
+
+def _model(map: str | Mapping[str, object] | Map) -> Map:
+    """Return the section of a gas map that is given as a kind, a YAML text, or keys and values."""
+    is_kind = isinstance(map, str) and not map.lstrip().startswith("{")
+    return load_part({"kind": map} if is_kind else map, "--map", Map)
+
+
+def _bag_options(bag: Mapping[str, object] | BagOptions | None) -> BagOptions | None:
+    unknown = [key for key in bag if key not in BAG_KEYS] if isinstance(bag, Mapping) else []
+    if unknown:
+        raise ReadingsError(f"bag: unknown key '{unknown[0]}'; allowed: {', '.join(BAG_KEYS)}")
+    return None if bag is None else load_part(bag, "bag", BagOptions)
