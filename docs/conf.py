@@ -16,9 +16,10 @@ author = "the authors of taichi_plume"
 copyright = "the authors of taichi_plume, Apache-2.0"
 version = release = taichi_plume.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_gallery.gen_gallery", "mathml"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx_gallery.gen_gallery", "mathml"]
 extensions += ["scenario_reference", "validation_page"]  # they write pages before a build
 exclude_patterns = ["_build", "_ext", "tutorial", "gallery/live", "validation/*", "**/GALLERY_HEADER.*"]
+exclude_patterns += ["tutorials/*.ipynb", "gallery/runs/*.ipynb"]  # sphinx-gallery's copies, to be downloaded
 nitpicky = False
 
 # Text
@@ -67,6 +68,14 @@ sphinx_gallery_conf = {
     "remove_config_comments": True,
     "min_reported_time": 1e9,
 }
+
+# Notebooks: stored without outputs, executed whenever their page is built, each in a temporary folder
+nb_execution_mode = "force"
+nb_execution_in_temp = True
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300  # s per cell
+nb_merge_streams = True
+nb_ipywidgets_js: dict[str, dict[str, str]] = {}  # no scripts from another host
 
 # Pages
 html_theme = "pydata_sphinx_theme"

@@ -9,9 +9,12 @@ How blocks of a page are read, in README.md and docs/**/*.md:
 - ``python`` blocks of a page are run one after the other, in a folder with those files; a ``pycon`` block is a doctest.
 - of lines ``python -m taichi_plume.NAME`` the options are looked up in its ``--help``.
 
+Notebooks of docs/notebooks are executed by the build of the site.
+
 Scenarios of docs/coming-from are loaded by test_coming_from.py, which makes the foreign files that they read.
 """
 
+import ast
 import contextlib
 import copy
 import doctest
@@ -32,6 +35,7 @@ from typing import Any, NamedTuple
 import pytest
 import yaml
 
+import taichi_plume
 from taichi_plume.assembly.preparation import load
 from taichi_plume.scenario.keys import all_keys
 from taichi_plume.scenario.loading import ScenarioError
@@ -49,6 +53,18 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"] + [
     if not any(path.relative_to(DOCS).is_relative_to(made) for made in MADE)
 ]
 FOREIGN = DOCS / "coming-from"
+NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
+IMPORTED = {
+    "gymnasium",
+    "matplotlib",
+    "numpy",
+    "pandas",
+    "taichi_plume",
+    "xarray",
+    "yaml",
+} | sys.stdlib_module_names
+SUBPACKAGES = {"envs", "studies"}
+"""Public packages within taichi_plume."""
 FENCE = re.compile(r"^(`{3,})(.*)\n((?:.*\n)*?)\1$", re.MULTILINE)
 LINK = re.compile(r"(?<!`)\[[^\]`]*(?:`[^`]*`[^\]`]*)*\]\(([^)\s]+)\)")
 COMMAND = re.compile(r"^(?:python -m taichi_plume\.|taichi-plume )(\w+)((?:.|\\\n)*)$", re.MULTILINE)
@@ -120,10 +136,19 @@ def anchors(page: Path) -> set[str]:
     }
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name)
+@cache
+def cells(notebook: Path, kind: str) -> list[str]:
+    """Texts of the cells of a notebook; kind: "code" or "markdown"."""
+    stored = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
+    return ["".join(cell["source"]) for cell in stored if cell["cell_type"] == kind]
+
+
+@pytest.mark.parametrize("page", PAGES + NOTEBOOKS, ids=name)
 def test_links_lead_somewhere(page):
     """Those within the project; of what the build makes the folder's name counts."""
-    text = FENCE.sub("", page.read_text(encoding="utf-8"))
+    notebook = page.suffix == ".ipynb"
+    text = "\n".join(cells(page, "markdown")) if notebook else page.read_text(encoding="utf-8")
+    text = FENCE.sub("", text)
     for link in LINK.findall(text):
         if re.match(r"[a-z]+:", link):
             assert link.startswith("https://"), link
@@ -136,6 +161,53 @@ def test_links_lead_somewhere(page):
         assert path.exists(), f"{link} is not there"
         if anchor and path.suffix == ".md":
             assert anchor in anchors(path), f"{link}: no such heading"
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=name)
+def test_notebooks_are_stored_without_outputs(notebook):
+    """The build makes the outputs. Metadata may name the language, but no machine."""
+    stored = json.loads(notebook.read_text(encoding="utf-8"))
+    assert stored["metadata"].keys() == {"kernelspec", "language_info"}
+    for cell in stored["cells"]:
+        assert not cell["metadata"]
+        assert not cell.get("outputs")
+        assert cell.get("execution_count") is None
+    lines = "\n".join(cells(notebook, "markdown") + cells(notebook, "code")).splitlines()
+    assert max(map(len, lines)) <= 120
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=name)
+def test_notebooks_use_public_names(notebook):
+    assert not private_names("\n".join(cells(notebook, "code")))
+
+
+def private_names(code: str) -> set[str]:
+    """Names of taichi_plume in the code that are not public, and packages that the docs do not install."""
+    tree, found = ast.parse(code), set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            modules = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.module
+            modules = [node.module]
+            if node.module == taichi_plume.__name__:
+                modules = [f"{node.module}.{alias.name}" for alias in node.names]
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "tp":
+            modules = [f"taichi_plume.{node.attr}"]
+        else:
+            continue
+        for module in modules:
+            package, _, member = module.partition(".")
+            if package not in IMPORTED:
+                found.add(package)
+            elif package == taichi_plume.__name__ and member not in {"", *taichi_plume.__all__, *SUBPACKAGES}:
+                found.add(module)
+    return found
+
+
+def test_private_names_are_noticed():
+    code = "import taichi_plume as tp, torch\nfrom taichi_plume.grid import kernels\ntp.time_loop, tp.Own, tp.envs"
+    assert private_names(code) == {"torch", "taichi_plume.grid", "taichi_plume.time_loop"}
 
 
 def saved(tmp_path: Path, block: Block) -> Path:

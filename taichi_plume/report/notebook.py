@@ -14,6 +14,7 @@ from taichi_plume.results.run import Run
 from taichi_plume.scenario.scenario import Scenario
 
 WIDTH = 900  # pixels of a picture
+CELL = "text-align:left; vertical-align:top; padding:0.1em 1em 0.1em 0"
 
 
 def of_run(run: Run) -> str:
@@ -40,8 +41,8 @@ def of_scenario(scenario: Scenario) -> str:
 def page(rows: Sequence[tuple[str, object]], picture: bytes = b"") -> str:
     """Return HTML of (name, text) rows and, unless it is empty, a PNG below."""
     cells = "".join(
-        f'<tr><td style="text-align:left"><b>{escape(visible(name))}</b></td>'
-        f'<td style="text-align:left">{escape(visible(text))}</td></tr>'
+        f'<tr><td style="{CELL}; white-space:nowrap"><b>{escape(visible(name))}</b></td>'
+        f'<td style="{CELL}">{escape(visible(text))}</td></tr>'
         for name, text in rows
     )
     shown = f'<img style="max-width:100%" src="{data_url(picture, "image/png")}">' if picture else ""
