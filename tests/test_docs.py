@@ -63,7 +63,7 @@ IMPORTED = {
     "xarray",
     "yaml",
 } | sys.stdlib_module_names
-SUBPACKAGES = {"envs", "studies"}
+SUBPACKAGES = {"envs"}
 """Public packages within taichi_plume."""
 FENCE = re.compile(r"^(`{3,})(.*)\n((?:.*\n)*?)\1$", re.MULTILINE)
 LINK = re.compile(r"(?<!`)\[[^\]`]*(?:`[^`]*`[^\]`]*)*\]\(([^)\s]+)\)")
