@@ -206,6 +206,8 @@ class Points:
                     for each in (base, beside)
                 ]
                 apart = intervals.differences(*pair)
+                if quantity.share:
+                    apart = apart._replace(low=max(apart.low, -1.0), high=min(apart.high, 1.0))
                 yield {
                     **dict(zip(keys, values, strict=True)),
                     "first": first,

@@ -246,6 +246,20 @@ def test_points_are_means_over_airs(tmp_path):
         results.differences("rate")
 
 
+def test_a_difference_of_shares_lies_between_minus_one_and_one(tmp_path):
+    axes = {"algorithm": Axis("algorithm", "", True)}
+    plan = made_study.plan(axes, [("casting",), ("spiral",)], airs=4)
+
+    def rows(one):  # in two airs both find it; in the others only the second
+        both = one.air_seed % 2 == 0
+        return made_study.record(one, [made_study.trial(0, both or one.values["algorithm"] == "spiral")])
+
+    apart = made_study.published(tmp_path, plan, made_study.records(plan, rows)).differences("algorithm")
+    assert list(apart["apart"]) == [0.5]
+    assert list(apart["high"]) == [1.0]
+    assert apart["low"][0] < 0.0
+
+
 def test_more_points_in_airs_of_the_same_seeds_make_no_narrower_interval(tmp_path):
     axes = {"speed": Axis("speed", "m/s", True), "algorithm": Axis("algorithm", "", True)}
     plan = made_study.plan(axes, [(s, a) for s in (0.2, 0.5, 1.0) for a in ("casting", "spiral")], airs=8)
