@@ -4,3 +4,5 @@ from taichi_plume.__main__ import command
 
 if __name__ == "__main__":
     command("study")
+elif __name__ != "__mp_main__":  # of a child process of the command
+    raise ImportError("taichi_plume.study is a function: import taichi_plume as tp; tp.study(...)")

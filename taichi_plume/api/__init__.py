@@ -11,6 +11,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "report",
     "results",
     "scenario",
+    "scoring",
     "studies",
     "time_loop",
 )

@@ -6,8 +6,7 @@ from pathlib import Path
 from taichi_plume.api.study import raise_unless_done
 from taichi_plume.contests.execution import Choice, contest_of, play
 from taichi_plume.contests.standings import Standings, conclude
-from taichi_plume.scenario.changes import shown
-from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.guard.input_error import InputError
 from taichi_plume.studies.study_run import Settings
 
 
@@ -34,7 +33,7 @@ def contest(
     `allow_code` executes. policies: learnt policies, as ONNX files or scenarios whose robots run one. quick: one
     scenario with few airs. airs: number in each scenario, by default 8; searches: number in each air, by default 8.
     out: the contest's folder, which also receives contest.csv, contest.parquet and contest.html. The same call resumes
-    an interrupted contest. For the others, the warning of failed runs and the errors see `study`.
+    an interrupted contest. The other arguments, the warning of failed runs and the errors are those of `study`.
 
     >>> import taichi_plume as tp
     >>> standings = tp.contest(
@@ -43,21 +42,22 @@ def contest(
     >>> standings.table.algorithm.tolist()
     ['random_walk']
     """
-    for key, given in (("files", files), ("policies", policies)):
-        if isinstance(given, str | Path):
-            raise ScenarioError([f"{key}: got {shown(given)}; give a list of files"])
     choice = Choice(
-        Path(out), algorithms, list(map(Path, files)), list(map(Path, policies)), scenarios, quick, seed, airs,
-        searches, allow_code,
-    )  # fmt: skip
+        Path(out), algorithms, files, policies, scenarios, quick, seed, airs, searches, allow_code
+    )
     settings = Settings(
         choice.out, workers, retry=retry, force=force, progress=progress, allow_code=bool(files),
         allow_outside=True, report=False,
     )  # fmt: skip
     settings.check()
-    held = contest_of(choice)
-    ends = list(play(held, settings))
-    standings = conclude(held, choice.command())
+    played = contest_of(choice)
+    ends = list(play(played, settings))
+    try:
+        standings = conclude(played, choice.command())
+    except (InputError, OSError):
+        for end in ends:  # the first cause
+            raise_unless_done(end)
+        raise
     for end in ends:
         raise_unless_done(end)
     return standings

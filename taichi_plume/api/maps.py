@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import fields, replace
+from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -73,10 +74,14 @@ def maps(
     if isinstance(readings, str | Path) and is_run(Path(readings)):
         readings = Run(Path(readings))
     if isinstance(readings, Run):
-        width, length = readings.scenario.domain.extent[:2]
-        floor = floor or (width, length)
+        scenario = readings.scenario
+        width, length = scenario.domain.extent[:2]
+        floor = floor or (width - corner[0], length - corner[1])
         if places is None:
-            places = [source.position[:2] for _, source in readings.scenario.sources]
+            from taichi_plume.scoring.trials import begins  # imports Taichi
+
+            on = begins(scenario) < scenario.duration
+            places = [source.position[:2] for _, source in compress(scenario.sources, on)]
         table = readings.folder / "robots.parquet"
         readings = table if table.exists() else readings.robots
     if floor is None:
@@ -85,7 +90,10 @@ def maps(
     with nullcontext() if out is None else map_folder(Path(out), force, file) as folder:
         log = read(readings, trial, group, options)
         log = replace(log, place=log.place - corner)
-        gas_map = map_of(log, model, floor, np.array(places) - corner if places else None)
+        try:
+            gas_map = map_of(log, model, floor, np.array(places) - corner if places else None)
+        except ReadingsError as error:
+            raise ReadingsError(*log.topics, *error.lines) from None
         if folder is not None:
             gas_map.write_into(folder)
     return gas_map

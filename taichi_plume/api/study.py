@@ -31,9 +31,9 @@ def study(
     source: YAML file, name of an example, or dict with the keys of such a file. In a dict, `base` may be a scenario: a
     `Scenario` or a dict. out: the study's folder, by default studies/NAME. workers: number of processes, by default one
     per core. scheduler: address of a Dask scheduler, whose workers execute the runs. retry: execute failed runs again.
-    force: remove runs in the folder that the study does not have. progress: show it. report: write report.html.
-    allow_code: whether Python files that scenarios name are executed. allow_outside: whether files may lie outside the
-    study's folder.
+    force: remove runs in the folder that the study does not have. progress: show the progress. report: write
+    report.html. allow_code: whether Python files that scenarios name are executed. allow_outside: whether files may lie
+    outside the study's folder.
 
     Failed runs are rows of ``results.runs()`` and cause a warning. Raises InputError (ScenarioError, RunFolderError)
     before any run, RunError if the workers are lost or the disk is full, and KeyboardInterrupt; finished runs are kept.

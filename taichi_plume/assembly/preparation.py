@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from taichi_plume.assembly.resources import OPENERS, Resources, completed
-from taichi_plume.files.bundled import path_of
+from taichi_plume.files.bundled import file_or_example
 from taichi_plume.grid.shapes import ShapeError
 from taichi_plume.guard.safe_open import gate
 from taichi_plume.scenario import checks
@@ -101,9 +101,7 @@ def read(
     Of the scenario's files, only those of a GADEN project are opened. Raises ScenarioError.
     """
     if isinstance(source, str | Path):
-        data: Path | Mapping[str, object] = Path(source)
-        if not data.suffix and not data.exists():
-            data = path_of(str(source))
+        data: Path | Mapping[str, object] = file_or_example(source)
         origin = Origin(data.parent, data)
         if folder is not None:
             raise ScenarioError([f"folder: got {folder}; the files of a scenario lie beside its YAML file"])

@@ -26,6 +26,7 @@ def _contest(args: argparse.Namespace) -> int:
     from taichi_plume.contests.execution import Choice, chosen, contest_of, play
     from taichi_plume.contests.page import show_table
     from taichi_plume.contests.standings import conclude
+    from taichi_plume.files.run_folder import RunFolderError
     from taichi_plume.studies.study_run import Settings
 
     choice = Choice(
@@ -38,7 +39,12 @@ def _contest(args: argparse.Namespace) -> int:
     )  # fmt: skip
     contest = contest_of(choice)
     code = max(print_end(end, args.quiet, report=False) for end in play(contest, settings))
-    standings = conclude(contest, choice.command())
+    try:
+        standings = conclude(contest, choice.command())
+    except RunFolderError:
+        if code == 130:  # before any run
+            return code
+        raise
     for row in standings.rows:
         if row.failed:
             failed = f"{row.failed} of {row.runs} runs have failed"
@@ -51,7 +57,7 @@ def _contest(args: argparse.Namespace) -> int:
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    from taichi_plume.contests.execution import AIRS, QUICK_AIRS, SEARCHES
+    from taichi_plume.contests import AIRS, QUICK_AIRS, SEARCHES
 
     count = whole_number(1, 4096)
     parser = Parser(

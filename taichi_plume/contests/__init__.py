@@ -11,3 +11,6 @@ MAY_IMPORT: tuple[str, ...] = (
     "time_loop",
     "studies",
 )
+
+AIRS, SEARCHES = 8, 8
+QUICK_AIRS, QUICK_SEARCHES = 2, 4

@@ -6,11 +6,13 @@ The folder holds `scenarios/NAME.yaml` and `NAME.study.yaml`, the folder `NAME` 
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import yaml
+from pydantic import Field
 
 from taichi_plume.assembly.own_code import has_permission
+from taichi_plume.contests import AIRS, QUICK_AIRS, QUICK_SEARCHES, SEARCHES
 from taichi_plume.contests.entrants import Entrant, entrants, scenarios
 from taichi_plume.contests.fixed_scenarios import NAMES, QUICK, Fixed, fixed
 from taichi_plume.files import disk, own_folder
@@ -18,8 +20,7 @@ from taichi_plume.files.own_class import OwnFile
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.safe_open import unopenable
 from taichi_plume.guard.terminal import notebook_display, say, visible
-from taichi_plume.scenario.changes import shown
-from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.loading import ScenarioError, load_part
 from taichi_plume.studies.plan import load_plan
 from taichi_plume.studies.study_run import Settings, execute
 
@@ -30,8 +31,20 @@ if TYPE_CHECKING:
 KIND = "contest"  # contest.json marks a contest's folder
 SCENARIOS = "scenarios"
 AXIS = "algorithm"
-AIRS, SEARCHES = 8, 8
-QUICK_AIRS, QUICK_SEARCHES = 2, 4
+MOST = 4096  # airs, and searches
+_NAMES = Annotated[list[str], Field(min_length=1)] | None
+_COUNT = Annotated[int, Field(ge=1, le=MOST, strict=True)] | None
+_SEED = Annotated[int, Field(ge=0, lt=1 << 32, strict=True)] | None
+KINDS = {
+    "algorithms": _NAMES,
+    "scenarios": _NAMES,
+    "files": list[Path],
+    "policies": list[Path],
+    "seed": _SEED,
+    "airs": _COUNT,
+    "searches": _COUNT,
+}
+"""Types of the options of a contest, by name."""
 
 
 class Choice(NamedTuple):
@@ -43,8 +56,8 @@ class Choice(NamedTuple):
 
     out: Path = Path("contest")
     algorithms: Sequence[str] | None = None
-    files: Sequence[Path] = ()
-    policies: Sequence[Path] = ()
+    files: Sequence[str | Path] = ()
+    policies: Sequence[str | Path] = ()
     scenarios: Sequence[str] | None = None
     quick: bool = False
     seed: int | None = None
@@ -84,15 +97,12 @@ class Contest(NamedTuple):
 
 
 def contest_of(choice: Choice) -> Contest:
-    """Return the contest of the chosen scenarios and algorithms. Raises ScenarioError for unknown names and files."""
-    for key, given in (("algorithms", choice.algorithms), ("scenarios", choice.scenarios)):
-        if given is not None and (isinstance(given, str) or not given):
-            raise ScenarioError([f"{key}: got {shown(given)}; give a list of names"])
-    for key, number in (("airs", choice.airs), ("searches", choice.searches)):
-        if number is not None and not (isinstance(number, int) and number >= 1):
-            raise ScenarioError([f"{key}: got {shown(number)}; must be a whole number from 1 on"])
+    """Return the contest of the chosen scenarios and algorithms. Raises ScenarioError for values that do not fit."""
+    choice = choice._replace(
+        **{name: load_part(getattr(choice, name), name, kind) for name, kind in KINDS.items()}
+    )
     names = scenarios(choice.scenarios, QUICK if choice.quick else NAMES)
-    entries = entrants(choice.algorithms, choice.files, choice.policies)
+    entries = entrants(choice.algorithms, list(map(Path, choice.files)), list(map(Path, choice.policies)))
     _require_allowed(choice)
     searches = choice.searches or (QUICK_SEARCHES if choice.quick else SEARCHES)
     airs = choice.airs or (QUICK_AIRS if choice.quick else AIRS)
@@ -105,7 +115,7 @@ def _require_allowed(choice: Choice) -> None:
     refused = [
         f"{path}: holds Python code, which runs with all your rights; look at it, then add --allow-code "
         "(in Python: allow_code=True)"
-        for path in choice.files
+        for path in map(Path, choice.files)
         if not choice.allow_code and not has_permission(str(path), OwnFile.read(path, None).digest)
     ]
     if refused:

@@ -142,14 +142,15 @@ def conclude(contest: Contest, command: Sequence[str]) -> Standings:
     """
     from taichi_plume.contests import page
 
-    found = rows(contest)
-    if not found:
+    started = rows(contest)
+    if not started:
         raise RunFolderError("nothing has been run yet")
-    standings = Standings(contest, found, page.write(contest, found, command))
+    standings = Standings(contest, started, contest.out / f"{NAME}.html")
     table = standings.table
     table.attrs.clear()
     with disk.written_whole(contest.out / f"{NAME}.csv") as fresh:
         table.to_csv(fresh, index=False, lineterminator="\n", float_format="%.6g")
     with disk.written_whole(contest.out / f"{NAME}.parquet") as fresh:
         table.to_parquet(fresh, index=False)
+    page.write(contest, started, command)
     return standings

@@ -73,7 +73,7 @@ class TerminalBar:
 
 
 class NotebookBar:
-    """Progress bar in the output of a notebook's cell. display: the module IPython.display; first: text until then."""
+    """Progress bar in the output of a notebook's cell. display: the module IPython.display; first: text at first."""
 
     def __init__(self, display: Any, first: str = "compiling ..."):
         self.html = display.HTML

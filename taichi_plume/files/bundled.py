@@ -46,6 +46,13 @@ def path_of(name: str) -> Path:
     return files[name]
 
 
+def file_or_example(source: str | Path) -> Path:
+    """Return the path of a file that is given by its path, or by the name of an example. Raises ScenarioError."""
+    path = Path(source)
+    is_path = path.suffix or path.is_file() or (path.is_dir() and str(source) not in names())
+    return path if is_path else path_of(str(source))
+
+
 def example(name: str) -> Example:
     """Read the kind, story and time of an example. Raises ScenarioError for an unknown name."""
     path = path_of(name)

@@ -136,7 +136,7 @@ def _reset(plain: Callable = impl.reset) -> None:
 class _Process:
     """State of the process.
 
-    thread: that in which Taichi was started, None if that was before this module was imported;
+    thread: number of the thread in which Taichi was started, None if that was before this module was imported;
     forked: whether the process was forked after Taichi was started.
     """
 

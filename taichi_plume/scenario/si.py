@@ -12,17 +12,15 @@ from taichi_plume.scenario.vocabulary import PER_AXIS, one_or_several
 Coordinate = Annotated[float, *quantity("m", least=-1e7, most=1e7)]
 Length = Annotated[float, *quantity("m", least=1e-6, most=1e5, likely="mm")]
 Distance = Annotated[float, *quantity("m", least=0, most=1e5, likely="mm")]
-BodyLength = Annotated[
-    float, *quantity("m", least=1e-3, most=100, likely="mm")
-]  # of robots: contact is 0.1 mm
+# of robots: contact is 0.1 mm:
+BodyLength = Annotated[float, *quantity("m", least=1e-3, most=100, likely="mm")]
 Duration = Annotated[float, *quantity("s", least=1e-6, most=1e9)]
 Time = Annotated[float, *quantity("s", least=-1e9, most=1e9)]
 Delay = Annotated[float, *quantity("s", least=1e-6, most=1e9, or_zero=True)]
 Wait = Annotated[float, *quantity("s", least=1e-6, most=1e5)]  # robots count it in ticks, in 32 bits
 Pause = Annotated[float, *quantity("s", least=0, most=1e5)]  # likewise
-Speed = Annotated[
-    float, *quantity("m/s", least=0, most=100, likely="mm/s")
-]  # air is incompressible up to about there
+# air is incompressible up to about there:
+Speed = Annotated[float, *quantity("m/s", least=0, most=100, likely="mm/s")]
 Velocity = Annotated[float, *quantity("m/s", least=-100, most=100, likely="mm/s")]
 Acceleration = Annotated[float, *quantity("m/s^2", least=-1000, most=1000)]
 Thrust = Annotated[float, *quantity("m/s^2", least=1e-6, most=1e4)]
@@ -41,9 +39,8 @@ EddyDiffusivity = Annotated[float, *quantity("m^2/s", least=0, most=1e4)]
 Dissipation = Annotated[float, *quantity("m^2/s^3", least=1e-12, most=1e3)]
 Temperature = Annotated[float, *quantity("K", least=200, most=500, likely="degC")]
 Power = Annotated[float, *quantity("W", least=-1e7, most=1e7)]
-SurfaceVelocity = Annotated[
-    float, *quantity("m/s", least=1e-9, most=1, likely="mm/s")
-]  # of gas that reaches a surface
+# of gas that reaches a surface:
+SurfaceVelocity = Annotated[float, *quantity("m/s", least=1e-9, most=1, likely="mm/s")]
 Concentration = Annotated[float, *quantity("ppm", least=0, most=1e6)]
 HeatTransfer = Annotated[float, *quantity("W/m^2/K", least=1e-6, most=1e6)]
 HeatCapacity = Annotated[float, *quantity("J/m^3/K", least=1, most=1e8)]

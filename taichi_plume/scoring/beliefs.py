@@ -90,7 +90,7 @@ class BeliefScores:
     STATE = ("rows",)
 
     def __init__(self, sim: TimeLoop):
-        self.sources, self.begins = scores.source_places(sim)[:, :2], scores.begins(sim)
+        self.sources, self.begins = scores.source_places(sim)[:, :2], scores.begins(sim.scenario)
         self.groups = sum(len(believer.members.groups) for believer in believers(sim))
         self.rows = Series(len(OF_BELIEFS) * self.groups)
 

@@ -34,7 +34,7 @@ class MapSeries:
         self.cell, self.period = self.map.cell, self.map.window or scores.PERIOD
         trials, nx, ny = np.shape(self.map.estimate())
         self.shape = (nx, ny)
-        self.sources, self.begins = scores.source_places(sim)[:, :2], scores.begins(sim)
+        self.sources, self.begins = scores.source_places(sim)[:, :2], scores.begins(sim.scenario)
         groups = sim.swarm.groups if sim.swarm.count else []
         self.extent = (sim.grid.extent[0], sim.grid.extent[1])
         self.measurable = scores.measurable(sim, self.cell, self.shape)

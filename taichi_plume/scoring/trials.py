@@ -11,6 +11,7 @@ from taichi_plume.agents.groups import GroupRange
 from taichi_plume.grid import fields
 from taichi_plume.grid.grid import block_mean, centers
 from taichi_plume.scenario.playback import Played
+from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.declarations import OUTCOMES, Json, Snapshot, by_trial, declared_outcomes
 from taichi_plume.time_loop import Mapper, TimeLoop, Uncertain
 
@@ -232,7 +233,7 @@ def no_search(sim: TimeLoop, group: GroupRange, success: Iterable[bool] = ()) ->
     """Return the reason why no robot of a group could find a source; None if robots could, or have in a trial."""
     if any(success):
         return None
-    on = begins(sim) < sim.t
+    on = begins(sim.scenario) < sim.t
     if sim.tick <= 0 or (group.model.begin > 0 and sim.t <= group.model.begin):
         return "the robots had not started"
     if not len(on):
@@ -257,10 +258,10 @@ def source_places(sim: TimeLoop) -> np.ndarray:
     return np.array([source.position for _, source in sim.scenario.sources]).reshape(-1, dim)
 
 
-def begins(sim: TimeLoop) -> np.ndarray:
+def begins(scenario: Scenario) -> np.ndarray:
     """Return the start time of each source [s], in the order of the scenario; -inf for sources that are played back."""
     begins = []
-    for _, gas in sim.scenario.gases:
+    for _, gas in scenario.gases:
         for source in gas.sources:
             known = {} if isinstance(gas, Played) else vars(source)
             begin = known.get("start", known.get("time"))  # of a source, or of a puff

@@ -11,7 +11,7 @@ import yaml
 from pydantic import TypeAdapter, ValidationError
 
 from taichi_plume.assembly.preparation import expanded
-from taichi_plume.files.bundled import path_of
+from taichi_plume.files.bundled import file_or_example
 from taichi_plume.guard.safe_open import content_of
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.changes import shown
@@ -86,7 +86,7 @@ def load_plan(source: Source, allow_outside: bool = False) -> Plan:
         raise ScenarioError(
             [f"study: got {shown(source)}; give a YAML file, the name of an example or a dict"]
         )
-    file = file_of(source)
+    file = file_or_example(source)
     study = read_study(file)
     try:
         texts = {"study.yaml": content_of(file, LARGEST_TEXT, _unreadable)}
@@ -94,12 +94,6 @@ def load_plan(source: Source, allow_outside: bool = False) -> Plan:
         return _Planning(study, base, allow_outside).plan(file, texts)
     except ScenarioError as error:
         raise ScenarioError([f"{file}: {line}" for line in error.faults]) from None
-
-
-def file_of(source: str | Path) -> Path:
-    """Return the path of a YAML file, given its path or the name of an example. Raises ScenarioError."""
-    file = Path(source)
-    return path_of(str(source)) if not file.suffix and not file.exists() else file
 
 
 def read_study(file: Path) -> Study:
@@ -131,7 +125,7 @@ def _of_dict(source: Mapping[str, object], allow_outside: bool) -> Plan:
     data = of_python({**source, "base": name} if "base" in source else source)
     study = _study(data)
     if isinstance(given, str | Path):
-        path = file_of(given)
+        path = file_or_example(given)
         base = _base_of_file(path, path.parent, path.name, allow_outside)
     elif isinstance(given, Scenario):
         keys = given.keys_set()

@@ -1,4 +1,4 @@
-"""Progress display of a study: a bar on a terminal, else a line per minute; totals of runs and worker time."""
+"""Progress display of a study: a bar at a terminal or in a notebook, else a line per minute; totals of its runs."""
 
 import time
 from contextlib import suppress
@@ -41,7 +41,7 @@ class Display:
         if not shown:
             return
         if notebook is not None:
-            self._notebook = NotebookBar(notebook)
+            self._notebook = NotebookBar(notebook, "starting workers ...")
         elif console.is_terminal:
             self._bar = Progress(
                 SpinnerColumn(),

@@ -113,7 +113,7 @@ class Results:
 
     @cached_property
     def by_points(self) -> "Points":
-        """Points with their estimates, see `study/estimates.py`."""
+        """Points with their estimates, see `studies/estimates.py`."""
         from taichi_plume.studies.estimates import Points
 
         tables = self.tables

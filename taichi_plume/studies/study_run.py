@@ -3,14 +3,15 @@
 from collections import Counter
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+from pydantic import Field
 
 from taichi_plume.execution.signals import SignalRequests, handling_signals
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, show, visible
-from taichi_plume.scenario.changes import shown
-from taichi_plume.scenario.loading import ScenarioError, scenario_of
+from taichi_plume.scenario.loading import ScenarioError, load_part, scenario_of
 from taichi_plume.studies.messages import Options
 from taichi_plume.studies.outcomes import not_left
 from taichi_plume.studies.store import DONE, FAILED, KEPT_FOLDER, Store, StoreError
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 MOST_FAILED = 3  # failed runs that are listed
 MOST_POINTS = 10  # points that `--check` lists
+WORKERS = Annotated[int, Field(ge=1, le=4096, strict=True)] | None
 RESUME = "started again, the study resumes"
 
 
@@ -45,16 +47,17 @@ class Settings(NamedTuple):
     report: bool = True
 
     def check(self) -> None:
-        """Raise InputError if the number of workers is no whole number from 1 on."""
-        if self.workers is not None and not (isinstance(self.workers, int) and self.workers >= 1):
-            raise InputError(f"workers: got {shown(self.workers)}; must be a whole number from 1 on")
+        """Raise ScenarioError if the number of workers is no whole number, or goes with a scheduler."""
+        load_part(self.workers, "workers", WORKERS)
+        if self.workers is not None and self.scheduler is not None:
+            raise ScenarioError(["workers: are processes of this machine; they cannot go with a scheduler"])
 
 
 class End(NamedTuple):
     """End of a study's execution. runs, done: number of its runs, and of those that are finished without an error.
 
     status: "completed", "failed" (runs have failed, or the workers were lost) or "interrupted"; notes: lines on what is
-    missing, and why; error: that ended the execution.
+    missing, and why; error: the exception that ended the execution early.
     """
 
     folder: Path
@@ -77,8 +80,12 @@ def execute(plan: "Plan", settings: Settings) -> End:
             store.begin(plan, settings.force)
             error = _work(plan, store, settings, signals)
             signals.running, signals.hasty = True, not signals.stopped  # a first signal waits for the tables
-            publish(store.folder, settings.report)
-            return _end(plan, store, bool(signals.stopped), error)
+            errors = [error] if error is not None else []
+            try:
+                publish(store.folder, settings.report)
+            except OSError as fault:  # such as a full disk, which has ended the runs as well
+                errors.append(fault)
+            return _end(plan, store, bool(signals.stopped), errors)
     except KeyboardInterrupt as error:
         notes = [f"interrupted; finished runs are kept; {RESUME}"]
         return End(settings.out, "interrupted", notes=notes, error=error)
@@ -134,17 +141,18 @@ def _workers(
         return LocalWorkers(min(settings.workers or cores(), most), settings.out)
     workers = DaskWorkers(settings.scheduler, plan, settings.out, signals)
     if settings.dashboard:
-        say(visible(f"Dask's dashboard: {workers.client.dashboard_link}"), error=True)
+        display.note(visible(f"Dask's dashboard: {workers.client.dashboard_link}"))
     return workers
 
 
-def _end(plan: "Plan", store: Store, interrupted: bool, error: Exception | None) -> End:
-    """Return the end of an execution, with notes on its error, on failed runs and on missing runs."""
+def _end(plan: "Plan", store: Store, interrupted: bool, errors: list[Exception]) -> End:
+    """Return the end of an execution, with notes on its errors, on failed runs and on missing runs."""
     statuses, notes = store.statuses(), []
-    if isinstance(error, OSError):
-        notes = [f"{error.strerror or error}" + (f": {error.filename}" if error.filename else "")]
-    elif error is not None:
-        notes = [str(error), f"finished runs are kept in {store.folder}"]
+    for error in errors:
+        if isinstance(error, OSError):
+            notes.append(f"{error.strerror or error}" + (f": {error.filename}" if error.filename else ""))
+        else:
+            notes += [str(error), f"finished runs are kept in {store.folder}"]
     failed = sum(status == "failed" for status in statuses.values())
     done = sum(statuses.get(request.run) in DONE for request in plan.requests)
     missing = len(plan.requests) - done - failed
@@ -153,7 +161,8 @@ def _end(plan: "Plan", store: Store, interrupted: bool, error: Exception | None)
     if missing:
         notes.append(f"{missing:,} runs are missing; {RESUME}")
     status = "interrupted" if interrupted else "failed" if notes else "completed"
-    return End(store.folder, status, len(plan.requests), done, list(map(visible, notes)), error)
+    first = errors[0] if errors else None
+    return End(store.folder, status, len(plan.requests), done, list(map(visible, notes)), first)
 
 
 def publish(folder: Path, page: bool = True) -> Path | None:
@@ -196,7 +205,10 @@ def _require_allowed(plan: "Plan", settings: Settings) -> None:
         return
     files = _own_files([plan.base, *(request.changes for request in plan.requests)])
     if files:
-        what = "holds Python code, which runs with all your rights; check the code, then add --allow-code"
+        what = (
+            "holds Python code, which runs with all your rights; check the code, then add --allow-code (in Python: "
+            "allow_code=True)"
+        )
         raise ScenarioError([f"{visible(file)}: {what}" for file in sorted(files)])
 
 

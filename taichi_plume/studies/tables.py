@@ -3,7 +3,7 @@
 Trials are partitioned in folders by the values of axes with few values. Each table is written to a temporary path and
 renamed. All tables but the costs are reproducible to the bit, in whatever order and wherever the runs were executed:
 rows are sorted by the number in the plan and hold no times. The costs are written last, with a hash of the data behind
-all tables, from which readers see whether the tables are up to date (`study/results.py`).
+all tables, from which readers see whether the tables are up to date (`studies/results.py`).
 """
 
 import hashlib

@@ -15,7 +15,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -44,6 +44,9 @@ ENVIRONMENT = {
 }
 
 _TAICHI = threading.Lock()  # only one thread of a process at a time can use Taichi
+_SPAWN = (
+    threading.Lock()
+)  # the start of a process changes the environment and hides the main module meanwhile
 
 
 class WorkersError(Exception):
@@ -95,19 +98,16 @@ class LocalWorkers:
         with suppress(KeyError, BrokenProcessPool):
             return self._executors[worker].submit(function, task)
         context = multiprocessing.get_context("spawn")
-        with _blocked_signals(), _environment(), _without_main():
-            executor = ProcessPoolExecutor(1, context, _begin_process, (self._log,))
-            future = executor.submit(function, task)
-        self._executors[worker] = executor
-        return future
+        with _SPAWN, _blocked_signals(), _environment(), _without_main():
+            self._executors[worker] = ProcessPoolExecutor(1, context, _begin_process, (self._log,))
+            return self._executors[worker].submit(function, task)
 
     def close(self) -> None:
         """Kill all worker processes at once, even in the middle of a run, and delete the log if empty."""
         with ignoring_signals():
             for executor in self._executors.values():
-                for process in list(
-                    (vars(executor)["_processes"] or {}).values()
-                ):  # kill_workers of Python 3.14
+                processes = vars(executor)["_processes"] or {}  # `kill_workers` of Python 3.14
+                for process in list(processes.values()):
                     process.kill()
             for executor in self._executors.values():
                 executor.shutdown(cancel_futures=True)
@@ -287,7 +287,8 @@ def why_unusable(version: str, out: Path, content: bytes, folder: Path) -> str:
 def _require_scheduler(address: str) -> None:
     """Raise WorkersError unless a Dask scheduler answers at an address."""
     try:
-        kind = asyncio.run(asyncio.wait_for(_kind(address), CONNECT_S))
+        with ThreadPoolExecutor(1) as thread:  # a notebook has a running event loop in this one
+            kind = thread.submit(lambda: asyncio.run(asyncio.wait_for(_kind(address), CONNECT_S))).result()
     except (OSError, ValueError, TypeError, LookupError, ImportError, RuntimeError, AssertionError) as error:
         # with a tls:// address the error may state what is wrong with a certificate
         refused = isinstance(error, OSError) and not address.startswith("tls:")

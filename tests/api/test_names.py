@@ -3,6 +3,8 @@
 import doctest
 import inspect
 import os
+import re
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -26,7 +28,14 @@ def test_every_public_name_is_listed_and_documented():
 
 def test_every_public_name_is_in_the_program_that_is_checked_for_types():
     text = (Path(__file__).parent / "typed_use.py").read_text()
-    assert [name for name in tp.__all__ if f"tp.{name}" not in text] == []
+    assert [name for name in tp.__all__ if not re.search(rf"\btp\.{name}\b", text)] == []
+
+
+@pytest.mark.parametrize("name", ["study", "contest", "statistics", "maps"])
+def test_modules_behind_commands_do_not_replace_functions(name):
+    with pytest.raises(ImportError, match=f"tp.{name}"):
+        import_module(f"taichi_plume.{name}")
+    assert callable(getattr(tp, name))
 
 
 @pytest.mark.parametrize("named", EXAMPLES, ids=lambda named: named.__qualname__)

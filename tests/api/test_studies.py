@@ -1,9 +1,14 @@
 """tp.study and tp.contest: the results of the commands, in any program; errors before anything is written."""
 
+import errno
 import multiprocessing
+import os
+import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -13,7 +18,9 @@ import yaml
 import taichi_plume as tp
 from taichi_plume.cli import contest as contest_command
 from taichi_plume.cli import study as study_command
+from taichi_plume.files.bundled import path_of
 from taichi_plume.studies import workers
+from taichi_plume.studies.plan import load_plan
 
 BASE = {
     "name": "wide", "duration": 2.0, "domain": {"size": [2, 1.5], "spacing": 0.1},
@@ -90,14 +97,56 @@ def test_lost_workers_are_an_error_that_keeps_the_tables(tmp_path, monkeypatch):
     assert set(tp.open_study(tmp_path / "out").runs()["status"]) == {"missing"}
 
 
-def test_ctrl_c_keeps_the_tables(tmp_path, monkeypatch):
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+@pytest.mark.parametrize("signals", [1, 2])
+def test_ctrl_c_ends_a_study(tmp_path, monkeypatch, signals):
+    """The first lets the tables be written, the second does not wait for them."""
+    submit = workers.LocalWorkers.submit
+
+    def interrupt(*given: Any) -> Any:
+        for _ in range(signals):
+            os.kill(os.getpid(), signal.SIGINT)
+        return submit(*given)
 
     monkeypatch.setattr(workers.LocalWorkers, "submit", interrupt)
-    with pytest.raises(KeyboardInterrupt, match="finished runs are kept"):
+    with pytest.raises(KeyboardInterrupt, match="missing" if signals == 1 else "finished runs are kept"):
+        tp.study(STUDY, out=tmp_path / "out", workers=1, progress=False)
+    assert (tmp_path / "out/runs.parquet").exists() == (signals == 1)
+    assert set(tp.open_study(tmp_path / "out").runs()["status"]) <= {"missing", "completed"}
+
+
+def test_the_first_error_is_told_if_the_disk_is_full_as_well(tmp_path, monkeypatch):
+    def lost(*_: object) -> None:
+        raise workers.WorkersError("the workers are gone")
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "the disk is full", "runs.parquet")
+
+    monkeypatch.setattr(workers.LocalWorkers, "submit", lost)
+    monkeypatch.setattr("taichi_plume.studies.tables.publish", full)
+    with pytest.raises(tp.RunError, match=r"the workers are gone(.|\n)*the disk is full: runs\.parquet"):
         tp.study(STUDY, out=tmp_path / "out", progress=False)
-    assert set(tp.open_study(tmp_path / "out").runs()["status"]) == {"missing"}
+
+
+def test_a_study_of_an_example_is_resumed_by_the_same_call(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "studies/wind_speeds").mkdir(parents=True)
+    plan = load_plan("studies/wind_speeds")
+    assert plan.default_out == Path("studies/wind_speeds")
+    assert plan == load_plan(path_of("studies/wind_speeds"))
+
+
+def test_threads_may_execute_studies_at_once(tmp_path):
+    main, environment = sys.modules["__main__"], dict(os.environ)
+    with ThreadPoolExecutor(2) as threads:
+        calls = [
+            threads.submit(tp.study, STUDY | {"airs": 1}, out=tmp_path / name, workers=1, progress=False)
+            for name in ("a", "b")
+        ]
+    a, b = (call.result() for call in calls)
+    pd.testing.assert_frame_equal(a.trials(), b.trials())
+    assert sys.modules["__main__"] is main
+    assert dict(os.environ) == environment
 
 
 class Stay:
@@ -126,6 +175,8 @@ def test_bad_studies_are_refused_before_anything_is_written(tmp_path, monkeypatc
         tp.study(study)
     with pytest.raises(tp.InputError, match="workers: got 'x'"):
         tp.study(STUDY, workers="x")  # type: ignore[arg-type]
+    with pytest.raises(tp.InputError, match=r"workers.*scheduler"):
+        tp.study(STUDY, workers=2, scheduler="tcp://127.0.0.1:1")
     assert len(caught.value.lines) == 1
     assert all(part in caught.value.lines[0] for part in parts), caught.value.lines
     assert not list(tmp_path.iterdir())
@@ -170,10 +221,15 @@ def test_bad_contests_are_refused_before_anything_is_written(tmp_path, monkeypat
     refused: list[tuple[dict[str, Any], str]] = [
         ({"algorithms": ["infotax"]}, "infotaxis"),
         ({"algorithms": "casting"}, "algorithms.*list"),
-        ({"scenarios": []}, "scenarios.*list"),
+        ({"algorithms": 3}, "algorithms.*3"),
+        ({"scenarios": []}, "scenarios.*1"),
         ({"files": "mine.py"}, "files.*list"),
+        ({"policies": [3]}, "policies.*3"),
         ({"airs": 0}, "airs.*0"),
+        ({"searches": 10**6}, "searches.*1000000"),
+        ({"seed": -1}, "seed.*-1"),
         ({"workers": 0}, "workers.*0"),
+        ({"workers": True}, "workers.*True"),
         ({"scenarios": ["open_3"]}, "open_3d"),
         ({"files": ["nowhere.py"]}, "nowhere.py"),
         ({"files": ["mine.py"]}, "allow_code=True"),
