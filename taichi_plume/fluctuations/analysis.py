@@ -135,11 +135,18 @@ def _within(ppm: np.ndarray, mean: np.ndarray, threshold: float, points: int) ->
     return found
 
 
+def distances(places: np.ndarray, sources: np.ndarray | None) -> np.ndarray:
+    """Return the distance [m] of each position (n, dim) from the nearest source (m, dim); NaN without a source."""
+    if sources is None or not len(sources):
+        return np.full(len(places), np.nan)
+    return np.linalg.norm(places[:, None] - sources[None], axis=-1).min(axis=1)
+
+
 def _half_travel(probe: Probe, numbers: dict[str, np.ndarray], settings: Settings) -> float | None:
     """Half of the advection time [s] from the nearest source to the points with the mean wind; None if unknown."""
     if settings.sources is None or not len(settings.sources) or "speed" not in numbers:
         return None
-    away = np.linalg.norm(probe.places[:, None] - settings.sources[None], axis=-1).min(axis=1)
+    away = distances(probe.places, settings.sources)
     moving = (numbers["speed"] > STILL) & (numbers["whiffs"] > 0)
     return float(np.median(0.5 * away[moving] / numbers["speed"][moving])) if moving.any() else None
 

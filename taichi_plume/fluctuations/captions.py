@@ -46,6 +46,13 @@ RESOLVED = (
 BARS = "First a metal oxide of 12 s and a detector of 50 ms, then all sensor models of scenarios with their defaults."
 RECORDS = "At the point with the most whiffs, in their busiest period; readings in ppm of this gas. Dashed: threshold."
 RISES = "Rises in all: more than the kept whiffs if noise crosses the threshold several times in a whiff."
+BOUTS = (
+    "A {sensor} measures the record. A bout is a rise of the smoothed derivative of the signal ln(R_air/R) by more "
+    "than {threshold:.2g} 1/s, which noise hardly exceeds (Schmuker, Bahr and Huerta 2016, "
+    "doi:10.1016/j.snb.2016.05.098). In a wind tunnel the number of bouts falls about linearly with the distance from "
+    "the source."
+)
+BOUTS_PLOT = "A dot per point, of no more than six probes. Distance: from the nearest source."
 WITHIN = (
     "Samples above the threshold, divided by their mean at each point, with maximum-likelihood fits of the gamma and "
     "lognormal distributions; distance: Kolmogorov-Smirnov."

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from taichi_plume.files.run_folder import RunFolderError, is_run
-from taichi_plume.fluctuations import sensor_comparison, spectra
-from taichi_plume.fluctuations.analysis import OfProbe, Settings, of_probe
+from taichi_plume.fluctuations import bouts, sensor_comparison, spectra
+from taichi_plume.fluctuations.analysis import OfProbe, Settings, distances, of_probe
 from taichi_plume.fluctuations.film_statistics import FilmRecord
 from taichi_plume.fluctuations.records import Probe, ProbeRecord, chosen_gas
 from taichi_plume.fluctuations.result import Statistics
@@ -16,7 +16,7 @@ from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import unopenable
 from taichi_plume.results.run import Run
 from taichi_plume.scenario.domain import Located
-from taichi_plume.scenario.sensors import GasSensor
+from taichi_plume.scenario.sensors import GasSensor, MoxSensor
 
 SHARE = 0.1
 """Default threshold as a fraction of the highest mean of all points."""
@@ -101,7 +101,7 @@ def _of_probes(
     settings = Settings(gas, level, record.wind, sources, options.bounds)
     probes = [of_probe(record, probe, settings) for probe in chosen]
     found = _statistics(table, name, "probes", record, settings, why, probes)
-    found.smelt = _smelt(record, settings, probes, sensors, found.notes)
+    found.smelt, found.bouts = _smelt(record, settings, probes, sensors, found.notes)
     return found
 
 
@@ -159,21 +159,27 @@ def _smelt(
     probes: list[OfProbe],
     sensors: Sequence[GasSensor],
     notes: list[str],
-) -> sensor_comparison.Smelt | None:
-    """Compare gas sensors by the whiffs that they detect, at the points with whiffs, most first; None without any."""
+) -> tuple[sensor_comparison.Smelt | None, bouts.BoutTable | None]:
+    """Compare gas sensors by the whiffs that they detect, at the points with whiffs, most first; None without any.
+
+    The bouts of a metal oxide are counted at these points and at others, up to MOST_POINTS in all; None if samples are
+    too far apart.
+    """
     several = sensor_comparison.noses(sensors)
     lively = [(int(n), p.probe.first + k) for p in probes for k, n in enumerate(p.points["whiffs"]) if n]
     if not lively:
         notes.append("The record has no complete whiff, so sensors are not compared.")
-        return None
+        return None, None
     ticks = min(len(record.times), sensor_comparison.MOST_TICKS)
     most = max(
         1, min(sensor_comparison.MOST_POINTS, int(sensor_comparison.MOST_NUMBERS / len(several) / ticks))
     )
-    points = np.array([point for _, point in sorted(lively, key=lambda pair: (-pair[0], pair[1]))])
+    points = whiffs = np.array([point for _, point in sorted(lively, key=lambda pair: (-pair[0], pair[1]))])
     if len(points) > most:
         notes.append(f"Sensors are compared at {most} of the {len(points):,} points that have whiffs.")
-        points = points[np.linspace(0, len(points) - 1, most).round().astype(int)]
+        points = _evenly(points, most)
+    every = np.concatenate([p.probe.first + np.arange(len(p.probe.places)) for p in probes])
+    points = np.concatenate([points, _evenly(np.setdiff1d(every, whiffs), most - len(points))])
     order = np.argsort(points)
     ppm = record.values(points[order], f"{settings.gas}_ppm")[:, np.argsort(order)]
     step, even = spectra.evenly(record.times, ppm)
@@ -185,4 +191,47 @@ def _smelt(
             f"Samples every {step:.3g} s are too far apart for sensors of {sensor_comparison.FAST * 1e3:g} ms; use "
             "`every: step` and a shorter `tick`."
         )
-    return sensor_comparison.smelt(several, settings.gas, step, even, settings.threshold)
+    mox = sensor_comparison.default_mox(several)
+    found = sensor_comparison.smelt(several, settings.gas, step, even, settings.threshold, store=mox)
+    if step > bouts.LONGEST_STEP:
+        notes.append(
+            f"Samples every {step:.3g} s are too far apart to count bouts; {bouts.LONGEST_STEP:g} s at most."
+        )
+        return found, None
+    assert found.stored is not None
+    return found, _bouts(several[mox], step, found.stored, points, probes, settings.sources)
+
+
+def _evenly(points: np.ndarray, most: int) -> np.ndarray:
+    """Return at most `most` of the points, evenly spaced."""
+    return points[np.linspace(0, len(points) - 1, min(most, len(points))).round().astype(int)]
+
+
+def _bouts(
+    nose: sensor_comparison.Nose,
+    step: float,
+    ppm: np.ndarray,
+    points: np.ndarray,
+    probes: list[OfProbe],
+    sources: np.ndarray | None,
+) -> bouts.BoutTable:
+    """Count the bouts of a metal oxide from its readings at points, (n, points) [ppm], and add them to the probes.
+
+    points: index of each point in the record. Points of probes without readings get NaN.
+    """
+    assert isinstance(nose.model, MoxSensor)
+    counted, threshold = bouts.bouts_of_sensor(nose.model, step, ppm)
+    columns = {
+        "bouts_per_min": counted.per_min, "bout_amplitude": counted.amplitude, "mox_std": counted.deviation
+    }  # fmt: skip
+    away, probe = np.full(len(points), np.nan), np.zeros(len(points), int)
+    for n, stats in enumerate(probes):
+        size = len(stats.probe.places)
+        local = points - stats.probe.first
+        here = (local >= 0) & (local < size)
+        for name, values in columns.items():
+            stats.points[name] = np.full(size, np.nan)
+            stats.points[name][local[here]] = values[here]
+        away[here] = distances(stats.probe.places, sources)[local[here]]
+        probe[here] = n
+    return bouts.BoutTable(nose.name, threshold, probe, away, counted.per_min, counted.deviation)

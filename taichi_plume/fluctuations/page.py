@@ -45,7 +45,7 @@ def _sections(found: Statistics) -> list[Section]:
     shown = found.probes[:MOST_PROBES]
     return [
         _words(found), _strength(found), _maps(found), _spread(shown), _whiffs(found, shown), _sensors(found),
-        _within(shown), _time(shown), _notes(found),
+        _bouts(found), _within(shown), _time(shown), _notes(found),
     ]  # fmt: skip
 
 
@@ -241,6 +241,29 @@ def _sensors(found: Statistics) -> Section:
     ]
     heads = ("sensor", "kept", "whiffs", "rises in all", "threshold of readings [ppm]")
     section.table(rows, heads, captions.RISES)
+    return section
+
+
+def _bouts(found: Statistics) -> Section:
+    """Return the page's section with the bouts of a metal oxide, against the distance from the source if known."""
+    section = Section("Bouts of a metal oxide", "bouts")
+    table = found.bouts
+    if table is None:
+        return section
+    section.lines.append(captions.BOUTS.format(sensor=table.sensor, threshold=table.threshold))
+    section.lines.append(f"{table.in_words()}.")
+    names = [stats.probe.name for stats in found.probes]
+    if np.isfinite(table.distance).all():
+        section.image(plots.bouts(table, names), "Bouts and distance", captions.BOUTS_PLOT)
+    columns = ("bouts_per_min", "bout_amplitude", "mox_std")
+    rows = [
+        (f"{stats.probe.name}: {k}", *(_number(stats.points[name][k]) for name in columns))
+        for stats in found.probes
+        for k in np.flatnonzero(np.isfinite(stats.points["bouts_per_min"]))
+    ]
+    shown = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), MOST_ROWS)).round().astype(int))
+    heads = ("point", "bouts per minute", "mean amplitude [1/s]", "std of ln(R_air/R)")
+    section.table([rows[k] for k in shown], heads, "")
     return section
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from taichi_plume.fluctuations import durations
 from taichi_plume.fluctuations.analysis import Correlation, OfProbe, Profile
+from taichi_plume.fluctuations.bouts import BoutTable
 from taichi_plume.fluctuations.records import AXES
 from taichi_plume.fluctuations.sensor_comparison import Smelt
 from taichi_plume.fluctuations.spectra import KOLMOGOROV
@@ -222,6 +223,28 @@ def _liveliest(present: np.ndarray, n: int) -> int:
     if len(present) <= n:
         return 0
     return int(np.argmax(changes[n - 1 :] - changes[: len(changes) - n + 1]))
+
+
+def bouts(table: BoutTable, names: list[str]) -> bytes:
+    """Draw the number of bouts and the standard deviation of the signal against the distance from the source.
+
+    names: of the probes.
+    """
+    with theme.styled():
+        figure, axes = _axes(2, 2.9)
+        titles = {"bouts per minute": table.per_min, "std of ln(R_air/R)": table.deviation}
+        for axis, (title, values) in zip(axes, titles.items(), strict=True):
+            for n in np.unique(table.probe)[:MOST_CURVES]:
+                here = table.probe == n
+                label = theme.short(names[n])
+                axis.plot(
+                    table.distance[here], values[here], "o", color=theme.robot(n), markersize=3, label=label
+                )
+            axis.set_title(title)
+            axis.set_xlabel("distance from the source [m]")
+            axis.set_ylim(0.0, None)
+        axes[0].legend()
+        return _png(figure)
 
 
 def sensors(smelt: Smelt) -> bytes:

@@ -14,6 +14,7 @@ from taichi_plume.files.json_values import json_value
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.fluctuations import sensor_comparison
 from taichi_plume.fluctuations.analysis import OfProbe
+from taichi_plume.fluctuations.bouts import BoutTable
 from taichi_plume.fluctuations.film_statistics import FilmRecord
 from taichi_plume.fluctuations.records import AXES
 from taichi_plume.guard.terminal import visible
@@ -31,6 +32,8 @@ UNITS = {
     ),
     **dict.fromkeys(("mean_whiff", "mean_blank", "integral_time"), "s"),
     **dict.fromkeys(("x", "y", "z"), "m"),
+    "bouts_per_min": "1/min",
+    "bout_amplitude": "1/s",
     **dict.fromkeys([f"{what}_{u}" for what in ("mean", "rms") for u in "uvw"] + ["speed"], "m/s"),
 }
 """Units of the numbers of a point; 1 for all others."""
@@ -42,7 +45,7 @@ class Statistics:
 
     source: the run's folder or the film; of: "probes" or "film"; gas: species. threshold: of whiffs [ppm]; why: reason
     for the threshold. begin, end: first and last time [s]; steps: shortest and longest time between samples [s].
-    smelt: whiffs that sensors detect; gamma: intermittency map of the film.
+    smelt: whiffs that sensors detect; bouts: of a metal oxide at points; gamma: intermittency map of the film.
     """
 
     source: Path
@@ -57,6 +60,7 @@ class Statistics:
     steps: tuple[float, float]
     probes: list[OfProbe]
     smelt: sensor_comparison.Smelt | None = None
+    bouts: BoutTable | None = None
     film: FilmRecord | None = None
     gamma: np.ndarray | None = None
     notes: list[str] = field(default_factory=list)
@@ -141,7 +145,8 @@ class Statistics:
             "source": str(self.source), "of": self.of, "gas": self.gas,
             "threshold_ppm": self.threshold, "threshold_is": self.why, "begin_s": self.begin, "end_s": self.end,
             "samples": self.samples, "shortest_step_s": self.steps[0], "longest_step_s": self.steps[1],
-            "probes": list(map(_of_probe, self.probes)), "sensors": sensors, "notes": self.notes,
+            "probes": list(map(_of_probe, self.probes)), "sensors": sensors,
+            "bouts": self.bouts and _of_bouts(self.bouts), "notes": self.notes,
         }  # fmt: skip
 
     @property
@@ -163,6 +168,8 @@ class Statistics:
                     rows.append((part.probe.name, words))
         if self.smelt:
             rows.append(("sensors", self.smelt.in_words()))
+        if self.bouts:
+            rows.append(("bouts", self.bouts.in_words()))
         return [*rows, *(("note", note) for note in self.notes)]
 
     def __repr__(self) -> str:
@@ -204,6 +211,16 @@ class Statistics:
 
             paths.append(write(self, folder))
         return paths
+
+
+def _of_bouts(table: BoutTable) -> dict[str, object]:
+    """Return the bouts of a metal oxide as data for JSON: settings, points, rank correlations with the distance."""
+    return {
+        "sensor": table.sensor, "threshold_per_s": table.threshold, "points": len(table.per_min),
+        "most_per_min": float(table.per_min.max()), "mean_per_min": float(table.per_min.mean()),
+        "rank_correlation_with_distance": table.correlation(table.per_min),
+        "rank_correlation_of_std": table.correlation(table.deviation),
+    }  # fmt: skip
 
 
 def _of_probe(stats: OfProbe) -> dict[str, object]:

@@ -45,12 +45,16 @@ class SensorWhiffs(NamedTuple):
 
 
 class Smelt(NamedTuple):
-    """Comparison of gas sensors: counts of whiffs; true gas (n,) and readings (sensors, n) at the first point [ppm]."""
+    """Comparison of gas sensors: counts of whiffs; true gas (n,) and readings (sensors, n) at the first point [ppm].
+
+    stored: readings of one sensor at all points, (n, points) [ppm], if any were asked for.
+    """
 
     sensors: list[SensorWhiffs]
     step: float
     true: np.ndarray
     readings: np.ndarray
+    stored: np.ndarray | None = None
 
     def in_words(self) -> str:
         """Return the shares of whiffs that the slow and the fast sensor keep, in words."""
@@ -71,6 +75,16 @@ def noses(others: Sequence[GasSensor] = ()) -> list[Nose]:
         IdealGasSensor(kind="ideal"),
     ]
     return [Nose(_name(sensor), sensor) for sensor in (*known, *others)]
+
+
+def default_mox(several: Sequence[Nose]) -> int:
+    """Return the index of the metal oxide with the default model and lag among gas sensors."""
+    model = MoxSensor(kind="mox").model
+    return next(
+        n
+        for n, (_, sensor) in enumerate(several)
+        if isinstance(sensor, MoxSensor) and sensor.model == model and sensor.rise_time is None
+    )
 
 
 def _name(sensor: GasSensor) -> str:
@@ -145,22 +159,32 @@ def readings(
 
 
 def smelt(
-    several: Sequence[Nose], gas: str, step: float, ppm: np.ndarray, threshold: float, seed: int = 0
+    several: Sequence[Nose],
+    gas: str,
+    step: float,
+    ppm: np.ndarray,
+    threshold: float,
+    seed: int = 0,
+    store: int | None = None,
 ) -> Smelt:
     """Simulate gas sensors on time series (n, points) [ppm], `step` [s] apart; count the whiffs that each detects.
 
     A sensor detects a whiff if its reading rises above the threshold [ppm] during the whiff or the blank after it.
-    Whiffs that the ends of the record cut do not count.
+    Whiffs that the ends of the record cut do not count. store: index of a sensor whose readings at all points are
+    returned as well.
     """
     models = [sensor.model for sensor in several]
     least = np.array([model.reads(gas, threshold) for model in models])
     above = np.zeros((len(models), ppm.shape[1]), bool)
     rises = np.zeros((len(ppm), *above.shape), bool)
     first = np.zeros((len(ppm), len(models)), np.float32)
+    stored = None if store is None else np.zeros(ppm.shape, np.float32)
     for n, found in enumerate(readings(models, gas, step, ppm, seed)):
         now = (found > least[:, None]) & (least[:, None] > 0.0)
         rises[n] = now & ~above
         above, first[n] = now, found[:, 0]
+        if stored is not None:
+            stored[n] = found[store]
     whiffs, seen, total = 0, np.zeros(len(models), int), np.zeros(len(models), int)
     for point in range(ppm.shape[1]):
         begins, end = _windows(ppm[:, point] > threshold)
@@ -170,7 +194,9 @@ def smelt(
             seen += (counts > 0).sum(axis=0)
             total += counts.sum(axis=0)
     rows = zip(several, seen.tolist(), total.tolist(), least.tolist(), strict=True)
-    return Smelt([SensorWhiffs(sensor, whiffs, *row) for sensor, *row in rows], step, ppm[:, 0], first.T)
+    return Smelt(
+        [SensorWhiffs(sensor, whiffs, *row) for sensor, *row in rows], step, ppm[:, 0], first.T, stored
+    )
 
 
 def _windows(present: np.ndarray) -> tuple[np.ndarray, int]:

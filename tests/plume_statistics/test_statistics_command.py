@@ -11,13 +11,16 @@ import pandas
 import pyarrow.parquet as pq
 import pytest
 import xarray
+from scipy.stats import spearmanr
 
 import taichi_plume as tp
 from taichi_plume.cli import run
 from taichi_plume.cli.statistics import main
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.fluctuations import records
-from taichi_plume.scenario.metal_oxides import MOX_MODELS
+from taichi_plume.fluctuations.bouts import signal
+from taichi_plume.fluctuations.sensor_comparison import readings
+from taichi_plume.scenario.metal_oxides import MOX_MODELS, MoxSensor
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
@@ -98,6 +101,42 @@ def test_what_comes_before_a_time_is_left_out(folder, tmp_path, monkeypatch, chu
     assert main([str(folder), "--from", "7", "--out", str(tmp_path / "s"), "--no-page"]) == 0
 
 
+def test_bouts_are_those_of_the_sensor_in_the_record(folder, found):
+    """The default metal oxide, which starts in clean air, measures the record of a point by itself."""
+    points = found.points
+    assert [points.attrs["units"][name] for name in ("bouts_per_min", "bout_amplitude", "mox_std")] == [
+        "1/min", "1/s", "1",
+    ]  # fmt: skip
+    assert np.isfinite(points.bouts_per_min).all()
+    assert (points.bouts_per_min > 0).any()
+    table = tp.open_run(folder).probes
+    row = points[points.probe == "across"].iloc[10]
+    c = table[(table.probe == "across") & (table.point == 10)].ethanol_ppm.to_numpy()
+    sensor = MoxSensor(kind="mox")
+    (ppm,) = np.array(list(readings([sensor], "ethanol", 0.05, c[:, None])))[:, :, 0].T
+    later = signal(sensor, ppm[len(ppm) // 2 :])
+    assert row.mox_std == pytest.approx(later.std(), rel=0.02)
+    told = found.summary["bouts"]
+    away = np.linalg.norm(points[["x", "y"]].to_numpy() - (0.5, 2.0), axis=1)
+    away = np.minimum(away, np.linalg.norm(points[["x", "y"]].to_numpy() - (0.5, 1.0), axis=1))
+    assert told["points"] == len(points)
+    assert told["rank_correlation_with_distance"] == pytest.approx(
+        spearmanr(away, points.bouts_per_min).statistic
+    )
+    assert any(subject == "bouts" for subject, _ in found.rows)
+
+
+def test_a_coarse_record_has_no_bouts(folder, tmp_path):
+    def thinned(table):
+        return table.take(np.flatnonzero(np.arange(len(table)) // 77 % 6 == 0))
+
+    copy = broken(folder, tmp_path, rewritten(thinned))
+    coarse = tp.statistics(copy, gas="ethanol", threshold=20.0)
+    assert coarse.bouts is None
+    assert "bouts_per_min" not in coarse.points
+    assert any("too far apart to count bouts" in note for note in coarse.notes)
+
+
 def test_durations_are_listed(found):
     for name, kind in (("whiffs", 0), ("blanks", 1)):
         table = found.durations[found.durations.kind == name]
@@ -174,6 +213,8 @@ def test_files_and_page(folder, tmp_path, capsys):
         "Celani",
         "Maps",
         "-3/2",
+        "Bouts of a metal oxide",
+        "bouts a minute at 77 points",
     ):
         assert words in page
     told = json.loads((tmp_path / "out" / "statistics.json").read_text())
