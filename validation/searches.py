@@ -165,12 +165,16 @@ def contest(data: Keys, folder: Path = Path(), limit: float = inf) -> dict[str, 
     return results | {name: columns for name, columns in outcomes(sim).items() if name in late}
 
 
-def probed(data: Keys) -> tuple[TimeLoop, np.ndarray, "pa.Table"]:
+def probed(data: Keys, sim: TimeLoop | None = None) -> tuple[TimeLoop, np.ndarray, "pa.Table"]:
     """Run a scenario with probes; return the simulation at its end, the times (n,) [s], and the table of the probes.
 
-    The table has all points of each time. Taichi must have been started.
+    The table has all points of each time. sim: simulation to reset instead of assembling another one. Taichi must have
+    been started.
     """
-    sim = assemble(scenario_of(data))
+    if sim is None:
+        sim = assemble(scenario_of(data))
+    else:
+        sim.reset(scenario_of(data))
     model = sim.scenario.probes
     assert model is not None
     with TemporaryDirectory() as folder:
