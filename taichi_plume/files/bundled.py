@@ -49,8 +49,9 @@ def path_of(name: str) -> Path:
 def file_or_example(source: str | Path) -> Path:
     """Return the path of a file that is given by its path, or by the name of an example. Raises ScenarioError."""
     path = Path(source)
-    is_path = path.suffix or path.is_file() or (path.is_dir() and str(source) not in names())
-    return path if is_path else path_of(str(source))
+    if path.suffix or (path.exists() and not path.is_dir()):
+        return path
+    return path if path.is_dir() and str(source) not in names() else path_of(str(source))
 
 
 def example(name: str) -> Example:
