@@ -46,6 +46,17 @@ class Robots(KnownAttributes):
     and messages of this time step.
 
     Of drones also, read: `altitude` [m]. Write: `left_speed` [m/s], `climb_rate` [m/s]. Call in each step: `go_to`.
+
+    >>> import numpy as np, taichi_plume as tp
+    >>> class Upwind:
+    ...     def act(self, robots: tp.Robots):
+    ...         robots.turn_to(np.arctan2(-robots.wind[:, 1], -robots.wind[:, 0]))
+    ...         robots.speed[:] = 0.2
+    >>> sim = tp.Simulation("plumesim_casting", overrides={"robots.0.algorithm": tp.Own(Upwind)})
+    >>> before = sim.robots.x
+    >>> sim.run(until=5)  # the wind blows towards larger x
+    >>> bool((sim.robots.x < before).all())
+    True
     """
 
     reading: np.ndarray

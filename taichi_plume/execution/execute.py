@@ -98,6 +98,16 @@ class RunError(RuntimeError):
 
     status: "unstable", "disk_full", "failed" or "interrupted". lines: what happened, what is kept and how to resume.
     folder: of the run; None if the run had not begun.
+
+    >>> import taichi_plume as tp
+    >>> class Broken:
+    ...     def act(self, robots):
+    ...         raise ValueError("no idea")
+    >>> try:
+    ...     run = tp.simulate("plumesim_casting", overrides={"robots.0.algorithm": tp.Own(Broken)}, out=folder)
+    ... except tp.RunError as error:
+    ...     print(error.status, error.folder == folder)
+    failed True
     """
 
     def __init__(self, status: str, lines: Sequence[str], folder: Path | None = None):

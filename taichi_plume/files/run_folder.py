@@ -62,7 +62,13 @@ KILLED = "killed"  # status of a killed run after its repair
 
 
 class RunFolderError(InputError):
-    """Error: the folder of a run cannot be used or read."""
+    """Error: the folder of a run cannot be used or read.
+
+    >>> import taichi_plume as tp
+    >>> tp.open_run("nowhere")
+    Traceback (most recent call last):
+    taichi_plume.files.run_folder.RunFolderError: nowhere: does not exist; give the folder of a run
+    """
 
 
 class RunFolder:

@@ -18,7 +18,13 @@ NEEDS = "a scenario needs at least duration, domain, wind and gas"
 
 
 class ScenarioError(InputError):
-    """A scenario that cannot be run. faults: all errors, each a line with its YAML path; lines: those shown."""
+    """A scenario that cannot be run. faults: all errors, each a line with its YAML path; lines: those shown.
+
+    >>> import taichi_plume as tp
+    >>> tp.load_scenario("casting_room", {"robots.0.count": 0.5})
+    Traceback (most recent call last):
+    taichi_plume.scenario.loading.ScenarioError: ...robots[0].count: got 0.5: must be a whole number
+    """
 
     def __init__(self, lines: Sequence[str]):
         self.faults = [visible(line) for line in lines]

@@ -13,7 +13,8 @@ import taichi_plume as tp
 
 EXAMPLES = [
     tp.simulate, tp.Simulation, tp.Own, tp.Scenario.from_file, tp.Scenario.check, tp.Scenario.with_, tp.load_scenario,
-    tp.open_run, tp.cite, tp.maps, tp.statistics, tp.study, tp.open_study,
+    tp.InputError, tp.ScenarioError, tp.RunFolderError, tp.RunError, tp.Robots, tp.open_run, tp.cite,
+    tp.maps, tp.statistics, tp.study, tp.open_study,
     pytest.param(tp.contest, marks=pytest.mark.slow, id="contest"),
 ]  # fmt: skip
 

@@ -1,5 +1,6 @@
 """Campaigns whose runs do nothing: what is left when workers, the command, the scheduler or runs fail."""
 
+import asyncio
 import json
 import os
 import signal
@@ -433,6 +434,15 @@ def test_no_scheduler_there(wrong):
     with pytest.raises(WorkersError, match=f"--scheduler {wrong}: no Dask scheduler there") as caught:
         _require_scheduler(wrong)
     assert caught.value.code == 2
+
+
+def test_a_scheduler_is_found_from_a_running_event_loop(tmp_path, address):
+    """A notebook has one."""
+
+    async def require():
+        _require_scheduler(address)
+
+    asyncio.run(require())
 
 
 def test_something_else_there(tmp_path, address):
