@@ -8,7 +8,6 @@ EXCEPTIONS = {
     ("taichi_plume/scenario/sensors.py", "noses"),
     ("taichi_plume/scenario/suggestions.py", "nose"),  # words of users
     ("taichi_plume/scenario/suggestions.py", "noses"),
-    ("taichi_plume/fluctuations/sensor_comparison.py", "noses"),
     ("taichi_plume/grid/polygons.py", "ears"),  # of ear clipping
     ("taichi_plume/record/tracks.py", "said"),  # an attribute that checkpoints name
 }

@@ -88,7 +88,7 @@ def _percentiles(
 def over_airs(
     values: Sequence[float] | np.ndarray, airs: np.ndarray | None = None, share: bool = False
 ) -> Mean:
-    """Return the mean of trials, (n,), with a confidence interval over their airs (see study/intervals.py).
+    """Return the mean of trials, (n,), with a confidence interval over their airs (see studies/intervals.py).
 
     values: NaN for trials without a value; 0 or 1 for a share. airs: index of the air of each trial; by default every
     trial has its own air.

@@ -32,7 +32,7 @@ from taichi_plume.fluctuations.durations import (
     pooled,
     spells,
 )
-from taichi_plume.fluctuations.sensor_comparison import FAST, SLOW, noses, smelt
+from taichi_plume.fluctuations.sensor_comparison import FAST, SLOW, compare_sensors, compared_sensors
 from taichi_plume.validation.case import Answer, Case, Curve, Expected, Keys
 from taichi_plume.validation.searches import probed
 
@@ -208,7 +208,7 @@ def _plume(flows: Sequence[Records], kind: str) -> dict[str, float]:
 
 def _sensors(flows: Sequence[Records], kind: str) -> dict[str, float | Curve]:
     """Return fractions of whiffs that a slow and a fast gas sensor resolve, and readings at a point."""
-    gas, several = GASES[kind], noses()[:2]
+    gas, several = GASES[kind], compared_sensors()[:2]
     whiffs, counts = 0, np.zeros(len(several))
     answer: dict[str, float | Curve] = {}
     for flow in flows:
@@ -216,7 +216,7 @@ def _sensors(flows: Sequence[Records], kind: str) -> dict[str, float | Curve]:
         for at, least in enumerate(thresholds(c, LEVEL)):
             line = c[:, at].reshape(len(c), -1)
             line = line[:, chosen(line > least)]
-            found = smelt(several, gas, STEP, line, float(least))
+            found = compare_sensors(several, gas, STEP, line, float(least))
             whiffs += found.sensors[0].whiffs
             counts += [sensor.seen for sensor in found.sensors]
             if not answer:

@@ -101,7 +101,7 @@ def _of_probes(
     settings = Settings(gas, level, record.wind, sources, options.bounds)
     probes = [of_probe(record, probe, settings) for probe in chosen]
     found = _statistics(table, name, "probes", record, settings, why, probes)
-    found.smelt, found.bouts = _smelt(record, settings, probes, sensors, found.notes)
+    found.comparison, found.bouts = _compared_sensors(record, settings, probes, sensors, found.notes)
     return found
 
 
@@ -153,19 +153,19 @@ def _threshold(largest: float, given: float | None) -> tuple[float, str]:
     return SHARE * largest, f"a tenth of the mean at the point with the most gas, {largest:.3g} ppm"
 
 
-def _smelt(
+def _compared_sensors(
     record: ProbeRecord,
     settings: Settings,
     probes: list[OfProbe],
     sensors: Sequence[GasSensor],
     notes: list[str],
-) -> tuple[sensor_comparison.Smelt | None, bouts.BoutTable | None]:
+) -> tuple[sensor_comparison.SensorComparison | None, bouts.BoutTable | None]:
     """Compare gas sensors by the whiffs that they detect, at the points with whiffs, most first; None without any.
 
     The bouts of a metal oxide are counted at these points and at others, up to MOST_POINTS in all; None if samples are
     too far apart.
     """
-    several = sensor_comparison.noses(sensors)
+    several = sensor_comparison.compared_sensors(sensors)
     lively = [(int(n), p.probe.first + k) for p in probes for k, n in enumerate(p.points["whiffs"]) if n]
     if not lively:
         notes.append("The record has no complete whiff, so sensors are not compared.")
@@ -192,7 +192,9 @@ def _smelt(
             "`every: step` and a shorter `tick`."
         )
     mox = sensor_comparison.default_mox(several)
-    found = sensor_comparison.smelt(several, settings.gas, step, even, settings.threshold, store=mox)
+    found = sensor_comparison.compare_sensors(
+        several, settings.gas, step, even, settings.threshold, store=mox
+    )
     if step > bouts.LONGEST_STEP:
         notes.append(
             f"Samples every {step:.3g} s are too far apart to count bouts; {bouts.LONGEST_STEP:g} s at most."
@@ -208,7 +210,7 @@ def _evenly(points: np.ndarray, most: int) -> np.ndarray:
 
 
 def _bouts(
-    nose: sensor_comparison.Nose,
+    sensor: sensor_comparison.NamedSensor,
     step: float,
     ppm: np.ndarray,
     points: np.ndarray,
@@ -219,8 +221,8 @@ def _bouts(
 
     points: index of each point in the record. Points of probes without readings get NaN.
     """
-    assert isinstance(nose.model, MoxSensor)
-    counted, threshold = bouts.bouts_of_sensor(nose.model, step, ppm)
+    assert isinstance(sensor.model, MoxSensor)
+    counted, threshold = bouts.bouts_of_sensor(sensor.model, step, ppm)
     columns = {
         "bouts_per_min": counted.per_min, "bout_amplitude": counted.amplitude, "mox_std": counted.deviation
     }  # fmt: skip
@@ -234,4 +236,4 @@ def _bouts(
             stats.points[name][local[here]] = values[here]
         away[here] = distances(stats.probe.places, sources)[local[here]]
         probe[here] = n
-    return bouts.BoutTable(nose.name, threshold, probe, away, counted.per_min, counted.deviation)
+    return bouts.BoutTable(sensor.name, threshold, probe, away, counted.per_min, counted.deviation)

@@ -74,8 +74,8 @@ def _words(found: Statistics) -> Section:
         laws = "; ".join(filter(None, map(_law_in_words, stats.kinds)))
         if laws:
             lines.append(f"{stats.probe.name}: {laws}.")
-    if found.smelt:
-        lines.append(f"{found.smelt.in_words().capitalize()}.")
+    if found.comparison:
+        lines.append(f"{found.comparison.in_words().capitalize()}.")
     return Section("Results", "words", lines=lines)
 
 
@@ -98,10 +98,12 @@ def _strength(found: Statistics) -> Section:
     rows, left_out = [], 0
     room = max(1, MOST_ROWS // max(1, len(found.probes)))
     for stats in found.probes:
-        smelt = np.flatnonzero(stats.points["intermittency"] > 0.0)
-        if not len(smelt):
-            smelt = np.array([int(np.argmax(stats.points["mean"]))])
-        chosen = smelt[np.unique(np.linspace(0, len(smelt) - 1, min(len(smelt), room)).round().astype(int))]
+        reached = np.flatnonzero(stats.points["intermittency"] > 0.0)
+        if not len(reached):
+            reached = np.array([int(np.argmax(stats.points["mean"]))])
+        chosen = reached[
+            np.unique(np.linspace(0, len(reached) - 1, min(len(reached), room)).round().astype(int))
+        ]
         left_out += len(stats.probe.places) - len(chosen)
         for k in chosen if len(rows) < 2 * MOST_ROWS else []:
             p = stats.points
@@ -228,16 +230,16 @@ def _whiffs(found: Statistics, shown: list[OfProbe]) -> Section:
 def _sensors(found: Statistics) -> Section:
     """Return the page's section with the share of whiffs that slow and fast gas sensors resolve."""
     section = Section("Whiffs that a sensor keeps", "sensors")
-    smelt = found.smelt
-    if smelt is None or not smelt.sensors[0].whiffs:
+    comparison = found.comparison
+    if comparison is None or not comparison.sensors[0].whiffs:
         return section
     section.lines.append(captions.RESOLVED.format(gas=found.gas))
-    section.image(plots.sensors(smelt), "Share of whiffs kept", captions.BARS)
-    png = plots.records(smelt, found.threshold, found.begin)
+    section.image(plots.sensors(comparison), "Share of whiffs kept", captions.BARS)
+    png = plots.records(comparison, found.threshold, found.begin)
     section.image(png, "The air at a point, and the readings of two sensors", captions.RECORDS)
     rows = [
-        (k.nose.name, f"{k.share:.1%}", f"{k.seen:,} of {k.whiffs:,}", f"{k.rises:,}", f"{k.threshold:.3g}")
-        for k in smelt.sensors
+        (k.sensor.name, f"{k.share:.1%}", f"{k.seen:,} of {k.whiffs:,}", f"{k.rises:,}", f"{k.threshold:.3g}")
+        for k in comparison.sensors
     ]
     heads = ("sensor", "kept", "whiffs", "rises in all", "threshold of readings [ppm]")
     section.table(rows, heads, captions.RISES)

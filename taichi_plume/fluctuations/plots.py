@@ -8,7 +8,7 @@ from taichi_plume.fluctuations import durations
 from taichi_plume.fluctuations.analysis import Correlation, OfProbe, Profile
 from taichi_plume.fluctuations.bouts import BoutTable
 from taichi_plume.fluctuations.records import AXES
-from taichi_plume.fluctuations.sensor_comparison import Smelt
+from taichi_plume.fluctuations.sensor_comparison import SensorComparison
 from taichi_plume.fluctuations.spectra import KOLMOGOROV
 from taichi_plume.report import theme
 
@@ -192,20 +192,20 @@ def maps(x: np.ndarray, y: np.ndarray, values: dict[str, np.ndarray], axes_names
         return _png(figure)
 
 
-def records(smelt: Smelt, threshold: float, begin: float) -> bytes:
+def records(comparison: SensorComparison, threshold: float, begin: float) -> bytes:
     """Draw the concentration at a point, and the readings of the slow and the fast sensor, in ppm of this gas."""
-    n = min(len(smelt.true), max(2, round(SHOWN / smelt.step)))
-    first = _liveliest(smelt.true > threshold, n)
+    n = min(len(comparison.true), max(2, round(SHOWN / comparison.step)))
+    first = _liveliest(comparison.true > threshold, n)
     window = slice(first, first + n)
-    t = begin + smelt.step * np.arange(first, first + n)
+    t = begin + comparison.step * np.arange(first, first + n)
     with theme.styled():
         figure = theme.figure(WIDTH, 4.2)
         plots = figure.subplots(3, 1, sharex=True)
-        shown = [("in the air", smelt.true, theme.INK)]
+        shown = [("in the air", comparison.true, theme.INK)]
         for k, color in ((1, FIRST), (0, SECOND)):
-            sensor = smelt.sensors[k]
+            sensor = comparison.sensors[k]
             scale = threshold / sensor.threshold if sensor.threshold > 0 else 1.0
-            shown.append((sensor.nose.name, smelt.readings[k] * scale, color))
+            shown.append((sensor.sensor.name, comparison.readings[k] * scale, color))
         for axis, (title, values, color) in zip(plots, shown, strict=True):
             theme.plain(axis)
             axis.plot(t, values[window], color=color, linewidth=0.8)
@@ -247,15 +247,17 @@ def bouts(table: BoutTable, names: list[str]) -> bytes:
         return _png(figure)
 
 
-def sensors(smelt: Smelt) -> bytes:
+def sensors(comparison: SensorComparison) -> bytes:
     """Draw the fraction of whiffs that each sensor keeps."""
     with theme.styled():
-        figure, (axis,) = _axes(1, 0.34 * len(smelt.sensors) + 0.9)
-        y = np.arange(len(smelt.sensors))[::-1]
+        figure, (axis,) = _axes(1, 0.34 * len(comparison.sensors) + 0.9)
+        y = np.arange(len(comparison.sensors))[::-1]
         colors = [SECOND, FIRST, *["#90a4ae"] * (len(y) - 2)]
-        axis.barh(y, [100 * sensor.share for sensor in smelt.sensors], color=colors)
-        axis.set_yticks(y, [theme.short(sensor.nose.name, 70) for sensor in smelt.sensors], parse_math=False)
-        for place, sensor in zip(y, smelt.sensors, strict=True):
+        axis.barh(y, [100 * sensor.share for sensor in comparison.sensors], color=colors)
+        axis.set_yticks(
+            y, [theme.short(sensor.sensor.name, 70) for sensor in comparison.sensors], parse_math=False
+        )
+        for place, sensor in zip(y, comparison.sensors, strict=True):
             axis.text(100 * sensor.share + 1, place, f"{sensor.share:.0%}", va="center", fontsize=8)
         axis.set_xlim(0, 112)
         axis.set_xlabel("whiffs kept [%]")

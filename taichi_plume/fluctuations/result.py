@@ -45,7 +45,7 @@ class Statistics:
 
     source: the run's folder or the film; of: "probes" or "film"; gas: species. threshold: of whiffs [ppm]; why: reason
     for the threshold. begin, end: first and last time [s]; steps: shortest and longest time between samples [s].
-    smelt: whiffs that sensors detect; bouts: of a metal oxide at points; gamma: intermittency map of the film.
+    comparison: whiffs that sensors detect; bouts: of a metal oxide at points; gamma: intermittency map of the film.
     """
 
     source: Path
@@ -59,7 +59,7 @@ class Statistics:
     samples: int
     steps: tuple[float, float]
     probes: list[OfProbe]
-    smelt: sensor_comparison.Smelt | None = None
+    comparison: sensor_comparison.SensorComparison | None = None
     bouts: BoutTable | None = None
     film: FilmRecord | None = None
     gamma: np.ndarray | None = None
@@ -136,9 +136,9 @@ class Statistics:
     def summary(self) -> dict[str, object]:
         """Settings, and the power laws, fits, profiles and lengths of each probe: the content of statistics.json."""
         sensors = [
-            {"sensor": k.nose.name, "whiffs": k.whiffs, "kept": k.seen, "share": k.share, "rises": k.rises,
+            {"sensor": k.sensor.name, "whiffs": k.whiffs, "kept": k.seen, "share": k.share, "rises": k.rises,
              "threshold_ppm": k.threshold}
-            for k in (self.smelt.sensors if self.smelt else [])
+            for k in (self.comparison.sensors if self.comparison else [])
         ]  # fmt: skip
         return {
             "format": own_folder.format_of(KIND), "taichi_plume": __version__,
@@ -166,8 +166,8 @@ class Statistics:
                         f"{law.low:.2f} to {law.high:.2f}) from {law.first:.3g} to {law.last:.3g} s; turbulence: 1.5"
                     )
                     rows.append((part.probe.name, words))
-        if self.smelt:
-            rows.append(("sensors", self.smelt.in_words()))
+        if self.comparison:
+            rows.append(("sensors", self.comparison.in_words()))
         if self.bouts:
             rows.append(("bouts", self.bouts.in_words()))
         return [*rows, *(("note", note) for note in self.notes)]

@@ -22,7 +22,7 @@ MOST_NUMBERS = 2e8  # most samples times sensors
 MOST_TICKS = 200_000
 
 
-class Nose(NamedTuple):
+class NamedSensor(NamedTuple):
     """Gas sensor model with a name that describes its kind and lag."""
 
     name: str
@@ -32,7 +32,7 @@ class Nose(NamedTuple):
 class SensorWhiffs(NamedTuple):
     """Number of whiffs, of those that a gas sensor detects (`seen`), and of its rises through `threshold` [ppm]."""
 
-    nose: Nose
+    sensor: NamedSensor
     whiffs: int
     seen: int
     rises: int
@@ -44,7 +44,7 @@ class SensorWhiffs(NamedTuple):
         return self.seen / self.whiffs if self.whiffs else float("nan")
 
 
-class Smelt(NamedTuple):
+class SensorComparison(NamedTuple):
     """Comparison of gas sensors: counts of whiffs; true gas (n,) and readings (sensors, n) at the first point [ppm].
 
     stored: readings of one sensor at all points, (n, points) [ppm], if any were asked for.
@@ -65,7 +65,7 @@ class Smelt(NamedTuple):
         )
 
 
-def noses(others: Sequence[GasSensor] = ()) -> list[Nose]:
+def compared_sensors(others: Sequence[GasSensor] = ()) -> list[NamedSensor]:
     """Return gas sensors to compare: a slow metal oxide, a fast photo-ionisation detector, defaults, and `others`."""
     known: list[GasSensor] = [
         MoxSensor(kind="mox", rise_time=SLOW, decay_time=SLOW),
@@ -74,10 +74,10 @@ def noses(others: Sequence[GasSensor] = ()) -> list[Nose]:
         PidSensor(kind="pid"),
         IdealGasSensor(kind="ideal"),
     ]
-    return [Nose(_name(sensor), sensor) for sensor in (*known, *others)]
+    return [NamedSensor(_name(sensor), sensor) for sensor in (*known, *others)]
 
 
-def default_mox(several: Sequence[Nose]) -> int:
+def default_mox(several: Sequence[NamedSensor]) -> int:
     """Return the index of the metal oxide with the default model and lag among gas sensors."""
     model = MoxSensor(kind="mox").model
     return next(
@@ -158,15 +158,15 @@ def readings(
         yield read()[0][: len(places)].reshape(len(groups), points)
 
 
-def smelt(
-    several: Sequence[Nose],
+def compare_sensors(
+    several: Sequence[NamedSensor],
     gas: str,
     step: float,
     ppm: np.ndarray,
     threshold: float,
     seed: int = 0,
     store: int | None = None,
-) -> Smelt:
+) -> SensorComparison:
     """Simulate gas sensors on time series (n, points) [ppm], `step` [s] apart; count the whiffs that each detects.
 
     A sensor detects a whiff if its reading rises above the threshold [ppm] during the whiff or the blank after it.
@@ -194,7 +194,7 @@ def smelt(
             seen += (counts > 0).sum(axis=0)
             total += counts.sum(axis=0)
     rows = zip(several, seen.tolist(), total.tolist(), least.tolist(), strict=True)
-    return Smelt(
+    return SensorComparison(
         [SensorWhiffs(sensor, whiffs, *row) for sensor, *row in rows], step, ppm[:, 0], first.T, stored
     )
 

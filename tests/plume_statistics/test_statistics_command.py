@@ -92,12 +92,12 @@ def test_what_comes_before_a_time_is_left_out(folder, tmp_path, monkeypatch, chu
 
     table = tp.open_run(folder).probes
     monkeypatch.setattr(run_tables, "ROW_GROUP", chunk)
-    told = tp.statistics(folder, gas="ethanol", threshold=20.0, start=7.0)
-    assert (told.begin, told.samples) == (pytest.approx(7.0), 101)
+    by_call = tp.statistics(folder, gas="ethanol", threshold=20.0, start=7.0)
+    assert (by_call.begin, by_call.samples) == (pytest.approx(7.0), 101)
     rows = table[(table.probe == "one") & (table.t > 7.0 - 1e-6)]
     mean = np.trapezoid(rows.ethanol_ppm.to_numpy(float), rows.t) / np.ptp(rows.t)
-    assert told.points.iloc[0]["mean"] == pytest.approx(mean, rel=1e-5)
-    assert told.points.iloc[0].maximum == rows.ethanol_ppm.max()
+    assert by_call.points.iloc[0]["mean"] == pytest.approx(mean, rel=1e-5)
+    assert by_call.points.iloc[0].maximum == rows.ethanol_ppm.max()
     assert main([str(folder), "--from", "7", "--out", str(tmp_path / "s"), "--no-page"]) == 0
 
 
@@ -116,11 +116,11 @@ def test_bouts_are_those_of_the_sensor_in_the_record(folder, found):
     (ppm,) = np.array(list(readings([sensor], "ethanol", 0.05, c[:, None])))[:, :, 0].T
     later = signal(sensor, ppm[len(ppm) // 2 :])
     assert row.mox_std == pytest.approx(later.std(), rel=0.02)
-    told = found.summary["bouts"]
+    summary = found.summary["bouts"]
     away = np.linalg.norm(points[["x", "y"]].to_numpy() - (0.5, 2.0), axis=1)
     away = np.minimum(away, np.linalg.norm(points[["x", "y"]].to_numpy() - (0.5, 1.0), axis=1))
-    assert told["points"] == len(points)
-    assert told["rank_correlation_with_distance"] == pytest.approx(
+    assert summary["points"] == len(points)
+    assert summary["rank_correlation_with_distance"] == pytest.approx(
         spearmanr(away, points.bouts_per_min).statistic
     )
     assert any(subject == "bouts" for subject, _ in found.rows)

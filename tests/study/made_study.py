@@ -41,7 +41,7 @@ def plan(
     varied: dict[str, Any] | None = None,
     **study: Any,
 ) -> SimpleNamespace:
-    """As study/plan.py makes it; points: values of the axes, unless given all of VALUES; varied: axes of the file."""
+    """As studies/plan.py makes it; points: values of the axes, unless given all of VALUES; varied: axes of the file."""
     axes = AXES if axes is None else axes
     points = itertools.product(*VALUES.values()) if points is None else points
     requests = []

@@ -35,10 +35,10 @@ def test_a_power_of_the_distance_is_found(monkeypatch, name):
     values = np.tile(d**-1.5, (4, 1)) * np.arange(1.0, 5.0)[:, None]
     made = case.Found(10.0 * values, values, values, values, values)
     monkeypatch.setattr(case, "results", lambda setup, airs: (made, made))
-    told = case.compared(4, name)
-    assert (case.EXPECTED[name].keys() | case.PUBLISHED[name].keys()) <= told.keys()
-    assert told[case.POWER].mean == pytest.approx(-1.5)
-    assert told["bouts: rank correlation with the distance"].mean == pytest.approx(-1.0)
+    results = case.compared(4, name)
+    assert (case.EXPECTED[name].keys() | case.PUBLISHED[name].keys()) <= results.keys()
+    assert results[case.POWER].mean == pytest.approx(-1.5)
+    assert results["bouts: rank correlation with the distance"].mean == pytest.approx(-1.0)
     if name in case.MEASURED:
-        assert told[case.FOURTH].mean == pytest.approx(2.0**-1.5)
+        assert results[case.FOURTH].mean == pytest.approx(2.0**-1.5)
         assert case.MEASURED[name][2] / case.MEASURED[name][0] == pytest.approx(2.0**-1.6, rel=0.15)

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from taichi_plume.fluctuations.sensor_comparison import Nose, noses, readings, smelt
+from taichi_plume.fluctuations.sensor_comparison import (
+    NamedSensor,
+    compare_sensors,
+    compared_sensors,
+    readings,
+)
 from taichi_plume.scenario.sensors import IdealGasSensor, MoxSensor, PidSensor
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
@@ -26,7 +31,9 @@ def lagging(tau, **keys) -> PidSensor:
 
 def kept(records, threshold, *models):
     ppm = records if records.ndim == 2 else records[:, None]
-    return smelt([Nose("", one) for one in models], "isobutylene", STEP, ppm, threshold).sensors
+    return compare_sensors(
+        [NamedSensor("", one) for one in models], "isobutylene", STEP, ppm, threshold
+    ).sensors
 
 
 def test_pulses_far_apart_are_kept_and_close_ones_are_one():
@@ -69,8 +76,12 @@ def test_the_ideal_sensor_keeps_all_and_so_does_one_that_reads_another_gas():
     rng = np.random.default_rng(0)
     record = np.repeat(rng.exponential(1.0, (300, 3)), 20, axis=0)
     ideal = IdealGasSensor(kind="ideal", period=STEP)
-    found = smelt(
-        [Nose("", ideal), Nose("", lagging(0.0))], "ethanol", STEP, record.astype(np.float32), 1.0
+    found = compare_sensors(
+        [NamedSensor("", ideal), NamedSensor("", lagging(0.0))],
+        "ethanol",
+        STEP,
+        record.astype(np.float32),
+        1.0,
     ).sensors
     assert found[0].whiffs > 100
     assert [one.share for one in found] == [1.0, 1.0]
@@ -78,15 +89,17 @@ def test_the_ideal_sensor_keeps_all_and_so_does_one_that_reads_another_gas():
 
 
 def test_a_metal_oxide_of_12_s_merges_what_a_sensor_of_50_ms_tells_apart():
-    slow, fast, *_ = noses()
+    slow, fast, *_ = compared_sensors()
     assert isinstance(slow.model, MoxSensor)
     assert slow.model.signal.rise == slow.model.signal.decay == 12.0
     assert fast.model.signal.rise == 0.05
     record = pulses(1.0, 0.5, 30, 50.0)
-    merged, apart = smelt([slow, fast], "isobutylene", STEP, record[:, None], 5.0).sensors
+    merged, apart = compare_sensors([slow, fast], "isobutylene", STEP, record[:, None], 5.0).sensors
     assert apart.share == 1.0
     assert merged.seen <= 1
-    far, _ = smelt([slow, fast], "isobutylene", STEP, pulses(10.0, 100.0, 3, 50.0)[:, None], 5.0).sensors
+    far, _ = compare_sensors(
+        [slow, fast], "isobutylene", STEP, pulses(10.0, 100.0, 3, 50.0)[:, None], 5.0
+    ).sensors
     assert far.share == 1.0
 
 
@@ -100,6 +113,6 @@ def test_whiffs_that_the_record_cuts_do_not_count():
 
 
 def test_all_models_of_scenarios_are_asked():
-    models = {getattr(one.model, "model", one.model.kind) for one in noses()}
+    models = {getattr(one.model, "model", one.model.kind) for one in compared_sensors()}
     assert models >= {"tgs800", "tgs822", "tgs2600", "tgs2620", "mics5524", "pid", "ideal"}
-    assert len({one.name for one in noses()}) == len(noses())
+    assert len({one.name for one in compared_sensors()}) == len(compared_sensors())
