@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from taichi_plume.api.study import raise_unless_done
-from taichi_plume.contests.execution import Choice, contest_of, play
+from taichi_plume.contests.execution import Choice, contest_of, play, settings_of
 from taichi_plume.contests.standings import Standings, conclude
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.studies.study_run import Settings
 
 
 def contest(
@@ -45,10 +44,7 @@ def contest(
     choice = Choice(
         Path(out), algorithms, files, policies, scenarios, quick, seed, airs, searches, allow_code
     )
-    settings = Settings(
-        choice.out, workers, retry=retry, force=force, progress=progress, allow_code=bool(files),
-        allow_outside=True, report=False,
-    )  # fmt: skip
+    settings = settings_of(choice, workers, retry, force, progress)
     settings.check()
     played = contest_of(choice)
     ends = list(play(played, settings))

@@ -18,12 +18,11 @@ from taichi_plume.results.run import Run
 from taichi_plume.scenario import si
 from taichi_plume.scenario.loading import load_part
 from taichi_plume.scenario.maps import Map
+from taichi_plume.scenario.quantities import Number
 
 if TYPE_CHECKING:
     import pandas
 
-Number = float | str
-"""Number in SI units, or a text with a unit such as "40 cm"."""
 SIZE = tuple[si.Length, si.Length]
 TRIAL = Annotated[int, Field(ge=0)] | None
 BAG_KEYS = [field.name for field in fields(BagOptions) if field.name != "lenient"]

@@ -13,10 +13,9 @@ from taichi_plume.results.run import Run
 from taichi_plume.scenario import si
 from taichi_plume.scenario.changes import shown
 from taichi_plume.scenario.loading import load_part
+from taichi_plume.scenario.quantities import Number
 from taichi_plume.scenario.sensors import GasSensor, IdealGasSensor, MoxSensor, PidSensor
 
-Number = float | str
-"""Number in SI units or ppm, or a text with a unit such as "50 ms"."""
 SENSOR = Annotated[MoxSensor | PidSensor | IdealGasSensor, Field(discriminator="kind")]
 
 

@@ -23,20 +23,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _contest(args: argparse.Namespace) -> int:
     from taichi_plume.cli.study import print_end
-    from taichi_plume.contests.execution import Choice, chosen, contest_of, play
+    from taichi_plume.contests.execution import Choice, chosen, contest_of, play, settings_of
     from taichi_plume.contests.page import show_table
     from taichi_plume.contests.standings import conclude
     from taichi_plume.files.run_folder import RunFolderError
-    from taichi_plume.studies.study_run import Settings
 
     choice = Choice(
         args.out, chosen(args.algorithms), args.algorithm, args.policy, chosen(args.scenarios), args.quick, args.seed,
         args.airs, args.searches, args.allow_code,
     )  # fmt: skip
-    settings = Settings(
-        args.out, args.workers, retry=args.retry, force=args.force, progress=not args.quiet,
-        allow_code=bool(args.algorithm), allow_outside=True, report=False,
-    )  # fmt: skip
+    settings = settings_of(choice, args.workers, args.retry, args.force, not args.quiet)
     contest = contest_of(choice)
     code = max(print_end(end, args.quiet, report=False) for end in play(contest, settings))
     try:

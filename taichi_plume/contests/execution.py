@@ -96,6 +96,14 @@ class Contest(NamedTuple):
         return self.out / scenario.name
 
 
+def settings_of(choice: Choice, workers: int | None, retry: bool, force: bool, progress: bool) -> Settings:
+    """Return the settings of a contest's studies. Own algorithms may lie anywhere, and have been allowed by then."""
+    return Settings(
+        choice.out, workers, retry=retry, force=force, progress=progress, allow_code=bool(choice.files),
+        allow_outside=True, report=False,
+    )  # fmt: skip
+
+
 def contest_of(choice: Choice) -> Contest:
     """Return the contest of the chosen scenarios and algorithms. Raises ScenarioError for values that do not fit."""
     choice = choice._replace(

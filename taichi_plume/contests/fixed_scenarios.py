@@ -1,7 +1,7 @@
 """Fixed scenarios of the contest: files of this package that `taichi_plume.run` can execute, too.
 
 The first lines of a file state the purpose of the scenario. The section `algorithm` of the robots holds the facts of
-the plume for all algorithms: `threshold_ppm`, and `wind_speed` for plume models (see contest/entrants.py).
+the plume for all algorithms: `threshold_ppm`, and `wind_speed` for plume models (see contests/entrants.py).
 """
 
 from itertools import takewhile

@@ -99,7 +99,7 @@ def _computed(scenario: Fixed) -> np.ndarray:
     whole = scenario.scenario
     end = min(SHOWN, whole.duration)
     alone = whole.model_copy(update={"robots": (), "duration": end})
-    kernels.start("cpu")
+    kernels.ensure_started()
     sim = assemble(alone)
     width, length = whole.floor.size
     step = max(width, length) / POINTS

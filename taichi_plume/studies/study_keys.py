@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from taichi_plume.scenario.changes import path_of, steps_of
-from taichi_plume.scenario.quantities import fault
+from taichi_plume.scenario.quantities import Number, fault
 from taichi_plume.scenario.vocabulary import FileName, Model
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
@@ -16,8 +16,6 @@ SEEDS = ("seed", "air_seed")
 """Keys of a scenario that change only random numbers. They are columns of the tables, too."""
 MOST_SAMPLES = 1 << 16
 SPACING = "domain.spacing"
-Number = float | str
-"""A number, or a text with a unit."""
 
 
 class StudyAxis(Model):
