@@ -98,7 +98,7 @@ def _examine(
 ) -> "tuple[Keys, dict[str, Pictures]]":
     """Solve the cases at fine resolutions and print each; return the report, and the pictures by case.
 
-    A case that raises an error counts as failed.
+    A case that raises an error counts as failed, one whose data are missing as skipped.
     """
     import platform
 
@@ -119,7 +119,9 @@ def _examine(
         _print_result(results[-1], console)
     wall = round(perf_counter() - begin, 1)
     failed = [result["name"] for result in results if not result["passed"]]
+    skipped = [result["name"] for result in results if result["skipped"]]
     verdict = f"not met: {', '.join(failed)}" if failed else "all as expected"
+    verdict += f"; skipped: {', '.join(skipped)}" if skipped else ""
     console.print(f"\n{len(cases)} cases in {wall:.0f} s on {backend}: {verdict}")
     report = {
         "passed": not failed,
@@ -143,15 +145,18 @@ def _size(case: "Case | Experiment", trials: int | None) -> str:
 
 def _result(case: "Case | Experiment", args: argparse.Namespace) -> "tuple[Keys, Pictures]":
     from taichi_plume.validation.case import Case
+    from taichi_plume.validation.published_data import MissingDataError
     from taichi_plume.validation.report import plain
 
-    begin = perf_counter()
+    begin, skipped = perf_counter(), False
     table, verdicts, pictures, message = {}, [], {}, ""
     try:
         if isinstance(case, Case):
             table, verdicts, pictures = _norms(case, args.arch)
         else:
             table, verdicts, pictures = _rows(case, args.trials or case.trials, args.arch)
+    except MissingDataError as error:
+        message, skipped = f"skipped: {error}", True
     except Exception as error:
         message = f"{type(error).__name__}: {error}"
     result = {
@@ -159,7 +164,8 @@ def _result(case: "Case | Experiment", args: argparse.Namespace) -> "tuple[Keys,
         "about": case.about,
         "reference": case.reference,
         "discussion": case.discussion,
-        "passed": not message and all(met is not False for met in verdicts),
+        "passed": skipped or (not message and all(met is not False for met in verdicts)),
+        "skipped": skipped,
         "message": message,
         "wall_s": round(perf_counter() - begin, 1),
         **table,
@@ -238,7 +244,9 @@ def _print_result(result: "Keys", console: "Console") -> None:
         published = f"published: {row['published']}" if row["published"] else ""
         line = f"    {row['quantity']:26}  {mean_with_interval(row):43}  {published:35}  {row['expected'] or '':15}  "
         console.print(Text.assemble(line, VERDICTS[row["met"]]))
-    if result["message"]:
+    if result["skipped"]:
+        console.print(Text(f"  {result['message']}", "yellow"))
+    elif result["message"]:
         console.print(Text.assemble("  ", VERDICTS[False], f": {result['message']}"))
 
 

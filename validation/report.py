@@ -76,10 +76,10 @@ def _numbers(values: np.ndarray) -> list[float | None]:
 
 
 def _index_row(case: Keys) -> str:
-    name = escape(case["name"])
+    name, verdict = escape(case["name"]), "skipped" if case["skipped"] else _verdict(case["passed"])
     return (
         f'<tr><td><a href="#{name}">{name}</a></td><td>{escape(case["about"])}</td>'
-        f"<td>{escape(case['reference'])}</td><td>{_verdict(case['passed'])}</td></tr>"
+        f"<td>{escape(case['reference'])}</td><td>{verdict}</td></tr>"
     )
 
 
