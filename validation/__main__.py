@@ -163,6 +163,7 @@ def _result(case: "Case | Experiment", args: argparse.Namespace) -> "tuple[Keys,
         "name": case.name,
         "about": case.about,
         "reference": case.reference,
+        "evidence": case.evidence,
         "discussion": case.discussion,
         "passed": skipped or (not message and all(met is not False for met in verdicts)),
         "skipped": skipped,
@@ -222,13 +223,13 @@ def _print_list(cases: list["Case | Experiment"]) -> None:
     console = terminal(soft_wrap=True)
     for case in cases:
         size = _size(case, None)
-        console.print(f"{case.name:16}  {size:10}  {case.about} ({case.reference})")
+        console.print(f"{case.name:24}  {case.evidence:9}  {size:10}  {case.about} ({case.reference})")
 
 
 def _print_result(result: "Keys", console: "Console") -> None:
     from taichi_plume.validation.report import mean_with_interval
 
-    title = f"  {result['about']} ({result['reference']}), {result['wall_s']:.0f} s"
+    title = f"  {result['evidence']}: {result['about']} ({result['reference']}), {result['wall_s']:.0f} s"
     console.print(Text.assemble((result["name"], "bold"), title))
     for row in result.get("norms", ()):
         errors = "  ".join(

@@ -243,6 +243,7 @@ CASES = (
             *(Condition(mesh.name, partial(room, mesh=mesh), PUBLISHED) for mesh in MESHES),
             Condition(FINEST.name, partial(all_meshes, last=FINEST), PUBLISHED, EXPECTED),
         ),
+        evidence="measured",
         trials=3,
         test_trials=0,
         discussion=DISCUSSION,

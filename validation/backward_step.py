@@ -193,6 +193,7 @@ CASES = (
         "a turbulent boundary layer behind a backward-facing step, Re 5,000",
         "Jovic & Driver 1994, NASA TM 108807",
         (_condition(5, expected=False), _condition(8, expected=False), _condition(10, expected=True)),
+        evidence="measured",
         trials=3,
         test_trials=0,
         discussion=DISCUSSION,

@@ -117,6 +117,7 @@ CASES = (
         "a cylinder at Re 10,000 that stands in a wind or walks through still air",
         "the same with 32 cells across",
         bluff_body,
+        evidence="exact",
         coarse=(8,),
         fine=(8, 16, 24),
         expected={

@@ -284,6 +284,7 @@ CASES = (
         tuple(
             Condition(name, partial(compared, name=name), PUBLISHED[name], EXPECTED[name]) for name in SETUPS
         ),
+        evidence="published",
         trials=5,
         test_trials=0,
         discussion=DISCUSSION,

@@ -1,9 +1,9 @@
 """Validation case: a problem with a known answer, solved at several resolutions, and the bounds of its errors."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf, isfinite, log, nan
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -11,6 +11,17 @@ from taichi_plume.grid import kernels
 
 Keys: TypeAlias = dict[str, Any]
 """Scenario or section of a scenario, as a YAML file holds it; part of a report, as JSON holds it."""
+
+Evidence: TypeAlias = Literal["exact", "law", "measured", "published"]
+"""Kind of the reference that decides the verdict of a case; if there are several, of most judged quantities."""
+
+EVIDENCE: Mapping[Evidence, str] = {
+    "exact": "closed form, invariant or numerical reference: another method, a finer grid, a benchmark",
+    "law": "law of the field, as the law of the wall or the exponent of a decay",
+    "measured": "raw data that others measured, point by point",
+    "published": "figure, table or statement of a paper",
+}
+"""Meaning of each kind of evidence."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +94,7 @@ class Case:
     coarse: tuple[int, ...]
     fine: tuple[int, ...]
     expected: Mapping[str, Expected]
+    evidence: Evidence = field(kw_only=True)
     discussion: str = ""
     """Text of the report: which results are reproduced, which are not, and why."""
 

@@ -96,6 +96,7 @@ def _cavity(reynolds: int, fine: tuple[int, ...]) -> Case:
         f"steady flow in a box with a sliding lid, Re {reynolds}",
         "streamfunction and Newton, see cavity.py",
         partial(cavity, reynolds=reynolds),
+        evidence="exact",
         coarse=() if reynolds == 400 else (32,),
         fine=fine,
         expected=both_steps({"u(0.5, y), largest": Expected(tolerance=0.005, at=fine[-1])}),

@@ -98,6 +98,7 @@ CASES = (
             )
             for name in TEAMS
         ),
+        evidence="published",
         trials=96,
         test_trials=0,
         discussion=DISCUSSION,

@@ -243,6 +243,7 @@ def _of_scheme(convection: str) -> tuple[Case, ...]:
             f"moments of a puff that drifts and spreads, {convection}",
             "moments of a Gaussian",
             partial(puff_moments, convection=convection),
+            evidence="exact",
             coarse=(48, 96),
             fine=(48, 96, 192),
             expected={"mass": EXACT}
@@ -254,6 +255,7 @@ def _of_scheme(convection: str) -> tuple[Case, ...]:
             f"a puff in a shear flow, {convection}",
             "moments of advection and diffusion",
             partial(shear, convection=convection),
+            evidence="exact",
             coarse=(48, 96),
             fine=(48, 96),
             expected={
@@ -267,6 +269,7 @@ def _of_scheme(convection: str) -> tuple[Case, ...]:
             f"a Gaussian puff, turned once, {convection}",
             "the initial puff",
             partial(turning_puff, convection=convection),
+            evidence="exact",
             coarse=(32, 64),
             fine=(32, 64, 128),
             expected={"below 0": NONE} | ({"c, rms": SECOND_ORDER} if fifth else {}),
@@ -276,6 +279,7 @@ def _of_scheme(convection: str) -> tuple[Case, ...]:
             f"a disc with a slot, turned once, {convection}",
             "the initial disc; Zalesak 1979, doi:10.1016/0021-9991(79)90051-2",
             partial(slotted_disc, convection=convection),
+            evidence="exact",
             coarse=(50, 100),
             fine=(50, 100),
             expected={
@@ -295,6 +299,7 @@ def _puff(dim: int, speed: float) -> Case:
         "a puff of gas that spreads and drifts" if speed else "a puff of gas that spreads",
         "Gaussian solution",
         partial(gaussian_puff, dim=dim, speed=speed),
+        evidence="exact",
         coarse=(24, 48),
         fine=(32, 64, 128)[: 5 - dim],
         expected={
@@ -315,6 +320,7 @@ CASES = (
         "a cloud in laminar flow between plates, Pe 10",
         "K = D (1 + 2/105 Pe²), Wooding 1960",
         taylor_dispersion,
+        evidence="exact",
         coarse=(8, 16),
         fine=(16, 32),
         # the second-order error of the diffusion across dominates: h² = 0.4 % on 16 cells

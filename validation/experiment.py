@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import bootstrap
 
 from taichi_plume.grid import kernels
-from taichi_plume.validation.case import Curve
+from taichi_plume.validation.case import Curve, Evidence
 
 
 @dataclass(frozen=True)
@@ -159,6 +159,7 @@ class Experiment:
     about: str
     reference: str
     conditions: tuple[Condition, ...]
+    evidence: Evidence = field(kw_only=True)
     trials: int = 200
     test_trials: int = 4
     discussion: str = ""

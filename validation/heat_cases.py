@@ -165,6 +165,7 @@ def _heated_cavity(rayleigh: float, fine: tuple[int, ...], **reference: float) -
         f"steady flow between a warm and a cold wall, Ra {rayleigh:g}",
         "de Vahl Davis 1983, doi:10.1002/fld.1650030305",
         partial(heated_cavity, rayleigh=rayleigh, **reference),
+        evidence="exact",
         coarse=(24,) if rayleigh > 1e4 else (),
         fine=fine,
         expected={
@@ -179,6 +180,7 @@ CASES = (
         "still air between a warm and a cold wall",
         "Fourier series; linear profile",
         conduction,
+        evidence="exact",
         coarse=(16, 32),
         fine=(32, 64),
         expected={
@@ -193,6 +195,7 @@ CASES = (
         "flow rate of a turbulent plume over a warm ball in still air, cells of 5 and 3 cm",
         "Morton, Taylor & Turner 1956, doi:10.1098/rspa.1956.0011",
         thermal_plume,
+        evidence="law",
         coarse=(36,),
         fine=(36, 60),
         expected={

@@ -253,6 +253,7 @@ CASES = (
             ),
             Condition("Linden's box, mixed well", boxes),
         ),
+        evidence="measured",
         trials=1,
         test_trials=0,
         discussion=DISCUSSION,

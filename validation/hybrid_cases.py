@@ -81,6 +81,7 @@ CASES = (
             Condition("outside, which commands velocities", partial(outside, takes="velocity"), {}, FOUND),
             Condition("outside, which sends poses (hybrid)", partial(outside, takes="pose"), ALIKE, FOUND),
         ),
+        evidence="published",
         test_trials=0,
         discussion=DISCUSSION,
     ),

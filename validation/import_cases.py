@@ -70,6 +70,7 @@ def _case(
         about,
         "the flow that was written",
         partial(imported_wind, dim=dim, jitter=jitter),
+        evidence="exact",
         coarse=coarse,
         fine=fine,
         expected={

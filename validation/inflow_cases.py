@@ -104,6 +104,7 @@ def _turbulence(length: float) -> Case:
         f"intensity 10 % and length {100 * length:.0f} cm at the inlet and behind it",
         "as prescribed; decay behind grids, Comte-Bellot & Corrsin 1966, doi:10.1017/S0022112066000338",
         partial(inflow_turbulence, length=length),
+        evidence="exact",
         coarse=(20,) if length == 0.2 else (),
         fine=(25,),
         # intensities over 40 s have a standard error of 1.5 %
@@ -125,6 +126,7 @@ CASES = (
         "a wall slides to and fro",
         "Stokes' second problem between two walls",
         oscillating_wall,
+        evidence="exact",
         coarse=(16, 32),
         fine=(32, 64),
         expected={"u, rms": Expected(order=1.7, tolerance=3e-4, at=32)},

@@ -224,6 +224,7 @@ CASES = (
             Condition(kind.replace("_", " "), partial(compared, kind=kind), expected=EXPECTED)
             for kind in (PLAIN, SPACE_AWARE)
         ),
+        evidence="exact",
         trials=600,
         test_trials=40,
         discussion=DISCUSSION,

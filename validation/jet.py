@@ -95,6 +95,7 @@ CASES = (
         "decay and spread of a round jet in still air",
         "measured jets, see jet.py",
         fan_jet,
+        evidence="law",
         coarse=(),
         fine=(6,),
         expected={

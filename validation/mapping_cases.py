@@ -319,6 +319,7 @@ CASES = (
             ),
             Condition("whiffs without air", without_air),
         ),
+        evidence="published",
         trials=8,
         test_trials=0,
         discussion=DISCUSSION,

@@ -104,6 +104,7 @@ CASES = (
         "fluctuations on the axis of a plume within 3 m, sources of 2 cm on cells of 5 cm",
         "about 1 at first, falling beyond; Fackrell & Robins 1982, J. Fluid Mech. 117, 1-26",
         on_the_axis,
+        evidence="published",
         coarse=(),
         fine=(30, 120),
         expected={

@@ -217,6 +217,7 @@ def _case(centimetres: int, about: str) -> Case:
         f"mean concentration within 2 m of a source with a radius of {centimetres} cm, puffs and gas on the grid",
         "advection and diffusion from a ball, closed form",
         partial(near_source_mean, radius=0.01 * centimetres),
+        evidence="exact",
         coarse=(10, 20) if centimetres == 2 else (),
         fine=(10, 20, 40),
         expected=dict.fromkeys(("grid: flux", "grid: width", "puffs: flux"), Expected(tolerance=0.05))
@@ -243,6 +244,7 @@ CASES = (
         "mean concentration within 2 m of a source, puffs with Taylor's spread, steps of 0.1 and 0.025 s",
         "Taylor 1921, doi:10.1112/plms/s2-20.1.196",
         of_straying_puffs,
+        evidence="exact",
         coarse=(10,),
         fine=(10, 40),
         # about 500 independent puffs in the mean at 2 m: 1/sqrt(500)

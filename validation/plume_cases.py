@@ -223,6 +223,7 @@ def _steady(dim: int, reference: str) -> Case:
         "steady plume of a continuous source, from a closed form",
         reference,
         partial(steady_plume, dim=dim),
+        evidence="exact",
         coarse=(20,),
         fine=(40,),
         # K0(z) ~ sqrt(pi/2z) exp(-z) (1 - 1/(8z) + 9/(128 z²)): a little less than 1/4, z is U x/(2D) > 25
@@ -235,7 +236,16 @@ def _release(dim: int, reference: str) -> Case:
     solve: Callable[[int], Answer] = partial(release, dim=dim)
     expected = {"c at 10 s": EXACT, "c after the stop": EXACT}
     about = "a source in still air for twenty seconds, from a closed form"
-    return Case(f"release_{dim}d", about, reference, solve, coarse=(50,), fine=(200,), expected=expected)
+    return Case(
+        f"release_{dim}d",
+        about,
+        reference,
+        solve,
+        evidence="exact",
+        coarse=(50,),
+        fine=(200,),
+        expected=expected,
+    )
 
 
 def _walls(dim: int) -> Case:
@@ -244,6 +254,7 @@ def _walls(dim: int) -> Case:
         "a drifting puff beside a wall, from a closed form and on the grid",
         "cosine series",
         partial(puff_between_walls, dim=dim),
+        evidence="exact",
         coarse=(24, 48) if dim == 2 else (),
         fine=(32, 64, 128)[: 5 - dim],
         expected={
@@ -264,6 +275,7 @@ CASES = (
         "plumes between the ground, a lid and two walls, from closed forms",
         "conservation of mass",
         ducted,
+        evidence="exact",
         coarse=(30,),
         fine=(60,),
         expected={"flux, gaussian_plume": EXACT, "flux, continuous": EXACT},
@@ -275,6 +287,7 @@ CASES = (
         "a steady plume, and one whose source stops",
         "Bessel function K0; closed form",
         plume_on_the_grid,
+        evidence="exact",
         coarse=(20, 40),
         fine=(20, 40, 80),
         expected={
@@ -289,6 +302,7 @@ CASES = (
         "width, presence and moments of a plume that gusts sweep to and fro",
         "Taylor 1921; Gaussian integrals",
         meander,
+        evidence="exact",
         coarse=(500,),
         fine=(4000,),
         expected={
@@ -310,6 +324,7 @@ CASES = (
         "durations of gas and of no gas at sensors in a meandering plume",
         "Celani et al. 2014, doi:10.1103/PhysRevX.4.041015",
         whiffs,
+        evidence="law",
         coarse=(6000,),
         fine=(6000,),
         # 0.065 by which the law differs over this range, plus two standard errors: about 1300 durations of nine

@@ -215,6 +215,7 @@ CASES = (
             *_both(f"PSLog, {AIRS} airs", from_logs),
             *_both(f"PSFluent, {AIRS} airs", from_fluent, published=SIMULATED, expected=LED),
         ),
+        evidence="published",
         test_trials=0,
         discussion=DISCUSSION,
     ),

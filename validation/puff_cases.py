@@ -208,6 +208,7 @@ CASES = (
         "puffs in a uniform wind, steps of 0.2 to 0.02 s",
         "Taylor 1921, doi:10.1112/plms/s2-20.1.196",
         spread,
+        evidence="exact",
         coarse=(STEPS[0], STEPS[-1]),
         fine=STEPS,
         # the 10,000 offsets of the puffs of a second give the deviation within 0.7 %
@@ -218,6 +219,7 @@ CASES = (
         "mass of the sampled gas, source 15 cm above the floor",
         "conservation of mass",
         partial(sampled_mass, boxed=False),
+        evidence="exact",
         coarse=(20,),
         fine=(20, 40),
         expected={"mass in the air": Expected(tolerance=0.005)},
@@ -227,6 +229,7 @@ CASES = (
         "mass of the sampled gas, beside a box on the floor",
         "conservation of mass",
         partial(sampled_mass, boxed=True),
+        evidence="exact",
         coarse=(20,),
         fine=(20, 40),
         expected={"mass in the air": Expected(tolerance=0.005), "mass in the box": Expected(tolerance=0.005)},
@@ -236,6 +239,7 @@ CASES = (
         "mean of a continuous release",
         "Gaussian plume",
         plume,
+        evidence="exact",
         coarse=(30,),
         fine=(30, 120),
         # of a thousand puffs a second a tenth passes a point within its size: 1/sqrt(3000) in 30 s
@@ -246,6 +250,7 @@ CASES = (
         "a closed room full of puffs, with a box in it",
         "well-mixed condition",
         well_mixed,
+        evidence="exact",
         coarse=(20,),
         fine=(20, 100),
         expected={
@@ -261,6 +266,7 @@ CASES = (
         "puffs against the gas on the grid in the same turbulent flow",
         "solvers/gas.py",
         on_the_grid,
+        evidence="exact",
         coarse=(30,),
         fine=(30, 60),
         # numerical diffusion widens the plume on the grid: agreement requires a plume several cells wide

@@ -269,6 +269,7 @@ CASES = (
             Condition("frozen mean wind, cells of 4 cm", partial(compared, cell=0.04, frozen=True)),
             Condition("Gaussian plume", gaussian_plume),
         ),
+        evidence="measured",
         trials=3,
         test_trials=0,
     ),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume.validation.case import Curve, Keys
+from taichi_plume.validation.case import EVIDENCE, Curve, Evidence, Keys
 from taichi_plume.validation.experiment import Lines, Picture, Tracks
 
 Pictures = Mapping[str, Picture]
@@ -19,12 +19,20 @@ POINTS = 80
 
 INK = {True: "#2e7d32", False: "#c62828", None: "#777"}
 WORD = {True: "met", False: "NOT MET", None: ""}
+BADGES: Mapping[Evidence, str] = {
+    "exact": "#37474f",
+    "law": "#6a4c93",
+    "measured": "#00695c",
+    "published": "#8d5524",
+}
+"""Colour of each kind of evidence."""
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; max-width: 70em; margin: 2em auto; padding: 0 1em; color: #222 }
 h2 { margin: 2em 0 0.2em; border-top: 1px solid #ddd; padding-top: 1em; font-size: 1.15em }
 p { margin: 0.2em 0 } table { border-collapse: collapse; margin: 0.6em 0 } img { max-width: 100% }
 th, td { text-align: left; padding: 0.15em 1.2em 0.15em 0; font-variant-numeric: tabular-nums }
 th { font-weight: 600; border-bottom: 1px solid #bbb } .about { color: #555 }
+.kind { color: #fff; border-radius: 0.7em; padding: 0.05em 0.7em; font-size: 0.8em; font-weight: 600 }
 """
 
 
@@ -38,7 +46,8 @@ def page(report: Keys, pictures: Mapping[str, Pictures]) -> str:
         f"<style>{STYLE}</style><h1>Validation of taichi_plume</h1>"
         f"<p>{len(report['cases'])} cases in {report['wall_s']:.0f} s on {escape(report['backend'])}: "
         f"<b>{verdict}</b></p><p class=about>{escape(versions)}</p>"
-        f"<table><tr><th>case</th><th>what</th><th>against</th><th>verdict</th></tr>{index}</table>"
+        f"<table><tr><th>case</th><th>what</th><th>against</th><th>evidence</th><th>verdict</th></tr>{index}</table>"
+        + "".join(f"<p>{_badge(kind)} {escape(meaning)}</p>" for kind, meaning in EVIDENCE.items())
         + "".join(_case(case, pictures.get(case["name"], {})) for case in report["cases"])
         + "</html>\n"
     )
@@ -79,8 +88,13 @@ def _index_row(case: Keys) -> str:
     name, verdict = escape(case["name"]), "skipped" if case["skipped"] else _verdict(case["passed"])
     return (
         f'<tr><td><a href="#{name}">{name}</a></td><td>{escape(case["about"])}</td>'
-        f"<td>{escape(case['reference'])}</td><td>{verdict}</td></tr>"
+        f"<td>{escape(case['reference'])}</td><td>{_badge(case['evidence'])}</td>"
+        f"<td>{verdict}</td></tr>"
     )
+
+
+def _badge(kind: Evidence) -> str:
+    return f'<span class="kind" style="background:{BADGES[kind]}">{kind}</span>'
 
 
 def _verdict(met: bool | None) -> str:
@@ -103,7 +117,8 @@ def _case(case: Keys, pictures: Pictures) -> str:
     picture = _picture(case, pictures)
     image = f'<img alt="plots of {name}" src="data:image/svg+xml;base64,{picture}">' if picture else ""
     discussion = "".join(f"<p>{escape(part)}</p>" for part in case["discussion"].split("\n\n") if part)
-    return f'<h2 id="{name}">{name}</h2><p class=about>{escape(about)}</p>{message}{discussion}{table}{image}'
+    title = f'<h2 id="{name}">{name} {_badge(case["evidence"])}</h2>'
+    return f"{title}<p class=about>{escape(about)}</p>{message}{discussion}{table}{image}"
 
 
 def _norms(rows: list[Keys]) -> str:

@@ -186,6 +186,7 @@ CASES = (
                 expected={RATIO: Range(0.67, 1.5)},
             ),
         ),
+        evidence="published",
         trials=8,
         test_trials=0,
         discussion=DISCUSSION,

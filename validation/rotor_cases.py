@@ -80,6 +80,7 @@ CASES = (
         "the downwash of a rotor that hovers in still air",
         "momentum theory (Rankine, Froude)",
         hovering_rotor,
+        evidence="law",
         coarse=(4,),
         fine=(4, 8),
         expected={

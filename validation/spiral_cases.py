@@ -187,6 +187,7 @@ CASES = (
             _arms(),
             Condition("indices of a known noise", lambda trials: noise(max(1, trials // 2))),
         ),
+        evidence="published",
         trials=256,
         test_trials=0,
         discussion=DISCUSSION,

@@ -127,6 +127,7 @@ def _case(name: str, what: str, dim: int, openings: tuple[dict, ...], fine: tupl
         what,
         "invariance of the equations under reflection and rotation",
         partial(room, dim=dim, openings=openings),
+        evidence="exact",
         coarse=(12,) if name == "" else (),
         fine=fine,
         expected=both_steps(dict.fromkeys(norms, Expected(tolerance=1e-5))),

@@ -327,6 +327,7 @@ CASES = (
             )
             for kind in KINDS
         ),
+        evidence="published",
         trials=5,
         test_trials=0,
         discussion=DISCUSSION,

@@ -254,6 +254,7 @@ CASES = (
         "durations of whiffs and blanks at sensors, gas on the grid and puffs in air with eddies (2-D)",
         "Celani et al. 2014, doi:10.1103/PhysRevX.4.041015",
         turbulent_whiffs,
+        evidence="law",
         coarse=(),
         fine=(600,),
         expected={

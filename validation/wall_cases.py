@@ -130,6 +130,7 @@ CASES = (
         "even wind along a floor whose friction is below the cells",
         "flat plates: Blasius 1908; Schlichting & Gersten 2017, doi:10.1007/978-3-662-52919-5",
         floor,
+        evidence="law",
         coarse=(20,),
         fine=(20, 40),
         expected={
@@ -142,6 +143,7 @@ CASES = (
         "growth of the layer along a floor, thinner than two cells, over 3 m",
         "1/7-power law of a turbulent flat plate; Schlichting & Gersten 2017, doi:10.1007/978-3-662-52919-5",
         floor_layer,
+        evidence="law",
         coarse=(10, 20),
         fine=(10, 13, 20),
         expected={f"mean of the lowest cell at {x} m": Expected(tolerance=0.04) for x in (1, 2, 3)},
@@ -151,6 +153,7 @@ CASES = (
         "a turbulent channel whose walls are below the cells, Re_tau 1000",
         "law of the wall",
         log_layer,
+        evidence="law",
         coarse=(16,),
         fine=(16, 24),
         expected={

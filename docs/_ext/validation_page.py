@@ -49,7 +49,7 @@ GROUPS = (
         "Measured rooms and plumes",
         "Air and gas measured by others in rooms, channels and wind tunnels. More of them: "
         "[The papers again](experiments.md).",
-        r"annex20|backward_step|helium_box|tunnel_plume|bouts_distance|room_air",
+        r"annex20|backward_step|helium_box|tunnel_plume|red_vapor|bouts_distance|room_air",
     ),
 )
 """Title, introduction, and a pattern of the names of its cases."""
@@ -63,10 +63,12 @@ class Known(NamedTuple):
 
     about: str
     reference: str
+    evidence: str
     discussion: str = ""
 
 
 WORDS = {True: "met", False: "**not met**", None: ""}
+NOT_RUN = "not run"
 
 
 def setup(app: Any) -> dict[str, Any]:
@@ -93,10 +95,13 @@ def write(folder: Path) -> None:
 
 
 def cases() -> dict[str, Known]:
-    """Description, reference and discussion of each case."""
+    """Description, reference, evidence and discussion of each case."""
     from taichi_plume.validation.cases import CASES
 
-    return {name: Known(case.about, case.reference, case.discussion) for name, case in CASES.items()}
+    return {
+        name: Known(case.about, case.reference, case.evidence, case.discussion)
+        for name, case in CASES.items()
+    }
 
 
 def repeated(cases: dict[str, Known], results: dict[str, Any]) -> str:
@@ -105,9 +110,12 @@ def repeated(cases: dict[str, Known], results: dict[str, Any]) -> str:
     for title, _, pattern in REPEATED:
         parts.append(f"## {title}\n")
         for name in [name for name in cases if re.match(pattern, name)]:
-            about, reference, discussion = cases[name]
-            parts += [f"### {name}\n", f"*{_plain(about)}* ({_linked(reference)})\n"]
-            parts += [f"{_plain(part, lines=True)}\n" for part in discussion.strip().split("\n\n") if part]
+            known = cases[name]
+            title = f"*{_plain(known.about)}* ({_linked(known.reference)}; evidence: {known.evidence})\n"
+            parts += [f"### {name}\n", title]
+            parts += [
+                f"{_plain(part, lines=True)}\n" for part in known.discussion.strip().split("\n\n") if part
+            ]
             parts += _figures(results[name]) if name in results else ["Not run for this page.\n"]
     return "\n".join(parts)
 
@@ -122,7 +130,7 @@ def _figures(result: dict[str, Any]) -> list[str]:
     rest = [row for row in rows if row not in first]
     parts = [f"({made})\n"]
     if result.get("norms"):
-        parts.append(_table([result["name"]], {result["name"]: Known("", "")}, {result["name"]: result}))
+        parts.append(_table([result["name"]], {result["name"]: Known("", "", "")}, {result["name"]: result}))
     if first:
         parts.append(_means(first))
     if rest:
@@ -156,6 +164,7 @@ def page(cases: dict[str, Known], results: dict[str, Any]) -> str:
     made = sorted({(one["date"], one["versions"]["taichi_plume"], one["commit"] or "?") for one in run})
     when = "; ".join(f"{day} by version {version}, commit `{commit}`" for day, version, commit in made)
     parts = [f"Of {len(cases)} cases, {len(run)} have been run for this page ({when}): {verdict}.\n"]
+    parts += ["## At a glance\n", at_a_glance(cases, results)]
     left = dict(cases)
     for title, about, pattern in GROUPS:
         mine = [name for name in left if re.match(pattern, name)]
@@ -173,14 +182,29 @@ def page(cases: dict[str, Known], results: dict[str, Any]) -> str:
     return "\n".join(parts)
 
 
+def at_a_glance(cases: dict[str, Known], results: dict[str, Any]) -> str:
+    """Table of all cases by kind of evidence and verdict; arguments: see `page`."""
+    from taichi_plume.validation.case import EVIDENCE
+
+    verdicts = {name: WORDS[results[name]["passed"]] if name in results else NOT_RUN for name in cases}
+    columns = (WORDS[True], WORDS[False], NOT_RUN)
+    rows = [f"| evidence | {' | '.join(columns)} |", "|---|---|---|---|"]
+    for kind, meaning in EVIDENCE.items():
+        mine = [name for name, known in cases.items() if known.evidence == kind]
+        names = ([name for name in mine if verdicts[name] == verdict] for verdict in columns)
+        cells = (f"{len(some)}: " + ", ".join(f"`{name}`" for name in some) if some else "" for some in names)
+        rows.append(f"| **{kind}**: {meaning} | {' | '.join(cells)} |")
+    return "\n".join(rows) + "\n"
+
+
 def _table(names: list[str], cases: dict[str, Known], results: dict[str, Any]) -> str:
-    rows = ["| case | reference | target | measured | verdict |", "|---|---|---|---|---|"]
+    rows = ["| case | reference | evidence | target | measured | verdict |", "|---|---|---|---|---|---|"]
     for name in names:
-        about, reference, _ = cases[name]
-        first = f"{_plain(about)} (`{name}`)", _linked(reference)
-        for told in _told(results[name]) if name in results else [("", "", "not run")]:
+        about, reference, evidence, _ = cases[name]
+        first = f"{_plain(about)} (`{name}`)", _linked(reference), evidence
+        for told in _told(results[name]) if name in results else [("", "", NOT_RUN)]:
             rows.append(f"| {' | '.join((*first, *told))} |")
-            first = "", ""
+            first = "", "", ""
     return "\n".join(rows) + "\n"
 
 

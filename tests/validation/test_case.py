@@ -33,7 +33,9 @@ def test_the_verdict(expected, errors, met):
 
 
 def case(**expected: Expected) -> Case:
-    return Case("made_up", "", "", lambda n: {"a": n**-2.0, "b": 1.0}, (8,), (8, 16), expected)
+    return Case(
+        "made_up", "", "", lambda n: {"a": n**-2.0, "b": 1.0}, (8,), (8, 16), expected, evidence="exact"
+    )
 
 
 def test_a_norm_without_expectation_is_not_judged():

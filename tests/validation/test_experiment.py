@@ -49,7 +49,7 @@ def of(**keys):
     told = {"time [s]": Mean(30.0, 28.0, 32.0, 5), "ways": LINE}
     calls = []
     condition = Condition("calm", lambda n: calls.append(n) or told, **keys)
-    return Experiment("made_up", "", "", (condition,)), calls
+    return Experiment("made_up", "", "", (condition,), evidence="measured"), calls
 
 
 def test_every_quantity_of_a_condition_makes_a_row():

@@ -26,7 +26,9 @@ def parabola(n: int) -> Answer:
     return {"u": n**-2.0, "parabola": Curve("x [m]", "u <v>", x, x * (1 - x), x * (1 - x) + n**-2.0)}
 
 
-GOOD = Case("good", "n^-2", "closed form", parabola, (8,), (8, 16), {"u": Expected(order=1.9)})
+GOOD = Case(
+    "good", "n^-2", "closed form", parabola, (8,), (8, 16), {"u": Expected(order=1.9)}, evidence="exact"
+)
 BAD = replace(GOOD, name="bad", expected={"u": Expected(tolerance=1e-9)})
 BROKEN = replace(GOOD, name="broken", solve=unsolvable)
 
@@ -45,6 +47,7 @@ STROLL = Experiment(
     "a made-up search",
     "none",
     (Condition("a < b", walk, published={"time [s]": "35 s"}, expected={"success": Range(least=0.8)}),),
+    evidence="measured",
     trials=50,
 )
 
@@ -64,7 +67,8 @@ def test_a_misspelt_case_is_told(capsys):
 def test_the_list_names_every_case(capsys):
     assert main(["--list"]) == 0
     shown = capsys.readouterr().out
-    assert all(name in shown for name in CASES)
+    listed = {line.split()[0]: line.split()[1] for line in shown.splitlines()}
+    assert listed == {name: case.evidence for name, case in CASES.items()}
 
 
 def test_named_cases_are_solved_and_reported_with_their_curves(table, idle, tmp_path, capsys):
@@ -74,7 +78,7 @@ def test_named_cases_are_solved_and_reported_with_their_curves(table, idle, tmp_
     assert report["passed"] is True
     (case,) = report["cases"]
     (row,) = case["norms"]
-    assert case["name"] == "good"
+    assert (case["name"], case["evidence"]) == ("good", "exact")
     assert row["errors"] == {"8": 8**-2.0, "16": 16**-2.0}
     assert row["order"] == pytest.approx(2.0)
     curve = case["pictures"]["parabola"]
@@ -140,6 +144,7 @@ def experiments(monkeypatch, idle):
 def test_an_experiment_is_reported(experiments, tmp_path, capsys, option, trials):
     assert main(["--out", str(tmp_path), *option]) == 0
     shown = capsys.readouterr().out
+    assert "measured: a made-up search (none)" in shown
     assert "0.9 (0.8 to 0.95)" in shown
     (case,) = json.loads((tmp_path / "report.json").read_text())["cases"]
     success, time = case["rows"]
@@ -148,5 +153,7 @@ def test_an_experiment_is_reported(experiments, tmp_path, capsys, option, trials
     assert (time["mean"], time["published"], time["met"]) == (None, "35 s", None)
     page = (tmp_path / "report.html").read_text()
     assert "a &lt; b" in page
+    assert page.count(">measured</span>") == 3  # the legend, the index and the case
+    assert page.count(">exact</span>") == 1
     (picture,) = re.findall(r"svg\+xml;base64,([^\"]*)", page)
     assert b"ways" in base64.b64decode(picture)
