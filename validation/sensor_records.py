@@ -1,0 +1,273 @@
+"""Noise and lag of metal-oxide sensors recorded by others in a room, beside the noise and lag of our models.
+
+Burgués, Hernandez, Lilienthal & Marco 2018 (doi:10.3390/proceedings2130911) recorded an evaporating liquid in an office
+at Örebro with 27 sensors, each calibrated in a laboratory: the data set Orebro3DSEN, six records of 99 to 127 minutes
+at 2 Hz, read from `orebro/exp01.csv.gz` and so on (see `published_data`). The data set names neither the TGS model at
+each position nor the processing of the readings. It names the load resistor of 68 kOhm and the converter, of an Arduino
+Mega, with 10 bits.
+
+Bounds that follow for any gas, as a first-order lag approaches its goal exponentially, are:
+
+- The signal y = ln(R_air/R) = b ln(1 + c/c0) falls at most to clean air. A fall from y1 to y2 within w shows a decay
+  time of at most w/ln(y1/y2), from which b cancels. If the lag acted on R instead, y is 1 - (1 + c/c0)^-b here.
+- A rise gives no such bound, since the goal may be anything.
+- A digit of the converter is at least 4/1024 of ln R, where the sensor has the resistance of the load; for R_air of the
+  TGS 26xx it is at most 0.013.
+
+Expected, set after a look at records 01 and 05 alone, and before any reading of our sensors was computed:
+
+- Noise of ln R, in digits of 4/1024 each: 0.0015 to 0.006, a factor of two about our default of 0.003.
+- At most 5 % of the sensors fall faster than every TGS model allows with its default decay time.
+- Our default sensor in the recorded gas falls at least half as steeply as recorded, as a second equal lag would; it
+  keeps 0.5 to 1.1 of the fluctuation intensity c'/C, and its correlation time is at most twice as long.
+"""
+
+from collections.abc import Callable
+from functools import cache, partial
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.ndimage import uniform_filter1d
+
+from taichi_plume.fluctuations.sensor_comparison import readings
+from taichi_plume.scenario.metal_oxides import MOX_MODELS
+from taichi_plume.scenario.sensors import MoxSensor
+from taichi_plume.validation.case import Keys
+from taichi_plume.validation.experiment import Condition, Experiment, Range, Results, over_airs
+from taichi_plume.validation.published_data import data_file
+
+DOI = "10.3390/proceedings2130911"
+RECORDS = ("01", "02", "05", "06", "08", "09")
+GAS = "ethanol"
+STEP = 0.5  # s
+QUIET = 240.0  # s from the start, before gas arrives
+SMOOTHING = 30.0  # s: slower changes in clean air are drift
+WINDOW = 5.0  # s, of falls and rises
+TREND = 600.0  # s: slower changes in gas are no fluctuation
+LEAST = 1.0  # ppm before a fall, after a rise
+STRONG, WEAK = 20.0, 5.0  # deviations in clean air: least level before and after a fall
+DIGIT = 4.0 / 1024.0  # of ln R
+TGS = tuple(name for name in MOX_MODELS if name.startswith("tgs"))
+DEFAULT = MoxSensor(kind="mox")
+OURS = {sensor.model: sensor for sensor in (DEFAULT, MoxSensor(kind="mox", model="tgs2620"))}
+
+
+class Record(NamedTuple):
+    """Record of sensors: gas (n, sensors) [ppm], the mean and the deviation in clean air (sensors,)."""
+
+    ppm: np.ndarray
+    clear: np.ndarray
+    deviation: np.ndarray
+
+    @staticmethod
+    def of(ppm: np.ndarray) -> "Record":
+        """Return the record of readings (n, sensors) [ppm], STEP apart, that begin in clean air."""
+        quiet = ppm[: round(QUIET / STEP)]
+        return Record(ppm - quiet.mean(axis=0), quiet.mean(axis=0), quiet.std(axis=0))
+
+    @property
+    def quiet(self) -> np.ndarray:
+        """Readings in clean air over their mean [ppm]."""
+        return self.ppm[: round(QUIET / STEP)]
+
+
+@cache
+def records(count: int) -> tuple[Record, ...]:
+    """Return the first records; raises MissingDataError without their files."""
+    paths = [data_file(f"orebro/exp{name}.csv.gz", DOI) for name in RECORDS[:count]]
+    return tuple(Record.of(pd.read_csv(path).filter(like="C_").to_numpy()) for path in paths)
+
+
+@cache
+def our_records(count: int) -> dict[str, tuple[Record, ...]]:
+    """Return the records of our sensors in the recorded gas, by model. Taichi must have been started."""
+    found: dict[str, list[Record]] = {name: [] for name in OURS}
+    for record in records(count):
+        gas = np.maximum(record.ppm, 0.0).astype(np.float32)
+        measured = np.stack([np.array(now) for now in readings(list(OURS.values()), GAS, STEP, gas)], axis=1)
+        for name, ppm in zip(OURS, measured, strict=True):
+            found[name].append(Record.of(ppm.astype(float)))
+    return {name: tuple(parts) for name, parts in found.items()}
+
+
+# ---------------------------------------------------------------- statistics of a record, (sensors,) each
+
+
+def noise(record: Record) -> np.ndarray:
+    """Return the standard deviation of the changes in clean air that are faster than SMOOTHING [ppm]."""
+    quiet = record.quiet
+    return (quiet - uniform_filter1d(quiet, round(SMOOTHING / STEP), axis=0)).std(axis=0)
+
+
+def digit(record: Record) -> np.ndarray:
+    """Return the gas [ppm] per digit of the converter in clean air; NaN if the readings show too few digits.
+
+    Levels are values that last for 2 s, since readings between them are interpolated.
+    """
+    found = []
+    for series in record.quiet.T:
+        starts = np.flatnonzero(np.diff(series, prepend=np.nan) != 0.0)
+        lasting = np.diff(starts, append=len(series)) >= round(2.0 / STEP)
+        steps = np.abs(np.diff(series[starts[lasting]]))
+        steps = steps[steps > 0.004]  # above rounding to 0.001 ppm
+        found.append(np.median(steps) if len(steps) > 4 else np.nan)
+    return np.array(found)
+
+
+def drift(record: Record) -> np.ndarray:
+    """Return the standard deviation of minute means in clean air over that of single readings."""
+    minute = round(60.0 / STEP)
+    quiet = record.quiet
+    means = quiet[: len(quiet) // minute * minute].reshape(-1, minute, quiet.shape[1]).mean(axis=1)
+    return means.std(axis=0) / np.maximum(quiet.std(axis=0), 1e-9)
+
+
+def steepest(record: Record, signal: Callable[[np.ndarray], np.ndarray], rise: bool = False) -> np.ndarray:
+    """Return the largest rate of ln y within WINDOW [1/s] in falls or rises of strong gas; NaN without any.
+
+    signal: y as a function of gas [ppm] over clean air.
+    """
+    width = round(WINDOW / STEP)
+    before, after = record.ppm[:-width], record.ppm[width:]
+    low, high = (before, after) if rise else (after, before)
+    valid = (
+        (high > np.maximum(LEAST, STRONG * record.deviation)) & (low > WEAK * record.deviation) & (low > 0.0)
+    )
+    rate = np.full(low.shape, -np.inf)
+    rate[valid] = np.log(signal(high[valid]) / signal(low[valid])) / WINDOW
+    best = rate.max(axis=0)
+    return np.where(best > 0.0, best, np.nan)
+
+
+def fluctuation(record: Record) -> tuple[np.ndarray, np.ndarray]:
+    """Return c'/C and the time of the autocorrelation to 1/e [s] in the second half; NaN without strong gas."""
+    gas = record.ppm[len(record.ppm) // 2 :]
+    mean = gas.mean(axis=0)
+    rest = gas - uniform_filter1d(gas, round(TREND / STEP), axis=0)
+    longest = round(120.0 / STEP)
+    products = np.stack([(rest[: len(rest) - k] * rest[k:]).mean(axis=0) for k in range(longest)])
+    below = products < products[0] / np.e
+    time = np.where(below.any(axis=0), below.argmax(axis=0) * STEP, np.nan)
+    strong = mean > np.maximum(0.3, STRONG * record.deviation)
+    return np.where(strong, rest.std(axis=0) / mean, np.nan), np.where(strong, time, np.nan)
+
+
+def logarithm(ppm: np.ndarray, model: str) -> np.ndarray:
+    """Return ln(R_air/R) of a model in GAS, in units of its exponent b."""
+    return np.log1p(ppm / _curve(model)[0])
+
+
+def conductive(ppm: np.ndarray, model: str) -> np.ndarray:
+    """Return 1 - R/R_air of a model in GAS."""
+    c0, b = _curve(model)
+    return -np.expm1(-b * np.log1p(ppm / c0))
+
+
+def _curve(model: str) -> tuple[float, float]:
+    return MOX_MODELS[model].curve(GAS) or (MOX_MODELS[model].c0, MOX_MODELS[model].b)
+
+
+# ---------------------------------------------------------------- conditions
+
+
+def clean_air(count: int) -> Results:
+    """Return the noise and drift in clean air."""
+    several = records(count)
+    airs = np.repeat(np.arange(len(several)), several[0].ppm.shape[1])
+    noises = np.concatenate([noise(record) for record in several])
+    digits = noises / np.concatenate([digit(record) for record in several])
+    quantities: Keys = {
+        "noise [digits]": over_airs(digits, airs),
+        NOISE: over_airs(DIGIT * digits, airs),
+        "noise [ppm]": over_airs(noises, airs),
+        "minute means over readings": over_airs(np.concatenate([drift(r) for r in several]), airs),
+        "zero of a sensor, rms [ppm]": over_airs([float(np.sqrt((r.clear**2).mean())) for r in several]),
+    }
+    for name in (DEFAULT.model, *TGS):
+        c0, b = _curve(name)
+        quantities[f"{name}: noise, ours [ppm]"] = over_airs([DEFAULT.noise * c0 / b])
+    return quantities
+
+
+def falls(count: int) -> Results:
+    """Return the sensors that fall faster than our models allow, and how steep falls and rises are."""
+    several = records(count)
+    airs = np.repeat(np.arange(len(several)), several[0].ppm.shape[1])
+    quantities: Keys = {}
+    for words, signal in (("ln R lags", logarithm), ("R lags", conductive)):
+        every = np.ones(len(airs))
+        for name in (DEFAULT.model, *TGS):
+            rate = np.concatenate([steepest(r, partial(signal, model=name)) for r in several])
+            faster = np.where(np.isnan(rate), np.nan, rate * MOX_MODELS[name].decay > 1.0)
+            quantities[f"{words}: faster than {name} allows, share of sensors"] = over_airs(
+                faster, airs, share=True
+            )
+            if name in TGS:
+                every *= faster
+            quantities[f"{words}: longest decay time for {name}, median [s]"] = over_airs(
+                [float(np.nanmedian(1.0 / rate[airs == n])) for n in range(len(several))]
+            )
+        quantities[f"{words}: {EVERY}"] = over_airs(every, airs, share=True)
+    ratio = np.concatenate([steepest(r, np.asarray, rise=True) / steepest(r, np.asarray) for r in several])
+    quantities[RISE_OVER_FALL] = over_airs(ratio, airs)
+    return quantities
+
+
+def in_recorded_gas(count: int) -> Results:
+    """Return how our sensors change the recorded gas: steepest falls, fluctuation intensity, correlation time."""
+    several = records(count)
+    airs = np.repeat(np.arange(len(several)), several[0].ppm.shape[1])
+    falling = np.concatenate([steepest(r, np.asarray) for r in several])
+    parts = [fluctuation(r) for r in several]
+    intensity, time = (np.concatenate(part) for part in zip(*parts, strict=True))
+    quantities: Keys = {
+        "c'/C, recorded": over_airs(intensity, airs),
+        "time to 1/e, recorded [s]": over_airs(time, airs),
+    }
+    for name, ours in our_records(count).items():
+        slower = np.concatenate([steepest(r, np.asarray) for r in ours])
+        rising = np.concatenate([steepest(r, np.asarray, rise=True) for r in ours])
+        parts = [fluctuation(r) for r in ours]
+        our_intensity, our_time = (np.concatenate(part) for part in zip(*parts, strict=True))
+        quantities |= {
+            f"{name}: {STEEPNESS}": over_airs(slower / falling, airs),
+            f"{name}: {INTENSITY}": over_airs(our_intensity / intensity, airs),
+            f"{name}: {TIME}": over_airs(our_time / time, airs),
+            f"{name}: {RISE_OVER_FALL}": over_airs(rising / slower, airs),
+        }
+    return quantities
+
+
+NOISE = "noise of ln R, at least"
+EVERY = "faster than every TGS allows, share of sensors"
+RISE_OVER_FALL = "steepest rise over steepest fall of ln c"
+STEEPNESS = "steepest fall, ours over recorded"
+INTENSITY = "c'/C, ours over recorded"
+TIME = "time to 1/e, ours over recorded"
+DISCUSSION = ""
+
+CASES = (
+    Experiment(
+        "sensor_records",
+        "noise and lag of 27 metal oxides in an office, recorded by others, beside those of our models",
+        f"Burgués et al. 2018, doi:{DOI}",
+        (
+            Condition("clean air", clean_air, expected={NOISE: Range(0.0015, 0.006)}),
+            Condition("falls and rises", falls, expected={f"ln R lags: {EVERY}": Range(most=0.05)}),
+            Condition(
+                "our sensors in the recorded gas",
+                in_recorded_gas,
+                expected={
+                    f"{DEFAULT.model}: {STEEPNESS}": Range(least=0.5),
+                    f"{DEFAULT.model}: {INTENSITY}": Range(0.5, 1.1),
+                    f"{DEFAULT.model}: {TIME}": Range(most=2.0),
+                },
+            ),
+        ),
+        evidence="measured",
+        trials=len(RECORDS),
+        test_trials=0,
+        discussion=DISCUSSION,
+    ),
+)
