@@ -61,6 +61,8 @@ class MoxModel:
 
 # b and c0 from R(300 ppm)/R(50 ppm) and R_air/R(300 ppm) of the data sheets, if nothing else is said. Time constants of
 # the TGS 26xx: GADEN (Monroy et al. 2017, doi:10.3390/s17071479), from experiments; the others are our estimates.
+# GADEN's lag acts on R, ours on ln R, which recovers more slowly from strong gas. Recorded sensors (validation case
+# sensor_records) recover faster than most of these decay times, but their models are not published.
 # Of other gases: GADEN's power laws, fitted to the sheets, c0 being where a law meets the resistance in clean air.
 # c0 [ppm] and b of other gases than the model's own
 OTHERS: dict[str, dict[str, tuple[float, float]]] = {
