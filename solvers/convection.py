@@ -2,8 +2,8 @@
 
 `koren`: third order, limited so that no new extremum appears; it damps eddies of less than some 16 cells. `upwind5`:
 fifth order, limited where the field is not smooth only, for little more work. `weno5`: fifth order, weighted by
-smoothness, for about twice the work. Of the energy of vortices that drift with the wind `upwind5` keeps 0.96 (16 cells
-across, over four of their sizes) and 0.90 (8 cells, one size), `weno5` 0.93 and 0.77, `koren` 0.57 and 0.38, with
+smoothness, for about twice the work. Of the energy of vortices that drift with the wind `upwind5` keeps 0.98 (16 cells
+across, over four of their sizes) and 0.92 (8 cells, one size), `weno5` 0.94 and 0.78, `koren` 0.60 and 0.40, with
 steps as in runs.
 """
 

@@ -3,19 +3,21 @@
 from math import prod, sqrt
 from typing import cast
 
+import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.kernels import STRIP, Pass, on_cpu
 from taichi_plume.grid.transfer import reader
 from taichi_plume.solvers.momentum import Momentum
 
-SHORT, LONG = 0.58, 1.0  # possible lengths of the first stage over the step
-STABLE = 1.3  # Courant number up to which the short first stage is stable
+# Shortest first stage over the step with which no wave grows by fifth-order upwind convection, at Courant numbers 2 %
+# above these; linear between them.
+COURANT, FIRST = (1.1, 1.2, 1.3, 1.4), (0.5, 0.54, 0.64, 1.0)
 
 
 def stages_for(courant: float) -> tuple[tuple[float, float, float], ...]:
     """Return the Runge–Kutta coefficients (see `stages`) with the least damping for this Courant number."""
-    return stages(SHORT if courant <= STABLE else LONG)
+    return stages(float(np.interp(courant, COURANT, FIRST)))
 
 
 def stages(first: float) -> tuple[tuple[float, float, float], ...]:
@@ -27,8 +29,8 @@ def stages(first: float) -> tuple[tuple[float, float, float], ...]:
     The method is of second order for any `first`, the length of the first stage over the step's. With 1 it is SSP-RK3
     (Shu & Osher 1988, doi:10.1016/0021-9991(88)90177-5), which damps waves that the wind carries: the energy of a wave
     that advances by the phase a per step is multiplied by 1 - a⁴/12. In general the factor is 1 - (2 C - 1/4) a⁴ + C²
-    a⁶, with C = first/(2 + 4 first). From 1/2 on only the last term lets the energy grow, which the upwind scheme of
-    convection outweighs up to a Courant number of 1.3.
+    a⁶, with C = first/(2 + 4 first). From 1/2 on only the last term lets the energy grow. The upwind scheme of
+    convection outweighs this term up to a Courant number that rises with `first`.
 
     With only the last projection, short waves that move by about a cell per step would lose or gain energy. A
     projection after the first stage has no effect.
