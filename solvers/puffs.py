@@ -7,8 +7,9 @@ doi:10.1023/A:1016283702837).
 
 u' is the velocity of the eddies that the wind does not resolve. u' and its integral are advanced jointly and exactly
 (Gillespie 1996, doi:10.1103/PhysRevE.54.2084), the displacement by the wind by Heun's method: in a uniform wind the
-spread does not depend on the step. The eddy viscosity makes puffs grow and drift up its gradient, so that puffs and gas
-on the grid have the same mean.
+spread does not depend on the step. The wind is divergence-free between the faces of the grid as well. Otherwise puffs
+gather where the interpolated wind converges. The eddy viscosity makes puffs grow and drift up its gradient, so that
+puffs and gas on the grid have the same mean.
 
 A puff is a Gaussian cut off at a few standard deviations that holds all its mass within. Walls and obstacles mirror
 centres. Closed faces of the domain, and the tangent plane of a surface near a puff, mirror the concentration as well:
@@ -217,7 +218,7 @@ class PuffSolver(Gas):
                 way[self.dim - 1] -= dt * self._fall(x, variance, t)
             drift, place = ti.Vector.zero(ti.f32, self.dim), x
             for _ in range(2):  # Heun's method; a loop, as Taichi compiles every copy of the wind slowly
-                u = self.wind.velocity(place, t)
+                u = self.wind.solenoidal_velocity(place, t)
                 drift += 0.5 * dt * u
                 place = self.walls.inside(x + way + dt * u)
             way += drift

@@ -39,6 +39,11 @@ class Wind(Protocol):
         """ti.func: return the velocity (dim,) [m/s] of the air at point x (dim,) [m] and time t [s]."""
         ...
 
+    @ti.func
+    def solenoidal_velocity(self, x: Template, t: float):
+        """Return the velocity [m/s] at point x [m] in the domain, divergence-free also between the faces of a grid."""
+        return self.velocity(x, t)
+
     def diagnostics(self) -> dict[str, float]:
         """Return diagnostic numbers by name, such as divergence, for the result of the run."""
         return {}
@@ -104,6 +109,10 @@ class Carrier(Wind, Protocol):
     def velocity(self, x: Template, t: float):
         """Return the velocity [m/s] at point x [m], linear between the faces, at the solver's present time."""
         return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)
+
+    @ti.func
+    def solenoidal_velocity(self, x: Template, t: float):
+        return sample_solenoidal(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)
 
 
 class Species(Protocol):
@@ -260,6 +269,42 @@ def sample_faces(u: Template, x: Template, dx: float, ghost: ti.i32, padded: Tem
         base, weight = corner(x, shift, dx, ghost, padded)
         for offset in ti.static(ti.grouped(ti.ndrange(*((2,) * x.n)))):
             result[c] += corner_weight(weight, offset) * u[c][base + offset]
+    return result
+
+
+@ti.func
+def sample_solenoidal(u: Template, x: Template, dx: float, ghost: ti.i32, padded: Template):
+    """Return the velocity at point x [m] in the domain of the face fields u (staggered grid): divergence-free within
+    each cell, where the fluxes through its faces add up to 0.
+
+    On a face the normal velocity is linear with central slopes, so that u is its mean; closed faces, where u is 0, have
+    no slope. It is linear from face to face. Parabolas that vanish on the faces remove the divergence by the slopes
+    (Balsara 2001, doi:10.1006/jcph.2001.6917). As the normal velocity is continuous, points that are carried stay
+    uniform. Tangential velocities change at faces by a step of second order.
+    """
+    dim = ti.static(x.n)
+    I, away = (
+        ti.Vector.zero(ti.i32, dim),
+        ti.Vector.zero(ti.f32, dim),
+    )  # cell; position from its middle [cells]
+    for d in ti.static(range(dim)):
+        position = ti.math.clamp(x[d] / dx, 0.0, padded[d] - 2.0 * ghost)
+        I[d] = ti.min(ti.cast(position, ti.i32), padded[d] - 2 * ghost - 1)
+        away[d] = position - I[d] - 0.5
+        I[d] += ghost
+    result = ti.Vector.zero(ti.f32, dim)
+    for d in ti.static(range(dim)):
+        D = ti.Vector.unit(dim, d, ti.i32)
+        low, high = u[d][I], u[d][I + D]
+        passes_low, passes_high = ti.select(low == 0.0, 0.0, 0.5), ti.select(high == 0.0, 0.0, 0.5)
+        for e in ti.static([a for a in range(dim) if a != d]):
+            E = ti.Vector.unit(dim, e, ti.i32)
+            below = passes_low * (u[d][I + E] - u[d][I - E])
+            above = passes_high * (u[d][I + D + E] - u[d][I + D - E])
+            low += below * away[e]
+            high += above * away[e]
+            result[e] += 0.5 * (above - below) * (0.25 - away[e] * away[e])
+        result[d] += low + (0.5 + away[d]) * (high - low)
     return result
 
 

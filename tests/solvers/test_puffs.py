@@ -13,9 +13,10 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.gases import PuffGas
-from taichi_plume.scenario.winds import UniformWind
+from taichi_plume.scenario.winds import SyntheticWind, UniformWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.puffs import PuffSolver, joint_update
+from taichi_plume.solvers.synthetic_flow import SyntheticSolver
 from taichi_plume.solvers.uniform_wind import UniformSolver
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -301,3 +302,24 @@ def test_cells_are_means_of_what_is_sampled(periodic):
     mean = sampled.reshape(24, 4, 16, 4, 16, 4).mean(axis=(1, 3, 5))
     # a sampled puff ends at 3.5 standard deviations and is 0.7 % denser within
     np.testing.assert_allclose(gas.cells(4.0), mean, atol=0.015 * mean.max())
+
+
+def test_puffs_that_the_air_carries_stay_uniform_beside_a_box():
+    grid = Grid((12, 10, 8), 0.1)
+    solid = np.zeros(grid.shape, bool)
+    solid[4:7, 3:6, :4] = True
+    wind = SyntheticSolver(SyntheticWind(kind="synthetic", speed=0.1, longest=0.6), grid, Air.of(solid, grid))
+    wind.nu = None
+    sources = [{"position": (0.15, 0.15, 0.15), "rate": 0.0}]
+    model = PuffGas.model_validate({"kind": "puffs", "sources": sources})
+    gas = PuffSolver(model, grid, wind, Air.of(solid, grid))
+    x = np.random.default_rng(1).uniform(0.0, grid.extent, (40_000, 3))
+    x = x[~solid[tuple((x / grid.dx).astype(int).T)]]
+    gas.start_from(x, 1e-9)
+    for k in range(300):
+        wind.advance(0.1 * k, 0.1)
+        gas.advance(0.1 * k, 0.1)
+    edges = [np.arange(n + 1) * grid.dx for n in grid.shape]
+    number = np.histogramdd(gas.puffs.rows()[:, :3].astype(float), edges)[0][~solid]
+    square = ((number - number.mean()) ** 2).sum() / number.mean()
+    assert square < chi2.ppf(0.999, number.size - 1)
