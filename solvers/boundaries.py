@@ -272,15 +272,18 @@ class Boundaries:
                 result = max(result, peak * max(abs(opening.speed_at(time)) for time in times))
         return result
 
+    def vented(self, regions: np.ndarray) -> set[int]:
+        """Return the numbers of the regions with an opening that lets air out and in freely; regions: see `trapped`."""
+        exits = [p for p in self.patches if p.kind in VENTS and p not in self.jets]
+        return {int(region) for p in exits for region in np.unique(regions[p.cells()])}
+
     def trapped(self, regions: np.ndarray) -> list[int]:
         """Return the indices of openings that blow into a region without an outlet or a balancing opening.
 
         regions: array of grid.shape with equal numbers in cells that air connects.
         """
         jets = [(n, p) for n, p in self._placed if p in self.jets]
-        exits = [p for p in self.patches if p.kind in VENTS and p not in self.jets]
-        reached = {region for p in exits for region in np.unique(regions[p.cells()])}
-        result = set()
+        reached, result = self.vented(regions), set()
         for region in {r for p in self.jets for r in np.unique(regions[p.cells()])} - reached:
             here = [m for m, p in enumerate(self.jets) if region in regions[p.cells()]]
             inside = [(p, p.covered) for p in (self.jets[m] for m in here)]

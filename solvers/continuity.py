@@ -1,6 +1,10 @@
 """Continuity equation of incompressible flow: divergence of each cell, and the pressure projection that removes it.
 
-    div u = 0,   u -= a dphi/dx,   p += dphi dx/dt
+    div u = s,   u -= a dphi/dx,   p += dphi dx/dt
+
+s is the volume of gas that sources release, per volume of air and time. It is 0 unless the gas changes the density
+(buoyancy). Ideal gases of one temperature and pressure have one molar volume: mixing them takes no space, only sources
+do. u is then the molar mean velocity.
 
 phi, a velocity potential in units of dx, solves the Poisson equation (see `poisson`) of the flow's divergence.
 """
@@ -13,7 +17,7 @@ from taichi_plume.solvers.momentum import Momentum
 
 @ti.func
 def net_inflow(m: Template, I):
-    """Return the net inflow into cell I over a face's area [m/s]: the divergence times -dx."""
+    """Return the net inflow into cell I over a face's area [m/s], with the released volume: (s - div u) dx."""
     total = 0.0
     for d in ti.static(range(m.dim)):
         above = I + ti.Vector.unit(m.dim, d, ti.i32)
@@ -21,6 +25,8 @@ def net_inflow(m: Template, I):
             total += m.area[d][I] * m.u[d][I] - m.area[d][above] * m.u[d][above]
         else:
             total += m.u[d][I] - m.u[d][above]
+    for n in ti.static(range(len(m.sources))):
+        total += m.dx * m.sources[n][I]
     return total
 
 

@@ -1,10 +1,11 @@
 """Incompressible Navier-Stokes equations on the staggered grid (finite volumes, projection method).
 
-    du/dt + div(u u) = -grad p + div(nu (grad u + grad u^T)) + b + g,   div u = 0
+    du/dt + div(u u) = -grad p + div(nu (grad u + grad u^T)) + b + g,   div u = s
 
-p is the kinematic pressure [m²/s²], b buoyancy and g a constant acceleration. The terms are in `momentum`: convection
-in flux form (see `convection`), central diffusion. A three-stage Runge-Kutta method (see `time_stepping`)
-advances with the last pressure's gradient; projections (see `continuity`) give its increment: second order.
+p is the kinematic pressure [m²/s²], b buoyancy, g a constant acceleration and s released volume (see `continuity`). The
+terms are in `momentum`: convection in flux form (see `convection`), central diffusion. A three-stage Runge-Kutta method
+(see `time_stepping`) advances with the last pressure's gradient; projections (see `continuity`) give its increment:
+second order.
 """
 
 from collections.abc import Callable, Sequence
@@ -79,9 +80,12 @@ class FlowSolver(Carrier):
         theta = Scalar(grid) if heat is not None else None
         self.weighing = tuple(weighing)
         fields = [scalar.field for scalar in weighing] + ([theta.q] if theta is not None else [])
+        sources = [scalar.source for scalar in weighing if scalar.source is not None]
         areas = None if air.empty else self._area
         away = None if self.nu is None else distances(air, self.boundaries.is_wall, grid)
-        self.momentum = Momentum(model, grid, self.u, self.p, self.nu, fractions, areas, fields, tables, away)
+        self.momentum = Momentum(
+            model, grid, self.u, self.p, self.nu, fractions, areas, fields, sources, tables, away
+        )
         self.walls = None
         if self.nu is not None and not all(grid.periodic):
             self.walls = Walls(self.boundaries, self.momentum)
@@ -167,7 +171,7 @@ class FlowSolver(Carrier):
         self._begin = launch(
             on_faces(remembered, u0),
             *(walls.measuring(u) if walls else []),
-            *([ghosts.updating_losses(u)] if self.boundaries.has_loss else []),
+            *([ghosts.updating_losses(u, m)] if self.boundaries.has_loss else []),
             ghosts.filling_pressure(self.p, True),
         )
         slipping = self.surfaces.slipping if self.surfaces else lambda convection: [convection]
@@ -240,14 +244,14 @@ class FlowSolver(Carrier):
         """Start a run at time t [s] from the potential flow that the openings force."""
         self._take_numbers(model)
         self.boundaries.begin(model.openings, seed)
-        buoyancies = []
+        weights, gravity = [], np.zeros(self.dim)
         if model.buoyancy is not None:
             gravity, heat = np.array(model.buoyancy.pull(self.dim)), model.buoyancy.heat
-            buoyancies = [gravity * scalar.weight for scalar in self.weighing]
-            buoyancies += [] if heat is None else [gravity * -heat.volume_expansion]
+            weights = [scalar.weight for scalar in self.weighing]
+            weights += [] if heat is None else [-heat.volume_expansion]
             if self.heat is not None and heat is not None:
                 self.heat.begin(heat, t, seed)
-        self.momentum.begin(model, np.array(buoyancies))
+        self.momentum.begin(model, np.array(weights), gravity)
         for resistance, screen in zip(self.screens, model.screens, strict=True):
             resistance.begin(screen, model.viscosity)
         self.max_speed, self.max_courant = 1.0, 0.0
@@ -328,6 +332,7 @@ class FlowSolver(Carrier):
         if self.area is not None:
             u = [v * area for v, area in zip(u, self._area, strict=True)]
         net = sum(self.grid.inner(v - np.roll(v, -1, axis=d)) for d, v in enumerate(u))
+        net += self.grid.dx * sum(self.grid.read(source).astype(float) for source in self.momentum.sources)
         return {
             "max_divergence": float(np.abs(net).max() / max(self.max_speed, 1e-9)),
             "max_courant": self.max_courant,

@@ -1,4 +1,8 @@
-"""Gas dispersion on the grid (Eulerian advection-diffusion): sources emit vapour into the air (see `transport`)."""
+"""Gas dispersion on the grid (Eulerian advection-diffusion): sources emit vapour into the air (see `transport`).
+
+Gas that changes the air's density (buoyancy) also has a volume, that of an ideal gas, which displaces air (see
+`continuity`): no cell holds more than pure gas. The flow takes the volume of the step before.
+"""
 
 from collections.abc import Callable, Sequence
 from math import inf, isfinite
@@ -9,6 +13,7 @@ import taichi as ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, GridGas
 from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import launch
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.openings import Opening
@@ -62,7 +67,11 @@ class EulerianSolver(GridGas):
         scalar, scheme = scalar or Scalar(grid), LIMITED[gas.convection]
         adding = self.release.adding(scalar)
         self.transport = Transport(grid, wind, air, scheme, scalar, adding, self.surfaces, bool(gas.inflow))
-        self.c = scalar.q
+        self.c, self.source = scalar.q, scalar.source
+        if self.source is not None:
+            self.STATE = (*EulerianSolver.STATE, "source")
+            self._fill = launch(self.release.filling(self.source, self.transport.room))
+            self._regions = air.regions()
         self.begin(gas, t, seed)
 
     def begin(self, model: EulerianGas, t: float = 0.0, seed: int = 0) -> None:
@@ -70,6 +79,7 @@ class EulerianSolver(GridGas):
         self.species = model.vapour
         self._inflow = model.inflow
         self.release.begin(model.sources)
+        self._displaces = self.source is not None and self._all_vented()
         for emission, source in zip(self.emissions, model.sources, strict=True):
             emission.begin(source, t, seed, self.species)
         self.transport.begin(self.species.diffusivity, self._carrier.schmidt)
@@ -100,6 +110,11 @@ class EulerianSolver(GridGas):
         self.transport.start_from(lambda points: np.where(solid, 0.0, concentration(points)))
         self.initial_kg = self.transport.inside()
 
+    def _all_vented(self) -> bool:
+        """Return whether all sources release into air that an opening leads out of, so that gas can displace it."""
+        vented = self._carrier.boundaries.vented(self._regions)
+        return all(self._regions[tuple(cells[0])] in vented for cells, _ in self.release.balls)
+
     # ---------------------------------------------------------------- the step
 
     def advance(self, t: float, dt: float) -> None:
@@ -122,6 +137,8 @@ class EulerianSolver(GridGas):
     def _emit(self, t: float, dt: float) -> None:
         masses = [emission.mass(t, dt) for emission in self.emissions]
         self.release.set_amounts(masses)
+        if self._displaces:
+            self._fill(1e-6 * self.species.ppm_per_density / dt)
         self.emitted_kg += sum(masses)
 
     # ---------------------------------------------------------------- budget

@@ -14,6 +14,7 @@ import taichi as ti
 from taichi_plume.grid.fields import Faces
 from taichi_plume.grid.kernels import Field, Pass, Template, visit
 from taichi_plume.solvers.boundaries import Boundaries
+from taichi_plume.solvers.momentum import Momentum, density
 from taichi_plume.solvers.walls import Walls, straightness
 
 
@@ -25,7 +26,7 @@ class Ghosts:
         self.b, self.walls, self.lawful = boundaries, walls, walls is not None
         self.grid, self.dim = boundaries.grid, boundaries.dim
 
-    def _visit(self, body: Callable[..., None], *given: Field | Faces | bool) -> Pass:
+    def _visit(self, body: Callable[..., None], *given: Field | Faces | Momentum | bool) -> Pass:
         """Return the pass that calls ``body(*given, K, d, a)`` for all boundary faces K of each axis d.
 
         K[d] is 0 on the lower side of the domain and 1 on the upper one.
@@ -54,12 +55,13 @@ class Ghosts:
         """Return the pass that sets the ghost values of p such that free faces have the ambient pressure (or zero)."""
         return self._visit(self._fill_pressure_at, p, with_ambient)
 
-    def updating_losses(self, u: Field) -> Pass:
-        """Return the pass that sets the pressure on free faces from the loss K/2 u|u|.
+    def updating_losses(self, u: Field, m: Momentum) -> Pass:
+        """Return the pass that sets the pressure on free faces from the loss K/2 rho u|u|, rho the density of the air
+        that passes over the reference density: of the cell inside if air goes out, else 1.
 
         The pressure relaxes over dt (a) at the rate that is stable for any loss coefficient K.
         """
-        return self._visit(self._update_loss_at, u)
+        return self._visit(self._update_loss_at, u, m)
 
     @ti.func
     def _prescribe_at(self, u: Template, u0: Template, K, d: Template, a: float):
@@ -150,12 +152,13 @@ class Ghosts:
             p[outer] = 2.0 * self.b.ambient[d][K] * with_ambient - p[inner]
 
     @ti.func
-    def _update_loss_at(self, u: Template, K, d: Template, dt: float):
+    def _update_loss_at(self, u: Template, m: Template, K, d: Template, dt: float):
         if self.b.free[d][K] == 1:
             n = ti.static(self.grid.shape[d])
             face = K + ti.Vector.unit(self.dim, d, ti.i32) * (self.grid.ghost + K[d] * n - K[d])
             out = u[d][face] * (2 * K[d] - 1)
-            k = self.b.loss[d][K]
+            inner = face - ti.Vector.unit(self.dim, d, ti.i32) * K[d]
+            k = self.b.loss[d][K] * ti.select(out > 0.0, density(m, inner), 1.0)
             drop = 0.5 * k * out * ti.abs(out)
             relax = 1.0 / (1.0 + 2.0 * k * ti.abs(out) * dt / ti.static(self.grid.dx))
             self.b.ambient[d][K] += relax * (drop - self.b.ambient[d][K])

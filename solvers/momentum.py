@@ -56,19 +56,22 @@ def opennesses(grid: Grid, area: Sequence[np.ndarray], is_free: Sequence[np.ndar
 @dataclass
 class BuoyantScalar:
     """Cell field that changes the air's density (buoyancy, Boussinesq). weight: relative change of the density per unit
-    of the field, which the flow reads in `begin`.
+    of the field, which the flow reads in `begin`; source: cell field of the released volume of the scalar's gas [1/s],
+    None if the scalar takes no space.
     """
 
     field: Field
     weight: float
+    source: Field = None
 
 
 class Momentum:
     """Inputs of the momentum equation: the fields of the flow (see `FlowSolver`) and the parameters of the scenario.
 
     viscosity [m²/s]; constant: of the turbulence model; roughness: k_s of surfaces [m]; force: g dx [m²/s²] per axis;
-    weighing: cell fields of buoyancy; pull: acceleration [m/s²] per unit of each field; half_pull: pull dx/2. distance,
-    mixing [m]: distance of cells from the nearest surface, and the mixing length that depends on the distance.
+    weighing: cell fields of buoyancy; weight: relative change of the density per unit of each field; pull: acceleration
+    [m/s²] per unit of each field; half_pull: pull dx/2. sources: cell fields of released volume [1/s]. distance, mixing
+    [m]: distance of cells from the nearest surface, and the mixing length that depends on the distance.
 
     Where obstacles cut the grid, volumes in cells and areas in faces: spread[d], the inverse of the volume that stores
     the momentum of a face, 0 where no velocity is solved for; sheared[d][e], see `sheared_areas`.
@@ -84,6 +87,7 @@ class Momentum:
         fractions: Sequence[np.ndarray],
         areas: Sequence[np.ndarray] | None,
         weighing: Sequence[Field],
+        sources: Sequence[Field],
         tables: Tables,
         distance: np.ndarray | None,
     ):
@@ -124,21 +128,27 @@ class Momentum:
         self.eddy_model = MODELS.get(model.turbulence.kind)
         self.face_value = FACE_VALUES[model.convection]
         self.driven = model.acceleration is not None
-        self.weighing = tuple(weighing)
+        self.weighing, self.sources = tuple(weighing), tuple(sources)
         self.viscosity, self.constant, self.roughness = (ti.field(ti.f32, ()) for _ in range(3))
         self.force: Field = ti.Vector.field(grid.dim, ti.f32, ())
         count = max(1, len(self.weighing))
+        self.weight = ti.field(ti.f32, count)
         self.pull, self.half_pull = (ti.Vector.field(grid.dim, ti.f32, count) for _ in range(2))
         self._put = uploader(
-            self.viscosity, self.constant, self.roughness, self.force, self.pull, self.half_pull
+            self.viscosity, self.constant, self.roughness, self.force, self.weight, self.pull, self.half_pull
         )
 
-    def begin(self, model: CfdWind, pull: np.ndarray) -> None:
-        """Set the parameters; pull: buoyant acceleration per unit of each weighing field, (count, dim) [m/s²]."""
+    def begin(self, model: CfdWind, weight: np.ndarray, gravity: np.ndarray) -> None:
+        """Set the parameters; weight: relative change of the density per unit of each weighing field (count,); gravity:
+        (dim,) [m/s²].
+        """
         constant = 0.0 if model.turbulence.kind == "none" else model.turbulence.constant
         force = np.array(model.acceleration or (0.0,) * self.dim) * self.dx
-        pull = pull if len(pull) else np.zeros((1, self.dim))
-        self._put(model.viscosity, constant, model.roughness or 0.0, force, pull, 0.5 * self.dx * pull)
+        weight = weight if len(weight) else np.zeros(1)
+        pull = weight[:, None] * gravity
+        self._put(
+            model.viscosity, constant, model.roughness or 0.0, force, weight, pull, 0.5 * self.dx * pull
+        )
         if model.turbulence.kind != "none":
             grids, surface = mixing_lengths(self._near, self.dx, constant)
             smagorinsky = model.turbulence.kind == "smagorinsky"
@@ -236,6 +246,15 @@ def buoyancy(m: Template, I, d: Template, n: Template):
     """Return component d of the buoyancy at face I by the n-th weighing field (Boussinesq), times dx [m²/s²]."""
     q = ti.static(m.weighing[n])
     return m.half_pull[n][d] * (q[I] + q[I - ti.Vector.unit(m.dim, d, ti.i32)])
+
+
+@ti.func
+def density(m: Template, I):
+    """Return the density of the air in cell I over the reference density."""
+    result = 1.0
+    for n in ti.static(range(len(m.weighing))):
+        result += m.weight[n] * m.weighing[n][I]
+    return ti.max(result, 0.1)  # linear in the temperature
 
 
 # ---------------------------------------------------------------- all together

@@ -228,6 +228,26 @@ class Release:
 
         return Pass(add, self.cells)
 
+    def filling(self, source: Field, room: Field) -> Pass:
+        """Return the pass that sets the volume that the present amounts release in each cell [1/s], with a volume per
+        amount and time `a`; room: air fraction of each cell, None if no cell is cut.
+        """
+        cut = room is not None
+
+        @ti.func
+        def fill(a, b):
+            for _ in range(1):  # balls may share cells
+                for n in range(self._count[None]):
+                    source[self._cell[n]] = 0.0
+                for n in range(self._count[None]):
+                    I = self._cell[n]
+                    volume = ti.cast(self._amount[self._owner[n]] * self._share[n] * a, ti.f32)
+                    if ti.static(cut):
+                        volume *= room[I]
+                    source[I] += volume
+
+        return Pass(fill, self.cells)
+
     @ti.func
     def _add_to(self, q: Template, rest: Template):
         for _ in range(1):  # balls may share cells

@@ -28,12 +28,15 @@ from taichi_plume.solvers.surface_exchange import BETWEEN, FIRST, LAST, SurfaceE
 
 
 class Scalar:
-    """Scalar q per volume of air in the cells of a grid; rest: rounding errors of q, which is stored in f32."""
+    """Scalar q per volume of air in the cells of a grid; rest: rounding errors of q, which is stored in f32; source:
+    volume of gas that is released in each cell [1/s], None if the gas takes no space.
+    """
 
     STATE = ("q", "rest")
 
-    def __init__(self, grid: Grid):
+    def __init__(self, grid: Grid, takes_space: bool = False):
         self.q, self.rest = grid.field(), grid.field()
+        self.source: Field = grid.field() if takes_space else None
 
 
 FULLEST = 0.98  # largest share of a cell's content that leaves it in one stage, at the steepest slope

@@ -91,8 +91,8 @@ def build(
     starts, sources = _starts(scenario, clearance, walkers), _places(scenario)
     swarm = Swarm(scenario.robots, *starts, clearance, sources, scenario.seed, walkers, scenario.rivals)
     stirring = Stirring(scenario, swarm, grid)
-    scalars = {path: Scalar(grid) for path in _weights(scenario)}
-    weighing = [BuoyantScalar(scalar.q, 0.0) for scalar in scalars.values()]
+    scalars = {path: Scalar(grid, takes_space=True) for path in _weights(scenario)}
+    weighing = [BuoyantScalar(scalar.q, 0.0, scalar.source) for scalar in scalars.values()]
     _weigh(weighing, scenario)
     context = Context(scenario, resources, grid, air, scalars, weighing, stirring.makers)
     wind = _wind(context, film)
