@@ -6,6 +6,7 @@ from rooms import LAMINAR, cfd, eulerian
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.state import State
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
@@ -30,9 +31,8 @@ def box(openings: list[dict], solid: np.ndarray | None = None, **source) -> tupl
     return flow, EulerianSolver(model, grid, flow, air, scalar=scalar)
 
 
-def run(flow: FlowSolver, gas: EulerianSolver, end: float) -> None:
-    """Advance air and gas to `end` [s]."""
-    t = 0.0
+def run(flow: FlowSolver, gas: EulerianSolver, end: float, t: float = 0.0) -> None:
+    """Advance air and gas from t to `end` [s]."""
     while end - t > 1e-9:
         dt = min(flow.stable_dt(t), 0.05, end - t)
         flow.advance(t, dt)
@@ -74,3 +74,18 @@ def test_gas_in_a_closed_part_takes_no_space(sealed):
     assert outflow(flow) == pytest.approx(0.0, abs=1e-6)
     assert flow.diagnostics()["max_divergence"] < 1e-3
     assert gas.budget()["in_domain_kg"] == pytest.approx(5e-6, rel=1e-5)
+
+
+def test_a_restored_state_displaces_as_before():
+    flow, gas = box([{"kind": "outlet", "face": "x+"}], rate=1e-5, radius=0.03)
+    run(flow, gas, 0.2)
+    states = State(flow), State(gas)
+    saved = [state.save() for state in states]
+    run(flow, gas, 0.4, 0.2)
+    expected = outflow(flow), gas.grid.read(gas.c)
+    for state, values in zip(states, saved, strict=True):
+        state.clear()
+        state.restore(values)
+    run(flow, gas, 0.4, 0.2)
+    assert outflow(flow) == expected[0]
+    np.testing.assert_array_equal(gas.grid.read(gas.c), expected[1])
