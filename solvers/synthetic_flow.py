@@ -74,11 +74,12 @@ class Waves:
     """
 
     def __init__(self, wind: SyntheticWind, grid: Grid, rng: np.random.Generator):
-        longest, shortest = wind.longest, wind.shortest_on(grid.dx)
+        speed, longest, _ = wind.scales(grid.extent, grid.dx)
+        shortest = wind.shortest_on(grid.dx)
         bands = np.geomspace(2 * np.pi / longest, 2 * np.pi / shortest, wind.modes + 1)
         k = np.sqrt(bands[:-1] * bands[1:])
         share = bands[:-1] ** (-2 / 3) - bands[1:] ** (-2 / 3)  # energy integral, int k^-5/3 dk
-        spectrum = 0.5 * wind.speed**2 * share / share.sum() / np.diff(bands)
+        spectrum = 0.5 * speed**2 * share / share.sum() / np.diff(bands)
         last = bands[-1] ** (-5 / 3) / (3.0 * share.sum())  # E(k_c) of waves of unit mean square velocity
         self.eddies = 2.0 / 3.0 * KOLMOGOROV**-1.5 * np.sqrt(last / bands[-1])
         self.frequency = wind.unsteadiness * np.sqrt(k**3 * spectrum)
@@ -162,13 +163,14 @@ class SyntheticSolver(Carrier):
         self._ramp = {m: np.tanh(on_edges(self._distance, m) / layer) for m in axes}
         phases = self._rng.uniform(0.0, 2 * np.pi, (DRAWS, model.modes))
         squares = [self._mean_square(self._waves.at(phase)) for phase in phases]
-        self._strength = as_fast(model.speed, float(np.mean(squares)))
+        speed, _, circulation = model.scales(self.grid.extent, self.grid.dx)
+        self._strength = as_fast(speed, float(np.mean(squares)))
         self.schmidt = model.schmidt
         inner = np.tanh(self._distance / layer)[(slice(1, -1),) * self.dim]
         nu = np.maximum(self._strength * self._waves.eddies * inner, self.viscosity)
         self.max_viscosity = float(nu.max())
         self._put_eddies(self.grid.pad(nu))
-        self._largest = {m: self._roll(m, model.circulation / np.sqrt(len(axes))) for m in axes}
+        self._largest = {m: self._roll(m, circulation / np.sqrt(len(axes))) for m in axes}
         self._rolls = {m: largest * self._waves_of_roll(m) for m, largest in self._largest.items()}
         self._turn = dict(zip(axes, self._rng.standard_normal(len(axes)), strict=True))
         fastest = max(2 * np.pi / model.circulation_time, float(self._waves.frequency.max()))

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 from itertools import pairwise
-from math import hypot
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from math import hypot, prod
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -262,22 +262,35 @@ class FrozenWind(CfdWind):
             yield f"{where}.average: {self.average:g} s is longer than after: {self.after:g} s; lower it"
 
 
+TURNOVER, LARGEST = 300.0, 0.38
+"""Edge of a cube as large as a room over the speed of its eddies [s], and wavelength of the largest over the edge."""
+
+
+class Scales(NamedTuple):
+    """Scales of the air's motion in a closed room: speed of the eddies [m/s] and of rolls, longest wave [m]."""
+
+    speed: float
+    longest: float
+    circulation: float
+
+
 class SyntheticWind(AnyWind):
     """Weak convection of a closed room: random eddies and a slowly turning circulation. Nothing is solved.
 
     All faces of the domain are walls. It costs little; see solvers/synthetic_flow.py. Runs report the mixing of gas,
-    as an eddy diffusivity K: 0.004 m²/s with the defaults in 50 m³, half of it with half of the speeds. In homes 0.001
-    to 0.013 m²/s were measured with less than 0.2 to more than 5 air changes per hour n, by
-    K = V^(2/3) (0.52 n + 0.31) per hour in a room of volume V (Cheng et al. 2011, doi:10.1021/es103080p): 0.0012 m²/s
-    in 50 m³ without any, 0.0018 with 0.3, 0.004 with 1.5.
+    as an eddy diffusivity K, which is proportional to the speeds and to the eddies' length. In homes 0.001 to
+    0.013 m²/s were measured with less than 0.2 to more than 5 air changes per hour n, by
+    K = V^(2/3) (0.52 n + 0.31) per hour in a room of volume V (Cheng et al. 2011, doi:10.1021/es103080p). By default
+    speeds and lengths grow with the room, such that K is that of rooms with 0 to 0.5 air changes: 0.0017 m²/s in 50 m³.
     """
 
     kind: Literal["synthetic"]
-    speed: si.Speed = 0.03
-    """Root mean square of the eddies' speed over the room."""
-    longest: si.Length = 1.4
-    """Wavelength of the largest eddies: about the size of their cause, or of the room. Eddies of twice the length
-    mix about twice as fast."""
+    speed: si.Speed | None = None
+    """Root mean square of the eddies' speed over the room. Unless given, the edge of a cube (in 2-D a square) as large
+    as the room, over 300 s: 1.2 cm/s in 50 m³."""
+    longest: si.Length | None = None
+    """Wavelength of the largest eddies: about the size of their cause, or of the room. Unless given 0.38 of that
+    edge, 1.4 m in 50 m³; at least twice the shortest. Eddies of twice the length mix about twice as fast."""
     shortest: si.Length | None = None
     """Wavelength of the smallest eddies. Unless given 0.1 m, or four cells if larger. Shorter ones mix gas as
     an eddy viscosity."""
@@ -289,10 +302,10 @@ class SyntheticWind(AnyWind):
     unsteadiness: si.Coefficient = 0.5
     """Rate of change of the eddies: frequency of each wave over that of eddies of its size, sqrt(k³ E(k)). 0 keeps them
     constant."""
-    circulation: si.Speed = 0.0075
+    circulation: si.Speed | None = None
     """Root mean square speed of the rolls that fill the room, over room and time. They carry gas from one end to the
-    other."""
-    circulation_time: si.Duration = 60.0
+    other. Unless given a quarter of `speed`."""
+    circulation_time: si.Duration = 120.0
     """Time over which the rolls change their strength and direction."""
     wall_layer: si.Length = 0.3
     """Distance from walls and obstacles at which the eddies have about three quarters of their strength."""
@@ -303,12 +316,25 @@ class SyntheticWind(AnyWind):
         """Return the wavelength [m] of the smallest eddies on grid cells of `spacing` [m]."""
         return self.shortest or max(0.1, 4 * spacing)
 
+    def scales(self, extent: tuple[float, ...], spacing: float) -> Scales:
+        """Return the scales of the air's motion in a room of this extent [m] on grid cells of `spacing` [m]."""
+        edge = prod(extent) ** (1.0 / len(extent))
+        speed = edge / TURNOVER if self.speed is None else self.speed
+        longest = (
+            max(LARGEST * edge, 2.0 * self.shortest_on(spacing)) if self.longest is None else self.longest
+        )
+        return Scales(speed, longest, 0.25 * speed if self.circulation is None else self.circulation)
+
+    def _fastest(self, scenario: "Scenario") -> float:
+        speed, _, circulation = self.scales(scenario.domain.extent, scenario.domain.spacing)
+        return hypot(speed, circulation)
+
     def top_speed(self, scenario: "Scenario") -> float:
         """Return a speed [m/s] that only one position in ten thousand exceeds."""
-        return 2.0 * hypot(self.speed, self.circulation)
+        return 2.0 * self._fastest(scenario)
 
     def axes_speed(self, scenario: "Scenario") -> float:
-        return GUST * hypot(self.speed, self.circulation)
+        return GUST * self._fastest(scenario)
 
     def errors(self, where: str, context: Context) -> Iterator[str]:
         spacing = context.domain.spacing
@@ -318,7 +344,7 @@ class SyntheticWind(AnyWind):
                 f"{where}.shortest: {shortest:g} m is less than two cells of {spacing:g} m; "
                 f"use {4 * spacing:g} m or more, or lower domain.spacing"
             )
-        elif shortest >= self.longest:
+        elif self.longest is not None and shortest >= self.longest:
             yield (
                 f"{where}.longest: {self.longest:g} m is not above the shortest wavelength, {shortest:g} m; "
                 f"make it longer, or give a {where}.shortest below it"

@@ -25,7 +25,8 @@ def room(taichi):
     def make(shape, seed=0, **keys):
         grid = Grid(shape, 3.0 / shape[0])
         solid = blocks(shape, tuple(slice(n // 3, n // 2) for n in shape))
-        model = SyntheticWind.model_validate({"kind": "synthetic"} | keys)
+        moving = {"speed": 0.03, "longest": 1.4, "circulation": 0.0075, "circulation_time": 60.0}
+        model = SyntheticWind.model_validate({"kind": "synthetic"} | moving | keys)
         wind = kept(
             shape,
             lambda: SyntheticSolver(model, grid, Air.of(solid, grid), 0.0, seed),
@@ -60,6 +61,22 @@ def test_no_cell_gains_air_and_no_surface_lets_it_through(room, shape):
             assert np.all(v[closed] == 0.0)
             inner = tuple(slice(b, e + (a == d)) for a, (b, e) in enumerate(grid.cells))
             np.testing.assert_array_equal(wind.open[d].to_numpy()[inner], ~closed)
+
+
+def test_scales_of_the_air_grow_with_the_room():
+    model = SyntheticWind(kind="synthetic")
+    small, large = model.scales((2.5, 2.0, 1.25), 0.05), model.scales((5.0, 4.0, 2.5), 0.05)
+    np.testing.assert_allclose(large, 2.0 * np.array(small))
+    np.testing.assert_allclose(
+        large, (50.0 ** (1 / 3) / 300.0, 0.38 * 50.0 ** (1 / 3), 50.0 ** (1 / 3) / 1200.0)
+    )
+    assert model.scales((4.0, 1.0), 0.05).speed == pytest.approx(2.0 / 300.0)
+    assert model.scales((2.5, 2.0, 1.25), 0.2).longest == pytest.approx(
+        1.6
+    )  # twice the shortest, of four cells
+    given = SyntheticWind(kind="synthetic", speed=0.1, longest=1.0, circulation=0.0)
+    assert given.scales((5.0, 4.0, 2.5), 0.05) == (0.1, 1.0, 0.0)
+    assert SyntheticWind(kind="synthetic", speed=0.1).scales((5.0, 4.0, 2.5), 0.05).circulation == 0.025
 
 
 @pytest.mark.parametrize("shape", SHAPES)
