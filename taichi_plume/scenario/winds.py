@@ -281,7 +281,7 @@ class SyntheticWind(AnyWind):
     as an eddy diffusivity K, which is proportional to the speeds and to the eddies' length. In homes 0.001 to
     0.013 m²/s were measured with less than 0.2 to more than 5 air changes per hour n, by
     K = V^(2/3) (0.52 n + 0.31) per hour in a room of volume V (Cheng et al. 2011, doi:10.1021/es103080p). By default
-    speeds and lengths grow with the room, such that K is that of rooms with 0 to 0.5 air changes: 0.0017 m²/s in 50 m³.
+    speeds and lengths grow with the room, such that K is that of rooms with 0 to 0.5 air changes: 0.0015 m²/s in 50 m³.
     """
 
     kind: Literal["synthetic"]
