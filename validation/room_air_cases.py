@@ -36,13 +36,13 @@ LOOKS = (45.0, 120.0)  # s
 CLOSED = (0.0, 0.5)  # air changes per hour
 
 DISCUSSION = (
-    "Measured in homes: 1 to 13e-3 m²/s, growing with the air changes per hour. Reproduced: rooms of 7.6, 50 and 154 m³ "
-    "with the defaults mix as the law's rooms with 0 to 0.5 air changes per hour, 0.41, 1.5 and 3.5e-3 m²/s. K is "
-    "proportional to the speed and to the eddies' length: 0.07 of their product without rolls, in any room; rolls of a "
-    "quarter of the eddies' speed add a third. The law grows with the room's area, and so do ours, as speeds and lengths "
-    "are proportional to its edge. The 300 s in which eddies cross an edge were chosen by the law; before, 3 cm/s in "
-    "eddies of 1.4 m were the default of every room and mixed 50 m³ as 1.3 air changes do. The law is known to us from "
-    "a secondary source, without its scatter. Gas on the grid, released in the middle, has 1.0 times the K of "
+    "Measured in homes: 1 to 13e-3 m²/s, growing with the air changes per hour. Reproduced: rooms of 7.6, 50 and 154 "
+    "m³ mix with the defaults as the law's rooms with 0 to 0.5 air changes per hour, 0.41, 1.5 and 3.5e-3 m²/s. K is "
+    "proportional to the speed and to the eddies' length: 0.07 of their product without rolls; rolls of a quarter of "
+    "the eddies' speed add a third. The law grows with the room's area, and so does our K, as speeds and lengths are "
+    "proportional to the room's edge. The 300 s in which eddies cross an edge were chosen by the law. Before, 3 cm/s "
+    "in eddies of 1.4 m were the default of every room and mixed 50 m³ as 1.3 air changes do. The law is known to us "
+    "from a secondary source, without its scatter. Gas on the grid, released in the middle, has 1.0 times the K of "
     "particles.\n\n"
     "More ventilated rooms take a larger `speed`: 9 cm/s mix 50 m³ as 5 air changes."
 )
