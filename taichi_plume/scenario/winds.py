@@ -290,7 +290,7 @@ class SyntheticWind(AnyWind):
     as the room, over 300 s: 1.2 cm/s in 50 m³."""
     longest: si.Length | None = None
     """Wavelength of the largest eddies: about the size of their cause, or of the room. Unless given 0.38 of that
-    edge, 1.4 m in 50 m³; at least twice the shortest. Eddies of twice the length mix about twice as fast."""
+    edge, 1.4 m in 50 m³; at least 0.2 m and eight cells. Eddies of twice the length mix about twice as fast."""
     shortest: si.Length | None = None
     """Wavelength of the smallest eddies. Unless given 0.1 m, or four cells if larger. Shorter ones mix gas as
     an eddy viscosity."""
@@ -320,9 +320,7 @@ class SyntheticWind(AnyWind):
         """Return the scales of the air's motion in a room of this extent [m] on grid cells of `spacing` [m]."""
         edge = prod(extent) ** (1.0 / len(extent))
         speed = edge / TURNOVER if self.speed is None else self.speed
-        longest = (
-            max(LARGEST * edge, 2.0 * self.shortest_on(spacing)) if self.longest is None else self.longest
-        )
+        longest = max(LARGEST * edge, 0.2, 8.0 * spacing) if self.longest is None else self.longest
         return Scales(speed, longest, 0.25 * speed if self.circulation is None else self.circulation)
 
     def _fastest(self, scenario: "Scenario") -> float:
@@ -344,9 +342,9 @@ class SyntheticWind(AnyWind):
                 f"{where}.shortest: {shortest:g} m is less than two cells of {spacing:g} m; "
                 f"use {4 * spacing:g} m or more, or lower domain.spacing"
             )
-        elif self.longest is not None and shortest >= self.longest:
+        elif shortest >= (longest := self.scales(context.domain.extent, spacing).longest):
             yield (
-                f"{where}.longest: {self.longest:g} m is not above the shortest wavelength, {shortest:g} m; "
+                f"{where}.longest: {longest:.3g} m is not above the shortest wavelength, {shortest:g} m; "
                 f"make it longer, or give a {where}.shortest below it"
             )
 

@@ -71,9 +71,7 @@ def test_scales_of_the_air_grow_with_the_room():
         large, (50.0 ** (1 / 3) / 300.0, 0.38 * 50.0 ** (1 / 3), 50.0 ** (1 / 3) / 1200.0)
     )
     assert model.scales((4.0, 1.0), 0.05).speed == pytest.approx(2.0 / 300.0)
-    assert model.scales((2.5, 2.0, 1.25), 0.2).longest == pytest.approx(
-        1.6
-    )  # twice the shortest, of four cells
+    assert model.scales((2.5, 2.0, 1.25), 0.2).longest == pytest.approx(1.6)  # eight cells
     given = SyntheticWind(kind="synthetic", speed=0.1, longest=1.0, circulation=0.0)
     assert given.scales((5.0, 4.0, 2.5), 0.05) == (0.1, 1.0, 0.0)
     assert SyntheticWind(kind="synthetic", speed=0.1).scales((5.0, 4.0, 2.5), 0.05).circulation == 0.025
