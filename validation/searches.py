@@ -1,6 +1,6 @@
 """Runs of experiments: search trials of robots in one or several airs with their statistics, and runs with probes."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -49,11 +49,12 @@ def afresh() -> None:
     kernels.start("cpu" if kernels.on_cpu() else ti.cfg.arch.name)
 
 
-def outcomes(sim: TimeLoop) -> dict[str, dict[str, list[Any]]]:
-    """Return the columns of `trial_outcomes` of a finished run, by the names of its groups."""
+def outcomes(sim: TimeLoop, names: Container[str] | None = None) -> dict[str, dict[str, list[Any]]]:
+    """Return the columns of `trial_outcomes` by group, of all groups or those in `names`."""
     snapshot = sim.swarm.snapshot()
     sources = source_places(sim)
-    return {group.name: trial_outcomes(group, snapshot, sources) for group in sim.swarm.groups}
+    groups = [group for group in sim.swarm.groups if names is None or group.name in names]
+    return {group.name: trial_outcomes(group, snapshot, sources) for group in groups}
 
 
 def pooled(parts: Iterable[tuple[Key, Mapping[str, Sequence[Any]]]]) -> dict[Key, dict[str, np.ndarray]]:
@@ -146,11 +147,15 @@ def searches(
 
 
 def contest(data: Keys, folder: Path = Path(), limit: float = inf) -> dict[str, dict[str, list[Any]]]:
-    """Run a scenario with its groups as rivals; return the columns of `trial_outcomes` by group.
+    """Run a scenario with its groups as rivals; return the columns of `trial_outcomes` by group. limit: see `race`."""
+    return race(assemble(scenario_of(data | {"rivals": True}, folder), folder), limit)
+
+
+def race(sim: TimeLoop, limit: float) -> dict[str, dict[str, list[Any]]]:
+    """Run the searches of a simulation; return the columns of `trial_outcomes` by group.
 
     limit: duration of each search [s], from the start of its group; the run ends with the last search.
     """
-    sim = assemble(scenario_of(data | {"rivals": True}, folder), folder)
     results: dict[str, dict[str, list[Any]]] = {}
     late = {group.name: group.model.begin + limit for group in sim.swarm.groups}
     sim.observe()
@@ -159,10 +164,9 @@ def contest(data: Keys, folder: Path = Path(), limit: float = inf) -> dict[str, 
         sim.observe()
         over = [name for name, end in late.items() if sim.t >= end]
         if over:
-            now = outcomes(sim)
-            results |= {name: now[name] for name in over}
-            late = {name: end for name, end in late.items() if name not in over}
-    return results | {name: columns for name, columns in outcomes(sim).items() if name in late}
+            results |= outcomes(sim, over)
+            late = {name: end for name, end in late.items() if name not in results}
+    return results | outcomes(sim, late)
 
 
 def probed(data: Keys, sim: TimeLoop | None = None) -> tuple[TimeLoop, np.ndarray, "pa.Table"]:

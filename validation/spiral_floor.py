@@ -74,7 +74,7 @@ def _minimum() -> float:
     return float((1.0 / (NEAR + d[d > FAR])).mean())
 
 
-def _searched(groups: list[Keys], spreads: list[float]) -> list[dict[str, np.ndarray]]:
+def searched_on_floor(groups: list[Keys], spreads: list[float]) -> list[dict[str, np.ndarray]]:
     """Return the outcomes of searches by groups of rivals, each with indices of its own noise."""
     sim = assemble(scenario_of(floor(groups, LONGEST) | {"rivals": True}))
     sim.sensors = NoisyIndex(sim.swarm, np.repeat(spreads, [g.size for g in sim.swarm.groups]))
@@ -99,7 +99,7 @@ def arms(trials: int) -> Results:
         for name, lengths in ARMS.items()
         for d in DISTANCES
     ]
-    columns = _searched(groups, [0.0] * len(groups))
+    columns = searched_on_floor(groups, [0.0] * len(groups))
     results: dict[str, Mean] = {}
     for k, name in enumerate(ARMS):
         both = columns[2 * k : 2 * k + 2]
@@ -120,7 +120,7 @@ def noisy(trials: int) -> dict[tuple[str, int, float], np.ndarray]:
     algorithms = ALGORITHMS | {"SPIRAL": ALGORITHMS["SPIRAL"] | {"minimum_ppm": _minimum()}}
     cases = [(name, d, s) for name in NOISY for d in DISTANCES for s in SPREADS]
     groups = [momo(f"{name} {d} {s}", trials, at(d), algorithms[name]) for name, d, s in cases]
-    columns = _searched(groups, [s for *_, s in cases])
+    columns = searched_on_floor(groups, [s for *_, s in cases])
     return {case: sample["acquisitions"] for case, sample in zip(cases, columns, strict=True)}
 
 
