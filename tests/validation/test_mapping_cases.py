@@ -142,7 +142,8 @@ def test_a_short_run_tells_everything(monkeypatch):
 def test_lines_are_drawn():
     x = np.arange(3.0)
     case = dict.fromkeys(("about", "reference", "discussion", "message"), "")
-    case |= {"name": "maps", "wall_s": 1.0, "passed": True}
+    case |= {"name": "maps", "wall_s": 1.0, "passed": True, "skipped": False}
+    case["evidence"] = "published"
     report = {"passed": True, "cases": [case], "wall_s": 1.0, "backend": "cpu", "versions": {}}
     drawn = page(report, {"maps": {"errors": Lines("t", "MAE", x, {"one": x, "two": 2 * x})}})
     assert drawn.count("<img") == 1
