@@ -33,7 +33,8 @@ Open, with bounds set before any run of this scan:
     length          of the room [m], which sets its volume: the drawing has no scale besides the arena.
 
 The usual air mixes the room as one with 1.3 air changes per hour, about twice as much as that of `spiral_table2`; its
-values were the defaults of `synthetic` when the scan was made. A search ends after 1200 s, and counts with its acquisitions until then: fewer than in the end, in favour of the paper.
+values were the defaults of `synthetic` when the scan was made. A search ends after 1200 s, and counts with its
+acquisitions until then: fewer than in the end, in favour of the paper.
 """
 
 from collections.abc import Sequence
@@ -356,8 +357,8 @@ acquisitions from 180 cm (published: 11.5; two standard errors: 9.3 to 13.7) and
 eight airs. From 150 cm it misses by 0.6. This point was chosen for its acquisitions, and lies three quarters of the way
 from our usual values to those that the response surface expects to be best. At its end SPIRAL takes 15 again.
 
-The air of this point is stiller than ours: eddies of 1.3 cm/s and up to 0.8 m, a quarter of our mixing, and rolls that
-are weak and change in half a minute. In closed rooms without ventilation about as little mixing was measured (see
+The air of this point is stiller than the usual: eddies of 1.3 cm/s and up to 0.8 m, a quarter of its mixing, and rolls
+that are weak and change in half a minute. In closed rooms without ventilation about as little mixing was measured (see
 `SyntheticWind`). Of the robot the first arm and the square matter (rank correlations of 512 points: -0.21 and -0.27);
 for all others, thresholds, sensor and the reading of peaks among them, the rank is below 0.07 and within chance (0.09).
 Ranks of the air are of 16 airs: the largest are those of the eddies' size (0.32) and of the rolls.
