@@ -18,7 +18,8 @@ Ours: the bodies, to about 1 cm, from a pinhole camera that fits the corners of 
 0.2 pixels. The gables of the halls are steps. The inflow has the measured profile at x = 1.14 m, eddies of 0.3 m and an
 intensity of 0.12, about the exponent of the profile: our assumption, as only means are published. The vapour leaves the
 hole with an unknown speed: 12 cm behind it the measured plume is already 10 cm above the roof. The source is a ball at
-that height, and only points beyond that plane are judged. A source on the roof itself is reported beside it.
+that height, and only points beyond that plane are judged. Beside it, and not judged: a source on the roof itself, gas
+in the mean of the wind, and a Gaussian plume in closed form from the same height, as wide as the intensity makes it.
 
 Expected, set before the judged runs, at every resolution, for gas on the grid and for puffs: the bounds of `agreement`.
 They are FAC2 >= 0.5, a fractional bias within 0.3, NMSE <= 4, and a hit rate of each component of the wind >= 0.66. The
@@ -255,6 +256,19 @@ GAS = {"FAC2": Range(least=0.5), "fractional bias": Range(-0.3, 0.3), "NMSE": Ra
 EXPECTED = {f"gas {words}: {name}": bound for words in WORDS.values() for name, bound in GAS.items()} | {
     f"wind {axis}: hit rate": Range(least=0.66) for axis in "uvw"
 }
+DISCUSSION = """\
+Reproduced: where the gas goes, and how much of it. At all three resolutions, on the grid and in puffs, 0.69 to 0.75 of the
+concentrations are within a factor of two; on average they are a quarter too high. Finer cells change less than another
+air does. The wind along the tunnel is right at 0.88 of the points, that upward at 0.75.
+
+Not reproduced: the wind across, 0.52 to 0.53. The measured air converges towards the middle, by 0.08 m/s on one side and
+0.2 m/s on the other, also ahead of the bodies and high above them. Our inflow is parallel, as the profile is one of
+heights only. Where y < 0.3 m 0.5 to 0.75 of the points agree, at the edge beyond 0.1.
+
+The bounds ask little: a Gaussian plume from the same height reaches FAC2 = 0.76 as well. What decides is that height: from
+the roof itself ROOFED. In the mean of the wind FROZEN. Neither the release rate nor the time of averaging is published.
+"""
+
 CASES = (
     Experiment(
         "red_vapor",
@@ -265,12 +279,13 @@ CASES = (
                 Condition(f"cells of {100 * cell:g} cm", partial(compared, cell=cell), expected=EXPECTED)
                 for cell in (0.06, 0.04, 0.03)
             ),
-            Condition("source on the roof, cells of 4 cm", partial(compared, cell=0.04, rise=0.01)),
-            Condition("frozen mean wind, cells of 4 cm", partial(compared, cell=0.04, frozen=True)),
+            Condition("source on the roof, cells of 6 cm", partial(compared, cell=0.06, rise=0.01)),
+            Condition("frozen mean wind, cells of 6 cm", partial(compared, cell=0.06, frozen=True)),
             Condition("Gaussian plume", gaussian_plume),
         ),
         evidence="measured",
         trials=3,
         test_trials=0,
+        discussion=DISCUSSION,
     ),
 )
