@@ -77,7 +77,7 @@ def test_air_that_rests_mixes_nothing(taichi):
 
 def test_the_particles_ride_the_flow_of_the_run(air):
     grid, _, wind = air
-    wind.begin(SyntheticWind(kind="synthetic", shortest=0.5), 0.0, 4)
+    wind.begin(SyntheticWind(kind="synthetic", shortest=0.5, longest=1.4), 0.0, 4)
     march(3, wind.interval, wind)
     room, t = wind.room, 3 * wind.interval
     x = room.starts(2000, np.random.default_rng(0))
