@@ -152,8 +152,8 @@ def _means(rows: list[dict[str, Any]]) -> str:
     for row in rows:
         condition = "" if row["condition"] == last else _plain(row["condition"])
         last = row["condition"]
-        told = _plain(row["quantity"]), _found(row), _plain(row["published"]), _limit(row["expected"] or "")
-        lines.append(f"| {' | '.join((condition, *told, WORDS[row['met']]))} |")
+        cells = _plain(row["quantity"]), _found(row), _plain(row["published"]), _limit(row["expected"] or "")
+        lines.append(f"| {' | '.join((condition, *cells, WORDS[row['met']]))} |")
     return "\n".join(lines) + "\n"
 
 
@@ -203,19 +203,19 @@ def _table(names: list[str], cases: dict[str, Known], results: dict[str, Any]) -
     for name in names:
         about, reference, evidence, _ = cases[name]
         first = f"{_plain(about)} (`{name}`)", _linked(reference), evidence
-        for told in _told(results[name]) if name in results else [("", "", NOT_RUN)]:
-            rows.append(f"| {' | '.join((*first, *told))} |")
+        for cells in _judged(results[name]) if name in results else [("", "", NOT_RUN)]:
+            rows.append(f"| {' | '.join((*first, *cells))} |")
             first = "", "", ""
     return "\n".join(rows) + "\n"
 
 
-def _told(result: dict[str, Any]) -> list[tuple[str, str, str]]:
+def _judged(result: dict[str, Any]) -> list[tuple[str, str, str]]:
     """Target, measurement and verdict of every judged quantity."""
     if result["message"]:
         return [("", _plain(result["message"]), WORDS[False])]
-    told = [(*_norm(row), WORDS[row["met"]]) for row in result.get("norms", ()) if row["met"] is not None]
-    told += [(*_mean(row), WORDS[row["met"]]) for row in result.get("rows", ()) if row["met"] is not None]
-    return told or [("", "reported, not judged", "")]
+    rows = [(*_norm(row), WORDS[row["met"]]) for row in result.get("norms", ()) if row["met"] is not None]
+    rows += [(*_mean(row), WORDS[row["met"]]) for row in result.get("rows", ()) if row["met"] is not None]
+    return rows or [("", "reported, not judged", "")]
 
 
 def _norm(row: dict[str, Any]) -> tuple[str, str]:
@@ -227,8 +227,8 @@ def _norm(row: dict[str, Any]) -> tuple[str, str]:
 
 def _mean(row: dict[str, Any]) -> tuple[str, str]:
     published = f"; published: {_plain(row['published'])}" if row["published"] else ""
-    wanted = f"{_plain(row['condition'])}, {_plain(row['quantity'])}: {_limit(row['expected'])}"
-    return wanted, f"{_found(row)}{published}"
+    target = f"{_plain(row['condition'])}, {_plain(row['quantity'])}: {_limit(row['expected'])}"
+    return target, f"{_found(row)}{published}"
 
 
 def _found(row: dict[str, Any]) -> str:

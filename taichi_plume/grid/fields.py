@@ -283,10 +283,8 @@ def sample_solenoidal(u: Template, x: Template, dx: float, ghost: ti.i32, padded
     uniform. Tangential velocities change at faces by a step of second order.
     """
     dim = ti.static(x.n)
-    I, away = (
-        ti.Vector.zero(ti.i32, dim),
-        ti.Vector.zero(ti.f32, dim),
-    )  # cell; position from its middle [cells]
+    I = ti.Vector.zero(ti.i32, dim)  # cell
+    away = ti.Vector.zero(ti.f32, dim)  # position from its middle [cells]
     for d in ti.static(range(dim)):
         position = ti.math.clamp(x[d] / dx, 0.0, padded[d] - 2.0 * ghost)
         I[d] = ti.min(ti.cast(position, ti.i32), padded[d] - 2 * ghost - 1)

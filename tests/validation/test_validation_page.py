@@ -29,8 +29,8 @@ def result(name: str, **changes) -> dict:
         "met": True,
     }
     made = {"date": "2026-01-02", "commit": "abc", "versions": {"taichi_plume": "1.2"}, "backend": "cpu"}
-    told = {"name": name, "about": "a flow", "passed": True, "message": "", "norms": [norm], "pictures": {}}
-    return told | made | changes
+    stored = {"name": name, "about": "a flow", "passed": True, "message": "", "norms": [norm], "pictures": {}}
+    return stored | made | changes
 
 
 def row_of(page: str, name: str) -> list[str]:
@@ -54,7 +54,7 @@ def test_the_table_at_a_glance_has_every_case_once(extension):
     assert sum(len(re.findall("`", " ".join(cells))) for cells in rows.values()) == 2 * len(CASES)
     met, missed, _ = zip(*rows.values(), strict=True)
     for cells, passed in ((met, True), (missed, False)):
-        judged = {name for name, told in RESULTS.items() if told["passed"] is passed}
+        judged = {name for name, stored in RESULTS.items() if stored["passed"] is passed}
         assert set(re.findall(r"`(\w+)`", " ".join(cells))) == judged
 
 
@@ -100,13 +100,13 @@ def test_what_failed_or_was_not_run_is_said(extension):
 
 
 def test_each_judgement_has_its_row_and_a_doi_is_a_short_link(extension):
-    told = result("pipe")
-    told["norms"] = [
-        told["norms"][0] | {"norm": norm, "met": met}
+    stored = result("pipe")
+    stored["norms"] = [
+        stored["norms"][0] | {"norm": norm, "met": met}
         for norm, met in (("u", True), ("p", None), ("q", False))
     ]
     page = extension.page(
-        {"pipe": extension.Known("a pipe", "X 1996, case <2>, doi:10.1007/978-3_39", "law")}, {"pipe": told}
+        {"pipe": extension.Known("a pipe", "X 1996, case <2>, doi:10.1007/978-3_39", "law")}, {"pipe": stored}
     )
     first, second = [line for line in page.splitlines() if line.endswith(("met |", "met** |"))]
     assert first.startswith(
@@ -115,16 +115,16 @@ def test_each_judgement_has_its_row_and_a_doi_is_a_short_link(extension):
     assert second.startswith("|  |  |  | q: ")
 
 
-def test_a_paper_is_told_of_at_length(extension):
+def test_a_paper_is_described_at_length(extension):
     """Its paragraphs, what was published beside what was found, and the rest for who wants it."""
     row = {"condition": "casting", "quantity": "time", "mean": 40.0, "low": 35.0, "high": 45.0, "n": 20}
     rows = [
         row | {"airs": 8, "published": "38 s", "expected": "<= 60", "met": True},
         row | {"quantity": "bumps", "airs": None, "published": "", "expected": None, "met": None},
     ]
-    told = result("dapso_arena", rows=rows, norms=[], wall_s=90.0)
+    stored = result("dapso_arena", rows=rows, norms=[], wall_s=90.0)
     known = extension.Known("teams", "a paper", "published", "It is <so>.\n\n# Not always.")
-    page = extension.repeated({"dapso_arena": known, "annex20": known}, {"dapso_arena": told})
+    page = extension.repeated({"dapso_arena": known, "annex20": known}, {"dapso_arena": stored})
     first, rest = page.split("<details>")
     assert "*teams* (a paper; evidence: published)" in first
     assert "\nIt is \\<so\\>.\n\n\\# Not always.\n" in first
@@ -141,4 +141,4 @@ def test_results_that_are_kept_can_all_be_shown(extension, tmp_path):
     page = extension.page(extension.cases(), RESULTS)
     assert page.count("\n| ") >= len(CASES)
     drawn = set(re.findall(r"plots/(\w+)\.svg", page))
-    assert drawn == {name for name, told in RESULTS.items() if extension._panels(told)}
+    assert drawn == {name for name, stored in RESULTS.items() if extension._panels(stored)}
