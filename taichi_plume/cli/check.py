@@ -18,14 +18,13 @@ from taichi_plume.guard.terminal import say
 from taichi_plume.scenario.key_facts import facts
 from taichi_plume.scenario.readable_yaml import all_keys, own_keys
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.scenario.size import derived, estimate, memory
+from taichi_plume.scenario.size import amounts, derived, estimate
 from taichi_plume.scenario.vocabulary import Model
 
 COLUMN = 34  # of explanations, unless the line is longer
 WIDTH = 120  # columns where the output is no terminal
 NARROWEST = 60
 NAMES = 9  # columns of the names of derived quantities
-PROGRAM_BYTES = 4e8  # measured: Python, Taichi and compiled kernels
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -42,10 +41,7 @@ def print_check(prepared: Prepared, out: Path | None = None, whole: bool = False
         say(f"# {name:<{NAMES}} {line}")
     for n, warning in enumerate(prepared.resources.warnings, 1):
         say(f"# unlikely {n}: {warning}")
-    size = estimate(scenario)
-    needed = round(size["bytes"] + PROGRAM_BYTES, -7)
-    amounts = f"{memory(needed)} of memory, {memory(size['disk'])} on the disk"
-    say(f"# {'size':<{NAMES}} about {amounts}, {duration(size['wall_s'])} on a few CPU cores")
+    say(f"# {'size':<{NAMES}} {amounts(estimate(scenario))}")
     path = out / CHECK if out is not None else Path("runs") / f"{scenario.name}-{CHECK}"
     fault = draw_scene(prepared, path)
     drawn = path if fault is None else f"not drawn, {path}: {fault}"
@@ -54,13 +50,6 @@ def print_check(prepared: Prepared, out: Path | None = None, whole: bool = False
     say(f"# {'more':<{NAMES}} {every}one key: python -m taichi_plume.scenario --explain KEY", flush=True)
     if fault is not None:
         say(f"note: {path}: {fault}", error=True)
-
-
-def duration(seconds: float) -> str:
-    """Return a duration, given in seconds, as text in seconds, minutes or hours."""
-    if seconds < 100:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.0f} h"
 
 
 def explained(scenario: Scenario, wide: int = WIDTH) -> str:

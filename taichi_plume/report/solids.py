@@ -42,9 +42,19 @@ def solid(axes: Axes, shape: Shape, plane: tuple[int, int]) -> Artist:
         style: Style = {"facecolor": theme.SOLID, "edgecolor": "none", "zorder": 4}
         return axes.add_collection(PatchCollection(squares, **style))
     style = {"facecolor": theme.SOLID, "edgecolor": theme.SOLID_EDGE, "linewidth": 0.9, "zorder": 4}
+    return axes.add_patch(_patch(shape, plane, style))
+
+
+def polygons(shape: Shape, plane: tuple[int, int]) -> list[np.ndarray]:
+    """Return the polygons (n, 2) [m] that the drawing of an obstacle's projection fills, each closed."""
+    patch = _patch(shape, plane, {})
+    return patch.get_path().transformed(patch.get_patch_transform()).to_polygons(closed_only=True)
+
+
+def _patch(shape: Shape, plane: tuple[int, int], style: Style) -> Patch:
     seen_from_above = plane == ABOVE or isinstance(shape, Ball | Solid)
     outline = OUTLINES.get(type(shape), _bounds) if seen_from_above else _bounds
-    return axes.add_patch(outline(shape, plane, style))
+    return outline(shape, plane, style)
 
 
 def _is_cubes(shape: Shape) -> TypeGuard[Cubes]:

@@ -1,6 +1,6 @@
 """Size of a scenario's run: cells, memory, disk space, steps and computing time, and other derived quantities."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from math import ceil, prod
 
 import psutil
@@ -24,6 +24,7 @@ MOST_PIXELS = 400  # per axis of a recorded plane
 MOST_VOXELS = 96  # per axis of a recorded volume
 BYTES_PER_ROW = 33  # in robots.parquet, a row per robot and tick
 BYTES_OF_REPORT = 5e5
+PROGRAM_BYTES = 4e8  # measured: Python, Taichi and compiled kernels
 CELL_STEPS_PER_SECOND = {2: 3e6, 3: 5e6}  # rough: wind and gas on a few CPU cores
 
 
@@ -175,6 +176,19 @@ def memory(amount: float) -> str:
     if amount < 9.95e8:
         return f"{max(amount / 1e6, 1.0):.2g} MB" if amount < 9.95e7 else f"{amount / 1e6:.0f} MB"
     return f"{amount / 1e9:,.0f} GB" if amount >= 1e11 else f"{amount / 1e9:.2g} GB"
+
+
+def amounts(size: Mapping[str, float]) -> str:
+    """Return memory, disk space and time of a run as text; size: result of `estimate`."""
+    needed = round(size["bytes"] + PROGRAM_BYTES, -7)
+    room = f"about {memory(needed)} of memory, {memory(size['disk'])} on the disk"
+    return f"{room}, {_duration(size['wall_s'])} on a few CPU cores"
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.0f} h"
 
 
 def derived(scenario: Scenario) -> Iterator[tuple[str, str]]:

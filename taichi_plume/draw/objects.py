@@ -1,0 +1,305 @@
+"""Objects of a drawing: a function of the YAML text alone. A text with mistakes is drawn as far as it can be read."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from taichi_plume.draw.document import data_of, value_at
+from taichi_plume.draw.parts import (
+    Body,
+    Outline,
+    Pane,
+    Part,
+    Plane,
+    Point,
+    Rectangle,
+    Room,
+    Spot,
+    Values,
+    Wrapped,
+    probe_part,
+    start_part,
+)
+from taichi_plume.draw.quantities import metres, plain
+from taichi_plume.grid.shapes import Shape, ShapeError
+from taichi_plume.guard.safe_open import gate
+from taichi_plume.guard.yaml_text import LineError
+from taichi_plume.report import theme
+from taichi_plume.report.theme import ABOVE, SIDE
+from taichi_plume.scenario.changes import changed, steps_of
+from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.key_facts import models_in, own_kind
+from taichi_plume.scenario.robots import Group
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.shapes import shape
+from taichi_plume.scenario.vocabulary import Model
+
+CACHED_SHAPES = 64
+LISTS = ("wind.openings", "wind.screens", "obstacles", "wind.buoyancy.heat.walls", "wind.buoyancy.heat.heaters")
+PLACES = ("center", "position", "at", "start", "low", "translate")
+"""Keys that say about where an object is which cannot be read otherwise."""
+
+
+@dataclass(frozen=True)
+class Thing:
+    """An object of the drawing, or a section without a position. path: its section in the text; name: for lists.
+
+    color: as "#rrggbb". part: None without a position, or if unreadable; mark: position of an unreadable object, if at
+    least this can be read.
+    """
+
+    path: str
+    name: str
+    color: str
+    part: Part | None = None
+    mark: Point | None = None
+
+    def outlines(self, plane: Plane) -> list[Outline]:
+        """Return what is drawn in a plane."""
+        return self.part.outlines(plane) if self.part else []
+
+    def handles(self, plane: Plane) -> dict[str, Point]:
+        """Return the handles in a plane by their names."""
+        return self.part.handles(plane) if self.part else {}
+
+    @property
+    def place(self) -> Point | None:
+        """Position for a label or a number, from above."""
+        handles = self.handles(ABOVE)
+        return handles.get("center") or next(iter(handles.values()), None) or self.mark
+
+
+@dataclass(frozen=True)
+class Scene:
+    """All objects of a text, in the order of drawing. room: extent of the domain [m]; None if it cannot be read."""
+
+    data: Mapping[str, Any]
+    room: tuple[float, ...] | None
+    things: tuple[Thing, ...]
+
+    @property
+    def planes(self) -> list[Plane]:
+        """Planes of the views: from above and, in 3-D, from the side."""
+        return [ABOVE, SIDE] if self.room is not None and len(self.room) == 3 else [ABOVE]
+
+    def thing(self, path: str) -> Thing | None:
+        """Return the object at a path; None if there is none."""
+        return next((thing for thing in self.things if thing.path == path), None)
+
+    def owner(self, path: str) -> str:
+        """Return the path of the innermost object that contains a path of keys; "" (the experiment) for all others."""
+        inside = [
+            thing.path
+            for thing in self.things
+            if thing.path and f"{path}.".startswith((f"{thing.path}.", f"{thing.path}["))
+        ]
+        return max(inside, key=len, default="")
+
+
+def scene(text: str, folder: Path, allow_outside: bool = False) -> Scene:
+    """Return the objects of a text; folder: of its files; allow_outside: whether files may lie outside of it."""
+    try:
+        data = data_of(text)
+    except LineError:
+        return Scene({}, None, ())
+    domain = read(data, "domain")
+    room = tuple(round(x, 9) for x in domain.extent) if isinstance(domain, Domain) else None
+    things = [Thing(path, name, theme.FAINT) for path, name in _unplaced(data)]
+    things += [Thing("domain", "room", theme.INK, Room(domain, room) if room else None)]
+    gate_folder = None if allow_outside else folder
+    for path, name in _paths(data):
+        part, model = None, read(data, path)
+        if room is not None:
+            try:
+                with gate(gate_folder):
+                    part = _part(data, path, model, room, folder)
+                    if part is not None:
+                        for plane in (ABOVE, SIDE)[: len(room) - 1]:
+                            part.outlines(plane), part.handles(plane)
+            except (ShapeError, OSError, ValueError, LookupError, TypeError):
+                part = None  # such as a position with too few numbers, or a file that cannot be read
+        things.append(Thing(path, name, _color(data, path, model), part, None if part else _mark(data, path)))
+    return Scene(data, room, tuple(things))
+
+
+def preview(of: Scene, path: str, values: Values, folder: Path) -> Thing | None:
+    """Return an object with other values of keys [SI], while it is dragged; None if it cannot be read then."""
+    thing = of.thing(path)
+    if thing is None or thing.part is None or of.room is None:
+        return None
+    data = changed(of.data, {f"{path}{thing.part.within}.{key}": plain(value) for key, value in values.items()})
+    model, room = read(data, path), of.room
+    if isinstance(model, Domain):
+        return replace(thing, part=Room(model, model.extent))
+    with gate(None):
+        return replace(thing, part=_part(data, path, model, room, folder))
+
+
+def read(data: Mapping[str, Any], path: str) -> Model | None:
+    """Return the section of the data at a path; None if it is absent or has mistakes."""
+    values, kind = value_at(data, path), model_at(data, path)
+    if kind is None or not isinstance(values, dict):
+        return None
+    try:
+        return TypeAdapter(kind).validate_python(values)
+    except ValidationError:
+        return None
+
+
+def model_at(data: Mapping[str, Any], path: str) -> type[Model] | None:
+    """Return the class of the section at a path, by the kinds that the data name; None if it is not known."""
+    return _of_kind(classes_at(data, path), value_at(data, path))
+
+
+def classes_at(data: Mapping[str, Any], path: str) -> list[type[Model]]:
+    """Return the classes that the section at a path may have, by the kinds of the sections around it."""
+    classes: list[type[Model]] = [Scenario]
+    place: Any = data
+    for step in steps_of(path) if path else ():
+        if step.isdecimal():
+            place = place[int(step)] if isinstance(place, list) and int(step) < len(place) else None
+            continue
+        model = _of_kind(classes, place)
+        if model is None or step not in model.model_fields:
+            return []
+        classes = list(dict.fromkeys(part for part, _ in models_in(model.model_fields[step])))
+        place = place.get(step) if isinstance(place, dict) else None
+    return classes
+
+
+def _of_kind(classes: Sequence[type[Model]], values: Any) -> type[Model] | None:
+    kind = values.get("kind") if isinstance(values, Mapping) else None
+    kinds = {own_kind(model): model for model in classes}
+    return kinds.get(kind) if isinstance(kind, str) and kind in kinds else classes[0] if len(classes) == 1 else None
+
+
+def _unplaced(data: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield (path, name) of the sections that have no position in the room, the experiment itself first."""
+    yield "", "experiment"
+    for key, field in Scenario.model_fields.items():
+        if key in ("domain", "arena", "obstacles", "robots") or not any(models_in(field)):
+            continue
+        items = data.get(key)
+        if isinstance(items, list):
+            yield from ((f"{key}[{n}]", f"{key.removesuffix('s')} {n + 1}") for n in range(len(items)))
+        elif key in data:
+            yield key, key.replace("_", " ")
+    parts = value_at(data, "gas.parts")
+    yield from ((f"gas.parts[{n}]", f"gas {n + 1}") for n in range(len(parts) if isinstance(parts, list) else 0))
+
+
+def _paths(data: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield (path, name) of the objects in the order of drawing: what lies on top comes last."""
+    if isinstance(data.get("arena"), dict):
+        yield "arena", "arena"
+    for key in LISTS:
+        for n, item in enumerate(_items(data, key)):
+            noun = {"wind.buoyancy.heat.heaters": "heater", "wind.buoyancy.heat.walls": "warm wall"}.get(key)
+            yield f"{key}[{n}]", f"{noun or _kind(item, key)} {n + 1}"
+    yield from _sources(data, "gas", data.get("gas"))
+    for n, item in enumerate(_items(data, "probes.points")):
+        yield f"probes.points[{n}]", f"probe {_name(item, n)}"
+    for n, item in enumerate(_items(data, "robots")):
+        yield f"robots[{n}]", _name(item, n)
+
+
+def _sources(data: Mapping[str, Any], path: str, gas: Any) -> Iterator[tuple[str, str]]:
+    if not isinstance(gas, dict):
+        return
+    for key in ("sources", "releases"):
+        for n, _ in enumerate(_items(data, f"{path}.{key}")):
+            yield f"{path}.{key}[{n}]", f"source {n + 1}"
+    parts = gas.get("parts")
+    for n, part in enumerate(parts if isinstance(parts, list) else ()):
+        yield from _sources(data, f"{path}.parts[{n}]", part)
+
+
+def _items(data: Mapping[str, Any], path: str) -> list[Any]:
+    items = value_at(data, path)
+    return items if isinstance(items, list) else []
+
+
+def _kind(item: Any, key: str) -> str:
+    kind = item.get("kind") if isinstance(item, dict) else None
+    noun = {"obstacles": "obstacle", "wind.screens": "screen"}.get(key, "opening")
+    return kind if isinstance(kind, str) else noun
+
+
+def _name(item: Any, n: int) -> str:
+    name = item.get("name") if isinstance(item, dict) else None
+    return name if isinstance(name, str) else f"robots {n + 1}"
+
+
+def _part(
+    data: Mapping[str, Any], path: str, model: Any, room: tuple[float, ...], folder: Path
+) -> Part | None:
+    if path.startswith("robots["):
+        start = read(data, f"{path}.start")
+        return None if start is None else start_part(model if isinstance(model, Group) else None, start, room)
+    if model is None:
+        return None
+    if path.startswith("obstacles["):
+        return Body(model, room, shape_of(model, room, folder))
+    if path.startswith("probes"):
+        return probe_part(model, room)
+    if path == "arena":
+        return Rectangle(model, room)
+    if path.startswith(("wind.openings", "wind.screens", "wind.buoyancy.heat.walls")):
+        if vars(model).get("kind") == "periodic":
+            return Wrapped(model, room)
+        return Pane(model, room) if model.normal < len(room) else None
+    return Spot(model, room)
+
+
+def shape_of(model: Any, room: tuple[float, ...], folder: Path) -> Shape:
+    """Return the shape of an obstacle; of one from a file, read again only if the file has changed. Raises ShapeError.
+
+    """
+    if "file" not in vars(model):
+        return shape(model, Domain(size=room, spacing=min(room)), folder)
+    file = folder / model.file
+    with gate(None):
+        stamp = file.stat().st_mtime_ns, file.stat().st_size
+    return _shape_of_file(model, room, folder, stamp)
+
+
+@lru_cache(CACHED_SHAPES)
+def _shape_of_file(model: Any, room: tuple[float, ...], folder: Path, _: tuple[int, int]) -> Shape:
+    return shape(model, Domain(size=room, spacing=min(room) / 100), folder)
+
+
+def _mark(data: Mapping[str, Any], path: str) -> Point | None:
+    """Return about where an unreadable object is, from above; None if no key says so."""
+    for key in PLACES:
+        value = value_at(data, f"{path}.{key}")
+        if isinstance(value, list) and len(value) >= 2:
+            try:
+                return metres(value[0]), metres(value[1])
+            except ValueError:
+                continue
+    return None
+
+
+def _color(data: Mapping[str, Any], path: str, model: Any) -> str:
+    if path.startswith("robots["):
+        groups, number = _items(data, "robots"), int(path[7:-1])
+        counts = [group.get("count") if isinstance(group, dict) else 1 for group in groups[:number]]
+        return theme.robot(sum(count for count in counts if isinstance(count, int) and 0 < count < 1000))
+    if path.startswith("wind.buoyancy.heat"):
+        return theme.HEATER
+    if path.startswith("wind.") and hasattr(model, "color"):
+        return "#" + "".join(f"{round(255 * part):02x}" for part in theme.darker(model.color))
+    if path.startswith("probes"):
+        return "#6a51a3"
+    return {"gas": theme.SOURCE, "arena": theme.FAINT}.get(path.partition(".")[0], theme.SOLID)
+
+
+def surrounding(outlines: list[Outline]) -> np.ndarray | None:
+    """Return the corners [[x, y], [x, y]] of the box around outlines; None without any."""
+    points = np.concatenate([outline.points for outline in outlines]) if outlines else np.empty((0, 2))
+    return np.array([np.nanmin(points, axis=0), np.nanmax(points, axis=0)]) if len(points) else None

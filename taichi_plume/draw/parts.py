@@ -1,0 +1,479 @@
+"""Geometry of the drawn sections of a scenario: outlines, and handles by which a pointer changes the section.
+
+A plane is a pair of axes, as of `report.theme`: (0, 1) from above, (0, 2) from the side. Handles are named points. Values
+that a moved handle gives to keys of the section are in SI units.
+"""
+
+from collections.abc import Sequence
+from math import atan2, cos, degrees, hypot, pi, radians, sin
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from taichi_plume.grid.shapes import Shape
+from taichi_plume.report.solids import polygons
+from taichi_plume.report.theme import ABOVE
+from taichi_plume.scenario.domain import Arena, Domain, Located
+from taichi_plume.scenario.obstacles import Box, Cylinder, Mesh, Prism, Round, Sphere, WallMap
+from taichi_plume.scenario.probes import ProbeGrid, ProbeLine, ProbePoint
+from taichi_plume.scenario.robots import Group
+from taichi_plume.scenario.starts import StartArea, StartAt, StartLine
+from taichi_plume.scenario.openings import Periodic
+from taichi_plume.scenario.windows import Window
+
+Plane = tuple[int, int]
+Point = tuple[float, float]
+Values = dict[str, Any]
+"""New values of keys of a section, by key or by path within the section."""
+LEAST = 0.01  # m: a dragged edge stays this far from the opposite one
+ROUND = np.linspace(0.0, 2.0 * pi, 49)
+ARM = 0.25  # m from an obstacle's edge to the handle that turns the obstacle
+MOST_CORNERS = 80_000  # of an outline: more are drawn as the rectangle around
+SIGNS = ((-1, -1), (1, -1), (1, 1), (-1, 1), (1, 0), (-1, 0), (0, 1), (0, -1))
+"""Corners and edges of a rectangle, as signs along both axes."""
+
+
+class Outline(NamedTuple):
+    """Polygon (closed) or line of a drawing: corners (n, 2) [m]; rows of NaN stand between separate polygons."""
+
+    points: np.ndarray
+    closed: bool = True
+
+
+class Part:
+    """A drawn section. room: the extent of the domain [m]. within: where its keys are in the object's section."""
+
+    within = ""
+
+    def __init__(self, model: Any, room: tuple[float, ...]):
+        self.model, self.room = model, room
+
+    @property
+    def dim(self) -> int:
+        """Number of dimensions of the scenario."""
+        return len(self.room)
+
+    def outlines(self, plane: Plane) -> list[Outline]:
+        """Return what is drawn in a plane."""
+        return []
+
+    def handles(self, plane: Plane) -> dict[str, Point]:
+        """Return the handles in a plane by their names; `center` moves the whole section."""
+        return {}
+
+    def moved(self, handle: str, plane: Plane, to: Point) -> Values:
+        """Return the new values of keys once a handle has been dragged to a point of a plane."""
+        x, y = self.handles(plane)["center"]
+        shift = np.zeros(3)
+        shift[list(plane)] = to[0] - x, to[1] - y
+        return self.shifted(shift)
+
+    def shifted(self, by: np.ndarray) -> Values:
+        """Return the new values of keys once the section has been moved by a vector of three axes [m]."""
+        return {}
+
+
+def rectangle(low: Sequence[float], high: Sequence[float]) -> Outline:
+    """Return a rectangle by its corners."""
+    (a, b), (c, d) = low, high
+    return Outline(np.array([[a, b], [c, b], [c, d], [a, d]], float))
+
+
+def circle(center: Sequence[float], radius: float) -> Outline:
+    """Return a circle as a polygon."""
+    return Outline(np.array(center)[:2] + radius * np.stack([np.cos(ROUND), np.sin(ROUND)], axis=-1))
+
+
+def _edges(low: Sequence[float], high: Sequence[float]) -> dict[str, Point]:
+    """Return the handles of a rectangle: `center`, its corners and the middles of its edges."""
+    middle, half = (np.array(low) + high) / 2, (np.array(high) - low) / 2
+    return {"center": _pair(middle)} | {f"{a:+d}{b:+d}": _pair(middle + half * (a, b)) for a, b in SIGNS}
+
+
+def _dragged(
+    low: Sequence[float], high: Sequence[float], handle: str, to: Point
+) -> tuple[list[float], list[float]]:
+    """Return the corners of a rectangle of which a corner or an edge has been dragged to a point."""
+    new_low, new_high = [float(x) for x in low], [float(x) for x in high]
+    for n, sign in enumerate((int(handle[:2]), int(handle[2:]))):
+        if sign > 0:
+            new_high[n] = max(float(to[n]), new_low[n] + LEAST)
+        if sign < 0:
+            new_low[n] = min(float(to[n]), new_high[n] - LEAST)
+    return new_low, new_high
+
+
+def _pair(point: Any) -> Point:
+    return float(point[0]), float(point[1])
+
+
+def _moved_list(point: Sequence[float], by: np.ndarray) -> list[float]:
+    return [float(x + d) for x, d in zip(point, by, strict=False)]
+
+
+def _put(point: Sequence[float], plane: Plane, to: Point) -> list[float]:
+    """Return a point of the room with its coordinates in a plane replaced, as far as the point has them."""
+    new = [float(x) for x in point]
+    for axis, x in zip(plane, to, strict=True):
+        if axis < len(new):
+            new[axis] = float(x)
+    return new
+
+
+# ---------------------------------------------------------------- room and rectangles
+
+
+class Room(Part):
+    """The domain: its far edges are handles."""
+
+    model: Domain
+
+    def outlines(self, plane: Plane) -> list[Outline]:
+        return [rectangle((0, 0), [self.room[d] for d in plane])]
+
+    def handles(self, plane: Plane) -> dict[str, Point]:
+        a, b = (self.model.size[d] for d in plane)
+        return {"+1+0": (a, b / 2), "+0+1": (a / 2, b), "+1+1": (a, b)}
+
+    def moved(self, handle: str, plane: Plane, to: Point) -> Values:
+        size = [float(x) for x in self.model.size]
+        for n, axis in enumerate(plane):
+            if int(handle[2 * n : 2 * n + 2]):
+                size[axis] = max(float(to[n]), 2 * self.model.spacing)
+        return {"size": size}
+
+
+class Rectangle(Part):
+    """Sections with the corners `low` and `high`: the arena, the area of a start, a lattice of probes."""
+
+    model: Arena | StartArea | ProbeGrid
+
+    def _corners(self, plane: Plane) -> tuple[list[float], list[float]] | None:
+        low, high = self.model.low, self.model.high
+        return None if max(plane) >= len(low) else ([low[d] for d in plane], [high[d] for d in plane])
+
+    def outlines(self, plane: Plane) -> list[Outline]:
+        corners = self._corners(plane)
+        return [rectangle(*corners)] if corners else []
+
+    def handles(self, plane: Plane) -> dict[str, Point]:
+        corners = self._corners(plane)
+        return _edges(*corners) if corners else {}
+
+    def moved(self, handle: str, plane: Plane, to: Point) -> Values:
+        corners = self._corners(plane)
+        if handle == "center" or corners is None:
+            return super().moved(handle, plane, to)
+        low, high = _dragged(*corners, handle, to)
+        return {
+            "low": _put(self.model.low, plane, _pair(low)),
+            "high": _put(self.model.high, plane, _pair(high)),
+        }
+
+    def shifted(self, by: np.ndarray) -> Values:
+        return {"low": _moved_list(self.model.low, by), "high": _moved_list(self.model.high, by)}
+
+
+# ---------------------------------------------------------------- obstacles
+
+
+class Body(Part):
+    """An obstacle, by its shape; below a path of way points if the obstacle walks."""
+
+    def __init__(self, model: Any, room: tuple[float, ...], shape: Shape):
+        super().__init__(model, room)
+        self.shape = shape
+
+    def _span(self, plane: Plane) -> tuple[list[float], list[float]]:
+        low, high = (np.nan_to_num(end, posinf=max(self.room)) for end in (self.shape.low, self.shape.high))
+        return [float(low[d]) for d in plane], [float(high[d]) for d in plane]
+
+    def outlines(self, plane: Plane) -> list[Outline]:
+        parts = polygons(self.shape, plane)
+        if not parts or sum(map(len, parts)) > MOST_CORNERS:
+            parts = [rectangle(*self._span(plane)).points]
+        gap = np.full((1, 2), np.nan)
+        joined = np.concatenate([corners for part in parts for corners in (gap, part)][1:])
+        way = self._way(plane)
+        return [Outline(np.minimum(joined, 10 * max(self.room))), *([Outline(way, False)] if len(way) else [])]
+
+    def _way(self, plane: Plane) -> np.ndarray:
+        motion = self.model.motion
+        if motion is None or plane != ABOVE:
+            return np.empty((0, 2))
+        return np.array([self.model.center[:2], *(point[1:] for point in motion.path)], float)
+
+    def handles(self, plane: Plane) -> dict[str, Point]:
+        low, high = self._span(plane)
+        handles = {"center": _pair((np.array(low) + high) / 2)}
+        if plane != ABOVE and not isinstance(self.model, Mesh | WallMap):
+            a = handles["center"][0]
+            handles["+0+1"] = (a, high[1])
+            if not isinstance(self.model, Sphere):
+                handles["+0-1"] = (a, low[1])
+        return handles | self._own_handles(plane)
+
+    def _own_handles(self, plane: Plane) -> dict[str, Point]:
+        model = self.model
+        if plane != ABOVE:
+            return {}
+        handles = {f"way {n}": _pair(point[1:]) for n, point in enumerate(model.motion.path)} if model.motion else {}
+        if isinstance(model, Prism):
+            handles |= {f"corner {n}": _pair(corner) for n, corner in enumerate(model.vertices)}
+        elif isinstance(model, Box):
+            for a, b in SIGNS:
+                local = np.array([a * model.size[0] / 2, b * model.size[1] / 2])
+                handles[f"{a:+d}{b:+d}"] = _pair(model.center[:2] + _turned(local, model.yaw_deg))
+            handles["turn"] = _pair(model.center[:2] + _turned(np.array([model.size[0] / 2 + ARM, 0]), model.yaw_deg))
+        elif isinstance(model, Round):
+            handles["rim"] = (model.center[0] + model.disc, model.center[1])
+        elif isinstance(model, Mesh):
+            low, high = self._span(plane)
+            middle, reach = (np.array(low) + high) / 2, (high[0] - low[0]) / 2 + ARM
+            handles["turn"] = _pair(middle + _turned(np.array([reach, 0]), model.yaw_deg))
+        return handles
+
+    def moved(self, handle: str, plane: Plane, to: Point) -> Values:
+        model = self.model
+        if handle == "center":
+            return super().moved(handle, plane, to)
+        if handle == "turn":
+            x, y = self.handles(plane)["center"]
+            return {"yaw_deg": float(round(degrees(atan2(to[1] - y, to[0] - x)), 1))}
+        if handle.startswith("way "):
+            return {f"motion.path[{handle[4:]}][{1 + d}]": float(to[d]) for d in range(2)}
+        if handle.startswith("corner "):
+            return {f"vertices[{int(handle[7:])}]": [float(to[0]), float(to[1])]}
+        if handle == "rim":
+            return {"radius": max(LEAST, hypot(to[0] - model.center[0], to[1] - model.center[1]))}
+        if plane != ABOVE:
+            return self._heightened(handle, plane, to)
+        local = _turned(np.array(to) - model.center[:2], -model.yaw_deg)
+        half = np.array(model.size[:2]) / 2
+        low, high = _dragged(-half, half, handle, _pair(local))
+        middle = _turned((np.array(low) + high) / 2, model.yaw_deg)
+        center = [float(x) for x in model.center]
+        center[:2] = [float(x) for x in model.center[:2] + middle]
+        return {"center": center, "size": [*(b - a for a, b in zip(low, high, strict=True)), *map(float, model.size[2:])]}
+
+    def _heightened(self, handle: str, plane: Plane, to: Point) -> Values:
+        """Return new heights: the upper or the lower end has been dragged in a view from the side."""
+        low, high = self._span(plane)
+        (_, bottom), (_, top) = _dragged(low, high, handle, to)
+        model = self.model
+        if isinstance(model, Box):
+            return {
+                "center": [*map(float, model.center[:2]), (bottom + top) / 2],
+                "size": [*map(float, model.size[:2]), top - bottom],
+            }
+        if isinstance(model, Cylinder | Prism):
+            return ({"base": bottom} if handle.endswith("-1") else {}) | {"height": top - bottom}
+        return {"radius": max(LEAST, top - float(model.center[-1]))}
+
+    def shifted(self, by: np.ndarray) -> Values:
+        model = self.model
+        if isinstance(model, Mesh):
+            return {"translate": _moved_list(model.translate, by)}
+        if isinstance(model, WallMap):
+            at = model.origin or (self.shape.reach[0] if hasattr(self.shape, "reach") else (0.0, 0.0))
+            return {"origin": [float(at[0] - by[0]), float(at[1] - by[1])]}
+        values: Values = {}
+        if isinstance(model, Prism):
+            values["vertices"] = [_moved_list(corner, by) for corner in model.vertices]
+        else:
+            values["center"] = _moved_list(model.center, by)
+        if isinstance(model, Cylinder | Prism) and by[2]:
+            values["base"] = max(0.0, model.base + float(by[2]))
+        if model.motion is not None:
+            for n, (_, x, y) in enumerate(model.motion.path):
+                values |= {f"motion.path[{n}][{1 + d}]": float(z + by[d]) for d, z in enumerate((x, y))}
+        return values
+
+
+def _turned(vector: np.ndarray, degrees_: float) -> np.ndarray:
+    c, s = cos(radians(degrees_)), sin(radians(degrees_))
+    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
+
+
+# ---------------------------------------------------------------- openings, screens, tempered walls
+
+
+class Pane(Part):
+    """A window on a wall or across the room: seen edge on it is a line with ends, else a rectangle or a disc."""
+
+    model: Window
+
+    def _sides(self, plane: Plane) -> tuple[list[float], list[float]]:
+        """Return the corners of the window in a plane; on its normal axis both are the level of the window."""
+        center, half = self.model.rectangle(self.room)
+        middle = dict(zip(self.model.along(self.dim), zip(center, half, strict=False), strict=False))
+        middle[self.model.normal] = self.model.level(self.room), 0.0
+        return [middle[d][0] - middle[d][1] for d in plane], [middle[d][0] + middle[d][1] for d in plane]
+
+    def outlines(self, plane: Plane) -> list[Outline]:
+        low, high = self._sides(plane)
+        if self.model.normal in plane:
+            return [Outline(np.array([low, high], float), False)]
+        if self.model.is_disc(self.dim):
+            return [circle((np.array(low) + high) / 2, (high[0] - low[0]) / 2)]
+        return [rectangle(low, high)]
+
+    def handles(self, plane: Plane) -> dict[str, Point]:
+        handles = _edges(*self._sides(plane))
+        if self.model.normal not in plane:
+            return handles
+        first = plane[0] == self.model.normal
+        return {name: handles[name] for name in ("center", *(("+0+1", "+0-1") if first else ("+1+0", "-1+0")))}
+
+    def moved(self, handle: str, plane: Plane, to: Point) -> Values:
+        low, high = self._sides(plane)
+        if handle == "center":
+            x, y = (np.array(low) + high) / 2
+            low, high = ([end[0] + to[0] - x, end[1] + to[1] - y] for end in (low, high))
+        else:
+            low, high = _dragged(low, high, handle, to)
+        center, half = (list(map(float, part)) for part in self.model.rectangle(self.room))
+        values: Values = {}
+        for n, axis in enumerate(self.model.along(self.dim)):
+            if axis in plane:
+                a, b = low[plane.index(axis)], high[plane.index(axis)]
+                half[n] = (b - a) / 2
+                if handle == "center":
+                    most = self.room[axis]
+                    a = min(max(a, 0.0), max(0.0, most - 2 * half[n]))
+                else:
+                    a, b = max(a, 0.0), min(b, self.room[axis])
+                    half[n] = (b - a) / 2
+                center[n] = a + half[n]
+        if hasattr(self.model, "at") and self.model.normal in plane and handle == "center":
+            values["at"] = float(to[plane.index(self.model.normal)])
+        if self.model.center is None and handle == "center":
+            return values  # a whole wall has nowhere to go
+        values["center"] = center
+        if self.model.diameter is not None:
+            return values | ({} if handle == "center" else {"diameter": 2 * self._dragged_half(half)})
+        return values | {"size": [2 * h for h in half]}
+
+    def _dragged_half(self, half: Sequence[float]) -> float:
+        before = float(self.model.diameter or 0.0) / 2
+        return max(half, key=lambda h: abs(h - before))
+
+    def shifted(self, by: np.ndarray) -> Values:
+        if self.model.center is None:
+            return {}
+        along = self.model.along(self.dim)
+        return {"center": [float(x + by[d]) for x, d in zip(self.model.center, along, strict=False)]}
+
+
+class Wrapped(Part):
+    """A periodic axis: a line along both of its faces."""
+
+    model: Periodic
+
+    def outlines(self, plane: Plane) -> list[Outline]:
+        axis = "xyz".index(self.model.axis)
+        if axis not in plane or axis >= self.dim:
+            return []
+        other = self.room[plane[1 - plane.index(axis)]]
+        ends = [(level, at) for level in (0.0, self.room[axis]) for at in (0.0, other)]
+        lines = np.array([end if plane[0] == axis else end[::-1] for end in ends])
+        return [Outline(lines[:2], False), Outline(lines[2:], False)]
+
+
+# ---------------------------------------------------------------- points
+
+
+class Spot(Part):
+    """A source, a heater or a probe point: a position, perhaps with a radius."""
+
+    model: Located | ProbePoint
+
+    @property
+    def _key(self) -> str:
+        return "at" if isinstance(self.model, ProbePoint) else "position"
+
+    def outlines(self, plane: Plane) -> list[Outline]:
+        radius = vars(self.model).get("radius") or 0.02 * min(self.room[:2])
+        return [circle(at, radius) for at in self.handles(plane).values()][:1]
+
+    def handles(self, plane: Plane) -> dict[str, Point]:
+        at, radius = vars(self.model)[self._key], vars(self.model).get("radius")
+        if max(plane) >= len(at):
+            return {}
+        point = _pair([at[d] for d in plane])
+        return {"center": point} | ({"rim": (point[0] + radius, point[1])} if radius else {})
+
+    def moved(self, handle: str, plane: Plane, to: Point) -> Values:
+        if handle == "rim":
+            x, y = self.handles(plane)["center"]
+            return {"radius": max(LEAST, hypot(to[0] - x, to[1] - y))}
+        return super().moved(handle, plane, to)
+
+    def shifted(self, by: np.ndarray) -> Values:
+        return {self._key: _moved_list(vars(self.model)[self._key], by)}
+
+
+class Points(Part):
+    """Several points of a section by their keys: ends of a line of probes or robots, or listed positions.
+
+    radius: of the disc drawn at each of `places` [m]; base: height of the discs' lower end and of the bodies [m].
+    """
+
+    def __init__(self, model: Any, room: tuple[float, ...], places: np.ndarray, radius: float, base: Point = (0, 0)):
+        super().__init__(model, room)
+        self.places, self.radius, self.base = places, radius, base
+
+    @property
+    def _ends(self) -> dict[str, Sequence[float]]:
+        if isinstance(self.model, StartAt):
+            return {f"positions[{n}]": point for n, point in enumerate(self.model.positions)}
+        keys = ("begin", "end") if isinstance(self.model, StartLine) else ("start", "end")
+        return {key: vars(self.model)[key] for key in keys}
+
+    def outlines(self, plane: Plane) -> list[Outline]:
+        if self.places.shape[1] > max(plane):
+            discs = [circle(place[list(plane)], self.radius) for place in self.places]
+        else:
+            low, height = self.base
+            discs = [
+                rectangle((x - self.radius, low), (x + self.radius, low + height)) for x in self.places[:, 0]
+            ]
+        ends = np.array([self._seen(end, plane) for end in self._ends.values()])
+        return [*discs, *([] if isinstance(self.model, StartAt) else [Outline(ends, False)])]
+
+    def _seen(self, point: Sequence[float], plane: Plane) -> Point:
+        return _pair([point[d] if d < len(point) else self.base[0] for d in plane])
+
+    def handles(self, plane: Plane) -> dict[str, Point]:
+        ends = {name: self._seen(end, plane) for name, end in self._ends.items()}
+        if len(ends) == 1:
+            return ends
+        return ends | {"center": _pair(np.mean(list(ends.values()), axis=0))}
+
+    def moved(self, handle: str, plane: Plane, to: Point) -> Values:
+        if handle == "center":
+            return super().moved(handle, plane, to)
+        return {handle: _put(self._ends[handle], plane, to)}
+
+    def shifted(self, by: np.ndarray) -> Values:
+        return {name: _moved_list(end, by) for name, end in self._ends.items()}
+
+
+def start_part(group: Group | None, start: Any, room: tuple[float, ...]) -> Part:
+    """Return the part of a group's start; of a group with faults elsewhere (None), robots of 10 cm are drawn."""
+    radius = group.body.radius if group is not None else 0.1
+    base = (group.start_altitude, group.body.height) if group is not None else (0.0, 0.2)
+    part: Part = Rectangle(start, room)
+    if not isinstance(start, StartArea):
+        count = group.count if group is not None else 2
+        places = start.listed if isinstance(start, StartAt) else start.places(count)
+        part = Points(start, room, np.array(places), radius, base)
+    part.within = ".start"
+    return part
+
+
+def probe_part(probe: Any, room: tuple[float, ...]) -> Part:
+    """Return the part of a probe: a point, a line of points or a lattice."""
+    if isinstance(probe, ProbeLine):
+        return Points(probe, room, probe.places, 0.01 * min(room[:2]))
+    return Rectangle(probe, room) if isinstance(probe, ProbeGrid) else Spot(probe, room)
