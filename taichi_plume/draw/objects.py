@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from taichi_plume.draw.document import data_of, value_at
+from taichi_plume.draw.document import data_of, parent_of, value_at
 from taichi_plume.draw.parts import (
     Body,
     Outline,
@@ -153,18 +153,28 @@ def read(data: Mapping[str, Any], path: str) -> Model | None:
 
 def model_at(data: Mapping[str, Any], path: str) -> type[Model] | None:
     """Return the class of the section at a path, by the kinds that the data name; None if it is not known."""
-    return _of_kind(classes_at(data, path), value_at(data, path))
+    values = value_at(data, path)
+    if values is None and path:
+        above, key = parent_of(path)
+        owner = model_at(data, above)
+        default = owner.model_fields[key].default if owner is not None and key in owner.model_fields else None
+        if isinstance(default, Model):
+            return type(default)
+    return _of_kind(classes_at(data, path), values)
 
 
 def classes_at(data: Mapping[str, Any], path: str) -> list[type[Model]]:
     """Return the classes that the section at a path may have, by the kinds of the sections around it."""
     classes: list[type[Model]] = [Scenario]
     place: Any = data
+    where = ""
     for step in steps_of(path) if path else ():
         if step.isdecimal():
             place = place[int(step)] if isinstance(place, list) and int(step) < len(place) else None
+            where = f"{where}[{step}]"
             continue
-        model = _of_kind(classes, place)
+        model = _of_kind(classes, place) if place is not None else model_at(data, where)
+        where = f"{where}.{step}".lstrip(".")
         if model is None or step not in model.model_fields:
             return []
         classes = list(dict.fromkeys(part for part, _ in models_in(model.model_fields[step])))

@@ -14,6 +14,8 @@ from taichi_plume.draw.history import History
 from taichi_plume.draw.objects import scene, surrounding
 from taichi_plume.draw.parts import Pane, Rectangle
 from taichi_plume.report.theme import ABOVE, SIDE
+from taichi_plume.scenario.checks import every
+from taichi_plume.scenario.loading import read_scenario
 
 HERE = Path()
 SOLID_ROOM = edits.BLANK.replace("[4 m, 3 m]", "[4 m, 3 m, 2 m]")
@@ -157,22 +159,16 @@ def test_a_new_kind_keeps_what_both_kinds_have():
     assert "yaw_deg" not in value_at(data_of(plain), "obstacles[1]")
 
 
-def test_forms_list_every_key_of_every_section_with_its_meaning():
-    """As the printed help of each key does, which is made from the same models by `scenario.keys`."""
-    from taichi_plume.scenario.keys import places
-
-    data = data_of(BASES["casting_room"])
-    for path in ("", "domain", "wind", "gas", "gas.sources[0]", "robots[0]", "robots[0].algorithm", "maps[1]"):
+@pytest.mark.parametrize("name", ["casting_room", "arena_3d", "moving_obstacle"])
+def test_forms_list_every_key_of_every_section_with_its_meaning(name):
+    """Compared with the sections of the scenario that the text makes."""
+    data, scenario = data_of(BASES[name]), read_scenario(ROOT / f"configs/{name}.yaml")
+    for path, section in every(scenario):
         rows = forms.rows(data, path)
-        keys = {key.name for key in places()[path.replace("[0]", "[]").replace("[1]", "[]")].keys}
-        kind = value_at(data, f"{path}.kind" if path else "kind")
-        named = {
-            key.name
-            for key in places()[path.replace("[0]", "[]").replace("[1]", "[]")].keys
-            if not key.kinds or kind in key.kinds
-        }
-        assert {row.key for row in rows} - {"kind"} == named & keys
-        assert all(row.meaning for row in rows)
+        assert {row.key for row in rows} >= set(type(section).model_fields)
+        assert all(row.meaning for row in rows), path
+        written = section.model_fields_set
+        assert {row.key for row in rows if row.value} == written, path
 
 
 # ---------------------------------------------------------------- random sequences
@@ -253,28 +249,27 @@ def boxes(thing):
 
 def live_through(base, sequence):
     """Carry out a sequence of actions; every text that there was comes back by undo, byte for byte."""
-    history, past = History(base), [base]
+    history, past, at = History(base), [base], 0
     for action in sequence:
         if action[0] in ("undo", "redo"):
             getattr(history, action[0])()
-            past = [history.text] if action[0] == "redo" else past
-            continue
-        before = history.text
-        try:
-            new = carried_out(before, action)
-        except EditError:
-            assert history.text == before
-            continue
-        history.put(new)
-        kept = before.splitlines()[0] if before.startswith("#") else ""
-        assert kept in new, "the comment at the top stays"
-    texts = [history.text]
-    while history.can_undo:
-        texts.append(history.undo())
+            at = max(0, at - 1) if action[0] == "undo" else min(len(past) - 1, at + 1)
+        else:
+            try:
+                new = carried_out(past[at], action)
+            except EditError:
+                new = past[at]
+            if new != past[at]:
+                past[at + 1 :] = [new]
+                at += 1
+            history.put(new)
+            top = base.splitlines()[0]
+            assert new.startswith(top), "the comment at the top stays"
+        assert history.text == past[at]
     while history.can_redo:
         history.redo()
-        assert history.text in texts
-    assert texts[-1] == base
+    assert [history.text, *(history.undo() for _ in past[1:])] == past[::-1]
+    assert not history.can_undo
 
 
 QUIET = {"deadline": None, "suppress_health_check": list(HealthCheck)}
