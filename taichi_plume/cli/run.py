@@ -54,7 +54,7 @@ def _new(args: argparse.Namespace) -> int:
         lambda: new_run(
             prepared, args.out, args.arch or "cpu", force=args.force, recording=not args.no_recording,
             live=args.live, report=not args.no_report, progress=False if args.quiet else None,
-            allow_code=args.allow_code, ask=True,
+            allow_code=args.allow_code, ask=True, watch=args.watch,
         ), args.quiet, args.debug,
     )  # fmt: skip
 
@@ -117,6 +117,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     flag(parser, "--check", check)
     flag(parser, "--all", "with --check: print all keys, with their defaults and meanings")
     flag(parser, "--live", "open the viewer during the run (on this machine alone)")
+    watch = "write progress, gas, wind and robots to this file during the run, for a program that shows the run"
+    option(parser, "--watch", Path, "FILE.npz", watch)
     add(parser, "--no-recording", "--no-report", "--quiet", "--force")
     option(parser, "--resume", Path, "RUN", "resume an interrupted run from its checkpoint")
     add(parser, "--allow-code", "--allow-outside", "--debug")
@@ -127,7 +129,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         parser.error("--live shows the recording; it cannot go with --no-recording")
     if args.all and not args.check:
         parser.error("--all goes with --check")
-    fixed = [f"--{key}" for key in ("out", "seed", "duration", "set", "check", "force") if vars(args)[key]]
+    fixed = [f"--{key}" for key in ("out", "seed", "duration", "set", "check", "force", "watch") if vars(args)[key]]
     if args.resume is not None and (args.scenario or args.no_recording or fixed):
         what = fixed[0] if fixed else args.scenario or "--no-recording"
         parser.error(f"--resume continues the run unchanged; it cannot go with {what}")

@@ -19,6 +19,7 @@ from taichi_plume.execution.signals import (
     handling_signals,
     ignoring_signals,
 )
+from taichi_plume.execution.watch_file import WatchFile
 from taichi_plume.files import checkpoint, manifest, run_folder
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.files.run_folder import RunFolder
@@ -62,7 +63,7 @@ class Job(NamedTuple):
 
     arch, backend: the requested device, and the actual one; saved: content of the checkpoint if the run is resumed;
     live: address of a viewer; report: whether to write the report; service: connection of external robots; progress:
-    whether to show a progress bar, by default at a terminal and in a notebook.
+    whether to show a progress bar, by default at a terminal and in a notebook; watch: file of `watch_file`.
     """
 
     prepared: Prepared
@@ -75,6 +76,7 @@ class Job(NamedTuple):
     report: bool = True
     service: Service | None = None
     progress: bool | None = None
+    watch: Path | None = None
 
 
 class End(NamedTuple):
@@ -141,6 +143,7 @@ def new_run(
     progress: bool | None = None,
     allow_code: bool = False,
     ask: bool = False,
+    watch: Path | None = None,
 ) -> Outcome:
     """Execute a checked scenario into a run folder, `out` or the first free runs/NAME-N. Raises as `run`.
 
@@ -151,7 +154,8 @@ def new_run(
     backend = kernels.start(arch)
     with RunFolder(prepared.scenario.name, out, force, inputs=inputs_of(prepared)) as folder:
         viewer = open_viewer() if live else None
-        return run(Job(prepared, folder, arch, backend, recording, None, viewer, report, progress=progress))
+        job = Job(prepared, folder, arch, backend, recording, None, viewer, report, None, progress, watch)
+        return run(job)
 
 
 def run(job: Job) -> Outcome:
@@ -233,6 +237,8 @@ def _run(job: Job, sim: TimeLoop, signals: SignalRequests, bar: Bar | None) -> E
             if bar is not None:
                 bar.begin(sim)
                 sim.observers.append(Every(sim.dt, bar.update, warm_up=True))
+            if job.watch is not None:
+                sim.observers.append(Every(sim.dt, WatchFile(sim, job.watch).update, warm_up=True))
             if job.service is not None:
                 stack.callback(job.service.close)
                 job.service.attach(sim, signals)
