@@ -16,6 +16,7 @@ from taichi_plume.guard.terminal import Parser
 COMMANDS = {
     "run": "run a scenario, or only check it; resume an interrupted run",
     "examples": "list the scenarios that travel with the package, run one by name, or copy one",
+    "draw": "draw a scenario in the browser, check it and run it",
     "serve": "run a scenario in real time, with robots that are driven from outside",
     "report": "write the report of a run again",
     "picture": "draw a run at a time, or as a film",

@@ -4,6 +4,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "api",
     "assembly",
     "contests",
+    "draw",
     "envs",
     "files",
     "grid",

@@ -78,6 +78,7 @@ class Thing:
 class Scene:
     """All objects of a text, in the order of drawing. room: extent of the domain [m]; None if it cannot be read."""
 
+    text: str
     data: Mapping[str, Any]
     room: tuple[float, ...] | None
     things: tuple[Thing, ...]
@@ -90,6 +91,11 @@ class Scene:
     def thing(self, path: str) -> Thing | None:
         """Return the object at a path; None if there is none."""
         return next((thing for thing in self.things if thing.path == path), None)
+
+    def with_thing(self, thing: Thing) -> "Scene":
+        """Return the scene with another object at its path, while it is dragged."""
+        things = tuple(thing if other.path == thing.path else other for other in self.things)
+        return replace(self, things=things)
 
     def owner(self, path: str) -> str:
         """Return the path of the innermost object that contains a path of keys; "" (the experiment) for all others."""
@@ -106,7 +112,7 @@ def scene(text: str, folder: Path, allow_outside: bool = False) -> Scene:
     try:
         data = data_of(text)
     except LineError:
-        return Scene({}, None, ())
+        return Scene(text, {}, None, ())
     domain = read(data, "domain")
     room = tuple(round(x, 9) for x in domain.extent) if isinstance(domain, Domain) else None
     things = [Thing(path, name, theme.FAINT) for path, name in _unplaced(data)]
@@ -124,7 +130,7 @@ def scene(text: str, folder: Path, allow_outside: bool = False) -> Scene:
             except (ShapeError, OSError, ValueError, LookupError, TypeError):
                 part = None  # such as a position with too few numbers, or a file that cannot be read
         things.append(Thing(path, name, _color(data, path, model), part, None if part else _mark(data, path)))
-    return Scene(data, room, tuple(things))
+    return Scene(text, data, room, tuple(things))
 
 
 def preview(of: Scene, path: str, values: Values, folder: Path) -> Thing | None:

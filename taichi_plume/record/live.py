@@ -2,12 +2,14 @@
 
 import json
 import os
+import re
 import socket
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
+from urllib.request import ProxyHandler, build_opener
 
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import plain
@@ -19,6 +21,8 @@ LOOPBACK = "127.0.0.1"
 VIEWER = (sys.executable, "-m", "rerun_cli")
 OPTIONS = ("--hide-welcome-screen", "--expect-data-soon")
 NOWHERE = f"http://{LOOPBACK}:9"  # the discard port, closed on nearly all machines
+WEB_VIEWER = ("index.html", "re_viewer.js", "re_viewer_bg.wasm")
+"""Files of the viewer for browsers."""
 SEVERED = "gRPC connection severed"
 """Start of rerun's message when the viewer is gone."""
 
@@ -108,3 +112,40 @@ def quiet(settings: str, what: str = "--live") -> dict[str, str]:
             f"{what}: the viewer would send reports to its makers; `rerun analytics disable` switches that off"
         )
     return environment
+
+
+def web_viewer_files() -> dict[str, bytes]:
+    """Return the files of rerun's viewer for browsers, by name, to be served by another server; takes seconds.
+
+    The page is without its links to fonts elsewhere. Raises RunFolderError.
+    """
+    with tempfile.TemporaryDirectory(prefix="taichi_plume-", ignore_cleanup_errors=True) as settings:
+        environment = quiet(settings, "recording")
+        ports = []
+        for _ in range(2):
+            with socket.socket() as free:
+                free.bind((LOOPBACK, 0))
+                ports.append(free.getsockname()[1])
+        output = Path(settings, "output.txt")
+        command = [*VIEWER, "--serve-web", "--bind", LOOPBACK, "--port", str(ports[0])]
+        with output.open("wb") as file:
+            server = subprocess.Popen(
+                [*command, "--web-viewer-port", str(ports[1])],
+                env=environment, stdin=subprocess.DEVNULL, stdout=file, stderr=file, start_new_session=True,
+            )  # fmt: skip
+        try:
+            if fault := _fault(server, ports[1], output):
+                raise RunFolderError(f"the viewer cannot be opened: {plain(fault)}")
+            opener = build_opener(ProxyHandler({}))
+            files = {}
+            for name in WEB_VIEWER:
+                address = f"http://{LOOPBACK}:{ports[1]}/{name.removesuffix('index.html')}"
+                with opener.open(address, timeout=PATIENCE) as answer:
+                    files[name] = answer.read()
+        except OSError as error:
+            raise RunFolderError(f"the viewer cannot be opened: {error}") from None
+        finally:
+            server.terminate()
+            server.wait()
+    files["index.html"] = re.sub(rb"<link[^>]*https://[^>]*>", b"", files["index.html"])
+    return files

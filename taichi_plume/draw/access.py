@@ -1,0 +1,118 @@
+"""Access to the page: from this machine, from the page's own address, and only with the token of its URL.
+
+Every request is judged before any handler sees it, the page's as that of its WebSocket and its scripts. Host is checked
+against DNS rebinding, Origin against requests of foreign pages (cross-site WebSocket hijacking). The token of the URL
+becomes a cookie that scripts cannot read and that foreign pages do not send.
+"""
+
+import hmac
+from collections.abc import Callable
+from http.cookies import CookieError, SimpleCookie
+from typing import Any
+
+from tornado.httputil import HTTPHeaders, HTTPServerRequest
+from tornado.routing import Router
+from tornado.web import Application, OutputTransform, RequestHandler
+
+NAMES = ("127.0.0.1", "localhost")
+MONTH = 30  # days
+POLICY = (
+    "default-src 'self' data: blob:; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; "
+    "style-src 'self' 'unsafe-inline'; connect-src 'self'{sockets}; frame-src 'self' http://127.0.0.1:*; "
+    "frame-ancestors 'self'; form-action 'self'; base-uri 'none'; object-src 'none'"
+)
+"""Content security policy: browsers load nothing for the page from elsewhere, and show it in no foreign frame."""
+
+
+class Access:
+    """Judge of requests. port: of the server; token: secret in the page's URL."""
+
+    def __init__(self, port: int, token: str):
+        self.token = token
+        self.hosts = {f"{name}:{port}" for name in NAMES}
+        self.cookie = f"taichi_plume_draw_{port}"  # cookies do not distinguish ports
+        sockets = "".join(f" ws://{host}" for host in sorted(self.hosts))
+        self.policy = POLICY.format(sockets=sockets)
+
+    def refusal(self, request: HTTPServerRequest) -> str:
+        """Return why a request is refused; "" if it is not."""
+        host = request.headers.get_list("Host")
+        if len(host) != 1 or host[0] not in self.hosts:
+            return "this page is served under 127.0.0.1 only"
+        upgrade = "upgrade" in request.headers.get("Connection", "").lower()
+        origins = request.headers.get_list("Origin")
+        if (upgrade and not origins) or any(origin != f"http://{host[0]}" for origin in origins):
+            return "requests of other pages are refused"
+        if request.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
+            if not self._with_token(request):
+                return "requests of other pages are refused"
+        if not (self._with_cookie(request) or (self._with_token(request) and not upgrade)):
+            return "the address lacks its token: use the one that `taichi-plume draw` printed"
+        return ""
+
+    def enters(self, request: HTTPServerRequest) -> bool:
+        """Return whether a request brings the token in its URL, to be exchanged for the cookie."""
+        return request.method == "GET" and request.path == "/" and self._with_token(request)
+
+    def _with_token(self, request: HTTPServerRequest) -> bool:
+        given = request.query_arguments.get("token", [])
+        return len(given) == 1 and hmac.compare_digest(given[0], self.token.encode())
+
+    def _with_cookie(self, request: HTTPServerRequest) -> bool:
+        try:
+            cookies = SimpleCookie(request.headers.get("Cookie", ""))
+        except CookieError:
+            return False
+        given = cookies.get(self.cookie)
+        return given is not None and hmac.compare_digest(given.value.encode(), self.token.encode())
+
+
+class Gatekeeper(Router):
+    """Router in front of an application: requests that `Access` refuses do not reach it."""
+
+    def __init__(self, application: Application, access: Access):
+        self.application, self.access = application, access
+        self.answers = Application([(r".*", _Answer, {"access": access})])
+
+    def find_handler(self, request: Any, **kwargs: Any) -> Any:
+        if self.access.refusal(request) or self.access.enters(request):
+            return self.answers.find_handler(request, **kwargs)
+        return self.application.find_handler(request, **kwargs)
+
+
+class _Answer(RequestHandler):
+    """Refusal of a request, or exchange of the token for a cookie."""
+
+    def initialize(self, access: Access) -> None:
+        self.access = access
+
+    def prepare(self) -> None:
+        reason = self.access.refusal(self.request)
+        if reason:
+            self.set_status(403)
+            self.set_header("Content-Type", "text/plain; charset=utf-8")
+            self.finish(f"403: {reason}\n")
+            return
+        options: dict[str, Any] = {"httponly": True, "samesite": "Strict", "path": "/", "expires_days": None}
+        self.set_cookie(self.access.cookie, self.access.token, **options)
+        self.set_header("Referrer-Policy", "no-referrer")
+        self.redirect("/", status=303)
+
+
+def protection(access: Access) -> Callable[[HTTPServerRequest], OutputTransform]:
+    """Return a transform of tornado that adds the protecting headers to every answer."""
+
+    class Protection(OutputTransform):
+        def __init__(self, request: HTTPServerRequest):
+            pass
+
+        def transform_first_chunk(
+            self, status_code: int, headers: HTTPHeaders, chunk: bytes, finishing: bool
+        ) -> tuple[int, HTTPHeaders, bytes]:
+            headers["Content-Security-Policy"] = access.policy
+            headers["Referrer-Policy"] = "no-referrer"
+            headers["X-Content-Type-Options"] = "nosniff"
+            headers["Cross-Origin-Resource-Policy"] = "same-origin"
+            return status_code, headers, chunk
+
+    return Protection

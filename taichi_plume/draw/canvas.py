@@ -1,0 +1,272 @@
+"""Views of the drawing as Bokeh figures: from above and, in 3-D, from the side. They show objects and know no text."""
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from bokeh.models import ColumnDataSource, Range1d, WheelZoomTool
+from bokeh.plotting import figure
+
+from taichi_plume.draw.objects import Scene, Thing
+from taichi_plume.draw.parts import Plane, Point
+from taichi_plume.execution.watch_file import Sight
+from taichi_plume.record.drawing import Scale
+from taichi_plume.report import theme
+from taichi_plume.report.theme import ABOVE
+from taichi_plume.scenario.outputs import Recording
+
+MARGIN = 0.08  # of the longer side, around the room
+NEAR = 10.0  # pixels from a handle within which the pointer takes the handle
+ARROW = 0.05  # of the longer side: an arrow of the fastest wind
+FONT = "Helvetica, Arial, sans-serif"
+CHOSEN, WRONG, UNLIKELY = "#0b6bcb", "#d32f2f", "#e08a00"
+SHAPES = ("xs", "ys", "color", "alpha", "edge", "width", "path")
+EMPTY_IMAGE = np.zeros((1, 1), np.uint32)
+
+
+class Canvas:
+    """A figure of one plane. `show` draws objects, `show_run` the state of a run below them."""
+
+    def __init__(self, plane: Plane):
+        self.plane = plane
+        self.figure = figure(
+            x_range=Range1d(-0.3, 4.3), y_range=Range1d(-0.3, 3.3), match_aspect=True, tools="",
+            toolbar_location=None, sizing_mode="stretch_both", min_border=10, output_backend="canvas",
+            x_axis_label=f"{'xyz'[plane[0]]} [m]", y_axis_label=f"{'xyz'[plane[1]]} [m]",
+        )  # fmt: skip
+        wheel = WheelZoomTool()
+        self.figure.add_tools(wheel)
+        self.figure.toolbar.active_scroll = wheel
+        self.figure.toolbar.active_drag = None
+        self.room: tuple[float, ...] | None = None
+        self._style()
+        names: dict[str, Sequence[str]] = {
+            "floor": ("x", "y", "w", "h"), "image": ("image", "x", "y", "dw", "dh"),
+            "wind": ("x0", "y0", "x1", "y1"), "areas": SHAPES, "lines": SHAPES, "handles": ("x", "y", "name", "marker"),
+            "labels": ("x", "y", "text", "color"), "marks": ("x", "y", "text", "color"),
+            "robots": ("x", "y", "color"), "noses": ("x0", "y0", "x1", "y1", "color"), "sketch": ("x", "y"),
+        }  # fmt: skip
+        self.sources = {name: ColumnDataSource({key: [] for key in keys}) for name, keys in names.items()}
+        self._glyphs()
+
+    def _style(self) -> None:
+        plot: Any = self.figure
+        plot.background_fill_color, plot.border_fill_color = "#eceff2", "#ffffff"
+        plot.grid.grid_line_color, plot.grid.grid_line_alpha = "#c9d1d9", 0.8
+        plot.grid.level = "guide"
+        plot.outline_line_color = None
+        for axis in plot.axis:
+            axis.axis_label_text_font = axis.major_label_text_font = FONT
+            axis.axis_label_text_font_style = "normal"
+            axis.axis_label_text_color = axis.major_label_text_color = theme.FAINT
+            axis.axis_line_color = axis.minor_tick_line_color = None
+            axis.major_tick_line_color = "#c9d1d9"
+
+    def _glyphs(self) -> None:
+        plot, of = self.figure, self.sources
+        plot.rect("x", "y", "w", "h", source=of["floor"], fill_color="#ffffff", line_color=None, level="underlay")
+        plot.image_rgba("image", "x", "y", "dw", "dh", source=of["image"], level="underlay")
+        plot.segment("x0", "y0", "x1", "y1", source=of["wind"], line_color=theme.WIND, line_alpha=0.45)
+        plot.patches(
+            "xs", "ys", source=of["areas"], fill_color="color", fill_alpha="alpha", line_color="edge", line_width="width"
+        )
+        plot.multi_line("xs", "ys", source=of["lines"], line_color="edge", line_width="width", line_alpha="alpha")
+        plot.segment("x0", "y0", "x1", "y1", source=of["noses"], line_color="color", line_width=3)
+        plot.scatter("x", "y", source=of["robots"], size=13, fill_color="color", line_color="#ffffff", line_width=1.5)
+        plot.line("x", "y", source=of["sketch"], line_color=CHOSEN, line_dash="dashed", line_width=2)
+        plot.text(
+            "x", "y", "text", source=of["labels"], text_color="color", text_font=FONT, text_font_size="11px",
+            text_align="center", text_baseline="top", y_offset=3, text_outline_color="#ffffff",
+        )  # fmt: skip
+        plot.scatter(
+            "x", "y", marker="marker", source=of["handles"], size=9, fill_color="#ffffff", line_color=CHOSEN,
+            line_width=2,
+        )  # fmt: skip
+        plot.scatter("x", "y", source=of["marks"], size=18, fill_color="color", line_color="#ffffff")
+        plot.text(
+            "x", "y", "text", source=of["marks"], text_color="#ffffff", text_font=FONT, text_font_size="11px",
+            text_align="center", text_baseline="middle", text_font_style="bold",
+        )  # fmt: skip
+
+    # ---------------------------------------------------------------- objects
+
+    def show(
+        self, of: Scene, chosen: str = "", wrong: Collection[str] = (), marks: Sequence[tuple[str, Point, bool]] = ()
+    ) -> None:
+        """Draw the objects of a text. chosen, wrong: paths of objects; marks: (number, position, is error)."""
+        if of.room != self.room:
+            self.room = of.room
+            self.fit()
+        width, height = (of.room[d] for d in self.plane) if of.room else (0.0, 0.0)
+        self.sources["floor"].data = {"x": [width / 2], "y": [height / 2], "w": [width], "h": [height]}
+        areas: dict[str, list[Any]] = {key: [] for key in SHAPES}
+        lines: dict[str, list[Any]] = {key: [] for key in SHAPES}
+        labels: dict[str, list[Any]] = {key: [] for key in ("x", "y", "text", "color")}
+        for thing in of.things:
+            for outline in thing.outlines(self.plane):
+                into = areas if outline.closed and thing.path != "domain" else lines
+                points = outline.points
+                if outline.closed and into is lines:
+                    points = np.concatenate([points, points[:1]])
+                for key, value in self._look(thing, outline.closed, chosen, wrong).items():
+                    into[key].append(value)
+                into["xs"].append(points[:, 0].copy())
+                into["ys"].append(points[:, 1].copy())
+            label = self._label(thing)
+            for key, value in label.items():
+                labels[key].append(value)
+        self.sources["areas"].data, self.sources["lines"].data = areas, lines
+        self.sources["labels"].data = labels
+        self.sources["marks"].data = {
+            "x": [place[0] for _, place, _ in marks],
+            "y": [place[1] for _, place, _ in marks],
+            "text": [text for text, _, _ in marks],
+            "color": [WRONG if is_error else UNLIKELY for _, _, is_error in marks],
+        }
+        self.show_handles(of.thing(chosen))
+
+    def _look(self, thing: Thing, closed: bool, chosen: str, wrong: Collection[str]) -> dict[str, Any]:
+        kind = thing.path.partition("[")[0]
+        alpha = {"robots": 0.85, "obstacles": 0.95, "arena": 0.0, "gas": 0.6}.get(kind.partition(".")[0], 0.35)
+        edge = {"obstacles": theme.SOLID_EDGE, "domain": theme.INK}.get(kind, thing.color)
+        width = 1.0 if closed else 1.5
+        if thing.path.startswith("wind.openings") and not closed:
+            width = 7.0
+        if thing.path == "domain":
+            width = 2.0
+        if thing.path in wrong:
+            edge, width = WRONG, max(width, 2.5)
+        if thing.path == chosen:
+            edge, width = CHOSEN, max(width, 2.5)
+        if "start" in (thing.part.within if thing.part else "") and type(thing.part).__name__ == "Rectangle":
+            alpha = 0.2
+        return {
+            "color": thing.color, "alpha": alpha if closed else 1.0, "edge": edge, "width": width, "path": thing.path,
+        }  # fmt: skip
+
+    def _label(self, thing: Thing) -> dict[str, Any]:
+        if self.plane != ABOVE or thing.path in ("domain", "arena") or thing.part is None:
+            return {}
+        outlines = thing.outlines(self.plane)
+        if not outlines:
+            return {}
+        points = np.concatenate([outline.points for outline in outlines if outline.closed] or [outlines[0].points])
+        x, y = float(np.nanmean([np.nanmin(points[:, 0]), np.nanmax(points[:, 0])])), float(np.nanmin(points[:, 1]))
+        if thing.path.startswith("wind.") and self.room is not None:
+            y = min(max(y, 0.06 * self.room[1]), 0.97 * self.room[1])
+            x = min(max(x, 0.04 * self.room[0]), 0.96 * self.room[0])
+        name = "".join(c if c.isprintable() else "?" for c in thing.name)
+        return {"x": x, "y": y, "text": theme.short(name), "color": theme.INK}
+
+    def show_handles(self, thing: Thing | None) -> None:
+        """Draw the handles of an object, or none."""
+        handles = thing.handles(self.plane) if thing is not None else {}
+        self.sources["handles"].data = {
+            "x": [x for x, _ in handles.values()],
+            "y": [y for _, y in handles.values()],
+            "name": list(handles),
+            "marker": ["circle" if name in ("center", "turn") else "square" for name in handles],
+        }
+
+    def sketch(self, points: Sequence[Point]) -> None:
+        """Draw the line of an object that is being drawn."""
+        self.sources["sketch"].data = {"x": [x for x, _ in points], "y": [y for _, y in points]}
+
+    def fit(self) -> None:
+        """Show the whole room."""
+        if self.room is None:
+            return
+        margin = MARGIN * max(self.room[d] for d in self.plane)
+        for range_, axis in ((self.figure.x_range, self.plane[0]), (self.figure.y_range, self.plane[1])):
+            range_.update(start=-margin, end=self.room[axis] + margin)
+
+    def pixel(self) -> float:
+        """Return the size of a pixel [m], about."""
+        width = self.figure.inner_width or 600
+        return abs(self.figure.x_range.end - self.figure.x_range.start) / width
+
+    def pan(self, dx: float, dy: float) -> None:
+        """Move the view by pixels."""
+        step = self.pixel()
+        x, y = self.figure.x_range, self.figure.y_range
+        x.update(start=x.start - dx * step, end=x.end - dx * step)
+        y.update(start=y.start + dy * step, end=y.end + dy * step)
+
+    # ---------------------------------------------------------------- a run
+
+    def show_run(self, sight: Sight | None, recording: Recording | None = None) -> None:
+        """Draw gas, wind and robots of a run from above; None: remove them. recording: for the scale of the gas."""
+        if sight is None or self.plane != ABOVE or self.room is None:
+            self.sources["image"].data = {key: [] for key in ("image", "x", "y", "dw", "dh")}
+            self.sources["wind"].data = {key: [] for key in ("x0", "y0", "x1", "y1")}
+            self.sources["noses"].data = {key: [] for key in ("x0", "y0", "x1", "y1", "color")}
+            self.sources["robots"].data = {key: [] for key in ("x", "y", "color")}
+            return
+        low, high = (recording or Recording()).range_ppm
+        pixels = theme.GAS(Scale(low, high, "log").bytes(sight.gas), bytes=True)
+        pixels[sight.gas <= low] = 0
+        image = np.ascontiguousarray(pixels).view(np.uint32)[..., 0]
+        self.sources["image"].data = {
+            "image": [image], "x": [0.0], "y": [0.0], "dw": [self.room[0]], "dh": [self.room[1]],
+        }  # fmt: skip
+        x, y, u, v = sight.wind
+        fastest = max(float(np.hypot(u, v).max(initial=0.0)), 1e-9)
+        scale = ARROW * max(self.room[:2]) / fastest
+        self.sources["wind"].data = {"x0": x, "y0": y, "x1": x + scale * u, "y1": y + scale * v}
+        x, y, heading, _ = sight.robots
+        colors = [theme.robot(n) for n in range(len(x))]
+        reach = 0.03 * max(self.room[:2])
+        ends: Mapping[str, Any] = {"x1": x + reach * np.cos(heading), "y1": y + reach * np.sin(heading)}
+        self.sources["noses"].data = {"x0": x, "y0": y, "color": colors, **ends}
+        self.sources["robots"].data = {"x": x, "y": y, "color": colors}
+
+    # ---------------------------------------------------------------- pointing
+
+    def handle_at(self, thing: Thing | None, at: Point) -> str | None:
+        """Return the handle of an object near a point, the nearest first; None if there is none near."""
+        handles = thing.handles(self.plane) if thing is not None else {}
+        apart = {name: np.hypot(x - at[0], y - at[1]) for name, (x, y) in handles.items()}
+        nearest = min(apart, key=apart.__getitem__, default=None)
+        return nearest if nearest is not None and apart[nearest] <= NEAR * self.pixel() else None
+
+    def thing_at(self, of: Scene, at: Point) -> str | None:
+        """Return the path of the topmost object at a point; None if there is none but the room."""
+        near = NEAR * self.pixel()
+        for thing in reversed(of.things):
+            if thing.path == "domain" or thing.part is None:
+                continue
+            for outline in thing.outlines(self.plane):
+                if outline.closed and thing.path != "arena" and _inside(outline.points, at):
+                    return thing.path
+                if _distance(outline.points, at, outline.closed) <= near:
+                    return thing.path
+        return None
+
+
+def _inside(points: np.ndarray, at: Point) -> bool:
+    """Return whether a point lies in polygons separated by rows of NaN, by the even-odd rule."""
+    crossings = 0
+    for a, b in _edges(points, True):
+        if (a[1] > at[1]) != (b[1] > at[1]):
+            crossings += at[0] < a[0] + (at[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
+    return bool(crossings % 2)
+
+
+def _edges(points: np.ndarray, closed: bool) -> list[tuple[np.ndarray, np.ndarray]]:
+    gaps = np.flatnonzero(np.isnan(points[:, 0]))
+    edges = []
+    for part in np.split(points, gaps):
+        part = part[~np.isnan(part[:, 0])]
+        ends = np.roll(part, -1, axis=0) if closed else part[1:]
+        edges += list(zip(part, ends, strict=False))
+    return edges
+
+
+def _distance(points: np.ndarray, at: Point, closed: bool) -> float:
+    """Return the distance of a point from the edges of an outline."""
+    least = np.inf
+    for a, b in _edges(points, closed):
+        along = b - a
+        part = float(np.clip(np.dot(at - a, along) / max(float(np.dot(along, along)), 1e-18), 0.0, 1.0))
+        least = min(least, float(np.hypot(*(a + part * along - at))))
+    return least

@@ -1,0 +1,139 @@
+"""Files that the page offers: the text, a picture of the room, report, recording and ZIP of a run, rerun's viewer."""
+
+import re
+import tempfile
+import zipfile
+from asyncio import get_running_loop
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from tornado.web import HTTPError, RequestHandler
+
+from taichi_plume.draw.document import data_of
+from taichi_plume.draw.workplace import Workplace
+from taichi_plume.files.run_folder import files_in
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.record.live import WEB_VIEWER, web_viewer_files
+
+PIECE = 1 << 20  # bytes sent at once
+TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript",
+    ".wasm": "application/wasm",
+    ".png": "image/png",
+    ".yaml": "text/yaml; charset=utf-8",
+    ".zip": "application/zip",
+    ".rrd": "application/octet-stream",
+}
+DPI = 150.0
+_viewer: dict[str, bytes] = {}
+
+
+class _Files(RequestHandler):
+    """Base class of the handlers: they answer GET with one file."""
+
+    def initialize(self, workplace: Workplace) -> None:
+        self.workplace = workplace
+
+    def offer(self, name: str, inline: bool) -> None:
+        """Set the headers of a file by its name; inline: shown in the browser, otherwise downloaded."""
+        self.set_header("Content-Type", TYPES[Path(name).suffix])
+        self.set_header("Cache-Control", "no-store")
+        if not inline:
+            self.set_header("Content-Disposition", f"attachment; filename*=UTF-8''{quote(name, safe='')}")
+
+    async def send(self, file: Path) -> None:
+        """Send a file piece by piece."""
+        with file.open("rb") as content:
+            while piece := content.read(PIECE):
+                self.write(piece)
+                await self.flush()
+
+
+class Share(_Files):
+    """The text as YAML, or the picture of its room."""
+
+    def get(self, ending: str) -> None:
+        name = self.workplace.file.stem
+        if ending == "yaml":
+            self.offer(f"{name}.yaml", False)
+            self.write(self.workplace.text.encode("utf-8"))
+            return
+        try:
+            content = picture(self.workplace)
+        except InputError as error:
+            raise HTTPError(409, reason="the scenario has errors") from error
+        self.offer(f"{name}.png", False)
+        self.write(content)
+
+
+class OfRun(_Files):
+    """Report, recording, or ZIP of all files of a run."""
+
+    async def get(self, number: str, name: str) -> None:
+        run = self.workplace.runs.run(int(number))
+        if run is None:
+            raise HTTPError(404)
+        if name == "run.zip":
+            if run.alive:
+                raise HTTPError(409, reason="the run has not ended")
+            self.offer(f"{run.folder.name}.zip", False)
+            with tempfile.TemporaryDirectory() as folder:
+                await self.send(zipped(run.folder, Path(folder) / "run.zip"))
+            return
+        file = run.folder / name
+        if not file.is_file() or file.is_symlink():
+            raise HTTPError(404)
+        self.offer(name, True)
+        await self.send(file)
+
+
+class Viewer(_Files):
+    """Files of rerun's viewer for browsers, served from here, so that no other server and no other site is asked."""
+
+    async def get(self, name: str) -> None:
+        if not _viewer:
+            _viewer.update(await get_running_loop().run_in_executor(None, web_viewer_files))
+        self.offer(name or "index.html", True)
+        self.write(_viewer[name or "index.html"])
+
+
+def picture(workplace: Workplace) -> bytes:
+    """Return a PNG of the room, as ``run --check`` draws it. Raises ScenarioError if the scenario has errors."""
+    from taichi_plume.assembly.preparation import load
+    from taichi_plume.report.scene import checked_figure
+    from taichi_plume.report.theme import png, styled
+
+    prepared = load(data_of(workplace.text), (), workplace.allow_outside, workplace.folder)
+    with styled():
+        return png(checked_figure(prepared, DPI))
+
+
+def zipped(folder: Path, target: Path) -> Path:
+    """Write a ZIP of the files of a run, without links, and return its path."""
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
+        for file in sorted(_below(files_in(folder))):
+            archive.write(file, Path(folder.name) / file.relative_to(folder))
+    return target
+
+
+def _below(entries: Sequence[Path]) -> list[Path]:
+    files: list[Path] = []
+    for entry in entries:
+        if entry.is_symlink():
+            continue
+        files += _below(sorted(entry.iterdir())) if entry.is_dir() else [entry]
+    return files
+
+
+def patterns(workplace: Workplace) -> list[Any]:
+    """Return the addresses of these files, with their handlers."""
+    about = {"workplace": workplace}
+    viewer = "|".join(re.escape(name) for name in ("", *WEB_VIEWER))
+    return [
+        (r"/share/room\.(yaml|png)", Share, about),
+        (r"/runs/(\d{1,6})/(report\.html|recording\.rrd|run\.zip)", OfRun, about),
+        (rf"/viewer/({viewer})", Viewer, about),
+    ]

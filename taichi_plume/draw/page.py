@@ -1,0 +1,447 @@
+"""The page: views, palette, form, text, remarks and runs, each a function of the workplace's text and runs.
+
+A page holds no scenario: pointer and form edit the text, and the text's change redraws all pages of the server.
+"""
+
+from collections.abc import Callable, Sequence
+from html import escape
+from typing import Any
+
+from bokeh.document import Document
+from bokeh.events import DocumentReady, DoubleTap, Pan, PanEnd, PanStart, Tap
+from bokeh.layouts import column, row
+from bokeh.models import (
+    Button,
+    Checkbox,
+    CustomJS,
+    Div,
+    InlineStyleSheet,
+    RadioButtonGroup,
+    Select,
+    TabPanel,
+    Tabs,
+    TextAreaInput,
+    TextInput,
+)
+
+from taichi_plume.draw import edits
+from taichi_plume.draw.canvas import Canvas
+from taichi_plume.draw.checks import Remark
+from taichi_plume.draw.document import EditError
+from taichi_plume.draw.form_panel import FormPanel
+from taichi_plume.draw.objects import preview, scene
+from taichi_plume.draw.parts import Plane, Point
+from taichi_plume.draw.run_panel import RunPanel
+from taichi_plume.draw.workplace import FileChangedError, Workplace
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.report.theme import ABOVE, SIDE
+
+STEPS = {"1 cm": 0.01, "5 cm": 0.05, "10 cm": 0.1, "25 cm": 0.25, "off": 0.0}
+PERIOD = 400  # ms between looks at runs and files
+STYLE = """
+:host { font-family: Helvetica, Arial, sans-serif; font-size: 13px; color: #1d2733; }
+.bk-btn, .bk-input, label { font-family: Helvetica, Arial, sans-serif; font-size: 13px; }
+"""
+TEXT_STYLE = "textarea.bk-input { font-family: monospace; font-size: 12px; white-space: pre; overflow: auto; }"
+KEYS_SCRIPT = """
+document.addEventListener("keydown", (event) => {
+  const target = event.composedPath()[0]
+  if (["INPUT", "TEXTAREA", "SELECT"].includes(target.tagName)) return
+  const command = event.ctrlKey || event.metaKey
+  const key = event.key.toLowerCase()
+  const name = command ? {z: event.shiftKey ? "redo" : "undo", y: "redo", d: "copy", s: "save"}[key]
+                       : {delete: "delete", backspace: "delete", escape: "escape"}[key]
+  if (name == null) return
+  event.preventDefault()
+  keys.value = `${name} ${Date.now()}`
+})
+"""
+"""The only script of the page: keys become the value of a hidden input."""
+
+
+class Page:
+    """The page of one browser tab. document: of Bokeh; workplace: shared by all tabs."""
+
+    def __init__(self, document: Document, workplace: Workplace):
+        self.document, self.workplace = document, workplace
+        self.chosen, self.scene = "", scene(workplace.text, workplace.folder, workplace.allow_outside)
+        self.dragged: tuple[Canvas, str, str | None, Point, Point] | None = None
+        self.points: list[Point] = []
+        self.asked: Callable[[], None] | None = None
+        self.canvases = {ABOVE: Canvas(ABOVE), SIDE: Canvas(SIDE)}
+        self.form = FormPanel(self.put, self.choose, self.say)
+        self.runs = RunPanel(workplace, self.ask, self.say)
+        self._build()
+        for canvas in self.canvases.values():
+            self._listen(canvas)
+        workplace.listeners.append(self._later)
+        document.add_periodic_callback(self.look, PERIOD)
+        document.on_session_destroyed(lambda _: self.leave())
+        self.refresh()
+
+    def leave(self) -> None:
+        """Forget the page: its tab has been closed. Runs go on."""
+        if self._later in self.workplace.listeners:
+            self.workplace.listeners.remove(self._later)
+
+    def _later(self) -> None:
+        self.document.add_next_tick_callback(self.refresh)
+
+    # ---------------------------------------------------------------- layout
+
+    def _build(self) -> None:
+        sheet = InlineStyleSheet(css=STYLE)
+        self.title = Div(styles={"font-size": "15px"}, width=330, align="center")
+        self.undo, self.redo = self._button("↶ Undo", self._undo, 80), self._button("↷ Redo", self._redo, 80)
+        self.tools = [
+            self._button("Copy", self._copy, 60),
+            self._button("⟲ 15°", lambda: self._turn(15), 60),
+            self._button("⟳ 15°", lambda: self._turn(-15), 60),
+            self._button("Delete", self._delete, 70),
+        ]
+        self.step = Select(options=list(STEPS), value="5 cm", width=80)
+        grid = row(Div(text="grid", align="center"), self.step)
+        save = self._button("Save", self.save, 70)
+        run = Button(label="▶ Run", width=90, button_type="success", name="run", stylesheets=[sheet])
+        run.on_click(self._run)
+        share = Div(
+            text='<a href="share/room.yaml">YAML</a> &nbsp; <a href="share/room.png">picture</a>', align="center"
+        )
+        fit = self._button("Whole room", self._fit, 95)
+        bar = row(self.title, self.undo, self.redo, *self.tools, grid, fit, save, share, run, sizing_mode="stretch_width")
+        self.palette = RadioButtonGroup(
+            labels=["select", *edits.KINDS], active=0, orientation="vertical", width=110, stylesheets=[sheet]
+        )
+        self.palette.on_change("active", lambda *_: self._tool_changed())
+        self.file = Select(title="file", width=110, visible=False)
+        self.hint = Div(styles={"color": "#5d6875"}, sizing_mode="stretch_width")
+        self.size = Div(styles={"color": "#5d6875"}, sizing_mode="stretch_width", name="size")
+        self.banner = Div(sizing_mode="stretch_width")
+        self.yes, self.no = self._button("Yes", self._yes, 60), self._button("No", self._no, 60)
+        self.question = row(self.banner, self.yes, self.no, visible=False, sizing_mode="stretch_width")
+        self.question.styles = {"background": "#fff4d6", "padding": "6px", "border-radius": "4px"}
+        self.canvases[SIDE].figure.update(height=190, sizing_mode="stretch_width")
+        self.message = Div(styles={"color": "#d32f2f"}, sizing_mode="stretch_width", name="message")
+        views = column(
+            self.question, self.message, self.canvases[ABOVE].figure, self.canvases[SIDE].figure, self.hint, self.size,
+            sizing_mode="stretch_both",
+        )  # fmt: skip
+        self.text = TextAreaInput(
+            max_length=None, sizing_mode="stretch_both", name="yaml",  # type: ignore[arg-type]
+            stylesheets=[sheet, InlineStyleSheet(css=TEXT_STYLE)],
+        )  # fmt: skip
+        self.text.on_change("value_input", lambda _, __, new: self._typed(new))
+        self.remarks = Div(sizing_mode="stretch_width", name="remarks")
+        self.tabs = Tabs(
+            tabs=[
+                TabPanel(child=self.form.layout, title="Form"),
+                TabPanel(child=self.text, title="YAML"),
+                TabPanel(child=column(self.remarks, sizing_mode="stretch_both"), title="Remarks"),
+                TabPanel(child=self.runs.layout, title="Runs"),
+                TabPanel(child=self.runs.report, title="Report"),
+                TabPanel(child=self.runs.recording, title="Recording"),
+            ],
+            width=430, sizing_mode="stretch_height", stylesheets=[sheet],
+        )  # fmt: skip
+        self.tabs.on_change("active", lambda _, __, new: self._tab(new))
+        self.keys = TextInput(visible=False, name="keys")
+        self.keys.on_change("value", lambda _, __, new: self._key(new.partition(" ")[0]))
+        self.document.js_on_event(DocumentReady, CustomJS(args={"keys": self.keys}, code=KEYS_SCRIPT))
+        body = row(column(self.palette, self.file), views, self.tabs, sizing_mode="stretch_both")
+        self.layout = column(bar, body, self.keys, sizing_mode="stretch_both", stylesheets=[sheet])
+        self.document.add_root(self.layout)
+
+    def _button(self, label: str, work: Callable[[], Any], width: int) -> Button:
+        button = Button(label=label, width=width, stylesheets=[InlineStyleSheet(css=STYLE)])
+        button.on_click(work)
+        return button
+
+    def _listen(self, canvas: Canvas) -> None:
+        plot = canvas.figure
+        plot.on_event(Tap, lambda event: self._tap(canvas, (event.x, event.y)))
+        plot.on_event(DoubleTap, lambda event: self._double_tap())
+        plot.on_event(PanStart, lambda event: self._start(canvas, (event.x, event.y)))
+        plot.on_event(Pan, lambda event: self._drag(canvas, (event.x, event.y), (event.delta_x, event.delta_y)))
+        plot.on_event(PanEnd, lambda event: self._end(canvas, (event.x, event.y)))
+
+    # ---------------------------------------------------------------- text → page
+
+    def refresh(self) -> None:
+        """Show the present text, and what the checks found about it."""
+        work = self.workplace
+        self.scene = scene(work.text, work.folder, work.allow_outside)
+        if self.chosen and not self.form.exists(self.scene.data, self.chosen):
+            self.chosen = ""
+        if self.text.value != work.text and self.text.value_input != work.text:
+            self.text.value = work.text
+        self.undo.disabled, self.redo.disabled = not work.history.can_undo, not work.history.can_redo
+        for tool in self.tools:
+            tool.disabled = self.scene.thing(self.chosen) is None or self.chosen in ("", "domain")
+        state = "" if work.saved else " · not saved"
+        self.title.text = f"<b>{escape(work.file.name)}</b><span style='color:#7b8794'>{state}</span>"
+        self.canvases[SIDE].figure.visible = SIDE in self.scene.planes
+        self._show_remarks()
+        self.form.show(self.scene, self.chosen, self.shown_remarks)
+        self._banner()
+        self.runs.refresh()
+
+    @property
+    def shown_remarks(self) -> Sequence[Remark]:
+        """Remarks about the present text; none while it is being checked."""
+        work = self.workplace
+        return work.findings.remarks if work.findings is not None and work.checked == work.text else ()
+
+    def _show_remarks(self) -> None:
+        work, lines, marks = self.workplace, [], {plane: [] for plane in self.canvases}
+        for n, remark in enumerate(self.shown_remarks, 1):
+            owner = self.scene.thing(remark.owner(self.scene))
+            for plane in self.canvases:
+                handles = owner.handles(plane) if owner is not None else {}
+                place = handles.get("center") or next(iter(handles.values()), owner.place if owner and plane == ABOVE else None)
+                if place is not None:
+                    beside = sum(1 for _, other, _ in marks[plane] if other[1] == place[1] and abs(other[0] - place[0]) < 1)
+                    shift = 0.05 * beside * max(self.scene.room or (1.0,))
+                    marks[plane].append((str(n), (place[0] + shift, place[1]), remark.is_error))
+            color, word = ("#d32f2f", "error") if remark.is_error else ("#b26a00", "unlikely")
+            lines.append(f"<p><b style='color:{color}'>{n} {word}</b> {escape(remark.line)}</p>")
+        wrong = {remark.owner(self.scene) for remark in self.shown_remarks if remark.is_error}
+        for plane, canvas in self.canvases.items():
+            canvas.show(self.scene, self.chosen, wrong, marks[plane])
+        fresh = work.findings is not None and work.checked == work.text
+        self.remarks.text = "".join(lines) or ("<p>Nothing: the scenario can be run.</p>" if fresh else "<p>checking …</p>")
+        self.tabs.tabs[2].title = f"Remarks ({len(lines)})" if lines else "Remarks"
+        amounts = work.findings.amounts if work.findings is not None and fresh else ""
+        errors = sum(remark.is_error for remark in self.shown_remarks)
+        state = f"<b style='color:#d32f2f'>{errors} error{'s' * (errors != 1)}</b>" if errors else amounts or "checking …"
+        self.size.text = state if errors else escape(state)
+        if fresh and work.findings is not None and work.findings.derived and not errors:
+            self.size.text += "".join(
+                f" · {escape(name)}: {escape(text)}" for name, text in work.findings.derived.items() if name in ("air", "gas")
+            )
+
+    def _banner(self) -> None:
+        if self.asked is None and self.workplace.recovered is not None:
+            words = f"Unsaved changes of {self.workplace.file.name} were left by an earlier session. Take them?"
+            self.ask(words, lambda: self.workplace.restore(True), lambda: self.workplace.restore(False))
+
+    # ---------------------------------------------------------------- page → text
+
+    def put(self, text: str) -> None:
+        """Make a text the present one."""
+        self.say("")
+        self.workplace.put(text)
+
+    def say(self, words: str) -> None:
+        """Show a message above the drawing; "": none."""
+        self.message.text = escape(words)
+
+    def ask(self, words: str, yes: Callable[[], Any], no: Callable[[], Any] = lambda: None) -> None:
+        """Ask a question above the drawing; carry out one of two functions by the answer."""
+        self.banner.text = escape(words)
+        self.asked, self.declined = yes, no
+        self.question.visible = True
+
+    def _yes(self) -> None:
+        work, self.asked, self.question.visible = self.asked, None, False
+        if work is not None:
+            self._tried(work)
+
+    def _no(self) -> None:
+        self.asked, self.question.visible = None, False
+        self._tried(self.declined)
+
+    def _tried(self, work: Callable[[], Any]) -> Any:
+        try:
+            return work()
+        except InputError as error:
+            self.say("; ".join(error.lines))
+            return None
+
+    def choose(self, path: str) -> None:
+        """Select the object or section at a path."""
+        self.chosen = path
+        self.refresh()
+
+    def _typed(self, text: str) -> None:
+        if text != self.workplace.text:
+            self.put(text)
+
+    def _edit(self, work: Callable[[], str]) -> None:
+        new = self._tried(work)
+        if new is not None:
+            self.put(new)
+
+    def _undo(self) -> None:
+        self.workplace.undo()
+
+    def _redo(self) -> None:
+        self.workplace.redo()
+
+    def _copy(self) -> None:
+        made = self._tried(lambda: edits.copy(self.workplace.text, self.chosen, self.workplace.folder))
+        if made is not None:
+            self.chosen = made[1]
+            self.put(made[0])
+
+    def _turn(self, degrees: float) -> None:
+        self._edit(lambda: edits.turn(self.workplace.text, self.chosen, degrees))
+
+    def _delete(self) -> None:
+        if self.scene.thing(self.chosen) is not None:
+            self._edit(lambda: edits.remove(self.workplace.text, self.chosen))
+
+    def _fit(self) -> None:
+        for canvas in self.canvases.values():
+            canvas.fit()
+
+    def save(self) -> None:
+        """Save the text; ask first if another program has changed the file."""
+        try:
+            self.workplace.save()
+            self.say("")
+        except FileChangedError as error:
+            self.ask(f"{error.lines[0]}. Overwrite it?", lambda: self.workplace.save(True), self._offer_reload)
+        except InputError as error:
+            self.say("; ".join(error.lines))
+
+    def _offer_reload(self) -> None:
+        self.ask("Take the file's text instead? Undo returns to the present one.", self.workplace.reload)
+
+    def _run(self) -> None:
+        self.tabs.active = 3
+        self.runs.start()
+
+    def _key(self, name: str) -> None:
+        work = {
+            "undo": self._undo, "redo": self._redo, "copy": self._copy, "delete": self._delete, "save": self.save,
+            "escape": self._escape,
+        }.get(name)  # fmt: skip
+        if work is not None:
+            work()
+
+    def _escape(self) -> None:
+        self.palette.active = 0
+        self.choose("")
+
+    def _tab(self, active: int) -> None:
+        self.tabs.width = 760 if active in (4, 5) else 430
+        self.runs.open(active)
+
+    # ---------------------------------------------------------------- pointer
+
+    @property
+    def kind(self) -> str:
+        """Kind of object that the pointer draws; "select" if it selects and moves."""
+        return ["select", *edits.KINDS][self.palette.active or 0]
+
+    def _tool_changed(self) -> None:
+        self.points = []
+        self.hint.text = escape(edits.KINDS.get(self.kind, "Drag an object or its handles; drag the floor to move the view."))
+        endings = {"mesh": (".stl", ".obj", ".ply"), "map": (".yaml", ".yml")}.get(self.kind, ())
+        files = sorted(f.name for f in self.workplace.folder.iterdir() if f.suffix.lower() in endings and not f.name.startswith("."))
+        self.file.update(visible=bool(endings), options=files, value=files[0] if files else "")
+        for canvas in self.canvases.values():
+            canvas.sketch([])
+
+    def _snapped(self, at: Point) -> Point:
+        return edits.snapped(at, STEPS[self.step.value])
+
+    def _tap(self, canvas: Canvas, at: Point) -> None:
+        if self.kind == "select":
+            self.choose(canvas.thing_at(self.scene, at) or "")
+        elif canvas.plane != ABOVE:
+            self.say("draw in the view from above; heights are set in the view from the side afterwards")
+        elif self.kind in edits.CLICKED:
+            self.points.append(self._snapped(at))
+            canvas.sketch(self.points)
+        else:
+            self._create([self._snapped(at)])
+
+    def _double_tap(self) -> None:
+        if self.kind in edits.CLICKED and self.points:
+            corners = [p for n, p in enumerate(self.points) if n == 0 or p != self.points[n - 1]]
+            self._create(corners)
+
+    def _create(self, points: Sequence[Point]) -> None:
+        made = self._tried(
+            lambda: edits.create(self.workplace.text, self.scene, self.kind, points, self.chosen, self.file.value)
+        )
+        self.points = []
+        self.canvases[ABOVE].sketch([])
+        if made is not None:
+            text, self.chosen = made
+            self.put(text)
+            if self.kind in ("mesh", "map", "arena"):
+                self.palette.active = 0
+
+    def _start(self, canvas: Canvas, at: Point) -> None:
+        if self.kind != "select":
+            self.dragged = (canvas, "", None, at, at) if canvas.plane == ABOVE else None
+            return
+        chosen = self.scene.thing(self.chosen)
+        handle = canvas.handle_at(chosen, at)
+        if handle is None:
+            path = canvas.thing_at(self.scene, at)
+            if path is None:
+                self.dragged = (canvas, "", None, at, at)
+                return
+            if path != self.chosen:
+                self.choose(path)
+            thing = self.scene.thing(path)
+            handle = "center" if thing is not None and "center" in thing.handles(canvas.plane) else None
+            if thing is None or handle is None:
+                return
+            x, y = thing.handles(canvas.plane)[handle]
+            self.dragged = (canvas, path, handle, at, (x - at[0], y - at[1]))
+            return
+        self.dragged = (canvas, self.chosen, handle, at, (0.0, 0.0))
+
+    def _target(self, at: Point) -> Point:
+        assert self.dragged is not None
+        x, y = self.dragged[4]
+        return self._snapped((at[0] + x, at[1] + y))
+
+    def _drag(self, canvas: Canvas, at: Point, by: Point) -> None:
+        if self.dragged is None:
+            return
+        _, path, handle, start, _ = self.dragged
+        if self.kind != "select":
+            canvas.sketch(self._outline(self._snapped(start), self._snapped(at)))
+        elif not path:
+            canvas.pan(*by)
+        elif handle is not None:
+            self._preview(canvas.plane, path, handle, self._target(at))
+
+    def _outline(self, a: Point, b: Point) -> list[Point]:
+        if self.kind in ("box", "robot area", "arena"):
+            return [a, (b[0], a[1]), b, (a[0], b[1]), a]
+        return [a, b]
+
+    def _preview(self, plane: Plane, path: str, handle: str, to: Point) -> None:
+        thing = self.scene.thing(path)
+        if thing is None or thing.part is None:
+            return
+        moved = preview(self.scene, path, thing.part.moved(handle, plane, to), self.workplace.folder)
+        if moved is not None and moved.part is not None:
+            shown = self.scene.with_thing(moved)
+            for canvas in self.canvases.values():
+                canvas.show(shown, path)
+
+    def _end(self, canvas: Canvas, at: Point) -> None:
+        dragged, target = self.dragged, self._target(at) if self.dragged else at
+        self.dragged = None
+        if dragged is None:
+            return
+        _, path, handle, start, _ = dragged
+        if self.kind != "select":
+            self._create([self._snapped(start), self._snapped(at)])
+        elif path and handle is not None:
+            self._edit(lambda: edits.move_handle(self.workplace.text, self.scene, path, handle, canvas.plane, target))
+            self.refresh()
+
+    # ---------------------------------------------------------------- runs
+
+    def look(self) -> None:
+        """Show the state of the runs."""
+        self.runs.refresh()
+        self.canvases[ABOVE].show_run(self.runs.sight, self.runs.recording_keys(self.scene))

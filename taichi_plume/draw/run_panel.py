@@ -1,0 +1,172 @@
+"""The runs of a session as widgets of Bokeh: progress, readings, the list, and report and recording beside."""
+
+from collections.abc import Callable
+from html import escape
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+from bokeh.layouts import column, row
+from bokeh.models import Button, ColumnDataSource, DataTable, Div, TableColumn
+from bokeh.plotting import figure
+
+from taichi_plume.draw.objects import Scene, read
+from taichi_plume.draw.runs import Run
+from taichi_plume.draw.workplace import Workplace
+from taichi_plume.execution.watch_file import Sight
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.report import theme
+from taichi_plume.scenario.outputs import Recording
+
+COLUMNS = {"run": 32, "state": 80, "changed": 130, "found": 130, "simulated": 70, "took": 55, "folder": 100}
+MOST_ROBOTS = 12  # curves
+FRAME = "width:100%;height:calc(100vh - 150px);border:1px solid #c9d1d9;background:#fff"
+
+
+class RunPanel:
+    """Widgets of the runs. ask: asks a question, with functions of both answers; say: shows a message."""
+
+    def __init__(self, workplace: Workplace, ask: Callable[..., None], say: Callable[[str], None]):
+        self.workplace, self.ask, self.say = workplace, ask, say
+        self.number = 0
+        self._shown: tuple[int, int] = (0, 0)
+        self._frames: tuple[int, bool] = (0, False)
+        self.stop = Button(label="■ Stop", width=80, disabled=True, name="stop")
+        self.stop.on_click(self._stop)
+        self.progress = Div(width=300, name="progress")
+        self.output = Div(width=400, name="output")
+        self.links = Div(width=400, name="links")
+        self.curves = ColumnDataSource({"xs": [], "ys": [], "color": []})
+        self.plot = figure(
+            height=200, width=400, tools="", toolbar_location=None, x_axis_label="t [s]", y_axis_label="reading [ppm]"
+        )
+        self.plot.multi_line("xs", "ys", line_color="color", line_width=1.5, source=self.curves)
+        self.plot.outline_line_color = None
+        self.source = ColumnDataSource({key: [] for key in COLUMNS})
+        self.source.selected.on_change("indices", lambda _, __, new: self._selected(new))
+        columns: Any = [TableColumn(field=key, title=key, width=width) for key, width in COLUMNS.items()]
+        self.table = DataTable(
+            source=self.source, columns=columns, width=410, height=260, index_position=None, autosize_mode="none", name="runs"
+        )
+        self.layout = column(
+            row(self.stop, self.progress), self.plot, self.links, self.output, self.table, sizing_mode="stretch_height"
+        )
+        self.report = Div(text="<p>Run the scenario first.</p>", sizing_mode="stretch_both", name="report")
+        self.recording = Div(text="<p>Run the scenario first.</p>", sizing_mode="stretch_both", name="recording")
+
+    @property
+    def run(self) -> Run | None:
+        """The run that is shown."""
+        return self.workplace.runs.run(self.number)
+
+    @property
+    def sight(self) -> Sight | None:
+        """State of the shown run at its last moment."""
+        return self.run.sight if self.run is not None else None
+
+    def recording_keys(self, of: Scene) -> Recording:
+        """Return the section `recording` of a text, for the scale of the gas."""
+        section = read(of.data, "recording")
+        return section if isinstance(section, Recording) else Recording()
+
+    # ---------------------------------------------------------------- run and stop
+
+    def start(self) -> None:
+        """Start a run; ask before files with Python code are executed, in the words of the command."""
+        work = self.workplace
+        text, findings = work.check()
+        work.found(text, findings)
+        if not findings.sound:
+            self.say("the scenario has errors; see Remarks")
+            return
+        if findings.code and not work.allow_code:
+            self.ask(" ".join([*findings.code, "Run it?"]), lambda: self._start(True), lambda: self.say("not run"))
+            return
+        self._start(False)
+
+    def _start(self, allow_code: bool) -> None:
+        try:
+            self.number = self.workplace.run(allow_code).number
+        except InputError as error:
+            self.say("; ".join(error.lines))
+        self.refresh()
+
+    def _stop(self) -> None:
+        if self.run is not None:
+            self.run.stop()
+
+    # ---------------------------------------------------------------- show
+
+    def refresh(self) -> None:
+        """Show the present state of the runs."""
+        runs = self.workplace.runs
+        runs.poll()
+        if not self.number and runs.all:
+            self.number = len(runs.all)
+        rows = [run.row() for run in runs.listed]
+        data = {key: [line[key] for line in rows] for key in COLUMNS}
+        if data != self.source.data:
+            self.source.data = data
+        run = self.run
+        if run is None:
+            self.progress.text = ""
+            return
+        self.stop.disabled = not run.alive
+        self._show_progress(run)
+        if (self.number, len(run.curve)) != self._shown:
+            self._shown = (self.number, len(run.curve))
+            self._show_curve(run)
+        lines = [] if run.alive or run.state in ("completed", "stopped") else run.output
+        self.output.text = "".join(f"<div style='color:#d32f2f'>{escape(line)}</div>" for line in lines)
+        self._show_frames(run)
+
+    def _show_progress(self, run: Run) -> None:
+        sight, left = run.sight, run.left
+        done = sight.done if sight is not None else 0.0
+        clock = f"{sight.t:.1f} of {sight.end:g} s" if sight is not None else ""
+        remaining = f", about {left:.0f} s left" if left is not None else ""
+        bar = f"<progress max='1' value='{done:.3f}' style='width:120px'></progress>" if run.alive else ""
+        self.progress.text = f"{bar} <b>run {run.number}</b> {escape(run.state)} {clock}{remaining}"
+
+    def _show_curve(self, run: Run) -> None:
+        times = [t for t, _ in run.curve]
+        readings = np.array([values for _, values in run.curve]).T if run.curve else np.empty((0, 0))
+        some = range(min(len(readings), MOST_ROBOTS))
+        self.curves.data = {
+            "xs": [times for _ in some],
+            "ys": [readings[n] for n in some],
+            "color": [theme.robot(n) for n in some],
+        }
+
+    def _show_frames(self, run: Run) -> None:
+        there = not run.alive and (run.folder / "report.html").is_file()
+        if (run.number, there) == self._frames:
+            return
+        self._frames = (run.number, there)
+        base = f"runs/{run.number}"
+        self.report.text = (
+            f'<iframe src="{base}/report.html" style="{FRAME}"></iframe>' if there else "<p>The run has no report yet.</p>"
+        )
+        self.recording.text = "<p>The run has no recording yet.</p>"
+        self.links.text = (
+            f'<a href="{base}/report.html" target="_blank">report</a> &nbsp; <a href="{base}/run.zip">ZIP of run '
+            f"{run.number}</a>"
+            if there
+            else ""
+        )
+
+    def open(self, tab: int) -> None:
+        """Load the recording in rerun's viewer once its tab (5) is opened, as the viewer is large."""
+        run = self.run
+        if tab != 5 or run is None or not (run.folder / "recording.rrd").is_file() or run.alive:
+            return
+        address = "location.origin"
+        path = quote(f"/runs/{run.number}/recording.rrd", safe="")
+        del address
+        self.recording.text = f'<iframe src="viewer/?run={path}" style="{FRAME}"></iframe>'
+
+    def _selected(self, indices: list[int]) -> None:
+        listed = self.workplace.runs.listed
+        if indices and indices[0] < len(listed):
+            self.number = listed[indices[0]].number
+            self.refresh()

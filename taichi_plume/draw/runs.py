@@ -1,0 +1,196 @@
+"""Runs of a session: each is the run command in a process of its own, which outlives page and server."""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_plume.draw.document import data_of
+from taichi_plume.execution.watch_file import Sight, read
+from taichi_plume.files.run_folder import read_json
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.terminal import visible
+
+LISTED = 10
+MOST_LINES = 12  # of the command's output that are shown
+MOST_CHANGES = 3  # keys, in the list
+MOST_CURVE = 4000  # samples of the curves of readings
+
+
+class Run:
+    """A run of the session. number: from 1; folder: of its files; changes: keys that differ from the previous run."""
+
+    def __init__(self, number: int, folder: Path, text: str, changes: str):
+        self.number, self.folder, self.text, self.changes = number, folder, text, changes
+        self.notes = Path(tempfile.mkdtemp(prefix="taichi_plume-draw-"))
+        self.scenario: Path | None = None  # a copy of the text for the run alone
+        self.process: subprocess.Popen[bytes] | None = None
+        self.begun = time.monotonic()
+        self.wall: float | None = None
+        self.stopping = False
+        self.curve: list[tuple[float, np.ndarray]] = []
+        self.sight: Sight | None = None
+
+    @property
+    def alive(self) -> bool:
+        """Whether the run's process has not ended."""
+        return self.process is not None and self.process.poll() is None
+
+    @property
+    def state(self) -> str:
+        """State in a word: starting, compiling, warm-up, running, stopping, or how the run ended."""
+        if self.alive:
+            return "stopping" if self.stopping else self.sight.phase if self.sight else "starting"
+        status = self.result.get("status")
+        return str(status) if status and status != "running" else "failed"
+
+    @property
+    def result(self) -> Mapping[str, Any]:
+        """Content of the run's result.json; empty if there is none."""
+        return read_json(self.folder / "result.json")
+
+    @property
+    def output(self) -> list[str]:
+        """Last lines that the command has printed."""
+        try:
+            text = (self.notes / "output.txt").read_text(encoding="utf-8", errors="replace")
+        except OSError:
+            return []
+        return [visible(line) for line in text.splitlines() if line.strip()][-MOST_LINES:]
+
+    @property
+    def left(self) -> float | None:
+        """Wall-clock time left [s], by the speed so far; None before it is known, and after the end."""
+        sight = self.sight
+        if sight is None or not self.alive or sight.phase == "compiling" or sight.speed <= 0:
+            return None
+        return max(0.0, (sight.end - sight.t) / sight.speed)
+
+    def start(self, scenario: Path, root: Path, flags: list[str]) -> None:
+        """Start the command in a session of its own: neither Ctrl-C nor the end of the server reaches it."""
+        command = [sys.executable, "-m", "taichi_plume.run", str(scenario), "--out", str(self.folder)]
+        command += ["--watch", str(self.notes / "watch.npz"), *flags]
+        own: dict[str, Any] = {"start_new_session": True}
+        if os.name == "nt":
+            own = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}  # pyright: ignore[reportAttributeAccessIssue]
+        with (self.notes / "output.txt").open("wb") as file:
+            self.process = subprocess.Popen(
+                command, cwd=root, stdin=subprocess.DEVNULL, stdout=file, stderr=file, **own
+            )
+
+    def stop(self) -> None:
+        """Ask the run to end, as Ctrl-C does: its files are completed, and it can be resumed."""
+        if self.process is not None and self.alive:
+            self.stopping = True
+            with suppress(OSError):
+                self.process.send_signal(signal.SIGINT if os.name != "nt" else signal.CTRL_BREAK_EVENT)  # pyright: ignore[reportAttributeAccessIssue]
+
+    def poll(self) -> None:
+        """Read the state of the run; after its end, remove the copy of its text."""
+        sight = read(self.notes / "watch.npz")
+        if sight is not None and (self.sight is None or sight.t != self.sight.t):
+            self.sight = sight
+            if sight.robots.shape[1] and sight.t >= 0:
+                self.curve.append((sight.t, sight.robots[3]))
+                del self.curve[:-MOST_CURVE]
+        if not self.alive and self.wall is None:
+            self.wall = time.monotonic() - self.begun
+            if self.scenario is not None:
+                self.scenario.unlink(missing_ok=True)
+
+    def row(self) -> dict[str, str]:
+        """Return the run's row in the list of runs: texts by column."""
+        result, groups = self.result, self.result.get("groups") or []
+        found = []
+        for group in groups if not self.alive else ():
+            summary = group.get("summary") or {}
+            rate = (summary.get("success_rate") or {}).get("mean")
+            seconds = (summary.get("time_s") or {}).get("mean")
+            if rate is not None:
+                within = f" in {seconds:.0f} s" if seconds is not None else ""
+                found.append(f"{group.get('name', 'robots')}: {100 * rate:.0f} %{within}")
+        wall = self.wall if self.wall is not None else time.monotonic() - self.begun
+        simulated = result.get("simulated_s")
+        return {
+            "run": str(self.number),
+            "state": self.state,
+            "changed": self.changes,
+            "found": "; ".join(found),
+            "simulated": f"{simulated:.0f} s" if isinstance(simulated, int | float) and not self.alive else "",
+            "took": f"{wall:.0f} s",
+            "folder": self.folder.name,
+        }
+
+
+class Runs:
+    """The runs of a session, the newest last. root: folder in which the command works."""
+
+    def __init__(self, root: Path):
+        self.root = root
+        self.all: list[Run] = []
+
+    @property
+    def alive(self) -> list[Run]:
+        """Runs that have not ended."""
+        return [run for run in self.all if run.alive]
+
+    @property
+    def listed(self) -> list[Run]:
+        """The last runs, the newest first."""
+        return self.all[: -LISTED - 1 : -1]
+
+    def run(self, number: int) -> Run | None:
+        """Return the run with a number; None if there is none."""
+        return self.all[number - 1] if 1 <= number <= len(self.all) else None
+
+    def start(self, text: str, folder: Path, flags: list[str]) -> Run:
+        """Start a run of a text; folder: of the files that the text names. Raises InputError."""
+        name = data_of(text).get("name", "run")
+        name = name if isinstance(name, str) and name.replace("_", "").replace("-", "").isalnum() else "run"
+        above = self.root / "runs"
+        number = next(n for n in range(1, 1_000_000) if not (above / f"{name}-{n}").exists())
+        before = self.all[-1].text if self.all else text
+        run = Run(len(self.all) + 1, above / f"{name}-{number}", text, changes(before, text))
+        run.scenario = folder / f".{name}.run-{os.getpid()}-{run.number}.yaml"
+        try:
+            run.scenario.write_text(text, encoding="utf-8")
+            run.start(run.scenario, self.root, flags)
+        except OSError as error:
+            run.scenario.unlink(missing_ok=True)
+            raise InputError(f"{error.filename or run.scenario}: {error.strerror or error}") from None
+        self.all.append(run)
+        return run
+
+    def poll(self) -> None:
+        """Read the states of all runs that have not been seen to end."""
+        for run in self.all:
+            if run.wall is None:
+                run.poll()
+
+
+def changes(before: str, after: str) -> str:
+    """Return in words which keys differ between two texts, such as "seed: 1 → 2"."""
+    old, new = dict(_leaves(data_of(before))), dict(_leaves(data_of(after)))
+    paths = [path for path in [*new, *(path for path in old if path not in new)] if old.get(path) != new.get(path)]
+    words = [f"{path}: {old.get(path, '—')} → {new.get(path, '—')}" for path in paths[:MOST_CHANGES]]
+    more = len(paths) - MOST_CHANGES
+    return visible("; ".join(words + [f"{more} more"] * (more > 0)), 160)
+
+
+def _leaves(value: object, path: str = "") -> Iterator[tuple[str, object]]:
+    if isinstance(value, dict):
+        for key, part in value.items():
+            yield from _leaves(part, f"{path}.{key}" if path else str(key))
+    elif isinstance(value, list):
+        for n, part in enumerate(value):
+            yield from _leaves(part, f"{path}[{n}]")
+    else:
+        yield path, value

@@ -1,0 +1,189 @@
+"""State of a session that all open pages share: the text, its history, the file, and the runs. No Bokeh."""
+
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from taichi_plume.draw.checks import Findings, check
+from taichi_plume.draw.edits import BLANK
+from taichi_plume.draw.history import History
+from taichi_plume.draw.runs import Run, Runs
+from taichi_plume.files.disk import written_whole
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.safe_open import inside
+from taichi_plume.guard.yaml_text import LineError, read_text
+
+ENDINGS = (".yaml", ".yml")
+
+
+class FileChangedError(InputError):
+    """Error: another program has changed the file since it was read; nothing has been written."""
+
+
+class Workplace:
+    """A text that is drawn, checked, saved and run.
+
+    root: folder in which files are read and written; file: YAML file of the text, which need not exist yet;
+    allow_outside, allow_code: permissions of the command line, for runs too. Unsaved changes are written at once to a
+    draft beside the file: a server that is killed loses nothing. Raises InputError.
+    """
+
+    def __init__(
+        self, root: Path, file: Path | None = None, allow_outside: bool = False, allow_code: bool = False
+    ):
+        self.root, self.allow_outside, self.allow_code = root.resolve(), allow_outside, allow_code
+        self.file = self._permitted(file if file is not None else self._free_name())
+        self.on_disk = self._read()
+        self.history = History(BLANK if self.on_disk is None else self.on_disk)
+        self.recovered = self._read_draft()
+        self.runs = Runs(self.root)
+        self.listeners: list[Callable[[], None]] = []
+        self.findings: Findings | None = None
+        self.checked: str | None = None
+
+    @property
+    def text(self) -> str:
+        """The present text."""
+        return self.history.text
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the text's file, and of the files that the text names."""
+        return self.file.parent
+
+    @property
+    def saved(self) -> bool:
+        """Whether the file has the present text, as far as is known."""
+        return self.text == self.on_disk
+
+    def put(self, text: str) -> None:
+        """Make a text the present one; all pages and the draft follow."""
+        if text != self.text:
+            self.history.put(text)
+            self._changed()
+
+    def undo(self) -> None:
+        """Return to the previous text."""
+        self.history.undo()
+        self._changed()
+
+    def redo(self) -> None:
+        """Return to the text that was undone last."""
+        self.history.redo()
+        self._changed()
+
+    def save(self, overwrite: bool = False) -> None:
+        """Write the text to the file. Raises FileChangedError unless `overwrite` is set, and InputError."""
+        present = self._read()
+        if not overwrite and present != self.on_disk and present != self.text:
+            raise FileChangedError(
+                f"{self.file.name}: another program has changed this file since it was read; nothing was written"
+            )
+        try:
+            with written_whole(self.file) as fresh:
+                fresh.write_bytes(self.text.encode("utf-8"))
+        except OSError as error:
+            raise InputError(f"{self.file.name}: cannot be written: {error.strerror or error}") from None
+        self.on_disk = self.text
+        self._changed()
+
+    def save_as(self, name: str) -> None:
+        """Give the text another file in the folder, and write it. Raises InputError if the file exists."""
+        file = self._permitted(self.root / name)
+        if file.exists():
+            raise InputError(f"{name}: exists already; choose another name")
+        draft, self.file, self.on_disk = self.draft, file, None
+        draft.unlink(missing_ok=True)
+        self.save()
+
+    @property
+    def changed_on_disk(self) -> bool:
+        """Whether another program has changed the file since it was read or saved."""
+        present = self._read()
+        return present != self.on_disk and present != self.text
+
+    def reload(self) -> None:
+        """Take the text of the file; the present one can be returned to by undo."""
+        self.on_disk = self._read()
+        if self.on_disk is not None:
+            self.history.put(self.on_disk)
+        self._changed()
+
+    def restore(self, draft: bool) -> None:
+        """Take the text of a draft that a killed server left, or remove that draft."""
+        text, self.recovered = self.recovered, None
+        if draft and text is not None:
+            self.history.put(text)
+        self._changed()
+
+    def run(self, allow_code: bool = False) -> Run:
+        """Start a run of the present text; allow_code: the user has agreed to execute its files. Raises InputError."""
+        flags = ["--allow-outside"] * self.allow_outside + ["--allow-code"] * (allow_code or self.allow_code)
+        run = self.runs.start(self.text, self.folder, flags)
+        self._notify()
+        return run
+
+    def check(self) -> tuple[str, Findings]:
+        """Check the present text; return the text and its findings, for `found`. May run in another thread."""
+        text = self.text
+        return text, check(text, self.folder, self.allow_outside)
+
+    def found(self, text: str, findings: Findings) -> None:
+        """Take the findings of a text, unless the text has changed since."""
+        if text == self.text:
+            self.checked, self.findings = text, findings
+            self._notify()
+
+    @property
+    def draft(self) -> Path:
+        """File of unsaved changes, beside the text's file."""
+        return self.file.with_name(f".{self.file.name}.draft")
+
+    # ---------------------------------------------------------------- files
+
+    def _permitted(self, file: Path) -> Path:
+        file = Path(os.path.abspath(file))
+        if file.suffix not in ENDINGS:
+            raise InputError(f"{file.name}: must end in {' or '.join(ENDINGS)}")
+        if not self.allow_outside and not inside(file, self.root):
+            raise InputError(
+                f"{file}: lies outside the folder in which the command was started; start it there, or add "
+                "--allow-outside"
+            )
+        return file
+
+    def _free_name(self) -> Path:
+        names = ("room.yaml", *(f"room-{n}.yaml" for n in range(2, 10_000)))
+        return next(self.root / name for name in names if not (self.root / name).exists())
+
+    def _read(self) -> str | None:
+        """Return the text of the file; None if there is no file. Raises InputError."""
+        if not self.file.exists():
+            return None
+        try:
+            return read_text(self.file)
+        except (LineError, OSError) as fault:
+            raise InputError(f"{self.file.name}: {fault}") from None
+
+    def _read_draft(self) -> str | None:
+        try:
+            draft = read_text(self.draft) if self.draft.is_file() else None
+        except (LineError, OSError):
+            return None
+        return None if draft == self.text else draft
+
+    def _changed(self) -> None:
+        with suppress(OSError):  # the text is in the pages all the same
+            if self.recovered is None:
+                if self.saved:
+                    self.draft.unlink(missing_ok=True)
+                else:
+                    fresh = self.draft.with_suffix(".new")  # a kill while writing leaves the earlier draft
+                    fresh.write_bytes(self.text.encode("utf-8"))
+                    os.replace(fresh, self.draft)
+        self._notify()
+
+    def _notify(self) -> None:
+        for listener in list(self.listeners):
+            listener()
