@@ -1,9 +1,12 @@
 """Views of the drawing as Bokeh figures: from above and, in 3-D, from the side. They show objects and know no text."""
 
 from collections.abc import Collection, Mapping, Sequence
+from math import pi
 from typing import Any
 
 import numpy as np
+from bokeh.core.property.descriptors import UnsetValueError
+from bokeh.core.property.vectorization import value
 from bokeh.models import ColumnDataSource, Range1d, WheelZoomTool
 from bokeh.plotting import figure
 
@@ -17,6 +20,8 @@ from taichi_plume.scenario.outputs import Recording
 
 MARGIN = 0.08  # of the longer side, around the room
 NEAR = 10.0  # pixels from a handle within which the pointer takes the handle
+USUAL_SIZE = (600.0, 450.0)  # pixels
+LABELS = 2.0  # pixels by which the figure's inner part may change without being fitted again
 ARROW = 0.05  # of the longer side: an arrow of the fastest wind
 FONT = "Helvetica, Arial, sans-serif"
 CHOSEN, WRONG, UNLIKELY = "#0b6bcb", "#d32f2f", "#e08a00"
@@ -30,8 +35,8 @@ class Canvas:
     def __init__(self, plane: Plane):
         self.plane = plane
         self.figure = figure(
-            x_range=Range1d(-0.3, 4.3), y_range=Range1d(-0.3, 3.3), match_aspect=True, tools="",
-            toolbar_location=None, sizing_mode="stretch_both", min_border=10, output_backend="canvas",
+            x_range=Range1d(-0.3, 4.3), y_range=Range1d(-0.3, 3.3), tools="",
+            toolbar_location=None, sizing_mode="stretch_both", min_border_left=60, min_border_bottom=50, min_border_top=10, min_border_right=10, output_backend="canvas",
             x_axis_label=f"{'xyz'[plane[0]]} [m]", y_axis_label=f"{'xyz'[plane[1]]} [m]",
         )  # fmt: skip
         wheel = WheelZoomTool()
@@ -39,11 +44,15 @@ class Canvas:
         self.figure.toolbar.active_scroll = wheel
         self.figure.toolbar.active_drag = None
         self.room: tuple[float, ...] | None = None
+        self._fitted = USUAL_SIZE
+        self._sight: Sight | None = None
+        for name in ("inner_width", "inner_height"):
+            self.figure.on_change(name, lambda _attr, _old, _new: self._resized())
         self._style()
         names: dict[str, Sequence[str]] = {
             "floor": ("x", "y", "w", "h"), "image": ("image", "x", "y", "dw", "dh"),
             "wind": ("x0", "y0", "x1", "y1"), "areas": SHAPES, "lines": SHAPES, "handles": ("x", "y", "name", "marker"),
-            "labels": ("x", "y", "text", "color"), "marks": ("x", "y", "text", "color"),
+            "flows": ("x", "y", "angle", "color"), "labels": ("x", "y", "text", "color"), "marks": ("x", "y", "text", "color"),
             "robots": ("x", "y", "color"), "noses": ("x0", "y0", "x1", "y1", "color"), "sketch": ("x", "y"),
         }  # fmt: skip
         self.sources = {name: ColumnDataSource({key: [] for key in keys}) for name, keys in names.items()}
@@ -53,7 +62,7 @@ class Canvas:
         plot: Any = self.figure
         plot.background_fill_color, plot.border_fill_color = "#eceff2", "#ffffff"
         plot.grid.grid_line_color, plot.grid.grid_line_alpha = "#c9d1d9", 0.8
-        plot.grid.level = "guide"
+        plot.grid.level = "underlay"
         plot.outline_line_color = None
         for axis in plot.axis:
             axis.axis_label_text_font = axis.major_label_text_font = FONT
@@ -64,19 +73,22 @@ class Canvas:
 
     def _glyphs(self) -> None:
         plot, of = self.figure, self.sources
-        plot.rect("x", "y", "w", "h", source=of["floor"], fill_color="#ffffff", line_color=None, level="underlay")
-        plot.image_rgba("image", "x", "y", "dw", "dh", source=of["image"], level="underlay")
+        plot.rect("x", "y", "w", "h", source=of["floor"], fill_color="#ffffff", line_color=None, level="image")
+        plot.image_rgba("image", "x", "y", "dw", "dh", source=of["image"], level="image")
         plot.segment("x0", "y0", "x1", "y1", source=of["wind"], line_color=theme.WIND, line_alpha=0.45)
         plot.patches(
             "xs", "ys", source=of["areas"], fill_color="color", fill_alpha="alpha", line_color="edge", line_width="width"
         )
         plot.multi_line("xs", "ys", source=of["lines"], line_color="edge", line_width="width", line_alpha="alpha")
+        plot.scatter(
+            "x", "y", angle="angle", source=of["flows"], marker="triangle", size=11, fill_color="color", line_color=None
+        )
         plot.segment("x0", "y0", "x1", "y1", source=of["noses"], line_color="color", line_width=3)
         plot.scatter("x", "y", source=of["robots"], size=13, fill_color="color", line_color="#ffffff", line_width=1.5)
         plot.line("x", "y", source=of["sketch"], line_color=CHOSEN, line_dash="dashed", line_width=2)
         plot.text(
-            "x", "y", "text", source=of["labels"], text_color="color", text_font=FONT, text_font_size="11px",
-            text_align="center", text_baseline="top", y_offset=3, text_outline_color="#ffffff",
+            "x", "y", "text", source=of["labels"], text_color="color", text_font=value(FONT), text_font_size="11px",
+            text_align="center", text_baseline="top", y_offset=3,
         )  # fmt: skip
         plot.scatter(
             "x", "y", marker="marker", source=of["handles"], size=9, fill_color="#ffffff", line_color=CHOSEN,
@@ -84,7 +96,7 @@ class Canvas:
         )  # fmt: skip
         plot.scatter("x", "y", source=of["marks"], size=18, fill_color="color", line_color="#ffffff")
         plot.text(
-            "x", "y", "text", source=of["marks"], text_color="#ffffff", text_font=FONT, text_font_size="11px",
+            "x", "y", "text", source=of["marks"], text_color="#ffffff", text_font=value(FONT), text_font_size="11px",
             text_align="center", text_baseline="middle", text_font_style="bold",
         )  # fmt: skip
 
@@ -94,6 +106,8 @@ class Canvas:
         self, of: Scene, chosen: str = "", wrong: Collection[str] = (), marks: Sequence[tuple[str, Point, bool]] = ()
     ) -> None:
         """Draw the objects of a text. chosen, wrong: paths of objects; marks: (number, position, is error)."""
+        if self.plane not in of.planes:
+            return
         if of.room != self.room:
             self.room = of.room
             self.fit()
@@ -108,13 +122,13 @@ class Canvas:
                 points = outline.points
                 if outline.closed and into is lines:
                     points = np.concatenate([points, points[:1]])
-                for key, value in self._look(thing, outline.closed, chosen, wrong).items():
-                    into[key].append(value)
+                for key, part in self._look(thing, outline.closed, chosen, wrong).items():
+                    into[key].append(part)
                 into["xs"].append(points[:, 0].copy())
                 into["ys"].append(points[:, 1].copy())
-            label = self._label(thing)
-            for key, value in label.items():
-                labels[key].append(value)
+            for key, part in self._label(thing).items():
+                labels[key].append(part)
+        self.sources["flows"].data = self._flows(of)
         self.sources["areas"].data, self.sources["lines"].data = areas, lines
         self.sources["labels"].data = labels
         self.sources["marks"].data = {
@@ -158,6 +172,25 @@ class Canvas:
         name = "".join(c if c.isprintable() else "?" for c in thing.name)
         return {"x": x, "y": y, "text": theme.short(name), "color": theme.INK}
 
+    def _flows(self, of: Scene) -> dict[str, list[Any]]:
+        """Return arrowheads along the openings through which air comes in (inward) or leaves (outward)."""
+        flows: dict[str, list[Any]] = {key: [] for key in ("x", "y", "angle", "color")}
+        for thing in of.things:
+            model: Any = thing.part.model if thing.part is not None else None
+            if not thing.path.startswith("wind.openings") or not model.passes or model.normal not in self.plane:
+                continue
+            (a, b), room = thing.outlines(self.plane)[0].points, self.room or ()
+            inward = (1 if model.blows and (vars(model).get("speed") or 0.0) >= 0 else -1) * (-1 if model.side else 1)
+            angle = (0 if inward > 0 else pi) if self.plane[0] == model.normal else (pi / 2 if inward > 0 else -pi / 2)
+            count = max(1, min(6, round(float(np.hypot(*(b - a))) / (0.12 * max(room)))))
+            for n in range(count):
+                x, y = a + (n + 0.5) / count * (b - a)
+                shift = 1.2 * ARROW / 4 * max(room) * inward
+                x, y = (x + shift, y) if self.plane[0] == model.normal else (x, y + shift)
+                for key, part in zip(flows, (x, y, angle - pi / 2, thing.color), strict=True):
+                    flows[key].append(part)
+        return flows
+
     def show_handles(self, thing: Thing | None) -> None:
         """Draw the handles of an object, or none."""
         handles = thing.handles(self.plane) if thing is not None else {}
@@ -172,18 +205,33 @@ class Canvas:
         """Draw the line of an object that is being drawn."""
         self.sources["sketch"].data = {"x": [x for x, _ in points], "y": [y for _, y in points]}
 
+    @property
+    def pixels(self) -> tuple[float, float]:
+        """Width and height of the figure's inner part [pixels]."""
+        try:
+            return max(50.0, self.figure.inner_width), max(50.0, self.figure.inner_height)
+        except UnsetValueError:  # no browser has drawn the figure yet
+            return USUAL_SIZE
+
     def fit(self) -> None:
-        """Show the whole room."""
+        """Show the whole room, at the same scale along both axes."""
         if self.room is None:
             return
-        margin = MARGIN * max(self.room[d] for d in self.plane)
-        for range_, axis in ((self.figure.x_range, self.plane[0]), (self.figure.y_range, self.plane[1])):
-            range_.update(start=-margin, end=self.room[axis] + margin)
+        sides, pixels = [self.room[d] for d in self.plane], self.pixels
+        self._fitted = pixels
+        margin = MARGIN * max(sides)
+        step = max((side + 2 * margin) / count for side, count in zip(sides, pixels, strict=True))
+        for range_, side, count in zip((self.figure.x_range, self.figure.y_range), sides, pixels, strict=True):
+            range_.update(start=(side - step * count) / 2, end=(side + step * count) / 2)
+
+    def _resized(self) -> None:
+        """Show the whole room again if the figure has another size, not only other labels at its axes."""
+        if max(abs(a - b) for a, b in zip(self.pixels, self._fitted, strict=True)) > LABELS:
+            self.fit()
 
     def pixel(self) -> float:
-        """Return the size of a pixel [m], about."""
-        width = self.figure.inner_width or 600
-        return abs(self.figure.x_range.end - self.figure.x_range.start) / width
+        """Return the size of a pixel [m]."""
+        return abs(self.figure.x_range.end - self.figure.x_range.start) / self.pixels[0]
 
     def pan(self, dx: float, dy: float) -> None:
         """Move the view by pixels."""
@@ -196,6 +244,9 @@ class Canvas:
 
     def show_run(self, sight: Sight | None, recording: Recording | None = None) -> None:
         """Draw gas, wind and robots of a run from above; None: remove them. recording: for the scale of the gas."""
+        if sight is self._sight:
+            return
+        self._sight = sight
         if sight is None or self.plane != ABOVE or self.room is None:
             self.sources["image"].data = {key: [] for key in ("image", "x", "y", "dw", "dh")}
             self.sources["wind"].data = {key: [] for key in ("x0", "y0", "x1", "y1")}

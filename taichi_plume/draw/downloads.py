@@ -94,6 +94,11 @@ class Viewer(_Files):
     """Files of rerun's viewer for browsers, served from here, so that no other server and no other site is asked."""
 
     async def get(self, name: str) -> None:
+        number = self.get_query_argument("run", "")
+        if number.isdecimal():
+            recording = quote(f"http://{self.request.host}/runs/{int(number)}/recording.rrd", safe="")
+            self.redirect(f"/viewer/?url={recording}&persist=false&hide_welcome_screen")
+            return
         if not _viewer:
             _viewer.update(await get_running_loop().run_in_executor(None, web_viewer_files))
         self.offer(name or "index.html", True)

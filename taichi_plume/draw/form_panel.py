@@ -15,7 +15,13 @@ from taichi_plume.draw.document import EditError, data_of, parent_of, value_at
 from taichi_plume.draw.objects import Scene
 from taichi_plume.guard.yaml_text import LineError
 
-WIDTH = 390
+WIDTH = 400
+COMPACT = """
+:host { font-family: Helvetica, Arial, sans-serif; font-size: 13px; }
+.bk-input { min-height: 24px; height: 26px; padding: 2px 8px; font-size: 13px; }
+label { color: #5d6875; font-size: 12px; padding-right: 4px; }
+.bk-btn { padding: 3px 8px; }
+"""
 
 
 class FormPanel:
@@ -26,9 +32,9 @@ class FormPanel:
         self.text, self.path, self.keys = "", "", ()
         self.widgets: dict[str, Any] = {}
         self._setting = False
-        self.sections = Select(width=WIDTH - 70, name="sections")
-        self.sections.on_change("value", lambda _, __, new: self._setting or self._choose(new))
-        self.back = Button(label="‹ back", width=60)
+        self.sections = Select(width=WIDTH - 70, name="sections", stylesheets=[COMPACT])
+        self.sections.on_change("value", lambda _attr, _old, new: self._setting or self._choose(new))
+        self.back = Button(label="‹ back", width=60, stylesheets=[COMPACT])
         self.back.on_click(self._go_back)
         self.purpose = Div(width=WIDTH)
         self.rows = column(width=WIDTH)
@@ -81,6 +87,7 @@ class FormPanel:
     def _widget(self, entry: forms.Row) -> Any:
         about: Any = Tooltip(content=HTML(html=f"<div style='max-width:300px'>{escape(entry.meaning)}</div>"), position="left")
         common: dict[str, Any] = {"title": entry.label, "description": about, "width": WIDTH - 80, "name": entry.path}
+        common |= {"stylesheets": [COMPACT], "margin": (1, 5, 1, 5)}
         if entry.choices:
             options = [*([] if entry.key == "kind" else [forms.NOT_GIVEN]), *entry.choices]
             if entry.value and entry.value not in options:
@@ -89,14 +96,17 @@ class FormPanel:
         else:
             placeholder = f"{entry.default}" if entry.default else "has to be given"
             widget = TextInput(value=entry.value, placeholder=placeholder, **common)
-        widget.on_change("value", lambda _, __, new, path=entry.path: self._entered(path, new))
+        widget.on_change("value", self._callback(entry.path))
         return widget
+
+    def _callback(self, path: str) -> Callable[[str, object, str], None]:
+        return lambda _attr, _old, new: self._entered(path, new)
 
     def _line(self, entry: forms.Row) -> Any:
         widget = self.widgets[entry.path]
         if not entry.is_section:
             return widget
-        button = Button(label="open ›", width=60, align="end")
+        button = Button(label="open ›", width=60, align="end", stylesheets=[COMPACT], margin=(1, 5, 1, 5))
         button.on_click(lambda: self._choose(entry.path))
         return row(widget, button)
 

@@ -40,9 +40,12 @@ STEPS = {"1 cm": 0.01, "5 cm": 0.05, "10 cm": 0.1, "25 cm": 0.25, "off": 0.0}
 PERIOD = 400  # ms between looks at runs and files
 STYLE = """
 :host { font-family: Helvetica, Arial, sans-serif; font-size: 13px; color: #1d2733; }
+.bk-btn { padding: 4px 8px; }
+.bk-input, .bk-input-group select { min-height: 24px; height: 26px; padding: 2px 8px; }
+.bk-input-group label { color: #5d6875; font-size: 12px; }
 .bk-btn, .bk-input, label { font-family: Helvetica, Arial, sans-serif; font-size: 13px; }
 """
-TEXT_STYLE = "textarea.bk-input { font-family: monospace; font-size: 12px; white-space: pre; overflow: auto; }"
+TEXT_STYLE = "textarea.bk-input { height: 100%; font-family: monospace; font-size: 12px; white-space: pre; overflow: auto; }"
 KEYS_SCRIPT = """
 document.addEventListener("keydown", (event) => {
   const target = event.composedPath()[0]
@@ -71,9 +74,9 @@ class Page:
         self.canvases = {ABOVE: Canvas(ABOVE), SIDE: Canvas(SIDE)}
         self.form = FormPanel(self.put, self.choose, self.say)
         self.runs = RunPanel(workplace, self.ask, self.say)
-        self._build()
         for canvas in self.canvases.values():
-            self._listen(canvas)
+            self._listen(canvas)  # Bokeh attends to events of models that have joined the document with their callbacks
+        self._build()
         workplace.listeners.append(self._later)
         document.add_periodic_callback(self.look, PERIOD)
         document.on_session_destroyed(lambda _: self.leave())
@@ -112,7 +115,7 @@ class Page:
         self.palette = RadioButtonGroup(
             labels=["select", *edits.KINDS], active=0, orientation="vertical", width=110, stylesheets=[sheet]
         )
-        self.palette.on_change("active", lambda *_: self._tool_changed())
+        self.palette.on_change("active", lambda _attr, _old, _new: self._tool_changed())
         self.file = Select(title="file", width=110, visible=False)
         self.hint = Div(styles={"color": "#5d6875"}, sizing_mode="stretch_width")
         self.size = Div(styles={"color": "#5d6875"}, sizing_mode="stretch_width", name="size")
@@ -130,7 +133,7 @@ class Page:
             max_length=None, sizing_mode="stretch_both", name="yaml",  # type: ignore[arg-type]
             stylesheets=[sheet, InlineStyleSheet(css=TEXT_STYLE)],
         )  # fmt: skip
-        self.text.on_change("value_input", lambda _, __, new: self._typed(new))
+        self.text.on_change("value_input", lambda _attr, _old, new: self._typed(new))
         self.remarks = Div(sizing_mode="stretch_width", name="remarks")
         self.tabs = Tabs(
             tabs=[
@@ -143,9 +146,9 @@ class Page:
             ],
             width=430, sizing_mode="stretch_height", stylesheets=[sheet],
         )  # fmt: skip
-        self.tabs.on_change("active", lambda _, __, new: self._tab(new))
+        self.tabs.on_change("active", lambda _attr, _old, new: self._tab(new))
         self.keys = TextInput(visible=False, name="keys")
-        self.keys.on_change("value", lambda _, __, new: self._key(new.partition(" ")[0]))
+        self.keys.on_change("value", lambda _attr, _old, new: self._key(new.partition(" ")[0]))
         self.document.js_on_event(DocumentReady, CustomJS(args={"keys": self.keys}, code=KEYS_SCRIPT))
         body = row(column(self.palette, self.file), views, self.tabs, sizing_mode="stretch_both")
         self.layout = column(bar, body, self.keys, sizing_mode="stretch_both", stylesheets=[sheet])
@@ -195,7 +198,7 @@ class Page:
         work, lines, marks = self.workplace, [], {plane: [] for plane in self.canvases}
         for n, remark in enumerate(self.shown_remarks, 1):
             owner = self.scene.thing(remark.owner(self.scene))
-            for plane in self.canvases:
+            for plane in self.scene.planes:
                 handles = owner.handles(plane) if owner is not None else {}
                 place = handles.get("center") or next(iter(handles.values()), owner.place if owner and plane == ABOVE else None)
                 if place is not None:

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from html import escape
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 from bokeh.layouts import column, row
@@ -43,7 +42,7 @@ class RunPanel:
         self.plot.multi_line("xs", "ys", line_color="color", line_width=1.5, source=self.curves)
         self.plot.outline_line_color = None
         self.source = ColumnDataSource({key: [] for key in COLUMNS})
-        self.source.selected.on_change("indices", lambda _, __, new: self._selected(new))
+        self.source.selected.on_change("indices", lambda _attr, _old, new: self._selected(new))
         columns: Any = [TableColumn(field=key, title=key, width=width) for key, width in COLUMNS.items()]
         self.table = DataTable(
             source=self.source, columns=columns, width=410, height=260, index_position=None, autosize_mode="none", name="runs"
@@ -160,10 +159,7 @@ class RunPanel:
         run = self.run
         if tab != 5 or run is None or not (run.folder / "recording.rrd").is_file() or run.alive:
             return
-        address = "location.origin"
-        path = quote(f"/runs/{run.number}/recording.rrd", safe="")
-        del address
-        self.recording.text = f'<iframe src="viewer/?run={path}" style="{FRAME}"></iframe>'
+        self.recording.text = f'<iframe src="viewer/?run={run.number}" style="{FRAME}"></iframe>'
 
     def _selected(self, indices: list[int]) -> None:
         listed = self.workplace.runs.listed

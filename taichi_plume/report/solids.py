@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
 from matplotlib.patches import Circle, Patch, PathPatch, Polygon, Rectangle
 from matplotlib.path import Path as Outline
+from matplotlib.transforms import Affine2D
 
 from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.meshes import Solid
@@ -18,6 +19,7 @@ from taichi_plume.report import theme
 from taichi_plume.report.theme import ABOVE
 
 MOST_RECTANGLES = 20_000  # largest number of a map's wall boxes: beyond, pixels are joined
+FINE = 500.0  # pixels per metre, as which matplotlib divides curves into edges
 SECTION_NODES = 200  # per axis, to find the section of a mesh in 2-D
 Style = dict[str, Any]
 
@@ -48,7 +50,8 @@ def solid(axes: Axes, shape: Shape, plane: tuple[int, int]) -> Artist:
 def polygons(shape: Shape, plane: tuple[int, int]) -> list[np.ndarray]:
     """Return the polygons (n, 2) [m] that the drawing of an obstacle's projection fills, each closed."""
     patch = _patch(shape, plane, {})
-    return patch.get_path().transformed(patch.get_patch_transform()).to_polygons(closed_only=True)
+    path = patch.get_path().transformed(patch.get_patch_transform() + Affine2D().scale(FINE))
+    return [corners / FINE for corners in path.to_polygons(closed_only=True)]
 
 
 def _patch(shape: Shape, plane: tuple[int, int], style: Style) -> Patch:
