@@ -46,13 +46,23 @@ class Access:
         if request.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
             if not self._with_token(request):
                 return "requests of other pages are refused"
-        if not (self._with_cookie(request) or (self._with_token(request) and not upgrade)):
+        entitled = self._with_cookie(request) or self._with_pass(request) or (self._with_token(request) and not upgrade)
+        if not entitled:
             return "the address lacks its token: use the one that `taichi-plume draw` printed"
         return ""
 
     def enters(self, request: HTTPServerRequest) -> bool:
         """Return whether a request brings the token in its URL, to be exchanged for the cookie."""
         return request.method == "GET" and request.path == "/" and self._with_token(request)
+
+    def pass_to(self, path: str) -> str:
+        """Return another address of one file, which needs no cookie: rerun's viewer fetches recordings without."""
+        return f"/pass/{hmac.new(self.token.encode(), path.encode(), 'sha256').hexdigest()}{path}"
+
+    def _with_pass(self, request: HTTPServerRequest) -> bool:
+        _, word, _, *parts = f"{request.path}///".split("/")
+        path = "/" + "/".join(parts).removesuffix("///")
+        return word == "pass" and request.method == "GET" and hmac.compare_digest(request.path, self.pass_to(path))
 
     def _with_token(self, request: HTTPServerRequest) -> bool:
         given = request.query_arguments.get("token", [])

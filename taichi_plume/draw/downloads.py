@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 from tornado.web import HTTPError, RequestHandler
 
+from taichi_plume.draw.access import Access
 from taichi_plume.draw.document import data_of
 from taichi_plume.draw.workplace import Workplace
 from taichi_plume.files.run_folder import files_in
@@ -34,8 +35,8 @@ _viewer: dict[str, bytes] = {}
 class _Files(RequestHandler):
     """Base class of the handlers: they answer GET with one file."""
 
-    def initialize(self, workplace: Workplace) -> None:
-        self.workplace = workplace
+    def initialize(self, workplace: Workplace, access: Access) -> None:
+        self.workplace, self.access = workplace, access
 
     def offer(self, name: str, inline: bool) -> None:
         """Set the headers of a file by its name; inline: shown in the browser, otherwise downloaded."""
@@ -96,7 +97,8 @@ class Viewer(_Files):
     async def get(self, name: str) -> None:
         number = self.get_query_argument("run", "")
         if number.isdecimal():
-            recording = quote(f"http://{self.request.host}/runs/{int(number)}/recording.rrd", safe="")
+            path = self.access.pass_to(f"/runs/{int(number)}/recording.rrd")
+            recording = quote(f"http://{self.request.host}{path}", safe="")
             self.redirect(f"/viewer/?url={recording}&persist=false&hide_welcome_screen")
             return
         if not _viewer:
@@ -133,12 +135,12 @@ def _below(entries: Sequence[Path]) -> list[Path]:
     return files
 
 
-def patterns(workplace: Workplace) -> list[Any]:
+def patterns(workplace: Workplace, access: Access) -> list[Any]:
     """Return the addresses of these files, with their handlers."""
-    about = {"workplace": workplace}
+    about = {"workplace": workplace, "access": access}
     viewer = "|".join(re.escape(name) for name in ("", *WEB_VIEWER))
     return [
         (r"/share/room\.(yaml|png)", Share, about),
-        (r"/runs/(\d{1,6})/(report\.html|recording\.rrd|run\.zip)", OfRun, about),
+        (r"(?:/pass/[0-9a-f]{64})?/runs/(\d{1,6})/(report\.html|recording\.rrd|run\.zip)", OfRun, about),
         (rf"/viewer/({viewer})", Viewer, about),
     ]

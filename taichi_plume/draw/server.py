@@ -41,7 +41,7 @@ class Service:
         tornado = BokehTornado(
             {"/": application},
             extra_websocket_origins=sorted(self.access.hosts),
-            extra_patterns=patterns(workplace),
+            extra_patterns=patterns(workplace, self.access),
             include_headers=[], include_cookies=[],  # otherwise the page would contain them
             secret_key=secrets.token_bytes(32), sign_sessions=True,
             websocket_max_message_size_bytes=LARGEST_MESSAGE,
