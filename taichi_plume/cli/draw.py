@@ -75,7 +75,11 @@ def _asked(service: "Service", number: int, ended: asyncio.Event) -> None:
     alive = service.workplace.runs.alive
     if alive and number == signal.SIGINT and sys.stdin and sys.stdin.isatty():
         noun = "run is" if len(alive) == 1 else "runs are"
-        say(f"{len(alive)} {noun} alive. [e]nd the page and let them go on, [s]top them too, [c]ontinue?", error=True, end=" ")
+        say(
+            f"{len(alive)} {noun} alive. [e]nd the page and let them go on, [s]top them too, [c]ontinue?",
+            error=True,
+            end=" ",
+        )
         answer = sys.stdin.readline().strip().lower()
         if answer not in ("e", "s"):
             return
@@ -83,7 +87,9 @@ def _asked(service: "Service", number: int, ended: asyncio.Event) -> None:
             for run in alive:
                 run.stop()
     elif alive:
-        say(f"note: {len(alive)} runs go on; their files are in {service.workplace.root / 'runs'}", error=True)
+        say(
+            f"note: {len(alive)} runs go on; their files are in {service.workplace.root / 'runs'}", error=True
+        )
     ended.set()
 
 
@@ -94,7 +100,9 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     where = "YAML file, which need not exist yet (default: a new room.yaml)"
     parser.add_argument("scenario", type=Path, nargs="?", help=where)
-    option(parser, "--port", whole_number(0, 65535), "PORT", "port of the page (default: a free one)", default=0)
+    option(
+        parser, "--port", whole_number(0, 65535), "PORT", "port of the page (default: a free one)", default=0
+    )
     flag(parser, "--no-browser", "only print the address of the page")
     add(parser, "--allow-code", "--allow-outside", "--debug")
     return parser.parse_args(argv)

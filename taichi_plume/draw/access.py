@@ -46,7 +46,11 @@ class Access:
         if request.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
             if not self._with_token(request):
                 return "requests of other pages are refused"
-        entitled = self._with_cookie(request) or self._with_pass(request) or (self._with_token(request) and not upgrade)
+        entitled = (
+            self._with_cookie(request)
+            or self._with_pass(request)
+            or (self._with_token(request) and not upgrade)
+        )
         if not entitled:
             return "the address lacks its token: use the one that `taichi-plume draw` printed"
         return ""
@@ -62,7 +66,11 @@ class Access:
     def _with_pass(self, request: HTTPServerRequest) -> bool:
         _, word, _, *parts = f"{request.path}///".split("/")
         path = "/" + "/".join(parts).removesuffix("///")
-        return word == "pass" and request.method == "GET" and hmac.compare_digest(request.path, self.pass_to(path))
+        return (
+            word == "pass"
+            and request.method == "GET"
+            and hmac.compare_digest(request.path, self.pass_to(path))
+        )
 
     def _with_token(self, request: HTTPServerRequest) -> bool:
         given = request.query_arguments.get("token", [])

@@ -61,7 +61,7 @@ class Canvas:
     def _style(self) -> None:
         plot: Any = self.figure
         plot.background_fill_color, plot.border_fill_color = "#eceff2", "#ffffff"
-        plot.grid.grid_line_color, plot.grid.grid_line_alpha = "#c9d1d9", 0.8
+        plot.grid.grid_line_color, plot.grid.grid_line_alpha = "#c9d1d9", 0.6
         plot.grid.level = "underlay"
         plot.outline_line_color = None
         for axis in plot.axis:
@@ -73,18 +73,37 @@ class Canvas:
 
     def _glyphs(self) -> None:
         plot, of = self.figure, self.sources
-        plot.rect("x", "y", "w", "h", source=of["floor"], fill_color="#ffffff", line_color=None, level="image")
+        plot.rect(
+            "x", "y", "w", "h", source=of["floor"], fill_color="#ffffff", line_color=None, level="image"
+        )
         plot.image_rgba("image", "x", "y", "dw", "dh", source=of["image"], level="image")
         plot.segment("x0", "y0", "x1", "y1", source=of["wind"], line_color=theme.WIND, line_alpha=0.45)
         plot.patches(
-            "xs", "ys", source=of["areas"], fill_color="color", fill_alpha="alpha", line_color="edge", line_width="width"
+            "xs",
+            "ys",
+            source=of["areas"],
+            fill_color="color",
+            fill_alpha="alpha",
+            line_color="edge",
+            line_width="width",
         )
-        plot.multi_line("xs", "ys", source=of["lines"], line_color="edge", line_width="width", line_alpha="alpha")
+        plot.multi_line(
+            "xs", "ys", source=of["lines"], line_color="edge", line_width="width", line_alpha="alpha"
+        )
         plot.scatter(
-            "x", "y", angle="angle", source=of["flows"], marker="triangle", size=11, fill_color="color", line_color=None
+            "x",
+            "y",
+            angle="angle",
+            source=of["flows"],
+            marker="triangle",
+            size=11,
+            fill_color="color",
+            line_color=None,
         )
         plot.segment("x0", "y0", "x1", "y1", source=of["noses"], line_color="color", line_width=3)
-        plot.scatter("x", "y", source=of["robots"], size=13, fill_color="color", line_color="#ffffff", line_width=1.5)
+        plot.scatter(
+            "x", "y", source=of["robots"], size=13, fill_color="color", line_color="#ffffff", line_width=1.5
+        )
         plot.line("x", "y", source=of["sketch"], line_color=CHOSEN, line_dash="dashed", line_width=2)
         plot.text(
             "x", "y", "text", source=of["labels"], text_color="color", text_font=value(FONT), text_font_size="11px",
@@ -103,7 +122,11 @@ class Canvas:
     # ---------------------------------------------------------------- objects
 
     def show(
-        self, of: Scene, chosen: str = "", wrong: Collection[str] = (), marks: Sequence[tuple[str, Point, bool]] = ()
+        self,
+        of: Scene,
+        chosen: str = "",
+        wrong: Collection[str] = (),
+        marks: Sequence[tuple[str, Point, bool]] = (),
     ) -> None:
         """Draw the objects of a text. chosen, wrong: paths of objects; marks: (number, position, is error)."""
         if self.plane not in of.planes:
@@ -141,7 +164,9 @@ class Canvas:
 
     def _look(self, thing: Thing, closed: bool, chosen: str, wrong: Collection[str]) -> dict[str, Any]:
         kind = thing.path.partition("[")[0]
-        alpha = {"robots": 0.85, "obstacles": 0.95, "arena": 0.0, "gas": 0.6}.get(kind.partition(".")[0], 0.35)
+        alpha = {"robots": 0.85, "obstacles": 0.95, "arena": 0.0, "gas": 0.6}.get(
+            kind.partition(".")[0], 0.35
+        )
         edge = {"obstacles": theme.SOLID_EDGE, "domain": theme.INK}.get(kind, thing.color)
         width = 1.0 if closed else 1.5
         if thing.path.startswith("wind.openings") and not closed:
@@ -164,8 +189,13 @@ class Canvas:
         outlines = thing.outlines(self.plane)
         if not outlines:
             return {}
-        points = np.concatenate([outline.points for outline in outlines if outline.closed] or [outlines[0].points])
-        x, y = float(np.nanmean([np.nanmin(points[:, 0]), np.nanmax(points[:, 0])])), float(np.nanmin(points[:, 1]))
+        points = np.concatenate(
+            [outline.points for outline in outlines if outline.closed] or [outlines[0].points]
+        )
+        x, y = (
+            float(np.nanmean([np.nanmin(points[:, 0]), np.nanmax(points[:, 0])])),
+            float(np.nanmin(points[:, 1])),
+        )
         if thing.path.startswith("wind.") and self.room is not None:
             y = min(max(y, 0.06 * self.room[1]), 0.97 * self.room[1])
             x = min(max(x, 0.04 * self.room[0]), 0.96 * self.room[0])
@@ -177,11 +207,21 @@ class Canvas:
         flows: dict[str, list[Any]] = {key: [] for key in ("x", "y", "angle", "color")}
         for thing in of.things:
             model: Any = thing.part.model if thing.part is not None else None
-            if not thing.path.startswith("wind.openings") or not model.passes or model.normal not in self.plane:
+            if (
+                not thing.path.startswith("wind.openings")
+                or not model.passes
+                or model.normal not in self.plane
+            ):
                 continue
             (a, b), room = thing.outlines(self.plane)[0].points, self.room or ()
-            inward = (1 if model.blows and (vars(model).get("speed") or 0.0) >= 0 else -1) * (-1 if model.side else 1)
-            angle = (0 if inward > 0 else pi) if self.plane[0] == model.normal else (pi / 2 if inward > 0 else -pi / 2)
+            inward = (1 if model.blows and (vars(model).get("speed") or 0.0) >= 0 else -1) * (
+                -1 if model.side else 1
+            )
+            angle = (
+                (0 if inward > 0 else pi)
+                if self.plane[0] == model.normal
+                else (pi / 2 if inward > 0 else -pi / 2)
+            )
             count = max(1, min(6, round(float(np.hypot(*(b - a))) / (0.12 * max(room)))))
             for n in range(count):
                 x, y = a + (n + 0.5) / count * (b - a)
@@ -221,7 +261,9 @@ class Canvas:
         self._fitted = pixels
         margin = MARGIN * max(sides)
         step = max((side + 2 * margin) / count for side, count in zip(sides, pixels, strict=True))
-        for range_, side, count in zip((self.figure.x_range, self.figure.y_range), sides, pixels, strict=True):
+        for range_, side, count in zip(
+            (self.figure.x_range, self.figure.y_range), sides, pixels, strict=True
+        ):
             range_.update(start=(side - step * count) / 2, end=(side + step * count) / 2)
 
     def _resized(self) -> None:
@@ -264,7 +306,7 @@ class Canvas:
         fastest = max(float(np.hypot(u, v).max(initial=0.0)), 1e-9)
         scale = ARROW * max(self.room[:2]) / fastest
         self.sources["wind"].data = {"x0": x, "y0": y, "x1": x + scale * u, "y1": y + scale * v}
-        x, y, heading, _ = sight.robots
+        x, y, heading = sight.robots
         colors = [theme.robot(n) for n in range(len(x))]
         reach = 0.03 * max(self.room[:2])
         ends: Mapping[str, Any] = {"x1": x + reach * np.cos(heading), "y1": y + reach * np.sin(heading)}

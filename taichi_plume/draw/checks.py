@@ -74,4 +74,3 @@ def check(text: str, folder: Path, allow_outside: bool = False) -> Findings:
     ]
     remarks = tuple(Remark(line, False) for line in resources.warnings)
     return Findings(remarks, estimate(scenario), dict(derived(scenario)), tuple(questions))
-

@@ -80,9 +80,7 @@ def delete(text: str, path: str) -> str:
 
 
 def duplicate(text: str, path: str) -> str:
-    """Return the text with a copy of the list item at a path, spelled alike, at the end of its list. Raises EditError.
-
-    """
+    """Return the text with a copy of the list item at a path, spelled alike, at the end of its list. Raises EditError."""
     above, last = parent_of(path)
 
     def expected(data: Data) -> Data:
@@ -120,9 +118,7 @@ def _edited(text: str, expected: Any, edit: Any) -> str:
 
 def flow(value: object) -> str:
     """Return a value as YAML on one line, as it may stand within brackets."""
-    dumped = yaml.safe_dump(
-        [value], default_flow_style=True, width=inf, allow_unicode=True, sort_keys=False
-    )
+    dumped = yaml.safe_dump([value], default_flow_style=True, width=inf, allow_unicode=True, sort_keys=False)
     return dumped.strip()[1:-1]
 
 
@@ -132,9 +128,7 @@ def _tree(text: str) -> yaml.Node | None:
 
 
 def _chain(text: str, steps: Steps) -> list[tuple[yaml.Node, yaml.Node | None]]:
-    """Return (value node, key node) of each existing step along a path, from the root; the key node of items is None.
-
-    """
+    """Return (value node, key node) of each existing step along a path, from the root; the key node of items is None."""
     node: Any = _tree(text)
     chain = [(node, None)]
     for step in steps:
@@ -219,7 +213,9 @@ def _add(text: str, path: str, item: object, spelling: str | None = None) -> str
         return _after_line(text, _end(node), " " * node.start_mark.column + f"- {new}")
     lines = all(not above.flow_style for above, _ in chain[:-1] if above is not None)
     if not missing and lines and key is not None:  # an empty list becomes one with an item per line
-        return _replaced(text, node, key, f"\n{' ' * (key.start_mark.column + 2)}- {new}").replace(": \n", ":\n")
+        return _replaced(text, node, key, f"\n{' ' * (key.start_mark.column + 2)}- {new}").replace(
+            ": \n", ":\n"
+        )
     if len(missing) == 1 and isinstance(node, yaml.MappingNode) and not node.flow_style and node.value:
         indent = " " * (node.value[0][0].start_mark.column + 2)
         return _with_key(text, node, missing[0], f"\n{indent}- {new}")

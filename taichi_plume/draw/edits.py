@@ -10,7 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume.draw.document import EditError, add, data_of, delete, duplicate, parent_of, set_value, value_at
+from taichi_plume.draw.document import (
+    EditError,
+    add,
+    data_of,
+    delete,
+    duplicate,
+    parent_of,
+    set_value,
+    value_at,
+)
 from taichi_plume.draw.objects import Scene, scene
 from taichi_plume.draw.parts import Plane, Point, Values
 from taichi_plume.draw.quantities import differences, number, plain
@@ -81,9 +90,7 @@ def shift(text: str, of: Scene, path: str, by: Sequence[float]) -> str:
 
 
 def turn(text: str, path: str, by: float) -> str:
-    """Return the text once an object with `yaw_deg`, or robots with a heading, have been turned by an angle [degrees].
-
-    """
+    """Return the text once an object with `yaw_deg`, or robots with a heading, have been turned by an angle [degrees]."""
     key = f"{path}.start.heading_deg" if path.startswith("robots[") else f"{path}.yaw_deg"
     kind = value_at(scene_data(text), f"{path}.kind")
     if not path.startswith("robots[") and kind not in ("box", "mesh"):
@@ -174,7 +181,9 @@ def create(
     a, b = points[0], points[-1]
     if kind == "robots" and value_at(scene_data(text), f"{selected}.start.kind") == "positions":
         text = add(text, f"{selected}.start.positions", plain(list(a)))
-        return set_value(text, f"{selected}.count", len(value_at(scene_data(text), f"{selected}.start.positions"))), selected
+        return set_value(
+            text, f"{selected}.count", len(value_at(scene_data(text), f"{selected}.start.positions"))
+        ), selected
     if kind == "arena":
         return set_value(text, "arena", plain(_box_of(a, b))), "arena"
     path, item = _item(text, of, kind, points, a, b, of.room, file)
@@ -193,7 +202,14 @@ def _box_of(a: Point, b: Point) -> dict[str, list[float]]:
 
 
 def _item(
-    text: str, of: Scene, kind: str, points: Sequence[Point], a: Point, b: Point, room: tuple[float, ...], file: str
+    text: str,
+    of: Scene,
+    kind: str,
+    points: Sequence[Point],
+    a: Point,
+    b: Point,
+    room: tuple[float, ...],
+    file: str,
 ) -> tuple[str, dict[str, Any]]:
     """Return the path of the list and the keys of a new object."""
     far = hypot(b[0] - a[0], b[1] - a[1])
@@ -286,4 +302,3 @@ def _list_of_sources(text: str) -> str:
     if isinstance(gas, dict) and gas.get("kind") == "gaussian_puff":
         raise EditError("gas.releases: a puff takes a time and a mass; add it in the text")
     return "gas.sources"
-

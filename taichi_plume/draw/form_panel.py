@@ -85,8 +85,15 @@ class FormPanel:
             self._setting = False
 
     def _widget(self, entry: forms.Row) -> Any:
-        about: Any = Tooltip(content=HTML(html=f"<div style='max-width:300px'>{escape(entry.meaning)}</div>"), position="left")
-        common: dict[str, Any] = {"title": entry.label, "description": about, "width": WIDTH - 80, "name": entry.path}
+        about: Any = Tooltip(
+            content=HTML(html=f"<div style='max-width:300px'>{escape(entry.meaning)}</div>"), position="left"
+        )
+        common: dict[str, Any] = {
+            "title": entry.label,
+            "description": about,
+            "width": WIDTH - 80,
+            "name": entry.path,
+        }
         common |= {"stylesheets": [COMPACT], "margin": (1, 5, 1, 5)}
         if entry.choices:
             options = [*([] if entry.key == "kind" else [forms.NOT_GIVEN]), *entry.choices]

@@ -40,7 +40,13 @@ from taichi_plume.scenario.shapes import shape
 from taichi_plume.scenario.vocabulary import Model
 
 CACHED_SHAPES = 64
-LISTS = ("wind.openings", "wind.screens", "obstacles", "wind.buoyancy.heat.walls", "wind.buoyancy.heat.heaters")
+LISTS = (
+    "wind.openings",
+    "wind.screens",
+    "obstacles",
+    "wind.buoyancy.heat.walls",
+    "wind.buoyancy.heat.heaters",
+)
 PLACES = ("center", "position", "at", "start", "low", "translate")
 """Keys that say about where an object is which cannot be read otherwise."""
 
@@ -138,7 +144,9 @@ def preview(of: Scene, path: str, values: Values, folder: Path) -> Thing | None:
     thing = of.thing(path)
     if thing is None or thing.part is None or of.room is None:
         return None
-    data = changed(of.data, {f"{path}{thing.part.within}.{key}": plain(value) for key, value in values.items()})
+    data = changed(
+        of.data, {f"{path}{thing.part.within}.{key}": plain(value) for key, value in values.items()}
+    )
     model, room = read(data, path), of.room
     if isinstance(model, Domain):
         return replace(thing, part=Room(model, model.extent))
@@ -191,7 +199,13 @@ def classes_at(data: Mapping[str, Any], path: str) -> list[type[Model]]:
 def _of_kind(classes: Sequence[type[Model]], values: Any) -> type[Model] | None:
     kind = values.get("kind") if isinstance(values, Mapping) else None
     kinds = {own_kind(model): model for model in classes}
-    return kinds.get(kind) if isinstance(kind, str) and kind in kinds else classes[0] if len(classes) == 1 else None
+    return (
+        kinds.get(kind)
+        if isinstance(kind, str) and kind in kinds
+        else classes[0]
+        if len(classes) == 1
+        else None
+    )
 
 
 def _unplaced(data: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -206,7 +220,9 @@ def _unplaced(data: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         elif key in data:
             yield key, key.replace("_", " ")
     parts = value_at(data, "gas.parts")
-    yield from ((f"gas.parts[{n}]", f"gas {n + 1}") for n in range(len(parts) if isinstance(parts, list) else 0))
+    yield from (
+        (f"gas.parts[{n}]", f"gas {n + 1}") for n in range(len(parts) if isinstance(parts, list) else 0)
+    )
 
 
 def _paths(data: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -273,9 +289,7 @@ def _part(
 
 
 def shape_of(model: Any, room: tuple[float, ...], folder: Path) -> Shape:
-    """Return the shape of an obstacle; of one from a file, read again only if the file has changed. Raises ShapeError.
-
-    """
+    """Return the shape of an obstacle; of one from a file, read again only if the file has changed. Raises ShapeError."""
     if "file" not in vars(model):
         return shape(model, Domain(size=room, spacing=min(room)), folder)
     file = folder / model.file

@@ -75,7 +75,9 @@ class Page:
         self.form = FormPanel(self.put, self.choose, self.say)
         self.runs = RunPanel(workplace, self.ask, self.say)
         for canvas in self.canvases.values():
-            self._listen(canvas)  # Bokeh attends to events of models that have joined the document with their callbacks
+            self._listen(
+                canvas
+            )  # Bokeh attends to events of models that have joined the document with their callbacks
         self._build()
         workplace.listeners.append(self._later)
         document.add_periodic_callback(self.look, PERIOD)
@@ -108,10 +110,22 @@ class Page:
         run = Button(label="▶ Run", width=90, button_type="success", name="run", stylesheets=[sheet])
         run.on_click(self._run)
         share = Div(
-            text='<a href="share/room.yaml">YAML</a> &nbsp; <a href="share/room.png">picture</a>', align="center"
+            text='<a href="share/room.yaml">YAML</a> &nbsp; <a href="share/room.png">picture</a>',
+            align="center",
         )
         fit = self._button("Whole room", self._fit, 95)
-        bar = row(self.title, self.undo, self.redo, *self.tools, grid, fit, save, share, run, sizing_mode="stretch_width")
+        bar = row(
+            self.title,
+            self.undo,
+            self.redo,
+            *self.tools,
+            grid,
+            fit,
+            save,
+            share,
+            run,
+            sizing_mode="stretch_width",
+        )
         self.palette = RadioButtonGroup(
             labels=["select", *edits.KINDS], active=0, orientation="vertical", width=110, stylesheets=[sheet]
         )
@@ -164,7 +178,9 @@ class Page:
         plot.on_event(Tap, lambda event: self._tap(canvas, (event.x, event.y)))
         plot.on_event(DoubleTap, lambda event: self._double_tap())
         plot.on_event(PanStart, lambda event: self._start(canvas, (event.x, event.y)))
-        plot.on_event(Pan, lambda event: self._drag(canvas, (event.x, event.y), (event.delta_x, event.delta_y)))
+        plot.on_event(
+            Pan, lambda event: self._drag(canvas, (event.x, event.y), (event.delta_x, event.delta_y))
+        )
         plot.on_event(PanEnd, lambda event: self._end(canvas, (event.x, event.y)))
 
     # ---------------------------------------------------------------- text → page
@@ -200,9 +216,15 @@ class Page:
             owner = self.scene.thing(remark.owner(self.scene))
             for plane in self.scene.planes:
                 handles = owner.handles(plane) if owner is not None else {}
-                place = handles.get("center") or next(iter(handles.values()), owner.place if owner and plane == ABOVE else None)
+                place = handles.get("center") or next(
+                    iter(handles.values()), owner.place if owner and plane == ABOVE else None
+                )
                 if place is not None:
-                    beside = sum(1 for _, other, _ in marks[plane] if other[1] == place[1] and abs(other[0] - place[0]) < 1)
+                    beside = sum(
+                        1
+                        for _, other, _ in marks[plane]
+                        if other[1] == place[1] and abs(other[0] - place[0]) < 1
+                    )
                     shift = 0.05 * beside * max(self.scene.room or (1.0,))
                     marks[plane].append((str(n), (place[0] + shift, place[1]), remark.is_error))
             color, word = ("#d32f2f", "error") if remark.is_error else ("#b26a00", "unlikely")
@@ -211,20 +233,30 @@ class Page:
         for plane, canvas in self.canvases.items():
             canvas.show(self.scene, self.chosen, wrong, marks[plane])
         fresh = work.findings is not None and work.checked == work.text
-        self.remarks.text = "".join(lines) or ("<p>Nothing: the scenario can be run.</p>" if fresh else "<p>checking …</p>")
+        self.remarks.text = "".join(lines) or (
+            "<p>Nothing: the scenario can be run.</p>" if fresh else "<p>checking …</p>"
+        )
         self.tabs.tabs[2].title = f"Remarks ({len(lines)})" if lines else "Remarks"
         amounts = work.findings.amounts if work.findings is not None and fresh else ""
         errors = sum(remark.is_error for remark in self.shown_remarks)
-        state = f"<b style='color:#d32f2f'>{errors} error{'s' * (errors != 1)}</b>" if errors else amounts or "checking …"
+        state = (
+            f"<b style='color:#d32f2f'>{errors} error{'s' * (errors != 1)}</b>"
+            if errors
+            else amounts or "checking …"
+        )
         self.size.text = state if errors else escape(state)
         if fresh and work.findings is not None and work.findings.derived and not errors:
             self.size.text += "".join(
-                f" · {escape(name)}: {escape(text)}" for name, text in work.findings.derived.items() if name in ("air", "gas")
+                f" · {escape(name)}: {escape(text)}"
+                for name, text in work.findings.derived.items()
+                if name in ("air", "gas")
             )
 
     def _banner(self) -> None:
         if self.asked is None and self.workplace.recovered is not None:
-            words = f"Unsaved changes of {self.workplace.file.name} were left by an earlier session. Take them?"
+            words = (
+                f"Unsaved changes of {self.workplace.file.name} were left by an earlier session. Take them?"
+            )
             self.ask(words, lambda: self.workplace.restore(True), lambda: self.workplace.restore(False))
 
     # ---------------------------------------------------------------- page → text
@@ -303,7 +335,9 @@ class Page:
             self.workplace.save()
             self.say("")
         except FileChangedError as error:
-            self.ask(f"{error.lines[0]}. Overwrite it?", lambda: self.workplace.save(True), self._offer_reload)
+            self.ask(
+                f"{error.lines[0]}. Overwrite it?", lambda: self.workplace.save(True), self._offer_reload
+            )
         except InputError as error:
             self.say("; ".join(error.lines))
 
@@ -339,9 +373,15 @@ class Page:
 
     def _tool_changed(self) -> None:
         self.points = []
-        self.hint.text = escape(edits.KINDS.get(self.kind, "Drag an object or its handles; drag the floor to move the view."))
+        self.hint.text = escape(
+            edits.KINDS.get(self.kind, "Drag an object or its handles; drag the floor to move the view.")
+        )
         endings = {"mesh": (".stl", ".obj", ".ply"), "map": (".yaml", ".yml")}.get(self.kind, ())
-        files = sorted(f.name for f in self.workplace.folder.iterdir() if f.suffix.lower() in endings and not f.name.startswith("."))
+        files = sorted(
+            f.name
+            for f in self.workplace.folder.iterdir()
+            if f.suffix.lower() in endings and not f.name.startswith(".")
+        )
         self.file.update(visible=bool(endings), options=files, value=files[0] if files else "")
         for canvas in self.canvases.values():
             canvas.sketch([])
@@ -367,7 +407,9 @@ class Page:
 
     def _create(self, points: Sequence[Point]) -> None:
         made = self._tried(
-            lambda: edits.create(self.workplace.text, self.scene, self.kind, points, self.chosen, self.file.value)
+            lambda: edits.create(
+                self.workplace.text, self.scene, self.kind, points, self.chosen, self.file.value
+            )
         )
         self.points = []
         self.canvases[ABOVE].sketch([])
@@ -439,12 +481,20 @@ class Page:
         if self.kind != "select":
             self._create([self._snapped(start), self._snapped(at)])
         elif path and handle is not None:
-            self._edit(lambda: edits.move_handle(self.workplace.text, self.scene, path, handle, canvas.plane, target))
+            self._edit(
+                lambda: edits.move_handle(self.workplace.text, self.scene, path, handle, canvas.plane, target)
+            )
             self.refresh()
 
     # ---------------------------------------------------------------- runs
 
     def look(self) -> None:
-        """Show the state of the runs."""
+        """Show the state of the runs, and of the file."""
         self.runs.refresh()
+        sight = self.runs.sight
+        if sight is not None and self.kind == "select":
+            low, high = self.runs.recording_keys(self.scene).range_ppm
+            self.hint.text = (
+                f"Gas from {low:g} ppm (white) to {high:g} ppm (dark), logarithmic; lines show the wind."
+            )
         self.canvases[ABOVE].show_run(self.runs.sight, self.runs.recording_keys(self.scene))

@@ -195,7 +195,10 @@ class Body(Part):
         gap = np.full((1, 2), np.nan)
         joined = np.concatenate([corners for part in parts for corners in (gap, part)][1:])
         way = self._way(plane)
-        return [Outline(np.minimum(joined, 10 * max(self.room))), *([Outline(way, False)] if len(way) else [])]
+        return [
+            Outline(np.minimum(joined, 10 * max(self.room))),
+            *([Outline(way, False)] if len(way) else []),
+        ]
 
     def _way(self, plane: Plane) -> np.ndarray:
         motion = self.model.motion
@@ -217,14 +220,20 @@ class Body(Part):
         model = self.model
         if plane != ABOVE:
             return {}
-        handles = {f"way {n}": _pair(point[1:]) for n, point in enumerate(model.motion.path)} if model.motion else {}
+        handles = (
+            {f"way {n}": _pair(point[1:]) for n, point in enumerate(model.motion.path)}
+            if model.motion
+            else {}
+        )
         if isinstance(model, Prism):
             handles |= {f"corner {n}": _pair(corner) for n, corner in enumerate(model.vertices)}
         elif isinstance(model, Box):
             for a, b in SIGNS:
                 local = np.array([a * model.size[0] / 2, b * model.size[1] / 2])
                 handles[f"{a:+d}{b:+d}"] = _pair(model.center[:2] + _turned(local, model.yaw_deg))
-            handles["turn"] = _pair(model.center[:2] + _turned(np.array([model.size[0] / 2 + ARM, 0]), model.yaw_deg))
+            handles["turn"] = _pair(
+                model.center[:2] + _turned(np.array([model.size[0] / 2 + ARM, 0]), model.yaw_deg)
+            )
         elif isinstance(model, Round):
             handles["rim"] = (model.center[0] + model.disc, model.center[1])
         elif isinstance(model, Mesh):
@@ -254,7 +263,10 @@ class Body(Part):
         middle = _turned((np.array(low) + high) / 2, model.yaw_deg)
         center = [float(x) for x in model.center]
         center[:2] = [float(x) for x in model.center[:2] + middle]
-        return {"center": center, "size": [*(b - a for a, b in zip(low, high, strict=True)), *map(float, model.size[2:])]}
+        return {
+            "center": center,
+            "size": [*(b - a for a, b in zip(low, high, strict=True)), *map(float, model.size[2:])],
+        }
 
     def _heightened(self, handle: str, plane: Plane, to: Point) -> Values:
         """Return new heights: the upper or the lower end has been dragged in a view from the side."""
@@ -323,7 +335,9 @@ class Pane(Part):
         if self.model.normal not in plane:
             return handles
         first = plane[0] == self.model.normal
-        return {name: handles[name] for name in ("center", *(("+0+1", "+0-1") if first else ("+1+0", "-1+0")))}
+        return {
+            name: handles[name] for name in ("center", *(("+0+1", "+0-1") if first else ("+1+0", "-1+0")))
+        }
 
     def moved(self, handle: str, plane: Plane, to: Point) -> Values:
         low, high = self._sides(plane)
@@ -419,7 +433,9 @@ class Points(Part):
     radius: of the disc drawn at each of `places` [m]; base: height of the discs' lower end and of the bodies [m].
     """
 
-    def __init__(self, model: Any, room: tuple[float, ...], places: np.ndarray, radius: float, base: Point = (0, 0)):
+    def __init__(
+        self, model: Any, room: tuple[float, ...], places: np.ndarray, radius: float, base: Point = (0, 0)
+    ):
         super().__init__(model, room)
         self.places, self.radius, self.base = places, radius, base
 

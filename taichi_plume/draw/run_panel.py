@@ -2,11 +2,10 @@
 
 from collections.abc import Callable
 from html import escape
-from typing import Any
 
 import numpy as np
 from bokeh.layouts import column, row
-from bokeh.models import Button, ColumnDataSource, DataTable, Div, TableColumn
+from bokeh.models import Button, ColumnDataSource, Div, Select
 from bokeh.plotting import figure
 
 from taichi_plume.draw.objects import Scene, read
@@ -17,8 +16,8 @@ from taichi_plume.guard.input_error import InputError
 from taichi_plume.report import theme
 from taichi_plume.scenario.outputs import Recording
 
-COLUMNS = {"run": 32, "state": 80, "changed": 130, "found": 130, "simulated": 70, "took": 55, "folder": 100}
-MOST_ROBOTS = 12  # curves
+CELL = "text-align:left;vertical-align:top;padding:3px 8px 3px 0;border-bottom:1px solid #e3e7eb"
+WHOLE = ".bk-clearfix { width: 100%; height: 100%; }"
 FRAME = "width:100%;height:calc(100vh - 150px);border:1px solid #c9d1d9;background:#fff"
 
 
@@ -28,7 +27,7 @@ class RunPanel:
     def __init__(self, workplace: Workplace, ask: Callable[..., None], say: Callable[[str], None]):
         self.workplace, self.ask, self.say = workplace, ask, say
         self.number = 0
-        self._shown: tuple[int, int] = (0, 0)
+        self._shown: Sight | None = None
         self._frames: tuple[int, bool] = (0, False)
         self.stop = Button(label="■ Stop", width=80, disabled=True, name="stop")
         self.stop.on_click(self._stop)
@@ -37,21 +36,28 @@ class RunPanel:
         self.links = Div(width=400, name="links")
         self.curves = ColumnDataSource({"xs": [], "ys": [], "color": []})
         self.plot = figure(
-            height=200, width=400, tools="", toolbar_location=None, x_axis_label="t [s]", y_axis_label="reading [ppm]"
+            height=200,
+            width=400,
+            tools="",
+            toolbar_location=None,
+            x_axis_label="t [s]",
+            y_axis_label="reading [ppm]",
         )
         self.plot.multi_line("xs", "ys", line_color="color", line_width=1.5, source=self.curves)
         self.plot.outline_line_color = None
-        self.source = ColumnDataSource({key: [] for key in COLUMNS})
-        self.source.selected.on_change("indices", lambda _attr, _old, new: self._selected(new))
-        columns: Any = [TableColumn(field=key, title=key, width=width) for key, width in COLUMNS.items()]
-        self.table = DataTable(
-            source=self.source, columns=columns, width=410, height=260, index_position=None, autosize_mode="none", name="runs"
-        )
+        self.plot.grid.grid_line_color = "#e3e7eb"
+        self.plot.axis.minor_tick_line_color = None
+        self.plot.axis.axis_label_text_font_style = "normal"
+        self.shown = Select(title="shown run", width=120, visible=False, name="shown")
+        self.shown.on_change("value", lambda _attr, _old, new: self._chosen(new))
+        self.table = Div(width=410, name="runs")
         self.layout = column(
-            row(self.stop, self.progress), self.plot, self.links, self.output, self.table, sizing_mode="stretch_height"
-        )
-        self.report = Div(text="<p>Run the scenario first.</p>", sizing_mode="stretch_both", name="report")
-        self.recording = Div(text="<p>Run the scenario first.</p>", sizing_mode="stretch_both", name="recording")
+            row(self.stop, self.progress), self.plot, self.links, self.output, self.shown, self.table,
+            sizing_mode="stretch_height", styles={"overflow-y": "auto"},
+        )  # fmt: skip
+        first, style = "<p>Run the scenario first.</p>", [WHOLE]
+        self.report = Div(text=first, sizing_mode="stretch_both", stylesheets=style, name="report")
+        self.recording = Div(text=first, sizing_mode="stretch_both", stylesheets=style, name="recording")
 
     @property
     def run(self) -> Run | None:
@@ -79,7 +85,9 @@ class RunPanel:
             self.say("the scenario has errors; see Remarks")
             return
         if findings.code and not work.allow_code:
-            self.ask(" ".join([*findings.code, "Run it?"]), lambda: self._start(True), lambda: self.say("not run"))
+            self.ask(
+                " ".join([*findings.code, "Run it?"]), lambda: self._start(True), lambda: self.say("not run")
+            )
             return
         self._start(False)
 
@@ -102,19 +110,16 @@ class RunPanel:
         runs.poll()
         if not self.number and runs.all:
             self.number = len(runs.all)
-        rows = [run.row() for run in runs.listed]
-        data = {key: [line[key] for line in rows] for key in COLUMNS}
-        if data != self.source.data:
-            self.source.data = data
+        self._show_list()
         run = self.run
         if run is None:
             self.progress.text = ""
             return
         self.stop.disabled = not run.alive
         self._show_progress(run)
-        if (self.number, len(run.curve)) != self._shown:
-            self._shown = (self.number, len(run.curve))
-            self._show_curve(run)
+        if run.sight is not self._shown:
+            self._shown = run.sight
+            self._show_readings(run.sight)
         lines = [] if run.alive or run.state in ("completed", "stopped") else run.output
         self.output.text = "".join(f"<div style='color:#d32f2f'>{escape(line)}</div>" for line in lines)
         self._show_frames(run)
@@ -127,14 +132,12 @@ class RunPanel:
         bar = f"<progress max='1' value='{done:.3f}' style='width:120px'></progress>" if run.alive else ""
         self.progress.text = f"{bar} <b>run {run.number}</b> {escape(run.state)} {clock}{remaining}"
 
-    def _show_curve(self, run: Run) -> None:
-        times = [t for t, _ in run.curve]
-        readings = np.array([values for _, values in run.curve]).T if run.curve else np.empty((0, 0))
-        some = range(min(len(readings), MOST_ROBOTS))
+    def _show_readings(self, sight: Sight | None) -> None:
+        times, *readings = sight.readings.T if sight is not None else [np.empty(0)]
         self.curves.data = {
-            "xs": [times for _ in some],
-            "ys": [readings[n] for n in some],
-            "color": [theme.robot(n) for n in some],
+            "xs": [times for _ in readings],
+            "ys": readings,
+            "color": [theme.robot(n) for n in range(len(readings))],
         }
 
     def _show_frames(self, run: Run) -> None:
@@ -144,7 +147,9 @@ class RunPanel:
         self._frames = (run.number, there)
         base = f"runs/{run.number}"
         self.report.text = (
-            f'<iframe src="{base}/report.html" style="{FRAME}"></iframe>' if there else "<p>The run has no report yet.</p>"
+            f'<iframe src="{base}/report.html" style="{FRAME}"></iframe>'
+            if there
+            else "<p>The run has no report yet.</p>"
         )
         self.recording.text = "<p>The run has no recording yet.</p>"
         self.links.text = (
@@ -161,8 +166,23 @@ class RunPanel:
             return
         self.recording.text = f'<iframe src="viewer/?run={run.number}" style="{FRAME}"></iframe>'
 
-    def _selected(self, indices: list[int]) -> None:
-        listed = self.workplace.runs.listed
-        if indices and indices[0] < len(listed):
-            self.number = listed[indices[0]].number
+    def _show_list(self) -> None:
+        """Show the last runs beside each other, the newest first."""
+        runs = self.workplace.runs.listed
+        rows = [run.row() for run in runs]
+        head = "".join(f"<th style='{CELL}'>{key}</th>" for key in (rows[0] if rows else ()))
+        body = "".join(
+            "<tr>" + "".join(f"<td style='{CELL}'>{escape(text)}</td>" for text in line.values()) + "</tr>"
+            for line in rows
+        )
+        self.table.text = (
+            f"<table style='border-collapse:collapse;font-size:12px'>{head}{body}</table>" if rows else ""
+        )
+        options = [str(run.number) for run in runs]
+        if self.shown.options != options or self.shown.value != str(self.number):
+            self.shown.update(options=options, value=str(self.number), visible=len(runs) > 1)
+
+    def _chosen(self, number: str) -> None:
+        if number.isdecimal() and int(number) != self.number:
+            self.number = int(number)
             self.refresh()

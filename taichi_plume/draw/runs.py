@@ -11,8 +11,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from taichi_plume.draw.document import data_of
 from taichi_plume.execution.watch_file import Sight, read
 from taichi_plume.files.run_folder import read_json
@@ -22,7 +20,6 @@ from taichi_plume.guard.terminal import visible
 LISTED = 10
 MOST_LINES = 12  # of the command's output that are shown
 MOST_CHANGES = 3  # keys, in the list
-MOST_CURVE = 4000  # samples of the curves of readings
 
 
 class Run:
@@ -36,7 +33,6 @@ class Run:
         self.begun = time.monotonic()
         self.wall: float | None = None
         self.stopping = False
-        self.curve: list[tuple[float, np.ndarray]] = []
         self.sight: Sight | None = None
 
     @property
@@ -98,9 +94,6 @@ class Run:
         sight = read(self.notes / "watch.npz")
         if sight is not None and (self.sight is None or sight.t != self.sight.t):
             self.sight = sight
-            if sight.robots.shape[1] and sight.t >= 0:
-                self.curve.append((sight.t, sight.robots[3]))
-                del self.curve[:-MOST_CURVE]
         if not self.alive and self.wall is None:
             self.wall = time.monotonic() - self.begun
             if self.scenario is not None:
@@ -124,7 +117,9 @@ class Run:
             "state": self.state,
             "changed": self.changes,
             "found": "; ".join(found),
-            "simulated": f"{simulated:.0f} s" if isinstance(simulated, int | float) and not self.alive else "",
+            "simulated": f"{simulated:.0f} s"
+            if isinstance(simulated, int | float) and not self.alive
+            else "",
             "took": f"{wall:.0f} s",
             "folder": self.folder.name,
         }
@@ -179,7 +174,9 @@ class Runs:
 def changes(before: str, after: str) -> str:
     """Return in words which keys differ between two texts, such as "seed: 1 → 2"."""
     old, new = dict(_leaves(data_of(before))), dict(_leaves(data_of(after)))
-    paths = [path for path in [*new, *(path for path in old if path not in new)] if old.get(path) != new.get(path)]
+    paths = [
+        path for path in [*new, *(path for path in old if path not in new)] if old.get(path) != new.get(path)
+    ]
     words = [f"{path}: {old.get(path, '—')} → {new.get(path, '—')}" for path in paths[:MOST_CHANGES]]
     more = len(paths) - MOST_CHANGES
     return visible("; ".join(words + [f"{more} more"] * (more > 0)), 160)

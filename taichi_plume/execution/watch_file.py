@@ -20,14 +20,17 @@ from taichi_plume.time_loop import TimeLoop
 PERIOD = 0.5  # s of wall-clock time between updates
 PIXELS = 160  # along the longer side
 ARROWS = 24  # along the longer side
+SAMPLES = 1000  # of the readings, in a run
+MOST_ROBOTS = 12  # whose readings are noted
 
 
 class Sight(NamedTuple):
     """State of a run at one moment. t: simulated time [s]; end: of the run; done: completed fraction.
 
     speed: simulated over wall-clock time; phase: "compiling", "warm-up" or "running". gas: summed over the gases [ppm],
-    (ny, nx) in the horizontal slice of the recording; wind: (x, y, u, v) of arrows, (4, n); robots: (x, y, heading,
-    reading [ppm]) of the first trial, (4, robots).
+    (ny, nx) in the horizontal slice of the recording; wind: (x, y, u, v) of arrows, (4, n); robots: (x, y, heading) of the
+    first trial, (3, robots); readings: time [s] and the readings [ppm] of these robots since the start, (samples, 1 +
+    robots).
     """
 
     t: float
@@ -38,6 +41,7 @@ class Sight(NamedTuple):
     gas: np.ndarray
     wind: np.ndarray
     robots: np.ndarray
+    readings: np.ndarray
 
 
 class WatchFile:
@@ -61,8 +65,14 @@ class WatchFile:
             [np.arange(group.count * group.trials) < group.count for group in groups] or [np.empty(0, bool)]
         )
 
+        self.readings: list[np.ndarray] = []
+        self.every = max(1, (sim.last_tick - sim.tick) // SAMPLES)
+
     def update(self, sim: TimeLoop) -> None:
-        """Replace the file unless it has just been written."""
+        """Note the readings, and replace the file unless it has just been written."""
+        if sim.swarm.count and sim.tick >= 0 and sim.tick % self.every == 0:
+            readings = sim.swarm.snapshot()["reading_ppm"][self.robots][:MOST_ROBOTS]
+            self.readings.append(np.concatenate([[sim.t], readings]))
         now = time.monotonic()
         if now < self.written + PERIOD and not sim.finished:
             return
@@ -70,11 +80,10 @@ class WatchFile:
         values = self.sampler.sample(sim.t)
         gas = values[self.dim : self.dim + self.gases, : self.pixels].sum(axis=0).reshape(self.shape)
         wind = np.concatenate([self.arrows.T, values[:2, self.pixels :]])
-        robots = np.empty((4, 0), np.float32)
+        robots = np.empty((3, 0), np.float32)
         if sim.swarm.count:
             state = sim.swarm.snapshot()
-            robots = np.stack([*state["position"][:, :2].T, state["heading"], state["reading_ppm"]])
-            robots = robots[:, self.robots]
+            robots = np.stack([*state["position"][:, :2].T, state["heading"]])[:, self.robots]
         elapsed = max(now - self.begun, 1e-9)
         first, last = sim.scenario.first_tick, sim.last_tick
         content = {
@@ -86,6 +95,7 @@ class WatchFile:
             "gas": gas.astype(np.float32),
             "wind": wind.astype(np.float32),
             "robots": robots.astype(np.float32),
+            "readings": np.array(self.readings or np.empty((0, 1)), np.float32),
         }
         fresh = self.path.with_name(self.path.name + ".new")
         try:

@@ -9,7 +9,9 @@ from taichi_plume.draw.document import EditError, add, data_of, delete, duplicat
 from taichi_plume.draw.history import History
 
 ROOT = Path(__file__).parents[2]
-CONFIGS = sorted([*(ROOT / "configs").rglob("*.yaml"), *(ROOT / "taichi_plume/contests/scenarios").glob("*.yaml")])
+CONFIGS = sorted(
+    [*(ROOT / "configs").rglob("*.yaml"), *(ROOT / "taichi_plume/contests/scenarios").glob("*.yaml")]
+)
 TEXT = """\
 # a room
 domain: {size: [4 m, 3 m], spacing: 5 cm}  # coarse
@@ -71,7 +73,10 @@ def test_only_lines_of_the_value_change(edit, lines):
 
 
 def test_the_first_key_of_an_item_can_go():
-    assert data_of(delete(TEXT, "obstacles[0].kind"))["obstacles"][0] == {"center": [1, 2], "size": [0.5, 0.5]}
+    assert data_of(delete(TEXT, "obstacles[0].kind"))["obstacles"][0] == {
+        "center": [1, 2],
+        "size": [0.5, 0.5],
+    }
 
 
 def test_the_last_item_leaves_an_empty_list():

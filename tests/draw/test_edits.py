@@ -118,7 +118,12 @@ def test_an_opening_slides_along_its_wall_and_its_edges_can_be_dragged():
     assert value_at(data_of(wider), f"{path}.size") == [1.4]
     whole = "domain: {size: [4, 3], spacing: 0.05}\nwind: {kind: cfd, openings: [{kind: outlet, face: x+}]}\n"
     part = dragged(whole, "wind.openings[0]", "+0-1", (4, 1))
-    assert value_at(data_of(part), "wind.openings[0]") == {"kind": "outlet", "face": "x+", "center": [2], "size": [2]}
+    assert value_at(data_of(part), "wind.openings[0]") == {
+        "kind": "outlet",
+        "face": "x+",
+        "center": [2],
+        "size": [2],
+    }
 
 
 def test_heights_are_dragged_in_the_view_from_the_side():

@@ -105,7 +105,9 @@ obstacles:
     assert (*low, *high) == pytest.approx((0, 0, 4, 3))
     outside = text.replace("body.obj", "../body.obj")
     (tmp_path.parent / "body.obj").write_text((tmp_path / "body.obj").read_text())
-    assert scene(outside, tmp_path).thing("obstacles[0]").part is None, "files outside the folder are not read"
+    assert scene(outside, tmp_path).thing("obstacles[0]").part is None, (
+        "files outside the folder are not read"
+    )
 
 
 # ---------------------------------------------------------------- mistakes at the right object
@@ -118,7 +120,11 @@ def mistakes():
     from test_messages import SCENARIOS as BASES
     from test_messages import rows
 
-    return [pytest.param(BASES[name], changes, expected, id=changes[-1]) for name, changes, expected in rows() if expected and not expected[0].startswith("override")]
+    return [
+        pytest.param(BASES[name], changes, expected, id=changes[-1])
+        for name, changes, expected in rows()
+        if expected and not expected[0].startswith("override")
+    ]
 
 
 @pytest.mark.parametrize(("base", "changes", "expected"), mistakes())
