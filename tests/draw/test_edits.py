@@ -281,7 +281,7 @@ QUIET = {"deadline": None, "suppress_health_check": list(HealthCheck)}
 sequences = st.lists(actions, min_size=1, max_size=8)
 
 
-@settings(max_examples=40, **QUIET)
+@settings(max_examples=10, **QUIET)
 @given(base=st.sampled_from(sorted(BASES)), sequence=sequences)
 def test_random_edits_are_drawn_and_undone(base, sequence):
     live_through(BASES[base], sequence)

@@ -1,0 +1,165 @@
+"""Attacks on the page: foreign hosts, pages and processes, and files outside the folder."""
+
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+
+pytest.importorskip("bokeh", reason="the extra draw is not installed")
+
+from served import serving
+from test_document import ROOT
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("folder")
+    (folder / "room.yaml").write_text((ROOT / "configs/casting_room.yaml").read_text())
+    (folder.parent / "secret.yaml").write_text("a: 1")
+    with serving(folder, "room.yaml") as served:
+        yield served
+
+
+def test_only_the_loopback_interface_listens(page):
+    addresses = [c.laddr for c in psutil.Process(page.process.pid).net_connections() if c.status == "LISTEN"]
+    assert addresses == [("127.0.0.1", page.port)]
+    others = {i[4][0] for i in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)} - {"127.0.0.1"}
+    for other in others:
+        with pytest.raises(OSError, match="refused|timed out|unreachable"):
+            socket.create_connection((other, page.port), timeout=2).close()
+
+
+def test_the_token_of_the_address_becomes_a_cookie_that_scripts_and_foreign_pages_lack(page):
+    status, headers, _ = page.get(f"/?token={page.token}", cookie=False)
+    assert (status, headers["Location"]) == (303, "/")
+    cookie = headers["Set-Cookie"]
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
+    status, headers, body = page.get("/")
+    assert status == 200
+    assert page.token.encode() not in body, "scripts cannot read the token"
+    assert "default-src 'self'" in headers["Content-Security-Policy"]
+    assert "frame-ancestors 'self'" in headers["Content-Security-Policy"]
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/", "/?token=", "/?token=x", "/?bokeh-session-id=x", "/autoload.js", "/metadata", "/static/js/bokeh.min.js",
+        "/share/room.yaml", "/share/room.png", "/viewer/", "/runs/1/report.html", "/pass/00/runs/1/recording.rrd",
+        "/favicon.ico",
+    ],
+)  # fmt: skip
+def test_without_the_token_nothing_is_answered(page, path):
+    status, _, body = page.get(path, cookie=False)
+    assert status == 403
+    assert b"casting" not in body
+
+
+def test_another_token_is_refused(page):
+    assert page.get(f"/?token={page.token[:-1]}x", cookie=False)[0] == 403
+    assert page.get(f"/?token={page.token}&token=x", cookie=False)[0] == 403
+    assert page.get("/", cookie=False, Cookie=f"taichi_plume_draw_{page.port}=x")[0] == 403
+    assert page.get("/", cookie=False, Cookie=f"taichi_plume_draw_1={page.token}")[0] == 403
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "127.0.0.1", "127.0.0.1:1", "", None])
+def test_a_foreign_host_name_is_refused(page, host):
+    """DNS rebinding: a foreign page whose name was made to point to this machine."""
+    assert page.get("/", Host=host)[0] in (400, 403)
+    assert page.upgrade(Host=host) in (400, 403)
+
+
+def test_a_page_is_served_under_localhost_too(page):
+    assert page.get("/", Host=f"localhost:{page.port}")[0] == 200
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1", "https://127.0.0.1", "file://"])
+def test_requests_of_foreign_pages_are_refused(page, origin):
+    assert page.get("/", Origin=origin)[0] == 403
+    assert page.get("/share/room.yaml", Origin=origin)[0] == 403
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+def test_links_of_foreign_pages_bring_nothing(page, site):
+    assert page.get("/", Sec_Fetch_Site=site)[0] == 403
+    assert page.get("/share/room.yaml", Sec_Fetch_Site=site)[0] == 403
+
+
+def test_the_websocket_is_for_the_page_alone(page):
+    assert page.upgrade() == 101
+    for origin in ("http://evil.example", "null", f"http://localhost:{page.port}", None):
+        assert page.upgrade(Origin=origin) == 403, origin
+    assert page.upgrade(Cookie=None) == 403
+    assert page.upgrade(Cookie=f"taichi_plume_draw_{page.port}=x") == 403
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/runs/1/../../secret.yaml", "/runs/1/..%2f..%2fsecret.yaml", "/share/../secret.yaml", "/share/secret.yaml",
+        "/static/../../secret.yaml", "/static/..%2f..%2f..%2fetc%2fpasswd", "/viewer/../secret.yaml",
+        "/runs/999999/report.html", "/runs/1/result.json", "//etc/passwd",
+    ],
+)  # fmt: skip
+def test_no_address_leads_to_other_files(page, path):
+    status, _, body = page.get(path)
+    assert status in (400, 403, 404)
+    assert b"root:" not in body
+    assert b"a: 1" not in body
+
+
+def test_other_methods_are_refused(page):
+    import http.client
+
+    for method in ("POST", "PUT", "DELETE", "OPTIONS"):
+        connection = http.client.HTTPConnection("127.0.0.1", page.port, timeout=30)
+        cookie = f"taichi_plume_draw_{page.port}={page.token}"
+        connection.request(method, "/share/room.yaml", headers={"Cookie": cookie})
+        assert connection.getresponse().status == 405, method
+
+
+def test_the_text_and_its_picture_are_shared(page):
+    status, headers, body = page.get("/share/room.yaml")
+    assert (status, body) == (200, (ROOT / "configs/casting_room.yaml").read_bytes())
+    assert "attachment" in headers["Content-Disposition"]
+    assert page.get("/share/room.png")[2].startswith(b"\x89PNG")
+
+
+def command(folder: Path, *arguments: str):
+    line = [sys.executable, "-m", "taichi_plume.draw", "--no-browser", *arguments]
+    return subprocess.run(line, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
+
+
+def test_a_scenario_outside_the_folder_is_opened_if_allowed_alone(tmp_path):
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    (tmp_path / "s.yaml").write_text("duration: 1")
+    (inner / "link.yaml").symlink_to(tmp_path / "s.yaml")
+    for name in ("../s.yaml", str(tmp_path / "s.yaml"), "link.yaml"):
+        done = command(inner, name)
+        assert done.returncode == 2
+        assert "--allow-outside" in done.stderr
+    with serving(inner, "../s.yaml", "--allow-outside") as served:
+        assert served.get("/share/room.yaml")[2] == b"duration: 1"
+
+
+def test_a_port_in_use_and_another_file_are_refused_in_one_line(tmp_path, page):
+    done = command(tmp_path, "--port", str(page.port))
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    (tmp_path / "notes.txt").write_text("mine")
+    done = command(tmp_path, "notes.txt")
+    assert done.returncode == 2
+
+
+def test_without_the_extra_the_command_says_so(tmp_path):
+    code = "import sys; sys.modules['bokeh'] = None\nimport importlib.util as u; f = u.find_spec\n"
+    code += "u.find_spec = lambda name, *a: None if name == 'bokeh' else f(name, *a)\n"
+    code += "from taichi_plume.cli.draw import main; sys.exit(main(['--no-browser']))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.strip() == "needs bokeh: pip install 'taichi_plume[draw]'"

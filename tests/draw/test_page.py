@@ -1,0 +1,266 @@
+"""The page without a browser: its views are always those of a fresh page on the same text; two tabs are alike."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("bokeh", reason="the extra draw is not installed")
+
+from bokeh.document import Document
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_document import ROOT
+from test_edits import DRAGS, QUIET, points
+
+from taichi_plume.draw import edits
+from taichi_plume.draw.page import Page
+from taichi_plume.draw.workplace import Workplace
+from taichi_plume.execution.watch_file import Sight
+from taichi_plume.report.theme import ABOVE, SIDE
+
+ROOM = (ROOT / "configs/casting_room.yaml").read_text()
+
+
+class Tab(Document):
+    """Document of a tab whose callbacks of the next tick are called at once."""
+
+    def add_next_tick_callback(self, callback):
+        callback()
+
+
+def opened(folder, text=ROOM):
+    (folder / "s.yaml").write_text(text)
+    place = Workplace(folder, folder / "s.yaml")
+    return place, Page(Tab(), place)
+
+
+@pytest.fixture
+def page(tmp_path):
+    return opened(tmp_path)[1]
+
+
+def views(page):
+    """All that the views of a page show."""
+    return {
+        (plane, name): {key: [np.asarray(part).tolist() for part in values] for key, values in source.data.items()}
+        for plane, canvas in page.canvases.items()
+        if plane in page.scene.planes
+        for name, source in canvas.sources.items()
+    }
+
+
+def drag(page, *way, plane=ABOVE):
+    canvas = page.canvases[plane]
+    page._start(canvas, way[0])
+    for at in way:
+        page._drag(canvas, at, (1, 1))
+    page._end(canvas, way[-1])
+
+
+def use(page, kind):
+    page.palette.active = ["select", *edits.KINDS].index(kind)
+
+
+def test_a_drawn_object_is_in_the_text_and_chosen(page):
+    use(page, "box")
+    drag(page, (3.0, 0.3), (3.2, 0.5), (3.3, 0.6))
+    assert "{kind: box, center: [3.15, 0.45], size: [0.3, 0.3]}" in page.workplace.text
+    assert page.chosen == "obstacles[3]"
+    assert page.text.value == page.workplace.text
+
+
+def test_an_object_is_chosen_and_dragged(page):
+    use(page, "select")
+    page._tap(page.canvases[ABOVE], (2.75, 1.9))
+    assert page.chosen == "obstacles[2]"
+    drag(page, (2.75, 1.9), (2.5, 1.5), (2.25, 1.4))
+    assert "{kind: box, center: [2.25, 1.4], size: [0.25, 0.35]}" in page.workplace.text
+    page._undo()
+    assert page.workplace.text == ROOM
+
+
+def test_a_handle_of_the_chosen_object_resizes_it(page):
+    page.choose("obstacles[2]")
+    x, y = page.scene.thing("obstacles[2]").handles(ABOVE)["+1+1"]
+    drag(page, (x, y), (3.0, 2.2))
+    box = page.scene.thing("obstacles[2]").part.model
+    assert box.center == pytest.approx((2.8125, 1.9625), abs=2e-3)
+
+
+def test_typing_moves_the_drawing_and_the_form(page):
+    page.choose("obstacles[0]")
+    page.text.value_input = ROOM.replace("center: [1.5, 2.1]", "center: [1.0, 2.0]")
+    assert page.scene.thing("obstacles[0]").place == (1.0, 2.0)
+    assert page.form.widgets["obstacles[0].center"].value == "[1.0, 2.0]"
+    assert page.workplace.text == page.text.value_input
+
+
+def test_the_form_changes_the_text(page):
+    page.choose("obstacles[0]")
+    page.form.widgets["obstacles[0].radius"].value = "25 cm"
+    assert "radius: 25 cm" in page.workplace.text
+    page.form.widgets["obstacles[0].kind"].value = "sphere"
+    assert "{kind: sphere, center: [1.5, 2.1], radius: 25 cm}" in page.workplace.text
+    page.form.widgets["obstacles[0].radius"].value = "[1, "
+    assert "radius: 25 cm" in page.workplace.text
+    assert "not YAML" in page.message.text
+
+
+def test_a_mistake_is_marked_at_its_object(page):
+    page._typed(ROOM.replace("position: [0.7, 1.45]", "position: [1.5, 2.1]"))
+    page.workplace.found(*page.workplace.check())
+    marks = page.canvases[ABOVE].sources["marks"].data
+    assert (marks["x"], marks["y"]) == ([1.5], [2.1])
+    assert "is inside obstacles[0] (cylinder)" in page.remarks.text
+    areas = page.canvases[ABOVE].sources["areas"].data
+    edges = dict(zip(areas["path"], areas["edge"], strict=True))
+    assert edges["gas.sources[0]"] == "#d32f2f"
+    assert edges["obstacles[1]"] != "#d32f2f"
+    assert "1 error" in page.size.text
+    page._undo()
+    page.workplace.found(*page.workplace.check())
+    assert page.canvases[ABOVE].sources["marks"].data["x"] == []
+    assert "7,500 cells" in page.size.text
+
+
+def test_texts_are_shown_as_they_are_and_never_as_html(tmp_path):
+    evil = "<img src=x onerror=alert(1)>"
+    place, page = opened(tmp_path, ROOM.replace("name: casters", f'name: "{evil}"') + f'"{evil}": 1\n')
+    page.choose("robots[0]")
+    place.found(*place.check())
+    page.say(evil)
+    page.ask(evil, lambda: None)
+    shown = [page.remarks, page.message, page.banner, page.size, page.title, page.form.purpose, page.runs.output]
+    assert all("<img" not in div.text for div in shown)
+
+
+def test_two_tabs_show_the_same_text(tmp_path):
+    place, first = opened(tmp_path)
+    second = Page(Tab(), place)
+    use(first, "source")
+    first._tap(first.canvases[ABOVE], (1.0, 1.0))
+    assert len(second.scene.data["gas"]["sources"]) == 2
+    second.form.widgets["seed"].value = "9"
+    assert "seed: 9" in first.text.value
+    assert "position: [1, 1]" in first.text.value, "neither tab takes back the other one's edit"
+    first.choose(""), second.choose("")
+    assert views(first) == views(second)
+    second.leave()
+    first._undo()
+    assert "seed: 2" in first.text.value
+
+
+def test_heights_are_dragged_from_the_side(tmp_path):
+    place, page = opened(tmp_path, (ROOT / "configs/arena_3d.yaml").read_text())
+    assert page.canvases[SIDE].figure.visible
+    page.choose("obstacles[2]")
+    x, z = page.scene.thing("obstacles[2]").handles(SIDE)["+0+1"]
+    drag(page, (x, z), (x, 0.45), plane=SIDE)
+    assert page.scene.thing("obstacles[2]").part.model.size[2] == pytest.approx(0.45)
+
+
+def test_a_file_changed_on_disk_is_asked_about(tmp_path):
+    place, page = opened(tmp_path)
+    page._typed(ROOM + "# mine\n")
+    place.file.write_text(ROOM + "# theirs\n")
+    page.save()
+    assert page.question.visible
+    assert "another program has changed this file" in page.banner.text
+    page._no()
+    assert place.file.read_text() == ROOM + "# theirs\n"
+    assert "Take the file" in page.banner.text
+    page._no()
+    page.save()
+    page._yes()
+    assert place.file.read_text() == ROOM + "# mine\n"
+
+
+def test_own_code_is_run_after_the_question_of_the_command_alone(tmp_path, monkeypatch):
+    (tmp_path / "mine.py").write_text("class Mine:\n    def act(self, robots):\n        pass\n")
+    text = ROOM.replace("{kind: casting, threshold_ppm: 5}", "{kind: own, file: mine.py}", 1)
+    place, page = opened(tmp_path, text)
+    started = []
+    monkeypatch.setattr(place.runs, "start", lambda text, folder, flags: started.append(flags))
+    page._run()
+    assert not started
+    assert "holds Python code, which will run with all your rights (SHA-256" in page.banner.text
+    page._no()
+    assert not started
+    page._run()
+    with pytest.raises(AttributeError):
+        page._yes()  # the replaced start returns no run
+    assert started == [["--allow-code"]]
+
+
+def test_the_picture_of_a_run_lies_under_the_objects(page):
+    gas = np.array([[0.0, 0.01], [10.0, 1e6]], np.float32)
+    sight = Sight(1.0, 10.0, 0.1, 2.0, "running", gas, np.ones((4, 3)), np.ones((3, 2)), np.ones((5, 3)))
+    canvas = page.canvases[ABOVE]
+    canvas.show_run(sight)
+    image = canvas.sources["image"].data["image"][0]
+    alpha = image.view(np.uint8).reshape(2, 2, 4)[..., 3]
+    assert alpha.tolist() == [[0, 0], [255, 255]], "air without gas is transparent"
+    assert len(canvas.sources["robots"].data["x"]) == 2
+    canvas.show_run(None)
+    assert canvas.sources["image"].data["image"] == []
+
+
+def test_the_answer_to_a_question_about_a_draft(tmp_path):
+    place, page = opened(tmp_path)
+    page._typed(ROOM + "# mine\n")
+    again = Workplace(tmp_path, place.file)
+    other = Page(Tab(), again)
+    assert "Take them?" in other.banner.text
+    other._yes()
+    assert again.text == ROOM + "# mine\n"
+
+
+moves = st.lists(
+    st.one_of(
+        st.tuples(st.just("draw"), st.sampled_from(sorted(DRAGS)), points, points),
+        st.tuples(st.just("drag"), points, points),
+        st.tuples(st.just("tap"), points),
+        st.tuples(st.sampled_from(["_undo", "_redo", "_copy", "_delete", "_escape"])),
+        st.tuples(st.just("turn"), st.sampled_from([15, -15])),
+        st.tuples(st.just("type"), st.sampled_from(["# note\n", "robots: [", ""])),
+    ),
+    min_size=1, max_size=8,
+)  # fmt: skip
+
+
+def live_through(folder, name, sequence):
+    """Use a page as by a pointer; afterwards its views are those of a fresh page on the same text."""
+    place, page = opened(folder, (ROOT / f"configs/{name}.yaml").read_text())
+    for kind, *rest in sequence:
+        if kind == "draw":
+            use(page, rest[0])
+            drag(page, *rest[1:])
+        elif kind in ("drag", "tap"):
+            use(page, "select")
+            drag(page, *rest) if kind == "drag" else page._tap(page.canvases[ABOVE], *rest)
+        elif kind == "turn":
+            page._turn(*rest)
+        elif kind == "type":
+            page._typed(place.text + rest[0])
+        else:
+            getattr(page, kind)()
+        assert page.text.value == place.text
+    fresh = Page(Tab(), Workplace(folder, place.file))
+    fresh.workplace.recovered = None
+    fresh.workplace.put(place.text)
+    fresh.choose(page.chosen)
+    page.choose(page.chosen)
+    page.palette.active = fresh.palette.active = 0
+    assert views(page) == views(fresh)
+
+
+@settings(max_examples=3, **QUIET)
+@given(name=st.sampled_from(["casting_room", "arena_3d"]), sequence=moves)
+def test_the_views_are_those_of_the_text(tmp_path_factory, name, sequence):
+    live_through(tmp_path_factory.mktemp("page"), name, sequence)
+
+
+@pytest.mark.slow
+@settings(max_examples=200, **QUIET)
+@given(name=st.sampled_from(["casting_room", "arena_3d", "moving_obstacle"]), sequence=moves)
+def test_the_views_are_those_of_the_text_after_many_moves(tmp_path_factory, name, sequence):
+    live_through(tmp_path_factory.mktemp("page"), name, sequence)
