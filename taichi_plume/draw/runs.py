@@ -8,6 +8,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -151,9 +152,11 @@ class Runs:
         name = data_of(text).get("name", "run")
         name = name if isinstance(name, str) and name.replace("_", "").replace("-", "").isalnum() else "run"
         above = self.root / "runs"
-        number = next(n for n in range(1, 1_000_000) if not (above / f"{name}-{n}").exists())
+        taken = {run.folder for run in self.all}  # also of runs that have not made their folder yet
+        folders = (above / f"{name}-{n}" for n in count(1))
+        free = next(folder for folder in folders if folder not in taken and not folder.exists())
         before = self.all[-1].text if self.all else text
-        run = Run(len(self.all) + 1, above / f"{name}-{number}", text, changes(before, text))
+        run = Run(len(self.all) + 1, free, text, changes(before, text))
         run.scenario = folder / f".{name}.run-{os.getpid()}-{run.number}.yaml"
         try:
             run.scenario.write_text(text, encoding="utf-8")

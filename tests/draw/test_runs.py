@@ -1,0 +1,227 @@
+"""Runs of a session: started as by the command, stopped, failed, and alive when the server is killed."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from taichi_plume.draw.runs import changes
+from taichi_plume.draw.workplace import Workplace
+from taichi_plume.execution import watch_file
+
+TEXT = """\
+name: small
+duration: 6
+stop_early: false
+domain: {size: [2, 1], spacing: 0.1}
+wind: {kind: uniform, velocity: [0.3, 0]}
+gas: {kind: continuous, diffusivity: 0.01, sources: [{position: [0.4, 0.5], rate: 1e-5}]}
+robots:
+  - name: team
+    count: 2
+    start: {kind: positions, positions: [[1.6, 0.3], [1.6, 0.7]]}
+    algorithm: {kind: casting}
+"""
+PATIENCE = 180  # s
+
+
+def until(condition, patience=PATIENCE):
+    end = time.monotonic() + patience
+    while not (found := condition()):
+        assert time.monotonic() < end, "in vain"
+        time.sleep(0.1)
+    return found
+
+
+def place(folder: Path, text: str = TEXT, **permissions) -> Workplace:
+    (folder / "small.yaml").write_text(text)
+    return Workplace(folder, folder / "small.yaml", **permissions)
+
+
+def ended(work: Workplace, run):
+    def poll():
+        work.runs.poll()
+        return run.wall is not None
+
+    until(poll)
+    return run
+
+
+@pytest.mark.slow
+def test_a_run_is_that_of_the_command_and_is_seen_as_it_goes(tmp_path):
+    work = place(tmp_path)
+    run = ended(work, work.run())
+    assert run.state == "completed", run.output
+    assert run.folder == tmp_path / "runs" / "small-1"
+    assert [f.name for f in tmp_path.iterdir() if f.suffix == ".yaml"] == ["small.yaml"], "no copy of the text stays"
+    sight = run.sight
+    assert (sight.t, sight.end, sight.done) == (6, 6, 1)
+    assert sight.robots.shape == (3, 2)
+    assert len(sight.readings) == 61
+    command = [sys.executable, "-m", "taichi_plume.run", "small.yaml", "--out", "by_hand", "--quiet"]
+    subprocess.run(command, cwd=tmp_path, check=True, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})
+    tables = [(folder / "robots.parquet").read_bytes() for folder in (run.folder, tmp_path / "by_hand")]
+    assert tables[0] == tables[1], "watching changes no result"
+    again = work.run()
+    work.put(TEXT.replace("duration: 6", "duration: 5"))
+    third = work.run()
+    for other in (again, third):
+        assert ended(work, other).state == "completed"
+    assert [other.folder.name for other in work.runs.listed] == ["small-3", "small-2", "small-1"]
+    assert third.row()["changed"] == "duration: 6 → 5"
+    assert third.row()["simulated"] == "5 s"
+    assert run.row()["found"].startswith("team: ")
+    from taichi_plume.draw.downloads import zipped
+
+    names = set(zipfile.ZipFile(zipped(run.folder, tmp_path / "run.zip")).namelist())
+    assert {"small-1/robots.parquet", "small-1/report.html", "small-1/recording.rrd"} <= names
+
+
+@pytest.mark.slow
+def test_a_run_is_stopped_as_by_ctrl_c(tmp_path):
+    work = place(tmp_path, TEXT.replace("duration: 6", "duration: 100000"))
+    run = work.run()
+
+    def runs():
+        work.runs.poll()
+        return run.state == "running"
+
+    until(runs)
+    assert run.left > 0
+    run.stop()
+    assert run.state == "stopping"
+    assert ended(work, run).state == "interrupted"
+    assert (run.folder / "checkpoint.zip").exists() or any("resume" in line for line in run.output)
+
+
+@pytest.mark.slow
+def test_a_run_that_fails_says_why_and_keeps_its_files(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "class Mine:\n    def act(self, robots):\n        raise ValueError('no idea')\n"
+    )
+    text = TEXT.replace("{kind: casting}", "{kind: own, file: mine.py}")
+    work = place(tmp_path, text)
+    refused = ended(work, work.run())
+    assert refused.state == "failed"
+    assert any("--allow-code" in line for line in refused.output), "no code is executed unasked"
+    run = ended(work, work.run(allow_code=True))
+    assert run.state == "failed"
+    assert any("no idea" in line for line in run.output)
+    assert (run.folder / "result.json").exists()
+    assert work.text == text
+
+
+@pytest.mark.slow
+def test_a_run_outlives_a_server_that_is_killed(tmp_path):
+    (tmp_path / "small.yaml").write_text(TEXT.replace("duration: 6", "duration: 30"))
+    code = (
+        "import time; from pathlib import Path; from taichi_plume.draw.workplace import Workplace\n"
+        "work = Workplace(Path(), Path('small.yaml')); work.put(work.text + '# mine\\n'); run = work.run()\n"
+        "print(run.process.pid, flush=True); time.sleep(600)"
+    )
+    server = subprocess.Popen(
+        [sys.executable, "-c", code], cwd=tmp_path, stdout=subprocess.PIPE, text=True, start_new_session=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    server.stdout.readline()
+    os.killpg(server.pid, signal.SIGKILL)
+    server.wait()
+    folder = tmp_path / "runs" / "small-1"
+    until((folder / "manifest.json").exists)
+    assert '"completed"' in (folder / "result.json").read_text()
+    assert Workplace(tmp_path, tmp_path / "small.yaml").recovered.endswith("# mine\n")
+
+
+def test_stopping_the_command_asks_while_runs_are_alive(monkeypatch, tmp_path, capsys):
+    import asyncio
+    import io
+
+    from taichi_plume.cli.draw import _asked
+
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    class Run:
+        stopped = False
+
+        def stop(self):
+            self.stopped = True
+
+    class Runs:
+        alive = (Run(),)
+
+    class Place:
+        root, runs = tmp_path, Runs()
+
+    class Service:
+        workplace = Place()
+
+    for answer, ends, stops in (("", False, False), ("c", False, False), ("e", True, False), ("s", True, True)):
+        monkeypatch.setattr(sys, "stdin", Terminal(f"{answer}\n"))
+        event = asyncio.Event()
+        _asked(Service(), signal.SIGINT, event)
+        assert (event.is_set(), Runs.alive[0].stopped) == (ends, stops)
+    assert "1 run is alive" in capsys.readouterr().err
+    event = asyncio.Event()
+    _asked(Service(), signal.SIGTERM, event)
+    assert event.is_set()
+    assert "go on" in capsys.readouterr().err
+
+
+def test_changes_between_runs_are_named():
+    assert changes(TEXT, TEXT) == ""
+    assert changes("a: 1\nb: [1, 2]", "a: 2\nb: [1]") == "a: 1 → 2; b[1]: 2 → —"
+
+
+def test_a_watch_file_that_is_none_is_not_read(tmp_path):
+    assert watch_file.read(tmp_path / "none.npz") is None
+    (tmp_path / "bad.npz").write_bytes(b"PK\x03\x04")
+    assert watch_file.read(tmp_path / "bad.npz") is None
+    np.savez(tmp_path / "other.npz", a=np.ones(2))
+    assert watch_file.read(tmp_path / "other.npz") is None
+    with (tmp_path / "code.npz").open("wb") as file:
+        np.savez(file, t=np.array([{}], object))
+    assert watch_file.read(tmp_path / "code.npz") is None
+
+
+def plume(x: float, y: float) -> float:
+    """Steady plume [kg/m³] of the text's source, a Gaussian of 5 cm: its puffs of all ages, integrated."""
+
+    def puff(age: float) -> float:
+        spread = 0.05**2 + 2 * 0.01 * age
+        return 1e-5 / (2 * np.pi * spread) * np.exp(-((x - 0.3 * age) ** 2 + y**2) / (2 * spread))
+
+    return quad(puff, 0, 60, points=[max(1e-3, x / 0.3)], limit=200)[0]
+
+
+@pytest.mark.usefixtures("taichi")
+def test_a_watch_file_holds_the_air_and_the_robots(tmp_path):
+    import taichi_plume as tp
+    from taichi_plume.guard.yaml_text import parse
+
+    with tp.Simulation(parse(TEXT)) as sim:
+        watch = watch_file.WatchFile(sim.loop, tmp_path / "w.npz")
+        watch.written = float("-inf")
+        sim.run(until=2)
+        watch.update(sim.loop)
+        sight = watch_file.read(tmp_path / "w.npz")
+        ny, nx = sight.gas.shape
+        x, y = (np.arange(nx) + 0.5) * 2 / nx, (np.arange(ny) + 0.5) / ny
+        near = int(np.argmin(np.abs(y - 0.5)))
+        density = sim.loop.gas.species[0].ppm_per_density
+        for n in range(0, nx, 16):
+            expected = density * plume(x[n] - 0.4, y[near] - 0.5)
+            assert sight.gas[near, n] == pytest.approx(expected, rel=0.02, abs=0.01)
+        assert sight.wind[2:] == pytest.approx(np.broadcast_to([[0.3], [0.0]], sight.wind[2:].shape))
+        robots = sim.robots
+        assert sight.robots[0] == pytest.approx(robots.x)
+        assert sight.robots[2] == pytest.approx(robots.heading)
+        assert (sight.t, sight.done) == (2, pytest.approx(2 / 6))
