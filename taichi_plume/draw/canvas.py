@@ -43,6 +43,7 @@ class Canvas:
         self.figure.add_tools(wheel)
         self.figure.toolbar.active_scroll = wheel
         self.figure.toolbar.active_drag = None
+        self.figure.name = "above" if plane == ABOVE else "side"
         self.room: tuple[float, ...] | None = None
         self._fitted = USUAL_SIZE
         self._sight: Sight | None = None
@@ -56,6 +57,7 @@ class Canvas:
             "robots": ("x", "y", "color"), "noses": ("x0", "y0", "x1", "y1", "color"), "sketch": ("x", "y"),
         }  # fmt: skip
         self.sources = {name: ColumnDataSource({key: [] for key in keys}) for name, keys in names.items()}
+        self.sources["image"].name = "gas" if plane == ABOVE else None
         self._glyphs()
 
     def _style(self) -> None:

@@ -191,8 +191,8 @@ class Page:
         self.scene = scene(work.text, work.folder, work.allow_outside)
         if self.chosen and not self.form.exists(self.scene.data, self.chosen):
             self.chosen = ""
-        if self.text.value != work.text and self.text.value_input != work.text:
-            self.text.value = work.text
+        if self.text.value_input != work.text:  # it is what a user types; `value` follows once the text area is left
+            self.text.update(value=work.text, value_input=work.text)
         self.undo.disabled, self.redo.disabled = not work.history.can_undo, not work.history.can_redo
         for tool in self.tools:
             tool.disabled = self.scene.thing(self.chosen) is None or self.chosen in ("", "domain")

@@ -1,0 +1,184 @@
+"""The page in a real browser, used by mouse and keyboard. TAICHI_PLUME_PICTURES=DIR keeps pictures of the steps."""
+
+import time
+
+import pytest
+from browser import Browser, program
+from served import serving
+from test_document import ROOT
+
+pytest.importorskip("bokeh", reason="the extra draw is not installed")
+pytestmark = pytest.mark.slow
+
+from taichi_plume.scenario.loading import read_scenario
+
+ROOM = (ROOT / "configs/casting_room.yaml").read_text()
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    path = program()
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as tools:
+        browser = tools.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def visit(chromium, tmp_path):
+    """Function that serves a folder and opens pages of it."""
+    stack = []
+
+    def opened(*arguments):
+        if not stack:
+            manager = serving(tmp_path, *arguments)
+            stack.append((manager, manager.__enter__()))
+        return Browser(chromium.new_context().new_page(), stack[0][1])
+
+    yield opened
+    for manager, _ in stack:
+        manager.__exit__(None, None, None)
+
+
+def test_a_room_is_drawn_from_nothing_run_and_reported_in_two_minutes_of_clicks(visit, tmp_path):
+    page = visit()
+    began = time.monotonic()
+    page.picture("1_empty")
+    for kind, *way in (
+        ("inlet", (0, 1), (0, 2)),
+        ("outlet", (4, 1), (4, 2)),
+        ("box", (1.0, 0.9), (1.4, 1.3)),
+        ("box", (1.9, 1.8), (2.3, 2.4)),
+    ):
+        page.tool(kind)
+        page.changed(lambda way=way: page.drag(*way))
+    page.tool("source")
+    page.changed(lambda: page.click(0.5, 1.5))
+    page.tool("robots")
+    page.changed(lambda: page.click(3.5, 1.0))
+    page.changed(lambda: page.click(3.5, 2.0))
+    page.tool("select")
+    page.until(lambda: "cells" in page.text_of("size"))
+    page.picture("2_drawn")
+    page.press("Save")
+    page.until((tmp_path / "room.yaml").exists)
+    page.press("▶ Run")
+    clicked = time.monotonic() - began
+    page.until(lambda: "run 1" in page.text_of("progress"), 30)
+    scenario = read_scenario(tmp_path / "room.yaml")
+    assert [opening.kind for opening in scenario.openings] == ["inlet", "outlet"]
+    assert [obstacle.kind for obstacle in scenario.obstacles] == ["box", "box"]
+    assert [source.position for _, source in scenario.sources] == [(0.5, 1.5)]
+    assert scenario.robots[0].start.positions == ((3.5, 1.0), (3.5, 2.0))
+    gas = """() => {
+      const models = [...Bokeh.documents[0]._all_models.values()]
+      const source = models.find((model) => model.name == "gas")
+      const image = source.data.image[0]
+      return image == null ? 0 : [...image].filter((pixel) => pixel >>> 24).length
+    }"""
+    page.until(lambda: page.page.evaluate(gas) > 500 and "running" in page.text_of("progress"), 240)
+    page.picture("3_live")
+    page.until(lambda: any(word in page.text_of("progress") for word in ("completed", "stopped")), 300)
+    page.picture("4_ended")
+    page.tab("Report")
+    report = page.until(lambda: next((f for f in page.page.frames if f.url.endswith("report.html")), None))
+    report.wait_for_selector("h1")
+    assert report.locator("h1").inner_text() == "room"
+    page.picture("5_report")
+    page.tab("Recording")
+    viewer = page.until(lambda: next((f for f in page.page.frames if "recording.rrd" in f.url), None), 60)
+    viewer.wait_for_selector("canvas.visible", timeout=120_000)
+    page.page.wait_for_timeout(5_000)
+    page.picture("6_recording")
+    assert page.errors == []
+    assert page.elsewhere == [] or all("tel.rerun.io" in url for url in page.elsewhere), page.elsewhere
+    assert clicked < 120
+
+
+def test_a_file_is_opened_changed_and_saved_with_its_comments(visit, tmp_path):
+    (tmp_path / "casting_room.yaml").write_text(ROOM)
+    page = visit("casting_room.yaml")
+    page.picture("a_opened")
+    page.click(2.75, 1.9)
+    page.page.wait_for_timeout(800)
+    page.picture("b_chosen")
+    page.changed(lambda: page.drag((2.75, 1.9), (2.5, 1.4)))
+    page.page.keyboard.press("Control+s")
+    file = tmp_path / "casting_room.yaml"
+    page.until(lambda: "center: [2.5, 1.4]" in file.read_text())
+    page.picture("c_saved")
+    old, new = ROOM.splitlines(), file.read_text().splitlines()
+    assert [line for a, line in zip(old, new, strict=True) if a != line] == [
+        "  - {kind: box, center: [2.5, 1.4], size: [0.25, 0.35]}"
+    ]
+    page.changed(lambda: page.page.keyboard.press("Control+z"))
+    assert page.yaml == ROOM
+    page.changed(lambda: page.page.keyboard.press("Control+Shift+z"))
+    page.changed(lambda: page.page.keyboard.press("Delete"))
+    assert "2.5, 1.4" not in page.yaml
+    page.tab("YAML")
+    area = page.page.locator("textarea")
+    area.click()
+    page.changed(lambda: area.fill(page.yaml.replace("center: [1.5, 2.1]", "center: [0.7, 1.45]")))
+    page.until(lambda: "error" in page.text_of("size"))
+    page.tab("Remarks")
+    assert "is inside obstacles[0] (cylinder)" in page.text_of("remarks")
+    page.picture("d_mistake")
+    assert page.errors == []
+    assert page.elsewhere == []
+
+
+def test_two_tabs_show_each_other_s_edits_and_closing_one_loses_nothing(visit, tmp_path):
+    (tmp_path / "s.yaml").write_text(ROOM)
+    first, second = visit("s.yaml"), visit()
+    first.tool("source")
+    first.changed(lambda: first.click(1.0, 0.5))
+    second.until(lambda: second.yaml == first.yaml)
+    first.page.close()
+    assert "[1, 0.5]" in second.yaml
+    second.page.reload()
+    second.page.wait_for_selector(".bk-Figure")
+    second.until(lambda: "[1, 0.5]" in second.yaml)
+
+
+def test_a_foreign_page_can_neither_frame_nor_ask_the_page(visit, chromium, tmp_path):
+    """A page of another site in the same browser, in which the user has opened the page before."""
+    page = visit()
+    host = page.served.host
+    (tmp_path / "evil.html").write_text("<title>evil</title>")
+    foreign = page.page.context.new_page()
+    foreign.route("http://evil.example/*", lambda route: route.fulfill(body="<title>evil</title>", content_type="text/html"))
+    foreign.goto("http://evil.example/")
+    socket = f"""() => new Promise((done) => {{
+      const socket = new WebSocket("ws://{host}/ws")
+      socket.onopen = () => done("open"); socket.onerror = () => done("refused")
+    }})"""
+    assert foreign.evaluate(socket) == "refused"
+    fetch = f"""() => fetch("http://{host}/share/room.yaml", {{credentials: "include"}}).then(
+      (answer) => answer.text(), () => "refused")"""
+    assert foreign.evaluate(fetch) == "refused"
+    opaque = f"""() => fetch("http://{host}/share/room.yaml", {{mode: "no-cors", credentials: "include"}}).then(
+      (answer) => answer.type, () => "refused")"""
+    assert foreign.evaluate(opaque) in ("refused", "opaque")
+    foreign.evaluate(f"""() => {{ document.body.innerHTML = '<iframe src="http://{host}/"></iframe>' }}""")
+    foreign.wait_for_timeout(1500)
+    assert all("bk-Figure" not in frame.content() for frame in foreign.frames if host in frame.url)
+
+
+def test_an_open_page_says_so_when_its_server_is_killed_and_the_text_is_there_again(visit, tmp_path, chromium):
+    (tmp_path / "s.yaml").write_text(ROOM)
+    page = visit("s.yaml")
+    page.tool("source")
+    page.changed(lambda: page.click(1.0, 0.5))
+    mine = page.yaml
+    page.served.process.kill()
+    page.served.process.wait()
+    page.page.wait_for_timeout(1000)
+    page.picture("x_killed")
+    with serving(tmp_path, "s.yaml") as served:
+        again = Browser(chromium.new_context().new_page(), served)
+        again.picture("y_question")
+        again.changed(lambda: again.press("Yes"))
+        assert again.yaml == mine
