@@ -117,7 +117,9 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     flag(parser, "--check", check)
     flag(parser, "--all", "with --check: print all keys, with their defaults and meanings")
     flag(parser, "--live", "open the viewer during the run (on this machine alone)")
-    watch = "write progress, gas, wind and robots to this file during the run, for a program that shows the run"
+    watch = (
+        "write progress, gas, wind and robots to this file during the run, for a program that shows the run"
+    )
     option(parser, "--watch", Path, "FILE.npz", watch)
     add(parser, "--no-recording", "--no-report", "--quiet", "--force")
     option(parser, "--resume", Path, "RUN", "resume an interrupted run from its checkpoint")
@@ -129,7 +131,9 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         parser.error("--live shows the recording; it cannot go with --no-recording")
     if args.all and not args.check:
         parser.error("--all goes with --check")
-    fixed = [f"--{key}" for key in ("out", "seed", "duration", "set", "check", "force", "watch") if vars(args)[key]]
+    fixed = [
+        f"--{key}" for key in ("out", "seed", "duration", "set", "check", "force", "watch") if vars(args)[key]
+    ]
     if args.resume is not None and (args.scenario or args.no_recording or fixed):
         what = fixed[0] if fixed else args.scenario or "--no-recording"
         parser.error(f"--resume continues the run unchanged; it cannot go with {what}")

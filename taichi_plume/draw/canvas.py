@@ -24,7 +24,7 @@ USUAL_SIZE = (600.0, 450.0)  # pixels
 LABELS = 2.0  # pixels by which the figure's inner part may change without being fitted again
 ARROW = 0.05  # of the longer side: an arrow of the fastest wind
 FONT = "Helvetica, Arial, sans-serif"
-CHOSEN, WRONG, UNLIKELY = "#0b6bcb", "#d32f2f", "#e08a00"
+CHOSEN, WRONG, UNLIKELY = "#0b6bcb", theme.WRONG, "#b26a00"
 SHAPES = ("xs", "ys", "color", "alpha", "edge", "width", "path")
 EMPTY_IMAGE = np.zeros((1, 1), np.uint32)
 
@@ -35,15 +35,15 @@ class Canvas:
     def __init__(self, plane: Plane):
         self.plane = plane
         self.figure = figure(
-            x_range=Range1d(-0.3, 4.3), y_range=Range1d(-0.3, 3.3), tools="",
-            toolbar_location=None, sizing_mode="stretch_both", min_border_left=60, min_border_bottom=50, min_border_top=10, min_border_right=10, output_backend="canvas",
-            x_axis_label=f"{'xyz'[plane[0]]} [m]", y_axis_label=f"{'xyz'[plane[1]]} [m]",
+            x_range=Range1d(start=-0.3, end=4.3), y_range=Range1d(start=-0.3, end=3.3), tools="", toolbar_location=None,
+            sizing_mode="stretch_both", min_border_left=60, min_border_bottom=50, min_border_top=10,
+            min_border_right=10, output_backend="canvas", x_axis_label=f"{'xyz'[plane[0]]} [m]",
+            y_axis_label=f"{'xyz'[plane[1]]} [m]", name="above" if plane == ABOVE else "side",
         )  # fmt: skip
         wheel = WheelZoomTool()
         self.figure.add_tools(wheel)
         self.figure.toolbar.active_scroll = wheel
         self.figure.toolbar.active_drag = None
-        self.figure.name = "above" if plane == ABOVE else "side"
         self.room: tuple[float, ...] | None = None
         self._fitted = USUAL_SIZE
         self._sight: Sight | None = None
@@ -53,7 +53,8 @@ class Canvas:
         names: dict[str, Sequence[str]] = {
             "floor": ("x", "y", "w", "h"), "image": ("image", "x", "y", "dw", "dh"),
             "wind": ("x0", "y0", "x1", "y1"), "areas": SHAPES, "lines": SHAPES, "handles": ("x", "y", "name", "marker"),
-            "flows": ("x", "y", "angle", "color"), "labels": ("x", "y", "text", "color"), "marks": ("x", "y", "text", "color"),
+            "flows": ("x", "y", "angle", "color"), "labels": ("x", "y", "text", "color"),
+            "marks": ("x", "y", "text", "color"),
             "robots": ("x", "y", "color"), "noses": ("x0", "y0", "x1", "y1", "color"), "sketch": ("x", "y"),
         }  # fmt: skip
         self.sources = {name: ColumnDataSource({key: [] for key in keys}) for name, keys in names.items()}

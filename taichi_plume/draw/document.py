@@ -80,7 +80,7 @@ def delete(text: str, path: str) -> str:
 
 
 def duplicate(text: str, path: str) -> str:
-    """Return the text with a copy of the list item at a path, spelled alike, at the end of its list. Raises EditError."""
+    """Return the text with a copy of the list item at a path, spelled alike, after its list. Raises EditError."""
     above, last = parent_of(path)
 
     def expected(data: Data) -> Data:
@@ -128,9 +128,9 @@ def _tree(text: str) -> yaml.Node | None:
 
 
 def _chain(text: str, steps: Steps) -> list[tuple[yaml.Node, yaml.Node | None]]:
-    """Return (value node, key node) of each existing step along a path, from the root; the key node of items is None."""
+    """Return (value node, key node) of each existing step along a path, from the root; items have no key node."""
     node: Any = _tree(text)
-    chain = [(node, None)]
+    chain: list[tuple[yaml.Node, yaml.Node | None]] = [(node, None)]
     for step in steps:
         if isinstance(node, yaml.SequenceNode) and step.isdecimal() and int(step) < len(node.value):
             node, key = node.value[int(step)], None

@@ -4,6 +4,7 @@ All raise EditError if the text cannot be edited so.
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 from math import hypot
 from pathlib import Path
 from typing import Any
@@ -90,7 +91,7 @@ def shift(text: str, of: Scene, path: str, by: Sequence[float]) -> str:
 
 
 def turn(text: str, path: str, by: float) -> str:
-    """Return the text once an object with `yaw_deg`, or robots with a heading, have been turned by an angle [degrees]."""
+    """Return the text once a box, a mesh, or the heading of robots has been turned by an angle [degrees]."""
     key = f"{path}.start.heading_deg" if path.startswith("robots[") else f"{path}.yaw_deg"
     kind = value_at(scene_data(text), f"{path}.kind")
     if not path.startswith("robots[") and kind not in ("box", "mesh"):
@@ -289,7 +290,7 @@ def _walker(points: Sequence[Point]) -> dict[str, Any]:
         raise EditError("a walker takes a start and one way point or more")
     way = [*points, *reversed(points[:-1])]
     time, path = 0.0, []
-    for before, after in zip(way, way[1:], strict=False):
+    for before, after in pairwise(way):
         time += max(0.1, hypot(after[0] - before[0], after[1] - before[1]) / SPEED)
         path.append([round(time, 1), *after])
     return {"kind": "cylinder", "center": [*points[0]], "radius": 0.2, "motion": {"path": path, "loop": True}}

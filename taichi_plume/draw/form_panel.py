@@ -33,7 +33,7 @@ class FormPanel:
         self.widgets: dict[str, Any] = {}
         self._setting = False
         self.sections = Select(width=WIDTH - 70, name="sections", stylesheets=[COMPACT])
-        self.sections.on_change("value", lambda _attr, _old, new: self._setting or self._choose(new))
+        self.sections.on_change("value", lambda _attr, _old, new: self._section_chosen(new))
         self.back = Button(label="‹ back", width=60, stylesheets=[COMPACT])
         self.back.on_click(self._go_back)
         self.purpose = Div(width=WIDTH)
@@ -46,6 +46,10 @@ class FormPanel:
     def exists(self, data: Any, path: str) -> bool:
         """Return whether there is a section at a path, given or with its defaults."""
         return not path or value_at(data, path) is not None or bool(forms.rows(data, path))
+
+    def _section_chosen(self, path: str) -> None:
+        if not self._setting:
+            self._choose(path)
 
     def _go_back(self) -> None:
         above = self.path
@@ -96,7 +100,7 @@ class FormPanel:
         }
         common |= {"stylesheets": [COMPACT], "margin": (1, 5, 1, 5)}
         if entry.choices:
-            options = [*([] if entry.key == "kind" else [forms.NOT_GIVEN]), *entry.choices]
+            options: list[Any] = [*([] if entry.key == "kind" else [forms.NOT_GIVEN]), *entry.choices]
             if entry.value and entry.value not in options:
                 options.append(entry.value)
             widget: Any = Select(options=options, value=entry.value or forms.NOT_GIVEN, **common)

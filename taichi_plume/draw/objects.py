@@ -6,7 +6,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from taichi_plume.draw.document import data_of, parent_of, value_at
@@ -31,7 +30,7 @@ from taichi_plume.guard.safe_open import gate
 from taichi_plume.guard.yaml_text import LineError
 from taichi_plume.report import theme
 from taichi_plume.report.theme import ABOVE, SIDE
-from taichi_plume.scenario.changes import changed, steps_of
+from taichi_plume.scenario.changes import Data, changed, steps_of
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.key_facts import models_in, own_kind
 from taichi_plume.scenario.robots import Group
@@ -85,7 +84,7 @@ class Scene:
     """All objects of a text, in the order of drawing. room: extent of the domain [m]; None if it cannot be read."""
 
     text: str
-    data: Mapping[str, Any]
+    data: Data
     room: tuple[float, ...] | None
     things: tuple[Thing, ...]
 
@@ -132,7 +131,8 @@ def scene(text: str, folder: Path, allow_outside: bool = False) -> Scene:
                     part = _part(data, path, model, room, folder)
                     if part is not None:
                         for plane in (ABOVE, SIDE)[: len(room) - 1]:
-                            part.outlines(plane), part.handles(plane)
+                            part.outlines(plane)
+                            part.handles(plane)
             except (ShapeError, OSError, ValueError, LookupError, TypeError):
                 part = None  # such as a position with too few numbers, or a file that cannot be read
         things.append(Thing(path, name, _color(data, path, model), part, None if part else _mark(data, path)))
@@ -289,7 +289,7 @@ def _part(
 
 
 def shape_of(model: Any, room: tuple[float, ...], folder: Path) -> Shape:
-    """Return the shape of an obstacle; of one from a file, read again only if the file has changed. Raises ShapeError."""
+    """Return the shape of an obstacle; its file is read again only if it has changed. Raises ShapeError, OSError."""
     if "file" not in vars(model):
         return shape(model, Domain(size=room, spacing=min(room)), folder)
     file = folder / model.file
@@ -327,9 +327,3 @@ def _color(data: Mapping[str, Any], path: str, model: Any) -> str:
     if path.startswith("probes"):
         return "#6a51a3"
     return {"gas": theme.SOURCE, "arena": theme.FAINT}.get(path.partition(".")[0], theme.SOLID)
-
-
-def surrounding(outlines: list[Outline]) -> np.ndarray | None:
-    """Return the corners [[x, y], [x, y]] of the box around outlines; None without any."""
-    points = np.concatenate([outline.points for outline in outlines]) if outlines else np.empty((0, 2))
-    return np.array([np.nanmin(points, axis=0), np.nanmax(points, axis=0)]) if len(points) else None

@@ -12,7 +12,6 @@ from bokeh.events import DocumentReady, DoubleTap, Pan, PanEnd, PanStart, Tap
 from bokeh.layouts import column, row
 from bokeh.models import (
     Button,
-    Checkbox,
     CustomJS,
     Div,
     InlineStyleSheet,
@@ -25,9 +24,8 @@ from bokeh.models import (
 )
 
 from taichi_plume.draw import edits
-from taichi_plume.draw.canvas import Canvas
+from taichi_plume.draw.canvas import UNLIKELY, WRONG, Canvas
 from taichi_plume.draw.checks import Remark
-from taichi_plume.draw.document import EditError
 from taichi_plume.draw.form_panel import FormPanel
 from taichi_plume.draw.objects import preview, scene
 from taichi_plume.draw.parts import Plane, Point
@@ -45,7 +43,7 @@ STYLE = """
 .bk-input-group label { color: #5d6875; font-size: 12px; }
 .bk-btn, .bk-input, label { font-family: Helvetica, Arial, sans-serif; font-size: 13px; }
 """
-TEXT_STYLE = "textarea.bk-input { height: 100%; font-family: monospace; font-size: 12px; white-space: pre; overflow: auto; }"
+TEXT_STYLE = "textarea.bk-input { height: 100%; font: 12px monospace; white-space: pre; overflow: auto; }"
 KEYS_SCRIPT = """
 document.addEventListener("keydown", (event) => {
   const target = event.composedPath()[0]
@@ -138,7 +136,7 @@ class Page:
         self.question = row(self.banner, self.yes, self.no, visible=False, sizing_mode="stretch_width")
         self.question.styles = {"background": "#fff4d6", "padding": "6px", "border-radius": "4px"}
         self.canvases[SIDE].figure.update(height=190, sizing_mode="stretch_width")
-        self.message = Div(styles={"color": "#d32f2f"}, sizing_mode="stretch_width", name="message")
+        self.message = Div(styles={"color": WRONG}, sizing_mode="stretch_width", name="message")
         views = column(
             self.question, self.message, self.canvases[ABOVE].figure, self.canvases[SIDE].figure, self.hint, self.size,
             sizing_mode="stretch_both",
@@ -191,7 +189,9 @@ class Page:
         self.scene = scene(work.text, work.folder, work.allow_outside)
         if self.chosen and not self.form.exists(self.scene.data, self.chosen):
             self.chosen = ""
-        if self.text.value_input != work.text:  # it is what a user types; `value` follows once the text area is left
+        if (
+            self.text.value_input != work.text
+        ):  # it is what a user types; `value` follows once the text area is left
             self.text.update(value=work.text, value_input=work.text)
         self.undo.disabled, self.redo.disabled = not work.history.can_undo, not work.history.can_redo
         for tool in self.tools:
@@ -227,7 +227,7 @@ class Page:
                     )
                     shift = 0.05 * beside * max(self.scene.room or (1.0,))
                     marks[plane].append((str(n), (place[0] + shift, place[1]), remark.is_error))
-            color, word = ("#d32f2f", "error") if remark.is_error else ("#b26a00", "unlikely")
+            color, word = (WRONG, "error") if remark.is_error else (UNLIKELY, "unlikely")
             lines.append(f"<p><b style='color:{color}'>{n} {word}</b> {escape(remark.line)}</p>")
         wrong = {remark.owner(self.scene) for remark in self.shown_remarks if remark.is_error}
         for plane, canvas in self.canvases.items():
@@ -237,20 +237,20 @@ class Page:
             "<p>Nothing: the scenario can be run.</p>" if fresh else "<p>checking …</p>"
         )
         self.tabs.tabs[2].title = f"Remarks ({len(lines)})" if lines else "Remarks"
-        amounts = work.findings.amounts if work.findings is not None and fresh else ""
-        errors = sum(remark.is_error for remark in self.shown_remarks)
-        state = (
-            f"<b style='color:#d32f2f'>{errors} error{'s' * (errors != 1)}</b>"
-            if errors
-            else amounts or "checking …"
-        )
-        self.size.text = state if errors else escape(state)
-        if fresh and work.findings is not None and work.findings.derived and not errors:
-            self.size.text += "".join(
-                f" · {escape(name)}: {escape(text)}"
-                for name, text in work.findings.derived.items()
-                if name in ("air", "gas")
-            )
+        self.size.text = self._summary()
+
+    def _summary(self) -> str:
+        """Return the line below the views as HTML: the first error, or the size of a run."""
+        findings = self.workplace.findings
+        if findings is None or self.workplace.checked != self.workplace.text:
+            return "checking …"
+        errors = [remark.line for remark in findings.remarks if remark.is_error]
+        if errors:
+            more = f" and {len(errors) - 1} more" * (len(errors) > 1)
+            count = f"{len(errors)} error{'s' * (len(errors) > 1)}"
+            return f"<b style='color:{WRONG}'>{count}</b> {escape(errors[0])}{more}"
+        derived = [f"{name}: {text}" for name, text in findings.derived.items() if name in ("air", "gas")]
+        return escape(" · ".join([findings.amounts, *derived]))
 
     def _banner(self) -> None:
         if self.asked is None and self.workplace.recovered is not None:
@@ -497,4 +497,4 @@ class Page:
             self.hint.text = (
                 f"Gas from {low:g} ppm (white) to {high:g} ppm (dark), logarithmic; lines show the wind."
             )
-        self.canvases[ABOVE].show_run(self.runs.sight, self.runs.recording_keys(self.scene))
+        self.canvases[ABOVE].show_run(sight, self.runs.recording_keys(self.scene))

@@ -1,7 +1,7 @@
 """Geometry of the drawn sections of a scenario: outlines, and handles by which a pointer changes the section.
 
-A plane is a pair of axes, as of `report.theme`: (0, 1) from above, (0, 2) from the side. Handles are named points. Values
-that a moved handle gives to keys of the section are in SI units.
+A plane is a pair of axes, as of `report.theme`: (0, 1) from above, (0, 2) from the side. Handles are named points. A
+moved handle gives keys of the section new values in SI units.
 """
 
 from collections.abc import Sequence
@@ -15,10 +15,10 @@ from taichi_plume.report.solids import polygons
 from taichi_plume.report.theme import ABOVE
 from taichi_plume.scenario.domain import Arena, Domain, Located
 from taichi_plume.scenario.obstacles import Box, Cylinder, Mesh, Prism, Round, Sphere, WallMap
+from taichi_plume.scenario.openings import Periodic
 from taichi_plume.scenario.probes import ProbeGrid, ProbeLine, ProbePoint
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.starts import StartArea, StartAt, StartLine
-from taichi_plume.scenario.openings import Periodic
 from taichi_plume.scenario.windows import Window
 
 Plane = tuple[int, int]
@@ -259,7 +259,7 @@ class Body(Part):
             return self._heightened(handle, plane, to)
         local = _turned(np.array(to) - model.center[:2], -model.yaw_deg)
         half = np.array(model.size[:2]) / 2
-        low, high = _dragged(-half, half, handle, _pair(local))
+        low, high = _dragged(_pair(-half), _pair(half), handle, _pair(local))
         middle = _turned((np.array(low) + high) / 2, model.yaw_deg)
         center = [float(x) for x in model.center]
         center[:2] = [float(x) for x in model.center[:2] + middle]
@@ -327,7 +327,7 @@ class Pane(Part):
         if self.model.normal in plane:
             return [Outline(np.array([low, high], float), False)]
         if self.model.is_disc(self.dim):
-            return [circle((np.array(low) + high) / 2, (high[0] - low[0]) / 2)]
+            return [circle(_pair((np.array(low) + high) / 2), (high[0] - low[0]) / 2)]
         return [rectangle(low, high)]
 
     def handles(self, plane: Plane) -> dict[str, Point]:

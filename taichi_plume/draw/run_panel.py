@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 from html import escape
+from typing import Any
 
 import numpy as np
 from bokeh.layouts import column, row
-from bokeh.models import Button, ColumnDataSource, Div, Select
+from bokeh.models import Button, ColumnDataSource, Div, InlineStyleSheet, Select
 from bokeh.plotting import figure
 
 from taichi_plume.draw.objects import Scene, read
@@ -55,7 +56,8 @@ class RunPanel:
             row(self.stop, self.progress), self.plot, self.links, self.output, self.shown, self.table,
             sizing_mode="stretch_height", styles={"overflow-y": "auto"},
         )  # fmt: skip
-        first, style = "<p>Run the scenario first.</p>", [WHOLE]
+        first = "<p>Run the scenario first.</p>"
+        style: list[Any] = [InlineStyleSheet(css=WHOLE)]
         self.report = Div(text=first, sizing_mode="stretch_both", stylesheets=style, name="report")
         self.recording = Div(text=first, sizing_mode="stretch_both", stylesheets=style, name="recording")
 
@@ -66,8 +68,9 @@ class RunPanel:
 
     @property
     def sight(self) -> Sight | None:
-        """State of the shown run at its last moment."""
-        return self.run.sight if self.run is not None else None
+        """State of the shown run at its last moment; None once the run has ended and the text has changed."""
+        run = self.run
+        return run.sight if run is not None and (run.alive or run.text == self.workplace.text) else None
 
     def recording_keys(self, of: Scene) -> Recording:
         """Return the section `recording` of a text, for the scale of the gas."""

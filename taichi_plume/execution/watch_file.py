@@ -28,9 +28,9 @@ class Sight(NamedTuple):
     """State of a run at one moment. t: simulated time [s]; end: of the run; done: completed fraction.
 
     speed: simulated over wall-clock time; phase: "compiling", "warm-up" or "running". gas: summed over the gases [ppm],
-    (ny, nx) in the horizontal slice of the recording; wind: (x, y, u, v) of arrows, (4, n); robots: (x, y, heading) of the
-    first trial, (3, robots); readings: time [s] and the readings [ppm] of these robots since the start, (samples, 1 +
-    robots).
+    (ny, nx) in the horizontal slice of the recording; wind: (x, y, u, v) of arrows, (4, n); robots: (x, y, heading) of
+    the first trial, (3, robots); readings: time [s] and the readings [ppm] of these robots since the start,
+    (samples, 1 + robots).
     """
 
     t: float
@@ -51,7 +51,7 @@ class WatchFile:
         self.path, self.written = path, -PERIOD
         self.begun, self.first = time.monotonic(), sim.tick
         extent = sim.grid.extent
-        level = [plane.level for plane in planes(sim.scenario, extent) if plane.name == "slice"][0]
+        level = next(plane.level for plane in planes(sim.scenario, extent) if plane.name == "slice")
         height = () if level is None else (level,)
         points, self.shape = _lattice(extent, PIXELS, height)
         arrows, _ = _lattice(extent, ARROWS, height)
@@ -124,5 +124,6 @@ def read(path: Path) -> Sight | None:
             values = {key: file[key] for key in Sight._fields}
     except (OSError, ValueError, KeyError, EOFError, BadZipFile):
         return None
-    numbers = {key: float(values[key]) for key in ("t", "end", "done", "speed")}
-    return Sight(**values | numbers | {"phase": str(values["phase"])})
+    t, end, done, speed = (float(values[key]) for key in ("t", "end", "done", "speed"))
+    arrays = (values[key] for key in ("gas", "wind", "robots", "readings"))
+    return Sight(t, end, done, speed, str(values["phase"]), *arrays)

@@ -51,7 +51,7 @@ def polygons(shape: Shape, plane: tuple[int, int]) -> list[np.ndarray]:
     """Return the polygons (n, 2) [m] that the drawing of an obstacle's projection fills, each closed."""
     patch = _patch(shape, plane, {})
     path = patch.get_path().transformed(patch.get_patch_transform() + Affine2D().scale(FINE))
-    return [corners / FINE for corners in path.to_polygons(closed_only=True)]
+    return [np.asarray(corners) / FINE for corners in path.to_polygons(closed_only=True)]
 
 
 def _patch(shape: Shape, plane: tuple[int, int], style: Style) -> Patch:

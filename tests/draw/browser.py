@@ -3,6 +3,7 @@
 import os
 import shutil
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -95,7 +96,7 @@ class Browser:
         """Drag from position to position."""
         self.page.mouse.move(*self.at(*way[0]))
         self.page.mouse.down()
-        for (a, b), (c, d) in zip(way, way[1:], strict=False):
+        for (a, b), (c, d) in pairwise(way):
             for part in (0.25, 0.5, 0.75, 1.0):
                 self.page.mouse.move(*self.at(a + part * (c - a), b + part * (d - b)))
                 self.page.wait_for_timeout(20)

@@ -25,7 +25,9 @@ class Served:
     def get(self, path="/", cookie=True, **headers):
         """Status, headers and body of an answer. Headers: those of a browser, replaced or (None) left out."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
-        sent = {"Host": self.host} | ({"Cookie": f"taichi_plume_draw_{self.port}={self.token}"} if cookie else {})
+        sent = {"Host": self.host} | (
+            {"Cookie": f"taichi_plume_draw_{self.port}={self.token}"} if cookie else {}
+        )
         sent |= {name.replace("_", "-"): value for name, value in headers.items()}
         connection.putrequest("GET", path, skip_host=True)
         for name, value in sent.items():
@@ -47,7 +49,9 @@ class Served:
     def session(self) -> str:
         """Bokeh's token of a new session, from the page."""
         page = self.get("/")[2].decode()
-        return re.search(r'"token":"([^"]+)"', page)[1]
+        found = re.search(r'"token":"([^"]+)"', page)
+        assert found
+        return found[1]
 
 
 @contextmanager

@@ -26,9 +26,11 @@ def page(tmp_path_factory):
 def test_only_the_loopback_interface_listens(page):
     addresses = [c.laddr for c in psutil.Process(page.process.pid).net_connections() if c.status == "LISTEN"]
     assert addresses == [("127.0.0.1", page.port)]
-    others = {i[4][0] for i in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)} - {"127.0.0.1"}
+    others = {str(i[4][0]) for i in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)} - {
+        "127.0.0.1"
+    }
     for other in others:
-        with pytest.raises(OSError, match="refused|timed out|unreachable"):
+        with pytest.raises(OSError, match=r"refused|timed out|unreachable"):
             socket.create_connection((other, page.port), timeout=2).close()
 
 
@@ -77,7 +79,9 @@ def test_a_page_is_served_under_localhost_too(page):
     assert page.get("/", Host=f"localhost:{page.port}")[0] == 200
 
 
-@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1", "https://127.0.0.1", "file://"])
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "null", "http://127.0.0.1:1", "https://127.0.0.1", "file://"]
+)
 def test_requests_of_foreign_pages_are_refused(page, origin):
     assert page.get("/", Origin=origin)[0] == 403
     assert page.get("/share/room.yaml", Origin=origin)[0] == 403
@@ -160,6 +164,8 @@ def test_without_the_extra_the_command_says_so(tmp_path):
     code = "import sys; sys.modules['bokeh'] = None\nimport importlib.util as u; f = u.find_spec\n"
     code += "u.find_spec = lambda name, *a: None if name == 'bokeh' else f(name, *a)\n"
     code += "from taichi_plume.cli.draw import main; sys.exit(main(['--no-browser']))"
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 2
     assert done.stderr.strip() == "needs bokeh: pip install 'taichi_plume[draw]'"

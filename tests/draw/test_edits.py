@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from outlines import surrounding
 from test_document import ROOT
 
 from taichi_plume.draw import edits, forms
 from taichi_plume.draw.document import EditError, data_of, value_at
 from taichi_plume.draw.history import History
-from taichi_plume.draw.objects import scene, surrounding
+from taichi_plume.draw.objects import scene
 from taichi_plume.draw.parts import Pane, Rectangle
 from taichi_plume.report.theme import ABOVE, SIDE
 from taichi_plume.scenario.checks import every
@@ -103,7 +104,8 @@ def test_a_corner_of_a_box_follows_the_pointer_and_the_opposite_one_stays(yaw):
 
 
 def test_lengths_keep_the_unit_in_which_they_were_written():
-    text = "domain: {size: [4 m, 300 cm], spacing: 5 cm}\ngas: {kind: eulerian, sources: [{position: [1, 1], rate: 1e-5, radius: 50 mm}]}\n"
+    text = "domain: {size: [4 m, 300 cm], spacing: 5 cm}\n"
+    text += "gas: {kind: eulerian, sources: [{position: [1, 1], rate: 1e-5, radius: 50 mm}]}\n"
     moved = dragged(text, "domain", "+0+1", (0, 2.5))
     assert "[4 m, 250 cm]" in moved
     assert "radius: 80 mm" in dragged(text, "gas.sources[0]", "rim", (1.08, 1.0))
@@ -179,6 +181,7 @@ def test_forms_list_every_key_of_every_section_with_its_meaning(name):
 # ---------------------------------------------------------------- random sequences
 
 points = st.tuples(st.floats(-0.5, 4.5), st.floats(-0.5, 3.5)).map(lambda p: (round(p[0], 3), round(p[1], 3)))
+ENTRIES = ["", "1", "0.2", "20 cm", "[1, 2]"]
 actions = st.one_of(
     st.tuples(st.just("create"), st.sampled_from(sorted(DRAGS)), st.lists(points, min_size=3, max_size=4)),
     st.tuples(st.just("drag"), st.integers(0, 99), st.integers(0, 99), st.booleans(), points),
@@ -186,7 +189,7 @@ actions = st.one_of(
     st.tuples(st.just("turn"), st.integers(0, 99), st.sampled_from([-90, -15, 15, 90])),
     st.tuples(st.just("copy"), st.integers(0, 99)),
     st.tuples(st.just("remove"), st.integers(0, 99)),
-    st.tuples(st.just("form"), st.integers(0, 99), st.integers(0, 99), st.sampled_from(["", "1", "0.2", "20 cm", "[1, 2]"])),
+    st.tuples(st.just("form"), st.integers(0, 99), st.integers(0, 99), st.sampled_from(ENTRIES)),
     st.tuples(st.just("type"), st.sampled_from(["", "# note\n", "x", "robots: [", "\n"])),
     st.tuples(st.just("undo")),
     st.tuples(st.just("redo")),

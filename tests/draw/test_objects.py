@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from outlines import surrounding
 from test_document import CONFIGS
 
 from taichi_plume.assembly.preparation import load
 from taichi_plume.draw import checks
 from taichi_plume.draw.document import data_of
-from taichi_plume.draw.objects import scene, surrounding
+from taichi_plume.draw.objects import scene
 from taichi_plume.report.theme import ABOVE, SIDE
 from taichi_plume.scenario.changes import changed
 from taichi_plume.scenario.loading import ScenarioError, read_scenario
@@ -24,7 +25,7 @@ def test_shipped_scenarios_are_drawn_where_they_are(path):
     of, scenario = scene(path.read_text(), path.parent), load(path).scenario
     assert of.room == pytest.approx(scenario.domain.extent)
     drawn = [thing for thing in of.things if thing.part is not None]
-    counted = Counter(re.match(r"[a-z]*", thing.path)[0] for thing in drawn)
+    counted = Counter(re.split(r"[.\[]", thing.path)[0] for thing in drawn)
     assert counted["obstacles"] == len(scenario.obstacles)
     assert counted["robots"] == len(scenario.robots)
     assert counted["gas"] == len(scenario.sources)

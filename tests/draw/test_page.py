@@ -41,7 +41,9 @@ def page(tmp_path):
 def views(page):
     """All that the views of a page show."""
     return {
-        (plane, name): {key: [np.asarray(part).tolist() for part in values] for key, values in source.data.items()}
+        (plane, name): {
+            key: [np.asarray(part).tolist() for part in values] for key, values in source.data.items()
+        }
         for plane, canvas in page.canvases.items()
         if plane in page.scene.planes
         for name, source in canvas.sources.items()
@@ -131,7 +133,15 @@ def test_texts_are_shown_as_they_are_and_never_as_html(tmp_path):
     place.found(*place.check())
     page.say(evil)
     page.ask(evil, lambda: None)
-    shown = [page.remarks, page.message, page.banner, page.size, page.title, page.form.purpose, page.runs.output]
+    shown = [
+        page.remarks,
+        page.message,
+        page.banner,
+        page.size,
+        page.title,
+        page.form.purpose,
+        page.runs.output,
+    ]
     assert all("<img" not in div.text for div in shown)
 
 
@@ -144,7 +154,8 @@ def test_two_tabs_show_the_same_text(tmp_path):
     second.form.widgets["seed"].value = "9"
     assert "seed: 9" in first.text.value_input
     assert "position: [1, 1]" in first.text.value_input, "neither tab takes back the other one's edit"
-    first.choose(""), second.choose("")
+    first.choose("")
+    second.choose("")
     assert views(first) == views(second)
     second.leave()
     first._undo()
@@ -152,7 +163,7 @@ def test_two_tabs_show_the_same_text(tmp_path):
 
 
 def test_heights_are_dragged_from_the_side(tmp_path):
-    place, page = opened(tmp_path, (ROOT / "configs/arena_3d.yaml").read_text())
+    _, page = opened(tmp_path, (ROOT / "configs/arena_3d.yaml").read_text())
     assert page.canvases[SIDE].figure.visible
     page.choose("obstacles[2]")
     x, z = page.scene.thing("obstacles[2]").handles(SIDE)["+0+1"]

@@ -7,6 +7,8 @@ import sys
 import time
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,13 +62,17 @@ def test_a_run_is_that_of_the_command_and_is_seen_as_it_goes(tmp_path):
     run = ended(work, work.run())
     assert run.state == "completed", run.output
     assert run.folder == tmp_path / "runs" / "small-1"
-    assert [f.name for f in tmp_path.iterdir() if f.suffix == ".yaml"] == ["small.yaml"], "no copy of the text stays"
+    assert [f.name for f in tmp_path.iterdir() if f.suffix == ".yaml"] == ["small.yaml"], (
+        "no copy of the text stays"
+    )
     sight = run.sight
     assert (sight.t, sight.end, sight.done) == (6, 6, 1)
     assert sight.robots.shape == (3, 2)
     assert len(sight.readings) == 61
     command = [sys.executable, "-m", "taichi_plume.run", "small.yaml", "--out", "by_hand", "--quiet"]
-    subprocess.run(command, cwd=tmp_path, check=True, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})
+    subprocess.run(
+        command, cwd=tmp_path, check=True, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    )
     tables = [(folder / "robots.parquet").read_bytes() for folder in (run.folder, tmp_path / "by_hand")]
     assert tables[0] == tables[1], "watching changes no result"
     again = work.run()
@@ -94,6 +100,7 @@ def test_a_run_is_stopped_as_by_ctrl_c(tmp_path):
         return run.state == "running"
 
     until(runs)
+    assert run.left is not None
     assert run.left > 0
     run.stop()
     assert run.state == "stopping"
@@ -161,17 +168,21 @@ def test_stopping_the_command_asks_while_runs_are_alive(monkeypatch, tmp_path, c
     class Place:
         root, runs = tmp_path, Runs()
 
-    class Service:
-        workplace = Place()
+    service: Any = SimpleNamespace(workplace=Place())
 
-    for answer, ends, stops in (("", False, False), ("c", False, False), ("e", True, False), ("s", True, True)):
+    for answer, ends, stops in (
+        ("", False, False),
+        ("c", False, False),
+        ("e", True, False),
+        ("s", True, True),
+    ):
         monkeypatch.setattr(sys, "stdin", Terminal(f"{answer}\n"))
         event = asyncio.Event()
-        _asked(Service(), signal.SIGINT, event)
+        _asked(service, signal.SIGINT, event)
         assert (event.is_set(), Runs.alive[0].stopped) == (ends, stops)
     assert "1 run is alive" in capsys.readouterr().err
     event = asyncio.Event()
-    _asked(Service(), signal.SIGTERM, event)
+    _asked(service, signal.SIGTERM, event)
     assert event.is_set()
     assert "go on" in capsys.readouterr().err
 

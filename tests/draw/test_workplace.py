@@ -35,7 +35,9 @@ def test_a_new_room_takes_a_free_name_and_is_written_by_save_alone(tmp_path):
     assert (tmp_path / "room.yaml").read_text() == "mine"
 
 
-@pytest.mark.parametrize("path", [path for path in CONFIGS if "axes:" not in path.read_text()], ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "path", [path for path in CONFIGS if "axes:" not in path.read_text()], ids=lambda p: p.stem
+)
 def test_shipped_scenarios_save_to_the_same_scenario(path, tmp_path):
     """Opened and saved they are the same bytes; also after an edit and its undo; and with an edit, but for the edit."""
     file = tmp_path / path.name
