@@ -50,7 +50,7 @@ def test_what_is_no_command_is_told(line, capsys):
 
 
 WRONG = {
-    "examples": ["{}"],
+    "examples": ["{}"], "draw": ["{}"],
     "run": ["{}"], "serve": ["{}"], "report": ["{}"], "picture": ["{}"], "export": ["{}", "--to", "csv"],
     "maps": ["{}", "--size", "1", "1", "--out", "out"], "repair": ["{}"], "scenario": ["--explain", "{}"],
     "study": ["{}"], "contest": ["--algorithm", "{}"], "envs": ["{}"], "statistics": ["{}"], "validation": ["{}"],

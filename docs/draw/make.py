@@ -19,9 +19,9 @@ from browser import Browser, program  # noqa: E402
 from playwright.sync_api import sync_playwright  # noqa: E402
 from served import serving  # noqa: E402
 
-SIZE = 1180, 720  # pixels of the page
+SIZE = 1280, 780  # pixels of the page
 WIDTH = 880  # pixels of the film
-COLORS = 128
+COLORS = 160
 STEP, LIVE, LAST = 700, 250, 2500  # ms of a frame: a step of drawing, of the run, the last one
 DRAWN = (
     ("inlet", (0, 1), (0, 2)),
@@ -51,8 +51,12 @@ class Film:
         self.times.append(time)
 
     def save(self, path: Path) -> None:
-        """Write the frames as a GIF with the palette of the last one."""
-        palette = self.frames[-1].quantize(COLORS, dither=Image.Dither.NONE)
+        """Write the frames as a GIF with the palette of two of them."""
+        width, height = self.frames[0].size
+        some = Image.new("RGB", (width, 2 * height))
+        for n, frame in enumerate((self.frames[len(DRAWN)], self.frames[-2])):
+            some.paste(frame, (0, n * height))
+        palette = some.quantize(COLORS, dither=Image.Dither.NONE)
         frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in self.frames]
         frames[0].save(
             path, save_all=True, append_images=frames[1:], duration=self.times, loop=0, optimize=True

@@ -161,7 +161,7 @@ CLICKED = ("polygon", "walker")
 """Kinds that are drawn by several clicks; the others by a drag or a click."""
 _ROBOT: dict[str, Any] = {
     "algorithm": {"kind": "casting", "threshold_ppm": 5},
-    "sensors": {"gas": {"kind": "mox", "model": "mics5524"}, "wind": {"kind": "ultrasonic"}},
+    "sensors": {"gas": {"kind": "mox"}, "wind": {"kind": "ultrasonic"}},
 }
 
 

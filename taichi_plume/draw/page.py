@@ -94,7 +94,9 @@ class Page:
 
     def _build(self) -> None:
         sheet = InlineStyleSheet(css=STYLE)
-        self.title = Div(styles={"font-size": "15px"}, width=330, align="center")
+        self.title = Div(
+            styles={"font-size": "15px", "white-space": "nowrap"}, sizing_mode="stretch_width", align="center"
+        )
         self.undo, self.redo = self._button("↶ Undo", self._undo, 80), self._button("↷ Redo", self._redo, 80)
         self.tools = [
             self._button("Copy", self._copy, 60),
@@ -346,6 +348,7 @@ class Page:
 
     def _run(self) -> None:
         self.tabs.active = 3
+        self.choose("")  # handles would lie on the picture of the run
         self.runs.start()
 
     def _key(self, name: str) -> None:
