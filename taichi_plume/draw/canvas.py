@@ -201,7 +201,7 @@ class Canvas:
         )
         if thing.path.startswith("wind.") and self.room is not None:
             y = min(max(y, 0.06 * self.room[1]), 0.97 * self.room[1])
-            x = min(max(x, 0.04 * self.room[0]), 0.96 * self.room[0])
+            x = min(max(x, 0.08 * self.room[0]), 0.92 * self.room[0])
         name = "".join(c if c.isprintable() else "?" for c in thing.name)
         return {"x": x, "y": y, "text": theme.short(name), "color": theme.INK}
 

@@ -8,9 +8,9 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from taichi_plume.draw.bodies import Body
 from taichi_plume.draw.document import data_of, parent_of, value_at
 from taichi_plume.draw.parts import (
-    Body,
     Outline,
     Pane,
     Part,
@@ -26,7 +26,7 @@ from taichi_plume.draw.parts import (
 )
 from taichi_plume.draw.quantities import metres, plain
 from taichi_plume.grid.shapes import Shape, ShapeError
-from taichi_plume.guard.safe_open import gate
+from taichi_plume.guard.safe_open import admit, gate
 from taichi_plume.guard.yaml_text import LineError
 from taichi_plume.report import theme
 from taichi_plume.report.theme import ABOVE, SIDE
@@ -293,8 +293,8 @@ def shape_of(model: Any, room: tuple[float, ...], folder: Path) -> Shape:
     if "file" not in vars(model):
         return shape(model, Domain(size=room, spacing=min(room)), folder)
     file = folder / model.file
-    with gate(None):
-        stamp = file.stat().st_mtime_ns, file.stat().st_size
+    admit(file)  # before the cache answers
+    stamp = file.stat().st_mtime_ns, file.stat().st_size
     return _shape_of_file(model, room, folder, stamp)
 
 

@@ -8,7 +8,7 @@ from html import escape
 from typing import Any
 
 from bokeh.document import Document
-from bokeh.events import DocumentReady, DoubleTap, Pan, PanEnd, PanStart, Tap
+from bokeh.events import DocumentReady
 from bokeh.layouts import column, row
 from bokeh.models import (
     Button,
@@ -27,14 +27,13 @@ from taichi_plume.draw import edits
 from taichi_plume.draw.canvas import UNLIKELY, WRONG, Canvas
 from taichi_plume.draw.checks import Remark
 from taichi_plume.draw.form_panel import FormPanel
-from taichi_plume.draw.objects import preview, scene
-from taichi_plume.draw.parts import Plane, Point
+from taichi_plume.draw.objects import scene
+from taichi_plume.draw.pointer import STEPS, Pointer
 from taichi_plume.draw.run_panel import RunPanel
 from taichi_plume.draw.workplace import FileChangedError, Workplace
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.report.theme import ABOVE, SIDE
 
-STEPS = {"1 cm": 0.01, "5 cm": 0.05, "10 cm": 0.1, "25 cm": 0.25, "off": 0.0}
 PERIOD = 400  # ms between looks at runs and files
 STYLE = """
 :host { font-family: Helvetica, Arial, sans-serif; font-size: 13px; color: #1d2733; }
@@ -44,6 +43,7 @@ STYLE = """
 .bk-btn, .bk-input, label { font-family: Helvetica, Arial, sans-serif; font-size: 13px; }
 """
 TEXT_STYLE = "textarea.bk-input { height: 100%; font: 12px monospace; white-space: pre; overflow: auto; }"
+ABOUT_NAME = "Another name saves the text as a new file"
 KEYS_SCRIPT = """
 document.addEventListener("keydown", (event) => {
   const target = event.composedPath()[0]
@@ -60,14 +60,13 @@ document.addEventListener("keydown", (event) => {
 """The only script of the page: keys become the value of a hidden input."""
 
 
-class Page:
+class Page(Pointer):
     """The page of one browser tab. document: of Bokeh; workplace: shared by all tabs."""
 
     def __init__(self, document: Document, workplace: Workplace):
+        super().__init__()
         self.document, self.workplace = document, workplace
         self.chosen, self.scene = "", scene(workplace.text, workplace.folder, workplace.allow_outside)
-        self.dragged: tuple[Canvas, str, str | None, Point, Point] | None = None
-        self.points: list[Point] = []
         self.asked: Callable[[], None] | None = None
         self.canvases = {ABOVE: Canvas(ABOVE), SIDE: Canvas(SIDE)}
         self.form = FormPanel(self.put, self.choose, self.say)
@@ -94,9 +93,9 @@ class Page:
 
     def _build(self) -> None:
         sheet = InlineStyleSheet(css=STYLE)
-        self.title = Div(
-            styles={"font-size": "15px", "white-space": "nowrap"}, sizing_mode="stretch_width", align="center"
-        )
+        self.name = TextInput(width=170, name="file", stylesheets=[sheet], description=ABOUT_NAME)
+        self.name.on_change("value", lambda _attr, _old, new: self._renamed(new))
+        self.title = Div(styles={"color": "#7b8794"}, sizing_mode="stretch_width", align="center")
         self.undo, self.redo = self._button("↶ Undo", self._undo, 80), self._button("↷ Redo", self._redo, 80)
         self.tools = [
             self._button("Copy", self._copy, 60),
@@ -115,6 +114,7 @@ class Page:
         )
         fit = self._button("Whole room", self._fit, 95)
         bar = row(
+            self.name,
             self.title,
             self.undo,
             self.redo,
@@ -173,16 +173,6 @@ class Page:
         button.on_click(work)
         return button
 
-    def _listen(self, canvas: Canvas) -> None:
-        plot = canvas.figure
-        plot.on_event(Tap, lambda event: self._tap(canvas, (event.x, event.y)))
-        plot.on_event(DoubleTap, lambda event: self._double_tap())
-        plot.on_event(PanStart, lambda event: self._start(canvas, (event.x, event.y)))
-        plot.on_event(
-            Pan, lambda event: self._drag(canvas, (event.x, event.y), (event.delta_x, event.delta_y))
-        )
-        plot.on_event(PanEnd, lambda event: self._end(canvas, (event.x, event.y)))
-
     # ---------------------------------------------------------------- text → page
 
     def refresh(self) -> None:
@@ -198,8 +188,8 @@ class Page:
         self.undo.disabled, self.redo.disabled = not work.history.can_undo, not work.history.can_redo
         for tool in self.tools:
             tool.disabled = self.scene.thing(self.chosen) is None or self.chosen in ("", "domain")
-        state = "" if work.saved else " · not saved"
-        self.title.text = f"<b>{escape(work.file.name)}</b><span style='color:#7b8794'>{state}</span>"
+        self.name.value = work.file.name
+        self.title.text = "" if work.saved else "not saved"
         self.canvases[SIDE].figure.visible = SIDE in self.scene.planes
         self._show_remarks()
         self.form.show(self.scene, self.chosen, self.shown_remarks)
@@ -281,13 +271,14 @@ class Page:
     def _yes(self) -> None:
         work, self.asked, self.question.visible = self.asked, None, False
         if work is not None:
-            self._tried(work)
+            self.tried(work)
 
     def _no(self) -> None:
         self.asked, self.question.visible = None, False
-        self._tried(self.declined)
+        self.tried(self.declined)
 
-    def _tried(self, work: Callable[[], Any]) -> Any:
+    def tried(self, work: Callable[[], Any]) -> Any:
+        """Return the result of a function, or show its error and return None."""
         try:
             return work()
         except InputError as error:
@@ -303,8 +294,9 @@ class Page:
         if text != self.workplace.text:
             self.put(text)
 
-    def _edit(self, work: Callable[[], str]) -> None:
-        new = self._tried(work)
+    def edit(self, work: Callable[[], str]) -> None:
+        """Make the text that a function returns the present one, or show the function's error."""
+        new = self.tried(work)
         if new is not None:
             self.put(new)
 
@@ -315,17 +307,17 @@ class Page:
         self.workplace.redo()
 
     def _copy(self) -> None:
-        made = self._tried(lambda: edits.copy(self.workplace.text, self.chosen, self.workplace.folder))
+        made = self.tried(lambda: edits.copy(self.workplace.text, self.chosen, self.workplace.folder))
         if made is not None:
             self.chosen = made[1]
             self.put(made[0])
 
     def _turn(self, degrees: float) -> None:
-        self._edit(lambda: edits.turn(self.workplace.text, self.chosen, degrees))
+        self.edit(lambda: edits.turn(self.workplace.text, self.chosen, degrees))
 
     def _delete(self) -> None:
         if self.scene.thing(self.chosen) is not None:
-            self._edit(lambda: edits.remove(self.workplace.text, self.chosen))
+            self.edit(lambda: edits.remove(self.workplace.text, self.chosen))
 
     def _fit(self) -> None:
         for canvas in self.canvases.values():
@@ -342,6 +334,11 @@ class Page:
             )
         except InputError as error:
             self.say("; ".join(error.lines))
+
+    def _renamed(self, name: str) -> None:
+        if name != self.workplace.file.name:
+            self.tried(lambda: self.workplace.save_as(name))
+            self.name.value = self.workplace.file.name
 
     def _offer_reload(self) -> None:
         self.ask("Take the file's text instead? Undo returns to the present one.", self.workplace.reload)
@@ -366,128 +363,6 @@ class Page:
     def _tab(self, active: int) -> None:
         self.tabs.width = 760 if active in (4, 5) else 430
         self.runs.open(active)
-
-    # ---------------------------------------------------------------- pointer
-
-    @property
-    def kind(self) -> str:
-        """Kind of object that the pointer draws; "select" if it selects and moves."""
-        return ["select", *edits.KINDS][self.palette.active or 0]
-
-    def _tool_changed(self) -> None:
-        self.points = []
-        self.hint.text = escape(
-            edits.KINDS.get(self.kind, "Drag an object or its handles; drag the floor to move the view.")
-        )
-        endings = {"mesh": (".stl", ".obj", ".ply"), "map": (".yaml", ".yml")}.get(self.kind, ())
-        files = sorted(
-            f.name
-            for f in self.workplace.folder.iterdir()
-            if f.suffix.lower() in endings and not f.name.startswith(".")
-        )
-        self.file.update(visible=bool(endings), options=files, value=files[0] if files else "")
-        for canvas in self.canvases.values():
-            canvas.sketch([])
-
-    def _snapped(self, at: Point) -> Point:
-        return edits.snapped(at, STEPS[self.step.value])
-
-    def _tap(self, canvas: Canvas, at: Point) -> None:
-        if self.kind == "select":
-            self.choose(canvas.thing_at(self.scene, at) or "")
-        elif canvas.plane != ABOVE:
-            self.say("draw in the view from above; heights are set in the view from the side afterwards")
-        elif self.kind in edits.CLICKED:
-            self.points.append(self._snapped(at))
-            canvas.sketch(self.points)
-        else:
-            self._create([self._snapped(at)])
-
-    def _double_tap(self) -> None:
-        if self.kind in edits.CLICKED and self.points:
-            corners = [p for n, p in enumerate(self.points) if n == 0 or p != self.points[n - 1]]
-            self._create(corners)
-
-    def _create(self, points: Sequence[Point]) -> None:
-        made = self._tried(
-            lambda: edits.create(
-                self.workplace.text, self.scene, self.kind, points, self.chosen, self.file.value
-            )
-        )
-        self.points = []
-        self.canvases[ABOVE].sketch([])
-        if made is not None:
-            text, self.chosen = made
-            self.put(text)
-            if self.kind in ("mesh", "map", "arena"):
-                self.palette.active = 0
-
-    def _start(self, canvas: Canvas, at: Point) -> None:
-        if self.kind != "select":
-            self.dragged = (canvas, "", None, at, at) if canvas.plane == ABOVE else None
-            return
-        chosen = self.scene.thing(self.chosen)
-        handle = canvas.handle_at(chosen, at)
-        if handle is None:
-            path = canvas.thing_at(self.scene, at)
-            if path is None:
-                self.dragged = (canvas, "", None, at, at)
-                return
-            if path != self.chosen:
-                self.choose(path)
-            thing = self.scene.thing(path)
-            handle = "center" if thing is not None and "center" in thing.handles(canvas.plane) else None
-            if thing is None or handle is None:
-                return
-            x, y = thing.handles(canvas.plane)[handle]
-            self.dragged = (canvas, path, handle, at, (x - at[0], y - at[1]))
-            return
-        self.dragged = (canvas, self.chosen, handle, at, (0.0, 0.0))
-
-    def _target(self, at: Point) -> Point:
-        assert self.dragged is not None
-        x, y = self.dragged[4]
-        return self._snapped((at[0] + x, at[1] + y))
-
-    def _drag(self, canvas: Canvas, at: Point, by: Point) -> None:
-        if self.dragged is None:
-            return
-        _, path, handle, start, _ = self.dragged
-        if self.kind != "select":
-            canvas.sketch(self._outline(self._snapped(start), self._snapped(at)))
-        elif not path:
-            canvas.pan(*by)
-        elif handle is not None:
-            self._preview(canvas.plane, path, handle, self._target(at))
-
-    def _outline(self, a: Point, b: Point) -> list[Point]:
-        if self.kind in ("box", "robot area", "arena"):
-            return [a, (b[0], a[1]), b, (a[0], b[1]), a]
-        return [a, b]
-
-    def _preview(self, plane: Plane, path: str, handle: str, to: Point) -> None:
-        thing = self.scene.thing(path)
-        if thing is None or thing.part is None:
-            return
-        moved = preview(self.scene, path, thing.part.moved(handle, plane, to), self.workplace.folder)
-        if moved is not None and moved.part is not None:
-            shown = self.scene.with_thing(moved)
-            for canvas in self.canvases.values():
-                canvas.show(shown, path)
-
-    def _end(self, canvas: Canvas, at: Point) -> None:
-        dragged, target = self.dragged, self._target(at) if self.dragged else at
-        self.dragged = None
-        if dragged is None:
-            return
-        _, path, handle, start, _ = dragged
-        if self.kind != "select":
-            self._create([self._snapped(start), self._snapped(at)])
-        elif path and handle is not None:
-            self._edit(
-                lambda: edits.move_handle(self.workplace.text, self.scene, path, handle, canvas.plane, target)
-            )
-            self.refresh()
 
     # ---------------------------------------------------------------- runs
 

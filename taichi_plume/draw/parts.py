@@ -5,16 +5,12 @@ moved handle gives keys of the section new values in SI units.
 """
 
 from collections.abc import Sequence
-from math import atan2, cos, degrees, hypot, pi, radians, sin
+from math import hypot, pi
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from taichi_plume.grid.shapes import Shape
-from taichi_plume.report.solids import polygons
-from taichi_plume.report.theme import ABOVE
 from taichi_plume.scenario.domain import Arena, Domain, Located
-from taichi_plume.scenario.obstacles import Box, Cylinder, Mesh, Prism, Round, Sphere, WallMap
 from taichi_plume.scenario.openings import Periodic
 from taichi_plume.scenario.probes import ProbeGrid, ProbeLine, ProbePoint
 from taichi_plume.scenario.robots import Group
@@ -27,8 +23,6 @@ Values = dict[str, Any]
 """New values of keys of a section, by key or by path within the section."""
 LEAST = 0.01  # m: a dragged edge stays this far from the opposite one
 ROUND = np.linspace(0.0, 2.0 * pi, 49)
-ARM = 0.25  # m from an obstacle's edge to the handle that turns the obstacle
-MOST_CORNERS = 80_000  # of an outline: more are drawn as the rectangle around
 SIGNS = ((-1, -1), (1, -1), (1, 1), (-1, 1), (1, 0), (-1, 0), (0, 1), (0, -1))
 """Corners and edges of a rectangle, as signs along both axes."""
 
@@ -84,13 +78,13 @@ def circle(center: Sequence[float], radius: float) -> Outline:
     return Outline(np.array(center)[:2] + radius * np.stack([np.cos(ROUND), np.sin(ROUND)], axis=-1))
 
 
-def _edges(low: Sequence[float], high: Sequence[float]) -> dict[str, Point]:
+def edges_of(low: Sequence[float], high: Sequence[float]) -> dict[str, Point]:
     """Return the handles of a rectangle: `center`, its corners and the middles of its edges."""
     middle, half = (np.array(low) + high) / 2, (np.array(high) - low) / 2
-    return {"center": _pair(middle)} | {f"{a:+d}{b:+d}": _pair(middle + half * (a, b)) for a, b in SIGNS}
+    return {"center": pair(middle)} | {f"{a:+d}{b:+d}": pair(middle + half * (a, b)) for a, b in SIGNS}
 
 
-def _dragged(
+def dragged(
     low: Sequence[float], high: Sequence[float], handle: str, to: Point
 ) -> tuple[list[float], list[float]]:
     """Return the corners of a rectangle of which a corner or an edge has been dragged to a point."""
@@ -103,11 +97,13 @@ def _dragged(
     return new_low, new_high
 
 
-def _pair(point: Any) -> Point:
+def pair(point: Any) -> Point:
+    """Return the first two numbers of a point as floats."""
     return float(point[0]), float(point[1])
 
 
-def _moved_list(point: Sequence[float], by: np.ndarray) -> list[float]:
+def moved_point(point: Sequence[float], by: np.ndarray) -> list[float]:
+    """Return a point moved by a vector [m]."""
     return [float(x + d) for x, d in zip(point, by, strict=False)]
 
 
@@ -158,153 +154,20 @@ class Rectangle(Part):
 
     def handles(self, plane: Plane) -> dict[str, Point]:
         corners = self._corners(plane)
-        return _edges(*corners) if corners else {}
+        return edges_of(*corners) if corners else {}
 
     def moved(self, handle: str, plane: Plane, to: Point) -> Values:
         corners = self._corners(plane)
         if handle == "center" or corners is None:
             return super().moved(handle, plane, to)
-        low, high = _dragged(*corners, handle, to)
+        low, high = dragged(*corners, handle, to)
         return {
-            "low": _put(self.model.low, plane, _pair(low)),
-            "high": _put(self.model.high, plane, _pair(high)),
+            "low": _put(self.model.low, plane, pair(low)),
+            "high": _put(self.model.high, plane, pair(high)),
         }
 
     def shifted(self, by: np.ndarray) -> Values:
-        return {"low": _moved_list(self.model.low, by), "high": _moved_list(self.model.high, by)}
-
-
-# ---------------------------------------------------------------- obstacles
-
-
-class Body(Part):
-    """An obstacle, by its shape; below a path of way points if the obstacle walks."""
-
-    def __init__(self, model: Any, room: tuple[float, ...], shape: Shape):
-        super().__init__(model, room)
-        self.shape = shape
-
-    def _span(self, plane: Plane) -> tuple[list[float], list[float]]:
-        low, high = (np.nan_to_num(end, posinf=max(self.room)) for end in (self.shape.low, self.shape.high))
-        return [float(low[d]) for d in plane], [float(high[d]) for d in plane]
-
-    def outlines(self, plane: Plane) -> list[Outline]:
-        parts = polygons(self.shape, plane)
-        if not parts or sum(map(len, parts)) > MOST_CORNERS:
-            parts = [rectangle(*self._span(plane)).points]
-        gap = np.full((1, 2), np.nan)
-        joined = np.concatenate([corners for part in parts for corners in (gap, part)][1:])
-        way = self._way(plane)
-        return [
-            Outline(np.minimum(joined, 10 * max(self.room))),
-            *([Outline(way, False)] if len(way) else []),
-        ]
-
-    def _way(self, plane: Plane) -> np.ndarray:
-        motion = self.model.motion
-        if motion is None or plane != ABOVE:
-            return np.empty((0, 2))
-        return np.array([self.model.center[:2], *(point[1:] for point in motion.path)], float)
-
-    def handles(self, plane: Plane) -> dict[str, Point]:
-        low, high = self._span(plane)
-        handles = {"center": _pair((np.array(low) + high) / 2)}
-        if plane != ABOVE and not isinstance(self.model, Mesh | WallMap):
-            a = handles["center"][0]
-            handles["+0+1"] = (a, high[1])
-            if not isinstance(self.model, Sphere):
-                handles["+0-1"] = (a, low[1])
-        return handles | self._own_handles(plane)
-
-    def _own_handles(self, plane: Plane) -> dict[str, Point]:
-        model = self.model
-        if plane != ABOVE:
-            return {}
-        handles = (
-            {f"way {n}": _pair(point[1:]) for n, point in enumerate(model.motion.path)}
-            if model.motion
-            else {}
-        )
-        if isinstance(model, Prism):
-            handles |= {f"corner {n}": _pair(corner) for n, corner in enumerate(model.vertices)}
-        elif isinstance(model, Box):
-            for a, b in SIGNS:
-                local = np.array([a * model.size[0] / 2, b * model.size[1] / 2])
-                handles[f"{a:+d}{b:+d}"] = _pair(model.center[:2] + _turned(local, model.yaw_deg))
-            handles["turn"] = _pair(
-                model.center[:2] + _turned(np.array([model.size[0] / 2 + ARM, 0]), model.yaw_deg)
-            )
-        elif isinstance(model, Round):
-            handles["rim"] = (model.center[0] + model.disc, model.center[1])
-        elif isinstance(model, Mesh):
-            low, high = self._span(plane)
-            middle, reach = (np.array(low) + high) / 2, (high[0] - low[0]) / 2 + ARM
-            handles["turn"] = _pair(middle + _turned(np.array([reach, 0]), model.yaw_deg))
-        return handles
-
-    def moved(self, handle: str, plane: Plane, to: Point) -> Values:
-        model = self.model
-        if handle == "center":
-            return super().moved(handle, plane, to)
-        if handle == "turn":
-            x, y = self.handles(plane)["center"]
-            return {"yaw_deg": float(round(degrees(atan2(to[1] - y, to[0] - x)), 1))}
-        if handle.startswith("way "):
-            return {f"motion.path[{handle[4:]}][{1 + d}]": float(to[d]) for d in range(2)}
-        if handle.startswith("corner "):
-            return {f"vertices[{int(handle[7:])}]": [float(to[0]), float(to[1])]}
-        if handle == "rim":
-            return {"radius": max(LEAST, hypot(to[0] - model.center[0], to[1] - model.center[1]))}
-        if plane != ABOVE:
-            return self._heightened(handle, plane, to)
-        local = _turned(np.array(to) - model.center[:2], -model.yaw_deg)
-        half = np.array(model.size[:2]) / 2
-        low, high = _dragged(_pair(-half), _pair(half), handle, _pair(local))
-        middle = _turned((np.array(low) + high) / 2, model.yaw_deg)
-        center = [float(x) for x in model.center]
-        center[:2] = [float(x) for x in model.center[:2] + middle]
-        return {
-            "center": center,
-            "size": [*(b - a for a, b in zip(low, high, strict=True)), *map(float, model.size[2:])],
-        }
-
-    def _heightened(self, handle: str, plane: Plane, to: Point) -> Values:
-        """Return new heights: the upper or the lower end has been dragged in a view from the side."""
-        low, high = self._span(plane)
-        (_, bottom), (_, top) = _dragged(low, high, handle, to)
-        model = self.model
-        if isinstance(model, Box):
-            return {
-                "center": [*map(float, model.center[:2]), (bottom + top) / 2],
-                "size": [*map(float, model.size[:2]), top - bottom],
-            }
-        if isinstance(model, Cylinder | Prism):
-            return ({"base": bottom} if handle.endswith("-1") else {}) | {"height": top - bottom}
-        return {"radius": max(LEAST, top - float(model.center[-1]))}
-
-    def shifted(self, by: np.ndarray) -> Values:
-        model = self.model
-        if isinstance(model, Mesh):
-            return {"translate": _moved_list(model.translate, by)}
-        if isinstance(model, WallMap):
-            at = model.origin or (self.shape.reach[0] if hasattr(self.shape, "reach") else (0.0, 0.0))
-            return {"origin": [float(at[0] - by[0]), float(at[1] - by[1])]}
-        values: Values = {}
-        if isinstance(model, Prism):
-            values["vertices"] = [_moved_list(corner, by) for corner in model.vertices]
-        else:
-            values["center"] = _moved_list(model.center, by)
-        if isinstance(model, Cylinder | Prism) and by[2]:
-            values["base"] = max(0.0, model.base + float(by[2]))
-        if model.motion is not None:
-            for n, (_, x, y) in enumerate(model.motion.path):
-                values |= {f"motion.path[{n}][{1 + d}]": float(z + by[d]) for d, z in enumerate((x, y))}
-        return values
-
-
-def _turned(vector: np.ndarray, degrees_: float) -> np.ndarray:
-    c, s = cos(radians(degrees_)), sin(radians(degrees_))
-    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
+        return {"low": moved_point(self.model.low, by), "high": moved_point(self.model.high, by)}
 
 
 # ---------------------------------------------------------------- openings, screens, tempered walls
@@ -327,11 +190,11 @@ class Pane(Part):
         if self.model.normal in plane:
             return [Outline(np.array([low, high], float), False)]
         if self.model.is_disc(self.dim):
-            return [circle(_pair((np.array(low) + high) / 2), (high[0] - low[0]) / 2)]
+            return [circle(pair((np.array(low) + high) / 2), (high[0] - low[0]) / 2)]
         return [rectangle(low, high)]
 
     def handles(self, plane: Plane) -> dict[str, Point]:
-        handles = _edges(*self._sides(plane))
+        handles = edges_of(*self._sides(plane))
         if self.model.normal not in plane:
             return handles
         first = plane[0] == self.model.normal
@@ -345,7 +208,7 @@ class Pane(Part):
             x, y = (np.array(low) + high) / 2
             low, high = ([end[0] + to[0] - x, end[1] + to[1] - y] for end in (low, high))
         else:
-            low, high = _dragged(low, high, handle, to)
+            low, high = dragged(low, high, handle, to)
         center, half = (list(map(float, part)) for part in self.model.rectangle(self.room))
         values: Values = {}
         for n, axis in enumerate(self.model.along(self.dim)):
@@ -414,7 +277,7 @@ class Spot(Part):
         at, radius = vars(self.model)[self._key], vars(self.model).get("radius")
         if max(plane) >= len(at):
             return {}
-        point = _pair([at[d] for d in plane])
+        point = pair([at[d] for d in plane])
         return {"center": point} | ({"rim": (point[0] + radius, point[1])} if radius else {})
 
     def moved(self, handle: str, plane: Plane, to: Point) -> Values:
@@ -424,7 +287,7 @@ class Spot(Part):
         return super().moved(handle, plane, to)
 
     def shifted(self, by: np.ndarray) -> Values:
-        return {self._key: _moved_list(vars(self.model)[self._key], by)}
+        return {self._key: moved_point(vars(self.model)[self._key], by)}
 
 
 class Points(Part):
@@ -458,13 +321,13 @@ class Points(Part):
         return [*discs, *([] if isinstance(self.model, StartAt) else [Outline(ends, False)])]
 
     def _seen(self, point: Sequence[float], plane: Plane) -> Point:
-        return _pair([point[d] if d < len(point) else self.base[0] for d in plane])
+        return pair([point[d] if d < len(point) else self.base[0] for d in plane])
 
     def handles(self, plane: Plane) -> dict[str, Point]:
         ends = {name: self._seen(end, plane) for name, end in self._ends.items()}
         if len(ends) == 1:
             return ends
-        return ends | {"center": _pair(np.mean(list(ends.values()), axis=0))}
+        return ends | {"center": pair(np.mean(list(ends.values()), axis=0))}
 
     def moved(self, handle: str, plane: Plane, to: Point) -> Values:
         if handle == "center":
@@ -472,7 +335,7 @@ class Points(Part):
         return {handle: _put(self._ends[handle], plane, to)}
 
     def shifted(self, by: np.ndarray) -> Values:
-        return {name: _moved_list(end, by) for name, end in self._ends.items()}
+        return {name: moved_point(end, by) for name, end in self._ends.items()}
 
 
 def start_part(group: Group | None, start: Any, room: tuple[float, ...]) -> Part:

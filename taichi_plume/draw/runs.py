@@ -1,6 +1,7 @@
 """Runs of a session: each is the run command in a process of its own, which outlives page and server."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -172,6 +173,13 @@ class Runs:
         for run in self.all:
             if run.wall is None:
                 run.poll()
+
+    def close(self) -> None:
+        """Remove the notes of ended runs; runs that are alive still write theirs."""
+        for run in self.all:
+            if not run.alive:
+                run.poll()
+                shutil.rmtree(run.notes, ignore_errors=True)
 
 
 def changes(before: str, after: str) -> str:

@@ -71,6 +71,7 @@ class Service:
         with suppress(AssertionError):  # Bokeh's, if it has been stopped already
             self.server.stop()
         self.pool.shutdown(wait=False, cancel_futures=True)
+        self.workplace.runs.close()
 
     def _open(self, document) -> None:
         document.title = f"{self.workplace.file.name} - taichi_plume draw"

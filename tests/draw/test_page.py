@@ -187,6 +187,17 @@ def test_a_file_changed_on_disk_is_asked_about(tmp_path):
     assert place.file.read_text() == ROOM + "# mine\n"
 
 
+def test_another_name_makes_another_file(tmp_path):
+    _, page = opened(tmp_path)
+    page._typed(ROOM + "# mine\n")
+    page.name.value = "other.yaml"
+    assert (tmp_path / "other.yaml").read_text() == ROOM + "# mine\n"
+    assert (tmp_path / "s.yaml").read_text() == ROOM
+    page.name.value = "../other.yaml"
+    assert "lies outside" in page.message.text
+    assert page.name.value == "other.yaml"
+
+
 def test_own_code_is_run_after_the_question_of_the_command_alone(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text("class Mine:\n    def act(self, robots):\n        pass\n")
     text = ROOM.replace("{kind: casting, threshold_ppm: 5}", "{kind: own, file: mine.py}", 1)

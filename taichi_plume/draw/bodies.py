@@ -1,0 +1,156 @@
+"""Geometry of drawn obstacles: their outlines, and handles for corners, rims, heights, turning and way points."""
+
+from math import atan2, cos, degrees, hypot, radians, sin
+from typing import Any
+
+import numpy as np
+
+from taichi_plume.draw.parts import (
+    LEAST,
+    SIGNS,
+    Outline,
+    Part,
+    Plane,
+    Point,
+    Values,
+    dragged,
+    moved_point,
+    pair,
+    rectangle,
+)
+from taichi_plume.grid.floor_plans import FloorPlan
+from taichi_plume.grid.shapes import Shape
+from taichi_plume.report.solids import polygons
+from taichi_plume.report.theme import ABOVE
+from taichi_plume.scenario.obstacles import Box, Cylinder, Mesh, Prism, Round, Sphere, WallMap
+
+ARM = 0.25  # m from an obstacle's edge to the handle that turns the obstacle
+MOST_CORNERS = 80_000  # of an outline: more are drawn as the rectangle around
+
+
+class Body(Part):
+    """An obstacle, by its shape; below a path of way points if the obstacle walks."""
+
+    def __init__(self, model: Any, room: tuple[float, ...], shape: Shape):
+        super().__init__(model, room)
+        self.shape = shape
+
+    def _span(self, plane: Plane) -> tuple[list[float], list[float]]:
+        low, high = (np.nan_to_num(end, posinf=max(self.room)) for end in (self.shape.low, self.shape.high))
+        return [float(low[d]) for d in plane], [float(high[d]) for d in plane]
+
+    def outlines(self, plane: Plane) -> list[Outline]:
+        parts = polygons(self.shape, plane)
+        if not parts or sum(map(len, parts)) > MOST_CORNERS:
+            parts = [rectangle(*self._span(plane)).points]
+        gap = np.full((1, 2), np.nan)
+        joined = np.concatenate([corners for part in parts for corners in (gap, part)][1:])
+        way = self._way(plane)
+        return [
+            Outline(np.minimum(joined, 10 * max(self.room))),
+            *([Outline(way, False)] if len(way) else []),
+        ]
+
+    def _way(self, plane: Plane) -> np.ndarray:
+        motion = self.model.motion
+        if motion is None or plane != ABOVE:
+            return np.empty((0, 2))
+        return np.array([self.model.center[:2], *(point[1:] for point in motion.path)], float)
+
+    def handles(self, plane: Plane) -> dict[str, Point]:
+        low, high = self._span(plane)
+        handles = {"center": pair((np.array(low) + high) / 2)}
+        if plane != ABOVE and not isinstance(self.model, Mesh | WallMap):
+            a = handles["center"][0]
+            handles["+0+1"] = (a, high[1])
+            if not isinstance(self.model, Sphere):
+                handles["+0-1"] = (a, low[1])
+        return handles | self._own_handles(plane)
+
+    def _own_handles(self, plane: Plane) -> dict[str, Point]:
+        model = self.model
+        if plane != ABOVE:
+            return {}
+        handles = (
+            {f"way {n}": pair(point[1:]) for n, point in enumerate(model.motion.path)} if model.motion else {}
+        )
+        if isinstance(model, Prism):
+            handles |= {f"corner {n}": pair(corner) for n, corner in enumerate(model.vertices)}
+        elif isinstance(model, Box):
+            for a, b in SIGNS:
+                local = np.array([a * model.size[0] / 2, b * model.size[1] / 2])
+                handles[f"{a:+d}{b:+d}"] = pair(model.center[:2] + _turned(local, model.yaw_deg))
+            handles["turn"] = pair(
+                model.center[:2] + _turned(np.array([model.size[0] / 2 + ARM, 0]), model.yaw_deg)
+            )
+        elif isinstance(model, Round):
+            handles["rim"] = (model.center[0] + model.disc, model.center[1])
+        elif isinstance(model, Mesh):
+            low, high = self._span(plane)
+            middle, reach = (np.array(low) + high) / 2, (high[0] - low[0]) / 2 + ARM
+            handles["turn"] = pair(middle + _turned(np.array([reach, 0]), model.yaw_deg))
+        return handles
+
+    def moved(self, handle: str, plane: Plane, to: Point) -> Values:
+        model = self.model
+        if handle == "center":
+            return super().moved(handle, plane, to)
+        if handle == "turn":
+            x, y = self.handles(plane)["center"]
+            return {"yaw_deg": float(round(degrees(atan2(to[1] - y, to[0] - x)), 1))}
+        if handle.startswith("way "):
+            return {f"motion.path[{handle[4:]}][{1 + d}]": float(to[d]) for d in range(2)}
+        if handle.startswith("corner "):
+            return {f"vertices[{int(handle[7:])}]": [float(to[0]), float(to[1])]}
+        if handle == "rim":
+            return {"radius": max(LEAST, hypot(to[0] - model.center[0], to[1] - model.center[1]))}
+        if plane != ABOVE:
+            return self._heightened(handle, plane, to)
+        local = _turned(np.array(to) - model.center[:2], -model.yaw_deg)
+        half = np.array(model.size[:2]) / 2
+        low, high = dragged(pair(-half), pair(half), handle, pair(local))
+        middle = _turned((np.array(low) + high) / 2, model.yaw_deg)
+        center = [float(x) for x in model.center]
+        center[:2] = [float(x) for x in model.center[:2] + middle]
+        return {
+            "center": center,
+            "size": [*(b - a for a, b in zip(low, high, strict=True)), *map(float, model.size[2:])],
+        }
+
+    def _heightened(self, handle: str, plane: Plane, to: Point) -> Values:
+        """Return new heights: the upper or the lower end has been dragged in a view from the side."""
+        low, high = self._span(plane)
+        (_, bottom), (_, top) = dragged(low, high, handle, to)
+        model = self.model
+        if isinstance(model, Box):
+            return {
+                "center": [*map(float, model.center[:2]), (bottom + top) / 2],
+                "size": [*map(float, model.size[:2]), top - bottom],
+            }
+        if isinstance(model, Cylinder | Prism):
+            return ({"base": bottom} if handle.endswith("-1") else {}) | {"height": top - bottom}
+        return {"radius": max(LEAST, top - float(model.center[-1]))}
+
+    def shifted(self, by: np.ndarray) -> Values:
+        model = self.model
+        if isinstance(model, Mesh):
+            return {"translate": moved_point(model.translate, by)}
+        if isinstance(model, WallMap):
+            at = model.origin or (self.shape.reach[0] if isinstance(self.shape, FloorPlan) else (0.0, 0.0))
+            return {"origin": [float(at[0] - by[0]), float(at[1] - by[1])]}
+        values: Values = {}
+        if isinstance(model, Prism):
+            values["vertices"] = [moved_point(corner, by) for corner in model.vertices]
+        else:
+            values["center"] = moved_point(model.center, by)
+        if isinstance(model, Cylinder | Prism) and by[2]:
+            values["base"] = max(0.0, model.base + float(by[2]))
+        if model.motion is not None:
+            for n, (_, x, y) in enumerate(model.motion.path):
+                values |= {f"motion.path[{n}][{1 + d}]": float(z + by[d]) for d, z in enumerate((x, y))}
+        return values
+
+
+def _turned(vector: np.ndarray, degrees_: float) -> np.ndarray:
+    c, s = cos(radians(degrees_)), sin(radians(degrees_))
+    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
