@@ -72,9 +72,7 @@ class Page(Pointer):
         self.form = FormPanel(self.put, self.choose, self.say)
         self.runs = RunPanel(workplace, self.ask, self.say)
         for canvas in self.canvases.values():
-            self._listen(
-                canvas
-            )  # Bokeh attends to events of models that have joined the document with their callbacks
+            self.listen(canvas)  # before it joins the document: Bokeh learns of callbacks then
         self._build()
         workplace.listeners.append(self._later)
         document.add_periodic_callback(self.look, PERIOD)
