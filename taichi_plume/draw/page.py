@@ -129,14 +129,15 @@ class Page(Pointer):
         )
         self.palette.on_change("active", lambda _attr, _old, _new: self._tool_changed())
         self.file = Select(title="file", width=110, visible=False)
-        self.hint = Div(styles={"color": "#5d6875"}, sizing_mode="stretch_width")
-        self.size = Div(styles={"color": "#5d6875"}, sizing_mode="stretch_width", name="size")
+        # of fixed heights: if the views changed their size with each line of text, a drag would miss its aim
+        self.hint = Div(styles={"color": "#5d6875"}, sizing_mode="stretch_width", height=18, name="hint")
+        self.size = Div(styles={"color": "#5d6875"}, sizing_mode="stretch_width", height=36, name="size")
         self.banner = Div(sizing_mode="stretch_width")
         self.yes, self.no = self._button("Yes", self._yes, 60), self._button("No", self._no, 60)
         self.question = row(self.banner, self.yes, self.no, visible=False, sizing_mode="stretch_width")
         self.question.styles = {"background": "#fff4d6", "padding": "6px", "border-radius": "4px"}
         self.canvases[SIDE].figure.update(height=190, sizing_mode="stretch_width")
-        self.message = Div(styles={"color": WRONG}, sizing_mode="stretch_width", name="message")
+        self.message = Div(styles={"color": WRONG}, sizing_mode="stretch_width", height=18, name="message")
         views = column(
             self.question, self.message, self.canvases[ABOVE].figure, self.canvases[SIDE].figure, self.hint, self.size,
             sizing_mode="stretch_both",
