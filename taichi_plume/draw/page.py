@@ -131,7 +131,12 @@ class Page(Pointer):
         self.file = Select(title="file", width=110, visible=False)
         # of fixed heights: if the views changed their size with each line of text, a drag would miss its aim
         self.hint = Div(styles={"color": "#5d6875"}, sizing_mode="stretch_width", height=18, name="hint")
-        self.size = Div(styles={"color": "#5d6875"}, sizing_mode="stretch_width", height=36, name="size")
+        self.size = Div(
+            styles={"color": "#5d6875", "overflow-y": "auto"},
+            sizing_mode="stretch_width",
+            height=36,
+            name="size",
+        )
         self.banner = Div(sizing_mode="stretch_width")
         self.yes, self.no = self._button("Yes", self._yes, 60), self._button("No", self._no, 60)
         self.question = row(self.banner, self.yes, self.no, visible=False, sizing_mode="stretch_width")
