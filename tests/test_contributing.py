@@ -96,7 +96,18 @@ NAMES_OF_MORE = ("x", "y", "heading", "found", "state", "declarations", "false_d
 """Columns of which trials have namesakes, or that are words of other things."""
 
 
-LOOKS = ["record/", "watch_file", "report/", "results/", "map", "readings", "bag", "trajectories", "serve/", "client"]
+LOOKS = [
+    "record/",
+    "watch_file",
+    "report/",
+    "results/",
+    "map",
+    "readings",
+    "bag",
+    "trajectories",
+    "serve/",
+    "client",
+]
 
 
 def test_a_column_is_declared_in_one_file_and_written_in_another():
