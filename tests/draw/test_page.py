@@ -284,7 +284,7 @@ def test_the_views_are_those_of_the_text(tmp_path_factory, name, sequence):
 
 
 @pytest.mark.slow
-@settings(max_examples=200, **QUIET)
+@settings(max_examples=60, **QUIET)
 @given(name=st.sampled_from(["casting_room", "arena_3d", "moving_obstacle"]), sequence=moves)
 def test_the_views_are_those_of_the_text_after_many_moves(tmp_path_factory, name, sequence):
     live_through(tmp_path_factory.mktemp("page"), name, sequence)
