@@ -6,7 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from taichi_plume.draw.bodies import Body
 from taichi_plume.draw.document import data_of, parent_of, value_at
@@ -160,7 +160,7 @@ def read(data: Mapping[str, Any], path: str) -> Model | None:
     if kind is None or not isinstance(values, dict):
         return None
     try:
-        return TypeAdapter(kind).validate_python(values)
+        return kind.model_validate(values)
     except ValidationError:
         return None
 
