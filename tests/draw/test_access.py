@@ -138,6 +138,7 @@ def command(folder: Path, *arguments: str):
     return subprocess.run(line, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
 
 
+@pytest.mark.slow
 def test_a_scenario_outside_the_folder_is_opened_if_allowed_alone(tmp_path):
     inner = tmp_path / "inner"
     inner.mkdir()
@@ -151,6 +152,7 @@ def test_a_scenario_outside_the_folder_is_opened_if_allowed_alone(tmp_path):
         assert served.get("/share/room.yaml")[2] == b"duration: 1"
 
 
+@pytest.mark.slow
 def test_a_port_in_use_and_another_file_are_refused_in_one_line(tmp_path, page):
     done = command(tmp_path, "--port", str(page.port))
     assert done.returncode == 2
