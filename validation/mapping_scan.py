@@ -65,13 +65,11 @@ from taichi_plume.validation.mapping_scenario import (
 from taichi_plume.validation.parameter_scan import (
     Open,
     Point,
-    between,
     blocks,
-    least_point,
     one_at_a_time,
     rank_correlations,
-    response_surface,
     usual,
+    way_to_least,
 )
 from taichi_plume.validation.searches import afresh, scenario_of
 
@@ -265,9 +263,7 @@ def promising(trials: int) -> list[Point]:
     In the usual air: only the parameters of robots change.
     """
     points, ratios = joint(trials)
-    least_error = least_point(PARAMETERS, response_surface(PARAMETERS, points, np.log(ratios[..., NTH])))
-    end = {p.name: p.usual if p.of_air else least_error[p.name] for p in PARAMETERS}
-    return [between(PARAMETERS, end, share) for share in WAY]
+    return way_to_least(PARAMETERS, points, ratios[..., NTH], WAY, with_air=False)
 
 
 @cache

@@ -132,3 +132,19 @@ def between(parameters: Sequence[Open], point: Point, share: float) -> Point:
         p.name: p.value(u) if p.scale != "whole" else point[p.name]
         for p, u in zip(parameters, way, strict=True)
     }
+
+
+def way_to_least(
+    parameters: Sequence[Open],
+    points: Sequence[Point],
+    results: np.ndarray,
+    way: Sequence[float],
+    with_air: bool = True,
+) -> list[Point]:
+    """Return points at shares of the way from the usual values to the least of results (points, ...) by their surface.
+
+    with_air: otherwise parameters `of_air` keep their usual values.
+    """
+    end = least_point(parameters, response_surface(parameters, points, np.log(results)))
+    end = {p.name: end[p.name] if with_air or not p.of_air else p.usual for p in parameters}
+    return [between(parameters, end, share) for share in way]

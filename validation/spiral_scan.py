@@ -58,13 +58,11 @@ from taichi_plume.validation.experiment import (
 from taichi_plume.validation.parameter_scan import (
     Open,
     Point,
-    between,
     blocks,
-    least_point,
     one_at_a_time,
     rank_correlations,
-    response_surface,
     usual,
+    way_to_least,
 )
 from taichi_plume.validation.searches import afresh, contest, race, scenario_of
 from taichi_plume.validation.spiral_floor import searched_on_floor
@@ -294,9 +292,7 @@ def joint_space(trials: int) -> Results:
 @cache
 def promising(trials: int) -> list[Point]:
     """Return points on the way from the usual values to the fewest acquisitions by the response surface."""
-    points, means = joint(trials)
-    end = least_point(PARAMETERS, response_surface(PARAMETERS, points, np.log(means)))
-    return [between(PARAMETERS, end, share) for share in WAY]
+    return way_to_least(PARAMETERS, *joint(trials), WAY)
 
 
 @cache
