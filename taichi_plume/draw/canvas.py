@@ -167,7 +167,7 @@ class Canvas:
 
     def _look(self, thing: Thing, closed: bool, chosen: str, wrong: Collection[str]) -> dict[str, Any]:
         kind = thing.path.partition("[")[0]
-        alpha = {"robots": 0.85, "obstacles": 0.95, "arena": 0.0, "gas": 0.6}.get(
+        alpha = {"robots": 0.35, "obstacles": 0.95, "arena": 0.0, "gas": 0.6}.get(
             kind.partition(".")[0], 0.35
         )
         edge = {"obstacles": theme.SOLID_EDGE, "domain": theme.INK}.get(kind, thing.color)
@@ -324,6 +324,10 @@ class Canvas:
         apart = {name: np.hypot(x - at[0], y - at[1]) for name, (x, y) in handles.items()}
         nearest = min(apart, key=apart.__getitem__, default=None)
         return nearest if nearest is not None and apart[nearest] <= NEAR * self.pixel() else None
+
+    def apart(self, a: Point, b: Point) -> bool:
+        """Return whether two points are so far from each other that a pointer can tell them apart."""
+        return float(np.hypot(a[0] - b[0], a[1] - b[1])) > NEAR * self.pixel()
 
     def thing_at(self, of: Scene, at: Point) -> str | None:
         """Return the path of the topmost object at a point; None if there is none but the room."""

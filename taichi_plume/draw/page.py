@@ -43,8 +43,11 @@ STYLE = """
 .bk-btn, .bk-input, label { font-family: Helvetica, Arial, sans-serif; font-size: 13px; }
 """
 TEXT_STYLE = "textarea.bk-input { height: 100%; font: 12px monospace; white-space: pre; overflow: auto; }"
+ONE_LINE = {"color": "#5d6875", "white-space": "nowrap", "overflow": "hidden", "text-overflow": "ellipsis"}
 ABOUT_NAME = "Another name saves the text as a new file"
-KEYS_SCRIPT = """
+SCRIPT = """
+// Bokeh takes no drag that begins 0.3 s after the press; the longest timer of browsers puts that off
+Bokeh.require("core/ui_gestures").UIGestures.press_threshold = 2 ** 31 - 1
 document.addEventListener("keydown", (event) => {
   const target = event.composedPath()[0]
   if (["INPUT", "TEXTAREA", "SELECT"].includes(target.tagName)) return
@@ -57,7 +60,7 @@ document.addEventListener("keydown", (event) => {
   keys.value = `${name} ${Date.now()}`
 })
 """
-"""The only script of the page: keys become the value of a hidden input."""
+"""The only script of the page: keys become the value of a hidden input, and slow drags are drags."""
 
 
 class Page(Pointer):
@@ -130,7 +133,7 @@ class Page(Pointer):
         self.palette.on_change("active", lambda _attr, _old, _new: self._tool_changed())
         self.file = Select(title="file", width=110, visible=False)
         # of fixed heights: if the views changed their size with each line of text, a drag would miss its aim
-        self.hint = Div(styles={"color": "#5d6875"}, sizing_mode="stretch_width", height=18, name="hint")
+        self.hint = Div(styles=ONE_LINE, sizing_mode="stretch_width", height=18, name="hint")
         self.size = Div(
             styles={"color": "#5d6875", "overflow-y": "auto"},
             sizing_mode="stretch_width",
@@ -167,7 +170,7 @@ class Page(Pointer):
         self.tabs.on_change("active", lambda _attr, _old, new: self._tab(new))
         self.keys = TextInput(visible=False, name="keys")
         self.keys.on_change("value", lambda _attr, _old, new: self._key(new.partition(" ")[0]))
-        self.document.js_on_event(DocumentReady, CustomJS(args={"keys": self.keys}, code=KEYS_SCRIPT))
+        self.document.js_on_event(DocumentReady, CustomJS(args={"keys": self.keys}, code=SCRIPT))
         body = row(column(self.palette, self.file), views, self.tabs, sizing_mode="stretch_both")
         self.layout = column(bar, body, self.keys, sizing_mode="stretch_both", stylesheets=[sheet])
         self.document.add_root(self.layout)

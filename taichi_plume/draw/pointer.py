@@ -57,7 +57,7 @@ class Pointer:
         """Attend to the pointer in a view; before the view joins the document."""
         plot = canvas.figure
         plot.on_event(Tap, lambda event: self._tap(canvas, (event.x, event.y)))
-        plot.on_event(DoubleTap, lambda event: self._double_tap())
+        plot.on_event(DoubleTap, lambda event: self._double_tap(canvas, (event.x, event.y)))
         plot.on_event(PanStart, lambda event: self._start(canvas, (event.x, event.y)))
         plot.on_event(
             Pan, lambda event: self._drag(canvas, (event.x, event.y), (event.delta_x, event.delta_y))
@@ -98,10 +98,13 @@ class Pointer:
         else:
             self._create([self._snapped(at)])
 
-    def _double_tap(self) -> None:
-        if self.kind in edits.CLICKED and self.points:
-            corners = [p for n, p in enumerate(self.points) if n == 0 or p != self.points[n - 1]]
-            self._create(corners)
+    def _double_tap(self, canvas: Canvas, at: Point) -> None:
+        """End a polygon or a path; two quick clicks at different places are clicks (to Bokeh, a double one)."""
+        if self.kind not in edits.CLICKED or not self.points or canvas.apart(self.points[-1], at):
+            self._tap(canvas, at)
+            return
+        corners = [p for n, p in enumerate(self.points) if n == 0 or p != self.points[n - 1]]
+        self._create(corners)
 
     def _create(self, points: Sequence[Point]) -> None:
         made = self.tried(

@@ -92,10 +92,11 @@ class Browser:
     def click(self, x: float, y: float):
         self.page.mouse.click(*self.at(x, y))
 
-    def drag(self, *way: tuple[float, float]):
-        """Drag from position to position."""
+    def drag(self, *way: tuple[float, float], held=0):
+        """Drag from position to position; held: time [ms] before the pointer moves."""
         self.page.mouse.move(*self.at(*way[0]))
         self.page.mouse.down()
+        self.page.wait_for_timeout(held)
         for (a, b), (c, d) in pairwise(way):
             for part in (0.25, 0.5, 0.75, 1.0):
                 self.page.mouse.move(*self.at(a + part * (c - a), b + part * (d - b)))

@@ -104,7 +104,7 @@ def test_a_file_is_opened_changed_and_saved_with_its_comments(visit, tmp_path):
     page.click(2.75, 1.9)
     page.page.wait_for_timeout(800)
     page.picture("b_chosen")
-    page.changed(lambda: page.drag((2.75, 1.9), (2.5, 1.4)))
+    page.changed(lambda: page.drag((2.75, 1.9), (2.5, 1.4), held=600))
     page.page.keyboard.press("Control+s")
     file = tmp_path / "casting_room.yaml"
     page.until(lambda: "center: [2.5, 1.4]" in file.read_text())

@@ -80,6 +80,23 @@ def test_an_object_is_chosen_and_dragged(page):
     assert page.workplace.text == ROOM
 
 
+def test_quick_clicks_at_two_places_are_clicks_and_at_one_a_double_click(page):
+    """To Bokeh any second click within 0.3 s is a double one."""
+    canvas = page.canvases[ABOVE]
+    use(page, "source")
+    page._tap(canvas, (1.0, 0.5))
+    page._double_tap(canvas, (1.0, 2.5))
+    places = [source["position"] for source in page.scene.data["gas"]["sources"]]
+    assert places[1:] == [[1, 0.5], [1, 2.5]]
+    use(page, "polygon")
+    page._tap(canvas, (3.0, 0.3))
+    page._double_tap(canvas, (3.3, 0.3))
+    page._tap(canvas, (3.3, 0.6))
+    assert len(page.scene.data["obstacles"]) == 3
+    page._double_tap(canvas, (3.3, 0.6))
+    assert page.scene.data["obstacles"][3]["vertices"] == [[3, 0.3], [3.3, 0.3], [3.3, 0.6]]
+
+
 def test_a_handle_of_the_chosen_object_resizes_it(page):
     page.choose("obstacles[2]")
     x, y = page.scene.thing("obstacles[2]").handles(ABOVE)["+1+1"]
