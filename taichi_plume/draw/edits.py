@@ -22,7 +22,7 @@ from taichi_plume.draw.document import (
     value_at,
 )
 from taichi_plume.draw.objects import Scene, scene
-from taichi_plume.draw.parts import Plane, Point, Values
+from taichi_plume.draw.parts import Plane, Point, Values, nearest_wall, pair
 from taichi_plume.draw.quantities import differences, number, plain
 from taichi_plume.guard.yaml_text import LineError
 
@@ -178,7 +178,7 @@ def create(
         raise EditError(f"no kind '{kind}'")
     if kind in ("mesh", "map") and not file:
         raise EditError(f"{kind}: there is no such file beside the scenario")
-    points = [_pair(point) for point in points]
+    points = [pair(point) for point in points]
     a, b = points[0], points[-1]
     if kind == "robots" and value_at(scene_data(text), f"{selected}.start.kind") == "positions":
         text = add(text, f"{selected}.start.positions", plain(list(a)))
@@ -190,10 +190,6 @@ def create(
     path, item = _item(text, of, kind, points, a, b, of.room, file)
     new = add(text, path, plain(item))
     return new, f"{path}[{len(value_at(scene_data(new), path)) - 1}]"
-
-
-def _pair(point: Sequence[float]) -> Point:
-    return float(point[0]), float(point[1])
 
 
 def _box_of(a: Point, b: Point) -> dict[str, list[float]]:
@@ -263,9 +259,7 @@ def _item(
 
 def _opening(kind: str, a: Point, b: Point, room: tuple[float, ...]) -> dict[str, Any]:
     """Return the keys of an opening on the wall nearest to a drag, as wide as the drag along the wall."""
-    middle = (np.array(a) + b) / 2
-    away = {"x-": middle[0], "x+": room[0] - middle[0], "y-": middle[1], "y+": room[1] - middle[1]}
-    face = min(away, key=lambda name: abs(away[name]))
+    face = nearest_wall(pair((np.array(a) + b) / 2), room)
     axis = 1 if face[0] == "x" else 0
     low, high = sorted((a[axis], b[axis]))
     if high - low < LEAST:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from taichi_plume.report.theme import ABOVE
 from taichi_plume.scenario.domain import Arena, Domain, Located
 from taichi_plume.scenario.openings import Periodic
 from taichi_plume.scenario.probes import ProbeGrid, ProbeLine, ProbePoint
@@ -105,6 +106,12 @@ def pair(point: Any) -> Point:
 def moved_point(point: Sequence[float], by: np.ndarray) -> list[float]:
     """Return a point moved by a vector [m]."""
     return [float(x + d) for x, d in zip(point, by, strict=False)]
+
+
+def nearest_wall(at: Point, room: Sequence[float]) -> str:
+    """Return the face of the room, x-, x+, y- or y+, whose plane is nearest to a point from above."""
+    away = {"x-": at[0], "x+": room[0] - at[0], "y-": at[1], "y+": room[1] - at[1]}
+    return min(away, key=lambda face: abs(away[face]))
 
 
 def _put(point: Sequence[float], plane: Plane, to: Point) -> list[float]:
@@ -203,6 +210,11 @@ class Pane(Part):
         }
 
     def moved(self, handle: str, plane: Plane, to: Point) -> Values:
+        face = vars(self.model).get("face")
+        if handle == "center" and plane == ABOVE and face is not None and face[0] != "z":
+            wall = nearest_wall(to, self.room)
+            if wall != face:
+                return self._on(wall, to)
         low, high = self._sides(plane)
         if handle == "center":
             x, y = (np.array(low) + high) / 2
@@ -230,6 +242,17 @@ class Pane(Part):
         if self.model.diameter is not None:
             return values | ({} if handle == "center" else {"diameter": 2 * self._dragged_half(half)})
         return values | {"size": [2 * h for h in half]}
+
+    def _on(self, wall: str, to: Point) -> Values:
+        """Return the new values of keys on another wall: as wide as before, or as the wall; heights stay."""
+        if self.model.center is None:
+            return {"face": wall}
+        axis = 1 if wall[0] == "x" else 0
+        center, half = (list(map(float, part)) for part in self.model.rectangle(self.room))
+        half[0] = min(half[0], self.room[axis] / 2)
+        center[0] = min(max(float(to[axis]), half[0]), self.room[axis] - half[0])
+        width = {"size": [2 * h for h in half]} if self.model.diameter is None else {"diameter": 2 * half[0]}
+        return {"face": wall, "center": center, **width}
 
     def _dragged_half(self, half: Sequence[float]) -> float:
         before = float(self.model.diameter or 0.0) / 2

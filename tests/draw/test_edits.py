@@ -111,9 +111,25 @@ def test_lengths_keep_the_unit_in_which_they_were_written():
     assert "radius: 80 mm" in dragged(text, "gas.sources[0]", "rim", (1.08, 1.0))
 
 
+@pytest.mark.parametrize("base", [edits.BLANK, SOLID_ROOM], ids=["2d", "3d"])
+@pytest.mark.parametrize("kind", ["inlet", "fan"])
+def test_an_opening_is_dragged_to_another_wall(base, kind):
+    text, path = drawn(base, kind, (0, 1), (0, 2))
+    before = scene(text, HERE).thing(path).part.model
+    moved = dragged(text, path, "center", (2.5, 2.9))
+    opening = scene(moved, HERE).thing(path).part.model
+    assert (opening.face, opening.center[0]) == ("y+", 2.5)
+    assert opening.center[1:] == before.center[1:]
+    assert (opening.size, opening.diameter) == (before.size, before.diameter)
+    corner = dragged(moved, path, "center", (0.1, 2.95))
+    assert scene(corner, HERE).thing(path).part.model.face in ("x-", "y+")
+    whole = base.replace("openings: []", "openings: [{kind: inlet, face: x-, speed: 0.5}]")
+    assert "face: x+, speed: 0.5" in dragged(whole, path, "center", (3.9, 1.5))
+
+
 def test_an_opening_slides_along_its_wall_and_its_edges_can_be_dragged():
     text, path = drawn(edits.BLANK, "inlet", (0, 1), (0, 2))
-    moved = dragged(text, path, "center", (0.7, 2.9))
+    moved = dragged(text, path, "center", (0.05, 2.9))
     assert value_at(data_of(moved), f"{path}.center") == [2.5]
     wider = dragged(text, path, "+0+1", (0, 2.4))
     assert value_at(data_of(wider), f"{path}.center") == [1.7]
