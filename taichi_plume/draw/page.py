@@ -43,7 +43,12 @@ STYLE = """
 .bk-btn, .bk-input, label { font-family: Helvetica, Arial, sans-serif; font-size: 13px; }
 """
 TEXT_STYLE = "textarea.bk-input { height: 100%; font: 12px monospace; white-space: pre; overflow: auto; }"
-ONE_LINE = {"color": "#5d6875", "white-space": "nowrap", "overflow": "hidden", "text-overflow": "ellipsis"}
+ONE_LINE: dict[str, str | None] = {
+    "color": "#5d6875",
+    "white-space": "nowrap",
+    "overflow": "hidden",
+    "text-overflow": "ellipsis",
+}
 ABOUT_NAME = "Another name saves the text as a new file"
 SCRIPT = """
 // Bokeh takes no drag that begins 0.3 s after the press; the longest timer of browsers puts that off
