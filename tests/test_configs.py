@@ -132,6 +132,7 @@ def test_quiet_room_is_the_story_of_its_header(tmp_path):
     assert verified(tmp_path / "recording.rrd")
 
 
+@pytest.mark.slow
 def test_playback_is_the_story_of_its_header(tmp_path):
     result = result_of("playback", tmp_path)
     assert sum(result["groups"][0]["per_trial"]["found"]) >= 1

@@ -167,6 +167,7 @@ def test_bad_input_is_told_without_traceback(scenario, options, fault, capsys):
     assert not Path("runs").exists()
 
 
+@pytest.mark.slow
 def test_full_directory_is_refused(scenario, fake, capsys):
     Path("out").mkdir()
     Path("out/result.json").write_text('{"name": "a", "status": "completed", "seed": 1}')

@@ -177,6 +177,7 @@ def scene(rng, groups, extent, low, high, folder, mesh):
     ],
     ids=["2-D", "3-D", "large"],
 )
+@pytest.mark.slow
 def test_no_body_ever_overlaps_anything(extent: tuple[float, ...], low, mesh, tmp_path: Path):
     """Robots of four kinds in 120 trials drive blindly through random scenes."""
     rng = np.random.default_rng(1)

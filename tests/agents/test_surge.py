@@ -18,6 +18,7 @@ def hunts(taichi):
 
 
 @pytest.mark.parametrize("kind", ["surge_cast", "surge_spiral"])
+@pytest.mark.slow
 def test_the_source_is_found(hunts, kind):
     (run,) = hunts[kind].search(200.0, 60)
     found = run.found == 1

@@ -51,6 +51,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return files
 
 
+@pytest.mark.slow
 def test_the_files_are_those_of_the_command(log, tmp_path, capsys):
     options = [
         "--map={kind: kernel_dmv, cell: 20 cm, memory: 8 s}",

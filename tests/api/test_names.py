@@ -40,6 +40,7 @@ def test_modules_behind_commands_do_not_replace_functions(name):
 
 
 @pytest.mark.parametrize("named", EXAMPLES, ids=lambda named: named.__qualname__)
+@pytest.mark.slow
 def test_examples_of_docstrings_run(taichi, tmp_path, monkeypatch, named):
     monkeypatch.chdir(tmp_path)
     (test,) = doctest.DocTestFinder(recurse=False).find(named, globs={"folder": tmp_path / "run"})

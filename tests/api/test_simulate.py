@@ -80,6 +80,7 @@ def test_gas_at_a_position_is_what_a_probe_measures(run, name):
     np.testing.assert_allclose(gas, probe.ethanol_ppm, rtol=gas.relative_precision, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_gas_at_a_position_without_fields_states_what_colours_resolve(run, tmp_path):
     """Between pixels whose colours are a level apart; the obstacle is elsewhere."""
     coloured = tp.simulate(
@@ -159,6 +160,7 @@ def test_a_failed_run_keeps_its_files_and_names_them(taichi, tmp_path):
     assert tp.open_run(tmp_path / "run").robots.t.max() > 0.9
 
 
+@pytest.mark.slow
 def test_another_thread_and_a_fork_get_one_clear_error(run, tmp_path):
     sim = tp.Simulation(DATA)
     caught: list[BaseException] = []

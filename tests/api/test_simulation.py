@@ -16,6 +16,7 @@ def sim(taichi) -> tp.Simulation:
     return tp.Simulation(DATA, seed=3)
 
 
+@pytest.mark.slow
 def test_its_steps_are_those_of_a_run(sim, tmp_path):
     run = tp.simulate(DATA, seed=3, out=tmp_path / "run", progress=False)
     sim.reset()
@@ -104,6 +105,7 @@ class Creep:
         robots.speed[:] = self.speed
 
 
+@pytest.mark.slow
 def test_a_class_drives_robots(sim):
     driven = tp.Simulation(DATA, overrides={"robots.0.algorithm": tp.Own(Creep, speed=0.05)})
     driven.run(until=1.0)

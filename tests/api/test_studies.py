@@ -64,6 +64,7 @@ def test_a_program_without_a_main_guard_gets_the_results_of_the_command(tmp_path
     assert "success" in html
 
 
+@pytest.mark.slow
 def test_failed_runs_cause_a_warning_and_other_processes_live_on(tmp_path):
     (tmp_path / "broken.py").write_text(
         "class Broken:\n    def act(self, robots):\n        raise OSError('no idea')\n"
@@ -136,6 +137,7 @@ def test_a_study_of_an_example_is_resumed_by_the_same_call(tmp_path, monkeypatch
     assert plan == load_plan(path_of("studies/wind_speeds"))
 
 
+@pytest.mark.slow
 def test_threads_may_execute_studies_at_once(tmp_path):
     main, environment = sys.modules["__main__"], dict(os.environ)
     with ThreadPoolExecutor(2) as threads:

@@ -214,6 +214,7 @@ def plume(x: float, y: float) -> float:
 
 
 @pytest.mark.usefixtures("taichi")
+@pytest.mark.slow
 def test_a_watch_file_holds_the_air_and_the_robots(tmp_path):
     import taichi_plume as tp
     from taichi_plume.guard.yaml_text import parse

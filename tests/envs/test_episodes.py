@@ -253,6 +253,7 @@ def test_a_word_ends_an_episode(engines):
     assert many.info["episode_number"].tolist() == [0, 0, 1, 1, 0]
 
 
+@pytest.mark.slow
 def test_resets_compile_nothing(engines):
     for engine in engines:
         engine.reset(seeds(engine.count))

@@ -112,6 +112,7 @@ def test_gymnasiums_checker_has_nothing_to_say(made):
         check_env(made("single").unwrapped)
 
 
+@pytest.mark.slow
 def test_the_registry_makes_the_vector_by_itself(made):
     envs = made("next_step")
     assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
@@ -122,6 +123,7 @@ def test_the_registry_makes_the_vector_by_itself(made):
     assert ID in gymnasium.registry
 
 
+@pytest.mark.slow
 def test_a_picture_shows_the_world(made):
     env = made("single")
     env.reset(seed=5)
@@ -350,6 +352,7 @@ def test_a_closed_environment_says_so_and_closes_twice(made):
             use()
 
 
+@pytest.mark.slow
 def test_a_closed_engine_serves_the_next_of_its_task(made):
     """It is as new: the same episodes, in arrays of its own, and nothing is compiled."""
     first = gymnasium.make(ID, scenario=TASK).unwrapped

@@ -71,6 +71,7 @@ def test_the_air_inside_moves_with_the_body(walked, outline):
     assert flow.diagnostics()["max_divergence"] < 1e-4
 
 
+@pytest.mark.slow
 def test_a_body_that_starts_at_once_gives_the_air_its_momentum():
     """Impulsive start: of a cylinder the added mass per length is that of the air it displaces (potential flow)."""
     R, U, L = 0.2, 0.5, 3.2
@@ -198,6 +199,7 @@ def test_bodies_that_touch_share_the_faces_between_them():
         np.testing.assert_allclose(runs[0][inside], speed, atol=0.05)
 
 
+@pytest.mark.slow
 def test_robots_on_a_floor_plan_have_the_drag_of_their_height():
     """Force per density of C_d = 1 in a slab of 0.5 m: 1/2 (2 R h) w |w| each, w the relative velocity."""
     R, h, depth, dt = 0.2, 0.15, 0.5, 1e-3

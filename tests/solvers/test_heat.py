@@ -133,6 +133,7 @@ def test_still_layers_hold_still_exactly_as_long_as_nothing_disturbs_them(layers
     np.testing.assert_allclose(p - p.mean(), weight - weight.mean(), atol=0.01 * np.ptp(weight))
 
 
+@pytest.mark.slow
 def test_heavy_gas_falls_as_it_should_at_first():
     """A column of gas beside air of the same width and height accelerates at +-a/2 where walls are far: the two streams
     share the weight.

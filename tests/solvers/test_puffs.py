@@ -304,6 +304,7 @@ def test_cells_are_means_of_what_is_sampled(periodic):
     np.testing.assert_allclose(gas.cells(4.0), mean, atol=0.015 * mean.max())
 
 
+@pytest.mark.slow
 def test_puffs_that_the_air_carries_stay_uniform_beside_a_box():
     grid = Grid((12, 10, 8), 0.1)
     solid = np.zeros(grid.shape, bool)

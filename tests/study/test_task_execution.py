@@ -114,6 +114,7 @@ def test_where_there_is_nothing_to_find_nobody_has_failed(tmp_path):
         assert row["final_distance_m"] > 0
 
 
+@pytest.mark.slow
 def test_what_was_numbers_by_another_structure_is_assembled_anew(tmp_path):
     base = changed(UNIFORM)
     for trials in (3, 4):
@@ -219,6 +220,7 @@ def test_a_path_leads_to_a_number_or_to_none(content, path, number):
     assert found(content, path) == number
 
 
+@pytest.mark.slow
 def test_the_folder_of_the_study_is_named_in_no_record(tmp_path):
     records = [execute_task(tasks.task(changed(UNIFORM), [{}], Path(tmp_path, name)))[0] for name in "ab"]
     assert plain(records)[0] == plain(records)[1]
