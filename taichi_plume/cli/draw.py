@@ -50,11 +50,6 @@ async def _serve(args: argparse.Namespace, workplace) -> None:
     from taichi_plume.draw.server import Service
 
     service = Service(workplace, args.port)
-    service.start()
-    say(f"draw {workplace.file.name}: {service.address}", flush=True)
-    say("Ctrl-C ends the command.", flush=True)
-    if not args.no_browser:
-        webbrowser.open(service.address)
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -62,11 +57,16 @@ async def _serve(args: argparse.Namespace, workplace) -> None:
             loop.add_signal_handler(number, lambda number=number: _asked(service, number, ended))
         except NotImplementedError:  # Windows: Ctrl-C raises KeyboardInterrupt
             break
+    service.start()
+    say(f"draw {workplace.file.name}: {service.address}", flush=True)
+    say("Ctrl-C ends the command.", flush=True)
+    if not args.no_browser:
+        webbrowser.open(service.address)
     try:
         await ended.wait()
     finally:
         service.stop()
-        if not workplace.saved:
+        if workplace.draft.exists():
             say(f"note: unsaved changes are kept in {workplace.draft.name}", error=True)
 
 

@@ -1,5 +1,6 @@
 """Attacks on the page: foreign hosts, pages and processes, and files outside the folder."""
 
+import signal
 import socket
 import subprocess
 import sys
@@ -160,6 +161,15 @@ def test_a_port_in_use_and_another_file_are_refused_in_one_line(tmp_path, page):
     (tmp_path / "notes.txt").write_text("mine")
     done = command(tmp_path, "notes.txt")
     assert done.returncode == 2
+
+
+@pytest.mark.slow
+def test_a_page_without_changes_ends_without_a_word(tmp_path):
+    with serving(tmp_path) as served:
+        served.process.send_signal(signal.SIGTERM)
+        assert served.process.wait(30) == 0
+        assert served.process.stderr.read() == ""
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_without_the_extra_the_command_says_so(tmp_path):
