@@ -39,7 +39,6 @@ judged. The unknown whose change leaves the smallest deviation of the layers exp
 
 from collections.abc import Mapping, Sequence
 from functools import cache, partial
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -167,7 +166,8 @@ def rise_time(c: np.ndarray) -> float:
 
 def fluctuations(ppm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return c'/C and the time to 1/e [s] of records (n, sensors), by block and sensor; (blocks, sensors) each."""
-    blocks = ppm[: len(ppm) // BLOCK * BLOCK].reshape(-1, BLOCK, ppm.shape[1])
+    size = min(BLOCK, len(ppm))
+    blocks = ppm[: len(ppm) // size * size].reshape(-1, size, ppm.shape[1])
     rest = detrend(blocks, axis=1)
     lag = np.array([[decorrelation(series) for series in block.T] for block in rest])
     return rest.std(axis=1) / blocks.mean(axis=1), lag
@@ -179,15 +179,9 @@ def decorrelation(series: np.ndarray) -> float:
     return STEP * float(np.argmax(correlation < correlation[0] / np.e))
 
 
-def record(path: Path) -> np.ndarray:
-    """Return the record of all sensors (n, 27) [ppm] in a file of the measurement, in the order of SENSORS."""
-    table = pd.read_csv(path)
-    return table[[name for name in table.columns if name.startswith("C_")]].to_numpy()
-
-
-def file_of(number: int) -> Path:
-    """Return the path of the file of an experiment in the data folder; raises MissingDataError."""
-    return data_file(f"orebro/exp{number:02d}.csv.gz", DOI)
+def record(number: int) -> np.ndarray:
+    """Return the record of an experiment (n, 27) [ppm] in the order of SENSORS. Raises MissingDataError."""
+    return pd.read_csv(data_file(f"orebro/exp{number:02d}.csv.gz", DOI)).filter(regex="^C_").to_numpy()
 
 
 def scenario(
@@ -371,7 +365,7 @@ def compared(
 
 def of_records(_: int) -> Results:
     """Return the statistics of the published records, which MEASURED has; raises MissingDataError."""
-    found = {number: statistics(record(file_of(number))) for number in MEASURED}
+    found = {number: statistics(record(number)) for number in MEASURED}
     return {
         f"{name}, exp. {number}": Mean(float(getattr(part, field)), None, None, 1)
         for number, part in found.items()

@@ -61,15 +61,17 @@ def test_the_time_to_1_over_e_is_that_of_an_exponential(seconds):
     assert np.mean([case.decorrelation(part) for part in series]) == pytest.approx(seconds, rel=0.1)
 
 
-def test_a_file_is_read_in_the_order_of_the_sensors(tmp_path):
+def test_a_file_is_read_in_the_order_of_the_sensors(tmp_path, monkeypatch):
     names = [f"C_{i}{j}{k} (ppm)" for i in range(3) for j in range(3) for k in range(3)]
     columns = (
         {"# t (s)": [0.0, 0.5]} | {name: [n, 10.0 * n] for n, name in enumerate(names)} | {"T_1 (deg)": 20.0}
     )
-    path = tmp_path / "exp01.csv.gz"
+    path = tmp_path / "orebro" / "exp01.csv.gz"
+    path.parent.mkdir()
+    monkeypatch.setenv("TAICHI_PLUME_DATA", str(tmp_path))
     with gzip.open(path, "wt") as file:
         pd.DataFrame(columns).to_csv(file, index=False)
-    assert case.record(path).tolist() == [list(range(27)), [10.0 * n for n in range(27)]]
+    assert case.record(1).tolist() == [list(range(27)), [10.0 * n for n in range(27)]]
     heights = case.SENSORS.reshape(-1, 3, 3)[:, :, 2]
     assert (heights == case.HEIGHTS).all()
 

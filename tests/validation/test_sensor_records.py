@@ -95,7 +95,7 @@ def folder(tmp_path, monkeypatch):
         ppm = np.concatenate([CLEAR, rise, fall, np.linspace(5.0, 50.0, 120)[:, None]]) * gains
         ppm[:QUIET] += np.repeat(rng.choice([0.0, 0.02], (QUIET // 4, 6)), 4, axis=0)
         table = pd.DataFrame(ppm, columns=[f"C_{n}{k} (ppm)" for n in range(2) for k in range(3)])
-        table.to_csv(tmp_path / "orebro" / f"exp{name}.csv.gz", index=False)
+        table.to_csv(tmp_path / "orebro" / f"exp{name:02d}.csv.gz", index=False)
     monkeypatch.setenv(VARIABLE, str(tmp_path))
     for part in (case.records, case.our_records):
         part.cache_clear()
