@@ -349,7 +349,9 @@ class Page(Pointer):
 
     def _renamed(self, name: str) -> None:
         if name != self.workplace.file.name:
-            self.tried(lambda: self.workplace.save_as(name))
+            self.say("")
+            if name:
+                self.tried(lambda: self.workplace.save_as(name))
             self.name.value = self.workplace.file.name
 
     def _offer_reload(self) -> None:

@@ -89,13 +89,18 @@ class Workplace:
         self._changed()
 
     def save_as(self, name: str) -> None:
-        """Give the text another file in the folder, and write it. Raises InputError if the file exists."""
-        file = self._permitted(self.root / name)
-        if file.exists():
+        """Give the text another file in the folder, and write it. Raises InputError; the text keeps its file then."""
+        file = self._permitted(self.folder / name)
+        if os.path.lexists(file):
             raise InputError(f"{name}: exists already; choose another name")
-        draft, self.file, self.on_disk = self.draft, file, None
+        before, draft = (self.file, self.on_disk), self.draft
+        self.file, self.on_disk = file, None
+        try:
+            self.save()
+        except InputError:
+            self.file, self.on_disk = before
+            raise
         draft.unlink(missing_ok=True)
-        self.save()
 
     @property
     def changed_on_disk(self) -> bool:
@@ -151,6 +156,8 @@ class Workplace:
                 f"{file}: lies outside the folder in which the command was started; start it there, or add "
                 "--allow-outside"
             )
+        if not os.path.isdir(file.parent):
+            raise InputError(f"{file.parent}: there is no such folder")
         return file
 
     def _free_name(self) -> Path:
@@ -159,7 +166,7 @@ class Workplace:
 
     def _read(self) -> str | None:
         """Return the text of the file; None if there is no file. Raises InputError."""
-        if not self.file.exists():
+        if not os.path.exists(self.file):  # no error for a name that the system refuses
             return None
         try:
             return read_text(self.file)

@@ -213,6 +213,9 @@ def test_another_name_makes_another_file(tmp_path):
     page.name.value = "../other.yaml"
     assert "lies outside" in page.message.text
     assert page.name.value == "other.yaml"
+    page.name.value = ""
+    assert page.name.value == "other.yaml"
+    assert page.message.text == ""
 
 
 def test_own_code_is_run_after_the_question_of_the_command_alone(tmp_path, monkeypatch):

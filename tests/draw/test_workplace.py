@@ -130,6 +130,31 @@ def test_another_name_is_taken_if_it_is_free_and_inside(place, tmp_path):
             place.save_as(name)
 
 
+def test_another_name_is_of_the_same_folder(tmp_path):
+    """The files that a scenario names are sought there."""
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub/s.yaml").write_text(ROOM)
+    place = Workplace(tmp_path, tmp_path / "sub/s.yaml")
+    place.save_as("t.yaml")
+    assert (tmp_path / "sub/t.yaml").read_text() == ROOM
+
+
+@pytest.mark.parametrize("name", ["none/x.yaml", f"{300 * 'x'}.yaml"])
+def test_a_name_that_cannot_be_written_leaves_file_and_draft(place, name):
+    place.put(edited(place))
+    before = place.file, place.on_disk, place.draft.read_text()
+    with pytest.raises(InputError):
+        place.save_as(name)
+    assert (place.file, place.on_disk, place.draft.read_text()) == before
+    place.save()
+    assert place.saved
+
+
+def test_a_file_in_a_missing_folder_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no such folder"):
+        Workplace(tmp_path, tmp_path / "none/x.yaml")
+
+
 def test_files_outside_are_opened_if_allowed_alone(tmp_path):
     (tmp_path / "inner").mkdir()
     (tmp_path / "s.yaml").write_text(ROOM)
