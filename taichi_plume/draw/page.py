@@ -328,8 +328,12 @@ class Page(Pointer):
         self.edit(lambda: edits.turn(self.workplace.text, self.chosen, degrees))
 
     def _delete(self) -> None:
-        if self.scene.thing(self.chosen) is not None:
-            self.edit(lambda: edits.remove(self.workplace.text, self.chosen))
+        if self.scene.thing(self.chosen) is None:
+            return
+        new = self.tried(lambda: edits.remove(self.workplace.text, self.chosen))
+        if new is not None:
+            self.chosen = ""  # its path is now that of the next item, which a second Delete would remove
+            self.put(new)
 
     def _fit(self) -> None:
         for canvas in self.canvases.values():

@@ -218,6 +218,15 @@ def test_another_name_makes_another_file(tmp_path):
     assert page.message.text == ""
 
 
+def test_a_second_delete_deletes_no_other_object(page):
+    page.choose("obstacles[0]")
+    page._key("delete")
+    once = page.workplace.text
+    assert once != ROOM
+    page._key("delete")
+    assert page.workplace.text == once
+
+
 def test_own_code_is_run_after_the_question_of_the_command_alone(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text("class Mine:\n    def act(self, robots):\n        pass\n")
     text = ROOM.replace("{kind: casting, threshold_ppm: 5}", "{kind: own, file: mine.py}", 1)
