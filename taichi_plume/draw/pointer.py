@@ -78,7 +78,9 @@ class Pointer:
         files = sorted(
             f.name
             for f in self.workplace.folder.iterdir()
-            if f.suffix.lower() in endings and not f.name.startswith(".")
+            if f.suffix.lower() in endings
+            and not f.name.startswith(".")
+            and (self.kind != "map" or _is_map(f))
         )
         self.file.update(visible=bool(endings), options=files, value=files[0] if files else "")
         for canvas in self.canvases.values():

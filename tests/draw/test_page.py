@@ -227,6 +227,15 @@ def test_a_second_delete_deletes_no_other_object(page):
     assert page.workplace.text == once
 
 
+def test_a_robot_is_dragged_without_being_chosen_before(page):
+    use(page, "robots")
+    drag(page, (3.0, 0.3))
+    use(page, "select")
+    page.choose("")
+    drag(page, (3.0, 0.3), (3.2, 0.5))
+    assert "positions: [[3.2, 0.5]]" in page.workplace.text
+
+
 def test_own_code_is_run_after_the_question_of_the_command_alone(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text("class Mine:\n    def act(self, robots):\n        pass\n")
     text = ROOM.replace("{kind: casting, threshold_ppm: 5}", "{kind: own, file: mine.py}", 1)
