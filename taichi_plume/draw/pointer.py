@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from html import escape
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from bokeh.events import DoubleTap, Pan, PanEnd, PanStart, Tap
@@ -9,9 +10,11 @@ from bokeh.models import Div, RadioButtonGroup, Select
 
 from taichi_plume.draw import edits
 from taichi_plume.draw.canvas import Canvas
+from taichi_plume.draw.document import data_of
 from taichi_plume.draw.objects import Scene, preview
 from taichi_plume.draw.parts import Plane, Point
 from taichi_plume.draw.workplace import Workplace
+from taichi_plume.guard.yaml_text import LineError, read_text
 from taichi_plume.report.theme import ABOVE
 
 STEPS = {"1 cm": 0.01, "5 cm": 0.05, "10 cm": 0.1, "25 cm": 0.25, "off": 0.0}
@@ -136,10 +139,11 @@ class Pointer:
             if path != self.chosen:
                 self.choose(path)
             thing = self.scene.thing(path)
-            handle = "center" if thing is not None and "center" in thing.handles(canvas.plane) else None
+            handles = thing.handles(canvas.plane) if thing is not None else {}
+            handle = "center" if "center" in handles else next(iter(handles)) if len(handles) == 1 else None
             if thing is None or handle is None:
                 return
-            x, y = thing.handles(canvas.plane)[handle]
+            x, y = handles[handle]
             self.dragged = Drag(canvas, path, handle, at, (x - at[0], y - at[1]))
             return
         self.dragged = Drag(canvas, self.chosen, handle, at)
@@ -188,3 +192,11 @@ class Pointer:
                 lambda: edits.move_handle(self.workplace.text, self.scene, path, handle, canvas.plane, target)
             )
             self.refresh()
+
+
+def _is_map(file: Path) -> bool:
+    """Return whether a YAML file is a map of ROS's map_server: scenarios lie beside it."""
+    try:
+        return "image" in data_of(read_text(file))
+    except (LineError, OSError):
+        return False

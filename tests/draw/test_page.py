@@ -236,6 +236,13 @@ def test_a_robot_is_dragged_without_being_chosen_before(page):
     assert "positions: [[3.2, 0.5]]" in page.workplace.text
 
 
+def test_scenarios_are_not_offered_as_maps(page):
+    (page.workplace.folder / "hall.yaml").write_text("image: hall.png\nresolution: 0.05\n")
+    (page.workplace.folder / "broken.yaml").write_text("[")
+    use(page, "map")
+    assert page.file.options == ["hall.yaml"]
+
+
 def test_own_code_is_run_after_the_question_of_the_command_alone(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text("class Mine:\n    def act(self, robots):\n        pass\n")
     text = ROOM.replace("{kind: casting, threshold_ppm: 5}", "{kind: own, file: mine.py}", 1)
