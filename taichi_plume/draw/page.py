@@ -55,13 +55,14 @@ SCRIPT = """
 Bokeh.require("core/ui_gestures").UIGestures.press_threshold = 2 ** 31 - 1
 document.addEventListener("keydown", (event) => {
   const target = event.composedPath()[0]
-  if (["INPUT", "TEXTAREA", "SELECT"].includes(target.tagName)) return
+  const typing = ["INPUT", "TEXTAREA", "SELECT"].includes(target.tagName)
   const command = event.ctrlKey || event.metaKey
   const key = event.key.toLowerCase()
   const name = command ? {z: event.shiftKey ? "redo" : "undo", y: "redo", d: "copy", s: "save"}[key]
                        : {delete: "delete", backspace: "delete", escape: "escape"}[key]
-  if (name == null) return
+  if (name == null || (typing && name != "save")) return
   event.preventDefault()
+  if (typing) target.dispatchEvent(new Event("change"))  // Bokeh takes an entry once its field is left
   keys.value = `${name} ${Date.now()}`
 })
 """

@@ -123,6 +123,8 @@ def test_a_file_is_opened_changed_and_saved_with_its_comments(visit, tmp_path):
     area.click()
     page.changed(lambda: area.fill(page.yaml.replace("center: [1.5, 2.1]", "center: [0.7, 1.45]")))
     page.until(lambda: "error" in page.text_of("size"))
+    area.press("Control+s")
+    page.until(lambda: "center: [0.7, 1.45]" in file.read_text())
     page.tab("Remarks")
     assert "is inside obstacles[0] (cylinder)" in page.text_of("remarks")
     page.picture("d_mistake")
