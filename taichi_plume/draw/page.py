@@ -116,7 +116,7 @@ class Page(Pointer):
         run = Button(label="▶ Run", width=90, button_type="success", name="run", stylesheets=[sheet])
         run.on_click(self._run)
         share = Div(
-            text='<a href="share/room.yaml">YAML</a> &nbsp; <a href="share/room.png">picture</a>',
+            text='<a href="share/room.yaml">YAML</a> &nbsp; <a href="share/room.png" target="_blank">picture</a>',
             align="center",
         )
         fit = self._button("Whole room", self._fit, 95)
