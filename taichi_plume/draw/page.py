@@ -132,6 +132,7 @@ class Page(Pointer):
             share,
             run,
             sizing_mode="stretch_width",
+            styles={"flex-wrap": "wrap"},  # in a narrow window
         )
         self.palette = RadioButtonGroup(
             labels=["select", *edits.KINDS], active=0, orientation="vertical", width=110, stylesheets=[sheet]

@@ -134,6 +134,19 @@ def test_a_file_is_opened_changed_and_saved_with_its_comments(visit, tmp_path):
     assert page.elsewhere == []
 
 
+def test_every_button_is_seen_in_a_narrow_window(visit):
+    page = visit()
+    page.page.set_viewport_size({"width": 1024, "height": 640})
+    page.page.wait_for_timeout(500)
+    assert page.page.evaluate("document.documentElement.scrollWidth") == 1024
+    for button in (
+        page.page.locator(".bk-btn").get_by_text(label).first for label in ("Undo", "Save", "Run")
+    ):
+        box = button.bounding_box()
+        assert 0 <= box["x"] < box["x"] + box["width"] <= 1024
+    page.page.get_by_text("▶ Run").click(trial=True, timeout=5_000)  # nothing lies over it
+
+
 def test_two_tabs_show_each_other_s_edits_and_closing_one_loses_nothing(visit, tmp_path):
     (tmp_path / "s.yaml").write_text(ROOM)
     first, second = visit("s.yaml"), visit()
