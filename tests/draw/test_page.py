@@ -243,6 +243,20 @@ def test_scenarios_are_not_offered_as_maps(page):
     assert page.file.options == ["hall.yaml"]
 
 
+def test_a_mesh_is_chosen_by_a_click_inside(tmp_path):
+    """From above its upper and its lower triangles cover each other."""
+    corners, faces = ("0 0 0", "1 0 0", "0 1 0", "0 0 1"), ("1 3 2", "1 2 4", "2 3 4", "3 1 4")
+    lines = [f"v {corner}" for corner in corners] + [f"f {face}" for face in faces]
+    (tmp_path / "body.obj").write_text("\n".join(lines))
+    _, page = opened(
+        tmp_path,
+        "domain: {size: [4, 3, 2], spacing: 0.1}\nobstacles: [{kind: mesh, file: body.obj, translate: [2, 1, 0.5]}]",
+    )
+    canvas = page.canvases[ABOVE]
+    assert canvas.thing_at(page.scene, (2.3, 1.3)) == "obstacles[0]"
+    assert canvas.thing_at(page.scene, (2.8, 1.8)) is None
+
+
 def test_own_code_is_run_after_the_question_of_the_command_alone(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text("class Mine:\n    def act(self, robots):\n        pass\n")
     text = ROOM.replace("{kind: casting, threshold_ppm: 5}", "{kind: own, file: mine.py}", 1)
