@@ -144,7 +144,7 @@ KINDS = {
     "cylinder": "A pillar: drag from its middle to its rim",
     "sphere": "A ball: drag from its middle to its rim",
     "polygon": "Walls with corners: click each corner, then double-click",
-    "mesh": "A CAD model beside the scenario (STL, OBJ, PLY): click where its middle is",
+    "mesh": "A CAD model beside the scenario (STL, OBJ, PLY): click where its origin is",
     "map": "The walls of a map of ROS beside the scenario: click anywhere",
     "walker": "A person who walks: click the start and each way point, then double-click",
     "heater": "A warm thing: click",
