@@ -212,6 +212,7 @@ class Canvas:
             model: Any = thing.part.model if thing.part is not None else None
             if (
                 not thing.path.startswith("wind.openings")
+                or model is None
                 or not model.passes
                 or model.normal not in self.plane
             ):

@@ -143,6 +143,30 @@ def test_a_mistake_is_marked_at_its_object(page):
     assert "7,500 cells" in page.size.text
 
 
+SECTIONS = {
+    "wind": "{kind: cfd, openings: [%s]}",
+    "obstacles": "[%s]",
+    "robots": "[%s]",
+    "gas": "{kind: eulerian, sources: [%s]}",
+    "probes": "{points: [%s]}",
+    "arena": "%s",
+}
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+@pytest.mark.parametrize(
+    "item", ["null", "3", "[2]", "{kind: 5}", "{kind: inlet, face: q}", "{position: [1]}"]
+)
+@pytest.mark.parametrize("size", ["[4, 3]", "[4, 3, 2]"])
+def test_sections_with_mistakes_leave_the_page_alive(tmp_path, section, item, size):
+    _, page = opened(tmp_path)
+    page._typed(f"domain: {{size: {size}, spacing: 0.1}}\n{section}: {SECTIONS[section] % item}\n")
+    page.choose(page.scene.things[-1].path)
+    page.workplace.found(*page.workplace.check())
+    assert page.remarks.text.count(" error</b>") >= 1
+    assert "missing key" in page.size.text
+
+
 def test_texts_are_shown_as_they_are_and_never_as_html(tmp_path):
     evil = "<img src=x onerror=alert(1)>"
     place, page = opened(tmp_path, ROOM.replace("name: casters", f'name: "{evil}"') + f'"{evil}": 1\n')
