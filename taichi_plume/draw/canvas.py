@@ -345,16 +345,12 @@ class Canvas:
 
 
 def _inside(points: np.ndarray, at: Point) -> bool:
-    """Return whether a point lies in polygons separated by rows of NaN: they wind around it.
-
-    Triangles of a mesh cover each other, from above those of its top and of its bottom.
-    """
-    winding = 0
+    """Return whether a point lies in polygons separated by rows of NaN, by the even-odd rule, as Bokeh fills them."""
+    crossings = 0
     for a, b in _edges(points, True):
         if (a[1] > at[1]) != (b[1] > at[1]):
-            right = at[0] < a[0] + (at[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
-            winding += (1 if b[1] > a[1] else -1) * bool(right)
-    return winding != 0
+            crossings += at[0] < a[0] + (at[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
+    return bool(crossings % 2)
 
 
 def _edges(points: np.ndarray, closed: bool) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -1,6 +1,7 @@
 """Drawings of obstacles: outlines of their projections, seen from above or from the side."""
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, Protocol, TypeGuard
 
 import numpy as np
@@ -11,6 +12,7 @@ from matplotlib.collections import PatchCollection
 from matplotlib.patches import Circle, Patch, PathPatch, Polygon, Rectangle
 from matplotlib.path import Path as Outline
 from matplotlib.transforms import Affine2D
+from PIL import Image, ImageDraw
 
 from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.meshes import Solid
@@ -19,8 +21,9 @@ from taichi_plume.report import theme
 from taichi_plume.report.theme import ABOVE
 
 MOST_RECTANGLES = 20_000  # largest number of a map's wall boxes: beyond, pixels are joined
+CACHED = 64  # silhouettes
 FINE = 500.0  # pixels per metre, as which matplotlib divides curves into edges
-SECTION_NODES = 200  # per axis, to find the section of a mesh in 2-D
+SECTION_NODES = 200  # per axis, to find the section of a mesh in 2-D, or the outline of its projection
 Style = dict[str, Any]
 
 
@@ -48,10 +51,27 @@ def solid(axes: Axes, shape: Shape, plane: tuple[int, int]) -> Artist:
 
 
 def polygons(shape: Shape, plane: tuple[int, int]) -> list[np.ndarray]:
-    """Return the polygons (n, 2) [m] that the drawing of an obstacle's projection fills, each closed."""
+    """Return the polygons (n, 2) [m] of an obstacle's projection, each closed; by the even-odd rule they fill it."""
+    if isinstance(shape, Solid) and len(shape.low) == 3:
+        return _silhouette(shape, plane)
     patch = _patch(shape, plane, {})
     path = patch.get_path().transformed(patch.get_patch_transform() + Affine2D().scale(FINE))
     return [np.asarray(corners) / FINE for corners in path.to_polygons(closed_only=True)]
+
+
+@lru_cache(CACHED)
+def _silhouette(shape: Solid, plane: tuple[int, int]) -> list[np.ndarray]:
+    """Return the outlines of a mesh's projection, exact to half a pixel of SECTION_NODES along the longer side."""
+    low, size = shape.low[list(plane)], (shape.high - shape.low)[list(plane)]
+    pixel = size.max() / SECTION_NODES
+    columns, rows = np.ceil(size / pixel).astype(int) + 3  # an empty one around
+    image = Image.new("L", (columns, rows))
+    drawing = ImageDraw.Draw(image)
+    for corners in (shape.vertices[shape.triangles][..., list(plane)] - low) / pixel + 1.0:
+        drawing.polygon([(x, y) for x, y in corners], fill=1)
+    x, y = (low[n] + pixel * (np.arange(count) - 1.0) for n, count in enumerate((columns, rows)))
+    lines: Any = contour_generator(x, y, np.asarray(image, float)).lines(0.5)
+    return lines
 
 
 def _patch(shape: Shape, plane: tuple[int, int], style: Style) -> Patch:
