@@ -238,6 +238,8 @@ def _item(
     if kind == "walker":
         return "obstacles", _walker(points)
     if kind == "heater":
+        if flat and value_at(scene_data(text), "wind.buoyancy.gravity") is None:
+            raise EditError("domain.size: a heater takes a third number, the height: its warm air rises")
         return "wind.buoyancy.heat.heaters", {"position": [*a, *low], "power": "50 W"}
     if kind == "source":
         return _list_of_sources(text), {"position": [*a, *low], "rate": "10 mg/s", "radius": "5 cm"}

@@ -83,6 +83,7 @@ class Page(Pointer):
         for canvas in self.canvases.values():
             self.listen(canvas)  # before it joins the document: Bokeh learns of callbacks then
         self._build()
+        self._tool_changed()
         workplace.listeners.append(self._later)
         document.add_periodic_callback(self.look, PERIOD)
         document.on_session_destroyed(lambda _: self.leave())
@@ -172,7 +173,7 @@ class Page(Pointer):
                 TabPanel(child=self.runs.report, title="Report"),
                 TabPanel(child=self.runs.recording, title="Recording"),
             ],
-            width=430, sizing_mode="stretch_height", stylesheets=[sheet],
+            width=430, sizing_mode="stretch_height", stylesheets=[sheet], styles={"max-width": "60vw"},
         )  # fmt: skip
         self.tabs.on_change("active", lambda _attr, _old, new: self._tab(new))
         self.keys = TextInput(visible=False, name="keys")

@@ -17,6 +17,8 @@ from taichi_plume.guard.input_error import InputError
 from taichi_plume.report import theme
 from taichi_plume.scenario.outputs import Recording
 
+ENDED = ("completed", "stopped")
+"""States of runs that have come to their end; a run stops early if its robots are done."""
 CELL = "text-align:left;vertical-align:top;padding:3px 8px 3px 0;border-bottom:1px solid #e3e7eb"
 WHOLE = ".bk-clearfix { width: 100%; height: 100%; }"
 FRAME = "width:100%;height:calc(100vh - 150px);border:1px solid #c9d1d9;background:#fff"
@@ -123,17 +125,21 @@ class RunPanel:
         if run.sight is not self._shown:
             self._shown = run.sight
             self._show_readings(run.sight)
-        lines = [] if run.alive or run.state in ("completed", "stopped") else run.output
+        as_asked = run.alive or run.state in ENDED or run.stopping
+        lines = [] if as_asked else run.output
         self.output.text = "".join(f"<div style='color:#d32f2f'>{escape(line)}</div>" for line in lines)
         self._show_frames(run)
 
     def _show_progress(self, run: Run) -> None:
         sight, left = run.sight, run.left
         done = sight.done if sight is not None else 0.0
-        clock = f"{sight.t:.1f} of {sight.end:g} s" if sight is not None else ""
+        current = run.alive or run.state in ENDED  # a run that is interrupted writes no last state
+        clock = f"{sight.t:.1f} of {sight.end:g} s" if sight is not None and current else ""
         remaining = f", about {left:.0f} s left" if left is not None else ""
         bar = f"<progress max='1' value='{done:.3f}' style='width:120px'></progress>" if run.alive else ""
-        self.progress.text = f"{bar} <b>run {run.number}</b> {escape(run.state)} {clock}{remaining}"
+        why = str(run.result.get("message", "")) if run.state == "stopped" else ""
+        words = ": ".join(filter(None, (run.state, why)))
+        self.progress.text = f"{bar} <b>run {run.number}</b> {escape(words)} {clock}{remaining}"
 
     def _show_readings(self, sight: Sight | None) -> None:
         times, *readings = sight.readings.T if sight is not None else [np.empty(0)]
