@@ -71,6 +71,7 @@ rivals: true
 """
 
 
+@pytest.mark.slow
 def test_classes_of_a_file_and_handed_over_drive_robots(path):
     class Circle:
         def act(self, robots):

@@ -144,6 +144,7 @@ def test_bad_input_is_one_error_and_nothing_is_written(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_failed_run_keeps_its_files_and_names_them(taichi, tmp_path):
     file = tmp_path / "bad.py"
     file.write_text(

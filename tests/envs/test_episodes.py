@@ -151,6 +151,7 @@ def test_single_engines_and_one_of_many_give_the_same(engines, mode):
         np.testing.assert_array_equal(follow(one, told[:, e : e + 1], mode)[:, 0], together[:, e])
 
 
+@pytest.mark.slow
 def test_episodes_differ(engines):
     _, many = engines
     many.reset(seeds(MANY))

@@ -199,6 +199,7 @@ def fault_of(folder: Path) -> str:
     return ""
 
 
+@pytest.mark.slow
 def test_damage_is_told_in_a_line(tmp_path, plan):
     begun(tmp_path, plan, [record()], [record("b" * 16)])
     part = tmp_path / "parts" / "000000.parquet"
