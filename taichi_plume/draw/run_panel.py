@@ -46,6 +46,7 @@ class RunPanel:
             x_axis_label="t [s]",
             y_axis_label="reading [ppm]",
         )
+        self.plot.visible = False  # until there are readings
         self.plot.multi_line("xs", "ys", line_color="color", line_width=1.5, source=self.curves)
         self.plot.outline_line_color = None
         self.plot.grid.grid_line_color = "#e3e7eb"
@@ -143,6 +144,7 @@ class RunPanel:
 
     def _show_readings(self, sight: Sight | None) -> None:
         times, *readings = sight.readings.T if sight is not None else [np.empty(0)]
+        self.plot.visible = bool(readings)
         self.curves.data = {
             "xs": [times for _ in readings],
             "ys": readings,
