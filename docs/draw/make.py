@@ -15,7 +15,7 @@ from PIL import Image
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parents[1] / "tests" / "draw"), str(HERE.parents[1])]
 
-from browser import Browser, program  # noqa: E402
+from browser import Browser, launched  # noqa: E402
 from playwright.sync_api import sync_playwright  # noqa: E402
 from served import serving  # noqa: E402
 
@@ -66,7 +66,7 @@ class Film:
 def main() -> None:
     """Draw the room, run it, and write the pictures."""
     with tempfile.TemporaryDirectory() as folder, serving(Path(folder)) as served, sync_playwright() as tools:
-        browser = tools.chromium.launch(executable_path=program(), args=["--no-sandbox"])
+        browser = launched(tools)
         page = Browser(browser.new_context().new_page(), served, SIZE)
         film = Film(page)
         film.shoot(STEP)

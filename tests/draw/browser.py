@@ -11,6 +11,7 @@ import pytest
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 PICTURES = os.environ.get("TAICHI_PLUME_PICTURES", "")
 """Folder for pictures of each step, to be looked at; none by default."""
+FLAGS = ("--no-sandbox", "--disable-dev-shm-usage")  # for containers, which have little shared memory
 VIEW = """() => {
   const models = [...Bokeh.documents[0]._all_models.values()]
   const plot = models.find((model) => model.name == "above")
@@ -31,6 +32,17 @@ def program() -> str:
     if path is None:
         pytest.skip(f"no browser is installed: {', '.join(NAMES)}")
     return path
+
+
+def launched(tools):
+    """Chromium of Playwright's tools; the test is skipped where no browser can be started."""
+    path = program()
+    from playwright.sync_api import Error
+
+    try:
+        return tools.chromium.launch(executable_path=path, args=list(FLAGS))
+    except Error as fault:
+        pytest.skip(f"{path} cannot be started: {str(fault).splitlines()[0]}")
 
 
 class Browser:

@@ -3,7 +3,7 @@
 import time
 
 import pytest
-from browser import Browser, program
+from browser import Browser, launched, program
 from served import serving
 from test_document import ROOT
 
@@ -17,11 +17,11 @@ ROOM = (ROOT / "configs/casting_room.yaml").read_text()
 
 @pytest.fixture(scope="module")
 def chromium():
-    path = program()
+    program()
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as tools:
-        browser = tools.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        browser = launched(tools)
         yield browser
         browser.close()
 
