@@ -139,8 +139,8 @@ class RunPanel:
         remaining = f", about {left:.0f} s left" if left is not None else ""
         bar = f"<progress max='1' value='{done:.3f}' style='width:120px'></progress>" if run.alive else ""
         why = str(run.result.get("message", "")) if run.state == "stopped" else ""
-        words = ": ".join(filter(None, (run.state, why)))
-        self.progress.text = f"{bar} <b>run {run.number}</b> {escape(words)} {clock}{remaining}"
+        words = f"{run.state}: {why}" if why else f"{run.state} {clock}{remaining}"
+        self.progress.text = f"{bar} <b>run {run.number}</b> {escape(words)}"
 
     def _show_readings(self, sight: Sight | None) -> None:
         times, *readings = sight.readings.T if sight is not None else [np.empty(0)]
