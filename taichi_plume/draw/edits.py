@@ -111,7 +111,8 @@ def copy(text: str, path: str, folder: Path) -> tuple[str, str]:
     copied = f"{above}[{len(value_at(scene_data(new), above)) - 1}]"
     name = value_at(scene_data(new), f"{copied}.name")
     if isinstance(name, str) or above == "robots":
-        new = set_value(new, f"{copied}.name", _free_name(new, above, name or "robots"))
+        stem = name if isinstance(name, str) and name else "robots"
+        new = set_value(new, f"{copied}.name", _free_name(new, above, stem))
     try:
         moved = shift(new, scene(new, folder), copied, (BESIDE, BESIDE))
     except EditError:
