@@ -11,7 +11,7 @@ from bokeh.models import ColumnDataSource, Range1d, WheelZoomTool
 from bokeh.plotting import figure
 
 from taichi_plume.draw.objects import Scene, Thing
-from taichi_plume.draw.parts import Plane, Point
+from taichi_plume.draw.parts import Plane, Point, Rectangle
 from taichi_plume.execution.watch_file import Sight
 from taichi_plume.record.drawing import Scale
 from taichi_plume.report import theme
@@ -26,7 +26,6 @@ ARROW = 0.05  # of the longer side: an arrow of the fastest wind
 FONT = "Helvetica, Arial, sans-serif"
 CHOSEN, WRONG, UNLIKELY = "#0b6bcb", theme.WRONG, "#b26a00"
 SHAPES = ("xs", "ys", "color", "alpha", "edge", "width", "path")
-EMPTY_IMAGE = np.zeros((1, 1), np.uint32)
 
 
 class Canvas:
@@ -55,7 +54,7 @@ class Canvas:
             "wind": ("x0", "y0", "x1", "y1"), "areas": SHAPES, "lines": SHAPES, "handles": ("x", "y", "name", "marker"),
             "flows": ("x", "y", "angle", "color"), "labels": ("x", "y", "text", "color"),
             "marks": ("x", "y", "text", "color"),
-            "robots": ("x", "y", "color"), "noses": ("x0", "y0", "x1", "y1", "color"), "sketch": ("x", "y"),
+            "robots": ("x", "y", "color"), "headings": ("x0", "y0", "x1", "y1", "color"), "sketch": ("x", "y"),
         }  # fmt: skip
         self.sources = {name: ColumnDataSource({key: [] for key in keys}) for name, keys in names.items()}
         self.sources["image"].name = "gas" if plane == ABOVE else None
@@ -103,7 +102,7 @@ class Canvas:
             fill_color="color",
             line_color=None,
         )
-        plot.segment("x0", "y0", "x1", "y1", source=of["noses"], line_color="color", line_width=3)
+        plot.segment("x0", "y0", "x1", "y1", source=of["headings"], line_color="color", line_width=3)
         plot.scatter(
             "x", "y", source=of["robots"], size=13, fill_color="color", line_color="#ffffff", line_width=1.5
         )
@@ -180,8 +179,8 @@ class Canvas:
             edge, width = WRONG, max(width, 2.5)
         if thing.path == chosen:
             edge, width = CHOSEN, max(width, 2.5)
-        if "start" in (thing.part.within if thing.part else "") and type(thing.part).__name__ == "Rectangle":
-            alpha = 0.2
+        if thing.path.startswith("robots") and isinstance(thing.part, Rectangle):
+            alpha = 0.2  # an area of starts
         return {
             "color": thing.color, "alpha": alpha if closed else 1.0, "edge": edge, "width": width, "path": thing.path,
         }  # fmt: skip
@@ -296,7 +295,7 @@ class Canvas:
         if sight is None or self.plane != ABOVE or self.room is None:
             self.sources["image"].data = {key: [] for key in ("image", "x", "y", "dw", "dh")}
             self.sources["wind"].data = {key: [] for key in ("x0", "y0", "x1", "y1")}
-            self.sources["noses"].data = {key: [] for key in ("x0", "y0", "x1", "y1", "color")}
+            self.sources["headings"].data = {key: [] for key in ("x0", "y0", "x1", "y1", "color")}
             self.sources["robots"].data = {key: [] for key in ("x", "y", "color")}
             return
         low, high = (recording or Recording()).range_ppm
@@ -314,7 +313,7 @@ class Canvas:
         colors = [theme.robot(n) for n in range(len(x))]
         reach = 0.03 * max(self.room[:2])
         ends: Mapping[str, Any] = {"x1": x + reach * np.cos(heading), "y1": y + reach * np.sin(heading)}
-        self.sources["noses"].data = {"x0": x, "y0": y, "color": colors, **ends}
+        self.sources["headings"].data = {"x0": x, "y0": y, "color": colors, **ends}
         self.sources["robots"].data = {"x": x, "y": y, "color": colors}
 
     # ---------------------------------------------------------------- pointing

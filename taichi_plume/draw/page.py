@@ -391,9 +391,10 @@ class Page(Pointer):
         """Show the state of the runs, and of the file."""
         self.runs.refresh()
         sight = self.runs.sight
-        if sight is not None and self.kind == "select":
-            low, high = self.runs.recording_keys(self.scene).range_ppm
+        recording = self.runs.recording_keys(self.scene) if sight is not None else None
+        if recording is not None and self.kind == "select":
+            low, high = recording.range_ppm
             self.hint.text = (
                 f"Gas from {low:g} ppm (white) to {high:g} ppm (dark), logarithmic; lines show the wind."
             )
-        self.canvases[ABOVE].show_run(sight, self.runs.recording_keys(self.scene))
+        self.canvases[ABOVE].show_run(sight, recording)

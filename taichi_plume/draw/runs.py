@@ -36,6 +36,7 @@ class Run:
         self.wall: float | None = None
         self.stopping = False
         self.sight: Sight | None = None
+        self._result: Mapping[str, Any] | None = None
 
     @property
     def alive(self) -> bool:
@@ -52,8 +53,13 @@ class Run:
 
     @property
     def result(self) -> Mapping[str, Any]:
-        """Content of the run's result.json; empty if there is none."""
-        return read_json(self.folder / "result.json")
+        """Content of the run's result.json; empty if there is none. Read once after the end."""
+        if self._result is not None:
+            return self._result
+        content = read_json(self.folder / "result.json")
+        if self.wall is not None:
+            self._result = content
+        return content
 
     @property
     def output(self) -> list[str]:

@@ -67,7 +67,7 @@ class Browser:
         """Wait until a condition holds, and return its value."""
         end = time.monotonic() + patience
         while not (found := condition()):
-            assert time.monotonic() < end, "in vain"
+            assert time.monotonic() < end, "waited too long"
             self.page.wait_for_timeout(100)
         return found
 

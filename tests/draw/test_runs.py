@@ -37,7 +37,7 @@ PATIENCE = 180  # s
 def until(condition, patience=PATIENCE):
     end = time.monotonic() + patience
     while not (found := condition()):
-        assert time.monotonic() < end, "in vain"
+        assert time.monotonic() < end, "waited too long"
         time.sleep(0.1)
     return found
 
