@@ -29,7 +29,7 @@ from taichi_plume.solvers.ghosts import Ghosts
 from taichi_plume.solvers.heat import HeatSolver
 from taichi_plume.solvers.momentum import BuoyantScalar, Momentum, eddy_viscosity, of_axis, opennesses
 from taichi_plume.solvers.prescribed_wind import padded_faces
-from taichi_plume.solvers.pressure import pressure_solver, single_threaded
+from taichi_plume.solvers.pressure import pressure_solver
 from taichi_plume.solvers.screens import Resistance, ScreenResistance
 from taichi_plume.solvers.surfaces import Surfaces
 from taichi_plume.solvers.time_stepping import HUGE, Limits, stages_for
@@ -214,7 +214,6 @@ class FlowSolver(Carrier):
         for resistance in ti.static(self.resistances):
             resistance.apply(self.u, k * dt)
 
-    @single_threaded
     def advance(self, t: float, dt: float) -> None:
         self.boundaries.advance(self.p, t, dt)
         for resistance in self.resistances:
@@ -239,7 +238,6 @@ class FlowSolver(Carrier):
 
     # ---------------------------------------------------------------- the start of a run
 
-    @single_threaded
     def begin(self, model: CfdWind, t: float, seed: int) -> None:
         """Start a run at time t [s] from the potential flow that the openings force."""
         self._take_numbers(model)
@@ -265,7 +263,6 @@ class FlowSolver(Carrier):
         self._weights = self.limits.weights(model.courant)
         self.schmidt = 1.0 if model.turbulence.kind == "none" else model.turbulence.schmidt
 
-    @single_threaded
     def start_from(self, velocity: Callable[[np.ndarray], np.ndarray]) -> None:
         """Set u from a function of points (..., dim) [m] to velocities [m/s], made divergence-free; p becomes 0."""
         self._put_velocity(

@@ -14,7 +14,7 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.interpolation import Interpolation
 from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.solvers.playback import PlayedWind
-from taichi_plume.solvers.pressure import pressure_solver, single_threaded
+from taichi_plume.solvers.pressure import pressure_solver
 
 LEFT = 1e-6  # divergence that may be left, over the largest |u|/dx
 ROUNDS = 8  # limit of the pressure solver's residual in single precision
@@ -66,7 +66,6 @@ class Projection:
         for face, region, out in sides:
             face *= factor[out, region]
 
-    @single_threaded
     def __call__(self, u: list[np.ndarray]) -> tuple[list[np.ndarray], float, float]:
         """Return the nearest divergence-free face velocities, their change (root mean square over that of u in the
         air), and the remaining divergence over the largest |u|/dx.

@@ -4,7 +4,6 @@ from math import prod, sqrt
 from typing import Protocol
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Field, on_cpu
@@ -13,10 +12,6 @@ from taichi_plume.solvers.capacitance import Capacitance, Changes
 from taichi_plume.solvers.direct import FastTransforms, SparseFactors
 from taichi_plume.solvers.multigrid import Multigrid
 from taichi_plume.solvers.poisson import OpenFractions
-
-# After a task, BLAS's second thread spins for 20 ms on the core that kernels need.
-single_threaded = ThreadpoolController().select(user_api="blas").wrap(limits=1)
-"""Decorator of functions in which BLAS uses one thread: the same bits on all machines."""
 
 
 class PressureSolver(Protocol):
@@ -30,7 +25,6 @@ class PressureSolver(Protocol):
         ...
 
 
-@single_threaded
 def pressure_solver(faces: tuple[np.ndarray, ...], grid: Grid) -> PressureSolver:
     """Return the fastest Poisson solver for these faces (1 where open): fast transforms for an empty box, with a
     capacitance matrix if few cells lie beside obstacles, otherwise sparse factors for one layer of cells or multigrid.

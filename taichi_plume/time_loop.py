@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
+from taichi_plume.grid.blas import one_blas_thread
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Mixture, Odour, Wind
 from taichi_plume.grid.grid import Grid
@@ -192,6 +193,7 @@ class TimeLoop:
         self.observers = [Every(1.0, check_gas, warm_up=True)]
         self.step_observers = []
 
+    @one_blas_thread
     def reset(self, scenario: Scenario | None = None) -> None:
         """Return to the start of the warm-up, with `scenario` or, unless given, with the same scenario.
 
@@ -220,6 +222,7 @@ class TimeLoop:
         names = {number: team.state_names for team in self.teams for number in team.numbers}
         return [names[number] for number in sorted(names)]
 
+    @one_blas_thread
     def run(self) -> None:
         """Run the simulation to its end. Raises UnstableError; observers were called up to the last good step."""
         self._begun = time.perf_counter()
@@ -230,6 +233,7 @@ class TimeLoop:
         finally:
             self.wall_s, self._begun = self.wall_so_far, None
 
+    @one_blas_thread
     def step(self) -> None:
         """Advance by a time step (tick). Observers that are due are called, before the first step for its start."""
         self.observe()
@@ -247,6 +251,7 @@ class TimeLoop:
         for observer in self.observers:
             observer.call_if_due(self, force)
 
+    @one_blas_thread
     def advance(self) -> None:
         """Advance the simulation by a time step (tick): air, robots, sensors, maps and algorithms."""
         self._advance_air(self.t, self.dt)

@@ -57,12 +57,13 @@ def _validate(args: argparse.Namespace) -> int:
         _print_list(cases)
         return 0
     from taichi_plume.grid import kernels
+    from taichi_plume.grid.blas import one_blas_thread
     from taichi_plume.validation.report import page
 
     backend = kernels.start(args.arch)
     if args.out:
         args.out.mkdir(parents=True, exist_ok=True)
-    report, pictures = _examine(cases, args, backend)
+    report, pictures = one_blas_thread(_examine)(cases, args, backend)
     text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     if args.out:
         for name, content in (("report.json", text), ("report.html", page(report, pictures))):

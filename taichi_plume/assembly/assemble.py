@@ -26,6 +26,7 @@ from taichi_plume.files.own_class import CLASSES
 from taichi_plume.files.trajectories import Way
 from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.grid import kernels
+from taichi_plume.grid.blas import one_blas_thread
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.cut_cells import Air, air_of, sealed
 from taichi_plume.grid.fields import Gas, Mixture, Wind
@@ -70,6 +71,7 @@ def assemble(
     return build(prepared, driven=driven)
 
 
+@one_blas_thread
 def build(
     prepared: Prepared,
     film: TickFilm | None = None,

@@ -1,6 +1,9 @@
 """`result.json`: status, scores and diagnostics of a run, written atomically."""
 
 import json
+import platform
+from functools import cache
+from importlib.metadata import version
 from math import isfinite, prod
 from pathlib import Path
 
@@ -10,6 +13,7 @@ from taichi_plume import __version__
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.files.disk import written_whole
 from taichi_plume.files.json_values import json_value
+from taichi_plume.grid.blas import blas_libraries
 from taichi_plume.scoring import trials as scores
 from taichi_plume.scoring.beliefs import BeliefScores
 from taichi_plume.scoring.declarations import Json
@@ -41,7 +45,7 @@ def result(
 
 
 def partial_result(sim: TimeLoop, status: str, message: str, backend: str) -> Json:
-    """Return the part of result.json that is known during the run: name, status, seeds, version and times."""
+    """Return the part of result.json that is known during the run: name, status, seeds, version, machine and times."""
     return {
         "name": sim.scenario.name,
         "status": status,
@@ -49,9 +53,33 @@ def partial_result(sim: TimeLoop, status: str, message: str, backend: str) -> Js
         **sim.scenario.seeds,
         "backend": backend,
         "version": __version__,
+        "machine": machine(),
         "wall_s": sim.wall_so_far,
         "simulated_s": sim.t - sim.scenario.first_tick * sim.dt,
     }
+
+
+@cache
+def machine() -> Json:
+    """Return what decides the last bits of a run: processor, operating system, BLAS libraries and versions."""
+    return {
+        "processor": _processor(),
+        "system": platform.system(),
+        "blas": blas_libraries(),
+        "versions": {"python": platform.python_version()}
+        | {name: version(name) for name in ("taichi", "numpy", "scipy")},
+    }
+
+
+def _processor() -> str:
+    """Return the model of the processor; where the system does not name the model, its architecture."""
+    try:
+        names = [
+            line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")
+        ]
+    except OSError:  # not Linux
+        names = []
+    return names[0].partition(":")[2].strip() if names else platform.processor() or platform.machine()
 
 
 def _budget(sim: TimeLoop) -> Json:

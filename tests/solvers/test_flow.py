@@ -3,7 +3,6 @@ from functools import partial
 import numpy as np
 import pytest
 from rooms import TUNNEL, afresh, assert_same, blocks, cfd, flow_in, march
-from threadpoolctl import ThreadpoolController
 
 from taichi_plume.grid.cut_cells import air_of
 from taichi_plume.grid.grid import Grid
@@ -27,23 +26,6 @@ SOLID = blocks(ARENA, np.s_[15:20, 15:22], np.s_[40:45, 10:30])
 
 def wind(**changes) -> CfdWind:
     return cfd(**{"openings": [INLET, OUTLET]} | changes)
-
-
-def test_blas_uses_one_thread_during_a_step_only(monkeypatch):
-    """More threads give other bits on other machines, and spin afterwards on the cores of the kernels."""
-    flow = flow_in(Grid((16, 12), 0.25, depth=0.25), wind())
-    controller, seen = ThreadpoolController().select(user_api="blas"), []
-    solve = flow.solver.solve
-
-    def watched(*args):
-        seen.extend(library["num_threads"] for library in controller.info())
-        solve(*args)
-
-    monkeypatch.setattr(flow.solver, "solve", watched)
-    with controller.limit(limits=2):
-        flow.advance(0.0, 0.01)
-        assert {library["num_threads"] for library in controller.info()} == {2}
-    assert set(seen) == {1}
 
 
 def swirls(p: np.ndarray) -> np.ndarray:

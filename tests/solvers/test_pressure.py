@@ -3,7 +3,6 @@ import pytest
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
-from threadpoolctl import threadpool_limits
 
 from taichi_plume.grid.cut_cells import air_of
 from taichi_plume.grid.grid import Grid
@@ -216,16 +215,6 @@ def test_a_capacitance_matrix_solves_boxes_with_obstacles_exactly(fields, shape,
         closed_off = fractions.matrix().diagonal() == 0
         assert not found.ravel(order="F")[closed_off].any()
         assert parts > 1
-
-
-def test_the_bits_do_not_depend_on_the_threads(fields):
-    grid, faces, b, _ = problem((24, 20, 16), True, True)
-    found = []
-    for threads in (1, 2):
-        with threadpool_limits(threads):
-            solver = Capacitance(Changes.of(OpenFractions.of(faces, grid), grid), grid)
-            found.append(solve(solver, grid, fields, b, 0.0))
-    np.testing.assert_array_equal(*found)
 
 
 @pytest.mark.cpu

@@ -12,6 +12,7 @@ import psutil
 import taichi as ti
 
 from taichi_plume.grid import kernels
+from taichi_plume.grid.blas import one_blas_thread
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.validation.arena import ARENA, arena
 from taichi_plume.validation.flow_cases import laminar_flow, periodic
@@ -70,6 +71,7 @@ def arena_step(shape: tuple[int, ...], obstacles: bool) -> tuple[FlowSolver, Cal
     source = {"position": (0.6, 1.3, 0.1)[: len(shape)], "rate": 2e-5}
     gas = gas_on(grid, flow, air, sources=[source])
 
+    @one_blas_thread
     def step() -> float:
         dt = flow.stable_dt()
         flow.advance(0.0, dt)
@@ -88,6 +90,7 @@ def periodic_step(shape: tuple[int, ...]) -> tuple[FlowSolver, Callable[[], floa
     def vortices(x: np.ndarray) -> np.ndarray:
         return np.stack([np.sin((x * k[d, : x.shape[-1]]).sum(-1) + d) for d in range(x.shape[-1])], axis=-1)
 
+    @one_blas_thread
     def step() -> float:
         dt = flow.stable_dt()
         flow.advance(0.0, dt)
