@@ -35,6 +35,8 @@ def _record(args: argparse.Namespace) -> int:
 
     out, folder = args.out or Path(f"{prepared.scenario.name}_bank.zarr"), args.task.resolve().parent
     bank.check(prepared.scenario)
+    for warning in () if args.quiet else bank.warnings(prepared.scenario, folder, True):
+        say(f"note: {warning}", error=True)
     if os.path.lexists(out):
         bank.require_bank(out)
     out.parent.mkdir(parents=True, exist_ok=True)

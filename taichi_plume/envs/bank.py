@@ -153,6 +153,12 @@ def airs(scenario: Scenario) -> list[Scenario]:
     return [still.model_copy(update={"air_seed": (first + k) % 2**32}) for k in seeds]
 
 
+def warnings(scenario: Scenario, folder: Path, allow_outside: bool = False) -> list[str]:
+    """Return the warnings about the runs that are recorded, each once. Raises ScenarioError."""
+    lines = (checked(air, folder, allow_outside).resources.warnings for air in airs(scenario))
+    return list(dict.fromkeys(line for each in lines for line in each))
+
+
 def frame_of(scenario: Scenario) -> float:
     """Return the time between recorded frames [s], rounded to whole control periods, at least one."""
     return max(1, round(scenario.task.frame / scenario.tick)) * scenario.tick

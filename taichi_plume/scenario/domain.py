@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from taichi_plume.assembly.resources import Resources
     from taichi_plume.scenario.scenario import Scenario
 
+ROUNDED = 1e-6  # of a time: rounding of times in files
 ROUNDING = 0.1  # of an extent: a larger change by whole cells makes another domain than the user wrote
 
 
@@ -48,6 +49,16 @@ def starts_late(where: str, start: float, context: Context) -> Iterator[str]:
     end = context.scenario.duration
     if start > end:
         yield f"{where}.start: {start:g} s is after the end of the run at {end:g} s; start it earlier"
+
+
+def ends_early(where: str, file: object, end: float, then: str, context: Context) -> Iterator[str]:
+    """Yield a warning if the data of a file, whose key is `where`, end at time `end` [s], before the run does.
+
+    then: what the run does from this time on.
+    """
+    until = context.scenario.duration
+    if end < until - ROUNDED * max(1.0, abs(until)):
+        yield f"{where}: the data of {file} end at {end:.4g} s, the run at {until:g} s; {then}"
 
 
 class Domain(Model):

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from taichi_plume.scenario import si
-from taichi_plume.scenario.domain import Arena, Context, span
+from taichi_plume.scenario.domain import Arena, Context, ends_early, span
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm
 from taichi_plume.scenario.vocabulary import COMPILED, FileName
 
@@ -98,9 +98,9 @@ class Replay(AnyAlgorithm):
                 share = 100 * (1.0 - inside.mean())
                 yield f"{where}.file: {name} is not in the domain for {share:.0f} % of its poses"
         chosen = self.chosen(context.resources.ways[where], _group(where, context).count)
-        last = max(path.t[-1] for path in chosen) - self.begin_of(chosen)
-        if last < context.scenario.duration:
-            yield f"{where}.file: its last pose is at {last:.4g} s of the run; from then on the robots stand there"
+        first = min(chosen, key=lambda path: path.t[-1])
+        name, end = f"{first.name} in {self.file}", float(first.t[-1]) - self.begin_of(chosen)
+        yield from ends_early(f"{where}.file", name, end, "the robot stands at its last pose", context)
 
     def _positions(self, where: str, context: Context) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
         """Yield for each robot: name, recorded positions (n, 2) [m], and whether each is inside the domain (n,)."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from math import prod
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 import psutil
@@ -27,6 +27,7 @@ class ImportedWind(AnyWind, Played):
     faces of the domain as in the files, except for an even part that balances inflow and outflow.
     """
 
+    key: ClassVar[str] = "files"
     kind: Literal["imported"]
     files: FileName
     """Path of a file, or of several, relative to the scenario's folder. %d stands for numbers that count up by one,
@@ -65,7 +66,7 @@ class ImportedWind(AnyWind, Played):
         if self.height is not None and not low <= self.height <= high:
             yield f"{where}.height: {self.height:g} m is outside of {site.first.path}, z {low:g} to {high:g} m"
             return
-        yield from self.too_late(where, site.files[-1][1], site.files[-1][0])
+        yield from self.too_late(where, context)
         domain = context.domain
         needed = 4.0 * len(site.files) * prod(n + 2 for n in domain.shape) * (domain.dim + 1)
         free = psutil.virtual_memory().available
@@ -80,6 +81,11 @@ class ImportedWind(AnyWind, Played):
             yield from self._without_wind(site, context)
             if site.cubes is not None:
                 yield from self._in_cubes(site, site.cubes, context)
+
+    def recorded(self, where: str, context: Context) -> tuple[object, int, float]:
+        site = context.resources.site
+        assert site is not None
+        return self.files, len(site.files), site.files[-1][0]
 
     def _beyond_cubes(self, site: "Site", context: Context) -> Iterator[str]:
         """Yield an error for each axis along which the domain reaches beyond GADEN's occupancy grid."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import numpy as np
 
 from taichi_plume.scenario import si
-from taichi_plume.scenario.domain import Context, span
+from taichi_plume.scenario.domain import Context, ends_early, span
 from taichi_plume.scenario.sources import OneGas, Target
 from taichi_plume.scenario.vocabulary import COMPILED, FileName, Model
 from taichi_plume.scenario.wind_base import AnyWind
@@ -25,10 +25,28 @@ class Played(Model):
     start: si.Time = 0.0
     """Time of the frames that is shown when the robots start."""
 
-    def too_late(self, where: str, file: object, last: float) -> Iterator[str]:
-        """Yield an error if playback without loop starts after the last time [s] of the recorded `file`."""
-        if self.start > last and not self.loop:
+    key: ClassVar[str] = "file"
+    """Key of the file with the frames."""
+    steps: ClassVar[bool] = False
+    """Whether each frame holds until the next one; otherwise playback is linear in time."""
+
+    def recorded(self, where: str, context: Context) -> tuple[object, int, float]:
+        """Return the file of the frames, their number, and the time [s] of the frames at which they end."""
+        raise NotImplementedError
+
+    def too_late(self, where: str, context: Context) -> Iterator[str]:
+        """Yield an error if playback without loop starts after the end of the frames. One frame is a steady state."""
+        file, count, last = self.recorded(where, context)
+        late = self.start > last or (self.start == last and self.steps)
+        if late and count > 1 and not self.loop:
             yield f"{where}.start: {self.start:g} s is after the end of {file} at {last:g} s"
+
+    def warnings(self, where: str, context: Context) -> Iterator[str]:
+        yield from super().warnings(where, context)
+        file, count, last = self.recorded(where, context)
+        if count > 1 and not self.loop:
+            then = f"the last frame holds; {where}.loop: true repeats them"
+            yield from ends_early(f"{where}.{self.key}", file, (last - self.start) / self.rate, then, context)
 
 
 class Playback(Played):
@@ -57,7 +75,11 @@ class Playback(Played):
                 f"obstacles: {differing} cells are not as in {film.path}, which {self.part} plays back; "
                 "give the obstacles of the recorded run"
             )
-        yield from self.too_late(where, film.path, film.times[-1])
+        yield from self.too_late(where, context)
+
+    def recorded(self, where: str, context: Context) -> tuple[object, int, float]:
+        film = context.resources.films[where]
+        return film.path, len(film.times), film.times[-1]
 
     def _another_domain(self, film: "Film", context: Context) -> Iterator[str]:
         """Yield an error if the grid of the recorded run differs from that of the scenario."""
@@ -89,8 +111,7 @@ class PointPlayback(Played):
     point that is closer than the cell, else zero.
     """
 
-    key: ClassVar[str] = "file"
-    """Key of the file with the frames."""
+    steps: ClassVar[bool] = True
     offset: si.Point2 = (0.0, 0.0)
     """Added to the positions of the points, x and y, to move them into the room."""
     interpolate: bool = False
@@ -106,9 +127,11 @@ class PointPlayback(Played):
                 f"{where}: no point of {frames.path} is in the domain, {context.domain.box}; they are within "
                 f"{span('x', low[0], high[0])}, {span('y', low[1], high[1])}; give an offset"
             )
-        end = len(frames) * frames.period
-        if self.start >= end and not self.loop and len(frames) > 1:
-            yield f"{where}.start: {self.start:g} s is after the end of {frames.path} at {end:g} s"
+        yield from self.too_late(where, context)
+
+    def recorded(self, where: str, context: Context) -> tuple[object, int, float]:
+        frames = context.resources.frames[where]
+        return frames.path, len(frames), len(frames) * frames.period
 
 
 class PlumeSimLog(PointPlayback):
@@ -183,8 +206,13 @@ class MovieGas(OneGas, Played):
                 f"{where}: no pixel of {movie.path} is in the domain, {context.domain.box}; they are within "
                 f"{span('x', x, x + width)}, {span('y', y, y + height)}; give an origin"
             )
-        yield from self.too_late(where, movie.path, movie.times[-1])
+        yield from self.too_late(where, context)
+
+    def recorded(self, where: str, context: Context) -> tuple[object, int, float]:
+        movie = context.resources.movies[where]
+        return movie.path, len(movie.times), movie.times[-1]
 
     def warnings(self, where: str, context: Context) -> Iterator[str]:
+        yield from super().warnings(where, context)
         if not self.sources and context.scenario.robots:
             yield f"{where}.sources: none, so robots cannot find any; give their positions"

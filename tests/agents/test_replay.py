@@ -168,7 +168,7 @@ def test_what_cannot_be_is_told(folder, changes, told):
 def test_what_is_probably_not_meant_is_told(folder):
     remarks = checked(scenario(file="poses", origin=[2.0, 0.25]), folder).resources.warnings
     assert any("a is not in the domain for 41 % of its poses" in one for one in remarks), remarks
-    assert any("its last pose is at 3 s of the run" in one for one in remarks), remarks
+    assert any("b in poses end at 3 s, the run at 6 s" in one for one in remarks), remarks
 
 
 def test_gas_that_cannot_be_read_does_not_stop_a_replay(tmp_path):
