@@ -86,17 +86,21 @@ def _percentiles(
 
 
 def over_airs(
-    values: Sequence[float] | np.ndarray, airs: np.ndarray | None = None, share: bool = False
+    values: Sequence[float] | np.ndarray,
+    airs: np.ndarray | None = None,
+    share: bool = False,
+    limits: tuple[float, float] = (0.0, inf),
 ) -> Mean:
     """Return the mean of trials, (n,), with a confidence interval over their airs (see studies/intervals.py).
 
     values: NaN for trials without a value; 0 or 1 for a share. airs: index of the air of each trial; by default every
-    trial has its own air.
+    trial has its own air. limits: least and largest possible value; values beyond them take them away.
     """
     from taichi_plume.studies.intervals import estimates
 
     airs = np.arange(len(values)) if airs is None else airs
-    groups = estimates(np.asarray(values, float), np.zeros(len(values)), airs, np.ones(len(values)), share)
+    values = np.asarray(values, float)
+    groups = estimates(values, np.zeros(len(values)), airs, np.ones(len(values)), share, limits)
     if not groups:
         return Mean(None, None, None, 0, 0)
     (estimate,) = groups.values()
@@ -132,6 +136,8 @@ def ratio_over_airs(
     return Mean(mean, *ends, n, len(airs))
 
 
+SHARE, CORRELATION = (0.0, 1.0), (-1.0, 1.0)
+"""Limits of a fraction and of a correlation, see `over_airs`."""
 Results = Mapping[str, Mean | Picture]
 """Results of a condition: means by quantity, and pictures by title."""
 

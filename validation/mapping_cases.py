@@ -22,6 +22,8 @@ import numpy as np
 
 from taichi_plume.validation import mapping_whiffs
 from taichi_plume.validation.experiment import (
+    CORRELATION,
+    SHARE,
     Condition,
     Experiment,
     Lines,
@@ -158,7 +160,7 @@ def set_up(trials: int, navigation: str, source: tuple[float, float], title: str
     for number, name in ((best, f"alpha {BEST:g}"), (0, PURE)):
         mean, at, end = peaks(trials, team, number)
         result |= {
-            f"correlation with the true mean, {name}": over_airs(alike[number]),
+            f"correlation with the true mean, {name}": over_airs(alike[number], limits=CORRELATION),
             f"peak to source once passed, {name} [m]": over_airs(mean),
             f"peak to source at the end, {name} [m]": over_airs(end),
             f"{HALF}, {name}": over_airs(at, share=True),
@@ -186,9 +188,9 @@ def region(trials: int, navigation: str) -> Results:
             f"{here}: alpha {BEST:g} / {PURE}": shares[ALPHAS.index(BEST)],
             f"{here}: alpha of the least error": least(errors[1:]),
             f"{here}: mean of all snaps / {PURE}": over_airs(known["endless"]),
-            f"{here}: correlation with the next snap": over_airs(known["correlation"]),
+            f"{here}: correlation with the next snap": over_airs(known["correlation"], limits=CORRELATION),
             f"{here}: standard deviation over mean, snap to snap": over_airs(known["scatter"]),
-            f"{here}: share of time in gas": over_airs(known["met"]),
+            f"{here}: share of time in gas": over_airs(known["met"], limits=SHARE),
             f"{here}: way in a snap over {NEAR:g} m": over_airs(known["way"] / NEAR),
         }
         means = np.array([share.mean for share in shares])
@@ -244,7 +246,9 @@ def without_air(trials: int) -> Results:
             f"{here}: worst alpha / {PURE}": worst(shares),
             f"{here}: alpha {BEST:g} / {PURE}": shares[ALPHAS.index(BEST)],
             f"{here}: mean of all snaps / {PURE}": over_airs(known["endless"][:, n]),
-            f"{here}: correlation with the next snap": over_airs(known["correlation"][:, n]),
+            f"{here}: correlation with the next snap": over_airs(
+                known["correlation"][:, n], limits=CORRELATION
+            ),
         }
     means = {name: part.mean(axis=0) for name, part in known.items()}
     result["Forecast error and what is kept, readings without air"] = by_what_is_kept(

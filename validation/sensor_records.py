@@ -41,7 +41,16 @@ from taichi_plume.scenario.metal_oxides import MOX_MODELS
 from taichi_plume.scenario.sensors import MoxSensor
 from taichi_plume.validation import orebro_office
 from taichi_plume.validation.case import Keys
-from taichi_plume.validation.experiment import Condition, Experiment, Lines, Mean, Range, Results, over_airs
+from taichi_plume.validation.experiment import (
+    CORRELATION,
+    Condition,
+    Experiment,
+    Lines,
+    Mean,
+    Range,
+    Results,
+    over_airs,
+)
 from taichi_plume.validation.orebro_office import DOI
 
 RECORDS = (1, 2, 5, 6, 8, 9)
@@ -243,7 +252,7 @@ def differences(count: int) -> Results:
             [float(median_abs_deviation(log, scale=NORMAL)) for log in logs]
         ),
         "deviation of the mean of ln c over the records": Mean(float(shared), None, None, len(logs[0])),
-        "correlation of ln c between records": over_airs(pairs),
+        "correlation of ln c between records": over_airs(pairs, limits=CORRELATION),
     }
 
 

@@ -16,7 +16,7 @@ from taichi_plume.agents.spiral import FLAT, Spiral
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.time_loop import Every, TimeLoop
 from taichi_plume.validation.case import Keys
-from taichi_plume.validation.experiment import Mean, Results, over_airs
+from taichi_plume.validation.experiment import SHARE, Mean, Results, over_airs
 from taichi_plume.validation.searches import afresh, scenario_of
 from taichi_plume.validation.spiral_room import DISTANCES, OPENED, SOURCE, momo, room
 
@@ -132,12 +132,15 @@ def indices(trials: int, airs: int) -> Results:
 
     usual = [record[TIMES[-1], HEIGHTS[0]] for record in records]
     results["records without a peak"] = over_airs(
-        [float((abs(record.index - FLAT * record.mean) <= 1e-4 * record.mean).mean()) for record in usual]
+        [float((abs(record.index - FLAT * record.mean) <= 1e-4 * record.mean).mean()) for record in usual],
+        limits=SHARE,
     )
     for height in HEIGHTS:
         for time in TIMES:
             name = f"pairs in order, {time} s, peaks {height.replace('_', ' ')}"
-            results[name] = over_airs([in_order(record[time, height].index) for record in records])
+            results[name] = over_airs(
+                [in_order(record[time, height].index) for record in records], limits=SHARE
+            )
     for d in (*DISTANCES, ROW[0]):
         results[f"spread of ln(index), {d} cm"] = of((d, 180), [record.index for record in usual])
         short = [record[SHORT, HEIGHTS[0]].mean for record in records]

@@ -20,7 +20,7 @@ from taichi_plume.contests.standings import (
     SUCCESS,
     Row,
 )
-from taichi_plume.guard.terminal import show, visible
+from taichi_plume.guard.terminal import say, show, visible
 from taichi_plume.report import html
 from taichi_plume.report.html import Section
 
@@ -67,6 +67,7 @@ def _whole(contest: Contest, rows: Sequence[Row]) -> Section:
     section = Section("Success", "success")
     section.lines.append(f"{len(contest.entrants)} algorithms in {len(names)} scenarios, {searches}.")
     section.table(table, ("success [%]", *names, "mean"), captions.WHOLE)
+    section.lines += notes(rows)
     return section
 
 
@@ -101,6 +102,12 @@ def _failures(rows: Sequence[Row]) -> Section:
     return section
 
 
+def notes(rows: Sequence[Row]) -> list[str]:
+    """Return the sentence that states why success rates have no interval, if any has none for lack of airs."""
+    estimates = (row.estimates[SUCCESS.name] for row in rows)
+    return [captions.NO_INTERVALS] if any(e and e.over == "too few airs" for e in estimates) else []
+
+
 def brief(rows: Sequence[Row]) -> tuple[list[list[str]], list[str]]:
     """Return cells and heads of the standings: success with its interval, the other quantities as means."""
     shown = [q for q in MEASURES if q not in ON_PAGE and any(row.estimates[q.name] for row in rows)]
@@ -131,3 +138,4 @@ def show_table(rows: Sequence[Row]) -> None:
         before = scenario
         table.add_row(f" {algorithm}", *others)
     show(table)
+    say(*notes(rows))

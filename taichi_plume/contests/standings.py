@@ -2,6 +2,7 @@
 
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -93,7 +94,10 @@ def _estimates(study: Results) -> dict[str, dict[Hashable, Estimate]]:
     trials = trials.assign(searches=1.0, path_ratio=ratio, air_by_chance=chance)
     for name in OUTCOMES:
         trials[name] = (trials["outcome"] == name).astype("Float64").where(trials["outcome"].notna())
-    return {measure.name: estimated(trials, measure, [AXIS]) for measure in (*MEASURES, SEARCHES)}
+    return {
+        measure.name: estimated(trials, measure, [AXIS], study.plan.longest_s)
+        for measure in (*MEASURES, SEARCHES)
+    }
 
 
 @dataclass(frozen=True)
@@ -128,11 +132,17 @@ class Standings:
         cells, heads = brief(self.rows)
         return pd.DataFrame(cells, columns=pd.Index(heads))
 
+    @property
+    def _notes(self) -> list[str]:
+        from taichi_plume.contests.page import notes
+
+        return notes(self.rows)
+
     def _repr_html_(self) -> str:
-        return self._brief.to_html(index=False)
+        return self._brief.to_html(index=False) + "".join(f"<p>{escape(note)}</p>" for note in self._notes)
 
     def __repr__(self) -> str:
-        return self._brief.to_string(index=False)
+        return "\n".join([self._brief.to_string(index=False), *self._notes])
 
 
 def conclude(contest: Contest, command: Sequence[str]) -> Standings:

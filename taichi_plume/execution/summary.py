@@ -166,7 +166,8 @@ def _declared_line(group: Json) -> str:
         score = group["summary"][name]
         if score["n"]:
             text += f"; {title} {score['mean']:.3g}{unit}"
-            text += f" ({score['low']:.3g} to {score['high']:.3g}{unit})" if score["n"] > 1 else ""
+            known = score["low"] is not None and isfinite(score["low"])
+            text += f" ({score['low']:.3g} to {score['high']:.3g}{unit})" if known else ""
     return f"{text}; {wrong} in all"
 
 

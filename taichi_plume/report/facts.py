@@ -8,6 +8,7 @@ from typing import Any
 from taichi_plume.results.run import Run
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.declarations import has_declared
+from taichi_plume.scoring.trials import LEAST_VALUES
 
 Rows = list[tuple[str, ...]]
 
@@ -130,7 +131,9 @@ def trials(group: dict[str, Any]) -> Rows:
         mean = summary.get(key, {})
         if mean.get("mean") is not None:
             known = mean.get("low") is not None and isfinite(mean["low"])
-            interval = f"{mean['low']:.3g} to {mean['high']:.3g} {unit}" if known else "none: a single value"
+            interval = f"none: fewer than {LEAST_VALUES}"
+            if known:
+                interval = f"{mean['low']:.3g} to {mean['high']:.3g} {unit}"
             over = f"{_trials(mean['n'], over)} in one air"
             rows.append((name, f"{mean['mean']:.3g} {unit}", interval, over))
     return rows

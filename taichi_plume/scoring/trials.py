@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import ceil, inf, nan, sqrt
+from math import ceil, exp, inf, nan, sqrt
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
@@ -20,6 +20,7 @@ SAMPLES = 4  # largest number of samples per axis of a map cell
 PERIOD = 5.0  # s, time between scores of a map that has no snapshots
 SUMS = ("acquisitions", "hits", "bumps", "pushes", "pinned_s")
 """Columns of robots that are summed over a team; pushes and pinned_s exist only where obstacles move."""
+LEAST_VALUES = 3  # least number of independent values for an interval of their mean
 SETTLED = 30.0  # s after `begin`: forecasts count from then on, as in Marjovi & Marques
 
 
@@ -272,7 +273,7 @@ def begins(scenario: Scenario) -> np.ndarray:
 def trial_summary(trials: Json, duration: float, searched: bool = True) -> Json:
     """Return means and 95 % confidence intervals of the columns of `trial_outcomes`, by name.
 
-    success_rate: Wilson's interval. The others over successful trials, with Student's interval of the mean; and
+    success_rate: Wilson's interval. The others over successful trials, see `mean_with_interval`; and
     time_with_failures_s, of all trials, where a failure counts as `duration` [s]. Of groups that may declare:
     declared_rate, reached_rate and neither_rate, the fractions of each outcome, and false_declarations, of all trials;
     declared_time_s and localisation_error_m, of those with a declaration. searched: false if no source could be found;
@@ -283,15 +284,18 @@ def trial_summary(trials: Json, duration: float, searched: bool = True) -> Json:
     success = np.array(trials["success"], bool)
     summary: Json = {"success_rate": share_with_interval(int(success.sum()), len(success))}
     for name in ("time_s", "path_m", "overhead", "acquisitions", "hits", "bumps"):
-        summary[name] = mean_with_interval(np.array(trials[name], float)[success])
-    summary["time_with_failures_s"] = mean_with_interval(np.where(success, trials["time_s"], duration))
+        most = duration if name == "time_s" else inf
+        summary[name] = mean_with_interval(np.array(trials[name], float)[success], most=most)
+    late = np.where(success, trials["time_s"], duration)
+    summary["time_with_failures_s"] = mean_with_interval(late, most=duration)
     speaks = np.isfinite(np.array(trials["declarations"], float))
     outcomes = np.array(trials["outcome"])[speaks]
     for name in OUTCOMES:
         summary[f"{name}_rate"] = share_with_interval(int((outcomes == name).sum()), len(outcomes))
     for name in ("declared_time_s", "localisation_error_m", "false_declarations"):
         values = np.array(trials[name], float)
-        summary[name] = mean_with_interval(values[np.isfinite(values)])
+        most = duration if name == "declared_time_s" else inf
+        summary[name] = mean_with_interval(values[np.isfinite(values)], most=most)
     return summary
 
 
@@ -308,11 +312,45 @@ def share_with_interval(k: int, n: int) -> Json:
     return {"mean": k / n, "low": max(0.0, middle - half), "high": min(1.0, middle + half), "n": n}
 
 
-def mean_with_interval(values: np.ndarray) -> Json:
-    """Return mean, Student's interval of 95 % confidence and number of values; None for too few values."""
+def mean_with_interval(values: np.ndarray, least: float = 0.0, most: float = inf) -> Json:
+    """Return mean, interval of 95 % confidence (see `interval_within`) and number of values (n,) >= 0.
+
+    least, most: range of the quantity. No interval (NaN) for fewer than LEAST_VALUES; None without values.
+    """
     n = len(values)
     if not n:
         return {"mean": None, "low": None, "high": None, "n": 0}
     mean = float(values.mean())
-    half = stdtrit(n - 1, 0.975) * values.std(ddof=1) / np.sqrt(n) if n > 1 else np.nan
-    return {"mean": mean, "low": float(mean - half), "high": float(mean + half), "n": n}
+    error = float(values.std(ddof=1)) / sqrt(n) if n > 1 else nan
+    low, high = interval_within(mean, error, n, *range_with(values, least, most))
+    return {"mean": mean, "low": low, "high": high, "n": n}
+
+
+def range_with(values: np.ndarray, least: float, most: float) -> tuple[float, float]:
+    """Return the range of a quantity, without a limit that any of the values (n,) exceeds."""
+    return least if values.min() >= least else -inf, most if values.max() <= most else inf
+
+
+def interval_within(mean: float, error: float, n: int, least: float, most: float) -> tuple[float, float]:
+    """Return Student's interval of 95 % confidence of a mean of n values, within the range of the quantity.
+
+    error: standard error of the mean. Between -inf and inf the interval is mean ± t error. With one limit it is
+    symmetric in log(mean - least), with two in the logit of the mean's place between them: the delta method, with
+    Student's t (Agresti 2013, Categorical Data Analysis, sections 3.1 and 16.1). NaN for fewer than LEAST_VALUES.
+    """
+    if n < LEAST_VALUES:
+        return nan, nan
+    half = float(stdtrit(n - 1, 0.975)) * error
+    above, below = mean - least, most - mean
+    if half == 0.0 or min(above, below) <= 0.0 or (above, below) == (inf, inf):
+        return mean - half, mean + half
+    if below == inf:
+        wide = exp(min(half / above, 600.0))
+        return least + above / wide, least + above * wide
+    if above == inf:
+        wide = exp(min(half / below, 600.0))
+        return most - below * wide, most - below / wide
+    wide = exp(min(half / above + half / below, 600.0))  # of the logit: 1 / above + 1 / below
+    ends = (above / (above + below * by) for by in (wide, 1.0 / wide))
+    low, high = (least + (most - least) * end for end in ends)
+    return low, high

@@ -1,5 +1,7 @@
 """Captions of the tables and figures of a study's page."""
 
+from taichi_plume.scoring.trials import LEAST_VALUES
+
 OVER_AIRS = (
     "Searches in the same air are correlated, so intervals are over airs: all searches of an air are resampled "
     "together (cluster bootstrap). More airs narrow the intervals, more searches per air hardly do. Airs of one seed "
@@ -12,11 +14,11 @@ STILL = (
     "The air does not depend on random numbers: all seeds give the same air, and intervals are over searches."
 )
 ALONG = (
-    "Means over all values of the other axes, with 95 % confidence intervals over airs. "
+    f"Means over all values of the other axes, with 95 % confidence intervals over airs ({LEAST_VALUES} or more). "
     "Lines are shifted a little sideways, so that their intervals do not overlap."
 )
 RUNNING = "Each dot is a point of the study; the line is the running mean over 15 % of the axis."
-BETWEEN = "Means over all other axes with 95 % confidence intervals over airs."
+BETWEEN = f"Means over all other axes with 95 % confidence intervals over airs, if there are {LEAST_VALUES} or more."
 HEAT = "Means over all other axes. Empty cells have no valid run."
 INDICES = (
     "The first-order Sobol index of an axis is the fraction of the variance that the axis explains alone; the total "
@@ -28,7 +30,10 @@ ORDERS = (
     "and uncertainty of the finest grid (grid convergence index; Celik et al. 2008, doi:10.1115/1.2960953)."
 )
 SPACING = "Means over airs. Stars are the extrapolated values."
-POINTS = "Means, with 95 % confidence intervals in brackets where there are enough airs."
+POINTS = (
+    "Means, with 95 % confidence intervals in brackets, which keep to the range of each quantity; there is none below "
+    f"{LEAST_VALUES} airs."
+)
 SOME_POINTS = (
     "Shown are the {best} best and the {worst} worst of {all:,} points by their {first}; results.points() has "
     "all. "

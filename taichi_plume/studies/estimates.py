@@ -1,6 +1,7 @@
 """Estimates of a study: means with confidence intervals for each combination of axis values and group of robots."""
 
 from collections.abc import Hashable, Iterator, Sequence
+from math import inf
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from taichi_plume.files import run_tables
 from taichi_plume.scoring.declarations import DECLARED, REACHED
 from taichi_plume.studies import intervals
 from taichi_plume.studies.messages import Row
+from taichi_plume.studies.outcomes import limits_of
 from taichi_plume.studies.tables import Planned, Tables
 
 if TYPE_CHECKING:
@@ -19,13 +21,16 @@ NO_BREAK = "\u2011"  # a hyphen at which no line ends
 
 
 class Quantity(NamedTuple):
-    """A quantity of searches or runs. share: whether it is a fraction, shown in per cent; what: noun of what counts."""
+    """A quantity of searches or runs. share: whether it is a fraction, shown in per cent; what: noun of what counts;
+    limits: least and largest value.
+    """
 
     name: str
     title: str
     unit: str
     share: bool = False
     what: str = "searches"
+    limits: tuple[float, float] = (0.0, inf)
 
     def words(self, estimate: intervals.Estimate | None) -> str:
         """Return the sentence of an estimate."""
@@ -66,13 +71,19 @@ DECLARATIONS = (
 def outcomes(plan: Planned, tables: Tables) -> tuple[Quantity, ...]:
     """Return the quantities of whole runs that the study requests as outcomes."""
     units = run_tables.units(tables.runs.schema)
-    return tuple(Quantity(name, name, units[name], what="runs") for name in plan.outcomes)
+    return tuple(
+        Quantity(name, name, units[name], what="runs", limits=limits_of(path))
+        for name, path in plan.outcomes.items()
+    )
 
 
-def estimated(of: "pd.DataFrame", q: Quantity, keys: Sequence[str]) -> dict[Hashable, intervals.Estimate]:
+def estimated(
+    of: "pd.DataFrame", q: Quantity, keys: Sequence[str], longest_s: float = inf
+) -> dict[Hashable, intervals.Estimate]:
     """Estimate a quantity for each combination of values of the columns `keys` of a table of trials or runs.
 
     The table has the columns air_seed and air_by_chance. Airs with equal seeds share eddies and gusts at all points.
+    longest_s: duration of the longest run [s], which no time of a search exceeds.
     """
     known = [key for key in keys if key in of.columns]
     if not len(of):
@@ -80,7 +91,8 @@ def estimated(of: "pd.DataFrame", q: Quantity, keys: Sequence[str]) -> dict[Hash
     if not known:  # all together
         known, of = ["all"], of.assign(all=0)
     key = of[known[0]] if len(known) == 1 else list(zip(*(of[name] for name in known), strict=True))
-    return intervals.estimates(_numbers(of, q), key, of["air_seed"], of["air_by_chance"], q.share)
+    limits = (0.0, longest_s) if q.unit == "s" and q.what != "runs" else q.limits
+    return intervals.estimates(_numbers(of, q), key, of["air_seed"], of["air_by_chance"], q.share, limits)
 
 
 def _numbers(of: "pd.DataFrame", q: Quantity) -> np.ndarray:
@@ -139,7 +151,7 @@ class Points:
 
     def estimated(self, quantity: Quantity, keys: Sequence[str]) -> dict[Hashable, intervals.Estimate]:
         """Estimate a quantity for each combination of values of the columns `keys` of the trials or runs."""
-        return estimated(self._rows(quantity)[0], quantity, keys)
+        return estimated(self._rows(quantity)[0], quantity, keys, self.plan.longest_s)
 
     def _of_rows(self, quantity: Quantity) -> list[intervals.Estimate | None]:
         _, keys = self._rows(quantity)
@@ -205,12 +217,9 @@ class Points:
                     (each.loc[airs, "sum"].to_numpy(float), each.loc[airs, "count"].to_numpy(float))
                     for each in (base, beside)
                 ]
-                apart = intervals.differences(*pair)
-                if quantity.share:
-                    apart = apart._replace(low=max(apart.low, -1.0), high=min(apart.high, 1.0))
                 yield {
                     **dict(zip(keys, values, strict=True)),
                     "first": first,
                     "second": second,
-                    "apart": apart,
+                    "apart": intervals.differences(*pair, most=1.0 if quantity.share else inf),
                 }

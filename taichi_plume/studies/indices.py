@@ -57,6 +57,7 @@ def numbers(samples: int, axes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 def sobol(values: np.ndarray, axes: tuple[str, ...], samples: int) -> tuple[int, dict[str, Index]]:
     """Return the number of design rows used and the Sobol indices by axis, from values (points,) of Saltelli's design.
 
+    Estimates and ends of intervals below 0 or above 1 become 0 or 1, as an index is a fraction of the variance.
     Rows with a NaN are left out. Of the other rows the first 2^k are used, as a Sobol sequence needs a power of two for
     its low discrepancy.
     """
@@ -79,7 +80,7 @@ def sobol(values: np.ndarray, axes: tuple[str, ...], samples: int) -> tuple[int,
         (found.total_order, spread.total_order),
     ):
         ends = spread_of.confidence_interval
-        parts += [np.atleast_1d(index), np.atleast_1d(ends.low), np.atleast_1d(ends.high)]
+        parts += [np.clip(np.atleast_1d(values), 0.0, 1.0) for values in (index, ends.low, ends.high)]
     return used, {axis: Index(*map(float, row)) for axis, *row in zip(axes, *parts, strict=True)}
 
 

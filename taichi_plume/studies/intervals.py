@@ -5,21 +5,29 @@ whole airs are resampled with all their searches (cluster bootstrap; Davison & H
 doi:10.1017/CBO9780511802843), and the statistic is the ratio of sums. The intervals are BCa intervals of
 `scipy.stats.bootstrap`; for few airs Student's t raises the confidence level (Hesterberg 2015, section 5.3,
 doi:10.1080/00031305.2015.1089789). A bootstrap of fewer than `FEWEST` airs cannot cover 95 %. Then shares have Wilson's
-interval, in which each air counts once, and means have Student's interval of the airs' means.
+interval, in which each air counts once. Means have Student's interval on a scale without limits
+(`scoring.trials.interval_within`). Their standard error is that of a ratio of sums over airs (Cochran 1977, Sampling
+Techniques, section 6.4). So intervals keep to the range of their quantity. Below `LEAST_VALUES` airs there is none.
 
 tests/study/test_intervals.py measures how often the intervals cover the true value.
 """
 
 import warnings
 from collections.abc import Hashable, Iterable
-from math import sqrt
+from math import inf, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtr, stdtrit
 
-from taichi_plume.scoring.trials import mean_with_interval, share_with_interval
+from taichi_plume.scoring.trials import (
+    LEAST_VALUES,
+    interval_within,
+    mean_with_interval,
+    range_with,
+    share_with_interval,
+)
 
 FEWEST = 5  # least number of airs for a bootstrap
 MANY = 200  # airs beyond which percentile intervals are as good as BCa, and far quicker
@@ -34,16 +42,16 @@ OVER = {
     "few": "over {airs} airs; more airs would narrow it",
     "alike": "over {airs} airs with equal results",
     "searches": "over the searches, as all have the same air",
-    "one air": "",
+    "too few airs": "",
+    "too few searches": "",
     "same": "",
-    "one": "",
     "none": "",
 }
 """Phrases that state what an interval is over."""
 WITHOUT = {
-    "one air": "no interval: one air is not enough",
+    "too few airs": "no interval: it takes at least {least} airs, there {are}",
+    "too few searches": "no interval: it takes at least {least} searches, there {are}",
     "same": "no interval: all {airs} airs have the same result",
-    "one": "no interval: there is a single value",
     "none": "no data",
 }
 """Reasons why there is no interval."""
@@ -61,24 +69,31 @@ class Estimate(NamedTuple):
 
 
 def estimates(
-    values: ArrayLike, keys: Iterable[Hashable], airs: ArrayLike, by_chance: ArrayLike, share: bool
+    values: ArrayLike,
+    keys: Iterable[Hashable],
+    airs: ArrayLike,
+    by_chance: ArrayLike,
+    share: bool,
+    limits: tuple[float, float] = (-inf, inf),
 ) -> dict[Hashable, Estimate]:
-    """Estimate mean and 95 % interval of the values of each key. Arguments but `share`: columns (n,), a row per search.
+    """Estimate mean and 95 % interval of the values of each key, from columns (n,) with a row per search.
 
     values: NaN if undefined; 0 or 1 for a share; airs: seed of the air; by_chance: whether the air depends on the seed.
+    limits: least and largest possible value of a mean, which its interval keeps.
     """
     import pandas as pd
 
     table = pd.DataFrame({"value": np.asarray(values, float), "key": keys, "air": airs, "chance": by_chance})
     table = table[table["value"].notna()]
+    limits = range_with(table["value"].to_numpy(), *limits) if len(table) else limits
     made = {
-        key: _over_searches(part["value"].to_numpy(), share)
+        key: _over_searches(part["value"].to_numpy(), share, limits)
         for key, part in table[~table["chance"].astype(bool)].groupby("key", sort=False)
     }
     cells = _cells(table[table["chance"].astype(bool)])
     waiting: dict[int, list[tuple[Hashable, np.ndarray, np.ndarray]]] = {}
     for key, sums, counts in cells:
-        known = _without_resampling(sums, counts, share)
+        known = _without_resampling(sums, counts, share, limits)
         if known is None:
             waiting.setdefault(len(sums), []).append((key, sums, counts))
         else:
@@ -103,50 +118,65 @@ def _cells(table: Any) -> list[tuple[Hashable, np.ndarray, np.ndarray]]:
     return [(key, part[:, 0], part[:, 1]) for key, part in zip(keys, parts, strict=True)]
 
 
-def _over_searches(values: np.ndarray, share: bool) -> Estimate:
+def _over_searches(values: np.ndarray, share: bool, limits: tuple[float, float]) -> Estimate:
     """Estimate a mean or share with its interval from values (n,) of independent searches in one deterministic air."""
     count = len(values)
-    found = share_with_interval(round(values.sum()), count) if share else mean_with_interval(values)
-    over = "searches" if count > 1 else "one"
-    return Estimate(found["mean"], found["low"], found["high"], count, 1, over)
+    if count < LEAST_VALUES:
+        return Estimate(float(values.mean()), np.nan, np.nan, count, 1, "too few searches")
+    found = share_with_interval(round(values.sum()), count) if share else mean_with_interval(values, *limits)
+    return Estimate(found["mean"], found["low"], found["high"], count, 1, "searches")
 
 
-def _over_few(mean: float, of_airs: np.ndarray, n: int) -> Estimate:
-    """Estimate with Student's interval of the airs' values (airs,), shifted so that its centre is `mean`."""
-    found = mean_with_interval(of_airs)
-    low, high = (found[end] - found["mean"] + mean for end in ("low", "high"))
-    return Estimate(mean, low, high, n, len(of_airs), "few")
+def _residuals(sums: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Return the contribution of each air to the error of the ratio of sums, linearised; arrays (..., airs)."""
+    ratio = sums.sum(axis=-1, keepdims=True) / counts.sum(axis=-1, keepdims=True)
+    return (sums - ratio * counts) / counts.mean(axis=-1, keepdims=True)
 
 
-def _without_resampling(sums: np.ndarray, counts: np.ndarray, share: bool) -> Estimate | None:
+def _over_few(mean: float, residuals: np.ndarray, n: int, limits: tuple[float, float]) -> Estimate:
+    """Estimate with Student's interval within limits, from the airs' residuals (airs,)."""
+    airs = len(residuals)
+    ends = interval_within(mean, float(residuals.std(ddof=1)) / sqrt(airs), airs, *limits)
+    return Estimate(mean, *ends, n, airs, "few")
+
+
+def _without_resampling(
+    sums: np.ndarray, counts: np.ndarray, share: bool, limits: tuple[float, float]
+) -> Estimate | None:
     """Estimate a mean or share without bootstrap, from sums and counts (airs,); None if a bootstrap is needed."""
     airs, n, mean = len(sums), int(counts.sum()), float(sums.sum() / counts.sum())
     alike = bool(np.all(sums * counts[0] == sums[0] * counts))
-    if airs == 1:
-        return Estimate(mean, np.nan, np.nan, n, airs, "one air")
+    if airs < LEAST_VALUES:
+        return Estimate(mean, np.nan, np.nan, n, airs, "too few airs")
     if share and (alike or airs < FEWEST or n == airs):
         found = share_with_interval(mean * airs, airs)  # pyright: ignore[reportArgumentType]
         over = "alike" if alike and airs >= FEWEST else "few" if airs < FEWEST else "single"
         return Estimate(mean, found["low"], found["high"], n, airs, over)
     if alike:
         return Estimate(mean, np.nan, np.nan, n, airs, "same")
-    return _over_few(mean, sums / counts, n) if airs < FEWEST else None
+    return _over_few(mean, _residuals(sums, counts), n, limits) if airs < FEWEST else None
 
 
-def differences(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray]) -> Estimate:
-    """Estimate the second mean minus the first by a paired bootstrap; first, second: sums and counts (airs,)."""
+def differences(
+    first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray], most: float = inf
+) -> Estimate:
+    """Estimate the second mean minus the first by a paired bootstrap; first, second: sums and counts (airs,).
+
+    most: largest possible difference, 1 for shares.
+    """
     sums, counts = np.stack([first[0], second[0]]), np.stack([first[1], second[1]])
     airs, n = sums.shape[1], int(counts.sum())
     if not airs:
         return Estimate(np.nan, np.nan, np.nan, 0, 0, "none")
     apart = float(np.diff(sums.sum(axis=1) / counts.sum(axis=1))[0])
     each = np.diff(sums / counts, axis=0)[0]
-    if airs == 1:
-        return Estimate(apart, np.nan, np.nan, n, airs, "one air")
+    if airs < LEAST_VALUES:
+        return Estimate(apart, np.nan, np.nan, n, airs, "too few airs")
     if np.ptp(each) == 0:
         return Estimate(apart, np.nan, np.nan, n, airs, "same")
     if airs < FEWEST:
-        return _over_few(apart, each, n)
+        residuals = np.diff(_residuals(sums, counts), axis=0)[0]
+        return _over_few(apart, residuals, n, range_with(each, -most, most))
     low, high = resampled(sums[:, None], counts[:, None])
     return Estimate(apart, float(low[0]), float(high[0]), n, airs, "airs")
 
@@ -206,8 +236,15 @@ def words(estimate: Estimate | None, unit: str = "", share: bool = False, what: 
 def interval(estimate: Estimate, unit: str = "", share: bool = False) -> str:
     """Return the text of an estimate's interval and what the interval is over, or why there is no interval."""
     if estimate.over in WITHOUT:
-        return WITHOUT[estimate.over].format(airs=estimate.airs)
+        return without(estimate)
     return f"95 % interval {ends(estimate, unit, share)} {OVER[estimate.over].format(airs=estimate.airs)}"
+
+
+def without(estimate: Estimate) -> str:
+    """Return the reason why an estimate has no interval."""
+    count = estimate.n if estimate.over == "too few searches" else estimate.airs
+    are = f"{'is' if count == 1 else 'are'} {count}"
+    return WITHOUT[estimate.over].format(airs=estimate.airs, least=LEAST_VALUES, are=are)
 
 
 def ends(estimate: Estimate, unit: str = "", share: bool = False) -> str:

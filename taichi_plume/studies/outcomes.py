@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Iterator, Mapping, Sequence
+from math import inf
 from typing import Any
 
 from taichi_plume.files.run_folder import FILES
@@ -65,6 +66,10 @@ RESULT: Mapping[str, Any] = {
     "beliefs": [BELIEF],
 }
 """Structure of the run-dependent part of result.json: 0 stands for a number, a list for items of equal structure."""
+SIGNED = frozenset(("bias_ppm", "relative_error", "force_N", "forecast", "nlpd"))
+"""Names in result.json of numbers that may be negative, besides correlations and the numbers of flows and probes."""
+SHARES = frozenset(("success", "within_reach"))
+"""Names in result.json of shares, besides those that end with `_rate` or `_fraction`."""
 SECTIONS = {
     "recording.rrd": "recording",
     "forces.csv": "forces",
@@ -103,6 +108,18 @@ class OutcomeCheck:
     def lines(self) -> list[str]:
         """Errors about the remaining outcomes and files: ``path: message``."""
         return [f"{where}: {fault}" for where, fault in self.faults.items()]
+
+
+def limits_of(path: str) -> tuple[float, float]:
+    """Return the least and the largest value that the number at a path of result.json, or of a probe, can have."""
+    names = [step for step in steps_of(path) if not step.isdecimal()]
+    if names[0] == PROBES:
+        return (0.0 if names[-1].endswith("_ppm") else -inf), inf
+    if names[-1] == "correlation":
+        return -1.0, 1.0
+    if any(name in SHARES or name.endswith(("_rate", "_fraction")) for name in names):
+        return 0.0, 1.0
+    return (-inf if names[0] == "flow" or not SIGNED.isdisjoint(names) else 0.0), inf
 
 
 def not_left(name: str, scenario: Scenario) -> str | None:

@@ -283,7 +283,7 @@ def _apart_words(apart: intervals.Estimate) -> tuple[str, str]:
     """Return two texts: a difference of success rates in percentage points, and its interval or why there is none."""
     points = f"{100 * apart.mean:+.0f}"
     if apart.over in intervals.WITHOUT:
-        return points, intervals.WITHOUT[apart.over].format(airs=apart.airs)
+        return points, intervals.without(apart)
     over = intervals.OVER[apart.over].format(airs=apart.airs)
     return points, f"{100 * apart.low:+.0f} to {100 * apart.high:+.0f} {over}"
 

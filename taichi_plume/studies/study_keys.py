@@ -114,8 +114,8 @@ class Study(Model):
     samples: Annotated[int, Field(ge=2, le=MOST_SAMPLES)] = 64
     """Base samples of a sensitivity study, a power of two. With d axes the study has (d + 2) times as many points."""
     airs: Annotated[int, Field(ge=1, le=100_000)] = 5
-    """Number of airs per point: realisations of eddies, gusts and puffs. Intervals are over airs; with one air there
-    is no interval."""
+    """Number of airs per point: realisations of eddies, gusts and puffs. Intervals are over airs; below three airs
+    there is none."""
     searches: Annotated[int, Field(ge=1, le=100_000)] = 1
     """Number of runs in each air, with different starts and noise of the robots."""
     outcomes: Annotated[dict[str, Annotated[str, Field(min_length=1)]], Field(default_factory=dict)]

@@ -10,6 +10,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import quote
@@ -20,6 +21,7 @@ import pyarrow.parquet as pq
 
 from taichi_plume import __version__
 from taichi_plume.files import disk
+from taichi_plume.scenario.quantities import parse
 from taichi_plume.studies import columns
 from taichi_plume.studies.messages import Axis, Data, Row
 
@@ -58,6 +60,11 @@ class Planned(NamedTuple):
         return self.about["outcomes"]
 
     @property
+    def longest_s(self) -> float:
+        """Duration of the longest run [s]; inf for tables that do not state it."""
+        return self.about.get("longest_s", inf)
+
+    @property
     def fields(self) -> list[pa.Field]:
         """Arrow fields of the columns of the study's axes, without axes that set random seeds."""
         kinds = {axis.name: self.table.schema.field(axis.name).type for axis in self.axes}
@@ -80,6 +87,9 @@ def planned(plan: "Plan") -> Planned:
         "axes": [list(axis) for axis in plan.axes],
         "outcomes": dict(study.get("outcomes") or {}),
         "file": plan.file.name,
+        "longest_s": max(
+            parse(request.changes.get("duration", plan.base["duration"]), "s") for request in requests
+        ),
         "version": __version__,
         "study": study,
     }

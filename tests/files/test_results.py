@@ -288,7 +288,7 @@ def test_first_finder_counts():
 
 
 def test_summary_has_the_intervals_of_the_textbooks():
-    """8 of 10: Wilson 0.490 to 0.943; times 1 to 8 s: 4.5 +- 2.365 sqrt(6/8) s."""
+    """8 of 10: Wilson 0.490 to 0.943; 1 to 8 hits: 4.5 exp(+- 2.365 sqrt(6/8) / 4.5), Student's t of 7 degrees."""
     times = [*range(1, 9), None, None]
     names = ("time_s", "path_m", "overhead", "acquisitions", "hits", "bumps", "declarations", "outcome")
     names += ("declared_time_s", "localisation_error_m", "false_declarations")
@@ -297,7 +297,15 @@ def test_summary_has_the_intervals_of_the_textbooks():
     assert told["success_rate"]["low"] == pytest.approx(0.4902, abs=1e-3)
     assert told["success_rate"]["high"] == pytest.approx(0.9433, abs=1e-3)
     assert told["time_s"]["mean"] == 4.5
-    assert told["time_s"]["high"] - 4.5 == pytest.approx(2.3646 * np.sqrt(6.0 / 8), rel=1e-3)
+    for end, sign in (("low", -1), ("high", 1)):
+        expected = np.log(4.5) + sign * 2.3646 * np.sqrt(6.0 / 8) / 4.5
+        assert np.log(told["hits"][end]) == pytest.approx(expected, rel=1e-3)
+    assert 0 < told["time_s"]["low"] < 4.5 < told["time_s"]["high"] < 100.0
+    few = scores.trial_summary(
+        {"success": [True] * 2, **{name: values[6:8] for name, values in trials.items()}}, duration=100.0
+    )
+    assert few["time_s"]["mean"] == 7.5
+    assert np.isnan(few["time_s"]["low"])
     assert told["time_s"]["n"] == 8
     assert told["time_with_failures_s"]["mean"] == pytest.approx(23.6)
     none = scores.trial_summary({"success": [False], **{key: [None] for key in trials}}, duration=1.0)

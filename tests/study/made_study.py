@@ -64,7 +64,8 @@ def plan(
     }  # fmt: skip
     return SimpleNamespace(
         study=SimpleNamespace(model_dump=lambda mode: told),
-        file=Path("study.yaml"), folder=Path(), base={}, axes=tuple(axes.values()), requests=tuple(requests),
+        file=Path("study.yaml"), folder=Path(), base={"duration": 60.0}, axes=tuple(axes.values()),
+        requests=tuple(requests),
     )  # fmt: skip
 
 

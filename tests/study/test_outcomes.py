@@ -1,5 +1,6 @@
 """What may be asked for of a result is what results hold."""
 
+from math import inf
 from typing import Any
 
 import fake_run
@@ -12,7 +13,7 @@ from taichi_plume.scenario.motion import Motion
 from taichi_plume.scenario.obstacles import Cylinder
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.maps import MapScores
-from taichi_plume.studies.outcomes import OutcomeCheck
+from taichi_plume.studies.outcomes import OutcomeCheck, limits_of
 
 pytestmark = pytest.mark.usefixtures("taichi")
 OF_THE_MACHINE = {"wall_s", "Mcell_steps_per_s"}
@@ -82,3 +83,24 @@ def test_pushes_may_be_asked_for_where_an_obstacle_moves():
     for obstacles, left in (([], paths), ([still], paths), ([still, walker], set())):
         scenario = fake_run.scenario(2).model_copy(update={"obstacles": obstacles})
         assert refused(scenario, paths) == left
+
+
+@pytest.mark.parametrize(
+    ("path", "limits"),
+    [
+        ("maps.0.correlation", (-1.0, 1.0)),
+        ("maps.0.mean_gas.correlation.3", (-1.0, 1.0)),
+        ("maps.0.known_fraction", (0.0, 1.0)),
+        ("groups[0].summary.declared_rate.low", (0.0, 1.0)),
+        ("groups.0.per_trial.success.2", (0.0, 1.0)),
+        ("maps.0.mae_ppm", (0.0, inf)),
+        ("groups.0.median_time_s", (0.0, inf)),
+        ("groups.0.beside_recorded.bias_ppm", (-inf, inf)),
+        ("gas.relative_error", (-inf, inf)),
+        ("flow.lift", (-inf, inf)),
+        ("probes.success.wind_x", (-inf, inf)),
+        ("probes.door.ethanol_ppm", (0.0, inf)),
+    ],
+)
+def test_numbers_have_a_range(path, limits):
+    assert limits_of(path) == limits

@@ -138,7 +138,7 @@ def test_nothing_of_a_study_gets_to_command_a_page(write, sweep):
         (
             made_study.plan({"speed": Axis("speed", "m/s", True)}, [(0.2,), (0.3,)], airs=1),
             [made_study.trial()],
-            "no interval: one air is not enough",
+            "no interval: it takes at least 3 airs, there is 1",
         ),
         (
             made_study.plan({"on": Axis("on", "", True)}, [(True,), (False,)], airs=1),

@@ -1,5 +1,6 @@
 import random
 import shutil
+from math import inf, isnan
 from pathlib import Path
 
 import made_study
@@ -256,8 +257,30 @@ def test_a_difference_of_shares_lies_between_minus_one_and_one(tmp_path):
 
     apart = made_study.published(tmp_path, plan, made_study.records(plan, rows)).differences("algorithm")
     assert list(apart["apart"]) == [0.5]
-    assert list(apart["high"]) == [1.0]
-    assert max(apart["low"]) < 0.0
+    assert 0.5 < max(apart["high"]) < 1.0
+    assert -1.0 < min(apart["low"]) < 0.0
+
+
+@pytest.mark.parametrize("airs", [2, 3, 6])
+def test_intervals_of_a_study_keep_to_the_range_of_each_quantity(tmp_path, airs):
+    """Times of 10 to 59 of 60 s, ways, correlations near 1 and errors near 0; no interval below three airs."""
+    plan = made_study.plan({}, [()], airs=airs)
+
+    def rows(one):
+        time = (59.0, 58.0, 10.0)[one.air_seed % 3]
+        outcomes = {"correlation": 1.0 - 0.1 / time, "error": 0.1 / time}
+        return made_study.record(one, [made_study.trial(time=time)], outcomes=outcomes)
+
+    points = made_study.published(tmp_path, plan, made_study.records(plan, rows)).points()
+    limits = {"time_s": (0, 60), "time_with_failures_s": (0, 60), "correlation": (-1, 1), "error": (0, inf)}
+    for name, (least, most) in limits.items():
+        mean, low, high = (points[name + end].to_list()[0] for end in ("", "_low", "_high"))
+        if airs < 3:
+            assert isnan(low)
+            assert isnan(high)
+            assert "at least 3 airs, there are 2" in points[f"{name}_words"][0]
+        else:
+            assert least < low < mean < high < most, name
 
 
 def test_more_points_in_airs_of_the_same_seeds_make_no_narrower_interval(tmp_path):
