@@ -108,4 +108,4 @@ def _bag_options(bag: Mapping[str, object] | BagOptions | None) -> BagOptions | 
     unknown = [key for key in bag if key not in BAG_KEYS] if isinstance(bag, Mapping) else []
     if unknown:
         raise ReadingsError(f"bag: unknown key '{unknown[0]}'; allowed: {', '.join(BAG_KEYS)}")
-    return None if bag is None else load_part(bag, "bag", BagOptions)
+    return bag if bag is None or isinstance(bag, BagOptions) else load_part(bag, "bag", BagOptions)

@@ -15,7 +15,7 @@ from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 
 LARGEST_FILE = 1 << 22  # bytes; a second and more per MiB
 MOST_VALUES = 100_000  # once aliases are written out; all within LARGEST_FILE
-PER_VALUE = 20  # characters of a text that count as one value more
+PER_VALUE = 20  # bytes of a text or number that count as one value more
 DEEPEST = 32  # levels; those of a scenario are 10
 LONGEST_NUMBER = 1000  # characters
 LONGEST_TEXT = 10_000  # characters
@@ -48,7 +48,7 @@ class LineError(Exception):
 
 def weight(value: object) -> int:
     """Return the size of a scalar in units of values, by which documents are limited: a long text counts as several."""
-    return 1 + len(value) // PER_VALUE if isinstance(value, str) else 1
+    return 1 + len(str(value).encode(errors="surrogatepass")) // PER_VALUE
 
 
 def read_text(path: Path) -> str:
@@ -189,13 +189,22 @@ def _check_kind(node: yaml.Node, dates: bool) -> None:
 
 
 def _check_scalar(node: yaml.ScalarNode, longest_text: int) -> None:
-    longest = LONGEST_NUMBER if node.tag in _NUMBERS else longest_text
-    if len(node.value) > longest:
-        what = "number" if node.tag in _NUMBERS else "text"
-        raise _fault(node, f"a {what} of {len(node.value):,} characters; at most {longest:,} are taken")
-    harmful = (c for c in node.value if c not in "\n\t" and unicodedata.category(c) in HARMFUL)
-    if not node.value.isprintable() and (character := next(harmful, None)):
-        raise _fault(node, f"has the character {visible(character)}, which does not print")
+    if node.tag in _NUMBERS and len(node.value) > LONGEST_NUMBER:
+        raise _fault(
+            node, f"a number of {len(node.value):,} characters; at most {LONGEST_NUMBER:,} are taken"
+        )
+    if fault := text_fault(node.value, longest_text):
+        raise _fault(node, fault)
+
+
+def text_fault(text: str, longest: int = LONGEST_TEXT) -> str | None:
+    """Return the reason why a document must not have a text: its length, or a character; None if it may."""
+    if len(text) > longest:
+        return f"a text of {len(text):,} characters; at most {longest:,} are taken"
+    harmful = (c for c in text if c not in "\n\t" and unicodedata.category(c) in HARMFUL)
+    if not text.isprintable() and (character := next(harmful, None)):
+        return f"has the character {visible(character)}, which does not print"
+    return None
 
 
 def _check_keys(mapping: yaml.MappingNode) -> None:

@@ -2,15 +2,20 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from pathlib import PurePath
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
-from taichi_plume.guard.yaml_text import DEEPEST, LineError
+from taichi_plume.guard.yaml_text import DEEPEST, LONGEST_NUMBER, LineError, text_fault
 
 LONGEST_GOT = 48  # characters of a value in a message
+PLAIN = "a text, a finite number, true, false, null, a list, or a mapping whose keys are texts"
+Steps = Sequence[int | str]
+"""Keys on the path to a value, and indices of items."""
 Data = dict[str, Any]
 """Keys and values as YAML has them: texts, numbers, lists and mappings."""
 
@@ -33,24 +38,93 @@ def path_of(steps: Sequence[int | str]) -> str:
 
 def shown(value: object) -> str:
     """Return a value as a short text for error messages: its repr, cut to 48 characters, or "nothing" for None."""
-    text = "nothing" if value is None else repr(value)
+    try:
+        text = "nothing" if value is None else repr(value)
+    except Exception:  # such as of an object's own __repr__, or of thousands of digits
+        text = object.__repr__(value)
     return text if len(text) <= LONGEST_GOT else text[: LONGEST_GOT - 3] + "..."
 
 
-def yaml_value(value: object, depth: int = 0) -> Any:
-    """Return a Python value in the types of YAML: tuples and arrays become lists, file paths become texts.
+class ValueLineError(LineError):
+    """Error: a value cannot be written to YAML and read back. steps: keys on the path to it; what: the reason."""
 
-    Raises LineError if the value is nested too deeply.
+    def __init__(self, steps: Steps, what: str):
+        super().__init__(f"{path_of(steps)}: {what}" if steps else what)
+        self.steps, self.what = steps, what
+
+
+def yaml_value(value: object, steps: Steps = (), exact: bool = False, above: int = 0) -> Any:
+    """Return a Python value in the types of YAML, as it is read again from a file to which it was written.
+
+    Tuples, ranges and arrays become lists, numbers of NumPy become Python's, file paths become texts. With `exact` none
+    of these is converted, and all numbers have to be finite. The parameters of users' algorithms are always exact.
+    steps: keys on the path to the value; above: number of levels above these keys. Raises ValueLineError.
     """
-    if depth > DEEPEST:
-        raise LineError(f"is nested deeper than {DEEPEST} levels")
+    if above + len(steps) >= DEEPEST:
+        raise ValueLineError(steps[:5], f"is nested deeper than {DEEPEST} levels")
+    if not exact:
+        value = _converted(value)
+    if type(value) is dict:
+        for key in value:
+            if type(key) is not str:
+                raise ValueLineError(steps, f"the key {shown(key)} must be a text")
+            if fault := text_fault(key):
+                raise ValueLineError(steps, f"the key {shown(key)} cannot be written: {fault}")
+        return {key: _below(value, key, (*steps, key), exact, above) for key in value}
+    if type(value) is list:
+        return [yaml_value(part, (*steps, n), exact, above) for n, part in enumerate(value)]
+    if type(value) is int and abs(value) >= 10**LONGEST_NUMBER:
+        raise ValueLineError(
+            steps, f"a whole number of more than {LONGEST_NUMBER:,} digits; use a smaller one"
+        )
+    if type(value) is str and (fault := text_fault(value)):
+        raise ValueLineError(steps, fault)
+    if value is None or type(value) in (bool, int, str):
+        return value
+    if not exact and isinstance(value, float | BaseModel):  # checked with its section
+        return value
+    if type(value) is float and isfinite(value):
+        return value
+    kind = "" if type(value) is float else f" of type {type(value).__name__}"
+    raise ValueLineError(steps, f"got {shown(value)}{kind}: must be {PLAIN}")
+
+
+def _converted(value: object) -> object:
+    """Return a value of a subclass, a tuple, range, array or file path as the type of YAML that stands for it."""
     if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
+        return value.tolist()
     if isinstance(value, Mapping):
-        return {key: yaml_value(part, depth + 1) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [yaml_value(part, depth + 1) for part in value]
-    return str(value) if isinstance(value, PurePath) else value
+        return dict(value)
+    if isinstance(value, PurePath):
+        return str(value)
+    if value is None or isinstance(value, bool):
+        return value
+    for kind in (str, int, float):
+        if isinstance(value, kind):
+            return value if type(value) is kind else getattr(kind, f"__{kind.__name__}__")(value)
+    return list(value) if isinstance(value, Sequence) and not isinstance(value, bytes | bytearray) else value
+
+
+def _below(value: Data, key: str, steps: Steps, exact: bool, above: int) -> Any:
+    """Return the value at a key of a mapping as `yaml_value` does; exact if it is a parameter of a user's algorithm.
+
+    The values of a study's axis are exact if the axis varies such a parameter.
+    """
+    part = value[key]
+    if exact or _is_parameter(steps):
+        return yaml_value(part, steps, True, above)
+    paths = [value.get("key"), *(value.get("keys") or ())] if key == "values" else []
+    if any(isinstance(path, str) and _is_parameter([path]) for path in paths):
+        part = part.tolist() if isinstance(part, np.ndarray) else part
+        if isinstance(part, list | tuple):
+            return [yaml_value(item, (*steps, n), True, above) for n, item in enumerate(part)]
+    return yaml_value(part, steps, False, above)
+
+
+def _is_parameter(steps: Steps) -> bool:
+    """Return whether a path of keys leads to the parameters of a user's algorithm, or below."""
+    keys = steps_of(path_of(steps))
+    return any(key == "parameters" and (n == 0 or keys[n - 1] == "algorithm") for n, key in enumerate(keys))
 
 
 def changed(data: Mapping[str, Any], changes: Mapping[str, object]) -> Data:

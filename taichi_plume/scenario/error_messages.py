@@ -52,6 +52,7 @@ def _line(fault: ErrorDetails, data: Data, top: type[Model]) -> str | None:
     if kind == "missing":
         parent = path_of(steps[:-1])
         return f"{parent}: missing key '{steps[-1]}'" if parent else f"missing key '{steps[-1]}'"
+    steps = [*steps, *context.get("below", ())]  # of a value within a section's free part
     where = f"{path_of(steps)}: " if steps else ""
     union = isinstance(member, str) and (member[:1].isupper() or member.startswith("tagged-union["))
     if kind in ("model_type", "model_attributes_type") and union:

@@ -9,7 +9,7 @@ from pydantic import TypeAdapter, ValidationError
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.guard.yaml_text import MOST_VALUES, LineError, parse, read_text, weight
-from taichi_plume.scenario.changes import Data, changed, path_of, shown, steps_of, yaml_value
+from taichi_plume.scenario.changes import Data, ValueLineError, changed, path_of, shown, steps_of, yaml_value
 from taichi_plume.scenario.error_messages import explain
 from taichi_plume.scenario.scenario import Scenario
 
@@ -73,13 +73,13 @@ def read_scenario(
 
 
 def of_python(values: Mapping[str, object]) -> Data:
-    """Return a mapping of Python values in the types of YAML, such as lists for tuples. Raises ScenarioError."""
+    """Return a mapping of Python values in the types of YAML, see `yaml_value`. Raises ScenarioError."""
     if not isinstance(values, Mapping):
         raise ScenarioError([f"got {shown(values)}; give a dict of keys and values"])
     try:
         return yaml_value(values)
     except LineError as fault:
-        raise ScenarioError([f"scenario: {fault}"]) from None
+        raise ScenarioError([str(fault)]) from None
 
 
 def scenario_of(data: Mapping[str, Any], changes: Mapping[str, object]) -> Scenario:
@@ -109,7 +109,7 @@ def scenario_from(data: Data) -> Scenario:
 def _values(data: object) -> int:
     """Return how many values and keys the YAML of `data` has, to limit its size."""
     if isinstance(data, dict):
-        return 1 + sum(1 + _values(part) for part in data.values())
+        return 1 + sum(weight(key) + _values(part) for key, part in data.items())
     return 1 + sum(map(_values, data)) if isinstance(data, list) else weight(data)
 
 
@@ -119,7 +119,9 @@ def load_part(value: object, where: str, kind: Any) -> Any:
     where: name of the section in messages. Raises ScenarioError.
     """
     try:
-        data = {where: parse(value) if isinstance(value, str) else yaml_value(value)}
+        data = {where: parse(value)} if isinstance(value, str) else yaml_value({where: value})
+    except ValueLineError as fault:
+        raise ScenarioError([str(fault)]) from None
     except LineError as fault:
         raise ScenarioError([f"{where}: {fault}"]) from None
     adapter = TypeAdapter(dict[str, kind])

@@ -6,7 +6,7 @@ from typing import Any
 import yaml
 
 from taichi_plume.scenario.key_facts import quantity_unit
-from taichi_plume.scenario.quantities import with_unit
+from taichi_plume.scenario.quantities import parse, with_unit
 from taichi_plume.scenario.vocabulary import Model
 
 LONGEST = 108  # characters of a line, unless a single value is longer
@@ -27,15 +27,15 @@ def readable(part: Model, own: bool = False) -> dict[str, object]:
 
 
 def _plain(value: object, unit: str, own: bool) -> object:
-    """Return a value in the types of YAML; numbers become texts with a handy unit if `unit` is not empty."""
+    """Return a value in the types of YAML; numbers become texts with a handy unit, if they read back as equal."""
     if isinstance(value, Model):
         return readable(value, own)
     if isinstance(value, tuple | list):
         return [_plain(item, unit, own) for item in value]
     if isinstance(value, dict):
         return {key: _plain(item, unit, own) for key, item in value.items()}
-    if isinstance(value, float):
-        return with_unit(value, unit) if unit else float(f"{value:.15g}")
+    if isinstance(value, float) and unit and parse(text := with_unit(value, unit), unit) == value:
+        return text
     return value
 
 

@@ -19,6 +19,7 @@ from taichi_plume.scenario.error_messages import explain
 from taichi_plume.scenario.input_files import outside
 from taichi_plume.scenario.loading import NEEDS, ScenarioError, of_python, read_mapping, scenario_of
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.vocabulary import Model
 from taichi_plume.studies.air_plan import differs
 from taichi_plume.studies.axes import Levels, Point, Range, count_of, points
 from taichi_plume.studies.axis_values import resolve
@@ -157,7 +158,17 @@ def _unreadable(message: str) -> ScenarioError:
 
 
 def _yaml(data: Data) -> bytes:
-    return yaml.safe_dump(data, sort_keys=False, allow_unicode=True).encode()
+    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True).encode()
+
+
+class _Dumper(yaml.SafeDumper):
+    """YAML dumper that writes sections, which a dict from Python may hold, with the keys that were set."""
+
+
+_Dumper.add_multi_representer(
+    Model,
+    lambda dumper, section: dumper.represent_data(section.model_dump(mode="json", exclude_unset=True)),
+)
 
 
 class _Planning:

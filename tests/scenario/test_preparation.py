@@ -174,7 +174,7 @@ def test_values_of_python_are_taken_as_those_of_yaml(tmp_path):
         ({"obstacles": ({"size": (1, 1)},)}, "obstacles[0]: missing key 'kind'"),
         ({"obstacles": [{"kind": "mesh", "file": tmp_path / "x.stl"}]}, "x.stl lies outside"),
         ({"obstacles": [loop]}, "nested deeper"),
-        ({3: 1}, "unknown key '3'"),
+        ({3: 1}, "the key 3 must be a text"),
     ):
         with pytest.raises(ScenarioError) as told:
             load_scenario({**ROOM, **dict[Any, Any](bad)})
