@@ -18,13 +18,12 @@ if TYPE_CHECKING:
     from taichi_plume.assembly.resources import Resources
 
 FIRST = ("obstacles", "gas", "arena", "robots", "wind")  # these come first in messages
+ORDER = (*FIRST, *(key for key in Scenario.model_fields if key not in FIRST))
 
 
 def every(scenario: Scenario) -> Iterator[tuple[str, Model]]:
     """Yield (path, section) for every section of a scenario, in the order of messages; the scenario itself is last."""
-    for key in sorted(
-        Scenario.model_fields, key=lambda key: FIRST.index(key) if key in FIRST else len(FIRST)
-    ):
+    for key in ORDER:
         yield from sections(vars(scenario)[key], key)
     yield "", scenario
 
@@ -51,8 +50,9 @@ def errors(scenario: Scenario, resources: "Resources") -> list[str]:
     context = Context(scenario, resources)
     if resources.faults:
         return [f"{path}: {fault}" for path, fault in resources.faults.items()]
-    lines = [line for where, section in every(scenario) for line in section.file_errors(where, context)]
-    return lines or [line for where, section in every(scenario) for line in section.errors(where, context)]
+    parts = list(every(scenario))
+    lines = [line for where, section in parts for line in section.file_errors(where, context)]
+    return lines or [line for where, section in parts for line in section.errors(where, context)]
 
 
 def numbered(

@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from functools import cache
 from glob import escape, glob
 from pathlib import Path
 
@@ -11,9 +12,15 @@ from taichi_plume.guard.safe_open import OUTSIDE, inside
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.checks import every
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.scenario.vocabulary import INPUT_FILE, marked
+from taichi_plume.scenario.vocabulary import INPUT_FILE, Model, marked
 
 NUMBER = re.compile(r"%[0-9]*[dg]")  # stands for a number in the name of several files
+
+
+@cache
+def _names(model: type[Model]) -> tuple[str, ...]:
+    """Return the keys of a section that name input files."""
+    return tuple(key for key in model.model_fields if marked(model, key, INPUT_FILE))
 
 
 def input_files(scenario: Scenario) -> Iterator[tuple[str, str]]:
@@ -22,8 +29,8 @@ def input_files(scenario: Scenario) -> Iterator[tuple[str, str]]:
     A key with several names has a path for each, such as ``task.films[0]``.
     """
     for where, section in every(scenario):
-        for key in type(section).model_fields:
-            named = vars(section)[key] if marked(type(section), key, INPUT_FILE) else None
+        for key in _names(type(section)):
+            named = vars(section)[key]
             if isinstance(named, tuple):
                 yield from ((f"{where}.{key}[{n}]", name) for n, name in enumerate(named))
             elif named:

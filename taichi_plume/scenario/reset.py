@@ -1,6 +1,7 @@
 """Differences between two scenarios that a reset of a simulation cannot apply, as fields and kernels depend on them."""
 
 from collections.abc import Iterator
+from functools import cache
 
 from taichi_plume.scenario.vocabulary import COMPILED, FREE, Model, marked
 
@@ -35,16 +36,24 @@ def structure(scenario: Model) -> str:
     return repr(sorted((path, fixed) for path, (fixed, _) in _fixed(scenario, ())))
 
 
+@cache
+def _keys(model: type[Model]) -> tuple[str, list[tuple[str, str, bool]]]:
+    """Return the name of a section's class, and each key that is not FREE with its path and whether it is COMPILED."""
+    keys = [key for key in model.model_fields if not marked(model, key, FREE)]
+    return f"{model.__module__}.{model.__qualname__}", [
+        (key, f".{key}", marked(model, key, COMPILED)) for key in keys
+    ]
+
+
 def _fixed(value: object, path: Path, compiled: bool = False) -> Iterator[tuple[Path, Fixed]]:
     """Yield (path, (text of what a reset cannot change, value)), a section or list before its content."""
-    if isinstance(value, Model):
-        model = type(value)
-        yield path, (f"{model.__module__}.{model.__qualname__}", value)
-        for key in model.model_fields:
-            if not marked(model, key, FREE):
-                yield from _fixed(
-                    vars(value)[key], (*path, f".{key}"), compiled or marked(model, key, COMPILED)
-                )
+    if isinstance(value, float):
+        yield path, (f"float {value + 0.0!r}" if compiled else "float", value)  # -0.0 is 0.0
+    elif isinstance(value, Model):
+        name, keys = _keys(type(value))
+        yield path, (name, value)
+        for key, step, fixed in keys:
+            yield from _fixed(vars(value)[key], (*path, step), compiled or fixed)
     elif isinstance(value, list | tuple):
         yield path, (f"list of {len(value)}", value)
         for n, item in enumerate(value):
@@ -53,8 +62,6 @@ def _fixed(value: object, path: Path, compiled: bool = False) -> Iterator[tuple[
         yield path, (f"mapping of {sorted(map(repr, value))}", value)
         for key, item in value.items():
             yield from _fixed(item, (*path, f".{key}"), compiled)
-    elif isinstance(value, float):
-        yield path, (f"float {value + 0.0!r}" if compiled else "float", value)  # -0.0 is 0.0
     else:
         yield path, (f"{type(value).__name__} {value!r}", value)
 

@@ -233,13 +233,30 @@ def ordered_schedule() -> Any:
     return check
 
 
+@cache
+def _with_sections(model: type[Model]) -> tuple[str, ...]:
+    """Return the keys of a section whose values may be or contain sections."""
+    fields = model.model_fields.items()
+    return tuple(key for key, field in fields if any(map(_is_section, _parts(field.annotation))))
+
+
+def _parts(kind: object) -> Iterator[object]:
+    """Yield a type and all types that it is made of, without those in the classes of sections."""
+    yield kind
+    for part in get_args(kind):
+        yield from _parts(part)
+
+
+def _is_section(kind: object) -> bool:
+    return isinstance(kind, type) and issubclass(kind, Model)
+
+
 def sections(part: object, where: str) -> Iterator[tuple[str, Model]]:
     """Yield (path, section) for a section, or those of a list, and for all sections inside; where: its path."""
     if isinstance(part, Model):
         yield where, part
-        for key in type(part).model_fields:
-            if isinstance(value := vars(part)[key], Model | tuple):
-                yield from sections(value, f"{where}.{key}")
+        for key in _with_sections(type(part)):
+            yield from sections(vars(part)[key], f"{where}.{key}")
     elif isinstance(part, tuple) and part and isinstance(part[0], Model):
         for n, item in enumerate(part):
             yield from sections(item, f"{where}[{n}]")

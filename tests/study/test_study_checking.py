@@ -4,8 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from taichi_plume.assembly.preparation import checked
+from taichi_plume.assembly.preparation import checked, load_scenario
+from taichi_plume.scenario.checks import every
 from taichi_plume.scenario.loading import ScenarioError, read_scenario
+from taichi_plume.scenario.vocabulary import Model
 from taichi_plume.studies.ids import Digests
 from taichi_plume.studies.scenario_checks import Checks
 from tests.fuzz import formats
@@ -30,6 +32,23 @@ def test_again_and_after_others_it_says_the_same(path):
                 told.append(error.faults)
         assert told[0] == told[1]
     assert digests.ids(alone, {}) == Digests(path.parent).ids(alone, {})
+
+
+def models(part: object) -> list[Model]:
+    """All sections in a value, whatever the annotations of its keys say."""
+    if isinstance(part, Model):
+        return [part, *models(list(vars(part).values()))]
+    parts = part.values() if isinstance(part, dict) else part if isinstance(part, list | tuple) else ()
+    return [model for value in parts for model in models(value)]
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.rglob("*.yaml")), ids=lambda path: path.stem)
+def test_the_checks_see_every_section(path):
+    if path.parent.name == "studies":
+        pytest.skip("a study")
+    scenario = load_scenario(path, (), True)
+    found = [section for _, section in every(scenario)]
+    assert sorted(map(id, found)) == sorted(map(id, models(scenario)))
 
 
 def test_ids_of_a_film_are_of_what_it_holds(tmp_path):
