@@ -45,7 +45,7 @@ def study(
     >>> len(results.trials())
     4
     """
-    plan = load_plan(source, allow_outside)
+    plan = load_plan(source, allow_outside, progress)
     settings = Settings(
         plan.default_out if out is None else Path(out), workers, scheduler, retry, force, progress, allow_code,
         allow_outside, report=report,

@@ -33,9 +33,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _study(args: argparse.Namespace) -> int:
-    from taichi_plume.studies.plan import load_plan
+    from taichi_plume.studies.plan import MOST_RUNS, SAMPLE, load_plan
 
-    plan = load_plan(args.study, args.allow_outside)
+    most = SAMPLE if args.check else MOST_RUNS
+    plan = load_plan(args.study, args.allow_outside, not args.quiet, most)
     out = args.out or plan.default_out
     if args.check:
         from taichi_plume.studies.study_run import print_check

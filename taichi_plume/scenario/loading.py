@@ -100,8 +100,8 @@ def scenario_from(data: Data) -> Scenario:
     except ValidationError as error:
         raise ScenarioError(explain(error, data)) from None
     # each value takes more than a byte of JSON, so that few scenarios have to be counted
-    few = len(scenario.model_dump_json(exclude_none=True)) <= MOST_VALUES
-    values = 0 if few else _values(scenario.model_dump(mode="json", exclude_none=True))
+    is_short = len(scenario.model_dump_json(exclude_none=True)) <= MOST_VALUES
+    values = 0 if is_short else _values(scenario.model_dump(mode="json", exclude_none=True))
     if values > MOST_VALUES:
         line = f"has {values:,} values with all defaults written out, at most {MOST_VALUES:,} are allowed; use fewer "
         raise ScenarioError([line + "obstacles, groups of robots, or way points"])

@@ -1,6 +1,5 @@
 """Differences between two scenarios that a reset of a simulation cannot apply, as fields and kernels depend on them."""
 
-from collections.abc import Iterator
 from functools import cache
 
 from taichi_plume.scenario.vocabulary import COMPILED, FREE, Model, marked
@@ -18,10 +17,10 @@ def differences(old: Model, new: Model) -> list[str]:
     Floats may differ unless they are marked COMPILED, and so may all keys marked FREE. All else has to be equal: kinds,
     names, whole numbers, lengths of lists, and which keys are given.
     """
-    others = dict(_fixed(new, ()))
+    others = dict(_fixed(new))
     lines: list[str] = []
     last: Path | None = None
-    for path, (fixed, value) in _fixed(old, ()):
+    for path, (fixed, value) in _fixed(old):
         if last is not None and path[: len(last)] == last:
             continue  # below a section or list that differs
         other_fixed, other = others[path]
@@ -33,7 +32,7 @@ def differences(old: Model, new: Model) -> list[str]:
 
 def structure(scenario: Model) -> str:
     """Return a text that is equal for two scenarios if and only if a reset can change one into the other."""
-    return repr(sorted((path, fixed) for path, (fixed, _) in _fixed(scenario, ())))
+    return repr(sorted((path, fixed) for path, (fixed, _) in _fixed(scenario)))
 
 
 @cache
@@ -45,25 +44,33 @@ def _keys(model: type[Model]) -> tuple[str, list[tuple[str, str, bool]]]:
     ]
 
 
-def _fixed(value: object, path: Path, compiled: bool = False) -> Iterator[tuple[Path, Fixed]]:
-    """Yield (path, (text of what a reset cannot change, value)), a section or list before its content."""
+def _fixed(value: object) -> list[tuple[Path, Fixed]]:
+    """Return (path, (text of what a reset cannot change, value)) of each part, a section or list before its content."""
+    found: list[tuple[Path, Fixed]] = []
+    _add(found, value, (), False)
+    return found
+
+
+def _add(found: list[tuple[Path, Fixed]], value: object, path: Path, compiled: bool) -> None:
+    """Add a value at `path` and all below to those found; compiled: whether floats there must not change."""
     if isinstance(value, float):
-        yield path, (f"float {value + 0.0!r}" if compiled else "float", value)  # -0.0 is 0.0
+        text = f"float {value + 0.0!r}" if compiled else "float"  # -0.0 is 0.0
+        found.append((path, (text, value)))
     elif isinstance(value, Model):
         name, keys = _keys(type(value))
-        yield path, (name, value)
+        found.append((path, (name, value)))
         for key, step, fixed in keys:
-            yield from _fixed(vars(value)[key], (*path, step), compiled or fixed)
+            _add(found, vars(value)[key], (*path, step), compiled or fixed)
     elif isinstance(value, list | tuple):
-        yield path, (f"list of {len(value)}", value)
+        found.append((path, (f"list of {len(value)}", value)))
         for n, item in enumerate(value):
-            yield from _fixed(item, (*path, f"[{n}]"), compiled)
+            _add(found, item, (*path, f"[{n}]"), compiled)
     elif isinstance(value, dict):
-        yield path, (f"mapping of {sorted(map(repr, value))}", value)
+        found.append((path, (f"mapping of {sorted(map(repr, value))}", value)))
         for key, item in value.items():
-            yield from _fixed(item, (*path, f".{key}"), compiled)
+            _add(found, item, (*path, f".{key}"), compiled)
     else:
-        yield path, (f"{type(value).__name__} {value!r}", value)
+        found.append((path, (f"{type(value).__name__} {value!r}", value)))
 
 
 def _line(path: str, old: object, new: object) -> str:

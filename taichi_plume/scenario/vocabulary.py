@@ -74,6 +74,16 @@ def vector(model: type["Model"], key: str) -> Vector | None:
     return next((mark for mark in _marks(model, key) if isinstance(mark, Vector)), None)
 
 
+@cache
+def _dimensional(model: type["Model"]) -> tuple[str, ...]:
+    """Return the keys of a section that differ between 2-D and 3-D runs."""
+    return tuple(
+        key
+        for key in model.model_fields
+        if vector(model, key) is not None or marked(model, key, SPATIAL) or marked(model, key, PLANE)
+    )
+
+
 def _marks(model: type["Model"], key: str) -> Iterator[object]:
     """Yield the annotations of a key of a section and those within its type."""
     field = model.model_fields[key]
@@ -156,7 +166,7 @@ class Model(BaseModel):
         `errors`.
         """
         model = type(self)
-        for key in model.model_fields:
+        for key in _dimensional(model):
             axes, value = vector(model, key), vars(self)[key]
             if axes is not None and value is not None and len(value) != dim - axes.fewer:
                 has = f"{len(value)} number{'s' * (len(value) > 1)}"

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import quote
 
+import numpy as np
 import yaml
 from pydantic import TypeAdapter, ValidationError
 
@@ -30,6 +31,8 @@ from taichi_plume.studies.scenario_checks import Checks
 from taichi_plume.studies.study_keys import SEEDS, Study
 
 MOST_RUNS = 100_000
+LISTED = 10  # first points that `--check` lists
+SAMPLE = 1000  # points beyond which `--check` checks only some, in a few seconds
 MOST_FOLDERS = 1000  # folders of the table of trials
 MOST_LEVELS = 64  # most values of an axis with a folder per value
 LONGEST_FOLDER = 100  # most characters of a value in a folder's name
@@ -49,7 +52,9 @@ Source = str | Path | Mapping[str, object]
 class Plan(NamedTuple):
     """A study with all its runs. file: study.yaml; folder: folder of the base; base: data of the base scenario.
 
-    texts: content of the study's file and of the base's, by their names in the study's folder.
+    texts: content of the study's file and of the base's, by their names in the study's folder. runs, points: numbers of
+    all runs and of all combinations of axis values but seeds; checked: number of those that were checked. Only the runs
+    of these are in `requests`.
     """
 
     study: Study
@@ -59,6 +64,9 @@ class Plan(NamedTuple):
     axes: tuple[Axis, ...]
     requests: tuple[Request, ...]
     texts: dict[str, bytes]
+    runs: int
+    points: int
+    checked: int
 
     @property
     def default_out(self) -> Path:
@@ -75,14 +83,18 @@ class _Base(NamedTuple):
     text: bytes
 
 
-def load_plan(source: Source, allow_outside: bool = False) -> Plan:
+def load_plan(
+    source: Source, allow_outside: bool = False, progress: bool = False, most: int = MOST_RUNS
+) -> Plan:
     """Read a study, check the scenario of each combination of axis values, list all runs. Run no users' code.
 
-    allow_outside: whether the base and the files that the base names may lie outside the study's folder. Raises
-    ScenarioError with a line for each error.
+    allow_outside: whether the base and the files that the base names may lie outside the study's folder. progress: show
+    the progress of checks that take longer than a second. most: number of combinations beyond which only some are
+    checked and listed, see `_sample`. Raises ScenarioError with a line for each error.
     """
+    options = allow_outside, progress, most
     if isinstance(source, Mapping):
-        return _of_dict(source, allow_outside)
+        return _of_dict(source, *options)
     if not isinstance(source, str | Path):
         raise ScenarioError(
             [f"study: got {shown(source)}; give a YAML file, the name of an example or a dict"]
@@ -92,7 +104,7 @@ def load_plan(source: Source, allow_outside: bool = False) -> Plan:
     try:
         texts = {"study.yaml": content_of(file, LARGEST_TEXT, _unreadable)}
         base = _base_of_file(file.parent / study.base, file.parent, study.base, allow_outside)
-        return _Planning(study, base, allow_outside).plan(file, texts)
+        return _Planning(study, base, *options).plan(file, texts)
     except ScenarioError as error:
         raise ScenarioError([f"{file}: {line}" for line in error.faults]) from None
 
@@ -120,7 +132,7 @@ def _study(data: Data) -> Study:
     return study
 
 
-def _of_dict(source: Mapping[str, object], allow_outside: bool) -> Plan:
+def _of_dict(source: Mapping[str, object], allow_outside: bool, progress: bool, most: int) -> Plan:
     """Return the plan of a study in a dict. Its base is a path from the working folder, an example or a scenario."""
     given, name = source.get("base"), "base.yaml"
     data = of_python({**source, "base": name} if "base" in source else source)
@@ -140,7 +152,8 @@ def _of_dict(source: Mapping[str, object], allow_outside: bool) -> Plan:
             f"got {shown(given)}; give a Scenario, a dict, the path of a YAML file or the name of an example"
         )
         raise ScenarioError([f"base: {what}"])
-    return _Planning(study, base, allow_outside).plan(Path("study.yaml"), {"study.yaml": _yaml(data)})
+    planning = _Planning(study, base, allow_outside, progress, most)
+    return planning.plan(Path("study.yaml"), {"study.yaml": _yaml(data)})
 
 
 def _base_of_file(path: Path, folder: Path, name: str, allow_outside: bool) -> _Base:
@@ -172,8 +185,9 @@ _Dumper.add_multi_representer(
 
 
 class _Planning:
-    def __init__(self, study: Study, base: _Base, allow_outside: bool):
+    def __init__(self, study: Study, base: _Base, allow_outside: bool, progress: bool, most: int):
         self.study, self.base_file, self.base = study, base, base.data
+        self.progress, self.most = progress, most
         self.checks, self.digests = Checks(base.folder, allow_outside), Digests(base.folder)
 
     def plan(self, file: Path, texts: dict[str, bytes]) -> Plan:
@@ -185,7 +199,9 @@ class _Planning:
             limit = f"at most {MOST_RUNS:,} are allowed"
             raise ScenarioError([f"has {runs:,} runs; {limit}, use fewer values or airs"])
         axes = resolve(study, base.data, visible(base.name, LONGEST_VALUE))
-        found, faults = self._checked(axes)
+        combinations = self._combinations(axes)
+        chosen = _sample(combinations, axes, self.most)
+        found, faults = self._checked(axes, combinations, chosen)
         if faults:
             raise ScenarioError(faults)
         requests = tuple(self._requests(found))
@@ -193,34 +209,50 @@ class _Planning:
         if same:
             raise ScenarioError([same])
         texts = texts | {"base.yaml": base.text}
-        return Plan(study, file, base.folder, base.data, tuple(columns(axes)), requests, texts)
+        counts = runs, len(combinations), len(chosen)
+        return Plan(study, file, base.folder, base.data, tuple(columns(axes)), requests, texts, *counts)
 
     # ------------------------------------------------------------ checks
 
-    def _checked(self, axes: Sequence[Levels | Range]) -> tuple["list[_Checked]", list[str]]:
-        """Return valid combinations of axis values, and errors. Those that differ only in seeds are checked once."""
-        study = self.study
-        requested, refused, found = OutcomeCheck(study.outcomes, study.keep), _Refused(axes), []
-        seen: dict[tuple[int, ...], tuple[int, Ids] | None] = {}
+    def _combinations(self, axes: Sequence[Levels | Range]) -> dict[tuple[int, ...], list[Point]]:
+        """Return the points of a study by combination of axis values; those of one differ only in seeds."""
         grid = [axis for axis in axes if isinstance(axis, Levels)]
-        seeds = [n for n, axis in enumerate(grid) if set(study.axes[axis.name].paths) <= set(SEEDS)]
-        scenario = None
-        for point in points(study, axes):
+        seeds = [n for n, axis in enumerate(grid) if set(self.study.axes[axis.name].paths) <= set(SEEDS)]
+        combinations: dict[tuple[int, ...], list[Point]] = {}
+        for point in points(self.study, axes):
             key = tuple(which for n, which in enumerate(point.which) if n not in seeds)
-            if key not in seen:
-                seen[key] = None
-                try:
-                    scenario, resources = self.checks.checked(scenario_of(self.base, point.changes))
-                    seen[key] = len(seen) - 1, self._ids(scenario, resources.files)
-                    if requested.outcomes or requested.keep:
-                        requested.look(scenario)
-                except ScenarioError as error:
-                    refused.add(point, error.faults)
-                except OSError as error:
-                    refused.add(point, [f"{error.filename}: cannot be read: {error.strerror or error}"])
-            checked = seen[key]
-            if checked is not None:
-                found.append(_Checked(point, *checked))
+            combinations.setdefault(key, []).append(point)
+        return combinations
+
+    def _checked(
+        self,
+        axes: Sequence[Levels | Range],
+        combinations: Mapping[tuple[int, ...], Sequence[Point]],
+        chosen: Sequence[int],
+    ) -> tuple["list[_Checked]", list[str]]:
+        """Return the points of valid combinations, in the order of the study, and errors.
+
+        combinations: see `_combinations`; chosen: numbers of those to check. Each is checked once.
+        """
+        from taichi_plume.studies.progress import watched  # imports pyarrow
+
+        study, found, every = self.study, [], list(combinations.values())
+        requested, refused = OutcomeCheck(study.outcomes, study.keep), _Refused(axes)
+        scenario = None
+        for number in watched(chosen, len(chosen), "points are checked", self.progress):
+            first, *_ = every[number]
+            try:
+                scenario, resources = self.checks.checked(scenario_of(self.base, first.changes))
+                ids = self._ids(scenario, resources.files)
+                if requested.outcomes or requested.keep:
+                    requested.look(scenario)
+            except ScenarioError as error:
+                refused.add(first, error.faults)
+            except OSError as error:
+                refused.add(first, [f"{error.filename}: cannot be read: {error.strerror or error}"])
+            else:
+                found += [_Checked(point, number, ids) for point in every[number]]
+        found.sort(key=lambda each: each.point.which)
         return found, [*refused.lines(), *(requested.lines if scenario is not None else [])]
 
     def _ids(self, scenario: Scenario, files: Mapping[str, Sequence[Path]]) -> Ids:
@@ -262,6 +294,32 @@ class _Planning:
                 air = (air_seed + k) % SEED_RANGE
                 apart = own != air or given["air_seed"] is not None
                 yield own, air, {"seed": own} | ({"air_seed": air} if apart else {})
+
+
+def _sample(
+    combinations: Mapping[tuple[int, ...], Sequence[Point]], axes: Sequence[Levels | Range], most: int
+) -> list[int]:
+    """Return the numbers of the combinations of axis values to check: all, or of more than `most` a sample.
+
+    A sample has the first combinations, others at equal distances, the first with each value of an axis, and of an axis
+    with a range or many values those with the least and the largest.
+    """
+    count = len(combinations)
+    if count <= most:
+        return list(range(count))
+    values = [points[0].values for points in combinations.values()]
+    chosen = {*range(LISTED), *np.linspace(0, count - 1, most, dtype=int).tolist()}
+    for axis in axes:
+        of_axis = [each[axis.name] for each in values]
+        if isinstance(axis, Range) or len(axis.levels) > MOST_LEVELS:
+            chosen |= {of_axis.index(end(of_axis)) for end in (min, max)} if _ordered(of_axis) else set()
+        else:
+            chosen |= {of_axis.index(value) for value in dict.fromkeys(of_axis)}
+    return sorted(chosen)
+
+
+def _ordered(values: Sequence[object]) -> bool:
+    return all(isinstance(value, int | float) for value in values)
 
 
 class _Checked(NamedTuple):

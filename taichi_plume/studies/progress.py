@@ -1,8 +1,9 @@
 """Progress display of a study: a bar at a terminal or in a notebook, else a line per minute; totals of its runs."""
 
 import time
-from contextlib import suppress
-from typing import TYPE_CHECKING, Self
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, suppress
+from typing import TYPE_CHECKING, Self, TypeVar
 
 from rich.progress import (
     BarColumn,
@@ -22,16 +23,18 @@ if TYPE_CHECKING:
     from taichi_plume.studies.scheduler import Scheduler
 
 FIRST_S, LINE_S = 10.0, 60.0  # time until the first line, and between further lines
+QUIET_S = 1.0  # time of other work until its progress is shown
+T = TypeVar("T")
 
 
 class Display:
     """Progress display of a study's runs (context): a bar at a terminal or in a notebook, else a line per minute.
 
-    total: all runs; done: runs done at the start; shown: False for no output.
+    total: all runs; done: runs done at the start; shown: False for no output; what: plural of what is counted.
     """
 
-    def __init__(self, total: int, done: int, shown: bool = True):
-        self.total, self.done, self.shown = total, done, shown
+    def __init__(self, total: int, done: int, shown: bool = True, what: str = "runs"):
+        self.total, self.done, self.shown, self.what = total, done, shown, what
         self._began = time.monotonic()
         self._first = done
         self._next = self._began + FIRST_S
@@ -41,11 +44,11 @@ class Display:
         if not shown:
             return
         if notebook is not None:
-            self._notebook = NotebookBar(notebook, "starting workers ...")
+            self._notebook = NotebookBar(notebook, f"{what} ...")
         elif console.is_terminal:
             self._bar = Progress(
                 SpinnerColumn(),
-                TextColumn("runs"),
+                TextColumn(what),
                 BarColumn(),
                 MofNCompleteColumn(),
                 TextColumn("{task.fields[more]}"),
@@ -74,8 +77,8 @@ class Display:
         if self._bar is not None:
             self._bar.update(self._task, completed=self.done)
 
-    def update(self, scheduler: "Scheduler") -> None:
-        """Refresh the bar, or print a progress line each minute, from the state of a study's execution."""
+    def update(self, scheduler: "Scheduler | None" = None) -> None:
+        """Refresh the bar, or print a progress line each minute, with the state of a study's execution if given."""
         if not self.shown:
             return
         if self._bar is not None:
@@ -93,8 +96,9 @@ class Display:
         elif self.shown:
             say(line, error=self._notebook is None)
 
-    def _line(self, scheduler: "Scheduler") -> str:
-        return f"{self.done:,} of {self.total:,} runs{self._left()}; {_facts(scheduler)}"
+    def _line(self, scheduler: "Scheduler | None") -> str:
+        facts = _facts(scheduler)
+        return f"{self.done:,} of {self.total:,} {self.what}{self._left()}" + f"; {facts}" * bool(facts)
 
     def _left(self) -> str:
         """Return the remaining time of the study in words, at the mean rate so far; "" if unknown."""
@@ -105,7 +109,25 @@ class Display:
         return f", about {seconds / 60:.0f} min left" if seconds > 90 else f", about {seconds:.0f} s left"
 
 
-def _facts(scheduler: "Scheduler") -> str:
+def watched(parts: Iterable[T], total: int, what: str, shown: bool) -> Iterator[T]:
+    """Yield the parts of an iterable, and show the progress from the time on when they have taken more than a second.
+
+    total: their number; what: words behind the number, such as "points are checked".
+    """
+    began, display = time.monotonic(), None
+    with ExitStack() as stack:
+        for done, part in enumerate(parts):
+            if display is None and shown and time.monotonic() > began + QUIET_S:
+                display = stack.enter_context(Display(total, done, True, what))
+            if display is not None:
+                display.advance(done - display.done)
+                display.update()
+            yield part
+
+
+def _facts(scheduler: "Scheduler | None") -> str:
+    if scheduler is None:
+        return ""
     queue, workers = scheduler.queue, len(scheduler.worker_names)
     facts = []
     if queue.airs:

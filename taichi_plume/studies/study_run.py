@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from taichi_plume.studies.workers import Workers
 
 MOST_FAILED = 3  # failed runs that are listed
-MOST_POINTS = 10  # points that `--check` lists
 WORKERS = Annotated[int, Field(ge=1, le=4096, strict=True)] | None
 RESUME = "started again, the study resumes"
 
@@ -263,6 +262,8 @@ def print_check(plan: "Plan", out: Path) -> None:
     """Print a study's numbers of runs, points and airs (flow realisations) and its first points, as `--check` shows."""
     from rich.table import Table
 
+    from taichi_plume.studies.plan import LISTED
+
     requests = plan.requests
     runs_of_air = Counter(request.air for request in requests)
     runs_of_point = Counter(request.point for request in requests)
@@ -271,15 +272,20 @@ def print_check(plan: "Plan", out: Path) -> None:
     shared = f"; {several:,} runs share their air with other runs" if several else ""
     structures = len({request.structure for request in requests})
     say(visible(f"study {plan.study.name} ({plan.study.kind}) of {plan.study.base}, into {out}"))
-    say(f"runs: {len(requests):,}, at {len(points):,} points")
+    say(f"runs: {plan.runs:,}, at {plan.points:,} points")
+    if plan.checked < plan.points:
+        say(
+            f"checked: {plan.checked:,} of these points, with the ends of each axis; a study checks all before its "
+            "first run. Of the points checked:"
+        )
     say(f"airs: {len(runs_of_air):,}{shared}")
     say(f"structures, each compiled once by a worker: {structures:,}")
     heads = (f"{axis.name} [{axis.unit}]" if axis.unit else axis.name for axis in plan.axes)
     table = Table("point", "runs", *heads)
-    for point, request in sorted(points.items())[:MOST_POINTS]:
+    for point, request in sorted(points.items())[:LISTED]:
         values = (request.values.get(axis.name) for axis in plan.axes)
         shown = (f"{v:.6g}" if isinstance(v, float) else visible(v, LONGEST_VALUE) for v in values)
         table.add_row(str(point), str(runs_of_point[point]), *shown)
     show(table)
-    if len(points) > MOST_POINTS:
-        say(f"... and {len(points) - MOST_POINTS:,} points more")
+    if plan.points > LISTED:
+        say(f"... and {plan.points - LISTED:,} points more")

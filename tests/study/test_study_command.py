@@ -14,6 +14,9 @@ from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import say
 from taichi_plume.scenario.key_facts import first_sentence
 from taichi_plume.scenario.keys import all_keys, look_up, print_key, print_schema
+from taichi_plume.studies import plan
+from taichi_plume.studies.plan import load_plan
+from taichi_plume.studies.scenario_checks import Checks
 from taichi_plume.studies.study_keys import Study
 
 THRESHOLD = {"key": "robots.0.algorithm.threshold_ppm", "values": [1, 2, 3]}
@@ -39,6 +42,34 @@ def test_check_tells_what_it_makes(case, capsys):
     assert "airs: 2; 6 runs share their air with other runs" in told
     assert "threshold [ppm]" in told
     assert not (case / "studies").exists()
+
+
+def test_check_of_many_points_checks_the_ends_and_a_sample(tmp_path, monkeypatch, capsys):
+    """And says so; nothing is checked twice, and what a sampled value spoils is found at its end."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(plan, "SAMPLE", 30)
+    looked = []
+    checked = Checks.checked
+    monkeypatch.setattr(Checks, "checked", lambda self, one: looked.append(one) or checked(self, one))
+    axes = {"rate": {"key": "gas.sources.0.rate", "low": 1e-6, "high": 1e-5}, "threshold": THRESHOLD}
+    write(tmp_path, axes=axes, sampling={"kind": "latin", "count": 400}, airs=2)
+    assert main(["study.yaml", "--check"]) == 0
+    told = capsys.readouterr().out
+    assert "runs: 2,400, at 1,200 points" in told
+    assert f"checked: {len(looked)} of these points" in told
+    assert "all before its first run" in " ".join(told.split())
+    assert "... and 1,190 points more" in told
+    assert len(looked) < 50
+    rates = {one.gas.sources[0].rate for one in looked}
+    every = load_plan(tmp_path / "study.yaml").requests
+    drawn = {one.values["rate"] for one in every}
+    assert {min(drawn), max(drawn)} <= rates <= drawn
+    assert {one.robots[0].algorithm.threshold_ppm for one in looked} == {
+        one.values["threshold"] for one in every
+    }
+    some = load_plan(tmp_path / "study.yaml", most=30).requests
+    numbers = {(one.point, one.run, one.seed) for one in every}
+    assert {(one.point, one.run, one.seed) for one in some} < numbers
 
 
 @pytest.mark.parametrize(
