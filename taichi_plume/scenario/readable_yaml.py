@@ -13,44 +13,51 @@ LONGEST = 108  # characters of a line, unless a single value is longer
 FOLDED = 200  # characters that an item of a list may take and still be written in flow style, in two lines
 
 
-def readable(part: Model, own: bool = False) -> dict[str, object]:
+def readable(part: Model, own: bool = False, exact: bool = False) -> dict[str, object]:
     """Return keys and values of a section as YAML types; own: only the keys set in the file or by an override.
 
+    exact: write all digits of numbers, so that they read back as equal; otherwise numbers have at most 15 digits.
     An explicit null is written if the user set the key to null, or the default is another value.
     """
     data: dict[str, object] = {}
     for key, field in sorted(type(part).model_fields.items(), key=lambda item: item[0] != "kind"):
         value = vars(part)[key]
         if key in part.model_fields_set if own else value is not None or field.default is not None:
-            data[key] = _plain(value, quantity_unit(type(part), key), own)
+            data[key] = _plain(value, quantity_unit(type(part), key), own, exact)
     return data
 
 
-def _plain(value: object, unit: str, own: bool) -> object:
-    """Return a value in the types of YAML; numbers become texts with a handy unit, if they read back as equal."""
+def _plain(value: object, unit: str, own: bool, exact: bool) -> object:
+    """Return a value in the types of YAML; numbers become texts with a handy unit if `unit` is not empty."""
     if isinstance(value, Model):
-        return readable(value, own)
+        return readable(value, own, exact)
     if isinstance(value, tuple | list):
-        return [_plain(item, unit, own) for item in value]
+        return [_plain(item, unit, own, exact) for item in value]
     if isinstance(value, dict):
-        return {key: _plain(item, unit, own) for key, item in value.items()}
-    if isinstance(value, float) and unit and parse(text := with_unit(value, unit), unit) == value:
-        return text
-    return value
+        return {key: _plain(item, unit, own, exact) for key, item in value.items()}
+    if not isinstance(value, float) or (exact and not unit):
+        return value
+    if not unit:
+        return float(f"{value:.15g}")
+    text = with_unit(value, unit)
+    return value if exact and parse(text, unit) != value else text
 
 
-def own_keys(scenario: Model) -> str:
-    """Return YAML of the keys that the user set; lists and mappings that fit take one line."""
-    node = _Dumper(io.StringIO(), sort_keys=False).represent_data(readable(scenario, own=True))
+def own_keys(scenario: Model, exact: bool = False) -> str:
+    """Return YAML of the keys that the user set; lists and mappings that fit take one line. exact: see `readable`."""
+    node = _Dumper(io.StringIO(), sort_keys=False).represent_data(readable(scenario, True, exact))
     _fold(node, 0)
     node.flow_style = False
     return yaml.serialize(node, Dumper=_Dumper, allow_unicode=True, width=LONGEST)
 
 
-def all_keys(scenario: Model) -> str:
-    """Return YAML of all keys of a scenario with their values, defaults included, one key per line."""
+def all_keys(scenario: Model, exact: bool = False) -> str:
+    """Return YAML of all keys of a scenario with their values, defaults included, one key per line.
+
+    exact: see `readable`.
+    """
     return yaml.dump(
-        readable(scenario),
+        readable(scenario, exact=exact),
         Dumper=_Dumper,
         sort_keys=False,
         default_flow_style=None,

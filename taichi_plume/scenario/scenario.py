@@ -186,7 +186,7 @@ class Scenario(Model):
         """
         from taichi_plume.scenario.readable_yaml import all_keys, own_keys
 
-        text = all_keys(self) if defaults else own_keys(self)
+        text = all_keys(self, exact=True) if defaults else own_keys(self, exact=True)
         if path is not None:
             Path(path).write_text(text, encoding="utf-8")
         return text
