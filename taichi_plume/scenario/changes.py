@@ -78,7 +78,7 @@ def yaml_value(value: object, steps: Steps = (), exact: bool = False, above: int
             steps, f"a whole number of more than {LONGEST_NUMBER:,} digits; use a smaller one"
         )
     if type(value) is str and (fault := text_fault(value)):
-        raise ValueLineError(steps, fault)
+        raise ValueLineError(steps, f"got {shown(value)}: {fault}")
     if value is None or type(value) in (bool, int, str):
         return value
     if not exact and isinstance(value, float | BaseModel):  # checked with its section

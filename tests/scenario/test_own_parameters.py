@@ -152,7 +152,7 @@ BAD: dict[str, tuple[Any, str]] = {
     "mapping": (OrderedDict(a=1), "of type OrderedDict: must be"),
     "whole number": (10**5000, "a whole number of more than 1,000 digits"),
     "long text": ("x" * 10_001, "a text of 10,001 characters; at most 10,000 are taken"),
-    "character": ("a\u202eb", r"has the character \u202e, which does not print"),
+    "character": ("a\u202eb", r"got 'a\u202eb': has the character \u202e, which does not print"),
     "surrogate": ("\ud800", r"has the character \ud800, which does not print"),
     "key": ({1: 2}, "the key 1 must be a text"),
     "key of bytes": ({b"a": 2}, "the key b'a' must be a text"),
