@@ -79,7 +79,10 @@ def main() -> None:
         film.shoot(STEP, "drawn")
         page.press("▶ Run")
         shown = ""
-        while not any(word in page.text_of("progress") for word in ("completed", "stopped", "failed")):
+        while not any(
+            word in page.text_of("progress")
+            for word in ("completed", "source found", "ended early", "failed")
+        ):
             progress = page.text_of("progress")
             if progress != shown and "running" in progress:
                 film.shoot(LIVE)

@@ -139,7 +139,7 @@ class RunPanel:
         remaining = f", about {left:.0f} s left" if left is not None else ""
         bar = f"<progress max='1' value='{done:.3f}' style='width:120px'></progress>" if run.alive else ""
         why = str(run.result.get("message", "")) if run.state == "stopped" else ""
-        words = f"{run.state}: {why}" if why else f"{run.state} {clock}{remaining}"
+        words = f"{run.words}: {why}" if why else f"{run.words} {clock}{remaining}"
         self.progress.text = f"{bar} <b>run {run.number}</b> {escape(words)}"
 
     def _show_readings(self, sight: Sight | None) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from taichi_plume.draw.document import data_of
+from taichi_plume.execution.summary import ending, robots_found
 from taichi_plume.execution.watch_file import Sight, read
 from taichi_plume.files.run_folder import read_json
 from taichi_plume.guard.input_error import InputError
@@ -50,6 +51,11 @@ class Run:
             return "stopping" if self.stopping else self.sight.phase if self.sight else "starting"
         status = self.result.get("status")
         return str(status) if status and status != "running" else "failed"
+
+    @property
+    def words(self) -> str:
+        """State in words: "source found" or "ended early" of a run that ended before its duration."""
+        return ending(self.result) if self.state == "stopped" else self.state
 
     @property
     def result(self) -> Mapping[str, Any]:
@@ -112,17 +118,15 @@ class Run:
         result, groups = self.result, self.result.get("groups") or []
         found = []
         for group in groups if not self.alive else ():
-            summary = group.get("summary") or {}
-            rate = (summary.get("success_rate") or {}).get("mean")
-            seconds = (summary.get("time_s") or {}).get("mean")
-            if rate is not None:
-                within = f" in {seconds:.0f} s" if seconds is not None else ""
-                found.append(f"{group.get('name', 'robots')}: {100 * rate:.0f} %{within}")
+            if group.get("per_trial") and not group["no_search"]:
+                seconds = group["summary"]["time_s"]["mean"]
+                first = f", the first in {seconds:.0f} s" if seconds is not None else ""
+                found.append(f"{group['name']}: {robots_found(group)}{first}")
         wall = self.wall if self.wall is not None else time.monotonic() - self.begun
         simulated = result.get("simulated_s")
         return {
             "run": str(self.number),
-            "state": self.state,
+            "state": self.words,
             "changed": self.changes,
             "found": "; ".join(found),
             "simulated": f"{simulated:.0f} s"

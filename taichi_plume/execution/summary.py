@@ -1,9 +1,11 @@
 """Text summary of a run's result, for the terminal and the report."""
 
 import shlex
+from collections.abc import Mapping
 from math import isfinite
 from pathlib import Path
 from statistics import mean
+from typing import Any
 
 from taichi_plume.files.run_folder import FILES
 from taichi_plume.guard.terminal import show
@@ -41,7 +43,7 @@ def print_summary(content: Json, folder: Path) -> None:
 def summary(content: Json) -> list[tuple[str, str]]:
     """Return a text summary of result.json as (name, text) lines."""
     wall, simulated = content["wall_s"], content["simulated_s"]
-    status = content["status"] + (f": {content['message']}" if content["message"] else "")
+    status = ending(content) + (f": {content['message']}" if content["message"] else "")
     speed = f"{simulated / max(wall, 1e-9):.3g} x real time"
     grid = f"{content['cells']:,} cells, {content['steps']:,} steps, {content['backend']}"
     if content["Mcell_steps_per_s"]:
@@ -88,6 +90,29 @@ def summary(content: Json) -> list[tuple[str, str]]:
     return lines
 
 
+def ending(content: Mapping[str, Any]) -> str:
+    """Return how a run ended: its status, or in words what ended a run before its duration.
+
+    content: result.json. "source found": every robot had found a source; "ended early": no robot searched any more.
+    """
+    status, groups = str(content.get("status", "unknown")), content.get("groups") or []
+    if status != "stopped":
+        return status
+    counts = [_found(group) for group in groups]
+    return "source found" if counts and all(found == robots for found, robots in counts) else "ended early"
+
+
+def robots_found(group: Json) -> str:
+    """Return how many of a group's robots found a source, over all trials, such as "1 of 2 robots"."""
+    found, robots = _found(group)
+    return f"{found:,} of {robots:,} robot{'s' * (robots != 1)}"
+
+
+def _found(group: Json) -> tuple[int, int]:
+    """Return the number of robots that found a source, and of all robots, in all trials of a group of result.json."""
+    return sum(group["per_trial"]["found"]), group["robots"] * group["trials"]
+
+
 def _recorded_line(replay: Json) -> str:
     """Return a text on how simulated and recorded readings of a replayed path differ, as means over the trials."""
     mae, bias = (mean(replay[name]) for name in ("mae_ppm", "bias_ppm"))
@@ -123,7 +148,7 @@ def _group_line(group: Json) -> str:
     text = f"{group['algorithm']}, "
     if group["no_search"]:
         return f"{text}no search took place: {group['no_search']}"
-    text += f"{sum(trials['found'])} of {group['robots'] * n} robots found a source"
+    text += f"{robots_found(group)} found a source"
     text += " by declaring" if group.get("found_by") == "declared" else ""
     if n > 1:
         text += f", in {sum(trials['success'])} of {n} trials at least one"

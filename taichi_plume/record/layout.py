@@ -37,7 +37,10 @@ MAP_NAMES = {
     "truth": "Truth: mean gas so far [ppm]",
 }
 """Pictures of a map and their titles."""
-MAP_TITLES = ("Error [ppm]", "Correlation", "Peak to source [m]", "NLPD of the next readings")
+MAP_TITLES = (
+    "Error against the mean gas [ppm]", "Correlation with the mean gas", "Peak to source [m]",
+    "NLPD of the next readings",
+)  # fmt: skip
 BACKGROUND = (24, 26, 32)
 TEXT_HEIGHT = 32  # pixels, of a label and the gap above
 

@@ -31,12 +31,19 @@ MAPS = (
     "Left: estimate of the map at the end (of several trials the first), from readings alone. Right: the mean of the "
     "true gas since the robots started. Both have the same logarithmic scale; grey is unknown.{part}"
 )
+ERROR, CORRELATION = "error against the mean gas [ppm]", "correlation with the mean gas"
+"""Scores of a gas map against the mean of the true gas since the start."""
+MAP_HEADS = (
+    "map", "cells known", ERROR, CORRELATION,
+    "error against the gas at the end [ppm]", "correlation with the gas at the end",
+)  # fmt: skip
 MAP_SCORES = (
-    "Error and correlation against the gas at the end, over the cells known to the map; the last column against the "
-    "mean of the gas since the start. A map with a correlation of 1 has the right shape, with 0 an unrelated shape."
+    "Errors are mean absolute errors over the cells known to the map, against the gas at the end of the run or against "
+    "the mean of the gas since the start. A map with a correlation of 1 has the right shape, with 0 an unrelated shape."
 )
 OVER_TIME = (
-    "Each map against the mean of the true gas since the start. Low errors and high correlations are good."
+    "Mean absolute error and correlation of each map against the mean of the true gas since the start. Low errors and "
+    "high correlations are good."
 )
 BELIEFS = (
     "Belief (posterior) of the first robot of each group, in the first trial: probability density of the source's "

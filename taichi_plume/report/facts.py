@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from math import isfinite, prod
 from typing import Any
 
+from taichi_plume.execution.summary import robots_found
 from taichi_plume.results.run import Run
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.declarations import has_declared
@@ -121,12 +122,17 @@ def trials(group: dict[str, Any]) -> Rows:
     if has_declared(group["per_trial"]):
         quantities, shares = quantities | DECLARED, shares | OUTCOMES
     rows: Rows = []
+    if summary["success_rate"]["n"] == 1 or group["robots"] > 1:
+        over = f"{_trials(group['trials'], 'trial')} in one air"
+        rows.append(("found a source", robots_found(group), "", over))
     for key, name in shares.items():
         rate = summary.get(key, {})
-        if rate.get("mean") is not None:
+        if rate.get("n", 0) > 1:
             interval = f"{100 * rate['low']:.0f} to {100 * rate['high']:.0f} %"
             over = f"{_trials(rate['n'], 'trial')} in one air (Wilson)"
-            rows.append((name, f"{100 * rate['mean']:.0f} %", interval, over))
+            rows.append((name, f"{100 * rate['mean']:.0f} % of the trials", interval, over))
+        elif key in OUTCOMES and rate.get("mean"):
+            rows.append(("outcome", name, "", f"{_trials(1, 'trial')} in one air"))
     for key, (name, unit, over) in quantities.items():
         mean = summary.get(key, {})
         if mean.get("mean") is not None:
@@ -167,16 +173,18 @@ def flow(result: dict[str, Any]) -> Rows:
 
 
 def map_rows(maps: Sequence[dict[str, Any]], names: Sequence[str]) -> Rows:
-    """Return final gas map scores: (map, error, correlation, fraction of cells known, error against the mean gas)."""
+    """Return final gas map scores: name, fraction of cells known, and the scores that `captions.MAP_HEADS` names."""
     rows: Rows = []
     for name, result in zip(names, maps, strict=True):
         for part in result.get("groups", [result]):
-            over = part.get("mean_gas", {}).get("error_ppm") or [None]
+            mean_gas = part.get("mean_gas", {})
+            error, correlation = ((mean_gas.get(key) or [None])[-1] for key in ("error_ppm", "correlation"))
             whose = f"{name}, {part['name']}" if "groups" in result else name
             share = part.get("known_fraction")
             known = "–" if share is None else f"{100 * share:.0f} %"
-            scores = _number(part.get("mae_ppm")), _number(part.get("correlation"), "{:.2f}")
-            rows.append((whose, *scores, known, _number(over[-1])))
+            of_mean = _number(error), _number(correlation, "{:.2f}")
+            at_end = _number(part.get("mae_ppm")), _number(part.get("correlation"), "{:.2f}")
+            rows.append((whose, known, *of_mean, *at_end))
     return rows
 
 

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 
 from taichi_plume.record.drawing import Scale, decades, logarithmic
 from taichi_plume.record.recording_reader import Picture
-from taichi_plume.report import plume, scene, theme
+from taichi_plume.report import captions, plume, scene, theme
 from taichi_plume.results.run import Run
 from taichi_plume.results.tracks import Track
 
@@ -224,7 +224,7 @@ def scores(maps: Sequence[dict[str, Any]], names: Sequence[str]) -> bytes | None
     scored = [(name, series) for name, series in scored if series.get("time_s")]
     if not scored:
         return None
-    titles = {"error_ppm": "mean error [ppm]", "correlation": "correlation with the truth"}
+    titles = {"error_ppm": captions.ERROR, "correlation": captions.CORRELATION}
     with theme.styled():
         figure = theme.figure(WIDE, 2.4, DPI)
         for k, (key, label) in enumerate(titles.items()):

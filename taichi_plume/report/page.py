@@ -30,7 +30,7 @@ def write(run: Run, tolerant: bool | None = None) -> Path:
     parts = Parts(run, run.unfinished if tolerant is None else tolerant)
     message = str(run.result.get("message") or "")
     return html.write(
-        run.folder / NAME, parts.all(), name=run.scenario.name, status=run.status,
+        run.folder / NAME, parts.all(), name=run.scenario.name, status=parts.ending(),
         good=run.status in ("completed", "stopped"), message=message, began=run.header[1:],
     )  # fmt: skip
 
@@ -44,6 +44,10 @@ class Parts:
         self.lacks = list(run.lacks)
         self.tracks = self._tried(lambda: run.tracks, [])
 
+    def ending(self) -> str:
+        """Return how the run ended in a few words, for the box below the page's heading."""
+        return self._of_result(lambda: summary.ending(self.run.result), self.run.status)
+
     def _tried(self, read: Callable[[], Value], without: Value) -> Value:
         try:
             return read()
@@ -55,20 +59,21 @@ class Parts:
 
     def all(self) -> Iterator[Section]:
         """Yield the sections of the report in reading order; some may be empty."""
-        yield self._of_result(self.words)
+        nothing = Section("", "")
+        yield self._of_result(self.words, nothing)
         yield self.setting()
-        yield self._of_result(self.trials)
+        yield self._of_result(self.trials, nothing)
         yield self.plume()
         yield self.smelt()
         for make in (self.maps, self.beliefs, self.balance):
-            yield self._of_result(make)
+            yield self._of_result(make, nothing)
         for make in (self.notes, self.citing, self.again):
             yield make()
 
-    def _of_result(self, make: Callable[[], Section]) -> Section:
-        """Return the section that `make` builds from the run's result; an unusable result counts as a reading error."""
+    def _of_result(self, make: Callable[[], Value], without: Value) -> Value:
+        """Return what `make` builds from the run's result; an unusable result counts as a reading error."""
 
-        def section() -> Section:
+        def made() -> Value:
             try:
                 return make()
             except RunFolderError:
@@ -78,7 +83,7 @@ class Parts:
                 path = self.run.folder / "result.json"
                 raise RunFolderError(f"{path}: is damaged, or of another version: {why}") from error
 
-        return self._tried(section, Section("", ""))
+        return self._tried(made, without)
 
     def words(self) -> Section:
         """Return the report's section with the run's result in words, as the run command prints the result."""
@@ -112,7 +117,7 @@ class Parts:
         groups = self.result.get("groups", [])
         searched = [group for group in groups if not group["no_search"]]
         for group in searched:
-            heads = (group["name"], "mean", "95 % interval", "over")
+            heads = (group["name"], "mean or count", "95 % interval", "over")
             caption = captions.TRIALS if group["trials"] > 1 else ""
             section.table(facts.trials(group), heads, caption)
         for group in groups:
@@ -202,9 +207,7 @@ class Parts:
         results = self.result.get("maps", [])
         if results:
             names = facts.map_names(results)
-            heads = ("map", "mean error [ppm]", "correlation", "cells known")
-            heads += ("error against the mean gas [ppm]",)
-            section.table(facts.map_rows(results, names), heads, captions.MAP_SCORES)
+            section.table(facts.map_rows(results, names), captions.MAP_HEADS, captions.MAP_SCORES)
             over_time = figures.scores(results[:most], names[:most])
             if over_time:
                 section.image(over_time, "Scores over time", captions.OVER_TIME)

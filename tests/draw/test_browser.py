@@ -80,7 +80,12 @@ def test_a_room_is_drawn_from_nothing_run_and_reported_in_two_minutes_of_clicks(
     }"""
     page.until(lambda: page.page.evaluate(gas) > 500 and "running" in page.text_of("progress"), 240)
     page.picture("3_live")
-    page.until(lambda: any(word in page.text_of("progress") for word in ("completed", "stopped")), 300)
+    page.until(
+        lambda: any(
+            word in page.text_of("progress") for word in ("completed", "source found", "ended early")
+        ),
+        300,
+    )
     page.picture("4_ended")
     page.tab("Report")
     report = page.until(lambda: next((f for f in page.page.frames if f.url.endswith("report.html")), None))

@@ -10,11 +10,12 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import made_run
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from taichi_plume.draw.runs import changes
+from taichi_plume.draw.runs import Run, changes
 from taichi_plume.draw.workplace import Workplace
 from taichi_plume.execution import watch_file
 
@@ -83,11 +84,20 @@ def test_a_run_is_that_of_the_command_and_is_seen_as_it_goes(tmp_path):
     assert [other.folder.name for other in work.runs.listed] == ["small-3", "small-2", "small-1"]
     assert third.row()["changed"] == "duration: 6 → 5"
     assert third.row()["simulated"] == "5 s"
-    assert run.row()["found"].startswith("team: ")
+    assert " of 2 robots" in run.row()["found"]
     from taichi_plume.draw.downloads import zipped
 
     names = set(zipfile.ZipFile(zipped(run.folder, tmp_path / "run.zip")).namelist())
     assert {"small-1/robots.parquet", "small-1/report.html", "small-1/recording.rrd"} <= names
+
+
+@pytest.mark.parametrize(("found", "words"), [(2, "source found"), (1, "ended early")])
+def test_the_list_names_success_and_counts_robots(tmp_path, found, words):
+    model = made_run.scenario()
+    result = made_run.result(model, status="stopped", message="t = 8 s")
+    result["groups"][0]["per_trial"]["found"] = [found]
+    run = Run(1, made_run.made(tmp_path / "run", model, recording=False, told=result), "", "")
+    assert (run.row()["state"], run.row()["found"]) == (words, f"pair: {found} of 2 robots, the first in 8 s")
 
 
 @pytest.mark.slow

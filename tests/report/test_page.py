@@ -16,7 +16,8 @@ from taichi_plume.agents import algorithm_table, mapping
 from taichi_plume.assembly import solver_table
 from taichi_plume.cli.report import main
 from taichi_plume.execution.result import write_result
-from taichi_plume.report import figures, maps, references, theme
+from taichi_plume.record.layout import MAP_TITLES
+from taichi_plume.report import captions, facts, figures, maps, references, theme
 from taichi_plume.report.page import NAME
 from taichi_plume.results.run import Run
 
@@ -96,6 +97,55 @@ WORDS = "<script>alert(1)</script> $\\frac{1}{0}$ 日本 \"'&amp;"
 WICKED = f"{WORDS} \x1b[2J"
 
 
+@pytest.mark.parametrize(
+    ("status", "found", "shown"),
+    [
+        ("stopped", 2, "source found no more to do"),
+        ("stopped", 1, "ended early no more to do"),
+        ("completed", 2, "completed no more to do"),
+    ],
+)
+def test_success_is_named_and_counts_robots(tmp_path, report, status, found, shown):
+    """The page says that the source was found; a single trial has no success rate in per cent."""
+    model = made_run.scenario()
+    result = made_run.result(model, status=status, message="no more to do")
+    result["groups"][0]["per_trial"]["found"] = [found]
+    page = report(made_run.made(tmp_path / "run", model, told=result))
+    assert shown in page.text
+    assert "stopped" not in page.text
+    assert f"found a source {found} of 2 robots" in page.text
+    assert "100 %" not in page.text
+
+
+def test_success_of_many_trials_is_a_percentage_of_trials():
+    group = made_run.result(made_run.scenario())["groups"][0] | {"trials": 4}
+    group["per_trial"] = {"found": [2, 1, 0, 2]}
+    group["summary"]["success_rate"] = {"mean": 0.75, "low": 0.3, "high": 0.95, "n": 4, "airs": 1}
+    rows = {row[0]: row[1:] for row in facts.trials(group)}
+    assert rows["found a source"][0] == "5 of 8 robots"
+    assert rows["success"][:2] == ("75 % of the trials", "30 to 95 %")
+
+
+def test_each_error_of_a_map_has_a_name_of_its_own(drawn):
+    """The error over time is against the mean gas; the other error is against the gas at the end."""
+    over_time = {"time_s": [5, 10], "error_ppm": [7.0, 5.94], "correlation": [0.5, 0.6]}
+    score = {
+        "kind": "gmrf",
+        "mae_ppm": 8.98,
+        "correlation": 0.7,
+        "known_fraction": 1.0,
+        "mean_gas": over_time,
+    }
+    (row,) = facts.map_rows([score], ["gmrf"])
+    named = dict(zip(captions.MAP_HEADS, row, strict=True))
+    assert len(named) == len(captions.MAP_HEADS)
+    figures.scores([score], ["gmrf"])
+    shown = [(axes.get_title(loc="left"), axes.lines[0].get_ydata()[-1]) for axes in drawn[0].axes]
+    assert [named[title] for title, _ in shown] == [f"{value:.3g}" for _, value in shown[:1]] + ["0.60"]
+    assert {"8.98", "0.70"} <= set(named.values())
+    assert [title.lower() for title in MAP_TITLES[:2]] == [title for title, _ in shown]
+
+
 def test_names_stay_text(tmp_path, report):
     """Names of scenario, group and species, message, remark, and the command on top of scenario.yaml."""
     model = made_run.scenario()
@@ -118,8 +168,9 @@ def test_names_stay_text(tmp_path, report):
 
 SERIES = "Readings and behaviour over time"
 PARTS = (
-    "1 of 2 robots found a source", "20 to 100 %", "one thing is unlikely", "Mean of 21 recorded pictures",
-    "Lochmatter & Martinoli", "python -m taichi_plume.run", "seed: 0", "0.01 g", "1.0e-08 of the incoming mass",
+    "1 of 2 robots found a source", "found a source 1 of 2 robots", "one thing is unlikely",
+    "Mean of 21 recorded pictures", "Lochmatter & Martinoli", "python -m taichi_plume.run",
+    "seed: 0", "0.01 g", "1.0e-08 of the incoming mass",
 )  # fmt: skip
 
 
