@@ -164,7 +164,10 @@ def _norm(row: Keys, sizes: list[str]) -> list[str]:
 
 def _picture(case: Keys, pictures: Pictures) -> str:
     """Return an SVG in base64 with errors over resolution (if an order is expected), curves, tracks; "" without any."""
+    from matplotlib import rc_context
     from matplotlib.figure import Figure  # slow to import (half a second)
+
+    from taichi_plume.report.theme import TEXT_AS_TEXT
 
     norms = case.get("norms", [])
     converging = [row for row in norms if row["order"] is not None and len(row["errors"]) > 1]
@@ -187,7 +190,8 @@ def _picture(case: Keys, pictures: Pictures) -> str:
         else:
             _curve(axis, title, picture)
     file = io.BytesIO()
-    figure.savefig(file, format="svg")
+    with rc_context(TEXT_AS_TEXT):
+        figure.savefig(file, format="svg")
     return base64.b64encode(file.getvalue()).decode()
 
 

@@ -266,13 +266,11 @@ class Simulation:
 
     def _repr_html_(self) -> str:
         from taichi_plume.report.notebook import page
-        from taichi_plume.report.theme import png, styled
+        from taichi_plume.report.theme import png
 
         if self._loop is None:
             return page([("simulation", "closed")])
-        with styled():
-            picture = png(self.plot())
-        return page([(self.scenario.name, repr(self))], picture)
+        return page([(self.scenario.name, repr(self))], png(self.plot()))
 
     def __repr__(self) -> str:
         if self._loop is None:

@@ -79,12 +79,11 @@ def _still(run: "Run", args: argparse.Namespace, shown: "Shown") -> None:
     """Draw a picture of the run at the time of --at (default: the end) and write the image file."""
     from taichi_plume.files.disk import written_whole
     from taichi_plume.report.pictures import VIEWS, still
-    from taichi_plume.report.theme import styled
 
     figure, picture, at = still(run, args.at, shown)
     name = next((view for view, plane in VIEWS.items() if picture.view == plane), picture.view)
     out = args.out or Path(f"{run.folder.resolve().name}-{name}-{at:g}s.png")
-    with styled(), written_whole(out) as fresh:
+    with written_whole(out) as fresh:
         figure.savefig(fresh, format=out.suffix[1:].lower())
     say(f"{out}: {picture.name.replace('_', ' ')} at t = {picture.times[-1]:.4g} s")
 

@@ -111,11 +111,10 @@ def picture(workplace: Workplace) -> bytes:
     """Return a PNG of the room, as ``run --check`` draws it. Raises ScenarioError if the scenario has errors."""
     from taichi_plume.assembly.preparation import load
     from taichi_plume.report.scene import checked_figure
-    from taichi_plume.report.theme import png, styled
+    from taichi_plume.report.theme import png
 
     prepared = load(data_of(workplace.text), (), workplace.allow_outside, workplace.folder)
-    with styled():
-        return png(checked_figure(prepared, DPI))
+    return png(checked_figure(prepared, DPI))
 
 
 def zipped(folder: Path, target: Path) -> Path:

@@ -130,7 +130,7 @@ def trials(group: dict[str, Any]) -> Rows:
         if rate.get("n", 0) > 1:
             interval = f"{100 * rate['low']:.0f} to {100 * rate['high']:.0f} %"
             over = f"{_trials(rate['n'], 'trial')} in one air (Wilson)"
-            rows.append((name, f"{100 * rate['mean']:.0f} % of the trials", interval, over))
+            rows.append((name, f"{100 * rate['mean']:.0f} %", interval, over))
         elif key in OUTCOMES and rate.get("mean"):
             rows.append(("outcome", name, "", f"{_trials(1, 'trial')} in one air"))
     for key, (name, unit, over) in quantities.items():

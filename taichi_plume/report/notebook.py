@@ -9,7 +9,7 @@ from taichi_plume.guard.terminal import visible
 from taichi_plume.report.html import data_url
 from taichi_plume.report.page import COMPLETE
 from taichi_plume.report.pictures import Shown, still
-from taichi_plume.report.theme import png, styled
+from taichi_plume.report.theme import png
 from taichi_plume.results.run import Run
 from taichi_plume.scenario.scenario import Scenario
 
@@ -34,8 +34,7 @@ def of_scenario(scenario: Scenario) -> str:
     check = scenario.check()
     rows: list[tuple[str, object]] = [(scenario.name, "scenario"), *check.derived.items()]
     rows += [("error", line) for line in check.errors] + [("unlikely", line) for line in check.warnings]
-    with styled():
-        return page(rows, png(scenario.plot()) if check else b"")
+    return page(rows, png(scenario.plot()) if check else b"")
 
 
 def page(rows: Sequence[tuple[str, object]], picture: bytes = b"") -> str:

@@ -41,8 +41,11 @@ STATES = (
 )
 LONGEST_NAME = 24  # letters, in a figure
 LETTERS = {"font.size": 9.0, "axes.titlesize": 10.0, "axes.labelsize": 9.0, "legend.fontsize": 8.0}
+TEXT_AS_TEXT: Any = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}
+"""Settings of saved files: TrueType fonts in PDF and PostScript instead of Type 3, text instead of outlines in SVG."""
 STYLE: Any = {
-    "font.family": "DejaVu Sans",
+    "font.family": ["DejaVu Sans", "sans-serif"],  # SVG viewers without the first choose from the second
+    "font.sans-serif": ["DejaVu Sans"],
     "text.color": INK,
     "axes.edgecolor": INK,
     "axes.labelcolor": INK,
@@ -58,6 +61,7 @@ STYLE: Any = {
     "figure.facecolor": PAPER,
     "path.simplify_threshold": 0.5,
     **LETTERS,
+    **TEXT_AS_TEXT,
 }
 GAS: Colormap = LinearSegmentedColormap.from_list(
     "plume", [FLOOR, "#fde9a9", "#fdbb57", "#f4763b", "#cf2f2c", "#7d0d2b", "#3b0518"]
@@ -65,7 +69,7 @@ GAS: Colormap = LinearSegmentedColormap.from_list(
 """Colours of gas on paper: the floor's colour without gas."""
 WARMTH = "RdYlBu_r"
 HALO = [withStroke(linewidth=2.2, foreground=PAPER)]
-"""Outline of letters on a picture."""
+"""Outline of a line or of letters on a picture."""
 
 
 def robot(number: int) -> str:
@@ -82,11 +86,15 @@ def styled(more: Mapping[Any, Any] | None = None) -> Iterator[None]:
 
 
 class NotebookFigure(Figure):
-    """Figure that a notebook shows, also without pyplot."""
+    """Figure that a notebook shows, also without pyplot, and that is saved in the report's style."""
+
+    def savefig(self, *args: Any, **keys: Any) -> None:
+        """Save the figure as matplotlib does, with text that can be searched and edited in PDF and SVG."""
+        with styled():
+            super().savefig(*args, **keys)
 
     def _repr_png_(self) -> bytes:
-        with styled():
-            return png(self)
+        return png(self)
 
 
 def figure(width: float, height: float, dpi: float = 110) -> Figure:
@@ -155,9 +163,13 @@ def darker(color: Sequence[float]) -> tuple[float, float, float]:
 def note(
     axes: Axes, x: float, y: float, text: str, color: ColorType, dx: float = 0, dy: float = 0, **how: Any
 ) -> None:
-    """Write a text at a position, moved by (dx, dy) points; never read as mathematics."""
+    """Write a text at a position, moved by (dx, dy) points, with a halo below; never read as mathematics.
+
+    The halo is a text of its own, as files have outlines instead of letters where a text has an effect.
+    """
     how = {"ha": "center", "va": "center"} | how
-    axes.annotate(
-        text, (x, y), (dx, dy), textcoords="offset points", color=color, fontsize=7.5,
-        path_effects=HALO, zorder=12, parse_math=False, annotation_clip=False, **how,
-    )  # fmt: skip
+    for look in ({"color": PAPER, "path_effects": HALO}, {"color": color}):
+        axes.annotate(
+            text, (x, y), (dx, dy), textcoords="offset points", fontsize=7.5, zorder=12, parse_math=False,
+            annotation_clip=False, **look, **how,
+        )  # fmt: skip

@@ -130,7 +130,7 @@ class GasMap:
             folder.settle(complete)
 
     def _write(self, folder: Path) -> None:
-        from taichi_plume.report.theme import png, styled
+        from taichi_plume.report.theme import png
 
         i, j = np.indices(self.estimate.shape)
         columns = {
@@ -143,18 +143,16 @@ class GasMap:
             columns["variance_ppm2"] = self.variance
         table = np.column_stack([values.ravel() for values in columns.values()])
         np.savetxt(folder / FILES[0], table, "%.7g", ",", header=",".join(columns), comments="")
-        with styled():
-            (folder / FILES[1]).write_bytes(png(self.plot()))
+        (folder / FILES[1]).write_bytes(png(self.plot()))
         text = json.dumps(json_value(self.scores), indent=2, allow_nan=False) + "\n"
         with disk.written_whole(folder / FILES[2]) as fresh:
             fresh.write_text(text, encoding="utf-8")
 
     def _repr_html_(self) -> str:
         from taichi_plume.report.notebook import page
-        from taichi_plume.report.theme import png, styled
+        from taichi_plume.report.theme import png
 
-        with styled():
-            picture = png(self.plot())
+        picture = png(self.plot())
         return page(list(zip((f"{self.model.kind} map", "readings"), self.lines, strict=True)), picture)
 
     def __repr__(self) -> str:

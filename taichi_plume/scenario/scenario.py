@@ -212,10 +212,8 @@ class Scenario(Model):
         """
         from taichi_plume.assembly.preparation import load
         from taichi_plume.report.scene import checked_figure
-        from taichi_plume.report.theme import styled
 
-        with styled():
-            return checked_figure(load(self, (), allow_outside))
+        return checked_figure(load(self, (), allow_outside))
 
     def _repr_html_(self) -> str:
         from taichi_plume.report.notebook import of_scenario

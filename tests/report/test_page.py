@@ -123,7 +123,7 @@ def test_success_of_many_trials_is_a_percentage_of_trials():
     group["summary"]["success_rate"] = {"mean": 0.75, "low": 0.3, "high": 0.95, "n": 4, "airs": 1}
     rows = {row[0]: row[1:] for row in facts.trials(group)}
     assert rows["found a source"][0] == "5 of 8 robots"
-    assert rows["success"][:2] == ("75 % of the trials", "30 to 95 %")
+    assert rows["success"][:2] == ("75 %", "30 to 95 %")
 
 
 def test_each_error_of_a_map_has_a_name_of_its_own(drawn):
