@@ -15,6 +15,7 @@ import xarray
 from refusals import cut, flipped, gone, refused, unfinished
 
 from taichi_plume import RunFolderError, open_run
+from taichi_plume.agents.casting import Casting
 from taichi_plume.cli import export, repair, run
 from taichi_plume.execution.result import write_result
 from taichi_plume.files import disk, manifest
@@ -138,6 +139,10 @@ def test_gaden_s_player_gets_the_film(small, tmp_path, capsys):
     np.testing.assert_allclose(ppm, np.nan_to_num(film["ethanol_ppm"].values[-1].clip(0)), rtol=1e-6)
     assert export.main([str(small), "--to", "gaden", "--out", str(tmp_path / "g")]) == 2
     assert "is not empty; choose another --out or add --force" in capsys.readouterr().err
+
+
+def test_tracks_know_all_states_in_the_order_of_the_algorithms(small):
+    assert [track.states for track in open_run(small).tracks] == [list(Casting.STATE_NAMES)] * 2
 
 
 def test_pandas_and_polars_find_units_in_the_file(small):

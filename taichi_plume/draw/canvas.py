@@ -24,7 +24,7 @@ USUAL_SIZE = (600.0, 450.0)  # pixels
 LABELS = 2.0  # pixels by which the figure's inner part may change without being fitted again
 ARROW = 0.05  # of the longer side: an arrow of the fastest wind
 FONT = "Helvetica, Arial, sans-serif"
-CHOSEN, WRONG, UNLIKELY = "#0b6bcb", theme.WRONG, "#b26a00"
+CHOSEN, WRONG, UNLIKELY = "#0b6bcb", theme.ERROR, theme.UNLIKELY
 SHAPES = ("xs", "ys", "color", "alpha", "edge", "width", "path")
 
 

@@ -321,9 +321,9 @@ def _color(data: Mapping[str, Any], path: str, model: Any) -> str:
         counts = [group.get("count") if isinstance(group, dict) else 1 for group in groups[:number]]
         return theme.robot(sum(count for count in counts if isinstance(count, int) and 0 < count < 1000))
     if path.startswith("wind.buoyancy.heat"):
-        return theme.HEATER
+        return theme.WARM
     if path.startswith("wind.") and hasattr(model, "color"):
         return "#" + "".join(f"{round(255 * part):02x}" for part in theme.darker(model.color))
     if path.startswith("probes"):
-        return "#6a51a3"
+        return theme.PROBE
     return {"gas": theme.SOURCE, "arena": theme.FAINT}.get(path.partition(".")[0], theme.SOLID)

@@ -4,6 +4,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichi_plume.scenario import palette
+from taichi_plume.scenario.palette import rgb
+
 if TYPE_CHECKING:
     from taichi_plume.agents.swarm import Swarm
     from taichi_plume.envs.bank import Bank
@@ -11,9 +14,9 @@ if TYPE_CHECKING:
 
 EDGE = 400  # pixels of the longer edge, about
 GAS = np.array([200.0, 60.0, 20.0])  # colour of the highest concentration
-WALL = np.array([110.0, 110.0, 110.0])
-SOURCE = np.array([20.0, 120.0, 30.0])
-ROBOT, DONE = np.array([30.0, 60.0, 200.0]), np.array([20.0, 160.0, 60.0])  # DONE: has found a source
+WALL, SOURCE = np.array(rgb(palette.SOLID), float), np.array(rgb(palette.SOURCE), float)
+ROBOT, DONE = np.array(rgb(palette.ROBOTS[0]), float), np.array(rgb(palette.FOUND), float)
+"""DONE: has found a source."""
 DECADES = 3.0  # range of concentrations with different colours, below the largest of the film
 
 

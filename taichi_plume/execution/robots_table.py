@@ -1,5 +1,7 @@
 """Writer of `robots.parquet`: one row per robot and sample."""
 
+import json
+from collections.abc import Sequence
 from math import ceil
 from pathlib import Path
 
@@ -7,16 +9,20 @@ import numpy as np
 import pyarrow as pa
 
 from taichi_plume.agents.columns import Column
-from taichi_plume.files.run_tables import NAMES, GrowingTable, column
+from taichi_plume.files.run_tables import NAMES, VOCABULARY, GrowingTable, column
 from taichi_plume.time_loop import Every, TimeLoop
 
 MOST_ROWS = 2_000_000  # of robots.parquet: larger swarms are sampled less often
 
 
-def _fields(quantity: Column) -> list[pa.Field]:
-    """Return the table columns (name, type, unit, meaning) that hold a quantity of the robots, one per component."""
+def _fields(quantity: Column, states: Sequence[str]) -> list[pa.Field]:
+    """Return the table columns (name, type, unit, meaning) that hold a quantity of the robots, one per component.
+
+    states: names of all states, which a column of names keeps in its metadata.
+    """
     kind = NAMES if quantity.named else pa.from_numpy_dtype(quantity.dtype)
-    return [column(name, kind, quantity.unit, quantity.meaning) for name in quantity.table]
+    more = {VOCABULARY: json.dumps(states)} if quantity.named else {}
+    return [column(name, kind, quantity.unit, quantity.meaning, **more) for name in quantity.table]
 
 
 WHO = (
@@ -41,7 +47,8 @@ class RobotTable(GrowingTable):
             "state": pa.array([name for names in states for name in names]),
         }
         self.columns = [quantity for quantity in sim.swarm.columns if quantity.table]
-        fields = [field for quantity in self.columns for field in _fields(quantity)]
+        all_states = list(dict.fromkeys(name for names in states for name in names))
+        fields = [field for quantity in self.columns for field in _fields(quantity, all_states)]
         super().__init__(path, [*WHO, *fields], names, count)
         group = np.concatenate([np.full(g.count * g.trials, n) for n, g in enumerate(groups)])
         self.first_state = np.cumsum([0, *[len(names) for names in states]])[:-1][group]

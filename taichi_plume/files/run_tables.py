@@ -28,6 +28,9 @@ from taichi_plume.guard.safe_open import open_regular, unopenable
 ROW_GROUP = 50_000
 CHECKSUM = b"crc32"  # key of the metadata of each record batch of a stream
 NAMES = pa.dictionary(pa.int32(), pa.string())
+VOCABULARY = (
+    "vocabulary"  # key of the metadata of a column of names: all names that may occur, as a JSON list
+)
 FAULTS = (pa.ArrowException, OSError, ValueError, LookupError, MemoryError)
 """Errors of reading a damaged table."""
 
@@ -52,6 +55,15 @@ def units(columns: Iterable[pa.Field]) -> dict[str, str]:
 def meanings(columns: Iterable[pa.Field]) -> dict[str, str]:
     """Return the meaning (description) of each column by name, from its metadata."""
     return {column.name: (column.metadata or {}).get(b"meaning", b"").decode() for column in columns}
+
+
+def vocabulary(column: pa.Field) -> list[str]:
+    """Return the names that may occur in a column, in their order; empty if the table does not keep them."""
+    try:
+        names = json.loads((column.metadata or {}).get(VOCABULARY.encode(), b"[]"))
+    except ValueError:
+        return []
+    return [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
 
 
 def stream_of(path: Path) -> Path:

@@ -252,7 +252,7 @@ def sensors(comparison: SensorComparison) -> bytes:
     with theme.styled():
         figure, (axis,) = _axes(1, 0.34 * len(comparison.sensors) + 0.9)
         y = np.arange(len(comparison.sensors))[::-1]
-        colors = [SECOND, FIRST, *["#90a4ae"] * (len(y) - 2)]
+        colors = [SECOND, FIRST, *[theme.FAINT] * (len(y) - 2)]
         axis.barh(y, [100 * sensor.share for sensor in comparison.sensors], color=colors)
         axis.set_yticks(
             y, [theme.short(sensor.sensor.name, 70) for sensor in comparison.sensors], parse_math=False

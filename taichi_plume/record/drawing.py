@@ -10,28 +10,6 @@ import numpy as np
 from taichi_plume.grid.polygons import ears
 from taichi_plume.scenario.windows import Window
 
-ROBOTS = np.array(
-    [
-        [0x22, 0x77, 0xDD],
-        [0x66, 0x11, 0xFF],
-        [0x33, 0xBB, 0xDD],
-        [0xAA, 0xBB, 0xAA],
-        [0x55, 0x55, 0x88],
-        [0x99, 0xBB, 0x77],
-        [0x00, 0x88, 0x77],
-        [0x66, 0xAA, 0xFF],
-    ],
-    np.uint8,
-)
-"""Colours of robots in recordings, reports, pictures and films, on dark and light ground. To people with protanopia or
-deuteranopia too they differ by 20 and more in CIELAB from each other, and from the reds and yellows of the gas."""
-STATES = np.array(
-    [0x546E7AFF, 0xFFB300FF, 0x29B6F6FF, 0xAB47BCFF, 0x5C6BC0FF, 0xEC407AFF, 0x8D6E63FF, 0x26A69AFF],
-    np.uint32,
-)
-FOUND = 0x43A047FF  # green, used by no state; sources are red
-RIGHT, WRONG = (102, 255, 120), (255, 145, 40)
-"""Right and wrong declarations of a source's position."""
 VIRIDIS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
 EMBER = ((24, 26, 32), (78, 52, 46), (191, 97, 44), (255, 183, 77), (255, 245, 200))
 BLUE_RED = ((33, 102, 172), (103, 169, 207), (236, 239, 241), (239, 138, 98), (178, 24, 43))
@@ -104,12 +82,6 @@ class Scale:
 
 DENSITIES = Scale(1e-3, 1e2, "log")
 """Scale of beliefs [1/m²]."""
-
-
-def robot_color(number: int) -> tuple[int, int, int]:
-    """Return the RGB bytes of a robot; number: of the robot in a trial, counted through the groups. Colours repeat."""
-    red, green, blue = ROBOTS[number % len(ROBOTS)].tolist()
-    return red, green, blue
 
 
 def painted(places: np.ndarray, palette: Sequence[Sequence[int]]) -> np.ndarray:

@@ -9,6 +9,7 @@ from taichi_plume.record import drawing, layout, legends, scene
 from taichi_plume.record.drawing import Scale
 from taichi_plume.record.placement import Stage, picture_format
 from taichi_plume.record.stream import Stream
+from taichi_plume.scenario.palette import rgb, robot_color
 from taichi_plume.scoring.beliefs import beliefs
 from taichi_plume.scoring.maps import MapSeries
 from taichi_plume.scoring.trials import map_rows
@@ -39,7 +40,7 @@ class MapPictures:
 
     def _styles(self, n: int, name: str) -> scene.Entities:
         """Yield the colours and labels of the lines that show the scores of gas map n over time."""
-        color = np.array(drawing.robot_color(n))
+        color = np.array(rgb(robot_color(n)))
         faint = (color * 0.6).astype(np.uint8)
         for entity in self._scored(n):
             label = f"{name}: error" if entity == f"map_errors/{n}_mae" else name

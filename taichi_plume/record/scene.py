@@ -3,7 +3,7 @@
 Functions yield or return rerun archetypes; `Entities` are pairs (entity path, archetype).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from taichi_plume.scenario import si
 from taichi_plume.scenario.gases import AnySource
 from taichi_plume.scenario.heat import Heat
 from taichi_plume.scenario.obstacles import Cylinder, Prism, WallMap
+from taichi_plume.scenario.palette import COOL, FOUND, SOLID, SOURCE, WARM, WRONG, rgb
 from taichi_plume.scenario.vocabulary import Color
 from taichi_plume.scenario.windows import Window
 from taichi_plume.time_loop import TimeLoop
@@ -36,12 +37,9 @@ ESTIMATES = {
 """Pictures of a map with their palettes."""
 
 FLOOR = (44, 48, 58)
-GREY = (150, 155, 165)
 LINES = (150, 160, 175)
 FAINT = (90, 98, 112)
 WALKER = (225, 245, 254)
-RED = (255, 60, 60)
-WARM, COOL = (255, 138, 101), (100, 181, 246)
 TEXT = (205, 210, 218)
 WHITE = (255, 255, 255)
 
@@ -70,7 +68,7 @@ def arena(sim: TimeLoop, stage: Stage) -> Entities:
         yield "world/arena", rr.LineStrips3D([edges], colors=LINES, radii=rr.Radius.ui_points(1.5))
     for n, shape in enumerate(sim.obstacles):
         walks = n < len(sim.scenario.obstacles) and sim.scenario.obstacles[n].motion is not None
-        yield f"world/obstacles/{n}", _solid(shape, stage, WALKER if walks else GREY)
+        yield f"world/obstacles/{n}", _solid(shape, stage, WALKER if walks else rgb(SOLID))
         if walks:
             yield from _walk(n, shape.model, stage)
     for n, (_, source) in enumerate(sim.scenario.sources):
@@ -98,7 +96,7 @@ def _warmth(heat: Heat, stage: Stage) -> Entities:
     """Yield heaters, and walls that keep a temperature, in one colour if warmer than the air and another if cooler."""
     for n, heater in enumerate(heat.heaters):
         center = [*heater.position, *[stage.height / 2] * (3 - len(heater.position))]
-        color = WARM if heater.power >= 0 else COOL
+        color = rgb(WARM if heater.power >= 0 else COOL)
         half = [min(heater.radius, stage.height / 2 if len(stage.extent) == 2 else heater.radius)] * 3
         ball = rr.Ellipsoids3D(
             centers=[center], half_sizes=[half], colors=color, line_radii=rr.Radius.ui_points(0.8)
@@ -107,7 +105,7 @@ def _warmth(heat: Heat, stage: Stage) -> Entities:
         below = [*center[:2], max(0.0, center[2] - heater.radius)]
         yield f"world/heaters/{n}/name", label(f"heater {heater.power:g} W", below, color)
     for n, wall in enumerate(heat.walls):
-        color = WARM if wall.temperature >= heat.reference else COOL
+        color = rgb(WARM if wall.temperature >= heat.reference else COOL)
         name = f"{wall.temperature:.4g} K"
         yield from _window(f"world/tempered/{n}", wall, color, False, name, stage)
 
@@ -191,12 +189,12 @@ SOLIDS: dict[str, Callable[[Any, Stage, Color], rr.AsComponents]] = {
 
 
 def _source(entity: str, source: AnySource, stage: Stage) -> Entities:
-    """Yield a gas source: a red ball with the source's name above in white."""
+    """Yield a gas source: a crimson ball with the source's name above in white."""
     position = [*source.position, *[stage.height / 2] * (3 - len(source.position))]
     radius = max(source.radius, 0.006 * stage.length)
     if len(stage.extent) == 2:
         radius = min(radius, 0.02 * stage.length)
-    yield entity, rr.Points3D([position], radii=radius, colors=RED)
+    yield entity, rr.Points3D([position], radii=radius, colors=rgb(SOURCE))
     y = min(position[1] + radius + 0.1 * stage.length, stage.extent[1])
     yield f"{entity}/name", label("source", [position[0], y, position[2] + radius], WHITE)
 
@@ -254,18 +252,18 @@ def declared(place: np.ndarray, right: bool, text: str, stage: Stage) -> rr.Line
     strips += [size * np.array([[-s, -1.0], [s, 1.0]]) / np.sqrt(2) for s in (1, -1)]
     return rr.LineStrips3D(
         [np.column_stack([place + strip, np.full(len(strip), height)]) for strip in strips],
-        colors=drawing.RIGHT if right else drawing.WRONG,
+        colors=rgb(FOUND if right else WRONG),
         radii=rr.Radius.ui_points(2.2),
         labels=[text, "", ""],
         show_labels=True,
     )
 
 
-def lanes(states: tuple[str, ...]) -> rr.StateConfiguration:
-    """Return the colours of a robot's states; the last state is "found"."""
-    colors = np.resize(drawing.STATES, len(states))
-    colors[-1] = drawing.FOUND
-    return rr.StateConfiguration(values=list(states), labels=list(states), colors=colors)
+def lanes(states: tuple[str, ...], colors: Mapping[str, str]) -> rr.StateConfiguration:
+    """Return the colours of a robot's states; colors: by name, see `palette.state_colors`; the last is "found"."""
+    shown = [rgb(colors[name]) for name in states[:-1]] + [rgb(FOUND)]
+    packed = np.array([int.from_bytes((*color, 255)) for color in shown], np.uint32)
+    return rr.StateConfiguration(values=list(states), labels=list(states), colors=packed)
 
 
 # ---------------------------------------------------------------- vertical sections
@@ -280,7 +278,7 @@ def section(sim: TimeLoop, raster: Raster, stage: Stage) -> Entities:
     solid = raster.of_cells(sim.air.solid.astype(np.float32)) > 0.5
     if solid.any():
         pixels = np.zeros((*solid.shape, 4), np.uint8)
-        pixels[solid] = (*GREY, 255)
+        pixels[solid] = (*rgb(SOLID), 255)
         how = {"color": True, "above": 3.0, "data": drawing.rows(pixels)}
         yield f"{name}/solid", picture(plane, solid.shape, raster.cell, raster.origin, stage, **how)
     near = beside(sim, plane)

@@ -41,7 +41,7 @@ def _legend(
     """Yield pairs of texts, the look and the meaning, for each kind of item drawn in a recording."""
     scenario, deep = sim.scenario, sim.grid.dim == 3
     if scenario.sources:
-        yield "red ball", "a source of gas"
+        yield "crimson ball", "a source of gas"
     for quantity in quantities:
         low, high = quantity.scale.low, quantity.scale.high
         colors = "black to yellow" if quantity.unit == "ppm" else "blue to red"

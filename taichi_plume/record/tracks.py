@@ -11,6 +11,7 @@ import rerun as rr
 from taichi_plume.record import drawing, scene
 from taichi_plume.record.placement import Stage
 from taichi_plume.record.stream import Stream
+from taichi_plume.scenario.palette import rgb, robot_color, state_colors
 from taichi_plume.scenario.robots import Group
 from taichi_plume.time_loop import TimeLoop
 
@@ -63,7 +64,7 @@ def recorded_robots(sim: TimeLoop) -> list[Robot]:
         states = (*names, "found")
         for i in range(min(group.count, share)):
             name = part if group.count == 1 else f"{part}-{i}"
-            color = drawing.robot_color(first + i)
+            color = rgb(robot_color(first + i))
             robots.append(Robot(group.start + i, name, color, states, group.model))
         first += group.count
     return robots[:MOST_ROBOTS]
@@ -101,6 +102,7 @@ class Tracks:
 
     def _styles(self) -> scene.Entities:
         """Yield static data of each recorded robot: body, and colours of trail, sensor plot and behaviour."""
+        colors = state_colors(name for robot in self.robots for name in robot.states[:-1])
         for robot in self.robots:
             body, name = robot.model.body, robot.name
             yield f"robots/{name}", scene.body(body.radius, body.height, robot.color, self.stage)
@@ -112,7 +114,7 @@ class Tracks:
                 trail = rr.LineStrips3D.from_fields(colors=pale, radii=rr.Radius.ui_points(1.0))
                 yield f"believed_trails/{name}", trail
             yield f"sensors/{name}", rr.SeriesLines(colors=robot.color, names=name, widths=1.6)
-            yield f"states/{name}", scene.lanes(robot.states)
+            yield f"states/{name}", scene.lanes(robot.states, colors)
         for threshold in self.thresholds:
             line = rr.SeriesLines(colors=[200, 200, 200], names=f"threshold {threshold:g} ppm", widths=1.0)
             yield _threshold(threshold), line

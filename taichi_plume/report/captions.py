@@ -19,7 +19,7 @@ TRAILS = (
 )
 DECLARED = (
     " Crosses are positions of a source that the robot of their colour declared: the first right declaration, with a "
-    "green rim, or else the last, with a red rim."
+    "green rim, or else the last, with an orange rim."
 )
 ASIDE = "Seen from the side: obstacles are pale, as they may stand before this plane or behind it."
 SMELT = (

@@ -89,7 +89,7 @@ def smelt(run: Run, tracks: Sequence[Track]) -> bytes:
         theme.verbatim(axes.get_yticklabels())
         axes.tick_params(axis="y", length=0)
         handles: list[Artist] = [
-            Patch(facecolor="#c3cad2", label="true gas at the sensor [ppm]"),
+            Patch(facecolor=theme.TRUE_GAS, label="true gas at the sensor [ppm]"),
             Line2D([], [], color=theme.INK, label="reading of the sensor [ppm]"),
         ]
         if any(track.group.algorithm.threshold is not None for track in shown):
@@ -116,7 +116,7 @@ def _readings(axes: Axes, track: Track, base: float, low: float, high: float) ->
     color = theme.robot(track.number)
     axes.axhline(base, color=theme.FAINT, linewidth=0.6)
     t, true = thinned(track.t, track.values["true_ppm"])
-    axes.fill_between(t, up(true), base, color="#c3cad2", linewidth=0)
+    axes.fill_between(t, up(true), base, color=theme.TRUE_GAS, linewidth=0)
     t, reading = thinned(track.t, track.values["reading_ppm"])
     axes.plot(t, up(reading), color=color, linewidth=1.4, path_effects=theme.HALO)
     threshold = track.group.algorithm.threshold
@@ -134,6 +134,7 @@ def _readings(axes: Axes, track: Track, base: float, low: float, high: float) ->
 def _behaviour(axes: Axes, tracks: Sequence[Track]) -> tuple[list[float], list[str]]:
     """Draw a lane per robot at the bottom, coloured by state; return positions and texts of the robots' names."""
     names = _states(tracks)
+    color_of = theme.state_colors(name for track in tracks for name in track.states)
     boxes, colors = [], []
     places = [(len(tracks) - lane - 0.5) * LANE for lane in range(len(tracks))]
     for place, track in zip(places, tracks, strict=True):
@@ -144,15 +145,12 @@ def _behaviour(axes: Axes, tracks: Sequence[Track]) -> tuple[list[float], list[s
         for begin, end in list(zip(begins, ends, strict=True))[::stride]:
             left, right = track.t[begin], track.t[end]
             boxes.append([(left, low), (right, low), (right, high), (left, high)])
-            colors.append(theme.STATES[names.index(track.states[track.state[begin]]) % len(theme.STATES)])
+            colors.append(color_of[track.states[track.state[begin]]])
         if track.found_at is not None:
             star = {"color": theme.FOUND, "markeredgecolor": "white", "markersize": 10, "clip_on": False}
             axes.plot(track.t[track.found_at], place, "*", **star)
     axes.add_collection(PolyCollection(boxes, facecolors=colors, linewidths=0))
-    marks = [
-        Patch(facecolor=theme.STATES[k % len(theme.STATES)], label=theme.short(name))
-        for k, name in enumerate(names)
-    ]
+    marks = [Patch(facecolor=color_of[name], label=theme.short(name)) for name in names]
     below = -0.48 / (axes.get_position().height * axes.figure.get_figheight())
     legend = axes.legend(
         handles=marks, loc="upper left", bbox_to_anchor=(0, below), ncols=_columns(names), borderaxespad=0,
@@ -163,8 +161,11 @@ def _behaviour(axes: Axes, tracks: Sequence[Track]) -> tuple[list[float], list[s
 
 
 def _states(tracks: Sequence[Track]) -> list[str]:
-    """Return the distinct names of behaviour states of all robots, in the robots' order."""
-    return list(dict.fromkeys(name for track in tracks for name in track.states))
+    """Return the distinct names of the states in which robots were, in the order of the algorithms' states."""
+    occurring = {track.states[k] for track in tracks for k in np.unique(track.state)}
+    return [
+        name for name in dict.fromkeys(name for track in tracks for name in track.states) if name in occurring
+    ]
 
 
 def _columns(names: Sequence[str]) -> int:

@@ -139,7 +139,7 @@ def declared_mark(axes: Axes, color: str) -> Line2D:
 
 
 def put_mark(mark: Line2D, declared: tuple[np.ndarray, bool] | None) -> None:
-    """Move a cross to a declared source position, its rim green if the position is right, else red; None hides it."""
+    """Move a cross to a declared source position, its rim green if it is right, else orange; None: hide."""
     place, right = declared or (np.zeros((0, 2)), False)
     mark.set_data(*np.atleast_2d(place).T)
     mark.set_markeredgecolor(theme.FOUND if right else theme.WRONG)
@@ -202,7 +202,7 @@ def _legend(figure: Figure, run: Scene, view: PlumeView, x: float, y: float) -> 
     if run.scenario.sources:
         handles.append(mark("source", marker="*", color=theme.SOURCE, markeredgecolor="white", markersize=12))
     if run.scenario.heat and run.scenario.heat.heaters:
-        handles.append(mark("heater", marker="o", color=theme.HEATER, alpha=0.6, markersize=9))
+        handles.append(mark("heater", marker="o", color=theme.WARM, alpha=0.6, markersize=9))
     for track in view.tracks if len(view.tracks) <= MOST_NAMES else view.tracks[:1]:
         name = theme.short(track.name) if len(view.tracks) <= MOST_NAMES else "robots and their trails"
         style = {"color": theme.robot(track.number), "linestyle": "-", "markeredgecolor": "white"}

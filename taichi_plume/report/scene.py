@@ -17,6 +17,7 @@ from matplotlib.patches import Circle, Rectangle
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.report import openings, solids, theme
 from taichi_plume.report.theme import ABOVE, SIDE
+from taichi_plume.scenario import palette
 from taichi_plume.scenario.checks import numbered
 from taichi_plume.scenario.gases import AnySource
 from taichi_plume.scenario.scenario import Scenario
@@ -174,11 +175,11 @@ def _sources(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool
     heat = scenario.heat
     for heater in heat.heaters if heat else ():
         place = _place(heater.position, plane)
-        axes.add_patch(Circle(place, heater.radius, facecolor=theme.HEATER, alpha=0.6, zorder=8))
+        axes.add_patch(Circle(place, heater.radius, facecolor=theme.WARM, alpha=0.6, zorder=8))
         if named:
-            theme.note(axes, *place, f"heater, {heater.power:g} W", "#c25e00")
+            theme.note(axes, *place, f"heater, {heater.power:g} W", theme.darker(palette.rgb(theme.WARM)))
     for wall in heat.walls if heat else ():
-        color = "#c0392b" if wall.temperature > heat.reference else "#2471a3"
+        color = theme.darker(palette.rgb(theme.WARM if wall.temperature > heat.reference else theme.COOL))
         openings.one_window(
             axes, scenario, wall, color, plane, f"{wall.temperature:.4g} K" if named else "", 0
         )

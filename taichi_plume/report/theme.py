@@ -17,28 +17,27 @@ from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 from matplotlib.typing import ColorType
 
-from taichi_plume.record.drawing import decades, robot_color
+from taichi_plume.record.drawing import decades
+from taichi_plume.scenario import palette
 
 ABOVE, SIDE, FRONT = (0, 1), (0, 2), (1, 2)
 PLANES = {"xy": ABOVE, "xz": SIDE, "yz": FRONT}
 """Axes of a view, to the right and up, by their names."""
 INK, FAINT, PAPER, FLOOR = "#1d2733", "#7b8794", "#ffffff", "#f4f6f8"
-SOLID, SOLID_EDGE = "#a7b0bb", "#5d6875"
-SOURCE, FOUND, START = "#d81b60", "#1b8a3a", "#5d6875"
-WRONG = "#d32f2f"
-HEATER, WIND, BREEZE = "#fb8c00", "#27445f", "#2778b5"
-STATES = (
-    "#90a4ae",
-    "#ffb300",
-    "#29b6f6",
-    "#ab47bc",
-    "#8bc34a",
-    "#f06292",
-    "#a1887f",
-    "#26a69a",
-    "#7986cb",
-    "#d4e157",
+FOUND, WRONG, SOURCE, SOLID, PROBE = (
+    palette.FOUND,
+    palette.WRONG,
+    palette.SOURCE,
+    palette.SOLID,
+    palette.PROBE,
 )
+WARM, COOL = palette.WARM, palette.COOL
+robot, state_colors = palette.robot_color, palette.state_colors
+"""Colours of things are those of the palette, those of paper and letters are here."""
+SOLID_EDGE, START, TRUE_GAS = "#5d6875", "#5d6875", "#c3cad2"
+ERROR, UNLIKELY = "#d32f2f", "#b26a00"
+"""Text of errors and of warnings on a page."""
+WIND, BREEZE = "#27445f", "#2778b5"
 LONGEST_NAME = 24  # letters, in a figure
 LETTERS = {"font.size": 9.0, "axes.titlesize": 10.0, "axes.labelsize": 9.0, "legend.fontsize": 8.0}
 TEXT_AS_TEXT: Any = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}
@@ -70,11 +69,6 @@ GAS: Colormap = LinearSegmentedColormap.from_list(
 WARMTH = "RdYlBu_r"
 HALO = [withStroke(linewidth=2.2, foreground=PAPER)]
 """Outline of a line or of letters on a picture."""
-
-
-def robot(number: int) -> str:
-    """Return the colour of a robot or a group, as in recordings."""
-    return "#{:02x}{:02x}{:02x}".format(*robot_color(number))
 
 
 @contextmanager

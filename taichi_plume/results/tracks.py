@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.files.run_tables import FAULTS, stream_of, unverified
+from taichi_plume.files.run_tables import FAULTS, stream_of, unverified, vocabulary
 from taichi_plume.files.tables import plain
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ MORE = {"declared_x": np.nan, "declared_y": np.nan, "declarations": 0, "false_de
 
 
 class Track(NamedTuple):
-    """Trajectory of a robot: t (n,) [s]; values: table columns (n,) by name; states: names of its states."""
+    """Trajectory of a robot: t (n,) [s]; values: table columns (n,) by name; states: names of all states."""
 
     name: str
     number: int
@@ -84,8 +84,11 @@ def _track(rows: pa.Table, name: str, number: int, group: "Group") -> Track:
         values[key] = rows[key].to_numpy() if key in rows.column_names else np.full(len(rows), none)
     state = rows["state"].combine_chunks().cast(pa.string()).dictionary_encode()
     state = state.combine_chunks() if isinstance(state, pa.ChunkedArray) else state
-    indices = state.indices.to_numpy(zero_copy_only=False)
-    return Track(name, number, group, rows["t"].to_numpy(), values, state.dictionary.to_pylist(), indices)
+    occurring = state.dictionary.to_pylist()
+    states = list(dict.fromkeys([*vocabulary(rows.schema.field("state")), *occurring]))
+    number_of = np.array([states.index(each) for each in occurring], int)
+    indices = number_of[state.indices.to_numpy(zero_copy_only=False)]
+    return Track(name, number, group, rows["t"].to_numpy(), values, states, indices)
 
 
 def _table(path: Path, first: dict[str, int], share: int) -> pa.Table | None:

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain
+from taichi_plume.scenario.palette import OPENING, rgb
 from taichi_plume.scenario.vocabulary import Color, Model, ordered_schedule
 from taichi_plume.scenario.windows import LEAST_OPEN, MOSTLY_OPEN, Region
 
@@ -39,8 +40,8 @@ class VelocityAt(Change):
 class AnyOpening(Model):
     """Base class of the openings: their properties."""
 
-    color: ClassVar[Color] = (144, 164, 174)
-    """Colour in recordings."""
+    color: ClassVar[Color] = rgb(OPENING)
+    """Colour in recordings; on paper it is darker."""
     straight: ClassVar[bool] = False
     """Whether a honeycomb makes the incoming air parallel."""
     blows: ClassVar[bool] = False

@@ -11,11 +11,11 @@ from pydantic import Field
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain
 from taichi_plume.scenario.opening_base import AnyOpening, FaceOpening, Scheduled, SpeedAt, VelocityAt, Vent
+from taichi_plume.scenario.palette import HONEYCOMB, INLET, MOVING_WALL, OUTLET, rgb
 from taichi_plume.scenario.profiles import Profile
 from taichi_plume.scenario.vocabulary import SPATIAL, Axis, Color, Model, consistency_check
 
 CARRIED = 3  # cells: convection damps eddies of a shorter integral length too much
-BLUE, YELLOW, GREEN, PURPLE = (79, 195, 247), (255, 213, 79), (129, 199, 132), (206, 147, 216)
 
 
 class Jet(Scheduled, Vent):
@@ -105,7 +105,7 @@ class Fan(Jet):
     Profile: U/2 (1 - tanh((r - R)/(0.05 R))), scaled to the flow rate of a uniform disc; swirl velocity S U r/R.
     """
 
-    color: ClassVar[Color] = BLUE
+    color: ClassVar[Color] = rgb(INLET)
     inward: ClassVar[bool] = False
     kind: Literal["fan"]
     swirl: Annotated[si.Swirl, SPATIAL] = 0.0
@@ -138,7 +138,7 @@ class Fan(Jet):
 class Inlet(Jet):
     """Inlet: air that is blown in with a given mean speed and profile, such as from the next room."""
 
-    color: ClassVar[Color] = BLUE
+    color: ClassVar[Color] = rgb(INLET)
     kind: Literal["inlet"]
     speed: si.Velocity  # type: ignore[assignment]
     """Mean speed of the air into the room; negative draws air out."""
@@ -155,7 +155,7 @@ class Inlet(Jet):
 class Honeycomb(Jet):
     """A flow straightener: with `speed` it blows parallel air, without it is an outlet with a pressure loss."""
 
-    color: ClassVar[Color] = YELLOW
+    color: ClassVar[Color] = rgb(HONEYCOMB)
     straight: ClassVar[bool] = True
     kind: Literal["honeycomb"]
     loss_coefficient: si.Coefficient = 2.0
@@ -165,7 +165,7 @@ class Honeycomb(Jet):
 class Outlet(Vent):
     """Outlet: an opening to still air outside, through which the pressure drives air in or out."""
 
-    color: ClassVar[Color] = GREEN
+    color: ClassVar[Color] = rgb(OUTLET)
     lets_out: ClassVar[bool] = True
     kind: Literal["outlet"]
 
@@ -179,7 +179,7 @@ class Slip(FaceOpening):
 class MovingWall(Scheduled, FaceOpening):
     """Moving wall: slides in its own plane and drags the air along (no-slip)."""
 
-    color: ClassVar[Color] = PURPLE
+    color: ClassVar[Color] = rgb(MOVING_WALL)
     kind: Literal["wall"]
     velocity: si.Velocities
     """Velocity with which the wall slides, per axis; 0 along the axis through it. It drags the air along."""

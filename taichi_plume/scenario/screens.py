@@ -7,6 +7,7 @@ from pydantic import Field
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, span
+from taichi_plume.scenario.palette import HONEYCOMB, rgb
 from taichi_plume.scenario.vocabulary import COMPILED, Axis, Color, not_both
 from taichi_plume.scenario.windows import Window
 
@@ -14,7 +15,7 @@ from taichi_plume.scenario.windows import Window
 class Screen(Window):
     """A permeable slab across `axis` with its middle at `at`."""
 
-    color: ClassVar[Color] = (255, 213, 79)
+    color: ClassVar[Color] = rgb(HONEYCOMB)
     axis: Axis
     """Axis through the screen, across which it stands."""
     at: Annotated[si.Coordinate, COMPILED]

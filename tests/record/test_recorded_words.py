@@ -8,7 +8,8 @@ import pytest
 from recordings import column, entities, record, recorded
 
 from taichi_plume.grid.state import State
-from taichi_plume.record import drawing
+from taichi_plume.scenario import palette
+from taichi_plume.scenario.palette import rgb
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -39,8 +40,8 @@ def packed(color: tuple[int, int, int]) -> int:
 
 
 WANTED = [
-    (2.0, pytest.approx([1.0, 2.0]), packed(drawing.WRONG)),
-    (4.0, pytest.approx([0.7, 1.5]), packed(drawing.RIGHT)),
+    (2.0, pytest.approx([1.0, 2.0]), packed(rgb(palette.WRONG))),
+    (4.0, pytest.approx([0.7, 1.5]), packed(rgb(palette.FOUND))),
 ]
 
 

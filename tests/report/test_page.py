@@ -287,7 +287,8 @@ def are_inside(boxes, whole) -> bool:
 def test_all_letters_of_the_series_are_on_the_figure(tmp_path, drawn, states):
     """However many states there are and however long names are."""
     run = Run(made_run.made(tmp_path / "run"), lenient=True)
-    tracks = [one._replace(name="n" * 64, states=states, state=0 * one.state) for one in run.tracks]
+    state = np.arange(len(run.tracks[0].t)) % len(states)
+    tracks = [one._replace(name="n" * 64, states=states, state=state) for one in run.tracks]
     figures.smelt(run, tracks)
     (figure,) = drawn
     figure.canvas.draw()
