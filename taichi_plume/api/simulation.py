@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import pandas
     import pyarrow
     import xarray
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from taichi_plume.execution.outputs import Table
@@ -250,19 +251,29 @@ class Simulation:
 
         return data_frame(self._rows())
 
-    def plot(self, view: str | None = None, of: str = "gas", wind: bool = True) -> "Figure":
+    def plot(
+        self,
+        view: str | None = None,
+        of: str = "gas",
+        wind: bool = True,
+        *,
+        ax: "Axes | None" = None,
+        figsize: tuple[float, float] | None = None,
+    ) -> "Figure":
         """Return a figure of the present gas (or `of` "temperature") with its scale, the wind and the robots.
 
-        view: "above", "column" or "section", as of `Run.plot`. Raises InputError.
+        view: "above", "column" or "section". view, ax, figsize: as of `Run.plot`. Raises InputError.
         """
         from taichi_plume.report.present import figure
         from taichi_plume.report.scene import all_shapes
+        from taichi_plume.report.theme import Place
         from taichi_plume.results.tracks import tracks_of
 
+        place = Place.of(ax, figsize)
         data = self.temperature if of == "temperature" else self.gas.to_dataarray().sum("variable")
         tracks = tracks_of(self._rows(True), self.scenario.robots) if self.loop.swarm.count else []
         shapes = all_shapes(self._prepared)
-        return figure(self.loop, shapes, np.nan_to_num(data.to_numpy().T), of, view, wind, tracks)
+        return figure(self.loop, shapes, np.nan_to_num(data.to_numpy().T), of, view, wind, tracks, place)
 
     def _repr_html_(self) -> str:
         from taichi_plume.report.notebook import page

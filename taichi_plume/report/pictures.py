@@ -15,9 +15,9 @@ from taichi_plume.guard.input_error import InputError
 from taichi_plume.record.recording_reader import Arrows, Picture
 from taichi_plume.report.films import film
 from taichi_plume.report.html import data_url
-from taichi_plume.report.plume import PlumeView, Scene, figure_of
+from taichi_plume.report.plume import PlumeView, Scene, figure_of, view_in
 from taichi_plume.report.theme import LETTERS as SIZES
-from taichi_plume.report.theme import styled
+from taichi_plume.report.theme import Place, figure_around, styled
 from taichi_plume.results.run import Run
 from taichi_plume.results.tracks import Track
 
@@ -43,6 +43,7 @@ class Shown(NamedTuple):
 
 
 DEFAULT = Shown()
+ANYWHERE = Place()
 
 
 class Film(NamedTuple):
@@ -76,17 +77,19 @@ class Film(NamedTuple):
         return f"Film of {len(self.times)} frames, t = {self.times[0]:g} to {self.times[-1]:g} s"
 
 
-def still(run: Run, at: float | None = None, shown: Shown = DEFAULT) -> tuple[Figure, Picture, float]:
+def still(
+    run: Run, at: float | None = None, shown: Shown = DEFAULT, place: Place = ANYWHERE
+) -> tuple[Figure, Picture, float]:
     """Return a figure of the run at time `at` [s], by default the end, the recorded pictures drawn, and that time.
 
-    Raises InputError if there is no such view or time.
+    place: axes to draw into, or size of the figure. Raises InputError if there is no such view or time.
     """
     period, end = max(1.0 / _rate(run, "rate"), run.scenario.tick), _end(run)
     at = end if at is None else at
     picture = _picture(run, shown, (at - 1.5 * period, at))
     if not len(picture.times) or at > end + period:
         raise _outside(run, picture.name, at)
-    figure, view = framed(run, picture, run.tracks, shown.width or PICTURE_WIDTH, shown.wind)
+    figure, view = framed(run, picture, run.tracks, shown.width or PICTURE_WIDTH, shown.wind, place)
     arrows = run.planes.arrows(_plane(picture), (at - 1.5 / _rate(run, "wind_rate"), at))
     show_at(view, picture, at, arrows)
     return figure, picture, at
@@ -136,9 +139,16 @@ def show_at(view: PlumeView, picture: Picture, t: float, arrows: Arrows | None, 
 
 
 def framed(
-    scene: Scene, picture: Picture, tracks: Sequence[Track], width: int, wind: bool
+    scene: Scene, picture: Picture, tracks: Sequence[Track], width: int, wind: bool, place: Place = ANYWHERE
 ) -> tuple[Figure, PlumeView]:
-    """Return a figure, `width` pixels wide, and the view that draws the plume in the figure."""
+    """Return a figure, `width` pixels wide unless `place` is given, and the view that draws the plume in the figure."""
+    if place.ax is not None:
+        return figure_around(place.ax), view_in(place.ax, scene, picture, tracks, wind)
+    if place.figsize is not None:
+        with styled():
+            return figure_of(
+                scene, picture, tracks, place.figsize[0], DPI, wind=wind, height=place.figsize[1]
+            )
     dpi = DPI * width / PICTURE_WIDTH
     larger = {key: LETTERS * size for key, size in SIZES.items()}
     with styled(larger | {"xtick.labelsize": 11, "ytick.labelsize": 11}):

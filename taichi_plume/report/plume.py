@@ -8,10 +8,12 @@ from math import degrees
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib import rcParams
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
@@ -31,6 +33,8 @@ MOST_NAMES = 6  # robots that the legend names individually
 LETTER, LOWEST = 0.075, 1.0  # inches: a letter's width; the height of a picture's scale
 BESIDE, BELOW, ON_TOP = 0.6, 0.5, 0.68  # inches around the axes, for letters of 9 points
 BAR = 1.15
+CROWDED = 1.6  # width of a legend over that of the figure, from which it has two rows
+LEAST = 0.5  # inches: width and height of the smallest axes
 
 
 class Present(NamedTuple):
@@ -162,16 +166,28 @@ def figure_of(
     dpi: float,
     letters: float = 1.0,
     wind: bool = True,
+    height: float | None = None,
 ) -> tuple[Figure, PlumeView]:
-    """Return a figure `width` inches wide with a picture, colour bar and legend, and its view; letters: text size/9."""
+    """Return a figure `width` inches wide with a picture, colour bar and legend, and its view; letters: text size/9.
+
+    height [inches]: by default that of the picture. Raises InputError if the figure would be too small.
+    """
     extent = run.scenario.domain.extent
     sides = [extent[d] for d in theme.PLANES[picture.axes]]
     left, right, below, above = (letters * part for part in (BESIDE, BAR, BELOW, ON_TOP))
     ways = [high - low for low, high in (_around(side, max(sides)) for side in sides)]
     broad = width - left - right
-    tall = min(broad * ways[1] / ways[0], 1.05 * width)
+    if height is not None:
+        theme.require_size((width, height), (left + right + LEAST, below + above + LEAST))
+    room = 1.05 * width if height is None else height - below - above
+    tall = min(broad * ways[1] / ways[0], room)
     high_up = max(tall, letters * LOWEST)  # a narrow plane has the height of its colour bar
-    height = _even(high_up + below + above, dpi)
+    if height is None:
+        height = _even(high_up + below + above, dpi)
+    else:
+        broad, spare = tall * ways[0] / ways[1], broad - tall * ways[0] / ways[1]
+        left += spare / 2
+    below = max(below, height - above - high_up)
     figure = theme.figure(width, height, dpi)
     under = below + (high_up - tall) / 2
     axes = figure.add_axes((left / width, under / height, broad / width, tall / height))
@@ -179,21 +195,36 @@ def figure_of(
     beside = figure.add_axes(
         ((left + broad + 0.1 * letters) / width, below / height, 0.14 * letters / width, high_up / height)
     )
-    where = f"\n{picture.plane}" if picture.plane else ""
-    longest = int((high_up + below) / (LETTER * letters)) - len(f" [{picture.unit}]")
-    theme.scale(
-        axes, view.image, picture.low, picture.high, picture.logarithmic,
-        f"{theme.short(picture.quantity, max(8, longest))} [{picture.unit}]{where}", cax=beside,
-    )  # fmt: skip
-    _legend(figure, run, view, left / width, 1 - 0.12 * letters / height)
+    _bar(axes, view, int((high_up + below) / (LETTER * letters)), cax=beside)
+    _legend(figure, run, view, letters * BESIDE / width, 1 - 0.12 * letters / height)
     top = (under + tall + 0.04 * letters) / height
     view.clock = figure.text(left / width, top, "", va="bottom", fontweight="bold")
     view.moving.append(view.clock)
     return figure, view
 
 
-def _legend(figure: Figure, run: Scene, view: PlumeView, x: float, y: float) -> None:
-    """Add a legend of all markers in one row, its upper left corner at the fractions x, y of the figure."""
+def view_in(axes: Axes, run: Scene, picture: Picture, tracks: Sequence[Track], wind: bool) -> PlumeView:
+    """Return a view that draws into axes of the user, with a colour bar beside; `axes.legend()` adds the legend."""
+    view = PlumeView(axes, run, picture, tracks, wind)
+    _bar(axes, view, theme.LONGEST_NAME)
+    view.clock = axes.set_title("", loc="left")
+    for handle in _handles(run, view):
+        axes.add_line(handle)
+    return view
+
+
+def _bar(axes: Axes, view: PlumeView, letters: int, **where: Any) -> None:
+    """Add the colour bar of a view; letters: that its label can have."""
+    picture = view.picture
+    plane = f"\n{picture.plane}" if picture.plane else ""
+    name = theme.short(picture.quantity, max(8, letters - len(f" [{picture.unit}]")))
+    theme.scale(
+        axes, view.image, picture.low, picture.high, picture.logarithmic, f"{name} [{picture.unit}]{plane}", **where
+    )  # fmt: skip
+
+
+def _handles(run: Scene, view: PlumeView) -> list[Line2D]:
+    """Return a legend's entries: source, heater, robots, those that have found the source or declared one, wind."""
 
     def mark(label: str, **how: Any) -> Line2D:
         return Line2D([], [], linestyle=how.pop("linestyle", "none"), label=label, **how)
@@ -217,20 +248,34 @@ def _legend(figure: Figure, run: Scene, view: PlumeView, x: float, y: float) -> 
             handles.append(mark(label, marker="X", markersize=9, **style))
     if view.arrows.get_visible():
         handles.append(mark("wind", marker=r"$\rightarrow$", color=theme.WIND, alpha=0.7, markersize=11))
+    return handles
 
-    def made(size: float | None) -> Legend:
+
+def _legend(figure: Figure, run: Scene, view: PlumeView, x: float, y: float) -> None:
+    """Add a legend of all markers in one row, its upper left corner at the fractions x, y of the figure."""
+    handles = _handles(run, view)
+
+    def made(size: float, rows: int) -> Legend:
         legend = figure.legend(
-            handles=handles, loc="upper left", bbox_to_anchor=(x, y), ncols=len(handles), borderaxespad=0,
-            columnspacing=1.0, handletextpad=0.3, handlelength=1.3, fontsize=size,
+            handles=handles, loc="upper left", bbox_to_anchor=(x, y), ncols=-(-len(handles) // rows), borderaxespad=0,
+            columnspacing=1.0, handletextpad=0.3, handlelength=1.3, fontsize=size, markerscale=size / usual,
         )  # fmt: skip
         theme.verbatim(legend.get_texts())
         return legend
 
-    legend = made(None)
-    share = legend.get_window_extent().width / (figure.bbox.width * (1 - x))
-    if handles and share > 1:  # many robots: smaller letters
+    usual = FontProperties(size=rcParams["legend.fontsize"]).get_size_in_points()
+    size, rows = usual, 1
+    for _ in range(2):  # many robots: smaller letters; a narrow figure: also two rows
+        legend = made(size, rows)
+        share = legend.get_window_extent().width / (figure.bbox.width * (1 - x))
+        if not handles or share <= 1:
+            return
         legend.remove()
-        made(float(legend.get_texts()[0].get_fontsize()) / (1.03 * share))
+        if share > CROWDED and rows == 1:
+            rows = 2
+        else:
+            size /= 1.03 * share
+    made(size, rows)
 
 
 def _around(length: float, longest: float) -> tuple[float, float]:

@@ -27,10 +27,12 @@ def figure(
     view: str | None,
     wind: bool,
     tracks: Sequence[Track],
+    place: theme.Place,
 ) -> Figure:
     """Return a figure of values in all cells, (*grid.shape) [ppm], or [K] of "temperature", with wind and robots.
 
-    view: see `pictures.VIEWS`. Raises InputError if there is no such view or quantity.
+    view: see `pictures.VIEWS`; place: axes to draw into, or size of the figure. Raises InputError if there is no such
+    view or quantity.
     """
     if of not in ("gas", "temperature"):
         raise InputError(f"of: got {of!r}; allowed are gas, temperature")
@@ -51,7 +53,7 @@ def figure(
         scale.kind == "log", plane.text, plane.letters, (raster.cell, raster.cell), raster.origin,
         np.array([sim.t]), scale.bytes(pixels).T[None],
     )  # fmt: skip
-    drawn, shown = framed(Present(sim.scenario, shapes), picture, tracks, PICTURE_WIDTH // 2, wind)
+    drawn, shown = framed(Present(sim.scenario, shapes), picture, tracks, PICTURE_WIDTH // 2, wind, place)
     arrows = _wind(sim, plane if plane.letters != "xy" else there["slice"]) if wind else None
     with theme.styled():
         show_at(shown, picture, sim.t, arrows)

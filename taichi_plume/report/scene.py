@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 MOST_LABELS = 8  # obstacles, openings etc.; beyond this number, names are left out
 WIDE, MOST_TALL, LEFT, RIGHT, BELOW = 7.2, 9.0, 0.55, 0.1, 0.48  # inches of a drawing, and around its axes
+LEAST = 0.5  # inches: width and height of the smallest drawing
+ANYWHERE = theme.Place()
 MARGIN = 0.09  # around a room, for names, over its longer side
 MOST_BODIES = 60  # robots whose starts are drawn one by one
 
@@ -98,23 +100,34 @@ def figure_of(
     shapes: Sequence[Shape],
     dpi: float = 110,
     numbers: Sequence[tuple[int, tuple[float, ...]]] = (),
+    place: theme.Place = ANYWHERE,
 ) -> Figure:
     """Return a figure of the scene: seen from above and, in 3-D, below that seen from the side, on the same scale.
 
-    numbers: (number, position [m]) of labels to draw.
+    numbers: (number, position [m]) of labels to draw. place: axes for the scene from above alone, or size of the
+    figure. Raises InputError if the figure would be too small.
     """
+    if place.ax is not None:
+        draw(place.ax, scenario, shapes)
+        _numbers(place.ax, numbers)
+        return theme.figure_around(place.ax)
     extent = scenario.domain.extent
     planes = [ABOVE] if len(extent) == 2 else [ABOVE, SIDE]
     ways = [_sides(extent, plane) for plane in planes]
-    scale = min((WIDE - LEFT - RIGHT) / ways[0][0], MOST_TALL / sum(way[1] for way in ways))
-    height = sum(scale * way[1] for way in ways) + BELOW * len(planes) + 0.1
+    wide, height = place.figsize or (WIDE, None)
+    tall, around = sum(way[1] for way in ways), BELOW * len(planes) + 0.1
+    room = MOST_TALL if height is None else height - around
+    if place.figsize is not None:
+        theme.require_size(place.figsize, (LEFT + RIGHT + LEAST, around + LEAST))
+    scale = min((wide - LEFT - RIGHT) / ways[0][0], room / tall)
+    height = scale * tall + around if height is None else height
     with theme.styled():
-        figure = theme.figure(WIDE, height, dpi)
+        figure = theme.figure(wide, height, dpi)
         top = height - 0.1
-        for plane, (width, tall) in zip(planes, ways, strict=True):
-            bottom = top - scale * tall
-            left = (LEFT + (WIDE - LEFT - RIGHT - scale * width) / 2) / WIDE
-            axes = figure.add_axes((left, bottom / height, scale * width / WIDE, scale * tall / height))
+        for plane, (width, up) in zip(planes, ways, strict=True):
+            bottom = top - scale * up
+            left = (LEFT + (wide - LEFT - RIGHT - scale * width) / 2) / wide
+            axes = figure.add_axes((left, bottom / height, scale * width / wide, scale * up / height))
             draw(axes, scenario, shapes, plane=plane)
             if plane == ABOVE:
                 _numbers(axes, numbers)
@@ -134,10 +147,10 @@ def save_check(prepared: "Prepared", path: Path) -> None:
         path.write_bytes(theme.png(checked_figure(prepared, 150)))
 
 
-def checked_figure(prepared: "Prepared", dpi: float = 110) -> Figure:
-    """Return a figure of a checked scenario; its warnings are marked by numbers."""
+def checked_figure(prepared: "Prepared", dpi: float = 110, place: theme.Place = ANYWHERE) -> Figure:
+    """Return a figure of a checked scenario; its warnings are marked by numbers. place: as of `figure_of`."""
     numbers = numbered(prepared.resources.warnings, prepared.scenario, prepared.resources)
-    return figure_of(prepared.scenario, all_shapes(prepared), dpi, numbers)
+    return figure_of(prepared.scenario, all_shapes(prepared), dpi, numbers, place)
 
 
 def _numbers(axes: Axes, numbers: Sequence[tuple[int, tuple[float, ...]]]) -> None:

@@ -4,9 +4,10 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
@@ -17,6 +18,8 @@ from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 from matplotlib.typing import ColorType
 
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.terminal import visible
 from taichi_plume.record.drawing import decades
 from taichi_plume.scenario import palette
 
@@ -38,6 +41,7 @@ SOLID_EDGE, START, TRUE_GAS = "#5d6875", "#5d6875", "#c3cad2"
 ERROR, UNLIKELY = "#d32f2f", "#b26a00"
 """Text of errors and of warnings on a page."""
 WIND, BREEZE = "#27445f", "#2778b5"
+MOST_INCHES = 200.0
 LONGEST_NAME = 24  # letters, in a figure
 LETTERS = {"font.size": 9.0, "axes.titlesize": 10.0, "axes.labelsize": 9.0, "legend.fontsize": 8.0}
 TEXT_AS_TEXT: Any = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}
@@ -96,6 +100,40 @@ def figure(width: float, height: float, dpi: float = 110) -> Figure:
     made = NotebookFigure(figsize=(width, height), dpi=dpi)
     FigureCanvasAgg(made)
     return made
+
+
+class Place(NamedTuple):
+    """Place that a user gives for a picture: axes of a figure of theirs, or the size of a new one [inches]."""
+
+    ax: Axes | None = None
+    figsize: tuple[float, float] | None = None
+
+    @classmethod
+    def of(cls, ax: Axes | None, figsize: Sequence[float] | None) -> "Place":
+        """Return the place; raise InputError if both are given, or a figsize that is not two positive numbers."""
+        if ax is not None and figsize is not None:
+            raise InputError("ax, figsize: got both; give figsize to the figure that has the axes")
+        if figsize is None:
+            return cls(ax)
+        sizes = [float(size) for size in figsize if isinstance(size, int | float | np.number)]
+        if len(sizes) != 2 or len(figsize) != 2 or not all(0 < size < MOST_INCHES for size in sizes):
+            allowed = f"width and height in inches, above 0 and below {MOST_INCHES:g}"
+            raise InputError(f"figsize: got {visible(figsize)}; allowed are {allowed}")
+        return cls(None, (sizes[0], sizes[1]))
+
+
+def require_size(figsize: tuple[float, float], least: tuple[float, float]) -> None:
+    """Raise InputError if a figure is smaller than `least`, both width and height [inches]."""
+    if figsize[0] < least[0] or figsize[1] < least[1]:
+        allowed = f"at least {least[0]:.2g} by {least[1]:.2g} inches"
+        raise InputError(f"figsize: got ({figsize[0]:g}, {figsize[1]:g}); allowed are {allowed}")
+
+
+def figure_around(ax: Axes) -> Figure:
+    """Return the figure that has these axes, also if they are in a part of the figure (SubFigure)."""
+    figure = ax.get_figure(root=True)
+    assert isinstance(figure, Figure)
+    return figure
 
 
 def png(figure: Figure) -> bytes:

@@ -25,6 +25,7 @@ from taichi_plume.files.run_folder import RunFolder, read_json
 
 if TYPE_CHECKING:
     import xarray
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from taichi_plume.agents.gas_map import GasMap as OnlineMap
@@ -105,11 +106,16 @@ class GasMap:
             line = f"peak {peak['ppm']:.3g} ppm at ({peak['x_m']:.2f}, {peak['y_m']:.2f}) m"
         return [line, _used(self.scores, self.model.times)]
 
-    def plot(self) -> "Figure":
-        """Return the figure of map.png: estimate, weight and, if there is one, standard deviation, seen from above."""
-        from taichi_plume.report.recorded_map import figure
+    def plot(self, *, ax: "Axes | None" = None, figsize: tuple[float, float] | None = None) -> "Figure":
+        """Return the figure of map.png: estimate, weight and, if there is one, standard deviation, seen from above.
 
-        return figure(self)
+        ax: axes of a figure of yours, for the estimate alone; figsize: width and height of a new figure [inches].
+        Raises InputError if both are given.
+        """
+        from taichi_plume.report.recorded_map import figure
+        from taichi_plume.report.theme import Place
+
+        return figure(self, Place.of(ax, figsize))
 
     def write(self, folder: str | Path, force: bool = False) -> None:
         """Write map.csv, map.png and scores.json into a folder. force: replace an earlier map there.

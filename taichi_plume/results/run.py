@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     import pandas
     import pyarrow
     import xarray
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from taichi_plume.grid.shapes import Shape
@@ -268,16 +269,26 @@ class Run:
     # ---------------------------------------------------------------- to look at
 
     def plot(
-        self, at: float | None = None, view: str | None = None, of: str = "gas", wind: bool = True
+        self,
+        at: float | None = None,
+        view: str | None = None,
+        of: str = "gas",
+        wind: bool = True,
+        *,
+        ax: "Axes | None" = None,
+        figsize: tuple[float, float] | None = None,
     ) -> "Figure":
         """Return a figure of the run at time `at` [s], by default the end: gas with its scale, wind and robots.
 
         view: "above", "column", "section" or a plane of the recording; by default column in 3-D. of: quantity, such as
-        "temperature". The colours are those of the recording. Raises InputError if there is no such view or time.
+        "temperature". The colours are those of the recording. ax: axes of a figure of yours to draw into, whose
+        ``ax.legend()`` then names sources and robots; figsize: width and height of a new figure [inches]. Raises
+        InputError if there is no such view or time, or the figure would be too small.
         """
         from taichi_plume.report.pictures import Shown, still
+        from taichi_plume.report.theme import Place
 
-        return still(self, at, Shown(view, of, None, wind))[0]
+        return still(self, at, Shown(view, of, None, wind), Place.of(ax, figsize))[0]
 
     def animate(
         self,

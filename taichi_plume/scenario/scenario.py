@@ -32,6 +32,7 @@ from taichi_plume.scenario.vocabulary import COMPILED, FREE, FileName, Model
 from taichi_plume.scenario.winds import Wind
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from taichi_plume.assembly.preparation import Check
@@ -205,15 +206,23 @@ class Scenario(Model):
 
         return Check.of(self, allow_outside)
 
-    def plot(self, allow_outside: bool = False) -> "Figure":
+    def plot(
+        self,
+        allow_outside: bool = False,
+        *,
+        ax: "Axes | None" = None,
+        figsize: tuple[float, float] | None = None,
+    ) -> "Figure":
         """Return a drawing of the scene, as by ``run --check``: from above and in 3-D also from the side.
 
-        Raises ScenarioError if the scenario has errors.
+        ax: axes of a figure of yours for the view from above; figsize: width and height of a new figure [inches].
+        Raises ScenarioError if the scenario has errors, and InputError if the figure would be too small.
         """
         from taichi_plume.assembly.preparation import load
         from taichi_plume.report.scene import checked_figure
+        from taichi_plume.report.theme import Place
 
-        return checked_figure(load(self, (), allow_outside))
+        return checked_figure(load(self, (), allow_outside), place=Place.of(ax, figsize))
 
     def _repr_html_(self) -> str:
         from taichi_plume.report.notebook import of_scenario

@@ -1,6 +1,7 @@
 """Figures of a parameter study's page: results along axes and over pairs of axes, Sobol indices, grid refinement."""
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from taichi_plume.studies.messages import Row, Value
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 WIDE, TALL = 7.2, 2.5  # inches
 DPI = 100
@@ -118,19 +120,50 @@ def along(points: Points, axis: str, by: str | None, quantities: Sequence[Quanti
     def panel(axes: "Axes", n: int) -> None:
         part, quantity = parts[n // len(quantities)], quantities[n % len(quantities)]
         draw(axes, points, axis, by, part, quantity, found[quantity.name])
-        axes.set_xlabel(label(points, axis))
-        axes.set_title(_quantity(quantity), fontsize=9)
-        if logarithmic(points, axis):
-            axes.set_xscale("log")
-            axes.xaxis.set_major_formatter("{x:g}")
-            axes.xaxis.set_minor_formatter("")
-        if quantity.share:
-            axes.set_ylim(-3, 103)
+        _label_numeric(axes, points, axis, quantity)
         if n % len(quantities) == 0 and by and len(parts) > 1:
             axes.legend(loc="best", title=theme.short(by), title_fontsize=8, handlelength=1.2)
 
     legend = theme.short(by) if by and len(parts) == 1 else ""
     return _panels(len(parts) * len(quantities), panel, len(parts), legend=legend)
+
+
+def _label_numeric(axes: "Axes", points: Points, axis: str, quantity: Quantity) -> None:
+    """Set labels and scales of a panel that shows a quantity over a numeric axis."""
+    axes.set_xlabel(label(points, axis))
+    axes.set_title(_quantity(quantity), fontsize=9)
+    if logarithmic(points, axis):
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter("")
+    if quantity.share:
+        axes.set_ylim(-3, 103)
+
+
+def of_axis(points: Points, axis: str, by: str | None, quantity: Quantity, place: theme.Place) -> "Figure":
+    """Return a figure of a quantity over an axis of a study, as on its page: means with intervals.
+
+    by: axis with a line per value, of a numeric `axis`. place: axes to draw into, or size of the figure.
+    """
+    with theme.styled({"text.parse_math": False}) if place.ax is None else nullcontext():
+        made = None if place.ax is not None else theme.figure(*(place.figsize or (WIDE / 2, 1.2 * TALL)), DPI)
+        axes = made.subplots() if made is not None else place.ax
+        assert axes is not None
+        theme.plain(axes)
+        if axis not in numeric(points):
+            names = values_of(points, axis)
+            _intervals(axes, quantity, names, points.estimated(quantity, [axis]), True)
+        else:
+            are_few = len(values_of(points, axis)) <= MOST_VALUES
+            found = points.estimated(quantity, [axis, *([by] if by else [])]) if are_few else {}
+            draw = _means if are_few else _running
+            draw(axes, points, axis, by, values_of(points, by) if by else [None], quantity, found)
+            _label_numeric(axes, points, axis, quantity)
+            if by:
+                theme.verbatim(axes.legend(loc="best", title=theme.short(by)).get_texts())
+        if made is not None:
+            made.set_layout_engine("constrained")
+        return made or theme.figure_around(axes)
 
 
 def _means(
@@ -197,17 +230,22 @@ def between(points: Points, axis: str, quantities: Sequence[Quantity]) -> bytes:
     found = {q.name: points.estimated(q, [axis]) for q in quantities}
 
     def panel(axes: "Axes", n: int) -> None:
-        quantity = quantities[n]
-        for place, name in enumerate(names):
-            if name in found[quantity.name]:
-                interval_bar(axes, place, quantity, found[quantity.name][name])
-        axes.set_yticks(range(len(names)), [theme.short(str(name)) if n == 0 else "" for name in names])
-        axes.set_ylim(len(names) - 0.5, -0.5)
-        axes.set_title(_quantity(quantity), fontsize=9)
-        if quantity.share:
-            axes.set_xlim(-3, 103)
+        _intervals(axes, quantities[n], names, found[quantities[n].name], n == 0)
 
     return _panels(len(quantities), panel, 1, max(1.4, 0.7 + 0.24 * len(names)))
+
+
+def _intervals(axes: "Axes", quantity: Quantity, names: Names, found: Estimates, named: bool) -> None:
+    """Draw an interval bar per value of an axis, with the values at the left if `named`."""
+    for place, name in enumerate(names):
+        if name in found:
+            interval_bar(axes, place, quantity, found[name])
+    axes.set_yticks(range(len(names)), [theme.short(str(name)) if named else "" for name in names])
+    theme.verbatim(axes.get_yticklabels())
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.set_title(_quantity(quantity), fontsize=9)
+    if quantity.share:
+        axes.set_xlim(-3, 103)
 
 
 # ---------------------------------------------------------------- over two axes

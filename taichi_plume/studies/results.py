@@ -4,6 +4,7 @@
     results.runs()      a row for each run of the plan, finished or missing
     results.points()    a row for each point and group: means with intervals over airs
     results.costs()     cost of each run
+    results.plot()      figure of a quantity over an axis
 
 Units are in ``frame.attrs["units"]``. The tables of a running or killed study hold the records written so far. Missing
 or damaged files raise a RunFolderError of one line.
@@ -24,6 +25,7 @@ from taichi_plume import __version__
 from taichi_plume.files import run_tables
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import LONGEST_TEXT, plain
+from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import unopenable
 from taichi_plume.guard.terminal import visible
 from taichi_plume.studies import tables as files
@@ -32,6 +34,8 @@ from taichi_plume.studies.store import Store, StoreError
 if TYPE_CHECKING:
     import pandas
     import polars
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from taichi_plume.studies.estimates import Points
 
@@ -146,6 +150,41 @@ class Results:
             ends = {"apart": apart.mean, "low": apart.low, "high": apart.high}
             made.append(row | ends | {"airs": apart.airs, "words": text})
         return pandas.DataFrame(made)
+
+    def plot(
+        self,
+        x: str | None = None,
+        quantity: str = "success",
+        by: str | None = None,
+        *,
+        ax: "Axes | None" = None,
+        figsize: tuple[float, float] | None = None,
+    ) -> "Figure":
+        """Return a figure of a quantity over an axis `x` of the study, as on its page: means with 95 % intervals.
+
+        x: by default the first axis with several values, a numeric one if there is any. quantity: a column of trials or
+        an outcome. by: another axis, with a line per value, or "group". ax: axes of a figure of yours to draw into;
+        figsize: width and height of a new figure [inches]. Raises ValueError for an unknown name.
+        """
+        from taichi_plume.report.theme import Place
+        from taichi_plume.studies import plots
+
+        points = self.by_points
+        known = {measure.name: measure for measure in points.quantities}
+        lines, numeric = plots.named(points), plots.numeric(points)
+        axes = [*numeric, *lines]
+        x = x if x is not None else next(iter(axes), None)
+        others = [name for name in axes if name != x] if x in numeric else []
+        for key, name, there in (
+            ("x", x, axes),
+            ("quantity", quantity, list(known)),
+            ("by", by, [None, *others]),
+        ):
+            if name not in there:
+                allowed = ", ".join(map(str, there)) or "none, as no axis has several values"
+                raise InputError(f"{key}: got {visible(name)}; allowed are {allowed}")
+        assert x is not None
+        return plots.of_axis(points, x, by, known[quantity], Place.of(ax, figsize))
 
     def indices(self) -> "pandas.DataFrame":
         """Return the Sobol indices of each axis of a sensitivity study, for each quantity and group, and words."""

@@ -30,6 +30,8 @@ def use() -> None:
         return
     run = tp.open_run(run.folder)
     run.plot(at=20)
+    axes = run.plot(at=20, figsize=(4, 3)).gca()
+    run.plot(at=20, ax=axes)
     run.animate()
     run.show()
     print(run.robots, run.trials, run.maps, run.gas_at(1.0, 2.0), run.fields, run.pictures, tp.cite(run))
