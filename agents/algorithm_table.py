@@ -1,13 +1,13 @@
 """Table of the search algorithms by kind.
 
 To add an algorithm: derive a class from `algorithm.KernelAlgorithm` in its own file, write its parameters as a model
-with a `kind` in scenario/algorithms.py, and enter the class in ALGORITHMS. One object drives the robots of all groups
-with that algorithm: member n is robot `members.robot[n]` of the swarm, and counts as `members.number[n]` for random
-numbers; a class with `PER_GROUP` has an object per group. An algorithm reads the swarm's `reading`, `wind`,
-`wind_known`, `blocked`, `believed_heading` and `odometer` (and `believed_position`, if the robots are to have
-positioning) and writes `speed_command`, `turn_rate_command` and `state`. An algorithm must not read true poses:
-`swarm.as_believed` rotates sensed vectors to walls and teammates into a robot's map. `swarm.declare` declares a source.
-The attribute `beliefs`, if any, offers belief maps, which are recorded and scored.
+with a `kind` in scenario/algorithms.py, belief_algorithms.py or team_algorithms.py, and enter the class in ALGORITHMS.
+One object drives the robots of all groups with that algorithm: member n is robot `members.robot[n]` of the swarm, and
+counts as `members.number[n]` for random numbers; a class with `PER_GROUP` has an object per group. An algorithm reads
+the swarm's `reading`, `wind`, `wind_known`, `blocked`, `believed_heading` and `odometer` (and `believed_position`, if
+the robots are to have positioning) and writes `speed_command`, `turn_rate_command` and `state`. An algorithm must not
+read true poses: `swarm.as_believed` rotates sensed vectors to walls and teammates into a robot's map. `swarm.declare`
+declares a source. The attribute `beliefs`, if any, offers belief maps, which are recorded and scored.
 
 Kernels read the model's parameters through `parameters`, so that new values need no compilation. `path_segments` and
 `potential` drive for an algorithm, `acquisition` samples, and `radio` carries messages between the robots of a team.

@@ -1,4 +1,4 @@
-"""Online gas maps: base class of all kinds (protocol `Mapper` of simulation.py), windows and cells.
+"""Online gas maps: base class of all kinds (protocol `Mapper` of time_loop.py), windows and cells.
 
 The inputs of a map are readings, measured wind and believed positions of robots. A map covers the floor with square
 cells from the origin on, separately for every trial; axis 0 of every array is the trial. Readings that are not finite,

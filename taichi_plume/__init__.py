@@ -15,7 +15,7 @@ if (
         say("the working folder does not exist any more; cd to one that does", error=True)
         raise SystemExit(2) from None
 
-# `python -m` imports modules from the working folder first: a yaml.py beside a scenario would be run.
+# `python -m` imports modules from the working folder first: a module named yaml beside a scenario would be run.
 # Remove that folder before any other import, unless the package itself is there.
 if _module:
     _first, _package = (os.path.realpath(path) for path in (sys.path[0], f"{__path__[0]}/.."))

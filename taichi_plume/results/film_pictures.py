@@ -16,7 +16,8 @@ from taichi_plume.scenario.scenario import Scenario
 class FilmPictures:
     """Pictures of the summed gas, and wind arrows, on planes through the film's grid.
 
-    Planes and methods are those of `reading.RecordedPictures`. The constructor and every method may raise FilmError.
+    Planes and methods are those of `recording_reader.RecordedPictures`. The constructor and every method may raise
+    FilmError.
     """
 
     def __init__(self, path: Path, scenario: Scenario):

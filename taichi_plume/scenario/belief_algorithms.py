@@ -111,7 +111,7 @@ class Infotaxis(AnyInfotaxis):
 
 
 class SpaceAwareInfotaxis(AnyInfotaxis):
-    """Infotaxis that also prefers to be near the source (Loisy & Eloy 2022). See agents/space_aware_infotaxis.py."""
+    """Infotaxis that also prefers to be near the source (Loisy & Eloy 2022). See agents/infotaxis.py."""
 
     kind: Literal["space_aware_infotaxis"]  # type: ignore[assignment]
 

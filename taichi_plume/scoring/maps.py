@@ -1,7 +1,7 @@
 """Scores of gas maps over time: errors, correlation and negative log predictive density against the true gas.
 
 The truth is the gas in the cells of a map, averaged over the time since the robots started: a map that does not forget
-tends to this mean. When a snapshot ends (or every `scores.PERIOD` without snapshots) each trial of a map gets:
+tends to this mean. When a snapshot ends (or every `trials.PERIOD` without snapshots) each trial of a map gets:
 
     error_ppm        mean of |estimate - truth| over the cells with an estimate that a robot can measure;
     correlation      correlation of estimate and truth over these cells;

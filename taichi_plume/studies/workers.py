@@ -40,7 +40,7 @@ CONNECT_S = 10.0  # timeout of the connection to a scheduler
 LOOK_S = 1.0  # interval between checks of a scheduler's workers
 ENVIRONMENT = {
     **dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
-    "PYTHONSAFEPATH": "1",  # workers do not import modules of the working folder, such as a socket.py
+    "PYTHONSAFEPATH": "1",  # workers do not import modules of the working folder, such as one named socket
 }
 
 _TAICHI = threading.Lock()  # only one thread of a process at a time can use Taichi
