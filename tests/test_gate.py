@@ -105,6 +105,22 @@ def test_what_was_looked_at_is_executed(path):
     assert not path.with_name("__pycache__").exists()
 
 
+def test_code_is_allowed_by_its_digest(path, capsys):
+    digest = load(path).resources.code["robots[0].algorithm"].digest
+    path.with_name("own.py").write_text(path.with_name("own.py").read_text() + "# more\n")
+    line = [str(path), "--out", str(path.parent / "out"), "--quiet", "--allow-sha256", digest]
+    assert run.main(line) == 2
+    error = capsys.readouterr().err
+    assert "robots[0].algorithm.file: " in error
+    assert load(path).resources.code["robots[0].algorithm"].digest[:16] in error
+    assert error.count("\n") == 1
+    assert not path.with_name("executed").exists()
+    assert not path.with_name("out").exists()
+    prepared = load(path)
+    own_code.execute(prepared, allow=[digest, prepared.resources.code["robots[0].algorithm"].digest])
+    assert path.with_name("executed").exists()
+
+
 @pytest.mark.parametrize(
     ("source", "name", "told"),
     [

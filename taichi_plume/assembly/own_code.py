@@ -3,25 +3,25 @@
 import sys
 
 from taichi_plume.assembly.preparation import Prepared
-from taichi_plume.files.own_class import OwnAlgorithmError
+from taichi_plume.files.own_class import OwnAlgorithmError, OwnFile, Permission
 from taichi_plume.guard.terminal import say
 from taichi_plume.scenario.loading import ScenarioError
 
 DIGITS = 16  # of a SHA-256 that are shown
 
 
-def execute(prepared: Prepared, allow: bool, ask: bool = False) -> None:
+def execute(prepared: Prepared, allow: Permission, ask: bool = False) -> None:
     """Execute the files of own algorithms and store their classes in the resources.
 
-    allow: whether execution is permitted; ask: else ask the user at a terminal. Raises ScenarioError without
+    ask: whether the user is asked at a terminal about files that `allow` does not permit. Raises ScenarioError without
     permission, or if a file holds no algorithm.
     """
     files = prepared.resources.code
     refused = [
-        f"{where}.file: {file.path} holds Python code, which runs with all your rights; look at it, then add "
-        "--allow-code (in Python: allow_code=True)"
+        f"{where}.file: {_refusal(file, allow)}"
         for where, file in files.items()
-        if not allow and not (ask and has_permission(f"{where}.file: {file.path}", file.digest))
+        if not file.is_allowed(allow)
+        and not (ask and has_permission(f"{where}.file: {file.path}", file.digest))
     ]
     if refused:
         raise ScenarioError(refused)
@@ -35,11 +35,27 @@ def execute(prepared: Prepared, allow: bool, ask: bool = False) -> None:
         raise ScenarioError(faults)
 
 
+def _refusal(file: OwnFile, allow: Permission) -> str:
+    if allow:
+        return (
+            f"{file.path} is not the Python code that was allowed: its SHA-256 is {file.digest[:DIGITS]}... now; "
+            "look at it, then allow it again"
+        )
+    return (
+        f"{file.path} holds Python code, which runs with all your rights; look at it, then add --allow-code "
+        "(in Python: allow_code=True)"
+    )
+
+
+def question(where: str, digest: str) -> str:
+    """Return what the user is asked about a Python file: its path after `where`, and its SHA-256."""
+    return f"{where} holds Python code, which will run with all your rights (SHA-256 {digest[:DIGITS]}...)."
+
+
 def has_permission(where: str, digest: str) -> bool:
     """Ask the user at the terminal whether a Python file may be executed; return False without a terminal."""
     if not (sys.stdin and sys.stdin.isatty() and sys.stderr.isatty()):
         return False
-    about = f"holds Python code, which will run with all your rights (SHA-256 {digest[:DIGITS]}...)."
-    say(f"{where} {about}", error=True)
+    say(question(where, digest), error=True)
     say("Run it? [y/N]", error=True, end=" ")
     return sys.stdin.readline().strip().lower() in ("y", "yes")

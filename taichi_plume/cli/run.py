@@ -54,7 +54,7 @@ def _new(args: argparse.Namespace) -> int:
         lambda: new_run(
             prepared, args.out, args.arch or "cpu", force=args.force, recording=not args.no_recording,
             live=args.live, report=not args.no_report, progress=False if args.quiet else None,
-            allow_code=args.allow_code, ask=True, watch=args.watch,
+            allow_code=args.allow_code or args.allow_sha256, ask=True, watch=args.watch,
         ), args.quiet, args.debug,
     )  # fmt: skip
 
@@ -73,7 +73,7 @@ def _resume(args: argparse.Namespace) -> int:
         checkpoint = saved(folder.path)
         prepared = load(folder.path / "scenario.yaml", (), args.allow_outside)
         require_same(folder.path, checkpoint["inputs"], inputs_of(prepared)[1:])
-        execute(prepared, args.allow_code, ask=True)
+        execute(prepared, args.allow_code or args.allow_sha256, ask=True)
         arch, recording = args.arch or checkpoint["arch"], checkpoint["recording"]
         backend = kernels.start(arch)
         viewer = open_viewer() if args.live and recording else None
@@ -124,6 +124,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add(parser, "--no-recording", "--no-report", "--quiet", "--force")
     option(parser, "--resume", Path, "RUN", "resume an interrupted run from its checkpoint")
     add(parser, "--allow-code", "--allow-outside", "--debug")
+    code = "execute a Python file that the scenario names if the file has this SHA-256; may be repeated"
+    option(parser, "--allow-sha256", str.lower, "HEX", code, action="append", default=[])
     args = parser.parse_args(argv)
     if args.resume is None and args.scenario is None:
         parser.error("the following arguments are required: scenario")

@@ -79,12 +79,16 @@ class Choice(NamedTuple):
 
 
 class Contest(NamedTuple):
-    """Settings of a contest. out: folder of the contest; airs: number of airs in each scenario."""
+    """Settings of a contest. out: folder of the contest; airs: number of airs in each scenario.
+
+    allowed: SHA-256 of the Python files with algorithms that the user has allowed; no other code is executed.
+    """
 
     out: Path
     scenarios: tuple[Fixed, ...]
     entrants: tuple[Entrant, ...]
     airs: int
+    allowed: tuple[str, ...] = ()
 
     @property
     def searches(self) -> int:
@@ -97,10 +101,9 @@ class Contest(NamedTuple):
 
 
 def settings_of(choice: Choice, workers: int | None, retry: bool, force: bool, progress: bool) -> Settings:
-    """Return the settings of a contest's studies. Own algorithms may lie anywhere, and have been allowed by then."""
+    """Return the settings of a contest's studies. Own algorithms may lie anywhere."""
     return Settings(
-        choice.out, workers, retry=retry, force=force, progress=progress, allow_code=bool(choice.files),
-        allow_outside=True, report=False,
+        choice.out, workers, retry=retry, force=force, progress=progress, allow_outside=True, report=False
     )  # fmt: skip
 
 
@@ -111,23 +114,25 @@ def contest_of(choice: Choice) -> Contest:
     )
     names = scenarios(choice.scenarios, QUICK if choice.quick else NAMES)
     entries = entrants(choice.algorithms, list(map(Path, choice.files)), list(map(Path, choice.policies)))
-    _require_allowed(choice)
+    allowed = _allowed(choice)
     searches = choice.searches or (QUICK_SEARCHES if choice.quick else SEARCHES)
     airs = choice.airs or (QUICK_AIRS if choice.quick else AIRS)
     fixed_scenarios = tuple(fixed(name, choice.seed, searches) for name in names)
-    return Contest(choice.out, fixed_scenarios, tuple(entries), airs)
+    return Contest(choice.out, fixed_scenarios, tuple(entries), airs, allowed)
 
 
-def _require_allowed(choice: Choice) -> None:
-    """Raise ScenarioError if the user has not allowed the execution of Python files with algorithms."""
+def _allowed(choice: Choice) -> tuple[str, ...]:
+    """Return the SHA-256 of the Python files with algorithms. Raises ScenarioError if the user does not allow them."""
+    files = {path: OwnFile.read(path, None) for path in map(Path, choice.files)}
     refused = [
         f"{path}: holds Python code, which runs with all your rights; look at it, then add --allow-code "
         "(in Python: allow_code=True)"
-        for path in map(Path, choice.files)
-        if not choice.allow_code and not has_permission(str(path), OwnFile.read(path, None).digest)
+        for path, file in files.items()
+        if not choice.allow_code and not has_permission(str(path), file.digest)
     ]
     if refused:
         raise ScenarioError(refused)
+    return tuple(file.digest for file in files.values())
 
 
 def plans(contest: Contest) -> list["Plan"]:
@@ -156,13 +161,13 @@ def plans(contest: Contest) -> list["Plan"]:
 def play(contest: Contest, settings: Settings) -> Iterator["End"]:
     """Execute the missing runs of a contest, yield the end of each scenario's study. Raises the errors of `plans`.
 
-    settings: of the studies; `out` is replaced.
+    settings: of the studies; `out` and `allow_code` are replaced.
     """
     for plan, scenario in zip(plans(contest), contest.scenarios, strict=True):
         if settings.progress:
             line = f"{scenario.name}: {len(contest.entrants)} algorithms in {contest.airs} airs"
             say(line, error=notebook_display() is None)
-        end = execute(plan, settings._replace(out=contest.study(scenario)))
+        end = execute(plan, settings._replace(out=contest.study(scenario), allow_code=contest.allowed))
         yield end
         if end.status == "interrupted":
             return

@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from taichi_plume.assembly.own_code import DIGITS
+from taichi_plume.assembly.own_code import question
 from taichi_plume.assembly.preparation import load
 from taichi_plume.draw.document import data_of
 from taichi_plume.draw.objects import Scene
@@ -37,13 +37,13 @@ class Remark:
 class Findings:
     """Result of the checks. size: as of `estimate`, and derived quantities by name; empty if there are errors.
 
-    code: for each Python file that a run would execute, the words that ask for permission.
+    code: for each Python file that a run would execute, the words that ask for permission, and its SHA-256.
     """
 
     remarks: tuple[Remark, ...]
     size: dict[str, float] = field(default_factory=dict)
     derived: dict[str, str] = field(default_factory=dict)
-    code: tuple[str, ...] = ()
+    code: dict[str, str] = field(default_factory=dict)
 
     @property
     def sound(self) -> bool:
@@ -67,10 +67,9 @@ def check(text: str, folder: Path, allow_outside: bool = False) -> Findings:
         return Findings((Remark(str(fault), True),))
     except ScenarioError as error:
         return Findings(tuple(Remark(line, True) for line in error.faults))
-    questions = [
-        f"{where}.file: {file.path} holds Python code, which will run with all your rights (SHA-256 "
-        f"{file.digest[:DIGITS]}...)."
+    code = {
+        question(f"{where}.file: {file.path}", file.digest): file.digest
         for where, file in resources.code.items()
-    ]
+    }
     remarks = tuple(Remark(line, False) for line in resources.warnings)
-    return Findings(remarks, estimate(scenario), dict(derived(scenario)), tuple(questions))
+    return Findings(remarks, estimate(scenario), dict(derived(scenario)), code)

@@ -84,22 +84,26 @@ class RunPanel:
 
     def start(self) -> None:
         """Start a run; ask before files with Python code are executed, in the words of the command."""
+        self._start(self.workplace.text, frozenset())
+
+    def _start(self, text: str, agreed: frozenset[str]) -> None:
+        """Start a run of a text once the user has agreed to each of its Python files, by the SHA-256 of the file.
+
+        The run's process executes these files only if they still have this SHA-256.
+        """
         work = self.workplace
-        text, findings = work.check()
+        findings = work.check(text)[1]
         work.found(text, findings)
         if not findings.sound:
             self.say("the scenario has errors; see Remarks")
             return
-        if findings.code and not work.allow_code:
-            self.ask(
-                " ".join([*findings.code, "Run it?"]), lambda: self._start(True), lambda: self.say("not run")
-            )
+        digests = frozenset(findings.code.values())
+        if not work.allow_code and not digests <= agreed:
+            words = " ".join([*findings.code, "Run it?"])
+            self.ask(words, lambda: self._start(text, digests), lambda: self.say("not run"))
             return
-        self._start(False)
-
-    def _start(self, allow_code: bool) -> None:
         try:
-            self.number = self.workplace.run(allow_code).number
+            self.number = work.run(text, agreed).number
         except InputError as error:
             self.say("; ".join(error.lines))
         self.refresh()

@@ -1,7 +1,7 @@
 """State of a session that all open pages share: the text, its history, the file, and the runs. No Bokeh."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from pathlib import Path
 
@@ -122,16 +122,17 @@ class Workplace:
             self.history.put(text)
         self._changed()
 
-    def run(self, allow_code: bool = False) -> Run:
-        """Start a run of the present text; allow_code: the user has agreed to execute its files. Raises InputError."""
-        flags = ["--allow-outside"] * self.allow_outside + ["--allow-code"] * (allow_code or self.allow_code)
-        run = self.runs.start(self.text, self.folder, flags)
+    def run(self, text: str, agreed: Collection[str] = ()) -> Run:
+        """Start a run of a text. agreed: SHA-256 of the Python files that the user has allowed. Raises InputError."""
+        flags = ["--allow-outside"] * self.allow_outside + ["--allow-code"] * self.allow_code
+        flags += [word for digest in agreed for word in ("--allow-sha256", digest)]
+        run = self.runs.start(text, self.folder, flags)
         self._notify()
         return run
 
-    def check(self) -> tuple[str, Findings]:
-        """Check the present text; return the text and its findings, for `found`. May run in another thread."""
-        text = self.text
+    def check(self, text: str | None = None) -> tuple[str, Findings]:
+        """Check a text, by default the present one; return the text and its findings. May run in another thread."""
+        text = self.text if text is None else text
         return text, check(text, self.folder, self.allow_outside)
 
     def found(self, text: str, findings: Findings) -> None:

@@ -21,7 +21,7 @@ from taichi_plume.execution.signals import (
 )
 from taichi_plume.execution.watch_file import WatchFile
 from taichi_plume.files import checkpoint, manifest, run_folder
-from taichi_plume.files.own_class import OwnAlgorithmError
+from taichi_plume.files.own_class import OwnAlgorithmError, Permission
 from taichi_plume.files.run_folder import RunFolder
 from taichi_plume.grid import kernels
 from taichi_plume.guard.input_error import InputError
@@ -141,7 +141,7 @@ def new_run(
     live: bool = False,
     report: bool = True,
     progress: bool | None = None,
-    allow_code: bool = False,
+    allow_code: Permission = False,
     ask: bool = False,
     watch: Path | None = None,
 ) -> Outcome:

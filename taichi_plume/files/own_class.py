@@ -5,7 +5,7 @@ import dis
 import hashlib
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,6 +29,8 @@ class Acts(Protocol):
         ...
 
 
+Permission = bool | Collection[str]
+"""Permission to execute Python files: all or none, or only those with one of these SHA-256."""
 CLASSES: dict[str, type] = {}
 """Classes of users' algorithms that Python code has passed, by name."""
 
@@ -61,6 +63,10 @@ class OwnFile:
     def digest(self) -> str:
         """SHA-256 of the user's file."""
         return hashlib.sha256(self.source).hexdigest()
+
+    def is_allowed(self, allow: Permission) -> bool:
+        """Return whether a permission includes the user's file."""
+        return allow if isinstance(allow, bool) else self.digest in allow
 
     def _look(self) -> None:
         """Raise OwnAlgorithmError if the parsed file certainly lacks the class; a base class may still define `act`."""

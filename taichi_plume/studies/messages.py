@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
+from taichi_plume.files.own_class import Permission
+
 Value = float | int | str | bool
 Data = dict[str, Any]
 """Nested data as in YAML or JSON."""
@@ -51,7 +53,7 @@ class Options(NamedTuple):
     out: Path
     keep: tuple[str, ...]
     outcomes: dict[str, str]
-    allow_code: bool
+    allow_code: Permission
     allow_outside: bool
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 from pydantic import Field
 
 from taichi_plume.execution.signals import SignalRequests, handling_signals
+from taichi_plume.files.own_class import Permission
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, show, visible
@@ -40,7 +41,7 @@ class Settings(NamedTuple):
     retry: bool = False
     force: bool = False
     progress: bool = True
-    allow_code: bool = False
+    allow_code: Permission = False
     allow_outside: bool = False
     dashboard: bool = False
     report: bool = True

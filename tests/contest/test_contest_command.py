@@ -1,9 +1,13 @@
 """`python -m taichi_plume.contest`: bad input in a line, and a tiny contest that is played twice."""
 
+from hashlib import sha256
+from types import SimpleNamespace
+
 import pandas as pd
 import pytest
 
 from taichi_plume.cli.contest import main
+from taichi_plume.contests import execution
 from taichi_plume.contests import page as pages
 from taichi_plume.contests.captions import NO_INTERVALS
 from taichi_plume.contests.standings import MEASURES, SUCCESS, Row
@@ -132,6 +136,29 @@ def test_a_table_without_intervals_says_why(airs, capsys):
     printed = capsys.readouterr().out
     assert (NO_INTERVALS in printed) == (airs < 3)
     assert ("(" in SUCCESS.cell(success)) == (airs >= 3)
+
+
+@pytest.mark.parametrize("answer", [True, False])
+def test_a_contest_executes_the_code_that_was_asked_about(files, monkeypatch, answer):
+    """The file changes right after the answer, or after the option --allow-code was read."""
+    monkeypatch.chdir(files)
+
+    def asked(path, digest):
+        (files / "upwind.py").write_text("raise SystemExit('I ran')\n" + UPWIND)
+        return True
+
+    monkeypatch.setattr(execution, "has_permission", asked)
+    settings = []
+    monkeypatch.setattr(
+        execution, "execute", lambda plan, of: settings.append(of) or SimpleNamespace(status="")
+    )
+    choice = execution.Choice(
+        files / "a", ["surge_cast"], ["upwind.py"], scenarios=["meandering"], allow_code=not answer
+    )
+    contest = execution.contest_of(choice)
+    list(execution.play(contest, execution.settings_of(choice, 1, False, False, False)))
+    digest = sha256(UPWIND.encode()).hexdigest()
+    assert [of.allow_code for of in settings] == [(digest,)]
 
 
 def test_measures_have_names_of_their_own():

@@ -1,5 +1,8 @@
 """The page without a browser: its views are always those of a fresh page on the same text; two tabs are alike."""
 
+from hashlib import sha256
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -281,21 +284,64 @@ def test_a_mesh_is_chosen_by_a_click_inside(tmp_path):
     assert canvas.thing_at(page.scene, (2.8, 1.8)) is None
 
 
-def test_own_code_is_run_after_the_question_of_the_command_alone(tmp_path, monkeypatch):
-    (tmp_path / "mine.py").write_text("class Mine:\n    def act(self, robots):\n        pass\n")
+CODE = "class Mine:\n    def act(self, robots):\n        pass\n"
+
+
+@pytest.fixture
+def coded(tmp_path, monkeypatch):
+    """A page whose text names Python code, and the list of (text, flags) of the runs that it starts."""
+    (tmp_path / "mine.py").write_text(CODE)
     text = ROOM.replace("{kind: casting, threshold_ppm: 5}", "{kind: own, file: mine.py}", 1)
     place, page = opened(tmp_path, text)
     started = []
-    monkeypatch.setattr(place.runs, "start", lambda text, folder, flags: started.append(flags))
+
+    def start(text, folder, flags):
+        started.append((text, flags))
+        return SimpleNamespace(number=0)
+
+    monkeypatch.setattr(place.runs, "start", start)
+    return page, started
+
+
+def flags_of(code: str) -> list[str]:
+    return ["--allow-sha256", sha256(code.encode()).hexdigest()]
+
+
+def test_own_code_is_run_after_the_question_of_the_command_alone(coded):
+    page, started = coded
     page._run()
     assert not started
     assert "holds Python code, which will run with all your rights (SHA-256" in page.banner.text
     page._no()
     assert not started
     page._run()
-    with pytest.raises(AttributeError):
-        page._yes()  # the replaced start returns no run
-    assert started == [["--allow-code"]]
+    page._yes()
+    assert started == [(page.workplace.text, flags_of(CODE))]
+
+
+@pytest.mark.parametrize("here", [True, False])
+def test_a_text_that_changes_before_the_answer_is_not_run(coded, here):
+    page, started = coded
+    (page.workplace.folder / "other.py").write_text(CODE + "# other\n")
+    asked = page.workplace.text
+    page._run()
+    editor = page if here else Page(Tab(), page.workplace)
+    editor._typed(asked.replace("mine.py", "other.py"))
+    page._yes()
+    assert started == [(asked, flags_of(CODE))]
+    assert page.workplace.text != asked
+
+
+def test_code_that_changes_before_the_answer_is_asked_about_again(coded):
+    page, started = coded
+    page._run()
+    other = CODE + "# other\n"
+    (page.workplace.folder / "mine.py").write_text(other)
+    page._yes()
+    assert not started
+    assert sha256(other.encode()).hexdigest()[:16] in page.banner.text
+    page._yes()
+    assert started == [(page.workplace.text, flags_of(other))]
 
 
 def test_the_picture_of_a_run_lies_under_the_objects(page):

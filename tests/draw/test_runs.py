@@ -60,7 +60,7 @@ def ended(work: Workplace, run):
 @pytest.mark.slow
 def test_a_run_is_that_of_the_command_and_is_seen_as_it_goes(tmp_path):
     work = place(tmp_path)
-    run = ended(work, work.run())
+    run = ended(work, work.run(TEXT))
     assert run.state == "completed", run.output
     assert run.folder == tmp_path / "runs" / "small-1"
     assert [f.name for f in tmp_path.iterdir() if f.suffix == ".yaml"] == ["small.yaml"], (
@@ -76,9 +76,9 @@ def test_a_run_is_that_of_the_command_and_is_seen_as_it_goes(tmp_path):
     )
     tables = [(folder / "robots.parquet").read_bytes() for folder in (run.folder, tmp_path / "by_hand")]
     assert tables[0] == tables[1], "watching changes no result"
-    again = work.run()
+    again = work.run(TEXT)
     work.put(TEXT.replace("duration: 6", "duration: 5"))
-    third = work.run()
+    third = work.run(work.text)
     for other in (again, third):
         assert ended(work, other).state == "completed"
     assert [other.folder.name for other in work.runs.listed] == ["small-3", "small-2", "small-1"]
@@ -103,7 +103,7 @@ def test_the_list_names_success_and_counts_robots(tmp_path, found, words):
 @pytest.mark.slow
 def test_a_run_is_stopped_as_by_ctrl_c(tmp_path):
     work = place(tmp_path, TEXT.replace("duration: 6", "duration: 100000"))
-    run = work.run()
+    run = work.run(work.text)
 
     def runs():
         work.runs.poll()
@@ -125,10 +125,13 @@ def test_a_run_that_fails_says_why_and_keeps_its_files(tmp_path):
     )
     text = TEXT.replace("{kind: casting}", "{kind: own, file: mine.py}")
     work = place(tmp_path, text)
-    refused = ended(work, work.run())
+    refused = ended(work, work.run(text))
     assert refused.state == "failed"
     assert any("--allow-code" in line for line in refused.output), "no code is executed unasked"
-    run = ended(work, work.run(allow_code=True))
+    other = ended(work, work.run(text, [64 * "0"]))
+    assert other.state == "failed"
+    assert any("mine.py" in line and "SHA-256" in line for line in other.output), "nor other code"
+    run = ended(work, work.run(text, work.check()[1].code.values()))
     assert run.state == "failed"
     assert any("no idea" in line for line in run.output)
     assert (run.folder / "result.json").exists()
@@ -140,7 +143,7 @@ def test_a_run_outlives_a_server_that_is_killed(tmp_path):
     (tmp_path / "small.yaml").write_text(TEXT.replace("duration: 6", "duration: 30"))
     code = (
         "import time; from pathlib import Path; from taichi_plume.draw.workplace import Workplace\n"
-        "work = Workplace(Path(), Path('small.yaml')); work.put(work.text + '# mine\\n'); run = work.run()\n"
+        "work = Workplace(Path(), Path('small.yaml')); work.put(work.text + '# mine\\n'); run = work.run(work.text)\n"
         "print(run.process.pid, flush=True); time.sleep(600)"
     )
     server = subprocess.Popen(

@@ -184,6 +184,7 @@ def test_a_run_that_fails_is_told_and_left_to_be_repeated_and_the_next_goes_on(t
     [
         (BAD_CODE.replace("RuntimeError", "SystemExit"), True, "my own fault"),
         (BAD_CODE + "raise SystemExit('I ran')", False, "--allow-code"),
+        (BAD_CODE + "raise SystemExit('I ran')", (64 * "0",), "SHA-256"),
     ],
 )
 def test_code_is_executed_where_it_is_wanted_and_ends_its_run_alone(tmp_path, code, allowed, said):
