@@ -344,13 +344,15 @@ class Page(Pointer):
 
     def save(self) -> None:
         """Save the text; ask first if another program has changed the file."""
+        self._save()
+
+    def _save(self, agreed: FileChangedError | None = None) -> None:
         try:
-            self.workplace.save()
+            self.workplace.save(agreed)
             self.say("")
         except FileChangedError as error:
-            self.ask(
-                f"{error.lines[0]}. Overwrite it?", lambda: self.workplace.save(True), self._offer_reload
-            )
+            found = error  # the name `error` ends with this block
+            self.ask(f"{error.lines[0]}. Overwrite it?", lambda: self._save(found), self._offer_reload)
         except InputError as error:
             self.say("; ".join(error.lines))
 

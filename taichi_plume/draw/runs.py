@@ -1,6 +1,7 @@
 """Runs of a session: each is the run command in a process of its own, which outlives page and server."""
 
 import os
+import secrets
 import shutil
 import signal
 import subprocess
@@ -16,8 +17,10 @@ from typing import Any
 from taichi_plume.draw.document import data_of
 from taichi_plume.execution.summary import ending, robots_found
 from taichi_plume.execution.watch_file import Sight, read
+from taichi_plume.files.disk import written_whole
 from taichi_plume.files.run_folder import read_json
 from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.safe_open import inside
 from taichi_plume.guard.terminal import visible
 
 LISTED = 10
@@ -138,10 +141,13 @@ class Run:
 
 
 class Runs:
-    """The runs of a session, the newest last. root: folder in which the command works."""
+    """The runs of a session, the newest last. root: folder in which the command works.
 
-    def __init__(self, root: Path):
-        self.root = root
+    allow_outside: whether the folder `runs` may be a link that leads elsewhere.
+    """
+
+    def __init__(self, root: Path, allow_outside: bool = False):
+        self.root, self.allow_outside = root, allow_outside
         self.all: list[Run] = []
 
     @property
@@ -163,14 +169,20 @@ class Runs:
         name = data_of(text).get("name", "run")
         name = name if isinstance(name, str) and name.replace("_", "").replace("-", "").isalnum() else "run"
         above = self.root / "runs"
+        if not self.allow_outside and not inside(above, self.root):
+            raise InputError(
+                f"{above}: is a link to {above.resolve()}, outside the folder in which the command was started; remove "
+                "the link, or add --allow-outside"
+            )
         taken = {run.folder for run in self.all}  # also of runs that have not made their folder yet
         folders = (above / f"{name}-{n}" for n in count(1))
-        free = next(folder for folder in folders if folder not in taken and not folder.exists())
+        free = next(folder for folder in folders if folder not in taken and not os.path.lexists(folder))
         before = self.all[-1].text if self.all else text
         run = Run(len(self.all) + 1, free, text, changes(before, text))
-        run.scenario = folder / f".{name}.run-{os.getpid()}-{run.number}.yaml"
+        run.scenario = folder / f".{name}.run-{secrets.token_hex(4)}.yaml"
         try:
-            run.scenario.write_text(text, encoding="utf-8")
+            with written_whole(run.scenario) as fresh:
+                fresh.write_bytes(text.encode("utf-8"))
             run.start(run.scenario, self.root, flags)
         except OSError as error:
             run.scenario.unlink(missing_ok=True)

@@ -18,7 +18,14 @@ ENDINGS = (".yaml", ".yml")
 
 
 class FileChangedError(InputError):
-    """Error: another program has changed the file since it was read; nothing has been written."""
+    """Error: another program has changed the file since it was read; nothing has been written.
+
+    found: present text of the file, None if there is none.
+    """
+
+    def __init__(self, line: str, found: str | None):
+        super().__init__(line)
+        self.found = found
 
 
 class Workplace:
@@ -37,7 +44,7 @@ class Workplace:
         self.on_disk = self._read()
         self.history = History(BLANK if self.on_disk is None else self.on_disk)
         self.recovered = self._read_draft()
-        self.runs = Runs(self.root)
+        self.runs = Runs(self.root, allow_outside)
         self.listeners: list[Callable[[], None]] = []
         self.findings: Findings | None = None
         self.checked: str | None = None
@@ -73,33 +80,36 @@ class Workplace:
         self.history.redo()
         self._changed()
 
-    def save(self, overwrite: bool = False) -> None:
-        """Write the text to the file. Raises FileChangedError unless `overwrite` is set, and InputError."""
+    def save(self, agreed: FileChangedError | None = None) -> None:
+        """Write the text to the file. agreed: the error after which the user has agreed to overwrite what it found.
+
+        Raises FileChangedError if another program has changed the file since, and InputError.
+        """
         present = self._read()
-        if not overwrite and present != self.on_disk and present != self.text:
+        expected = {self.on_disk, self.text} if agreed is None else {self.on_disk, self.text, agreed.found}
+        if present not in expected:
             raise FileChangedError(
-                f"{self.file.name}: another program has changed this file since it was read; nothing was written"
+                f"{self.file.name}: another program has changed this file since it was read; nothing was written",
+                present,
             )
+        self._write(self.file)
+
+    def _write(self, file: Path, replace: bool = True) -> None:
+        """Write the text to a file, which becomes that of the text. Raises InputError."""
         try:
-            with written_whole(self.file) as fresh:
+            with written_whole(file, replace=replace) as fresh:
                 fresh.write_bytes(self.text.encode("utf-8"))
+        except FileExistsError:
+            raise InputError(f"{file.name}: exists already; choose another name") from None
         except OSError as error:
-            raise InputError(f"{self.file.name}: cannot be written: {error.strerror or error}") from None
-        self.on_disk = self.text
+            raise InputError(f"{file.name}: cannot be written: {error.strerror or error}") from None
+        self.file, self.on_disk = file, self.text
         self._changed()
 
     def save_as(self, name: str) -> None:
         """Give the text another file in the folder, and write it. Raises InputError; the text keeps its file then."""
-        file = self._permitted(self.folder / name)
-        if os.path.lexists(file):
-            raise InputError(f"{name}: exists already; choose another name")
-        before, draft = (self.file, self.on_disk), self.draft
-        self.file, self.on_disk = file, None
-        try:
-            self.save()
-        except InputError:
-            self.file, self.on_disk = before
-            raise
+        draft = self.draft
+        self._write(self._permitted(self.folder / name), replace=False)
         draft.unlink(missing_ok=True)
 
     @property
@@ -187,9 +197,8 @@ class Workplace:
                 if self.saved:
                     self.draft.unlink(missing_ok=True)
                 else:
-                    fresh = self.draft.with_suffix(".new")  # a kill while writing leaves the earlier draft
-                    fresh.write_bytes(self.text.encode("utf-8"))
-                    os.replace(fresh, self.draft)
+                    with written_whole(self.draft) as fresh:  # a kill while writing leaves the earlier draft
+                        fresh.write_bytes(self.text.encode("utf-8"))
         self._notify()
 
     def _notify(self) -> None:

@@ -6,7 +6,6 @@ On disk a bank is a zarr group. A hash of all that affects the recorded flow rea
 import hashlib
 import json
 import os
-import secrets
 import shutil
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -74,7 +73,7 @@ class Bank:
         about = {"format": FORMAT, "key": self.key, "spacing": self.spacing, "frame": self.frame}
         about["species"] = json.dumps([asdict(species) for species in self.species])
         about["sources"] = json.dumps([[places.tolist() for places in film] for film in self.sources])
-        part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+        part = disk.new_folder_beside(path)
         try:
             group = zarr_groups.create(part, about)
             chunk = (1, min(16, self.values.shape[1]), *self.values.shape[2:])

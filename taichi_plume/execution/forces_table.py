@@ -20,7 +20,7 @@ class ForceTable:
         self.closing = ExitStack()
 
     def start(self) -> None:
-        self.file = self.closing.enter_context(self.path.open("wb"))
+        self.file = self.closing.enter_context(self.path.open("xb"))
         self.file.write(self.head.encode())
 
     def resume(self) -> None:

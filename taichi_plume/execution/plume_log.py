@@ -36,14 +36,14 @@ class PlumeLogger:
 
     def start(self) -> None:
         disk.require_room(self.path)
-        self._open("wb")
+        self._open("xb")
 
     def resume(self) -> None:
         """Resume the log: cut off frames after the last `flush`. Raises RunFolderError if frames are missing."""
         cut(self.path, self.size)
         self._open("r+b")
 
-    def _open(self, mode: Literal["wb", "r+b"]) -> None:
+    def _open(self, mode: Literal["xb", "r+b"]) -> None:
         self.file = self.closing.enter_context(self.path.open(mode))
         self.closing.callback(lambda: self.file.truncate(self.whole))
         self._write_header()

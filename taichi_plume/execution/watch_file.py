@@ -3,8 +3,8 @@
 The file is replaced about twice a second of wall-clock time; `read` returns its content.
 """
 
-import os
 import time
+from contextlib import suppress
 from math import ceil
 from pathlib import Path
 from typing import NamedTuple
@@ -13,6 +13,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from taichi_plume.execution.progress import phase
+from taichi_plume.files.disk import written_whole
 from taichi_plume.grid.sampler import Sampler
 from taichi_plume.record.planes import planes
 from taichi_plume.time_loop import TimeLoop
@@ -97,13 +98,8 @@ class WatchFile:
             "robots": robots.astype(np.float32),
             "readings": np.array(self.readings or np.empty((0, 1)), np.float32),
         }
-        fresh = self.path.with_name(self.path.name + ".new")
-        try:
-            with fresh.open("wb") as file:
-                np.savez(file, **content)
-            os.replace(fresh, self.path)
-        except OSError:
-            return  # whoever watches has gone: the run goes on
+        with suppress(OSError), written_whole(self.path, durable=False) as fresh, fresh.open("wb") as file:
+            np.savez(file, **content)  # a program that watches may have left: the run goes on
 
 
 def _lattice(

@@ -74,14 +74,13 @@ def new_bag(folder: Path, facts: Mapping[str, str], force: bool = False) -> Iter
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
     _require_free(folder, force)
-    part = folder.with_name(f".{folder.name}.part")
-    shutil.rmtree(part, ignore_errors=True)
     disk.require_room(folder)
-    writer = Writer(part / folder.name, version=VERSION, storage_plugin=StoragePlugin.MCAP)
-    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    for key, value in facts.items():
-        writer.set_custom_data(key, value)
+    part = disk.new_folder_beside(folder)
     try:
+        writer = Writer(part / folder.name, version=VERSION, storage_plugin=StoragePlugin.MCAP)
+        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        for key, value in facts.items():
+            writer.set_custom_data(key, value)
         with writer:
             yield BagWriter(writer, folder)
         shutil.rmtree(folder, ignore_errors=True)

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from taichi_plume.guard.safe_open import NO_NAME
+
 RESERVE = 32 << 20  # bytes kept free, to complete all files
 FILE_RESERVE = 1 << 20  # bytes below the limit on the size of one file
 
@@ -33,7 +35,28 @@ def new_beside(path: Path) -> Path:
         os.close(os.open(fresh, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from None
+    except ValueError as error:  # a zero byte, a lone surrogate
+        raise OSError(errno.EINVAL, NO_NAME, str(path)) from error
     return fresh
+
+
+def new_folder_beside(path: Path) -> Path:
+    """Create an empty temporary folder in the folder of `path`, to be filled and renamed to `path`. Raises OSError."""
+    fresh = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+    fresh.mkdir()
+    return fresh
+
+
+def _put_at_free(fresh: Path, path: Path) -> None:
+    """Rename a file to a name that nothing has. Raises FileExistsError."""
+    try:
+        os.link(fresh, path)  # unlike a rename, it never replaces
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without hard links
+        if os.path.lexists(path):
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from None
+        os.rename(fresh, path)
 
 
 def left_in(folder: Path) -> list[Path]:
@@ -42,21 +65,26 @@ def left_in(folder: Path) -> list[Path]:
 
 
 @contextmanager
-def written_whole(path: Path) -> Iterator[Path]:
-    """Context that yields a temporary file to write, and then atomically replaces `path` by it.
+def written_whole(path: Path, durable: bool = True, replace: bool = True) -> Iterator[Path]:
+    """Context that yields a temporary file to write, and then atomically puts the file at `path`.
 
-    A link at `path` is replaced, not followed. The file survives a power failure. Raises OSError.
+    durable: the file survives a power failure; otherwise only a kill. replace: an earlier file or link at `path` is
+    replaced, and a link not followed; otherwise FileExistsError is raised and the earlier file stays. Raises OSError.
     """
     fresh = new_beside(path)
     try:
         yield fresh
-        with fresh.open("rb+") as file:
-            os.fsync(file.fileno())
-        os.replace(fresh, path)
+        if durable:
+            with fresh.open("rb+") as file:
+                os.fsync(file.fileno())
+        if replace:
+            os.replace(fresh, path)
+        else:
+            _put_at_free(fresh, path)
     finally:
         with suppress(OSError):
             fresh.unlink(missing_ok=True)
-    if os.name != "nt":  # Windows cannot open folders
+    if durable and os.name != "nt":  # Windows cannot open folders
         folder = os.open(path.parent, os.O_RDONLY)
         try:
             os.fsync(folder)

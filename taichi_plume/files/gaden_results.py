@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from taichi_plume.files import disk
 from taichi_plume.files.run_folder import RunFolderError
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def write(
     path = folder / "OccupancyGrid3D.csv"
     grid = _occupancy(read("air", 0).reshape(shape[::-1]), shape, edge)
     yield len(grid), path
-    path.write_bytes(grid)
+    _put(path, grid)
     wind = [name for name in WIND if name in data]
     frames = range(data.sizes["time"])
     places = {name: _place(name, sources) for name in gases}
@@ -79,14 +80,19 @@ def write(
                 vectors[:, d] = np.nan_to_num(read(name, n)).ravel()
             path = folder / f"wind/wind_iteration_{n}"
             yield vectors.nbytes, path
-            path.write_bytes(struct.pack("<2i", *VERSION) + vectors.tobytes())
+            _put(path, struct.pack("<2i", *VERSION) + vectors.tobytes())
         for name in gases:
             ppm = np.maximum(np.nan_to_num(read(name, n)).ravel(), 0.0).astype("<f4")
             head = _head(shape, edge, places[name], n if wind else 0)
             result = zlib.compress(head + struct.pack("<Q", len(ppm)) + ppm.tobytes())
             path = folder / f"simulations/{name.removesuffix(PPM)}/result/iteration_{n}"
             yield len(result), path
-            path.write_bytes(result)
+            _put(path, result)
+
+
+def _put(path: Path, content: bytes) -> None:
+    with disk.written_whole(path, durable=False) as fresh:  # thousands of files
+        fresh.write_bytes(content)
 
 
 def _place(name: str, sources: Sequence[tuple[str, Sequence[float]]]) -> tuple[int, list[float]]:

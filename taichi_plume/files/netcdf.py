@@ -14,14 +14,14 @@ Reading = Callable[[str, int], np.ndarray]
 """Returns the values of a variable at a frame; of a variable without time all values."""
 
 
-def write(path: Path, data: "xarray.Dataset", read: Reading) -> Iterator[int]:
+def write(fresh: Path, data: "xarray.Dataset", read: Reading) -> Iterator[int]:
     """Write a dataset to a NetCDF-4 file frame by frame; yields the number of bytes before each frame.
 
     data: variables with time as first dimension; read: returns their values. Raises OSError.
     """
     import h5netcdf
 
-    with h5netcdf.File(path, "w") as file:
+    with h5netcdf.File(fresh, "w") as file:
         file.dimensions = {str(name): size for name, size in data.sizes.items()}
         file.attrs.update(_plain(data.attrs))
         moving = {}

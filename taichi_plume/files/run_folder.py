@@ -130,7 +130,7 @@ class RunFolder:
         self._hold(self._require_no_links)
         self._recover()
         for left in disk.left_in(folder):
-            left.unlink()
+            remove(left)
         return self
 
     def _hold(self, require: Callable[[], None]) -> None:
@@ -185,7 +185,7 @@ class RunFolder:
                 (self.path / name).rename(aside / name)
         aside.rename(self.path / REPLACED)
         for left in disk.left_in(self.path):
-            left.unlink()
+            remove(left)
 
     def settle(self, stands: bool) -> None:
         """Delete the earlier run if the new run `stands`; otherwise delete the new run and restore the earlier one."""

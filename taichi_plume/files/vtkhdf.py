@@ -23,7 +23,7 @@ VERSION = (2, 0)
 WIND = ("u", "v", "w")
 
 
-def write(path: Path, data: "xarray.Dataset", read: Reading) -> Iterator[int]:
+def write(fresh: Path, data: "xarray.Dataset", read: Reading) -> Iterator[int]:
     """Write a film's fields to a VTKHDF file frame by frame; yields the number of bytes before each frame.
 
     data: variables of a film at the cell centres, with the attribute `depth`; read: returns their values (z, y, x) or
@@ -35,7 +35,7 @@ def write(path: Path, data: "xarray.Dataset", read: Reading) -> Iterator[int]:
     names = [name for name in map(str, data.data_vars) if name not in WIND]
     wind = [name for name in WIND if name in data]
     steps = data.sizes["time"]
-    with h5py.File(path, "w") as file:
+    with h5py.File(fresh, "w") as file:
         root = file.create_group("VTKHDF", track_order=True)
         _grid(root, data, shape)
         cells, offsets = root.create_group("CellData"), {}

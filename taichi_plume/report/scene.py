@@ -141,10 +141,10 @@ def _sides(extent: tuple[float, ...], plane: tuple[int, int]) -> tuple[float, fl
     return extent[plane[0]] + margin, extent[plane[1]] + margin
 
 
-def save_check(prepared: "Prepared", path: Path) -> None:
+def save_check(prepared: "Prepared", fresh: Path) -> None:
     """Write a drawing of a checked scenario to a PNG file; its warnings are marked by numbers. Raises OSError."""
     with theme.styled():
-        path.write_bytes(theme.png(checked_figure(prepared, 150)))
+        fresh.write_bytes(theme.png(checked_figure(prepared, 150)))
 
 
 def checked_figure(prepared: "Prepared", dpi: float = 110, place: theme.Place = ANYWHERE) -> Figure:

@@ -148,8 +148,10 @@ class GasMap:
         if self.variance is not None:
             columns["variance_ppm2"] = self.variance
         table = np.column_stack([values.ravel() for values in columns.values()])
-        np.savetxt(folder / FILES[0], table, "%.7g", ",", header=",".join(columns), comments="")
-        (folder / FILES[1]).write_bytes(png(self.plot()))
+        with disk.written_whole(folder / FILES[0]) as fresh:
+            np.savetxt(fresh, table, "%.7g", ",", header=",".join(columns), comments="")
+        with disk.written_whole(folder / FILES[1]) as fresh:
+            fresh.write_bytes(png(self.plot()))
         text = json.dumps(json_value(self.scores), indent=2, allow_nan=False) + "\n"
         with disk.written_whole(folder / FILES[2]) as fresh:
             fresh.write_text(text, encoding="utf-8")

@@ -185,11 +185,13 @@ class Scenario(Model):
         path: file to write it to as well, from which `from_file` returns an equal scenario; input files must lie in the
         same place relative to it. Raises OSError.
         """
+        from taichi_plume.files.disk import written_whole
         from taichi_plume.scenario.readable_yaml import all_keys, own_keys
 
         text = all_keys(self, exact=True) if defaults else own_keys(self, exact=True)
         if path is not None:
-            Path(path).write_text(text, encoding="utf-8")
+            with written_whole(Path(path)) as fresh:
+                fresh.write_text(text, encoding="utf-8")
         return text
 
     def check(self, allow_outside: bool = False) -> "Check":

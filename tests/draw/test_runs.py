@@ -18,6 +18,7 @@ from scipy.integrate import quad
 from taichi_plume.draw.runs import Run, changes
 from taichi_plume.draw.workplace import Workplace
 from taichi_plume.execution import watch_file
+from taichi_plume.guard.input_error import InputError
 
 TEXT = """\
 name: small
@@ -159,6 +160,34 @@ def test_a_run_outlives_a_server_that_is_killed(tmp_path):
     assert Workplace(tmp_path, tmp_path / "small.yaml").recovered.endswith("# mine\n")
 
 
+def test_a_run_is_not_written_through_links(tmp_path, monkeypatch):
+    from taichi_plume.draw.runs import Run
+
+    victim, outside, inner = tmp_path / "victim", tmp_path / "outside", tmp_path / "inner"
+    victim.write_text("mine")
+    outside.mkdir()
+    inner.mkdir()
+    started = []
+    monkeypatch.setattr(Run, "start", lambda run, scenario, root, flags: started.append(run))
+    (inner / f".small.run-{os.getpid()}-1.yaml").symlink_to(victim)
+    work = place(inner)
+    run = work.run(TEXT)
+    assert victim.read_text() == "mine"
+    assert run.scenario.read_text() == TEXT
+    assert not run.scenario.is_symlink()
+    (inner / "runs").mkdir()
+    (inner / "runs/small-2").symlink_to(outside / "made")
+    assert work.run(TEXT).folder.name == "small-3"
+    (inner / "runs/small-2").unlink()
+    (inner / "runs").rmdir()
+    (inner / "runs").symlink_to(outside)
+    with pytest.raises(InputError, match=r"runs: .*outside.*--allow-outside"):
+        work.run(TEXT)
+    assert len(started) == 2
+    assert list(outside.iterdir()) == []
+    assert place(inner, allow_outside=True).run(TEXT).folder == inner / "runs" / "small-1"
+
+
 def test_stopping_the_command_asks_while_runs_are_alive(monkeypatch, tmp_path, capsys):
     import asyncio
     import io
@@ -235,8 +264,11 @@ def test_a_watch_file_holds_the_air_and_the_robots(tmp_path):
     with tp.Simulation(parse(TEXT)) as sim:
         watch = watch_file.WatchFile(sim.loop, tmp_path / "w.npz")
         watch.written = float("-inf")
+        (tmp_path / "victim").write_text("mine")
+        (tmp_path / "w.npz.new").symlink_to(tmp_path / "victim")
         sim.run(until=2)
         watch.update(sim.loop)
+        assert (tmp_path / "victim").read_text() == "mine"
         sight = watch_file.read(tmp_path / "w.npz")
         ny, nx = sight.gas.shape
         x, y = (np.arange(nx) + 0.5) * 2 / nx, (np.arange(ny) + 0.5) / ny

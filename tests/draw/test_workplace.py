@@ -1,5 +1,6 @@
 """State of a session: nothing that was drawn is lost, and no file of another program is overwritten."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -84,10 +85,63 @@ def test_a_file_that_another_program_changed_is_not_overwritten(place):
 
 def test_a_file_that_was_removed_is_not_written_unasked(place):
     place.file.unlink()
-    with pytest.raises(FileChangedError):
+    with pytest.raises(FileChangedError) as error:
         place.save()
-    place.save(overwrite=True)
+    place.save(error.value)
     assert place.file.read_text() == ROOM
+
+
+def test_what_is_overwritten_is_what_was_asked_about(place):
+    place.put(edited(place))
+    place.file.write_text("theirs: 1\n")
+    with pytest.raises(FileChangedError) as error:
+        place.save()
+    place.file.write_text("theirs: 2\n")
+    with pytest.raises(FileChangedError) as again:
+        place.save(error.value)
+    assert place.file.read_text() == "theirs: 2\n"
+    place.save(again.value)
+    assert place.file.read_text() == place.text
+
+
+def linked(place, name: str) -> Path:
+    """A victim outside the folder, to which a link in the folder leads."""
+    victim = place.folder.parent / "victim"
+    victim.write_text("mine")
+    (place.folder / name).symlink_to(victim)
+    return victim
+
+
+@pytest.mark.parametrize("name", [".room.yaml.draft", ".room.yaml.new", ".room.yaml.draft.new"])
+def test_a_draft_is_not_written_through_a_link(place, name):
+    victim = linked(place, name)
+    place.put(edited(place))
+    assert victim.read_text() == "mine"
+    assert place.draft.read_text() == place.text
+    assert not place.draft.is_symlink()
+
+
+def test_a_file_is_not_written_through_a_link(place):
+    victim = linked(place, "other.yaml")
+    with pytest.raises(InputError, match=r"other.yaml: .*--allow-outside"):
+        place.save_as("other.yaml")
+    assert victim.read_text() == "mine"
+    assert place.file.name == "room.yaml"
+
+
+def test_another_name_that_another_program_takes_meanwhile_is_not_overwritten(place, monkeypatch):
+    """Between the check and the rename."""
+    fsync = os.fsync
+
+    def slow(number):
+        (place.folder / "other.yaml").write_text("theirs")
+        fsync(number)
+
+    monkeypatch.setattr(os, "fsync", slow)
+    with pytest.raises(InputError, match=r"other.yaml: exists"):
+        place.save_as("other.yaml")
+    assert (place.folder / "other.yaml").read_text() == "theirs"
+    assert [file.name for file in place.folder.iterdir() if file.suffix == ".part"] == []
 
 
 def test_unsaved_changes_survive_a_killed_server(place, tmp_path):

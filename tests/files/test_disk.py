@@ -1,12 +1,13 @@
 """Files are written under a new name and then take their place: links are not followed, a failure changes nothing."""
 
+import errno
 import os
 
 import pytest
 
 from taichi_plume.execution.result import write_result
 from taichi_plume.files import checkpoint, manifest
-from taichi_plume.files.disk import left_in, new_beside, written_whole
+from taichi_plume.files.disk import left_in, new_beside, new_folder_beside, written_whole
 from taichi_plume.report import html
 
 WRITERS = {
@@ -54,3 +55,41 @@ def test_new_files_are_exclusive_and_have_the_usual_rights(tmp_path, monkeypatch
     plain = tmp_path / "plain"
     plain.write_text("")
     assert os.stat(fresh).st_mode == os.stat(plain).st_mode
+
+
+@pytest.mark.parametrize("durable", [True, False])
+def test_a_link_is_replaced_and_not_followed(tmp_path, durable):
+    (tmp_path / "victim").write_text("mine")
+    (tmp_path / "a.txt").symlink_to(tmp_path / "victim")
+    with written_whole(tmp_path / "a.txt", durable) as fresh:
+        fresh.write_text("new")
+    assert (tmp_path / "victim").read_text() == "mine"
+    assert (tmp_path / "a.txt").read_text() == "new"
+    assert not (tmp_path / "a.txt").is_symlink()
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_a_file_that_is_there_stays_unless_it_may_be_replaced(tmp_path, monkeypatch, links):
+    def refused(*_):
+        raise OSError(errno.EOPNOTSUPP, "no hard links")
+
+    if not links:
+        monkeypatch.setattr(os, "link", refused)
+    (tmp_path / "a.txt").write_text("mine")
+    with pytest.raises(FileExistsError), written_whole(tmp_path / "a.txt", replace=False) as fresh:
+        fresh.write_text("new")
+    with written_whole(tmp_path / "b.txt", replace=False) as fresh:
+        fresh.write_text("new")
+    assert {file.name: file.read_text() for file in tmp_path.iterdir()} == {"a.txt": "mine", "b.txt": "new"}
+
+
+@pytest.mark.parametrize("name", ["a\0b", "a\ud800"])
+def test_a_name_that_no_file_can_have_is_an_error_of_the_system(tmp_path, name):
+    with pytest.raises(OSError, match="null byte or half a character"), written_whole(tmp_path / name):
+        pass
+
+
+def test_temporary_folders_are_new_and_found_again(tmp_path):
+    one, other = new_folder_beside(tmp_path / "bag"), new_folder_beside(tmp_path / "bag")
+    assert one != other
+    assert set(left_in(tmp_path)) == {one, other}
