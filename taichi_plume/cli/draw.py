@@ -49,7 +49,7 @@ def _draw(args: argparse.Namespace) -> int:
 async def _serve(args: argparse.Namespace, workplace) -> None:
     from taichi_plume.draw.server import Service
 
-    service = Service(workplace, args.port)
+    service = Service(workplace, args.port, args.debug)
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -271,7 +271,9 @@ class Page(Pointer):
     def put(self, text: str) -> None:
         """Make a text the present one."""
         self.say("")
-        self.workplace.put(text)
+        self.tried(lambda: self.workplace.put(text))
+        if self.workplace.text != text:
+            self.refresh()  # the page shows the text as it stays
 
     def say(self, words: str) -> None:
         """Show a message above the drawing; "": none."""

@@ -1,8 +1,11 @@
 """The server of the page: on the loopback interface alone, behind `access.Gatekeeper`."""
 
 import asyncio
+import logging
+import re
 import secrets
 import socket
+import traceback
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
@@ -14,11 +17,12 @@ from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
 from tornado.netutil import bind_sockets
 
-from taichi_plume.draw.access import Access, Gatekeeper, protection
+from taichi_plume.draw.access import Access, Gatekeeper, protection, unlogged
 from taichi_plume.draw.downloads import patterns
 from taichi_plume.draw.page import Page
 from taichi_plume.draw.workplace import Workplace
 from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.terminal import say
 from taichi_plume.record.live import LOOPBACK
 
 TOKEN_BYTES = 24
@@ -26,11 +30,47 @@ PERIOD = 250  # ms between looks at the runs, and at whether the text has to be 
 LARGEST_MESSAGE = 8 << 20  # bytes, from a page: more than a scenario may have
 
 
-class Service:
-    """The page of a workplace at an address of this machine. port: 0 takes a free one. Raises InputError."""
+class Log(logging.Handler):
+    """Warnings and errors of tornado and Bokeh on the terminal, a line each, without queries, which hold the token.
 
-    def __init__(self, workplace: Workplace, port: int = 0):
-        self.workplace = workplace
+    debug: print tracebacks as well.
+    """
+
+    LOGGERS = tuple(map(logging.getLogger, ("tornado", "bokeh")))
+
+    def __init__(self, debug: bool):
+        super().__init__(logging.WARNING)
+        self.debug = debug
+
+    def emit(self, record: logging.LogRecord) -> None:
+        lines = record.getMessage().splitlines()[:1]
+        error = record.exc_info[1] if record.exc_info else None
+        if error is not None:
+            lines[0] += f": {type(error).__name__}: {error}"
+            lines += "".join(traceback.format_exception(error)).splitlines() if self.debug else []
+        say(*(re.sub(r"\?\S*", "?...", line) for line in lines), error=True)
+
+    def start(self) -> None:
+        """Take the place of Python's own output of these records."""
+        for logger in self.LOGGERS:
+            logger.addHandler(self)
+            logger.propagate = False
+
+    def stop(self) -> None:
+        """Undo `start`."""
+        for logger in self.LOGGERS:
+            logger.removeHandler(self)
+            logger.propagate = True
+
+
+class Service:
+    """The page of a workplace at an address of this machine. Raises InputError.
+
+    port: 0 takes a free one; debug: print tracebacks of unexpected errors.
+    """
+
+    def __init__(self, workplace: Workplace, port: int = 0, debug: bool = False):
+        self.workplace, self.log = workplace, Log(debug)
         try:
             sockets = bind_sockets(port, LOOPBACK, socket.AF_INET)
         except OSError as error:
@@ -45,7 +85,7 @@ class Service:
             include_headers=[], include_cookies=[],  # otherwise the page would contain them
             secret_key=secrets.token_bytes(32), sign_sessions=True,
             websocket_max_message_size_bytes=LARGEST_MESSAGE,
-            transforms=[protection(self.access)],
+            transforms=[protection(self.access)], log_function=unlogged,
         )  # fmt: skip
         server = HTTPServer(Gatekeeper(tornado, self.access))  # type: ignore[arg-type]
         server.add_sockets(sockets)
@@ -62,6 +102,7 @@ class Service:
 
     def start(self) -> None:
         """Serve pages, once the loop runs."""
+        self.log.start()
         self.server.start()
         self.ticks.start()
 
@@ -72,6 +113,7 @@ class Service:
             self.server.stop()
         self.pool.shutdown(wait=False, cancel_futures=True)
         self.workplace.runs.close()
+        self.log.stop()
 
     def _open(self, document) -> None:
         document.title = f"{self.workplace.file.name} - taichi_plume draw"

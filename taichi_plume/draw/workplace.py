@@ -12,6 +12,7 @@ from taichi_plume.draw.runs import Run, Runs
 from taichi_plume.files.disk import written_whole
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import inside
+from taichi_plume.guard.terminal import visible
 from taichi_plume.guard.yaml_text import LineError, read_text
 
 ENDINGS = (".yaml", ".yml")
@@ -65,7 +66,15 @@ class Workplace:
         return self.text == self.on_disk
 
     def put(self, text: str) -> None:
-        """Make a text the present one; all pages and the draft follow."""
+        """Make a text the present one; all pages and the draft follow. Raises InputError if no file can hold it."""
+        try:
+            text.encode("utf-8")
+        except UnicodeEncodeError as error:
+            line, half = text.count("\n", 0, error.start) + 1, ord(text[error.start])
+            raise InputError(
+                f"line {line} of the text: holds half a character (U+{half:04X}), which no file can have; nothing was "
+                "changed"
+            ) from None
         if text != self.text:
             self.history.put(text)
             self._changed()
@@ -160,6 +169,8 @@ class Workplace:
 
     def _permitted(self, file: Path) -> Path:
         file = Path(os.path.abspath(file))
+        if file.name != file.name.encode("utf-8", "replace").decode("utf-8"):
+            raise InputError(f"{visible(file.name)}: is no text in UTF-8; choose another name")
         if file.suffix not in ENDINGS:
             raise InputError(f"{file.name}: must end in {' or '.join(ENDINGS)}")
         if not self.allow_outside and not inside(file, self.root):

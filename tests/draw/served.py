@@ -29,6 +29,8 @@ class Served:
             {"Cookie": f"taichi_plume_draw_{self.port}={self.token}"} if cookie else {}
         )
         sent |= {name.replace("_", "-"): value for name, value in headers.items()}
+        connection._validate_path = lambda _: None  # attacks have characters that no browser sends
+        connection._encode_request = lambda line: line.encode("utf-8")
         connection.putrequest("GET", path, skip_host=True)
         for name, value in sent.items():
             if value is not None:

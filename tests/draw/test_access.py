@@ -52,7 +52,7 @@ def test_the_token_of_the_address_becomes_a_cookie_that_scripts_and_foreign_page
     [
         "/", "/?token=", "/?token=x", "/?bokeh-session-id=x", "/autoload.js", "/metadata", "/static/js/bokeh.min.js",
         "/share/room.yaml", "/share/room.png", "/viewer/", "/runs/1/report.html", "/pass/00/runs/1/recording.rrd",
-        "/favicon.ico",
+        "/favicon.ico", "/pass/é", "/pass/é/runs/1/recording.rrd", "/pass/%C3%A9", "/pass", "//é",
     ],
 )  # fmt: skip
 def test_without_the_token_nothing_is_answered(page, path):
@@ -170,6 +170,44 @@ def test_a_page_without_changes_ends_without_a_word(tmp_path):
         assert served.process.wait(30) == 0
         assert served.process.stderr.read() == ""
     assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_that_is_asked_for_is_printed(tmp_path):
+    """Neither the token, which a mistyped address holds, nor control characters, nor a traceback."""
+    with serving(tmp_path) as served:
+        token = f"?token={served.token}"
+        for path in (
+            "/nowhere",
+            "/pass/é",
+            "/runs/9/report.html",
+            "/share/room.png",
+            "/static/js/x",
+            "/\x1b[2J",
+        ):
+            for cookie in (True, False):
+                assert served.get(f"{path}{token}", cookie=cookie)[0] in (400, 403, 404, 409), path
+            assert served.get(path, cookie=False)[0] in (400, 403), path
+        served.process.send_signal(signal.SIGTERM)
+        assert served.process.wait(30) == 0
+        assert served.process.stderr.read() == ""
+
+
+def test_an_error_of_the_server_is_a_line_without_the_token(capsys):
+    import logging
+
+    from taichi_plume.draw.server import Log
+
+    log = Log(debug=False)
+    log.start()
+    try:
+        raise ValueError("odd\nvalue")
+    except ValueError:
+        logging.getLogger("tornado.application").exception(
+            "GET /?token=abc (127.0.0.1)\nHTTPServerRequest(...)"
+        )
+    finally:
+        log.stop()
+    assert capsys.readouterr().err == "GET /?... (127.0.0.1): ValueError: odd\\nvalue\n"
 
 
 def test_without_the_extra_the_command_says_so(tmp_path):

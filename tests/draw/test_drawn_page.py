@@ -18,6 +18,7 @@ from taichi_plume.draw import edits
 from taichi_plume.draw.page import Page
 from taichi_plume.draw.workplace import Workplace
 from taichi_plume.execution.watch_file import Sight
+from taichi_plume.guard.input_error import InputError
 from taichi_plume.report.theme import ABOVE, SIDE
 
 ROOM = (ROOT / "configs/casting_room.yaml").read_text()
@@ -243,6 +244,24 @@ def test_another_name_makes_another_file(tmp_path):
     page.name.value = ""
     assert page.name.value == "other.yaml"
     assert page.message.text == ""
+
+
+def test_half_a_character_is_refused_in_a_line(page):
+    for put in (page._typed, page.put, page.workplace.put):
+        text = ROOM.replace("casters", "\ud800")
+        if put == page.workplace.put:
+            with pytest.raises(InputError, match=r"line \d+ .*U\+D800"):
+                put(text)
+            continue
+        put(text)
+        assert "U+D800" in page.message.text
+        assert page.workplace.text == page.text.value_input == ROOM
+    page.choose("robots[0]")
+    page.form.widgets["robots[0].name"].value = "\udfff"
+    assert page.workplace.text == ROOM
+    page.name.value = "a\0.yaml"
+    assert "a\\x00.yaml" in page.message.text or "null byte" in page.message.text
+    assert page.name.value == "s.yaml"
 
 
 def test_a_second_delete_deletes_no_other_object(page):

@@ -193,7 +193,9 @@ def test_another_name_is_of_the_same_folder(tmp_path):
     assert (tmp_path / "sub/t.yaml").read_text() == ROOM
 
 
-@pytest.mark.parametrize("name", ["none/x.yaml", f"{300 * 'x'}.yaml"])
+@pytest.mark.parametrize(
+    "name", ["none/x.yaml", f"{300 * 'x'}.yaml", "a\0b.yaml", "a\0/b.yaml", "a\udc80.yaml"]
+)
 def test_a_name_that_cannot_be_written_leaves_file_and_draft(place, name):
     place.put(edited(place))
     before = place.file, place.on_disk, place.draft.read_text()
