@@ -139,6 +139,23 @@ def scene(text: str, folder: Path, allow_outside: bool = False) -> Scene:
     return Scene(text, data, room, tuple(things))
 
 
+def stamps(text: str, folder: Path) -> tuple[object, ...]:
+    """Return times and sizes of the files that obstacles of a text name."""
+    try:
+        named = [item.get("file") for item in _items(data_of(text), "obstacles") if isinstance(item, dict)]
+    except LineError:
+        return ()
+    return tuple(_stamp(folder / name) for name in named if isinstance(name, str))
+
+
+def _stamp(file: Path) -> tuple[int, int] | None:
+    try:
+        about = file.stat()
+    except (OSError, ValueError):
+        return None
+    return about.st_mtime_ns, about.st_size
+
+
 def preview(of: Scene, path: str, values: Values, folder: Path) -> Thing | None:
     """Return an object with other values of keys [SI], while it is dragged; None if it cannot be read then."""
     thing = of.thing(path)
@@ -294,12 +311,11 @@ def shape_of(model: Any, room: tuple[float, ...], folder: Path) -> Shape:
         return shape(model, Domain(size=room, spacing=min(room)), folder)
     file = folder / model.file
     admit(file)  # before the cache answers
-    stamp = file.stat().st_mtime_ns, file.stat().st_size
-    return _shape_of_file(model, room, folder, stamp)
+    return _shape_of_file(model, room, folder, _stamp(file))
 
 
 @lru_cache(CACHED_SHAPES)
-def _shape_of_file(model: Any, room: tuple[float, ...], folder: Path, _: tuple[int, int]) -> Shape:
+def _shape_of_file(model: Any, room: tuple[float, ...], folder: Path, _: tuple[int, int] | None) -> Shape:
     return shape(model, Domain(size=room, spacing=min(room) / 100), folder)
 
 

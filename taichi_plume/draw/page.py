@@ -27,14 +27,12 @@ from taichi_plume.draw import edits
 from taichi_plume.draw.canvas import UNLIKELY, WRONG, Canvas
 from taichi_plume.draw.checks import Remark
 from taichi_plume.draw.form_panel import FormPanel
-from taichi_plume.draw.objects import scene
 from taichi_plume.draw.pointer import STEPS, Pointer
 from taichi_plume.draw.run_panel import RunPanel
 from taichi_plume.draw.workplace import FileChangedError, Workplace
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.report.theme import ABOVE, SIDE
 
-PERIOD = 400  # ms between looks at runs and files
 STYLE = """
 :host { font-family: Helvetica, Arial, sans-serif; font-size: 13px; color: #1d2733; }
 .bk-btn { padding: 4px 8px; }
@@ -49,6 +47,8 @@ ONE_LINE: dict[str, str | None] = {
     "overflow": "hidden",
     "text-overflow": "ellipsis",
 }
+GAP = 10  # ms between the turns of pages, in which the server reads what users do
+HIDDEN = "hidden"  # `document.visibilityState` of a tab in the background
 ABOUT_NAME = "Another name saves the text as a new file"
 SCRIPT = """
 // Bokeh takes no drag that begins 0.3 s after the press; the longest timer of browsers puts that off
@@ -65,37 +65,91 @@ document.addEventListener("keydown", (event) => {
   if (typing) target.dispatchEvent(new Event("change"))  // Bokeh takes an entry once its field is left
   keys.value = `${name} ${Date.now()}`
 })
+const tell = () => { seen.value = document.visibilityState }
+document.addEventListener("visibilitychange", tell)
+tell()
 """
-"""The only script of the page: keys become the value of a hidden input, and slow drags are drags."""
+"""The only script of the page: slow drags are drags; keys, and whether the tab is seen, go to hidden inputs."""
 
 
 class Page(Pointer):
-    """The page of one browser tab. document: of Bokeh; workplace: shared by all tabs."""
+    """The page of one browser tab. document: of Bokeh; workplace: shared by all tabs.
+
+    The page in which a user acts shows the result first. The others follow one by one, so that further actions need not
+    wait for all of them; a tab in the background follows once it is seen again.
+    """
 
     def __init__(self, document: Document, workplace: Workplace):
         super().__init__()
         self.document, self.workplace = document, workplace
-        self.chosen, self.scene = "", scene(workplace.text, workplace.folder, workplace.allow_outside)
+        self.chosen, self.scene = "", workplace.scene
+        self._due: list[Callable[[], None]] = []
         self.asked: Callable[[], None] | None = None
         self.canvases = {ABOVE: Canvas(ABOVE), SIDE: Canvas(SIDE)}
         self.form = FormPanel(self.put, self.choose, self.say)
-        self.runs = RunPanel(workplace, self.ask, self.say)
+        self.runs = RunPanel(workplace, self.ask, self.say, self.look)
         for canvas in self.canvases.values():
             self.listen(canvas)  # before it joins the document: Bokeh learns of callbacks then
         self._build()
         self._tool_changed()
-        workplace.listeners.append(self._later)
-        document.add_periodic_callback(self.look, PERIOD)
-        document.on_session_destroyed(lambda _: self.leave())
         self.refresh()
+        document.add_root(self.layout)  # complete: Bokeh would search the whole page again after each change
+        workplace.listeners.append(self._changed)
+        workplace.watchers.append(self._watched)
+        document.on_session_destroyed(lambda _: self.leave())
 
     def leave(self) -> None:
         """Forget the page: its tab has been closed. Runs go on."""
-        if self._later in self.workplace.listeners:
-            self.workplace.listeners.remove(self._later)
+        work = self.workplace
+        if self._changed in work.listeners:
+            work.listeners.remove(self._changed)
+            work.watchers.remove(self._watched)
+        if self in work.queue:
+            first = work.queue[0] is self
+            work.queue.remove(self)
+            if first:
+                self._next()
 
-    def _later(self) -> None:
-        self.document.add_next_tick_callback(self.refresh)
+    def _changed(self) -> None:
+        self._soon(self.refresh)
+
+    def _watched(self) -> None:
+        self._soon(self.look)
+
+    def _soon(self, work: Callable[[], None]) -> None:
+        """Do some work, once, in this page's turn or, in the background, when the tab is seen again."""
+        if work not in self._due:
+            self._due.append(work)
+        if self.seen.value != HIDDEN and self not in self.workplace.queue:
+            self.workplace.queue.append(self)
+            if len(self.workplace.queue) == 1:
+                self._next()
+
+    def _next(self) -> None:
+        """Let the first page of the queue have its turn."""
+        queue = self.workplace.queue
+        if queue:
+            queue[0].document.add_timeout_callback(queue[0]._have_turn, GAP)
+
+    def _have_turn(self) -> None:
+        queue = self.workplace.queue
+        try:
+            self._catch_up()
+        finally:
+            if queue and queue[0] is self:
+                del queue[0]
+                if self._due:
+                    queue.append(self)
+                self._next()
+
+    def _catch_up(self) -> None:
+        due, self._due = self._due, []
+        for work in due:
+            work()
+
+    def _seen(self) -> None:
+        if self.seen.value != HIDDEN:
+            self._catch_up()
 
     # ---------------------------------------------------------------- layout
 
@@ -178,10 +232,12 @@ class Page(Pointer):
         self.tabs.on_change("active", lambda _attr, _old, new: self._tab(new))
         self.keys = TextInput(visible=False, name="keys")
         self.keys.on_change("value", lambda _attr, _old, new: self._key(new.partition(" ")[0]))
-        self.document.js_on_event(DocumentReady, CustomJS(args={"keys": self.keys}, code=SCRIPT))
+        self.seen = TextInput(visible=False, name="seen")
+        self.seen.on_change("value", lambda _attr, _old, _new: self._seen())
+        inputs = {"keys": self.keys, "seen": self.seen}
+        self.document.js_on_event(DocumentReady, CustomJS(args=inputs, code=SCRIPT))
         body = row(column(self.palette, self.file), views, self.tabs, sizing_mode="stretch_both")
-        self.layout = column(bar, body, self.keys, sizing_mode="stretch_both", stylesheets=[sheet])
-        self.document.add_root(self.layout)
+        self.layout = column(bar, body, self.keys, self.seen, sizing_mode="stretch_both", stylesheets=[sheet])
 
     def _button(self, label: str, work: Callable[[], Any], width: int) -> Button:
         button = Button(label=label, width=width, stylesheets=[InlineStyleSheet(css=STYLE)])
@@ -193,7 +249,7 @@ class Page(Pointer):
     def refresh(self) -> None:
         """Show the present text, and what the checks found about it."""
         work = self.workplace
-        self.scene = scene(work.text, work.folder, work.allow_outside)
+        self.scene = work.scene
         if self.chosen and not self.form.exists(self.scene.data, self.chosen):
             self.chosen = ""
         if (
@@ -209,7 +265,7 @@ class Page(Pointer):
         self._show_remarks()
         self.form.show(self.scene, self.chosen, self.shown_remarks)
         self._banner()
-        self.runs.refresh()
+        self.look()
 
     @property
     def shown_remarks(self) -> Sequence[Remark]:
@@ -273,7 +329,8 @@ class Page(Pointer):
         self.say("")
         self.tried(lambda: self.workplace.put(text))
         if self.workplace.text != text:
-            self.refresh()  # the page shows the text as it stays
+            self._changed()  # the page shows the text as it stays
+        self._catch_up()
 
     def say(self, words: str) -> None:
         """Show a message above the drawing; "": none."""
@@ -319,9 +376,11 @@ class Page(Pointer):
 
     def _undo(self) -> None:
         self.workplace.undo()
+        self._catch_up()
 
     def _redo(self) -> None:
         self.workplace.redo()
+        self._catch_up()
 
     def _copy(self) -> None:
         made = self.tried(lambda: edits.copy(self.workplace.text, self.chosen, self.workplace.folder))

@@ -25,10 +25,19 @@ FRAME = "width:100%;height:calc(100vh - 150px);border:1px solid #c9d1d9;backgrou
 
 
 class RunPanel:
-    """Widgets of the runs. ask: asks a question, with functions of both answers; say: shows a message."""
+    """Widgets of the runs. ask: asks a question, with functions of both answers; say: shows a message.
 
-    def __init__(self, workplace: Workplace, ask: Callable[..., None], say: Callable[[str], None]):
-        self.workplace, self.ask, self.say = workplace, ask, say
+    look: shows the state of the shown run in all parts of the page.
+    """
+
+    def __init__(
+        self,
+        workplace: Workplace,
+        ask: Callable[..., None],
+        say: Callable[[str], None],
+        look: Callable[[], None],
+    ):
+        self.workplace, self.ask, self.say, self.look = workplace, ask, say, look
         self.number = 0
         self._shown: Sight | None = None
         self._frames: tuple[int, bool] = (0, False)
@@ -106,18 +115,18 @@ class RunPanel:
             self.number = work.run(text, agreed).number
         except InputError as error:
             self.say("; ".join(error.lines))
-        self.refresh()
+        self.look()
 
     def _stop(self) -> None:
         if self.run is not None:
             self.run.stop()
+            self.look()
 
     # ---------------------------------------------------------------- show
 
     def refresh(self) -> None:
         """Show the present state of the runs."""
         runs = self.workplace.runs
-        runs.poll()
         if not self.number and runs.all:
             self.number = len(runs.all)
         self._show_list()
@@ -200,4 +209,4 @@ class RunPanel:
     def _chosen(self, number: str) -> None:
         if number.isdecimal() and int(number) != self.number:
             self.number = int(number)
-            self.refresh()
+            self.look()

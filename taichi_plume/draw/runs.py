@@ -190,11 +190,12 @@ class Runs:
         self.all.append(run)
         return run
 
-    def poll(self) -> None:
-        """Read the states of all runs that have not been seen to end."""
-        for run in self.all:
-            if run.wall is None:
-                run.poll()
+    def poll(self) -> bool:
+        """Read the states of all runs that have not been seen to end; return whether there are any."""
+        running = [run for run in self.all if run.wall is None]
+        for run in running:
+            run.poll()
+        return bool(running)
 
     def close(self) -> None:
         """Remove the notes of ended runs; runs that are alive still write theirs."""

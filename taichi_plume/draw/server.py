@@ -1,6 +1,7 @@
 """The server of the page: on the loopback interface alone, behind `access.Gatekeeper`."""
 
 import asyncio
+import gc
 import logging
 import re
 import secrets
@@ -26,17 +27,19 @@ from taichi_plume.guard.terminal import say
 from taichi_plume.record.live import LOOPBACK
 
 TOKEN_BYTES = 24
-PERIOD = 250  # ms between looks at the runs, and at whether the text has to be checked
+UNUSED = 15_000  # ms until the page of a closed tab is forgotten
+PERIOD = 400  # ms between looks at the runs, and at whether the text has to be checked
 LARGEST_MESSAGE = 8 << 20  # bytes, from a page: more than a scenario may have
 
 
 class Log(logging.Handler):
-    """Warnings and errors of tornado and Bokeh on the terminal, a line each, without queries, which hold the token.
+    """Warnings and errors of tornado, Bokeh and asyncio on the terminal, a line each.
 
+    Queries of URLs are left out, as they hold the token.
     debug: print tracebacks as well.
     """
 
-    LOGGERS = tuple(map(logging.getLogger, ("tornado", "bokeh")))
+    LOGGERS = tuple(map(logging.getLogger, ("tornado", "bokeh", "asyncio")))
 
     def __init__(self, debug: bool):
         super().__init__(logging.WARNING)
@@ -85,6 +88,7 @@ class Service:
             include_headers=[], include_cookies=[],  # otherwise the page would contain them
             secret_key=secrets.token_bytes(32), sign_sessions=True,
             websocket_max_message_size_bytes=LARGEST_MESSAGE,
+            unused_session_lifetime_milliseconds=UNUSED, check_unused_sessions_milliseconds=UNUSED // 5,
             transforms=[protection(self.access)], log_function=unlogged,
         )  # fmt: skip
         server = HTTPServer(Gatekeeper(tornado, self.access))  # type: ignore[arg-type]
@@ -103,6 +107,8 @@ class Service:
     def start(self) -> None:
         """Serve pages, once the loop runs."""
         self.log.start()
+        gc.collect()
+        gc.freeze()  # Bokeh collects garbage for each page that it forgets, which would search all modules
         self.server.start()
         self.ticks.start()
 
@@ -121,7 +127,7 @@ class Service:
 
     async def _tick(self) -> None:
         work = self.workplace
-        work.runs.poll()
+        work.watch()
         if self._checking or work.checked == work.text:
             return
         self._checking = True

@@ -4,10 +4,12 @@ import os
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from taichi_plume.draw.checks import Findings, check
 from taichi_plume.draw.edits import BLANK
 from taichi_plume.draw.history import History
+from taichi_plume.draw.objects import Scene, scene, stamps
 from taichi_plume.draw.runs import Run, Runs
 from taichi_plume.files.disk import written_whole
 from taichi_plume.guard.input_error import InputError
@@ -46,7 +48,10 @@ class Workplace:
         self.history = History(BLANK if self.on_disk is None else self.on_disk)
         self.recovered = self._read_draft()
         self.runs = Runs(self.root, allow_outside)
-        self.listeners: list[Callable[[], None]] = []
+        self.listeners: list[Callable[[], None]] = []  # of changes of text and findings
+        self.watchers: list[Callable[[], None]] = []  # of changes of the runs
+        self.queue: list[Any] = []  # pages that have something to show, in order
+        self._scene: tuple[object, Scene] | None = None
         self.findings: Findings | None = None
         self.checked: str | None = None
 
@@ -54,6 +59,14 @@ class Workplace:
     def text(self) -> str:
         """The present text."""
         return self.history.text
+
+    @property
+    def scene(self) -> Scene:
+        """Objects of the present text, read once for all pages, and again if a file that an obstacle names changes."""
+        key = self.text, stamps(self.text, self.folder)
+        if self._scene is None or self._scene[0] != key:
+            self._scene = key, scene(self.text, self.folder, self.allow_outside)
+        return self._scene[1]
 
     @property
     def folder(self) -> Path:
@@ -211,6 +224,12 @@ class Workplace:
                     with written_whole(self.draft) as fresh:  # a kill while writing leaves the earlier draft
                         fresh.write_bytes(self.text.encode("utf-8"))
         self._notify()
+
+    def watch(self) -> None:
+        """Read the states of the runs; pages show what has changed."""
+        if self.runs.poll():
+            for watcher in list(self.watchers):
+                watcher()
 
     def _notify(self) -> None:
         for listener in list(self.listeners):

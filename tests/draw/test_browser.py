@@ -165,6 +165,25 @@ def test_two_tabs_show_each_other_s_edits_and_closing_one_loses_nothing(visit, t
     second.until(lambda: "[1, 0.5]" in second.yaml)
 
 
+def test_a_tab_in_the_background_shows_an_edit_once_it_is_seen_again(visit, tmp_path):
+    (tmp_path / "s.yaml").write_text(ROOM)
+    first, second = visit("s.yaml"), visit()
+    turn = """(state) => {
+      Object.defineProperty(document, "visibilityState", {value: state, configurable: true})
+      document.dispatchEvent(new Event("visibilitychange"))
+    }"""
+    second.page.evaluate(turn, "hidden")
+    before = second.yaml
+    first.tool("source")
+    first.changed(lambda: first.click(1.0, 0.5))
+    second.page.wait_for_timeout(1000)
+    assert second.yaml == before
+    second.page.evaluate(turn, "visible")
+    second.until(lambda: second.yaml == first.yaml, 30)
+    assert not first.errors
+    assert not second.errors
+
+
 def test_a_foreign_page_can_neither_frame_nor_ask_the_page(visit, chromium, tmp_path):
     """A page of another site in the same browser, in which the user has opened the page before."""
     page = visit()

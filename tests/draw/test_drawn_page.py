@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from test_document import ROOT
 from test_edits import DRAGS, QUIET, points
 
-from taichi_plume.draw import edits
+from taichi_plume.draw import edits, workplace
 from taichi_plume.draw.page import Page
 from taichi_plume.draw.workplace import Workplace
 from taichi_plume.execution.watch_file import Sight
@@ -28,6 +28,9 @@ class Tab(Document):
     """Document of a tab whose callbacks of the next tick are called at once."""
 
     def add_next_tick_callback(self, callback):
+        callback()
+
+    def add_timeout_callback(self, callback, milliseconds):
         callback()
 
 
@@ -205,6 +208,127 @@ def test_two_tabs_show_the_same_text(tmp_path):
     second.leave()
     first._undo()
     assert "seed: 2" in first.text.value_input
+
+
+class Waiting(Document):
+    """Document of a tab whose callbacks wait in a list that all tabs of the test share."""
+
+    def __init__(self, waiting):
+        super().__init__()
+        self.waiting = waiting
+
+    def add_timeout_callback(self, callback, milliseconds):
+        self.waiting.append(callback)
+
+
+@pytest.fixture
+def tabs(tmp_path, monkeypatch):
+    """Three pages of a workplace, their waiting callbacks, and a list in which each page that is refreshed is noted."""
+    (tmp_path / "s.yaml").write_text(ROOM)
+    place, waiting, shown = Workplace(tmp_path, tmp_path / "s.yaml"), [], []
+    pages = [Page(Waiting(waiting), place) for _ in range(3)]
+    refresh = Page.refresh
+    monkeypatch.setattr(Page, "refresh", lambda page: (shown.append(pages.index(page)), refresh(page)))
+    return pages, waiting, shown
+
+
+def work_off(waiting):
+    """Call waiting callbacks, one at a time as the server does; return how many there were."""
+    count = 0
+    while waiting:
+        waiting.pop(0)()
+        count += 1
+    return count
+
+
+def test_the_page_of_an_edit_comes_first_and_the_others_follow_one_by_one(tabs):
+    pages, waiting, shown = tabs
+    pages[2].edit(lambda: ROOM + "# 1\n")
+    assert shown == [2]
+    pages[2].edit(lambda: ROOM + "# 2\n")
+    assert shown == [2, 2]
+    assert len(waiting) == 1, "one page at a time has its turn"
+    work_off(waiting)
+    assert shown == [2, 2, 0, 1], "two edits are shown at once"
+    assert [page.text.value_input for page in pages] == 3 * [ROOM + "# 2\n"]
+
+
+def test_a_tab_in_the_background_shows_changes_once_it_is_seen(tabs):
+    pages, waiting, shown = tabs
+    pages[1].seen.value = "hidden"
+    for n in range(3):
+        pages[0].edit(lambda n=n: ROOM + f"# {n}\n")
+        work_off(waiting)
+    assert 1 not in shown
+    assert pages[1].text.value_input == ROOM
+    pages[1].seen.value = "visible"
+    assert shown.count(1) == 1
+    assert pages[1].text.value_input == ROOM + "# 2\n"
+    assert views(pages[1]) == views(pages[0])
+
+
+@pytest.mark.parametrize("leaving", [0, 1])
+def test_a_page_that_is_closed_in_its_turn_holds_up_no_other(tabs, leaving):
+    pages, waiting, shown = tabs
+    pages[2].edit(lambda: ROOM + "# 1\n")
+    if leaving == 0:
+        waiting.clear()  # a destroyed document calls nothing back
+    pages[leaving].leave()
+    work_off(waiting)
+    assert shown == [2, 1 - leaving]
+    assert pages[0].workplace.queue == []
+
+
+def test_a_page_that_fails_holds_up_no_other(tabs, monkeypatch):
+    pages, waiting, shown = tabs
+
+    def broken(*_):
+        raise RuntimeError
+
+    monkeypatch.setattr(pages[0].form, "show", broken)
+    pages[2].edit(lambda: ROOM + "# 1\n")
+    with pytest.raises(RuntimeError):
+        waiting.pop(0)()
+    work_off(waiting)
+    assert shown == [2, 0, 1]
+
+
+def test_a_text_is_read_once_for_all_pages(tabs, monkeypatch):
+    pages, waiting, _ = tabs
+    read = []
+    scene = workplace.scene
+    monkeypatch.setattr(workplace, "scene", lambda *given: read.append(given) or scene(*given))
+    pages[0].edit(lambda: ROOM + "# 1\n")
+    work_off(waiting)
+    for page in pages:
+        page.choose("obstacles[0]")
+    assert len(read) == 1
+
+
+def test_a_file_that_changes_is_read_again(tmp_path):
+    (tmp_path / "a.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+    )
+    _, page = opened(
+        tmp_path, "domain: {size: [4, 3, 2], spacing: 0.1}\nobstacles: [{kind: mesh, file: a.obj}]\n"
+    )
+    page.choose("obstacles[0]")
+    assert np.nanmax(page.scene.thing("obstacles[0]").outlines(ABOVE)[0].points[:, 0]) == pytest.approx(
+        1, abs=0.1
+    )
+    (tmp_path / "a.obj").write_text((tmp_path / "a.obj").read_text().replace("v 1 0 0", "v 2.5 0 0"))
+    page.choose("obstacles[0]")
+    assert np.nanmax(page.scene.thing("obstacles[0]").outlines(ABOVE)[0].points[:, 0]) == pytest.approx(
+        2.5, abs=0.1
+    )
+
+
+def test_pages_do_nothing_while_nothing_changes(tabs):
+    pages, waiting, shown = tabs
+    for _ in range(3):
+        pages[0].workplace.watch()  # as the server does
+    assert (waiting, shown) == ([], [])
+    assert [page.document.session_callbacks for page in pages] == [[], [], []]
 
 
 def test_heights_are_dragged_from_the_side(tmp_path):
