@@ -7,6 +7,7 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import yaml
@@ -14,6 +15,7 @@ import yaml
 from taichi_plume.assembly.preparation import Prepared
 from taichi_plume.files.disk import written_whole
 from taichi_plume.files.run_folder import CHECK
+from taichi_plume.guard.safe_open import open_regular
 from taichi_plume.guard.terminal import say
 from taichi_plume.scenario.key_facts import facts
 from taichi_plume.scenario.readable_yaml import all_keys, own_keys
@@ -119,7 +121,6 @@ def draw_scene(prepared: Prepared, path: Path) -> str | None:
 
 
 def _is_png(path: Path) -> bool:
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
+    with suppress(OSError), open_regular(path) as file:
         return file.read(len(PNG)) == PNG
+    return False

@@ -10,6 +10,7 @@ import numpy as np
 from taichi_plume.contests.fixed_scenarios import Fixed
 from taichi_plume.contests.standings import ERROR, FALSE, LATE, SUCCESS, TIME, WAY, Row
 from taichi_plume.files.disk import written_whole
+from taichi_plume.guard.safe_open import open_regular
 from taichi_plume.report import scene, theme
 from taichi_plume.studies.estimates import Quantity
 from taichi_plume.studies.plots import interval_bar
@@ -82,7 +83,8 @@ def mean_plume(scenario: Fixed, folder: Path) -> np.ndarray:
     path = folder / f"{scenario.name}.plume.npz"
     key = repr(scenario.data)
     # the cached file may be absent or truncated
-    with suppress(OSError, ValueError, LookupError, EOFError, BadZipFile), np.load(path) as held:
+    with suppress(OSError, ValueError, LookupError, EOFError, BadZipFile), open_regular(path) as file:
+        held = np.load(file)
         if str(held["key"]) == key:
             return held["ppm"]
     ppm = _computed(scenario)

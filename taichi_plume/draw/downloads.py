@@ -1,6 +1,7 @@
 """Files that the page offers: the text, a picture of the room, report, recording and ZIP of a run, rerun's viewer."""
 
 import re
+import shutil
 import tempfile
 import zipfile
 from asyncio import get_running_loop
@@ -16,6 +17,7 @@ from taichi_plume.draw.document import data_of
 from taichi_plume.draw.workplace import Workplace
 from taichi_plume.files.run_folder import files_in
 from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.safe_open import open_regular
 from taichi_plume.record.live import WEB_VIEWER, web_viewer_files
 
 PIECE = 1 << 20  # bytes sent at once
@@ -47,7 +49,7 @@ class _Files(RequestHandler):
 
     async def send(self, file: Path) -> None:
         """Send a file piece by piece."""
-        with file.open("rb") as content:
+        with open_regular(file) as content:
             while piece := content.read(PIECE):
                 self.write(piece)
                 await self.flush()
@@ -118,17 +120,20 @@ def picture(workplace: Workplace) -> bytes:
 
 
 def zipped(folder: Path, target: Path) -> Path:
-    """Write a ZIP of the files of a run, without links, and return its path."""
+    """Write a ZIP of the regular files of a run, without links, and return its path."""
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in sorted(_below(files_in(folder))):
-            archive.write(file, Path(folder.name) / file.relative_to(folder))
+            name = zipfile.ZipInfo.from_file(file, Path(folder.name) / file.relative_to(folder))
+            name.compress_type = zipfile.ZIP_DEFLATED
+            with open_regular(file) as content, archive.open(name, "w") as packed:
+                shutil.copyfileobj(content, packed, PIECE)
     return target
 
 
 def _below(entries: Sequence[Path]) -> list[Path]:
     files: list[Path] = []
     for entry in entries:
-        if entry.is_symlink():
+        if entry.is_symlink() or not (entry.is_dir() or entry.is_file()):
             continue
         files += _below(sorted(entry.iterdir())) if entry.is_dir() else [entry]
     return files

@@ -20,7 +20,7 @@ from taichi_plume.execution.watch_file import Sight, read
 from taichi_plume.files.disk import written_whole
 from taichi_plume.files.run_folder import read_json
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.guard.safe_open import inside
+from taichi_plume.guard.safe_open import inside, read_regular
 from taichi_plume.guard.terminal import visible
 
 LISTED = 10
@@ -74,7 +74,7 @@ class Run:
     def output(self) -> list[str]:
         """Last lines that the command has printed."""
         try:
-            text = (self.notes / "output.txt").read_text(encoding="utf-8", errors="replace")
+            text = read_regular(self.notes / "output.txt").decode(errors="replace")
         except OSError:
             return []
         return [visible(line) for line in text.splitlines() if line.strip()][-MOST_LINES:]

@@ -1,7 +1,6 @@
 """Output files of a run: their writers, when data are flushed to the disk, and checkpoints for resuming."""
 
 import errno
-import hashlib
 import time
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,8 +13,9 @@ from taichi_plume.execution import forces_table, maps_output, result, robots_tab
 from taichi_plume.execution.signals import SignalRequests
 from taichi_plume.files import checkpoint, disk, manifest
 from taichi_plume.files.own_class import OwnAlgorithmError
-from taichi_plume.files.run_folder import LISTED, RunFolderError
+from taichi_plume.files.run_folder import LARGEST_JSON, LISTED, RunFolderError
 from taichi_plume.grid.state import State
+from taichi_plume.guard.safe_open import read_regular
 from taichi_plume.guard.terminal import say
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.outputs import Checkpoint
@@ -184,7 +184,7 @@ class Outputs:
         self.sim.wall_s = saved["wall_s"]
         self._digests.set_result(saved["inputs"])
         path = self.about.folder / "result.json"
-        before = path.read_bytes() if path.exists() else None
+        before = read_regular(path, LARGEST_JSON) if path.exists() else None
         self._write_progress()  # first, so that an interruption can be repaired
         try:
             (self.about.folder / manifest.NAME).unlink(missing_ok=True)
@@ -282,7 +282,7 @@ class Outputs:
 
 def scenario_digest(folder: Path) -> str:
     """Return the SHA-256 of scenario.yaml in a run folder."""
-    return hashlib.sha256((folder / "scenario.yaml").read_bytes()).hexdigest()
+    return manifest.digest(folder / "scenario.yaml")["sha256"]
 
 
 def _tried(function: Callable[[], None]) -> Exception | None:

@@ -10,12 +10,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from taichi_plume.execution.execute import report
 from taichi_plume.execution.outputs import OVER
 from taichi_plume.execution.result import write_result
-from taichi_plume.files import checkpoint, manifest, maps_file, plumesim_log, run_tables
+from taichi_plume.files import checkpoint, manifest, maps_file, parquet, plumesim_log, run_tables
 from taichi_plume.files.run_folder import KILLED, LISTED, RunFolder, RunFolderError, read_json, resuming
 from taichi_plume.guard.terminal import say
 from taichi_plume.scoring.declarations import Json
@@ -105,7 +104,8 @@ def _inputs(folder: Path) -> Json:
 def _reached(table: Path, content: Json) -> Json:
     """Return for result.json the last time in the table, as a message, and per robot group how many found a source."""
     try:
-        rows = pq.read_table(table, columns=["t", "group", "found"])
+        with parquet.opened(table) as file:
+            rows = file.read(columns=["t", "group", "found"])
     except (OSError, ValueError, LookupError):
         rows = None
     if rows is None or not len(rows):
@@ -130,7 +130,10 @@ def _table(path: Path) -> str | None:
     if not run_tables.stream_of(path).exists():
         return None
     run_tables.finish(path)
-    return f"{pq.read_metadata(path).num_rows:,} rows" if path.exists() else "no rows"
+    if not path.exists():
+        return "no rows"
+    with parquet.opened(path) as file:
+        return f"{file.metadata.num_rows:,} rows"
 
 
 def _lines(path: Path) -> str | None:

@@ -15,6 +15,7 @@ import numpy as np
 from taichi_plume.execution.progress import phase
 from taichi_plume.files.disk import written_whole
 from taichi_plume.grid.sampler import Sampler
+from taichi_plume.guard.safe_open import open_regular
 from taichi_plume.record.planes import planes
 from taichi_plume.time_loop import TimeLoop
 
@@ -116,7 +117,7 @@ def _lattice(
 def read(path: Path) -> Sight | None:
     """Return the content of a watch file; None if there is none yet, or if it cannot be read."""
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with open_regular(path) as content, np.load(content, allow_pickle=False) as file:
             values = {key: file[key] for key in Sight._fields}
     except (OSError, ValueError, KeyError, EOFError, BadZipFile):
         return None

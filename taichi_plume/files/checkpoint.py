@@ -16,6 +16,7 @@ import numpy as np
 
 from taichi_plume.files import disk
 from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.safe_open import read_regular
 
 NAME = "checkpoint.npz"
 TREE = "tree"
@@ -50,7 +51,7 @@ def require_plain(value: object, name: str) -> None:
 def read(path: Path) -> dict[str, Any]:
     """Return the content of a run's checkpoint. Raises CheckpointError if it is missing, damaged or foreign."""
     try:
-        content = memoryview(path.read_bytes())
+        content = memoryview(read_regular(path))
     except OSError as error:
         raise CheckpointError(f"{path}: cannot be read: {error.strerror or error}") from None
     body, digest = content[:-DIGEST], content[-DIGEST:]

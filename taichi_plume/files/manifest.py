@@ -11,12 +11,13 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable
+from io import BufferedReader
 from pathlib import Path
 from typing import TypedDict
 
 from taichi_plume.files import disk
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.guard.safe_open import unopenable
+from taichi_plume.guard.safe_open import gate, open_regular, unopenable
 
 NAME = "manifest.json"
 LARGEST = 1 << 24  # bytes
@@ -37,8 +38,9 @@ class Digest(TypedDict):
 def digest(path: Path, chunks: bool = False) -> Digest:
     """Return SHA-256 and size of a file or folder. chunks: also hash the content of zarr chunks. Raises OSError."""
     if not path.is_dir():
-        with path.open("rb") as file:
-            return {"sha256": hashlib.file_digest(file, "sha256").hexdigest(), "bytes": path.stat().st_size}
+        with _opened(path) as file:
+            size = os.fstat(file.fileno()).st_size
+            return {"sha256": hashlib.file_digest(file, "sha256").hexdigest(), "bytes": size}
     total, size = hashlib.sha256(), 0
     zarr = (path / ZARR_METADATA).is_file()
     files = [Path(root) / name for root, _, names in os.walk(path) for name in names]
@@ -63,6 +65,12 @@ def write(folder: Path, inputs: dict[str, Digest], outputs: Iterable[Path]) -> N
         fresh.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
+def _opened(path: Path) -> BufferedReader:
+    """Open a regular file; a surrounding `gate` neither checks nor lists the file, which is no input of a run."""
+    with gate(None):
+        return open_regular(path)
+
+
 def _name(folder: Path, path: Path) -> str:
     """Return `path` relative to `folder`, after resolving links; on another drive the path itself."""
     try:
@@ -75,7 +83,7 @@ def read(folder: Path) -> dict[str, dict[str, Digest]]:
     """Return the digests of `inputs` and `outputs` in a folder's manifest; empty without one. Raises ManifestError."""
     path = folder / NAME
     try:
-        with path.open("rb") as file:
+        with _opened(path) as file:
             content = json.loads(file.read(LARGEST))
         parts = {part: content[part] for part in ("inputs", "outputs")}
         entries = [entry for part in parts.values() for entry in part.values()]

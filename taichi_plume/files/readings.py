@@ -150,14 +150,15 @@ def _parquet(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
     Pages have checksums; the metadata have none, so the table of a run is compared with the manifest beside it.
     """
     import pyarrow as pa
-    import pyarrow.parquet as pq
+
+    from taichi_plume.files import parquet
 
     reason = unopenable(path)
     if reason:
         raise ReadingsError(f"{path}: {reason}")
     manifest.require_unchanged(path, ReadingsError)
     try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+        with parquet.opened(path) as file:
             names = _picked(path, file.schema_arrow.names)
             if file.metadata.num_rows > MOST_ROWS:  # a page of equal values takes a few bytes
                 raise ReadingsError(f"{path}: has {file.metadata.num_rows:,} rows; at most {MOST_ROWS:,}")

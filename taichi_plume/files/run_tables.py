@@ -20,10 +20,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from taichi_plume.files import disk, manifest
+from taichi_plume.files import disk, manifest, parquet
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import plain
-from taichi_plume.guard.safe_open import open_regular, unopenable
+from taichi_plume.guard.safe_open import open_regular
 
 ROW_GROUP = 50_000
 CHECKSUM = b"crc32"  # key of the metadata of each record batch of a stream
@@ -226,10 +226,7 @@ def unverified(
 
 def _of_table(path: Path, columns: Sequence[str] | None) -> Iterator[pa.RecordBatch]:
     """Yield an empty batch and the rows of a Parquet table; columns: names to read, if the table has them."""
-    fault = unopenable(path)
-    if fault:
-        raise RunFolderError(f"{path}: {fault}")
-    with pq.ParquetFile(path, page_checksum_verification=True) as table:
+    with parquet.opened(path) as table:
         yield pa.RecordBatch.from_pylist([], table.schema_arrow)
         yield from table.iter_batches(ROW_GROUP, columns=columns)
 

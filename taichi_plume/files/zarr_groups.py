@@ -22,7 +22,7 @@ from zarr.errors import ZarrUserWarning
 
 from taichi_plume.files.bounded_codecs import BOUNDED
 from taichi_plume.files.tables import plain
-from taichi_plume.guard.safe_open import irregular, unopenable
+from taichi_plume.guard.safe_open import irregular, read_regular, unopenable
 from taichi_plume.guard.terminal import visible
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ FAULTS = (
 OWN_CODECS = frozenset({"bytes", "blosc", "crc32c", "zstd"})
 """Codecs of the groups that this package writes, and of xarray's copies of these groups."""
 LARGEST_CHUNK = 1 << 30  # bytes of a decoded chunk
+LARGEST_METADATA = 1 << 24  # bytes of the zarr.json of an array
 MOST_CHUNKS = 10_000  # of one element of the first axis, such as a frame
 Array = Any
 """A `zarr.Array` that `Group` has checked. zarr types its elements as a union that no caller can use."""
@@ -217,7 +218,7 @@ def _arrays_in(path: Path) -> list[str]:
     names = {file.parent.name for file in path.glob("*/.zarray")}
     for file in path.glob("*/zarr.json"):
         try:
-            is_group = json.loads(file.read_bytes())["node_type"] == "group"
+            is_group = json.loads(read_regular(file, LARGEST_METADATA))["node_type"] == "group"
         except (OSError, ValueError, LookupError, TypeError, RecursionError):
             is_group = False  # damaged: zarr reports the fault
         names |= set() if is_group else {file.parent.name}

@@ -1,9 +1,10 @@
-"""Checked opening of files named in foreign input: path traversal, symbolic links, pipes and devices are refused.
+"""Checked opening of foreign files, those of a run folder too: path traversal, links, pipes and devices are refused.
 
-Readers open such files by `open_regular`, `read_regular` and `content_of`, or ask `unopenable` and `irregular` before a
-library opens them. All of these accept regular files only: a pipe would wait, a device might never end. In the block of
-a `gate` they also accept only files in its folder, once links are followed, and list the files for the manifest. A
-reader that keeps content in a cache calls `admit` before the cache answers.
+Readers open such files by `open_regular`, `read_regular`, `content_of` and, for tables, `files/parquet.py`, or ask
+`unopenable` and `irregular` before a library opens them. All of these accept regular files only: a pipe would wait, a
+device might never end. In the block of a `gate` they also accept only files in its folder, once links are followed, and
+list the files for the manifest. A reader that keeps content in a cache calls `admit` before the cache answers.
+`tests/test_file_opening.py` finds code that opens a file for reading in another way.
 """
 
 import errno
@@ -12,8 +13,8 @@ import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 FLAGS = os.O_RDONLY | sum(vars(os).get(name, 0) for name in ("O_NONBLOCK", "O_NOCTTY", "O_BINARY"))
 NO_NAME = "no file can have this name, for a null byte or half a character in it"
@@ -57,7 +58,7 @@ def require_inside(path: Path) -> None:
         raise PermissionError(errno.EPERM, OUTSIDE, str(path))
 
 
-def open_regular(path: Path) -> BinaryIO:
+def open_regular(path: Path) -> BufferedReader:
     """Open a regular file for reading in binary mode, without blocking.
 
     Raises OSError with a `strerror` for a message, also for a folder, pipe, device or socket, and for impossible names.
@@ -79,11 +80,11 @@ def open_regular(path: Path) -> BinaryIO:
         raise
 
 
-def read_regular(path: Path, most: int) -> bytes:
-    """Return the bytes of a regular file. Raises OSError if it is not regular or has more than `most` bytes."""
+def read_regular(path: Path, most: int | None = None) -> bytes:
+    """Return the bytes of a regular file. Raises OSError if irregular or, if given, larger than `most` bytes."""
     with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
-        if size > most:
+        if most is not None and size > most:
             allowed = f"{most >> 20} MiB" if most >> 20 else f"{most >> 10} KiB"
             raise OSError(errno.EFBIG, f"is larger than {allowed}", str(path))
         return file.read(size)  # read(most) would allocate as much

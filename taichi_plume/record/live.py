@@ -13,6 +13,7 @@ from urllib.request import ProxyHandler, build_opener
 
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import plain
+from taichi_plume.guard.safe_open import read_regular, unopenable
 from taichi_plume.guard.terminal import notebook_display
 
 PATIENCE = 30.0  # s until the viewer's window is open
@@ -32,6 +33,9 @@ def show(recording: Path) -> object:
 
     Raises RunFolderError if there is no viewer, and OSError.
     """
+    fault = unopenable(recording)
+    if fault:
+        raise RunFolderError(f"{recording}: {fault}")
     if notebook_display() is None:
         open_viewer(str(recording), what=str(recording))
         return None
@@ -43,7 +47,7 @@ def show(recording: Path) -> object:
             f"{recording}: the viewer for notebooks is missing: pip install 'taichi_plume[notebook]'; {how}"
         ) from None
     viewer = Viewer(width=NOTEBOOK[0], height=NOTEBOOK[1], url=None)
-    viewer.send_rrd(recording.read_bytes())
+    viewer.send_rrd(read_regular(recording))
     return viewer
 
 

@@ -36,6 +36,7 @@ from taichi_plume.files.run_folder import HEADER, KILLED, OURS, RunFolderError, 
 from taichi_plume.files.tables import LONGEST_TEXT, plain
 from taichi_plume.guard.safe_open import content_of, unopenable
 from taichi_plume.guard.terminal import visible
+from taichi_plume.guard.yaml_text import LARGEST_FILE
 
 if TYPE_CHECKING:
     import pandas
@@ -220,9 +221,9 @@ class Run:
     @cached_property
     def header(self) -> list[str]:
         """Lines of the comment in scenario.yaml: the command to repeat the run, versions and seeds."""
-        with (self.folder / "scenario.yaml").open(encoding="utf-8", errors="replace") as file:
-            lines = takewhile(lambda line: line.startswith("#"), file)
-            texts = [line.removeprefix(HEADER).removeprefix("#").strip() for line in lines]
+        content = content_of(self.folder / "scenario.yaml", LARGEST_FILE, RunFolderError)
+        lines = takewhile(lambda line: line.startswith("#"), content.decode(errors="replace").split("\n"))
+        texts = [line.removeprefix(HEADER).removeprefix("#").strip() for line in lines]
         return [text.removeprefix("Again:").strip() for text in texts]
 
     @cached_property

@@ -14,11 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from taichi_plume.files import disk, own_folder, run_folder
+from taichi_plume.files import disk, own_folder, parquet, run_folder
 from taichi_plume.files.tables import plain
-from taichi_plume.guard.safe_open import read_regular, unopenable
+from taichi_plume.guard.safe_open import read_regular
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.studies import columns, tables
 from taichi_plume.studies.messages import AirRecord, Cost, Record, Request, Task
@@ -151,7 +150,7 @@ class Store:
 
     def _keep(self, name: str, content: bytes) -> None:
         held = self.folder / name
-        if held.is_file() and held.read_bytes() != content:
+        if held.is_file() and read_regular(held) != content:
             for film in self.airs.glob("*.zarr"):  # the changed study's runs may last longer
                 shutil.rmtree(film, ignore_errors=True)
         with disk.written_whole(held) as fresh:
@@ -227,11 +226,8 @@ class Store:
 
 def _read(part: Path, names: Sequence[str] = _SCHEMA.names) -> pa.Table:
     """Read columns of a Parquet file of run records. Raises StoreError if it is damaged or has another format."""
-    fault = unopenable(part)
-    if fault:
-        raise StoreError(f"{part}: {fault}")
     try:
-        with pq.ParquetFile(part, page_checksum_verification=True) as file:
+        with parquet.opened(part) as file:
             known = [field for field in file.schema_arrow if field.name in _SCHEMA.names]
             if not pa.schema(known).equals(_SCHEMA):
                 raise StoreError(f"{part}: was not written by a study of this version; remove it")

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
+from taichi_plume.files import parquet
 from taichi_plume.grid.geodesic import shortest_ways
 from taichi_plume.scoring import trials as scores
 from taichi_plume.studies.messages import Outcomes, Row
@@ -80,7 +80,10 @@ def outcomes_of(
     outcomes: Mapping[str, str], content: Mapping[str, Any], probes: Path | None = None
 ) -> Outcomes:
     """Return the numbers at the paths `outcomes` of a run's result or table of probes; None if there is none."""
-    table = pq.read_table(probes) if probes is not None and probes.exists() else None
+    table = None
+    if probes is not None and probes.exists():
+        with parquet.opened(probes) as file:
+            table = file.read()
     return {
         name: probe_mean(table, path) if path.startswith(PROBES) else found(content, path)
         for name, path in outcomes.items()

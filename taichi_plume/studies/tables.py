@@ -20,7 +20,8 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from taichi_plume import __version__
-from taichi_plume.files import disk
+from taichi_plume.files import disk, parquet
+from taichi_plume.guard.safe_open import open_regular
 from taichi_plume.scenario.quantities import parse
 from taichi_plume.studies import columns
 from taichi_plume.studies.messages import Axis, Data, Row
@@ -186,7 +187,8 @@ def publish(folder: Path, records: Callable[[], pa.Table]) -> None:
 
 def state(folder: Path) -> str:
     """Return a hash of the data behind a study's tables: the plan, and names and sizes of the record files."""
-    found = hashlib.sha256((folder / PLAN).read_bytes())
+    with open_regular(folder / PLAN) as plan:
+        found = hashlib.file_digest(plan, "sha256")
     for name, size in sorted((part.name, part.stat().st_size) for part in (folder / PARTS).glob("*.parquet")):
         found.update(f"{name} {size}\n".encode())
     return found.hexdigest()
@@ -195,7 +197,8 @@ def state(folder: Path) -> str:
 def held(folder: Path, made_of: str) -> int | None:
     """Return the number of trials in a folder's tables; None if any is missing or their hash is not `made_of`."""
     try:
-        metadata = pq.read_schema(folder / COSTS).metadata or {}
+        with parquet.opened(folder / COSTS) as file:
+            metadata = file.schema_arrow.metadata or {}
     except (OSError, pa.ArrowException):
         return None
     there = (folder / RUNS).is_file() and (folder / TRIALS).is_dir()
@@ -251,6 +254,6 @@ def read(path: Path) -> pa.Table:
     files = sorted(path.rglob("*.parquet")) if path.is_dir() else [path]
     tables = []
     for part in files:
-        with pq.ParquetFile(part, page_checksum_verification=True) as file:
+        with parquet.opened(part) as file:
             tables.append(file.read())
     return pa.concat_tables(tables).combine_chunks()

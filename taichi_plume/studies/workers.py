@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from taichi_plume import __version__
 from taichi_plume.execution.signals import SignalRequests, ignoring_signals
+from taichi_plume.guard.safe_open import read_regular
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 
 if TYPE_CHECKING:
@@ -209,7 +210,7 @@ class DaskWorkers:
             raise WorkersError(f"--scheduler {address}: the scheduler does not answer", 2) from None
         self.death: type[BaseException] = KilledWorker
         self.remarks: list[str] = []
-        content = (out / "study.yaml").read_bytes()
+        content = read_regular(out / "study.yaml")
         self._why_unusable = partial(why_unusable, __version__, out.resolve(), content, plan.folder.resolve())
         self._executors: dict[str, Executor] = {}
         self._looked = float("-inf")
@@ -274,7 +275,7 @@ def why_unusable(version: str, out: Path, content: bytes, folder: Path) -> str:
     if version != __version__:
         return f"has taichi_plume {__version__}, the command has {version}: install the same version there"
     try:
-        same = (out / "study.yaml").read_bytes() == content
+        same = read_regular(out / "study.yaml") == content
     except OSError:
         same = False
     if not same:

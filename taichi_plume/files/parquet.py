@@ -1,0 +1,16 @@
+"""Reader of Parquet files, with checksums of the pages."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pyarrow.parquet as pq
+
+from taichi_plume.guard.safe_open import open_regular
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[pq.ParquetFile]:
+    """Context that yields a Parquet file's reader. Raises OSError, for irregular files too, and pyarrow's errors."""
+    with open_regular(path) as file, pq.ParquetFile(file, page_checksum_verification=True) as table:
+        yield table
