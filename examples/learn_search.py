@@ -27,7 +27,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.envs import bank as banks
-from taichi_plume.envs import sb3_env
+from taichi_plume.envs import export_onnx, sb3_env
 from taichi_plume.envs.task import open_task
 from taichi_plume.examples import path_of
 from taichi_plume.grid import kernels
@@ -179,7 +179,7 @@ def learn(scenario: Scenario, bank: Any, args: argparse.Namespace) -> None:
     )
     progress = Progress(args.minutes, begun, 2 * args.envs)
     model.learn(10**9, callback=progress)
-    export(model, args.out / "policy.onnx")
+    export_onnx(model, args.out / "policy.onnx")
     told = {
         "task": args.task.name,
         "minutes": args.minutes,
@@ -191,36 +191,6 @@ def learn(scenario: Scenario, bank: Any, args: argparse.Namespace) -> None:
     }
     (args.out / "learning.json").write_text(json.dumps(told, indent=1))
     envs.close()
-
-
-class Actor(torch.nn.Module):
-    """Mean action of a policy, without the exploration noise of the training."""
-
-    def __init__(self, policy: Any):
-        super().__init__()
-        self.seen = policy.pi_features_extractor
-        self.body, self.head = policy.mlp_extractor.policy_net, policy.action_net
-
-    def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """Return actions (batch, actions) from -1 to 1 for observations (batch, size)."""
-        return torch.clamp(self.head(self.body(self.seen(observation))), -1.0, 1.0)
-
-
-def export(model: PPO, path: Path) -> None:
-    """Write the policy as ONNX: input `observation` (batch, size), output `action` (batch, actions)."""
-    actor = Actor(model.policy).eval()
-    size = model.observation_space.shape[0]  # pyright: ignore[reportOptionalSubscript]
-    torch.onnx.export(
-        actor,
-        (torch.zeros(2, size),),
-        str(path),
-        input_names=["observation"],
-        output_names=["action"],
-        dynamic_shapes={"observation": {0: torch.export.Dim("batch")}},
-        dynamo=True,
-        external_data=False,
-        verbose=False,
-    )
 
 
 # ---------------------------------------------------------------- comparing

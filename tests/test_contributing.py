@@ -107,6 +107,7 @@ LOOKS = [
     "trajectories",
     "serve/",
     "client",
+    "envs/truth",
 ]
 
 

@@ -39,6 +39,7 @@ CHECKED = {
     "files/disk.py: written_whole": "a file that it has created",
     "files/run_tables.py: _save": "a file that the run has created",
     "record/live.py: _fault": "a file in a temporary folder",
+    "envs/onnx_export.py: export_onnx": "a file in a temporary folder",
     "report/pictures.py: of": "a film that it has written",
     "execution/repair.py: _lines": "`RunFolder.again` has refused links and irregular files",
     "files/plumesim_log.py: shorten": "`RunFolder.again` has refused links and irregular files",

@@ -5,9 +5,11 @@
 """
 
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from taichi_plume.envs.sb3 import SearchVecEnv
     from taichi_plume.envs.task import Given, Options
     from taichi_plume.envs.team import TeamEnv
@@ -63,6 +65,18 @@ def sb3_env(
     from taichi_plume.envs.sb3 import SearchVecEnv
 
     return SearchVecEnv(scenario, num_envs, render_mode, **options)
+
+
+def export_onnx(policy: Any, path: "Path | str", entries: int | None = None) -> "Path":
+    """Write a trained policy to an ONNX file, which ``algorithm: {kind: policy, file: PATH}`` runs in any scenario.
+
+    policy: a PPO or A2C model of stable-baselines3, or a torch.nn.Module from observations (batch, entries) to actions
+    (batch, numbers), for which `entries` is needed. Actions are without exploration noise and clipped to -1 to 1.
+    Returns the path. Raises ValueError, OSError, and ImportError with a one-line message if a package is missing.
+    """
+    from taichi_plume.envs.onnx_export import export_onnx
+
+    return export_onnx(policy, path, entries)
 
 
 def _require(package: str) -> None:

@@ -5,7 +5,9 @@ sensor units) and all random events depend only on the seed of the environment a
 number of environments.
 """
 
-from functools import partial
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, partial
 from math import ceil
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -15,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from taichi_plume.agents.commands import Commands
 from taichi_plume.agents.members import Members
-from taichi_plume.agents.observation import Observation
+from taichi_plume.agents.observation import Observation, action_names
 from taichi_plume.agents.placement import place
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
@@ -35,6 +37,7 @@ from taichi_plume.envs.step_kernel import (
     StepKernel,
 )
 from taichi_plume.envs.task import require_task
+from taichi_plume.envs.truth import Truth
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.rng import generator
 from taichi_plume.guard.terminal import visible
@@ -53,6 +56,35 @@ Array: TypeAlias = Any
 """NumPy array, or a tensor of torch."""
 
 
+@dataclass(frozen=True)
+class Transition:
+    """A step of all environments, from which a user's function computes rewards; n: number of robots in all.
+
+    before, after (n, size): observations before and after the step; `names` are the names of their entries. actions
+    (n, actions). rewards (n,): by `task.reward` of the scenario. terminated, truncated (num_envs,). info: state of the
+    episodes, arrays (num_envs,) by key. All arrays are those of the engine: do not change or keep them.
+    """
+
+    before: Array
+    actions: Array
+    after: Array
+    rewards: Array
+    terminated: Array
+    truncated: Array
+    info: dict[str, Array]
+    names: tuple[str, ...]
+    read_truth: Callable[[], dict[str, Array]]
+
+    @cached_property
+    def truth(self) -> dict[str, Array]:
+        """True state of the robots after the step, arrays over the n robots by key; see `Truth`."""
+        return self.read_truth()
+
+
+Rewarder: TypeAlias = Callable[[Transition], Any]
+"""Function that returns the rewards (n,) of a step."""
+
+
 class Episodes:
     """Engine of `count` environments of a scenario, each with `robots` learners of its first group of policies.
 
@@ -68,6 +100,8 @@ class Episodes:
 
     made_of: str = ""  # settings of the engine; runs_in: Taichi's runtime; see `task.open_episodes`
     runs_in: object = None
+    rewarder: Rewarder | None = None  # a user's reward function, instead of `task.reward`
+    shows_truth = False  # whether `truth` and, for episodes restarted by `same_step`, `final_truth` are set
 
     def __init__(
         self,
@@ -105,10 +139,11 @@ class Episodes:
         self.commands.begin()
         ticks = group.algorithm.ticks(tick)
         self.step_s, self.action_size = ticks * tick, self.commands.size
+        self.action_names = action_names(self.observation.model)
         self.most_steps = max(1, ceil(scenario.task.episode / self.step_s - 1e-6))
         self.names, self.low, self.high = self.observation.names, self.observation.low, self.observation.high
         self.kernel = StepKernel(self, films, bank, starts, ticks)
-        self.arrays = arrays
+        self.arrays, self._truth = arrays, Truth(self)
         self.begin()
 
     def begin(self) -> None:
@@ -142,6 +177,9 @@ class Episodes:
             (3, self.count), dtype=byte
         )  # the action of `StepKernel`, terminated, truncated
         self._actions: Array = zeros((n, self.action_size), dtype=real)
+        self._returns: Array = zeros((self.count,), dtype=real)  # of episodes, by the user's reward function
+        self.truth: dict[str, Array] = {}
+        self.final_truth: dict[str, Array] = {}
         self._views = self._table[:n], self._table[n : 2 * n]
         self.final_observations = self._table[2 * n :]
         self.rewards = self._outcomes[:n]
@@ -170,6 +208,8 @@ class Episodes:
         if seeds is not None or not self.kernel.begun:
             self.kernel.sow(self._seeds)
         self._run()
+        self._returns[self._todo != REST] = 0.0
+        self._show_truth()
 
     def step(self, actions: Array) -> None:
         """Advance all environments by one decision; actions: (count robots, action_size) from -1 to 1.
@@ -188,11 +228,46 @@ class Episodes:
         else:
             self._todo[:] = STEP
         self._run()
+        if self.rewarder is not None:
+            self._reward(self.rewarder)
+        self._show_truth()
         if self.autoreset == "same_step":
             over = self.terminated | self.truncated
             if over.any():
                 self._todo[:] = KEEP + (BEGIN_AGAIN - KEEP) * over
                 self.kernel.run(self._side, self._flags, self._actions, self._table, self._outcomes)
+                if self.rewarder is not None:
+                    self._returns[over] = 0.0
+                self.final_truth = self.truth
+                self._show_truth()
+
+    def _reward(self, rewarder: Rewarder) -> None:
+        """Replace the rewards of a step, and the returns of the episodes, by those of the user's function."""
+        transition = Transition(
+            self._views[1 - self._side], self._actions, self.observations, self.rewards, self.terminated,
+            self.truncated, self.info, self.names, self.read_truth,
+        )  # fmt: skip
+        given = rewarder(transition)
+        try:
+            rewards = self._given(given)
+        except (TypeError, ValueError, RuntimeError) as error:
+            raise ValueError(f"reward: must return an array of numbers: {visible(error, 200)}") from None
+        shape, expected = tuple(rewards.shape), tuple(self.rewards.shape)
+        if shape != expected or not (abs(rewards) < np.inf).all():
+            raise ValueError(f"reward: returned shape {shape}, must be finite numbers of shape {expected}")
+        steps = self._todo == STEP  # the others begin an episode
+        rewards = rewards.reshape(self.count, self.robots) * steps[:, None]
+        self.rewards[:] = rewards.reshape(-1)
+        self._returns[:] = self._returns * steps + rewards.sum(1) / self.robots
+        self.info["return"][:] = self._returns
+
+    def _show_truth(self) -> None:
+        if self.shows_truth:
+            self.truth = self.read_truth()
+
+    def read_truth(self) -> dict[str, Array]:
+        """Return the true state of the robots by key, see `Truth`; tensors if the engine's arrays are."""
+        return {key: self._given(value) for key, value in self._truth.read().items()}
 
     def _run(self) -> None:
         self._side = 1 - self._side

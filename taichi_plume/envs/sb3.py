@@ -11,14 +11,15 @@ from stable_baselines3.common.vec_env import VecEnv  # pyright: ignore[reportMis
 
 from taichi_plume.envs.picture import picture
 from taichi_plume.envs.search import spaces
-from taichi_plume.envs.task import Environment, Given, Options, actions_of, outcome
+from taichi_plume.envs.task import Environment, Given, Options, actions_of, outcome, truth_of
 
 
 class SearchVecEnv(VecEnv, Environment):
     """VecEnv of stable-baselines3 with `num_envs` environments of a scenario; options as for `SearchEnv`.
 
     `infos` of an ended episode: ``episode`` (r, l, t: return, decisions and time [s]), ``search`` (outcome of the
-    episode), ``terminal_observation`` and ``TimeLimit.truncated``.
+    episode, by the keys INFO of envs/step_kernel.py), ``terminal_observation`` and ``TimeLimit.truncated``. With
+    `truth`, every info has ``truth``, and that of an ended episode ``terminal_truth``, the true state at its end.
     """
 
     def __init__(
@@ -41,6 +42,7 @@ class SearchVecEnv(VecEnv, Environment):
         self._lengths[:] = 0
         self._reset_seeds()
         self._reset_options()
+        self.reset_infos = [truth_of(self.episodes.truth, e) for e in range(self.num_envs)]
         return self.episodes.observations.copy()
 
     def step_async(self, actions: np.ndarray) -> None:
@@ -54,14 +56,15 @@ class SearchVecEnv(VecEnv, Environment):
         terminated, truncated = episodes.terminated.copy(), episodes.truncated.copy()
         over = terminated | truncated
         self._lengths += 1
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        infos: list[dict[str, Any]] = [truth_of(episodes.truth, e) for e in range(self.num_envs)]
         for e in np.flatnonzero(over).tolist():
             went = outcome(episodes, e)
-            infos[e] = {
+            infos[e] |= {
                 "episode": {"r": went["return"], "l": int(self._lengths[e]), "t": went["time_s"]},
                 "search": went,
                 "terminal_observation": episodes.final_observations[e].copy(),
                 "TimeLimit.truncated": bool(truncated[e] and not terminated[e]),
+                **{f"terminal_{key}": value for key, value in truth_of(episodes.final_truth, e).items()},
             }
         self._lengths[over] = 0
         return episodes.observations.copy(), episodes.rewards.copy(), over, infos

@@ -15,7 +15,7 @@ from taichi_plume.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
     from taichi_plume.envs.bank import Bank
-    from taichi_plume.envs.episodes import Episodes
+    from taichi_plume.envs.episodes import Array, Episodes, Rewarder
 
 EXTRA = 'pip install "taichi_plume[learn]"'
 RENDER_FPS = 10
@@ -36,8 +36,12 @@ class Options(TypedDict, total=False):
 
     bank: recorded flow realisations (airs) or their path; recorded now unless given. arch: backend, unless Taichi runs.
     overrides: of a scenario file, such as ``task.episode=30``. allow_outside: whether files may lie outside its folder.
+    truth: add the true state of the robots to `info`, by the key "truth", see `Truth` in envs/truth.py. reward:
+    function that takes a `Transition` (envs/episodes.py) of all environments and returns the reward of each robot.
     """
 
+    truth: bool
+    reward: "Rewarder | None"
     bank: "Bank | str | Path | None"
     arch: str
     overrides: Sequence[str]
@@ -123,6 +127,11 @@ def open_episodes(
         raise TypeError(f"got an unexpected keyword argument '{min(unknown)}'")
     if arrays == "torch":
         require("torch")
+    truth, reward = options.get("truth", False), options.get("reward")
+    if not isinstance(truth, bool):
+        raise ValueError(f"truth: got {visible(truth)}, must be True or False")
+    if reward is not None and not callable(reward):
+        raise ValueError(f"reward: got {visible(reward)}, must be a function of a step, or None")
     outside = options.get("allow_outside", False)
     checked_scenario, folder = open_task(scenario, options.get("overrides", ()), outside)
     _start(options.get("arch", "cpu"))
@@ -143,9 +152,10 @@ def open_episodes(
     if episodes is not None and episodes.runs_in is _runtime():
         episodes.autoreset = autoreset
         episodes.begin()
-        return episodes
-    episodes = Episodes(checked_scenario, folder, int(count), team, bank, autoreset, arrays)
-    episodes.made_of, episodes.runs_in = made_of, _runtime()
+    else:
+        episodes = Episodes(checked_scenario, folder, int(count), team, bank, autoreset, arrays)
+        episodes.made_of, episodes.runs_in = made_of, _runtime()
+    episodes.shows_truth, episodes.rewarder = truth, reward
     return episodes
 
 
@@ -175,7 +185,10 @@ def _start(arch: str) -> None:
 
 
 class Environment:
-    """Base class of all learning environments: engine, seeds, rendering and closing."""
+    """Base class of all learning environments: engine, seeds, rendering and closing.
+
+    names: of the entries of an observation; action_names: of the numbers of an action.
+    """
 
     render_mode: str | None
     _episodes: "Episodes | None" = None
@@ -196,7 +209,7 @@ class Environment:
             raise ValueError(f"render_mode: got '{render_mode}', allowed are None and 'rgb_array'")
         self.render_mode = render_mode
         self._episodes = open_episodes(scenario, count, robots, autoreset, arrays, **options)
-        self.names = self._episodes.names
+        self.names, self.action_names = self._episodes.names, self._episodes.action_names
         return self._episodes
 
     @property
@@ -270,6 +283,17 @@ def options_of(given: object) -> Mapping[str, object]:
     if given is not None and not isinstance(given, dict):
         raise ValueError(f"options: got {visible(type(given).__name__)}, must be a dict or None")
     return given or {}
+
+
+def truth_of(truth: "Mapping[str, Array]", robot: int) -> dict[str, object]:
+    """Return {"truth": ...} with the true state of one robot, see `Truth`; {} without `truth`."""
+    if not truth:
+        return {}
+    return {
+        "truth": {
+            key: values[robot] if values.ndim == 1 else values[robot].copy() for key, values in truth.items()
+        }
+    }
 
 
 def outcome(episodes: "Episodes", e: int) -> dict[str, float]:

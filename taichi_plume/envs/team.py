@@ -15,6 +15,7 @@ from taichi_plume.envs.task import (
     actions_of,
     options_of,
     outcome,
+    truth_of,
 )
 from taichi_plume.guard.terminal import visible
 
@@ -57,7 +58,7 @@ class TeamEnv(Environment, ParallelEnv[str, np.ndarray, np.ndarray]):
         options_of(options)
         self._begin(seed, np.random.default_rng())
         self.agents = list(self.possible_agents)
-        return self._of(self.episodes.observations.copy()), {agent: {} for agent in self.agents}
+        return self._of(self.episodes.observations.copy()), self._infos({})
 
     def step(self, actions: dict[str, np.ndarray]) -> tuple[dict, dict, dict, dict, dict]:
         """Advance by one decision; all dicts are by agent. Raises ValueError if an action is missing or invalid."""
@@ -72,7 +73,7 @@ class TeamEnv(Environment, ParallelEnv[str, np.ndarray, np.ndarray]):
             raise ValueError(f"actions: missing for {', '.join(missing)}")
         episodes.step(np.stack([actions_of(actions[agent]) for agent in agents]))
         ends, late = bool(episodes.terminated[0]), bool(episodes.truncated[0])
-        info = outcome(episodes, 0) if ends or late else {}
+        infos = self._infos(outcome(episodes, 0) if ends or late else {})
         self.agents = [] if ends or late else agents
         rewards = {agent: float(reward) for agent, reward in zip(agents, episodes.rewards, strict=True)}
         return (
@@ -80,8 +81,13 @@ class TeamEnv(Environment, ParallelEnv[str, np.ndarray, np.ndarray]):
             rewards,
             dict.fromkeys(agents, ends),
             dict.fromkeys(agents, late),
-            {agent: dict(info) for agent in agents},
+            infos,
         )
+
+    def _infos(self, info: dict[str, float]) -> dict[str, dict[str, object]]:
+        """Return the info of each agent: a copy of `info` and, with the option `truth`, its true state."""
+        truth = self.episodes.truth
+        return {agent: {**info, **truth_of(truth, k)} for k, agent in enumerate(self.possible_agents)}
 
     def _of(self, rows: np.ndarray) -> dict[str, np.ndarray]:
         return dict(zip(self.possible_agents, rows, strict=True))

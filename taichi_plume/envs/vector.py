@@ -20,7 +20,8 @@ class SearchVectorEnv(VectorEnv[Any, Any, Any], Environment):
 
     autoreset_mode: of Gymnasium. arrays: "torch" for tensors on Taichi's device. Observations are the engine's own
     arrays, valid for one further step, or copies if `copy`. `info` holds the outcomes of the episodes that end in a
-    step: an array per key, and by `_key` a mask of the environments.
+    step: an array per key, and by `_key` a mask of the environments. The keys are INFO of envs/step_kernel.py; with
+    `truth`, every `info` also has "truth", the true state of all robots as arrays by key.
     """
 
     def __init__(
@@ -54,7 +55,7 @@ class SearchVectorEnv(VectorEnv[Any, Any, Any], Environment):
         episodes = self.episodes
         mask = options_of(options).get("reset_mask")
         self._begin(seed, self.np_random, None if mask is None else masked(mask, self.num_envs))
-        return self._own(episodes.observations), {}
+        return self._own(episodes.observations), self._truth(episodes.truth)
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, object]]:
         """Advance by one decision, actions (num_envs, n). Raises ValueError if an action is invalid or out of range."""
@@ -62,7 +63,7 @@ class SearchVectorEnv(VectorEnv[Any, Any, Any], Environment):
         episodes.step(actions if self.arrays == "torch" else actions_of(actions))
         terminated, truncated = self._copied(episodes.terminated), self._copied(episodes.truncated)
         over = terminated | truncated
-        info = self._info(over) if over.any() else {}
+        info = {**(self._info(over) if over.any() else {}), **self._truth(episodes.truth)}
         return self._own(episodes.observations), self._copied(episodes.rewards), terminated, truncated, info
 
     def render(self) -> tuple[np.ndarray, ...] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -82,8 +83,16 @@ class SearchVectorEnv(VectorEnv[Any, Any, Any], Environment):
             info[name], info[f"_{name}"] = self._copied(values), over
         if self.autoreset_mode != AutoresetMode.SAME_STEP:
             return info
+        info |= self._truth(self.episodes.final_truth, over)
         final = self._copied(self.episodes.final_observations)
         return {"final_obs": final, "_final_obs": over, "final_info": info, "_final_info": over}
+
+    def _truth(self, truth: "dict[str, Array]", mask: Array | None = None) -> dict[str, object]:
+        """Return {"truth": ..., "_truth": mask} with the robots' true state, by default of all; {} without `truth`."""
+        if not truth:
+            return {}
+        every = np.ones(self.num_envs, bool) if mask is None else mask
+        return {"truth": dict(truth), "_truth": every}
 
     def _own(self, observations: Array) -> Array:
         return self._copied(observations) if self.copy else observations

@@ -230,6 +230,73 @@ def test_observations_do_not_tell_where_sources_are(engines):
     assert (seen[0] != seen[1]).any()  # progress is rewarded
 
 
+def test_truth_is_the_gas_at_the_robots_and_the_way_to_the_nearest_source(engines):
+    _, many = engines
+    for flip in (1.0, -1.0):
+        many.kernel.n.set(mirrors=0.0 if flip > 0 else 1.0)
+        many.reset(seeds(MANY))
+        truth = many.read_truth()
+        place, heading = many.swarm.position.to_numpy(), many.swarm.heading.to_numpy()
+        worlds = list(zip(many.info["film"].astype(int), many.info["source"].astype(int), strict=True))
+        levels = np.repeat([LEVEL[f] if g == 0 else LEVEL[f][::-1] for f, g in worlds], TEAM, axis=0)
+        x = np.clip(place, 0.05, np.array(SIZE) - 0.05)
+        ppm = np.maximum(levels[:, 0] + (levels[:, 1:] * x).sum(axis=1), 0.0)
+        np.testing.assert_allclose(truth["true_ppm"], ppm, rtol=3e-3, atol=0.05)
+        np.testing.assert_array_equal(truth["robot_position"], place)
+        np.testing.assert_array_equal(truth["robot_heading"], heading)
+        sources = np.repeat([recorded().sources[f][g][0] for f, g in worlds], TEAM, axis=0)
+        np.testing.assert_allclose(truth["source_position"], sources, atol=1e-6)
+        ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+        left = flip * np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
+        offset = truth["source_offset"]
+        np.testing.assert_allclose(place + offset[:, :1] * ahead + offset[:, 1:] * left, sources, atol=1e-5)
+    many.kernel.n.set(mirrors=0.5)
+
+
+@pytest.mark.parametrize("mode", ["next_step", "same_step"])
+def test_a_reward_function_replaces_the_rewards_of_the_task(engines, mode):
+    _, many = engines
+    told = actions(many, 12)
+    many.terminated[:] = many.truncated[:] = False
+    many.reset(seeds(MANY))
+    expected = follow(many, told, mode)
+    seen = []
+
+    def reward(step):
+        seen.append((step.before.copy(), step.actions.copy(), step.after.copy(), step.truth["true_ppm"]))
+        return 2.0 * step.rewards
+
+    many.rewarder = reward
+    many.terminated[:] = many.truncated[:] = False
+    many.reset(seeds(MANY))
+    rewarded = follow(many, told, mode)
+    many.rewarder = None
+    factors = np.ones(rewarded.shape[2])
+    at = TEAM * many.observation.size
+    factors[at : at + TEAM] = factors[-1] = 2.0  # rewards, and the return as the last of the info
+    assert list(many.info)[-1] == "return"
+    np.testing.assert_allclose(rewarded, expected * factors, rtol=1e-5, atol=1e-5)
+    assert (expected[:, :, -1] != 0).any()
+    for (_, _, after, _), (before, given, _, ppm), row in zip(seen, seen[1:], told[1:], strict=False):
+        assert mode == "same_step" or np.array_equal(after, before)
+        np.testing.assert_array_equal(given, row.reshape(-1, 3))
+        assert ppm.shape == (MANY * TEAM,)
+
+
+@pytest.mark.parametrize("returned", [1.0, np.zeros(MANY), np.full(MANY * TEAM, np.nan), "much"])
+def test_rewards_of_another_shape_are_refused(engines, returned):
+    _, many = engines
+    many.autoreset = "next_step"
+    many.reset(seeds(MANY))
+    many.rewarder = lambda step: returned
+    try:
+        with pytest.raises(ValueError, match="reward: ") as error:
+            many.step(np.zeros((MANY * TEAM, 3), np.float32))
+        assert "\n" not in str(error.value)
+    finally:
+        many.rewarder = None
+
+
 def test_a_word_ends_an_episode(engines):
     _, many = engines
     many.autoreset = "next_step"

@@ -1,6 +1,8 @@
 """The environments as Gymnasium and PettingZoo see them; one engine is behind them all."""
 
+import re
 import warnings
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -14,6 +16,9 @@ from small_task import TASK, task
 
 import taichi_plume.envs
 from taichi_plume.envs import ID, parallel_env
+from taichi_plume.envs.step_kernel import INFO
+from taichi_plume.envs.task import Options
+from taichi_plume.envs.truth import KEYS
 from taichi_plume.grid import kernels
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -227,6 +232,8 @@ WALKED = {
         ({"scenario": TASK, "overrides": "task.airs=3"}, "overrides: got a text"),
         ({"scenario": task(**HEAVY)}, "task.sources: one: .* use sources: all"),
         ({"scenario": TASK, "overrides": ["task.airs=3"]}, "overrides: apply only to a scenario file"),
+        ({"scenario": TASK, "truth": 1}, "truth: got 1, must be True or False"),
+        ({"scenario": TASK, "reward": 3.0}, r"reward: got 3.0, must be a function"),
     ],
 )
 def test_what_is_no_task_is_told_in_a_line(keys, told):
@@ -340,6 +347,70 @@ def test_stable_baselines3_steps_the_same_episodes(made):
     for one, other in zip(steps, wanted, strict=True):
         assert_same(one, other)
     envs.close()
+
+
+def test_the_page_lists_the_keys_of_info_and_truth_and_the_options():
+    text = (Path(__file__).parents[2] / "docs" / "howto" / "learning.md").read_text(encoding="utf-8")
+    section = text.partition("## What `info` holds")[2].partition("\n## ")[0]
+    assert re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE) == [*INFO, *KEYS]
+    options = text.partition("All four take the options ")[2].partition(". ")[0]
+    assert set(re.findall(r"`(\w+)`", options)) == {*Options.__annotations__, "render_mode"}
+
+
+@pytest.mark.slow
+def test_truth_is_in_every_info_if_asked_for(made):
+    env = gymnasium.make(ID, scenario=TASK, truth=True)
+    seen, info = env.reset(seed=7)
+    assert "truth" not in made("single").reset(seed=7)[1]
+    over = False
+    while not over:
+        engine = env.unwrapped.episodes
+        assert info.keys() == {"truth"}
+        assert tuple(info["truth"]) == KEYS
+        np.testing.assert_array_equal(info["truth"]["robot_position"], engine.swarm.position.to_numpy()[0])
+        seen, _, ended, late, info = env.step(act(seen))
+        over = ended or late
+    assert info.keys() == {"truth", *INFO}
+    env.close()
+    vector = gymnasium.make_vec(
+        ID, num_envs=COUNT, scenario=TASK, autoreset_mode="same_step", copy=True, truth=True
+    )
+    seen, info = vector.reset(seed=7)
+    assert info["_truth"].all()
+    over = np.zeros(COUNT, bool)
+    while not over.any():
+        before, engine = info["truth"]["robot_position"], vector.unwrapped.episodes
+        np.testing.assert_array_equal(before, engine.swarm.position.to_numpy())
+        seen, _, ended, late, info = vector.step(act(seen))
+        over = ended | late
+    np.testing.assert_array_equal(info["truth"]["robot_position"], engine.swarm.position.to_numpy())
+    final = info["final_info"]
+    np.testing.assert_array_equal(final["_truth"], over)
+    moved = np.hypot(*(final["truth"]["robot_position"] - before).T)
+    assert (moved[over] <= 0.4 * engine.step_s + 1e-5).all()  # the end of the episode, not the next start
+    vector.close()
+    team = parallel_env(TASK, truth=True)
+    _, infos = team.reset(seed=7)
+    for k, agent in enumerate(team.agents):
+        place = team.episodes.swarm.position.to_numpy()[k]
+        np.testing.assert_array_equal(infos[agent]["truth"]["robot_position"], place)
+    team.close()
+
+
+@pytest.mark.slow
+def test_a_reward_function_is_called_for_all_environments(made):
+    calls = []
+
+    def reward(step):
+        calls.append(step)
+        return -np.hypot(*step.truth["source_offset"].T)
+
+    vector = gymnasium.make_vec(ID, num_envs=COUNT, scenario=TASK, reward=reward, truth=True)
+    vector.reset(seed=7)
+    _, rewards, _, _, info = vector.step(np.zeros((COUNT, 2), np.float32))
+    assert len(calls) == 1
+    np.testing.assert_array_equal(rewards, -np.hypot(*info["truth"]["source_offset"].T))
+    vector.close()
 
 
 def test_a_closed_environment_says_so_and_closes_twice(made):

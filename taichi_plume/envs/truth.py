@@ -1,0 +1,59 @@
+"""Truth behind the observations, for critics of actor-critic methods that see more than the actor (asymmetric critics).
+
+Nothing is computed or compiled unless an environment is made with `truth=True` or a reward function asks for the truth.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from taichi_plume.agents.trials import FAR
+from taichi_plume.grid.transfer import reader
+
+if TYPE_CHECKING:
+    from taichi_plume.envs.episodes import Array, Episodes
+
+KEYS = ("true_ppm", "robot_position", "robot_heading", "source_position", "source_offset")
+
+
+class Truth:
+    """Reader of the true state of the robots of `Episodes`; n robots in all, those of environment e in a row.
+
+    true_ppm (n,): gas at the robot's first gas sensor [ppm], without lag and noise. robot_position (n, 2) [m];
+    robot_heading (n,) [rad], counterclockwise from x. source_position (n, 2): position of the nearest source [m].
+    source_offset (n, 2): distance to the nearest source ahead of the robot and to its left [m]; left and right are
+    swapped in a mirrored world, as in the observation. The other keys are those of the unmirrored room, as in pictures.
+    Positions of sources are NaN if there is no source.
+    """
+
+    def __init__(self, of: "Episodes"):
+        swarm = of.swarm
+        assert swarm.episodes is not None
+        fields = (
+            swarm.position,
+            swarm.heading,
+            of.sensors.noses[0].true_ppm,
+            swarm.episodes.sources,
+            of.kernel.mirror,
+        )
+        self._read, self._robots = reader(*fields), of.robots
+
+    def read(self) -> "dict[str, Array]":
+        """Return the present truth by key, as NumPy arrays of float32."""
+        positions, headings, ppm, sources, mirrored = self._read()
+        trial = np.arange(len(positions)) // self._robots
+        apart = sources[trial] - positions[:, None]  # (n, sources, 2)
+        squares = (apart**2).sum(axis=2)
+        nearest = np.arange(len(positions)), squares.argmin(axis=1)
+        none = squares[nearest] > (0.5 * FAR) ** 2
+        way = np.where(none[:, None], np.nan, apart[nearest])
+        cos, sin = np.cos(headings), np.sin(headings)
+        left = (1 - 2 * mirrored[trial]) * (cos * way[:, 1] - sin * way[:, 0])
+        values = (
+            ppm,
+            positions,
+            headings,
+            positions + way,
+            np.stack([cos * way[:, 0] + sin * way[:, 1], left], axis=1),
+        )
+        return {key: value.astype(np.float32) for key, value in zip(KEYS, values, strict=True)}
