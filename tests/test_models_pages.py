@@ -38,7 +38,8 @@ def kinds(model: str) -> list[str]:
 @pytest.mark.parametrize(("name", "models"), MODELS.items())
 def test_a_page_names_the_kinds_of_its_sections(name, models):
     text = page(name)
-    assert [kind for model in models for kind in kinds(model) if not re.search(rf"\b{kind}\b", text)] == []
+    missing = [kind for model in models for kind in kinds(model) if not re.search(rf"\b{kind}\b", text)]
+    assert missing == [], f"docs/models/{name}: describe each"
 
 
 @pytest.mark.parametrize(
@@ -51,7 +52,8 @@ def test_a_page_names_the_kinds_of_its_sections(name, models):
 def test_every_algorithm_and_map_is_told(name, schema, pattern):
     text, kinds = page(name), list(schema["discriminator"]["mapping"])
     assert len(kinds) > 3
-    assert [kind for kind in kinds if pattern.format(kind) not in text] == []
+    missing = [kind for kind in kinds if pattern.format(kind) not in text]
+    assert missing == [], f"docs/models/{name}: describe each, as {pattern.format('KIND')}"
 
 
 def test_the_states_are_those_of_the_algorithms():
@@ -63,7 +65,8 @@ def test_the_states_are_those_of_the_algorithms():
             known |= set(re.findall(r'"(\w+)"', names))
     assert len(known) > 15
     assert told - known == set()
-    assert [name for name in known if not re.search(rf"\b{name}\b", text)] == []
+    missing = [name for name in known if not re.search(rf"\b{name}\b", text)]
+    assert missing == [], "docs/models/algorithms.md: describe each state"
 
 
 INCLUDED = re.compile(r"```{literalinclude} (\S+)\n:pyobject: (\S+)")

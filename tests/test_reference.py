@@ -20,8 +20,18 @@ pytest.importorskip("docutils", reason="pip install -e .[docs]")
 reference = import_module("scenario_reference")
 
 EXAMPLES = yaml.safe_load(reference.EXAMPLES.read_text(encoding="utf-8"))
-TEXT = reference.pages()
-WHOLE = "\n".join(TEXT.values())
+
+
+@pytest.fixture(scope="module")
+def text() -> dict[str, str]:
+    """The pages by name."""
+    return reference.pages()
+
+
+@pytest.fixture(scope="module")
+def whole(text) -> str:
+    """All pages."""
+    return "\n".join(text.values())
 
 
 @pytest.fixture(scope="module")
@@ -52,13 +62,25 @@ def test_the_scenario_that_examples_begin_from(files):
 
 
 def test_every_kind_has_an_example():
-    own = [place for place in places().values() if not place.same_as]
-    kinds = {f"{place.path} {kind}" for place in own for kind in place.kinds}
-    assert kinds == set(EXAMPLES) - {"base"}
+    kinds = set(reference.kinds())
+    assert len(kinds) > 60
+    assert kinds - EXAMPLES.keys() == set(), "docs/_ext/scenario_examples.yaml: add an example of each"
+    assert EXAMPLES.keys() - kinds == {"base"}, "docs/_ext/scenario_examples.yaml: no such kinds"
 
 
-def test_every_key_of_the_vocabulary_is_on_a_page():
-    told = {flat(re.sub(r" \(.*", "", one)) for one in re.findall(r"^\.\. key:: (.*)$", WHOLE, re.M)}
+def test_a_missing_example_is_named_with_its_file(tmp_path, monkeypatch):
+    name = "robots[].algorithm casting"
+    fewer = {key: value for key, value in EXAMPLES.items() if key != name}
+    (tmp_path / reference.EXAMPLES.name).write_text(yaml.safe_dump(fewer), encoding="utf-8")
+    monkeypatch.setattr(reference, "EXAMPLES", tmp_path / reference.EXAMPLES.name)
+    with pytest.raises(reference.MissingExampleError) as error:
+        reference.pages()
+    assert "scenario_examples.yaml" in str(error.value)
+    assert name in str(error.value)
+
+
+def test_every_key_of_the_vocabulary_is_on_a_page(whole):
+    told = {flat(re.sub(r" \(.*", "", one)) for one in re.findall(r"^\.\. key:: (.*)$", whole, re.M)}
     alike = {flat(path): flat(one.same_as) for path, one in places().items() if one.same_as}
     for path in PATHS:
         path = flat(path)
@@ -70,19 +92,19 @@ def test_every_key_of_the_vocabulary_is_on_a_page():
         assert path in told or kinds, path
 
 
-def test_every_key_of_a_study_is_on_its_page():
+def test_every_key_of_a_study_is_on_its_page(text):
     for key in all_keys(Study):
         name = key.path.replace("[]", ".NAME")
-        at = TEXT["study"].index(f"\n``{name}``\n   ")
-        assert reference.escaped(key.facts.meaning) in TEXT["study"][at:]
-    assert "share_air" in TEXT["study"]
-    assert "   study\n" in TEXT["index"] + "\n"
+        at = text["study"].index(f"\n``{name}``\n   ")
+        assert reference.escaped(key.facts.meaning) in text["study"][at:]
+    assert "share_air" in text["study"]
+    assert "   study\n" in text["index"] + "\n"
 
 
-def test_each_key_is_told_once_with_all_that_is_known_of_it():
-    names = re.findall(r"^\.\. key:: (.*)$", WHOLE, re.M)
+def test_each_key_is_told_once_with_all_that_is_known_of_it(text, whole):
+    names = re.findall(r"^\.\. key:: (.*)$", whole, re.M)
     assert len(names) == len(set(names)) == len(list(all_keys()))
-    page = TEXT["openings"].replace("\\", "")
+    page = text["openings"].replace("\\", "")
     at = page.index(".. key:: wind.openings[].turbulence_intensity\n")
     entry = page[at : page.index(".. key::", at + 1)]
     assert "Standard deviation of each velocity component over the mean speed" in entry

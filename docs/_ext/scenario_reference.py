@@ -56,9 +56,23 @@ def page_of(path: str) -> str:
     return max(fits)[1]
 
 
+class MissingExampleError(LookupError):
+    """Error: kinds of a scenario have no example; the message names the file and the entries to add."""
+
+
+def kinds() -> list[str]:
+    """Return "PATH KIND" of each kind that a section of a scenario can have: the keys of the examples."""
+    return [
+        f"{place.path} {kind}" for place in places().values() if not place.same_as for kind in place.kinds
+    ]
+
+
 def pages() -> dict[str, str]:
-    """Return the text of every page, by its name."""
+    """Return the text of every page, by its name. Raises MissingExampleError."""
     examples = yaml.safe_load(EXAMPLES.read_text(encoding="utf-8"))
+    missing = [kind for kind in kinds() if kind not in examples]
+    if missing:
+        raise MissingExampleError(f"docs/_ext/{EXAMPLES.name}: add an example of {', '.join(missing)}")
     found = {name: [*_title(title, "=")] for name, (title, _) in PAGES.items()}
     for path, place in places().items():
         found[page_of(path)] += _place(place, examples)

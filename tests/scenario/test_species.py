@@ -64,19 +64,27 @@ def atoms(name: str) -> list[tuple[str, int]]:
 
 
 def test_every_name_has_an_entry_and_a_formula():
-    assert list(get_args(SpeciesName)) == list(SPECIES) == list(FORMULAS)
+    assert list(get_args(SpeciesName)) == list(SPECIES)
+    assert SPECIES.keys() - FORMULAS.keys() == set(), "FORMULAS: add the formula of each"
+    assert FORMULAS.keys() - SPECIES.keys() == set()
+    every = {atom for name in FORMULAS for atom, _ in atoms(name)}
+    assert every - WEIGHTS.keys() == set(), "WEIGHTS: add the standard atomic weight of each"
+    unknown = {
+        name for name in FORMULAS if name not in MOLECULES and ATOMS.keys().isdisjoint(dict(atoms(name)))
+    }
+    assert unknown == set(), "MOLECULES: add the diffusion volume of each"
     assert all(name == one.name for name, one in SPECIES.items())
     assert list(get_args(MoxName)) == list(MOX_MODELS)
 
 
-@pytest.mark.parametrize("name", SPECIES)
+@pytest.mark.parametrize("name", FORMULAS)
 def test_molar_masses_are_those_of_the_atoms(name):
     assert SPECIES[name].molar_mass == pytest.approx(
         1e-3 * sum(n * WEIGHTS[a] for a, n in atoms(name)), rel=2e-4
     )
 
 
-@pytest.mark.parametrize("name", SPECIES)
+@pytest.mark.parametrize("name", FORMULAS)
 def test_diffusivities_are_near_the_method_of_fuller(name):
     """D = 0.00143 T^1.75 / (p M^½ (Σv^⅓ + Σv^⅓)²) [cm²/s], p [bar], M = 2 / (1/M1 + 1/M2) [g/mol]; errs by some %."""
     one = SPECIES[name]
@@ -97,7 +105,9 @@ def test_liquids_evaporate_as_measured(name):
 
 
 def test_the_others_are_no_liquids():
-    assert {name for name, one in SPECIES.items() if one.antoine} == set(AT_25_DEGREES)
+    liquids = {name for name, one in SPECIES.items() if one.antoine}
+    assert liquids - AT_25_DEGREES.keys() == set(), "AT_25_DEGREES, VAPORISATION: add measured values of each"
+    assert liquids == AT_25_DEGREES.keys() == VAPORISATION.keys()
 
 
 # ---------------------------------------------------------------- sensors
@@ -150,7 +160,9 @@ def test_what_is_told_of_a_species_counts_before_the_curve():
 
 
 def test_detectors_have_a_factor_of_all_gases_or_do_not_see_them():
-    assert set(PID_FACTORS) | UNSEEN == set(SPECIES)
+    missing = SPECIES.keys() - (PID_FACTORS.keys() | UNSEEN)
+    assert missing == set(), "taichi_plume/scenario/gas_sensors.py: add each to PID_FACTORS or UNSEEN"
+    assert PID_FACTORS.keys() | UNSEEN == SPECIES.keys()
     assert not set(PID_FACTORS) & UNSEEN
     pid = PidSensor(kind="pid", correction={"toluene": 0.4})
     assert pid.weight("toluene") == 2.5
